@@ -1,0 +1,97 @@
+#include "sim2vr/core/clock.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <string>
+
+#include "sim2vr/core/errors.hpp"
+
+namespace sim2vr {
+namespace {
+
+constexpr double kNsPerSecond = 1e9;
+
+void requirePositive(const char* field, double value) {
+  if (!(std::isfinite(value) && value > 0.0)) {
+    throw InvalidArgument(field, std::to_string(value), "a finite number above 0");
+  }
+}
+
+float toSeconds(double ns) { return static_cast<float>(ns / kNsPerSecond); }
+
+}  // namespace
+
+void TimeSettings::validate() const {
+  requirePositive("fixed_delta_time_s", fixed_delta_time_s);
+  requirePositive("maximum_delta_time_s", maximum_delta_time_s);
+  requirePositive("time_scale", time_scale);
+  requirePositive("target_frame_rate", target_frame_rate);
+  if (!(fixed_step_tolerance_s >= 0.0 && fixed_step_tolerance_s < fixed_delta_time_s)) {
+    throw InvalidArgument("fixed_step_tolerance_s", std::to_string(fixed_step_tolerance_s),
+                          "a number from 0 to below fixed_delta_time_s");
+  }
+}
+
+GameClock::GameClock(const TimeSettings& settings) : settings_(settings) {
+  settings_.validate();
+  restart();
+}
+
+void GameClock::restart(std::int64_t start_ns) {
+  time_ns_ = start_ns;
+  caller_time_ns_ = start_ns;
+  delta_ns_ = 0;
+  frame_count_ = 0;
+  in_fixed_step_ = false;
+  const double tolerance_ns = settings_.fixed_step_tolerance_s * kNsPerSecond;
+  fixed_step_ = static_cast<std::int64_t>(
+      std::floor((static_cast<double>(start_ns) + tolerance_ns) / fixedPeriodNs()));
+}
+
+void GameClock::beginFrame(std::int64_t frame_time_ns) {
+  if (frame_time_ns < caller_time_ns_) {
+    throw InvalidArgument("time_ns", std::to_string(frame_time_ns),
+                          "a time not before the previous frame's " +
+                              std::to_string(caller_time_ns_) + " (clocks must not go backwards)");
+  }
+  const auto maximum_ns = std::llround(settings_.maximum_delta_time_s * kNsPerSecond);
+  delta_ns_ = std::min<std::int64_t>(frame_time_ns - caller_time_ns_, maximum_ns);
+  time_ns_ += delta_ns_;
+  caller_time_ns_ = frame_time_ns;
+  ++frame_count_;
+}
+
+bool GameClock::beginFixedStep() {
+  const double next_ns = static_cast<double>(fixed_step_ + 1) * fixedPeriodNs();
+  const double limit_ns =
+      static_cast<double>(time_ns_) + settings_.fixed_step_tolerance_s * kNsPerSecond;
+  if (next_ns > limit_ns) return false;
+  ++fixed_step_;
+  in_fixed_step_ = true;
+  return true;
+}
+
+float GameClock::time() const {
+  return in_fixed_step_ ? fixedTime() : toSeconds(static_cast<double>(time_ns_));
+}
+
+float GameClock::deltaTime() const {
+  return in_fixed_step_ ? fixedDeltaTime() : toSeconds(static_cast<double>(delta_ns_));
+}
+
+float GameClock::fixedTime() const {
+  return toSeconds(static_cast<double>(fixed_step_) * fixedPeriodNs());
+}
+
+void GameClock::fields(Archive& archive) {
+  archive.field("fixed_delta_time_s", settings_.fixed_delta_time_s);
+  archive.field("maximum_delta_time_s", settings_.maximum_delta_time_s);
+  archive.field("fixed_step_tolerance_s", settings_.fixed_step_tolerance_s);
+  archive.field("time_ns", time_ns_);
+  archive.field("delta_ns", delta_ns_);
+  archive.field("caller_time_ns", caller_time_ns_);
+  archive.field("fixed_step", fixed_step_);
+  archive.field("frame_count", frame_count_);
+}
+
+}  // namespace sim2vr

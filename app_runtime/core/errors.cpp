@@ -1,0 +1,60 @@
+#include "sim2vr/core/errors.hpp"
+
+#include <algorithm>
+#include <numeric>
+#include <vector>
+
+namespace sim2vr {
+namespace {
+
+std::string composeMessage(std::string_view field, std::string_view got,
+                           std::string_view expected) {
+  std::string message(field);
+  message.append(": got ").append(got).append(", expected ").append(expected);
+  return message;
+}
+
+std::size_t editDistance(std::string_view a, std::string_view b) {
+  std::vector<std::size_t> row(b.size() + 1);
+  std::iota(row.begin(), row.end(), std::size_t{0});
+  for (std::size_t i = 1; i <= a.size(); ++i) {
+    std::size_t diagonal = row[0];
+    row[0] = i;
+    for (std::size_t j = 1; j <= b.size(); ++j) {
+      const std::size_t substituted = diagonal + (a[i - 1] == b[j - 1] ? 0 : 1);
+      diagonal = row[j];
+      row[j] = std::min({row[j] + 1, row[j - 1] + 1, substituted});
+    }
+  }
+  return row[b.size()];
+}
+
+}  // namespace
+
+InvalidArgument::InvalidArgument(std::string_view field, std::string_view got,
+                                 std::string_view expected)
+    : std::invalid_argument(composeMessage(field, got, expected)), field_(field) {}
+
+std::string didYouMean(std::string_view got, std::span<const std::string> candidates) {
+  const std::string* nearest = nullptr;
+  std::size_t nearest_distance = std::max<std::size_t>(2, got.size() / 2) + 1;
+  for (const std::string& candidate : candidates) {
+    const std::size_t distance = editDistance(got, candidate);
+    if (distance < nearest_distance) {
+      nearest_distance = distance;
+      nearest = &candidate;
+    }
+  }
+  return nearest == nullptr ? "" : "; did you mean '" + *nearest + "'?";
+}
+
+std::string listChoices(std::span<const std::string> choices) {
+  std::string list;
+  for (std::size_t i = 0; i < choices.size(); ++i) {
+    if (i > 0) list += i + 1 == choices.size() ? " or " : ", ";
+    list += "'" + choices[i] + "'";
+  }
+  return list;
+}
+
+}  // namespace sim2vr

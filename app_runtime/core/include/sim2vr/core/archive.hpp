@@ -1,0 +1,120 @@
+// One field list per type drives save, load and state hash: a type writes
+//   void fields(Archive& a) { a.field("score", score_); a.field("rng", rng_); }
+// and the archive either appends the values to a byte string or reads them back. Field names are part
+// of the bytes, so that a state of another layout is refused instead of misread.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <cstring>
+#include <map>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <type_traits>
+#include <utility>
+#include <vector>
+
+#include "sim2vr/core/math.hpp"
+
+namespace sim2vr {
+
+class Archive {
+ public:
+  /// An archive that appends to an empty byte string.
+  static Archive saver() { return Archive(); }
+  /// An archive that reads `bytes` from the start.
+  static Archive loader(std::string bytes);
+
+  bool loading() const { return loading_; }
+  const std::string& bytes() const { return bytes_; }
+  /// 64-bit FNV-1a hash of the saved bytes.
+  std::uint64_t hash() const;
+  /// Throws EngineError when a loader has bytes left over.
+  void expectEnd() const;
+
+  /// Saves or loads one value under `name`. Types: arithmetic, enum, std::string, Eigen vectors and
+  /// quaternions, Pose, std::array/vector/optional/map/pair of these, and anything with fields(Archive&).
+  template <class T>
+  void field(std::string_view name, T& value) {
+    tag(name);
+    transfer(value);
+  }
+
+ private:
+  Archive() = default;
+
+  void tag(std::string_view name);
+  void raw(void* data, std::size_t size);
+  std::uint64_t count(std::size_t size);
+
+  template <class T>
+    requires(std::is_arithmetic_v<T> || std::is_enum_v<T>)
+  void transfer(T& value) {
+    raw(&value, sizeof(value));
+  }
+  void transfer(std::string& value) {
+    value.resize(count(value.size()));
+    raw(value.data(), value.size());
+  }
+  void transfer(Quat& value) { raw(value.coeffs().data(), 4 * sizeof(double)); }
+  void transfer(Pose& value) {
+    transfer(value.position);
+    transfer(value.rotation);
+  }
+  template <class S, int R, int C>
+  void transfer(Eigen::Matrix<S, R, C>& value) {
+    static_assert(R > 0 && C > 0, "fixed-size matrices only");
+    raw(value.data(), sizeof(S) * R * C);
+  }
+  template <class T, std::size_t N>
+  void transfer(std::array<T, N>& values) {
+    for (T& value : values) transfer(value);
+  }
+  template <class T>
+  void transfer(std::vector<T>& values) {
+    values.resize(count(values.size()));
+    if constexpr (std::is_same_v<T, bool>) {
+      for (std::size_t i = 0; i < values.size(); ++i) {
+        bool value = values[i];
+        transfer(value);
+        values[i] = value;
+      }
+    } else {
+      for (T& value : values) transfer(value);
+    }
+  }
+  template <class T>
+  void transfer(std::optional<T>& value) {
+    bool present = value.has_value();
+    transfer(present);
+    if (!present) {
+      value.reset();
+      return;
+    }
+    if (!value) value.emplace();
+    transfer(*value);
+  }
+  template <class A, class B>
+  void transfer(std::pair<A, B>& value) {
+    transfer(value.first);
+    transfer(value.second);
+  }
+  template <class K, class V>
+  void transfer(std::map<K, V>& values) {
+    std::vector<std::pair<K, V>> items(values.begin(), values.end());
+    transfer(items);
+    if (loading_) values = std::map<K, V>(items.begin(), items.end());
+  }
+  template <class T>
+    requires requires(T& t, Archive& a) { t.fields(a); }
+  void transfer(T& value) {
+    value.fields(*this);
+  }
+
+  bool loading_ = false;
+  std::string bytes_;
+  std::size_t offset_ = 0;
+};
+
+}  // namespace sim2vr

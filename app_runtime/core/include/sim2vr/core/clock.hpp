@@ -1,0 +1,71 @@
+// The lockstep clock: integer nanoseconds inside, Unity's binary32 seconds outside. It moves only when
+// a frame begins, never with the wall clock.
+#pragma once
+
+#include <cstdint>
+
+#include "sim2vr/core/archive.hpp"
+
+namespace sim2vr {
+
+struct TimeSettings {
+  /// Period of the fixed-step grid (physics), s. Steps lie at k * period on the absolute clock.
+  double fixed_delta_time_s = 0.002;
+  /// A frame longer than this advances game time by this much only, s.
+  double maximum_delta_time_s = 1.0 / 3.0;
+  /// Game seconds per wall-clock second where frames are paced for people; lockstep ignores it.
+  double time_scale = 1.0;
+  /// Frames per second that the app aims at, Hz (user steps per second in lockstep).
+  int target_frame_rate = 20;
+  /// A fixed step belongs to the first frame with k * period <= frame time + tolerance. Zero in our own
+  /// clocks; a recording's rounded time stamps need 1e-5 s.
+  double fixed_step_tolerance_s = 0.0;
+
+  /// Throws InvalidArgument naming the setting that is not positive and finite.
+  void validate() const;
+};
+
+class GameClock {
+ public:
+  explicit GameClock(const TimeSettings& settings = {});
+
+  const TimeSettings& settings() const { return settings_; }
+
+  /// Puts the clock to `start_ns` with no frame begun; fixed steps at or before it are skipped.
+  void restart(std::int64_t start_ns = 0);
+
+  /// Begins the frame at `frame_time_ns` on the caller's clock (same origin as restart's start_ns).
+  /// Throws InvalidArgument when it lies before the previous frame.
+  void beginFrame(std::int64_t frame_time_ns);
+
+  /// Advances to the next fixed step due in this frame; false when none is left.
+  bool beginFixedStep();
+  void endFixedStep() { in_fixed_step_ = false; }
+
+  std::int64_t timeNs() const { return time_ns_; }
+  std::int64_t frameCount() const { return frame_count_; }
+
+  // Unity's values, s. Within a fixed step time and deltaTime read fixedTime and fixedDeltaTime.
+  float time() const;
+  float deltaTime() const;
+  float fixedTime() const;
+  float fixedDeltaTime() const { return static_cast<float>(settings_.fixed_delta_time_s); }
+  float maximumDeltaTime() const { return static_cast<float>(settings_.maximum_delta_time_s); }
+  float timeScale() const { return static_cast<float>(settings_.time_scale); }
+  int targetFrameRate() const { return settings_.target_frame_rate; }
+
+  void fields(Archive& archive);
+
+ private:
+  double fixedPeriodNs() const { return settings_.fixed_delta_time_s * 1e9; }
+
+  TimeSettings settings_;
+  std::int64_t time_ns_ = 0;
+  std::int64_t delta_ns_ = 0;
+  std::int64_t caller_time_ns_ = 0;
+  std::int64_t fixed_step_ = 0;  // k of the latest fixed step
+  std::int64_t frame_count_ = 0;
+  bool in_fixed_step_ = false;
+};
+
+}  // namespace sim2vr

@@ -1,0 +1,31 @@
+// Vectors, rotations and poses. Scene quantities are double precision, metres, in the app's frame:
+// Unity's convention, left-handed, x right, y up, z forward; quaternions rotate local to world.
+#pragma once
+
+#include <Eigen/Core>
+#include <Eigen/Geometry>
+
+namespace sim2vr {
+
+using Vec3 = Eigen::Vector3d;
+using Quat = Eigen::Quaterniond;
+
+inline Quat identityRotation() { return Quat::Identity(); }
+
+/// Rigid pose a_T_b: maps coordinates of frame b to frame a. Position in metres.
+struct Pose {
+  Vec3 position = Vec3::Zero();
+  Quat rotation = Quat::Identity();
+
+  Vec3 operator*(const Vec3& point) const { return position + rotation * point; }
+  Pose operator*(const Pose& other) const {
+    return {position + rotation * other.position, rotation * other.rotation};
+  }
+  Pose inverse() const {
+    const Quat inverse_rotation = rotation.conjugate();
+    return {-(inverse_rotation * position), inverse_rotation};
+  }
+  bool isFinite() const { return position.allFinite() && rotation.coeffs().allFinite(); }
+};
+
+}  // namespace sim2vr

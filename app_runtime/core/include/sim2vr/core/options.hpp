@@ -1,0 +1,39 @@
+// A game's options as named values with strict reading: a wrong type, a value outside its choices or a
+// name nobody read is an error that says what was expected.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json_fwd.hpp>
+#include <set>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace sim2vr {
+
+class Options {
+ public:
+  Options() = default;
+  /// Parses a JSON object. Throws InvalidArgument ("options") for anything else.
+  static Options fromJson(std::string_view json);
+
+  // Each reads one option and remembers that the name is known. Throws InvalidArgument naming the
+  // option for another type or a value out of range.
+  std::string getString(const std::string& name, std::string_view fallback);
+  /// As getString, but the value must be one of `choices`.
+  std::string getChoice(const std::string& name, std::string_view fallback,
+                        std::span<const std::string> choices);
+  bool getBool(const std::string& name, bool fallback);
+  double getNumber(const std::string& name, double fallback, double minimum, double maximum);
+  bool has(const std::string& name) const;
+
+  /// Throws InvalidArgument for the first option that was never read, with the nearest known name.
+  void expectAllRead() const;
+
+ private:
+  std::string json_text_ = "{}";
+  std::set<std::string> read_;
+};
+
+}  // namespace sim2vr

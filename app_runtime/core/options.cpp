@@ -1,0 +1,84 @@
+#include "sim2vr/core/options.hpp"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+
+#include "sim2vr/core/errors.hpp"
+
+namespace sim2vr {
+namespace {
+
+using Json = nlohmann::json;
+
+std::string optionField(const std::string& name) { return "option '" + name + "'"; }
+
+}  // namespace
+
+Options Options::fromJson(std::string_view json) {
+  const Json parsed = Json::parse(json, nullptr, /*allow_exceptions=*/false);
+  if (!parsed.is_object()) {
+    throw InvalidArgument("options", "'" + std::string(json.substr(0, 80)) + "'", "a JSON object");
+  }
+  Options options;
+  options.json_text_ = parsed.dump();
+  return options;
+}
+
+bool Options::has(const std::string& name) const {
+  return Json::parse(json_text_).contains(name);
+}
+
+std::string Options::getString(const std::string& name, std::string_view fallback) {
+  read_.insert(name);
+  const Json values = Json::parse(json_text_);
+  const auto found = values.find(name);
+  if (found == values.end()) return std::string(fallback);
+  if (!found->is_string()) throw InvalidArgument(optionField(name), found->dump(), "a string");
+  return found->get<std::string>();
+}
+
+std::string Options::getChoice(const std::string& name, std::string_view fallback,
+                               std::span<const std::string> choices) {
+  const std::string value = getString(name, fallback);
+  if (std::find(choices.begin(), choices.end(), value) == choices.end()) {
+    throw InvalidArgument(optionField(name), "'" + value + "'",
+                          "one of " + listChoices(choices) + didYouMean(value, choices));
+  }
+  return value;
+}
+
+bool Options::getBool(const std::string& name, bool fallback) {
+  read_.insert(name);
+  const Json values = Json::parse(json_text_);
+  const auto found = values.find(name);
+  if (found == values.end()) return fallback;
+  if (!found->is_boolean()) throw InvalidArgument(optionField(name), found->dump(), "true or false");
+  return found->get<bool>();
+}
+
+double Options::getNumber(const std::string& name, double fallback, double minimum,
+                          double maximum) {
+  read_.insert(name);
+  const Json values = Json::parse(json_text_);
+  const auto found = values.find(name);
+  if (found == values.end()) return fallback;
+  const bool in_range = found->is_number() && found->get<double>() >= minimum &&
+                        found->get<double>() <= maximum;
+  if (!in_range) {
+    throw InvalidArgument(optionField(name), found->dump(),
+                          "a number from " + Json(minimum).dump() + " to " + Json(maximum).dump());
+  }
+  return found->get<double>();
+}
+
+void Options::expectAllRead() const {
+  const Json values = Json::parse(json_text_);
+  for (const auto& item : values.items()) {
+    if (read_.contains(item.key())) continue;
+    const std::vector<std::string> known(read_.begin(), read_.end());
+    throw InvalidArgument("options", "unknown option '" + item.key() + "'",
+                          "one of " + listChoices(known) + didYouMean(item.key(), known));
+  }
+}
+
+}  // namespace sim2vr

@@ -1,0 +1,7 @@
+#include "sim2vr/core/version.hpp"
+
+namespace sim2vr {
+
+std::string_view version() { return SIM2VR_VERSION; }
+
+}  // namespace sim2vr

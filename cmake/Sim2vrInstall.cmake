@@ -1,0 +1,26 @@
+# Where things go. Two layouts:
+#   wheel (scikit-build-core sets SKBUILD): everything below sim2vr_harness/
+#   cmake --install: bin/sim2vr-app, share/sim2vr/{shaders,configs}
+
+if(SKBUILD)
+  set(sim2vr_bin_dir sim2vr_harness/bin)
+  set(sim2vr_share_dir sim2vr_harness/share)
+else()
+  include(GNUInstallDirs)
+  set(sim2vr_bin_dir ${CMAKE_INSTALL_BINDIR})
+  set(sim2vr_share_dir ${CMAKE_INSTALL_DATADIR}/sim2vr)
+endif()
+
+install(TARGETS sim2vr-app RUNTIME DESTINATION ${sim2vr_bin_dir})
+install(DIRECTORY shaders configs DESTINATION ${sim2vr_share_dir})
+install(FILES packages.txt THIRD_PARTY_LICENSES.md DESTINATION ${sim2vr_share_dir})
+
+if(TARGET _app_runtime)
+  if(SIM2VR_INPLACE)
+    set_target_properties(_app_runtime PROPERTIES
+      LIBRARY_OUTPUT_DIRECTORY "${PROJECT_SOURCE_DIR}/python/sim2vr_harness")
+  endif()
+  if(SKBUILD)
+    install(TARGETS _app_runtime LIBRARY DESTINATION sim2vr_harness)
+  endif()
+endif()

@@ -1,0 +1,36 @@
+# One library per app_runtime folder. Each room exports only its own include
+# directory (app_runtime/<room>/include), so the link line of a room is the
+# complete list of what it may include.
+
+add_library(sim2vr_options INTERFACE)
+target_compile_options(sim2vr_options INTERFACE
+  -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wno-sign-conversion
+  -Wnon-virtual-dtor -Woverloaded-virtual
+  # Bit-equal results between the executable, the extension module and every
+  # build preset: no fused multiply-add contraction, no fast-math.
+  -ffp-contract=off)
+if(SIM2VR_WARNINGS_AS_ERRORS)
+  target_compile_options(sim2vr_options INTERFACE -Werror)
+endif()
+
+# sim2vr_library(<name> SOURCES <files...> [DEPENDS <targets...>] [PRIVATE_DEPENDS <targets...>])
+function(sim2vr_library name)
+  cmake_parse_arguments(ARG "" "" "SOURCES;DEPENDS;PRIVATE_DEPENDS" ${ARGN})
+  add_library(sim2vr_${name} STATIC ${ARG_SOURCES})
+  add_library(sim2vr::${name} ALIAS sim2vr_${name})
+  target_include_directories(sim2vr_${name} PUBLIC "${CMAKE_CURRENT_SOURCE_DIR}/include")
+  target_link_libraries(sim2vr_${name} PUBLIC ${ARG_DEPENDS}
+                        PRIVATE sim2vr_options ${ARG_PRIVATE_DEPENDS})
+endfunction()
+
+# sim2vr_test(<name> SOURCES <files...> DEPENDS <targets...>): one GoogleTest executable.
+function(sim2vr_test name)
+  cmake_parse_arguments(ARG "" "" "SOURCES;DEPENDS" ${ARGN})
+  add_executable(test_${name} ${ARG_SOURCES})
+  target_link_libraries(test_${name} PRIVATE ${ARG_DEPENDS} sim2vr_options
+                        GTest::gtest GTest::gtest_main)
+  target_compile_definitions(test_${name} PRIVATE
+    SIM2VR_SOURCE_DIR="${PROJECT_SOURCE_DIR}"
+    SIM2VR_TEST_DATA_DIR="${PROJECT_SOURCE_DIR}/tests/data")
+  gtest_discover_tests(test_${name} DISCOVERY_TIMEOUT 60)
+endfunction()

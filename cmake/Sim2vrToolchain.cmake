@@ -1,0 +1,23 @@
+# Settings that hold for every target: compiler cache, sanitizers, no LTO.
+
+find_program(CCACHE_PROGRAM ccache)
+if(CCACHE_PROGRAM AND NOT DEFINED CMAKE_CXX_COMPILER_LAUNCHER)
+  set(CMAKE_CXX_COMPILER_LAUNCHER "${CCACHE_PROGRAM}")
+endif()
+
+# Results are compared bit for bit between the executable and the extension
+# module, so both are made from the same objects: pybind11 must not switch on
+# link-time optimisation for its module alone. For the same reason no preset
+# uses -march=native (see docs and CMakePresets.json).
+if(NOT DEFINED CMAKE_INTERPROCEDURAL_OPTIMIZATION)
+  set(CMAKE_INTERPROCEDURAL_OPTIMIZATION OFF)
+endif()
+
+if(SIM2VR_SANITIZE)
+  add_compile_options(-fsanitize=${SIM2VR_SANITIZE} -fno-omit-frame-pointer -O1)
+  add_link_options(-fsanitize=${SIM2VR_SANITIZE})
+  # A sanitized extension module cannot be loaded by a plain Python.
+  if(SIM2VR_BUILD_BINDINGS STREQUAL "AUTO")
+    set(SIM2VR_BUILD_BINDINGS OFF)
+  endif()
+endif()

@@ -1,0 +1,362 @@
+"""Muscular effort: how tiring the user's movement is, per environment step.
+
+Every model is vectorised over N users and M muscles in float64. The cost is subtracted from the
+task reward, and `weight` scales it. Formulas follow the SIM2VR paper and its User-in-the-Box
+reference.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from typing import Any, ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.users.user import User, unknown_name
+
+FloatArray = NDArray[np.float64]
+Ids = Sequence[int] | NDArray[np.integer] | slice
+
+LIFTING_MUSCLES: tuple[str, ...] = (
+    "DELT1",
+    "DELT2",
+    "DELT3",
+    "SUPSP",
+    "INFSP",
+    "SUBSC",
+    "TMIN",
+    "BIClong",
+    "BICshort",
+    "TRIlong",
+    "TRIlat",
+    "TRImed",
+)
+"""Muscles that consumed endurance looks at: those that hold the arm up."""
+
+
+class EffortModel(ABC):
+    """Base of the effort models: N users side by side, none of which affects another.
+
+    Args:
+        n: number of users.
+        muscle_count: number of muscles M.
+        weight: factor on the cost; None takes the model's `default_weight`.
+        dt: duration of one environment step in s.
+    """
+
+    default_weight: ClassVar[float]
+
+    def __init__(
+        self, n: int, muscle_count: int, *, weight: float | None = None, dt: float = 0.05
+    ) -> None:
+        if n < 1:
+            raise ValueError(f"n: got {n}, expected at least 1 user")
+        self.weight = _not_negative("weight", self.default_weight if weight is None else weight)
+        self.dt = _positive("dt", dt)
+        self.n = n
+        self.muscle_count = muscle_count
+
+    @abstractmethod
+    def reset(self, ids: Ids) -> None:
+        """Forgets the past of these users: a new episode begins."""
+
+    @abstractmethod
+    def update(
+        self,
+        act: FloatArray,
+        ctrl: FloatArray,
+        force: FloatArray | None = None,
+        ids: Ids = slice(None),
+    ) -> FloatArray:
+        """Advances one environment step.
+
+        Args:
+            act: (K, M) muscle activations in [0, 1] at the end of the step.
+            ctrl: (K, M) muscle controls in [0, 1] of the step.
+            force: (K, M) actuator forces in N; only consumed endurance needs them.
+            ids: the K users that the rows belong to; all N by default.
+
+        Returns:
+            (K,) weighted cost, at least 0.
+
+        Raises:
+            ValueError: an array has another shape, or the forces are missing.
+        """
+
+    def state(self) -> dict[str, FloatArray]:
+        """Returns copies of what the model remembers; the first axis is the user."""
+        return {name: values.copy() for name, values in self._arrays().items()}
+
+    def set_state(self, state: Mapping[str, NDArray[np.floating]], ids: Ids = slice(None)) -> None:
+        """Restores what `state` returned, for all users or for `ids`.
+
+        Raises:
+            ValueError: a missing, unknown or wrongly shaped entry.
+        """
+        arrays = self._arrays()
+        if set(state) != set(arrays):
+            raise ValueError(f"effort state: got {sorted(state)}, expected {sorted(arrays)}")
+        for name, values in arrays.items():
+            given, shape = np.asarray(state[name]), values[ids].shape
+            if given.shape != shape:
+                raise ValueError(f"effort state {name}: got shape {given.shape}, expected {shape}")
+        for name, values in arrays.items():
+            values[ids] = state[name]
+
+    def max_fatigued(self) -> FloatArray:
+        """(N,) mean over muscles of the most fatigued share seen in the episode; NaN if unknown."""
+        return np.full(self.n, np.nan)
+
+    def _arrays(self) -> dict[str, FloatArray]:
+        """The live arrays that make up the state; none for a model without memory."""
+        return {}
+
+    def _weighted(self, cost: FloatArray) -> FloatArray:
+        return self.weight * cost
+
+    def _check(self, field: str, values: FloatArray | None, ids: Ids) -> FloatArray:
+        rows = len(np.arange(self.n)[ids if isinstance(ids, slice) else np.asarray(ids, int)])
+        shape = None if values is None else np.shape(values)
+        if shape != (rows, self.muscle_count):
+            got = "None" if shape is None else f"shape {shape}"
+            raise ValueError(f"{field}: got {got}, expected shape ({rows}, {self.muscle_count})")
+        return np.asarray(values, dtype=np.float64)
+
+
+class _Memoryless(EffortModel):
+    def reset(self, ids: Ids) -> None:
+        """Nothing to forget."""
+
+
+class Zero(_Memoryless):
+    """Effort does not matter: cost 0."""
+
+    default_weight = 0.0
+
+    def update(
+        self,
+        act: FloatArray,
+        ctrl: FloatArray,
+        force: FloatArray | None = None,
+        ids: Ids = slice(None),
+    ) -> FloatArray:
+        """See `EffortModel.update`."""
+        return np.zeros(len(self._check("act", act, ids)))
+
+
+class Neural(_Memoryless):
+    """Squared muscle controls: w * sum ctrl^2 (Neural effort, User-in-the-Box reference)."""
+
+    default_weight = 1e-4
+
+    def update(
+        self,
+        act: FloatArray,
+        ctrl: FloatArray,
+        force: FloatArray | None = None,
+        ids: Ids = slice(None),
+    ) -> FloatArray:
+        """See `EffortModel.update`."""
+        ctrl = self._check("ctrl", ctrl, ids)
+        return self._weighted((ctrl * ctrl).sum(axis=1))
+
+
+class MuscleState(_Memoryless):
+    """Squared muscle activations: w * sum act^2 (User-in-the-Box reference)."""
+
+    default_weight = 1e-4
+
+    def update(
+        self,
+        act: FloatArray,
+        ctrl: FloatArray,
+        force: FloatArray | None = None,
+        ids: Ids = slice(None),
+    ) -> FloatArray:
+        """See `EffortModel.update`."""
+        act = self._check("act", act, ids)
+        return self._weighted((act * act).sum(axis=1))
+
+
+class CumulativeFatigue3CCr(EffortModel):
+    """Three-compartment fatigue model with augmented recovery, 3CC-r (SIM2VR paper).
+
+    Each muscle's motor units are active (MA), resting (MR) or fatigued (MF), which add up to 1.
+    The activation is the target load TL; a controller moves units between rest and activity, and
+    the cost is the load that the active units cannot meet: w * ||MA - TL||_2 over the muscles.
+
+    The default weight 0.1 is the one of the SIM2VR paper's Whac-A-Mole user; the reference class
+    itself defaults to 0.01.
+
+    Args:
+        n, muscle_count, weight, dt: as in `EffortModel`.
+        r: how many times faster units recover while the load is met.
+        fatigue: F, rate at which active units tire, 1/s.
+        recovery: R, rate at which tired units recover, 1/s.
+        development: LD, gain with which force is built up, 1/s.
+        relaxation: LR, gain with which force is released, 1/s.
+    """
+
+    default_weight = 0.1
+
+    def __init__(
+        self,
+        n: int,
+        muscle_count: int,
+        *,
+        weight: float | None = None,
+        dt: float = 0.05,
+        r: float = 7.5,
+        fatigue: float = 0.0146,
+        recovery: float = 0.0022,
+        development: float = 10.0,
+        relaxation: float = 10.0,
+    ) -> None:
+        super().__init__(n, muscle_count, weight=weight, dt=dt)
+        self.r = _not_negative("r", r)
+        self.fatigue = _not_negative("fatigue", fatigue)
+        self.recovery = _not_negative("recovery", recovery)
+        self.development = _not_negative("development", development)
+        self.relaxation = _not_negative("relaxation", relaxation)
+        self._ma, self._mr, self._mf, self._max_mf = np.zeros((4, n, muscle_count))
+        self.reset(slice(None))
+
+    def reset(self, ids: Ids) -> None:
+        """All motor units of these users are rested."""
+        self._ma[ids] = 0.0
+        self._mr[ids] = 1.0
+        self._mf[ids] = 0.0
+        self._max_mf[ids] = 0.0
+
+    def update(
+        self,
+        act: FloatArray,
+        ctrl: FloatArray,
+        force: FloatArray | None = None,
+        ids: Ids = slice(None),
+    ) -> FloatArray:
+        """See `EffortModel.update`; the target load is `act`."""
+        load = self._check("act", act, ids)
+        ma, mr, mf = self._ma[ids], self._mr[ids], self._mf[ids]
+        lacking = load - ma
+        met = ma >= load
+        drive = np.where(met, self.relaxation * lacking, self.development * np.minimum(lacking, mr))
+        tiring = self.fatigue * ma
+        recovering = np.where(met, self.r * self.recovery, self.recovery) * mf
+        # Bounds on the drive that keep every compartment within [0, 1] after this step.
+        lowest = np.maximum(-ma / self.dt + tiring, (mr - 1.0) / self.dt + recovering)
+        highest = np.minimum((1.0 - ma) / self.dt + tiring, mr / self.dt + recovering)
+        drive = np.minimum(np.maximum(drive, lowest), highest)
+        ma = ma + (drive - tiring) * self.dt
+        self._ma[ids] = ma
+        self._mr[ids] = mr + (recovering - drive) * self.dt
+        self._mf[ids] = mf = mf + (tiring - recovering) * self.dt
+        self._max_mf[ids] = np.maximum(self._max_mf[ids], mf)
+        missed = ma - load
+        return self._weighted(np.sqrt((missed * missed).sum(axis=1)))
+
+    def max_fatigued(self) -> FloatArray:
+        """(N,) the SIM2VR paper's "maximum fatigued motor units": mean over muscles of max MF."""
+        worst: FloatArray = self._max_mf.mean(axis=1)
+        return worst
+
+    def _arrays(self) -> dict[str, FloatArray]:
+        return {"MA": self._ma, "MR": self._mr, "MF": self._mf, "max_MF": self._max_mf}
+
+
+class ConsumedEndurance(_Memoryless):
+    """Share of the remaining endurance time that one step uses up (SIM2VR paper).
+
+    The strength s = |force| / F0 of the most loaded lifting muscle gives the endurance time
+    E = 1236.5 / (100 s - 15)^0.618 - 72.5 in s, endless up to s = 0.15; cost = w * 100 dt / E.
+
+    Args:
+        n, muscle_count, weight, dt: as in `EffortModel`.
+        peak_forces: (M,) peak isometric forces F0 in N.
+        lifting: indices of the muscles to look at.
+    """
+
+    default_weight = 0.01
+
+    def __init__(
+        self,
+        n: int,
+        muscle_count: int,
+        *,
+        weight: float | None = None,
+        dt: float = 0.05,
+        peak_forces: FloatArray,
+        lifting: Sequence[int],
+    ) -> None:
+        super().__init__(n, muscle_count, weight=weight, dt=dt)
+        self._lifting = np.asarray(lifting, dtype=np.int64)
+        self._peak = np.asarray(peak_forces, dtype=np.float64)[self._lifting]
+
+    def update(
+        self,
+        act: FloatArray,
+        ctrl: FloatArray,
+        force: FloatArray | None = None,
+        ids: Ids = slice(None),
+    ) -> FloatArray:
+        """See `EffortModel.update`; uses `force`."""
+        force = self._check("force", force, ids)
+        strength = np.clip(np.abs(force[:, self._lifting]) / self._peak, 0.0, 1.0)
+        # Endurance falls with strength, so the most loaded muscle has the least of it.
+        hardest = strength.max(axis=1)
+        tiring = hardest > 0.15
+        percent = np.where(tiring, 100.0 * hardest - 15.0, 1.0)
+        endurance = np.where(tiring, 1236.5 / percent**0.618 - 72.5, np.inf)
+        return self._weighted(100.0 * self.dt / endurance)
+
+
+_MODELS: dict[str, type[EffortModel]] = {
+    model.__name__: model
+    for model in (CumulativeFatigue3CCr, Neural, MuscleState, ConsumedEndurance, Zero)
+}
+
+
+def list_efforts() -> tuple[str, ...]:
+    """Returns the names that `make_effort` accepts."""
+    return tuple(sorted(_MODELS))
+
+
+def make_effort(
+    name: str, n: int, user: User, *, weight: float | None = None, **params: Any
+) -> EffortModel:
+    """Makes an effort model by name for `n` copies of `user`.
+
+    Args:
+        name: one of `list_efforts()`.
+        n: number of users.
+        user: whose muscles it is about.
+        weight: factor on the cost; None takes the model's default.
+        **params: parameters of the model's class, e.g. `dt` (s), or `r` for 3CC-r.
+
+    Raises:
+        ValueError: unknown name or parameter, or a value out of range.
+    """
+    if name not in _MODELS:
+        raise ValueError(unknown_name("effort", name, list_efforts()))
+    model = _MODELS[name]
+    if model is ConsumedEndurance:
+        params.setdefault("peak_forces", user.peak_forces)
+        params.setdefault("lifting", [user.muscles.index(m) for m in LIFTING_MUSCLES])
+    try:
+        return model(n, len(user.muscles), weight=weight, **params)
+    except TypeError as error:
+        raise ValueError(f"effort {name}: got parameters {sorted(params)}; {error}") from error
+
+
+def _positive(field: str, value: float) -> float:
+    if not (np.isfinite(value) and value > 0):
+        raise ValueError(f"{field}: got {value}, expected a finite number above 0")
+    return float(value)
+
+
+def _not_negative(field: str, value: float) -> float:
+    if not (np.isfinite(value) and value >= 0):
+        raise ValueError(f"{field}: got {value}, expected a finite number, at least 0")
+    return float(value)

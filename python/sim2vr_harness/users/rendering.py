@@ -1,0 +1,165 @@
+"""Pictures of the simulated user, without a display and without a GPU."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+from types import TracebackType
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.users.appearance import colour_muscles
+from sim2vr_harness.users.user import User, unknown_name
+
+_PLATFORMS = ("egl", "osmesa")  # EGL also works on Mesa's software rasteriser
+
+
+class RenderingError(RuntimeError):
+    """No OpenGL platform could be started on this machine."""
+
+
+class UserRenderer:
+    """Draws one user off-screen. Owns an OpenGL context: close it, or use it in a `with` block.
+
+    Use it from the thread that made it. One renderer can draw any user of a batch, one after the
+    other.
+
+    Args:
+        user: a user loaded with `appearance=True`.
+        width: image width in pixels, at most 1280.
+        height: image height in pixels, at most 960.
+
+    Raises:
+        ValueError: the user has no appearance or the size is out of range.
+        RenderingError: neither EGL nor OSMesa works. MUJOCO_GL=egl|osmesa forces one of them.
+    """
+
+    def __init__(self, user: User, width: int = 640, height: int = 480) -> None:
+        if not user.appearance:
+            raise ValueError("user: got appearance=False, expected load_user(appearance=True)")
+        self._model = user.spec().compile()  # own copy: muscle colours are written into it
+        limits = self._model.vis.global_
+        for field, size, limit in (
+            ("width", width, limits.offwidth),
+            ("height", height, limits.offheight),
+        ):
+            if not 1 <= size <= limit:
+                raise ValueError(f"{field}: got {size}, expected 1 to {limit} pixels")
+        self.width, self.height = width, height
+        self._data = mujoco.MjData(self._model)
+        self._scene = mujoco.MjvScene(self._model, maxgeom=2000)
+        self._options = mujoco.MjvOption()
+        self._context = _open_context(width, height)
+        self._context.make_current()
+        self._painter: mujoco.MjrContext | None = mujoco.MjrContext(
+            self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value
+        )
+        mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._painter)
+
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """Names of the model's cameras."""
+        return tuple(self._model.camera(i).name for i in range(self._model.ncam))
+
+    def render(
+        self,
+        qpos: NDArray[np.floating] | mujoco.MjData,
+        camera: str = "front",
+        activations: NDArray[np.floating] | None = None,
+    ) -> NDArray[np.uint8]:
+        """Draws a posture.
+
+        Args:
+            qpos: (nq,) posture in rad, e.g. `batch.qpos[i]`, or an MjData of the user's model,
+                whose activations then colour the muscles.
+            camera: one of `cameras`.
+            activations: (M,) muscle activations in [0, 1] that colour the muscles, blue to red.
+
+        Returns:
+            (height, width, 3) uint8 RGB image, owned by the caller.
+
+        Raises:
+            ValueError: wrong shape, or unknown camera.
+            RenderingError: the renderer was closed.
+        """
+        if self._painter is None:
+            raise RenderingError("render was called after close")
+        if camera not in self.cameras:
+            raise ValueError(unknown_name("camera", camera, self.cameras))
+        if isinstance(qpos, mujoco.MjData):
+            activations = np.array(qpos.act) if activations is None else activations
+            qpos = np.array(qpos.qpos)
+        posture = np.asarray(qpos, dtype=np.float64)
+        if posture.shape != (self._model.nq,):
+            raise ValueError(f"qpos: got shape {posture.shape}, expected ({self._model.nq},)")
+        self._data.qpos[:] = posture
+        mujoco.mj_fwdPosition(self._model, self._data)
+        colour_muscles(
+            self._model, np.zeros(self._model.nu) if activations is None else activations
+        )
+        view = mujoco.MjvCamera()
+        view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+        view.fixedcamid = self._model.camera(camera).id
+        mujoco.mjv_updateScene(
+            self._model,
+            self._data,
+            self._options,
+            None,
+            view,
+            mujoco.mjtCatBit.mjCAT_ALL.value,
+            self._scene,
+        )
+        self._context.make_current()
+        window = mujoco.MjrRect(0, 0, self.width, self.height)
+        mujoco.mjr_render(window, self._scene, self._painter)
+        image = np.empty((self.height, self.width, 3), dtype=np.uint8)
+        mujoco.mjr_readPixels(image, None, window, self._painter)
+        return np.ascontiguousarray(image[::-1])  # OpenGL's first row is the bottom one
+
+    def close(self) -> None:
+        """Frees the OpenGL context. Safe to call twice."""
+        if self._painter is not None:
+            self._context.make_current()
+            self._painter.free()
+            self._painter = None
+            self._context.free()
+
+    def __enter__(self) -> UserRenderer:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _open_context(width: int, height: int) -> Any:
+    """Opens EGL, or OSMesa where EGL fails, unless MUJOCO_GL names one of them."""
+    wanted = os.environ.get("MUJOCO_GL", "").strip().lower()
+    reasons = []
+    for platform in (wanted,) if wanted in _PLATFORMS else _PLATFORMS:
+        # PyOpenGL binds itself to one platform when first imported, by a variable that MuJoCo's
+        # modules set. What a failed attempt imported must not block the next platform.
+        before, imported = os.environ.get("PYOPENGL_PLATFORM"), set(sys.modules)
+        try:
+            context = importlib.import_module(f"mujoco.{platform}").GLContext(width, height)
+            os.environ["MUJOCO_GL"] = platform  # tells MuJoCo where to load OpenGL from
+            return context
+        except Exception as error:  # a driver may fail with about any type
+            reasons.append(f"{platform}: {error}")
+            if before is None:
+                os.environ.pop("PYOPENGL_PLATFORM", None)
+            for module in set(sys.modules) - imported:
+                if module.split(".")[0] == "OpenGL" or module.startswith("mujoco.egl"):
+                    del sys.modules[module]
+    raise RenderingError(
+        "no OpenGL platform works for off-screen rendering (" + "; ".join(reasons) + "). Install "
+        "Mesa's EGL or OSMesa library, or set MUJOCO_GL to the one that this machine has"
+    )

@@ -1,0 +1,158 @@
+"""The rebuilt wrist model against reference values of the User-in-the-Box conversion.
+
+The excerpts beside the tests always run; the full reference files run where they are found, in the
+folder that SIM2VR_SHARED names or in `shared` next to the repository.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim2vr_harness.users import User, load_user
+
+REPOSITORY = Path(__file__).resolve().parents[3]
+EXCERPTS = REPOSITORY / "tests" / "data" / "mobl_arms"
+
+
+def _full(name: str) -> Path:
+    root = Path(os.environ.get("SIM2VR_SHARED", REPOSITORY.parent / "shared"))
+    return root / "facts" / "mobl_arms" / "wrist" / f"{name}.json"
+
+
+@pytest.fixture(params=["excerpt", "full"])
+def reference(request: pytest.FixtureRequest) -> Any:
+    def load(name: str) -> dict[str, Any]:
+        path = EXCERPTS / f"{name}_excerpt.json" if request.param == "excerpt" else _full(name)
+        if not path.exists():
+            pytest.skip(f"full reference file {path} not found; set SIM2VR_SHARED to its root")
+        return json.loads(path.read_text())
+
+    return load
+
+
+def _gap(got: Any, expected: Any) -> float:
+    return float(np.abs(np.asarray(got) - np.asarray(expected)).max())
+
+
+def _rotation_gap(got: Any, expected: Any) -> float:
+    """Quaternions q and -q are the same rotation."""
+    return min(_gap(got, expected), _gap(got, -np.asarray(expected)))
+
+
+def _coupling_jacobian(user: User, q: np.ndarray) -> np.ndarray:
+    """(nv, 7) d qpos / d q_independent; all joints are hinges, so qpos and dofs coincide."""
+    h = 1e-6
+    columns = [
+        (user.coupled_qpos(q + h * e) - user.coupled_qpos(q - h * e)) / (2 * h) for e in np.eye(7)
+    ]
+    return np.stack(columns, axis=1)
+
+
+def _moment_arms(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
+    dense = np.zeros((model.ntendon, model.nv))
+    mujoco.mju_sparse2dense(
+        dense, data.ten_J, model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind
+    )
+    return dense
+
+
+@pytest.fixture(scope="module")
+def bare() -> User:
+    return load_user("mobl_arms_wrist", skull_rotation_wxyz=None, hardware=(), appearance=False)
+
+
+def test_postures(reference: Any, bare: User) -> None:
+    facts = reference("validation")
+    model = bare.model
+    data = mujoco.MjData(model)
+    assert list(bare.independent_joints) == facts["independent_joints"]
+    assert list(bare.muscles) == facts["muscles"]
+    assert _gap(model.body_subtreemass[0], facts["total_mass_kg"]) < 1e-7
+    assert _gap(model.body("clavicle").subtreemass[0], facts["arm_mass_kg"]) < 1e-7
+    for posture in facts["postures"]:
+        q = np.array(posture["q"])
+        data.qpos[:] = bare.coupled_qpos(q)
+        data.qvel[:], data.act[:] = 0.0, 1.0
+        mujoco.mj_forward(model, data)
+        for joint, angle in posture["qpos_all"].items():
+            assert data.joint(joint).qpos[0] == pytest.approx(angle, abs=1e-8), joint
+
+        # Reference numbers are rounded; within 10x of what the tables alone are known to reach.
+        assert _gap(data.ten_length, posture["tendon_length_m"]) < 1e-8
+        assert _gap(data.body("hand").xpos, posture["hand_pos"]) < 1e-8
+        assert _rotation_gap(data.body("hand").xquat, posture["hand_quat_wxyz"]) < 1e-8
+        tip = posture["fingertip_geom_hand_2distph_pos"]
+        assert _gap(data.site(bare.end_effector).xpos, tip) < 1e-8
+        assert _gap(data.body("humerus").xpos, posture["humerus_pos"]) < 1e-8
+        assert _gap(data.body("ulna").xpos, posture["ulna_pos"]) < 1e-8
+
+        # MuJoCo counts pulling as negative force.
+        pulled = np.array(posture["F_act_N"]) + np.array(posture["F_pas_N"])
+        assert _gap(-data.actuator_force, pulled) < 0.05
+
+        follow = _coupling_jacobian(bare, q)
+        arms = _moment_arms(model, data) @ follow
+        assert _gap(arms, posture["moment_arm_m"]) < 1e-7
+        inertia = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, inertia)
+        assert _gap(follow.T @ inertia @ follow, posture["mass_matrix_eff"]) < 5e-6
+        assert _gap(follow.T @ data.qfrc_bias, posture["bias_gravity_eff_Nm"]) < 5e-6
+        springs = posture["passive_spring_damper_eff_Nm"]
+        assert _gap(follow.T @ data.qfrc_passive, springs) < 5e-6
+
+
+def test_device_poses_in_postures(reference: Any) -> None:
+    user = load_user("mobl_arms_wrist", appearance=False)
+    data = mujoco.MjData(user.model)
+    for posture in reference("validation")["postures"]:
+        data.qpos[:] = user.coupled_qpos(np.array(posture["q"]))
+        mujoco.mj_kinematics(user.model, data)
+        controller = data.body("controller_right")
+        assert _gap(controller.xpos, posture["controller_right_pos"]) < 1e-8
+        assert _rotation_gap(controller.xquat, posture["controller_right_quat_wxyz"]) < 1e-8
+
+
+def test_start_poses_of_a_recorded_run(reference: Any) -> None:
+    user = load_user("mobl_arms_wrist", appearance=False)
+    data = mujoco.MjData(user.model)
+    mujoco.mj_kinematics(user.model, data)
+    recorded = reference("validation")["reference_initial_world_poses_from_recorded_run"]
+    for device in ("headset", "controller_right"):
+        # The recording has six significant digits.
+        assert _gap(data.body(device).xpos, recorded[device]["pos"]) < 5.1e-6
+        assert _rotation_gap(data.body(device).xquat, recorded[device]["quat"]) < 1e-6
+
+
+def test_trace_with_attached_hardware(reference: Any) -> None:
+    user = load_user("mobl_arms_wrist", appearance=False)
+    model, trace = user.model, reference("trace")
+    data = mujoco.MjData(model)
+    joints, dofs = user.qpos_independent, user.qvel_independent
+    data.qpos[joints], data.qvel[dofs] = trace["init"]["qpos"], trace["init"]["qvel"]
+    data.act[:] = trace["init"]["act"]
+    muscle = np.arange(model.nu)
+    for k, step in enumerate(trace["steps"]):
+        action = np.clip(-0.3 + 0.9 * np.sin(0.35 * k + 1.7 * muscle), -1.0, 1.0)
+        data.ctrl[:] = np.clip(data.act + action, 0.0, 1.0)
+        mujoco.mj_step(model, data, 25)
+        mujoco.mj_kinematics(model, data)
+        got_and_expected = {
+            "ctrl": (data.ctrl, step["ctrl"]),
+            "qpos": (data.qpos[joints], step["qpos"]),
+            "qvel": (data.qvel[dofs], step["qvel"]),
+            "act": (data.act, step["act"]),
+            "hand": (data.body("hand").xpos, step["hand_pos"]),
+            "controller": (data.body("controller_right").xpos, step["controller_right_pos"]),
+            "headset": (data.body("headset").xpos, step["headset_pos"]),
+        }
+        for what, (got, expected) in got_and_expected.items():
+            assert _gap(got, expected) < 1.3e-7, f"{what} at step {k}"
+        turned = data.body("controller_right").xquat
+        assert _rotation_gap(turned, step["controller_right_quat"]) < 1.3e-7

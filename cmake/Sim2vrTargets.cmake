@@ -6,6 +6,8 @@ add_library(sim2vr_options INTERFACE)
 target_compile_options(sim2vr_options INTERFACE
   -Wall -Wextra -Wpedantic -Wshadow -Wconversion -Wno-sign-conversion
   -Wnon-virtual-dtor -Woverloaded-virtual
+  # GCC 12 warns wrongly about "literal" + std::string (GCC bug 105651).
+  $<$<AND:$<CXX_COMPILER_ID:GNU>,$<VERSION_LESS:$<CXX_COMPILER_VERSION>,13>>:-Wno-restrict>
   # Bit-equal results between the executable, the extension module and every
   # build preset: no fused multiply-add contraction, no fast-math.
   -ffp-contract=off)

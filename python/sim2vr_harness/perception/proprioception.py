@@ -37,7 +37,10 @@ class Proprioception:
     @property
     def observation_space(self) -> spaces.Box:
         """Space of one user's observation, (size,) float32, unbounded."""
-        return spaces.Box(-np.inf, np.inf, (self.size,), np.float32)
+        # Every finite float32: accelerations have no natural bound, and environment checkers take
+        # infinite ones for a mistake.
+        limit = np.finfo(np.float32).max
+        return spaces.Box(-limit, limit, (self.size,), np.float32)
 
     @property
     def names(self) -> tuple[str, ...]:

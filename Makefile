@@ -1,0 +1,61 @@
+# sim2vr: everything a newcomer needs is `make setup` and `make train`.
+
+SHELL       := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DEFAULT_GOAL := help
+
+VENV      := .venv
+CONFIG    ?= configs/whacamole_constrained.yaml
+TIMESTEPS ?= 80000
+EPISODES  ?= 6
+RUN       ?= runs/$(basename $(notdir $(CONFIG)))
+
+CPP_FILES = $(shell find app_runtime tests/cpp tools -name '*.[ch]pp')
+
+.PHONY: help setup train test test-all check lint types format stubs lock clean distclean
+
+help:  ## Show this list
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+
+setup:  ## Install everything: system packages, .venv, Python packages, C++ build
+	@tools/dev/setup.sh
+
+train: setup  ## Train and evaluate a simulated user (CONFIG=, TIMESTEPS=, RUN=, EPISODES=)
+	$(VENV)/bin/sim2vr-harness train $(CONFIG) --timesteps $(TIMESTEPS) --out $(RUN)
+	$(VENV)/bin/sim2vr-harness evaluate $(RUN) --episodes $(EPISODES)
+
+test: setup  ## Run the C++ and Python tests (PYTEST_ARGS=...)
+	@tools/dev/test.sh $(PYTEST_ARGS)
+
+test-all: setup  ## Run the tests, the slow training tests included
+	@tools/dev/test.sh -m "slow or not slow" $(PYTEST_ARGS)
+
+check: export SIM2VR_WERROR := ON
+check: lint types  ## What CI does: lint, types, warnings as errors, tests
+	@tools/dev/test.sh $(PYTEST_ARGS)
+
+lint: setup  ## Check formatting and lint (clang-format, ruff)
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(if $(CPP_FILES),$(VENV)/bin/clang-format --dry-run --Werror $(CPP_FILES))
+
+types: setup  ## Check Python types (mypy)
+	$(VENV)/bin/mypy
+
+format: setup  ## Rewrite the sources in the house style
+	$(VENV)/bin/ruff check --fix-only .
+	$(VENV)/bin/ruff format .
+	$(if $(CPP_FILES),$(VENV)/bin/clang-format -i $(CPP_FILES))
+
+stubs: setup  ## Regenerate python/sim2vr_harness/_app_runtime.pyi
+	@tools/dev/stubs.sh
+
+lock: setup  ## Regenerate requirements.lock from pyproject.toml
+	$(VENV)/bin/python tools/dev/lock.py
+
+clean:  ## Remove build outputs
+	rm -rf build dist python/sim2vr_harness/_app_runtime*.so .pytest_cache .mypy_cache .ruff_cache
+	find python tests tools -name __pycache__ -type d -prune -exec rm -rf {} +
+
+distclean: clean  ## Remove build outputs and .venv (runs/ stays)
+	rm -rf $(VENV)

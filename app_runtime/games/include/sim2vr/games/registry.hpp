@@ -1,0 +1,18 @@
+// Every game that the runtime can play.
+#pragma once
+
+#include <memory>
+#include <span>
+#include <string_view>
+
+#include "sim2vr/rl/game.hpp"
+
+namespace sim2vr::games {
+
+/// The games in the order in which they are listed to people.
+std::span<const rl::GameEntry> registry();
+
+/// A new game. Throws InvalidArgument ("game") with the known names and the nearest one.
+std::unique_ptr<rl::Game> createGame(std::string_view name);
+
+}  // namespace sim2vr::games

@@ -1,0 +1,45 @@
+#include "sim2vr/games/registry.hpp"
+
+#include <array>
+#include <string>
+#include <vector>
+
+#include "sample/sample.hpp"
+#include "sim2vr/core/errors.hpp"
+#include "whacamole/game.hpp"
+
+namespace sim2vr::games {
+namespace {
+
+template <class T>
+std::unique_ptr<rl::Game> create() {
+  return std::make_unique<T>();
+}
+
+template <class T>
+rl::GameEntry entry() {
+  const T game;
+  return {std::string(game.name()), std::string(game.description()), &create<T>};
+}
+
+}  // namespace
+
+std::span<const rl::GameEntry> registry() {
+  static const std::array entries{
+      entry<whacamole::WhacAMole>(),
+      entry<sample::TouchTheBall>(),
+  };
+  return entries;
+}
+
+std::unique_ptr<rl::Game> createGame(std::string_view name) {
+  std::vector<std::string> known;
+  for (const rl::GameEntry& game : registry()) {
+    if (game.name == name) return game.create();
+    known.push_back(game.name);
+  }
+  throw InvalidArgument("game", "'" + std::string(name) + "'",
+                        "one of " + listChoices(known) + didYouMean(name, known));
+}
+
+}  // namespace sim2vr::games

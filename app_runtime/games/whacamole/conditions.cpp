@@ -1,0 +1,140 @@
+#include "whacamole/conditions.hpp"
+
+#include <algorithm>
+#include <array>
+#include <utility>
+
+#include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/random.hpp"
+
+namespace sim2vr::games::whacamole {
+namespace {
+
+struct ConditionRow {
+  std::string_view name;
+  Placement placement;
+  int max_targets;
+};
+
+constexpr std::array<ConditionRow, 11> kConditions{{
+    {"easy", Placement::kMid, 1},
+    {"medium", Placement::kMid, 3},
+    {"mid", Placement::kMid, 3},
+    {"mid-medium", Placement::kMid, 3},
+    {"hard", Placement::kMid, 5},
+    {"low", Placement::kLow, 3},
+    {"low-medium", Placement::kLow, 3},
+    {"low-easy", Placement::kLow, 1},
+    {"high", Placement::kHigh, 3},
+    {"high-medium", Placement::kHigh, 3},
+    {"high-easy", Placement::kHigh, 1},
+}};
+
+struct MixRow {
+  std::string_view name;
+  std::vector<std::string_view> members;
+};
+
+const std::array<MixRow, 3>& mixes() {
+  static const std::array<MixRow, 3> rows{{
+      {"random", {"low-medium", "medium", "high-medium"}},
+      {"random-easy", {"low-easy", "easy", "high-easy"}},
+      {"random-easy-medium",
+       {"low-easy", "easy", "high-easy", "low-medium", "medium", "high-medium"}},
+  }};
+  return rows;
+}
+
+constexpr std::string_view kUnconstrained = "-unconstrained";
+constexpr std::uint32_t kMixSeedMask = 0x9E3779B9U;
+
+const ConditionRow* findCondition(std::string_view name) {
+  const auto found = std::find_if(kConditions.begin(), kConditions.end(),
+                                  [name](const ConditionRow& row) { return row.name == name; });
+  return found == kConditions.end() ? nullptr : &*found;
+}
+
+const MixRow* findMix(std::string_view name) {
+  const auto found = std::find_if(mixes().begin(), mixes().end(),
+                                  [name](const MixRow& row) { return row.name == name; });
+  return found == mixes().end() ? nullptr : &*found;
+}
+
+std::string_view drawMember(const MixRow& mix, std::uint32_t seed) {
+  Random random(seed ^ kMixSeedMask);
+  // The first words of neighbouring seeds resemble each other.
+  for (int i = 0; i < 8; ++i) random.next();
+  return mix
+      .members[static_cast<std::size_t>(random.range(0, static_cast<int>(mix.members.size())))];
+}
+
+Quat aboutX(double x, double w) { return Quat(w, x, 0.0, 0.0).normalized(); }
+
+}  // namespace
+
+PlacementGeometry geometry(Placement placement) {
+  switch (placement) {
+    case Placement::kLow:
+      return {{0.15, -0.30, 0.35}, aboutX(0.3826834, 0.9238795), aboutX(-0.258819, -0.9659258)};
+    case Placement::kHigh:
+      return {{0.15, 0.20, 0.30}, aboutX(-0.3826834, 0.9238795), aboutX(0.258819, -0.9659258)};
+    case Placement::kMid:
+      break;
+  }
+  return {{0.15, -0.10, 0.40}, Quat::Identity(), aboutX(-0.0871556774, -0.99619472)};
+}
+
+double strikeSpeed(Placement placement, const Vec3& velocity_mps) {
+  return placement == Placement::kLow ? -velocity_mps.y() : velocity_mps.z();
+}
+
+std::span<const std::string> conditionNames() {
+  static const std::vector<std::string> names = [] {
+    std::vector<std::string> all;
+    for (const ConditionRow& row : kConditions) all.emplace_back(row.name);
+    for (const MixRow& row : mixes()) all.emplace_back(row.name);
+    const std::size_t plain = all.size();
+    for (std::size_t i = 0; i < plain; ++i) {
+      std::string name = all[i];
+      all.push_back(name.append(kUnconstrained));
+    }
+    return all;
+  }();
+  return names;
+}
+
+Condition resolveCondition(std::string_view name, std::uint32_t seed) {
+  std::string_view base = name;
+  const bool constrained = !base.ends_with(kUnconstrained);
+  if (!constrained) base.remove_suffix(kUnconstrained.size());
+  if (const MixRow* mix = findMix(base)) base = drawMember(*mix, seed);
+  const ConditionRow* row = findCondition(base);
+  if (row == nullptr) {
+    throw InvalidArgument(
+        "option 'condition'", "'" + std::string(name) + "'",
+        "one of " + listChoices(conditionNames()) + didYouMean(name, conditionNames()));
+  }
+  std::string full(base);
+  if (!constrained) full += kUnconstrained;
+  return {std::move(full), row->placement, row->max_targets, constrained};
+}
+
+Settings Settings::fromOptions(Options& options) {
+  static const std::vector<std::string> kRewards{"reference", "paper"};
+  static const std::vector<std::string> kHeadRotations{"simulated", "device"};
+  Settings settings;
+  settings.condition = options.getChoice("condition", settings.condition, conditionNames());
+  settings.adaptive = options.getBool("adaptive", settings.adaptive);
+  settings.sparse = options.getBool("sparse", settings.sparse);
+  settings.reward = options.getChoice("reward", "reference", kRewards) == "paper"
+                        ? RewardKind::kPaper
+                        : RewardKind::kReference;
+  settings.round_s = static_cast<float>(options.getNumber("round_seconds", 60.0, 0.1, 3600.0));
+  settings.countdown_s = static_cast<float>(options.getNumber("countdown_seconds", 0.0, 0.0, 60.0));
+  settings.override_head_rotation =
+      options.getChoice("head_rotation", "simulated", kHeadRotations) == "simulated";
+  settings.show_controllers = options.getBool("show_controllers", settings.show_controllers);
+  return settings;
+}
+
+}  // namespace sim2vr::games::whacamole

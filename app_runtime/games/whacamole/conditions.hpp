@@ -1,0 +1,65 @@
+// What a round of Whac-A-Mole is like: the conditions of the user study and the game's options.
+#pragma once
+
+#include <cstdint>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "sim2vr/core/math.hpp"
+#include "sim2vr/core/options.hpp"
+
+namespace sim2vr::games::whacamole {
+
+enum class Placement { kLow, kMid, kHigh };
+
+struct Condition {
+  std::string name;
+  Placement placement = Placement::kMid;
+  int max_targets = 3;
+  /// A hit needs speed through the plane; otherwise every touch of a live target is a hit.
+  bool constrained = true;
+};
+
+/// Where the target area is put, relative to the head at the start of the round.
+struct PlacementGeometry {
+  Vec3 offset_m;  // area origin minus head position, world axes; head rotation is ignored
+  Quat rotation;  // of the area, world
+  Quat simulated_head_rotation;  // what a simulated user's head camera looks along
+};
+PlacementGeometry geometry(Placement placement);
+
+/// Component of the hammer's velocity that a constrained hit is judged by, m/s: downward speed for
+/// the low area, forward speed for the others.
+double strikeSpeed(Placement placement, const Vec3& velocity_mps);
+inline constexpr float kStrikeThreshold_mps = 0.8F;
+
+/// Every name that the option "condition" takes: the conditions and the random mixes.
+std::span<const std::string> conditionNames();
+
+/// The condition of one round. A mix draws one of its members uniformly with a generator of its
+/// own, so that `seed` alone fixes the round's spawns and can be compared with a recording's.
+Condition resolveCondition(std::string_view name, std::uint32_t seed);
+
+enum class RewardKind {
+  kReference,  // as the reference implementation computes it
+  kPaper,      // as its paper describes it
+};
+
+struct Settings {
+  std::string condition = "medium";
+  bool adaptive = false;
+  bool sparse = false;
+  RewardKind reward = RewardKind::kReference;
+  float round_s = 60.0F;
+  float countdown_s = 0.0F;
+  /// Fix the head camera's rotation by placement, as for simulated users.
+  bool override_head_rotation = true;
+  bool show_controllers = true;
+
+  /// Throws InvalidArgument naming the option.
+  static Settings fromOptions(Options& options);
+};
+
+}  // namespace sim2vr::games::whacamole

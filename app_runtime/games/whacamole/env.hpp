@@ -1,0 +1,43 @@
+// Whac-A-Mole as a learning problem: reward, end, time feature and the log dictionary.
+#pragma once
+
+#include <optional>
+
+#include "sim2vr/rl/game.hpp"
+#include "whacamole/round.hpp"
+
+namespace sim2vr::games::whacamole {
+
+/// Reward of a frame:
+///   reference  10 dPoints + 2 dFirstContacts max(0, s) / 0.8 + sum over live targets (exp(-10 d) -
+///   1) / 10 paper      10 dPoints - 2 dFirstContacts max(0, s) / 0.8 + sum over live targets
+///   (exp(-10 d) - 1)
+/// with s the strike speed of the latest contact, m/s, and d the distance from a target's origin to
+/// the hammer's marker, m. "sparse" keeps the first term only. The user's effort is not the app's
+/// matter.
+class Env : public rl::RLEnv {
+ public:
+  explicit Env(const Round& round) : round_(round) {}
+
+  std::string_view typeName() const override { return "whacamole.Env"; }
+  void InitialiseGame() override;
+  void InitialiseReward() override;
+  void CalculateReward() override;
+  void UpdateIsFinished() override;
+  float GetTimeFeature() const override;
+  std::optional<Quat> headRotationOverride() const override;
+  void fields(Archive& archive) override;
+
+ private:
+  double contactReward() const;
+  double distanceReward() const;
+  void updateLog();
+
+  const Round& round_;
+  int points_ = 0;
+  int first_contacts_ = 0;
+  double contact_reward_sum_ = 0.0;
+  double distance_reward_sum_ = 0.0;
+};
+
+}  // namespace sim2vr::games::whacamole

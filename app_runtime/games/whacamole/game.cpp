@@ -1,0 +1,62 @@
+#include "whacamole/game.hpp"
+
+#include "sim2vr/physics/world.hpp"
+#include "sim2vr/rl/xr_rig.hpp"
+#include "whacamole/env.hpp"
+#include "whacamole/hammer.hpp"
+#include "whacamole/layers.hpp"
+#include "whacamole/looks.hpp"
+#include "whacamole/target.hpp"
+
+namespace sim2vr::games::whacamole {
+namespace {
+
+void restrictCollisions(physics::PhysicsWorld& physics) {
+  for (int a = 0; a < physics::kLayers; ++a) {
+    for (int b = a; b < physics::kLayers; ++b) {
+      physics.setLayerCollision(a, b, a == kTargetLayer && b == kPlayerLayer);
+    }
+  }
+}
+
+scene::GameObject& buildArea(scene::Scene& scene) {
+  scene::GameObject& area = scene.create("Target Area");
+  addAreaLooks(area);
+  area.setActive(false);
+  return area;
+}
+
+}  // namespace
+
+void WhacAMole::configure(Options& options) { settings_ = Settings::fromOptions(options); }
+
+rl::RLEnv& WhacAMole::build(rl::GameContext& context) {
+  scene::Scene& scene = context.scene;
+  restrictCollisions(context.physics);
+
+  RoundSetup setup;
+  setup.settings = settings_;
+  setup.condition = resolveCondition(settings_.condition, context.seed);
+  setup.seed = context.seed;
+  if (settings_.adaptive) setup.weights = adaptiveWeights(tally_.failRates());
+  tally_ = CellTally{};
+
+  setup.rig = rl::buildXrRig(context);
+  if (settings_.show_controllers) addControllerLooks(*setup.rig.right_controller);
+  Hammer& hammer = buildHammer(*setup.rig.right_controller);
+  setup.area = &buildArea(scene);
+  setup.hammer = &hammer;
+  setup.tally = &tally_;
+  setup.logger = context.logger;
+
+  auto& round = scene.create("Round").addComponent<Round>(setup);
+  registerTargetPrefab(scene, round, hammer);
+  auto& env = scene.create("RL Environment").addComponent<Env>(round);
+  rl::setHeadRotationSource(setup.rig, env);
+  addRoomLooks(scene);
+  return env;
+}
+
+void WhacAMole::fields(Archive& archive) { archive.field("tally", tally_); }
+
+}  // namespace sim2vr::games::whacamole

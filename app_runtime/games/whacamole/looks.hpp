@@ -1,0 +1,18 @@
+// What Whac-A-Mole looks like, apart from the targets: shapes, colours, light, cameras.
+#pragma once
+
+#include "sim2vr/scene/game_object.hpp"
+#include "sim2vr/scene/scene.hpp"
+
+namespace sim2vr::games::whacamole {
+
+/// Barrel head and handle below the hammer's root (hammer units are a tenth of a metre).
+void addHammerLooks(scene::GameObject& hammer);
+/// The translucent controller around the hammer's handle.
+void addControllerLooks(scene::GameObject& controller);
+/// The translucent sheet that the targets come out of.
+void addAreaLooks(scene::GameObject& area);
+/// Platform, floor arrow, lights, sky and the two outside cameras.
+void addRoomLooks(scene::Scene& scene);
+
+}  // namespace sim2vr::games::whacamole

@@ -1,0 +1,70 @@
+#include "whacamole/spawner.hpp"
+
+#include <numeric>
+
+namespace sim2vr::games::whacamole {
+namespace {
+
+constexpr float kMaximumPause_s = 0.5F;
+constexpr float kTargetSize_m = 0.025F;
+constexpr float kLife_s = 1.0F;
+
+}  // namespace
+
+Spawner::Spawner(std::uint32_t seed, CellWeights weights)
+    : random_(seed), weights_(std::move(weights)) {}
+
+std::optional<Spawn> Spawner::next(float time_s, int live, int max_targets) {
+  if (live >= max_targets || !(time_s > pause_end_s_) || free_.empty()) return std::nullopt;
+  // The order of the draws is the reference's; a size of fixed range still costs a draw.
+  pause_end_s_ = time_s + random_.range(0.0F, kMaximumPause_s);
+  random_.range(kTargetSize_m, kTargetSize_m);
+  Spawn spawn;
+  spawn.cell = takeCell();
+  random_.range(kLife_s, kLife_s);
+  spawn.id = next_id_++;
+  return spawn;
+}
+
+int Spawner::takeCell() {
+  if (!weights_.empty()) return takeWeightedCell();
+  random_.shuffle(free_);
+  const int cell = free_.front();
+  free_.erase(free_.begin());
+  return cell;
+}
+
+int Spawner::takeWeightedCell() {
+  float total = 0.0F;
+  for (const int cell : free_) total += weights_[static_cast<std::size_t>(cell)];
+  float left = random_.range(0.0F, total);
+  auto chosen = free_.end() - 1;
+  for (auto it = free_.begin(); it != free_.end(); ++it) {
+    left -= weights_[static_cast<std::size_t>(*it)];
+    if (left < 0.0F) {
+      chosen = it;
+      break;
+    }
+  }
+  const int cell = *chosen;
+  free_.erase(chosen);
+  return cell;
+}
+
+void Spawner::fields(Archive& archive) {
+  archive.field("random", random_);
+  archive.field("weights", weights_);
+  archive.field("free", free_);
+  archive.field("pause_end_s", pause_end_s_);
+  archive.field("next_id", next_id_);
+}
+
+CellWeights adaptiveWeights(const std::array<double, kCells>& fail_rates) {
+  const double mean = std::accumulate(fail_rates.begin(), fail_rates.end(), 0.0) / kCells;
+  if (mean <= 0.0) return {};
+  CellWeights weights;
+  for (const double rate : fail_rates) weights.push_back(static_cast<float>(rate + mean));
+  return weights;
+}
+
+}  // namespace sim2vr::games::whacamole

@@ -1,0 +1,129 @@
+#include "whacamole/target.hpp"
+
+#include <algorithm>
+
+#include "sim2vr/physics/collider.hpp"
+#include "sim2vr/scene/scene.hpp"
+#include "whacamole/hammer.hpp"
+#include "whacamole/layers.hpp"
+#include "whacamole/round.hpp"
+#include "whacamole/target_looks.hpp"
+
+namespace sim2vr::games::whacamole {
+namespace {
+
+constexpr double kCellPitch_m = 0.125;
+
+// Hit volume in target units, reaching 2.5 mm in front of the target plane.
+const Vec3 kTriggerSize(1.8, 1.8, 1.0);
+const Vec3 kTriggerCenter(0.0, 0.0, -0.6);
+
+// A collider needs some size.
+constexpr float kSmallestScale = 1e-3F;
+
+}  // namespace
+
+Vec3 cellCenter_m(int cell) {
+  const int row = cell / 3;
+  const int column = cell % 3;
+  return {(column - 1) * kCellPitch_m, (1 - row) * kCellPitch_m, 0.0};
+}
+
+Vec3 targetOrigin_m(int cell) { return cellCenter_m(cell) + Vec3(0.0, 0.0, kTargetRadius_m); }
+
+void registerTargetPrefab(scene::Scene& scene, Round& round, const Hammer& hammer) {
+  scene.registerPrefab(kTargetPrefab, [&round, &hammer](scene::GameObject& object) {
+    object.setLayer(kTargetLayer);
+    object.transform().setLocalScale(kTargetRadius_m);
+    object.addComponent<physics::Rigidbody>();
+    object.addComponent<physics::Collider>(physics::Box{kTriggerSize}, kTriggerCenter,
+                                           /*is_trigger=*/true);
+    object.addComponent<TargetLooks>();
+    object.addComponent<Target>(round, hammer);
+  });
+}
+
+void Target::Awake() { looks_ = gameObject().getComponent<TargetLooks>(); }
+
+void Target::begin(const Spawn& spawn) {
+  id_ = spawn.id;
+  cell_ = spawn.cell;
+  transform().setLocalPosition(targetOrigin_m(cell_));
+  spawn_time_ = clock().fixedTime();
+  spawn_frame_time_ = clock().time();
+  expiry_ = spawn_time_ + (kLife_s + kFadeIn_s);
+  looks_->showAge(0.0);
+}
+
+void Target::FixedUpdate() {
+  if (state_ == State::kAlive && clock().fixedTime() >= expiry_) {
+    endLife(/*was_hit=*/false);
+    round_.recordMiss(*this);
+  }
+}
+
+void Target::OnTriggerEnter(const scene::TriggerContact&) {
+  if (state_ != State::kAlive) return;
+  const Vec3 velocity = hammer_.velocity_mps();
+  if (round_.isHit(velocity)) {
+    endLife(/*was_hit=*/true);
+    round_.recordHit(*this, velocity);
+    return;
+  }
+  round_.recordContact(*this, velocity, /*first=*/!touched_);
+  touched_ = true;
+}
+
+void Target::Update() {
+  if (state_ == State::kFadeOut) {
+    fadeOut();
+    return;
+  }
+  const float age_s = clock().time() - spawn_time_;
+  if (state_ == State::kFadeIn) fadeIn(age_s);
+  if (state_ == State::kAlive) looks_->showAge((age_s - kFadeIn_s) / kLife_s);
+}
+
+void Target::fadeIn(float age_s) {
+  const bool done = age_s > kFadeIn_s;
+  const float scale = done ? 1.0F : std::max(age_s / kFadeIn_s, kSmallestScale);
+  transform().setLocalScale(kTargetRadius_m * scale);
+  if (done) state_ = State::kAlive;
+}
+
+void Target::fadeOut() {
+  const float elapsed_s = clock().time() - end_time_;
+  if (elapsed_s > kFadeOut_s) {
+    round_.recordRemoval(*this);
+    scene().destroy(gameObject());
+    return;
+  }
+  if (was_hit_) {
+    looks_->showBurst(elapsed_s);
+    return;
+  }
+  looks_->showMissed();
+  transform().setLocalScale(kTargetRadius_m *
+                            std::max(1.0F - elapsed_s / kFadeOut_s, kSmallestScale));
+}
+
+void Target::endLife(bool was_hit) {
+  state_ = State::kFadeOut;
+  // A miss fades from when its life was over, not from the step that noticed it.
+  end_time_ = was_hit ? clock().fixedTime() : expiry_;
+  was_hit_ = was_hit;
+}
+
+void Target::fields(Archive& archive) {
+  archive.field("state", state_);
+  archive.field("id", id_);
+  archive.field("cell", cell_);
+  archive.field("spawn_time", spawn_time_);
+  archive.field("spawn_frame_time", spawn_frame_time_);
+  archive.field("expiry", expiry_);
+  archive.field("end_time", end_time_);
+  archive.field("touched", touched_);
+  archive.field("was_hit", was_hit_);
+}
+
+}  // namespace sim2vr::games::whacamole

@@ -1,0 +1,125 @@
+#include "whacamole/target_looks.hpp"
+
+#include <array>
+#include <cmath>
+#include <cstdint>
+#include <numbers>
+
+#include "sim2vr/render/mesh.hpp"
+#include "sim2vr/scene/scene.hpp"
+
+namespace sim2vr::games::whacamole {
+namespace {
+
+using render::Color;
+using render::MeshPtr;
+
+constexpr Color kFresh{0.0F, 1.0F, 0.0F, 1.0F};
+constexpr Color kOld{1.0F, 0.0F, 0.0F, 1.0F};
+constexpr Color kBlack{0.0F, 0.0F, 0.0F, 1.0F};
+constexpr Color kSpark{0.018F, 1.0F, 0.0F, 1.0F};
+
+// In target units (radii); z runs from the player into the depth.
+constexpr float kDisc_z = -1.0585F;
+constexpr float kRings_z = -1.1F;
+
+constexpr int kSparks = 50;
+constexpr double kSparkLife_s = 0.3;
+
+// Turns a mesh made around y into one around z, low y towards the player.
+MeshPtr facingPlayer(const MeshPtr& lathe) {
+  render::Mesh mesh = *lathe;
+  const auto turn = [](const Eigen::Vector3f& v) { return Eigen::Vector3f(v.x(), -v.z(), v.y()); };
+  for (render::Vertex& vertex : mesh.vertices) {
+    vertex.position = turn(vertex.position);
+    vertex.normal = turn(vertex.normal);
+  }
+  return render::share(std::move(mesh));
+}
+
+// Flat disc with a bevel, and a dome behind it.
+MeshPtr bodyMesh() {
+  static const double kDiagonal = std::numbers::sqrt2 / 2.0;
+  static const std::array<render::LathePoint, 5> outline{{{0.0, kDisc_z},
+                                                          {0.948, kDisc_z},
+                                                          {1.0, -1.03},
+                                                          {kDiagonal, -1.03 + kDiagonal},
+                                                          {0.0, -0.03}}};
+  static const MeshPtr mesh = facingPlayer(render::lathe(outline, 16, "target"));
+  return mesh;
+}
+
+MeshPtr ringsMesh() {
+  static const MeshPtr mesh = [] {
+    render::Mesh both = *render::annulus(0.80, 0.88, 16);
+    const MeshPtr inner = render::annulus(0.147, 0.176, 8);
+    const auto offset = static_cast<std::uint32_t>(both.vertices.size());
+    both.vertices.insert(both.vertices.end(), inner->vertices.begin(), inner->vertices.end());
+    for (const std::uint32_t index : inner->indices) both.indices.push_back(offset + index);
+    for (render::Vertex& vertex : both.vertices) vertex.position.z() += kRings_z;
+    both.name = "target rings";
+    return render::share(std::move(both));
+  }();
+  return mesh;
+}
+
+render::Material paint(const Color& color) {
+  render::Material material;
+  material.albedo = color;
+  material.sky_reflections = false;
+  return material;
+}
+
+// Evenly spread directions; no random numbers, so that looks cannot change a round.
+Vec3 sparkDirection(int i) {
+  const double height = 1.0 - (2.0 * i + 1.0) / kSparks;
+  const double angle = i * std::numbers::pi * (3.0 - std::sqrt(5.0));
+  const double radius = std::sqrt(1.0 - height * height);
+  return {radius * std::cos(angle), radius * std::sin(angle), height};
+}
+
+// Distance flown: 0.9 m/s, quickly damped to a tenth of it.
+double sparkTravel_m(double t_s) {
+  constexpr double kFinalSpeed = 0.09;
+  constexpr double kExtraSpeed = 0.81;
+  constexpr double kDamping_s = 0.02;
+  return kFinalSpeed * t_s + kExtraSpeed * kDamping_s * (1.0 - std::exp(-t_s / kDamping_s));
+}
+
+double sparkSize_m(int i, double t_s) {
+  const double spread = std::fmod(i * std::numbers::phi, 1.0);
+  return (0.0075 + 0.0225 * spread) * (1.0 - t_s / kSparkLife_s);
+}
+
+}  // namespace
+
+void TargetLooks::Awake() {
+  body_ = &gameObject().addComponent<render::MeshRenderer>(bodyMesh(), paint(kFresh));
+  sparks_ = &gameObject().addComponent<render::Billboards>();
+  sparks_->color = kSpark;
+  rings_ = &scene()
+                .create("Rings", &gameObject())
+                .addComponent<render::MeshRenderer>(ringsMesh(), paint(kBlack));
+}
+
+void TargetLooks::showAge(float fraction) {
+  body_->material.albedo = render::lerp(kFresh, kOld, fraction);
+}
+
+void TargetLooks::showMissed() { body_->material.albedo = kBlack; }
+
+void TargetLooks::showBurst(float elapsed_s) {
+  body_->visible = false;
+  rings_->visible = false;
+  sparks_->billboards.clear();
+  if (elapsed_s >= kSparkLife_s) return;
+  constexpr double kStartRadius_m = 0.003;
+  const Vec3 center = transform().transformPoint({0.0, 0.0, kDisc_z});
+  for (int i = 0; i < kSparks; ++i) {
+    const double start = kStartRadius_m * std::fmod(i * std::numbers::sqrt3, 1.0);
+    sparks_->billboards.push_back({center + sparkDirection(i) * (start + sparkTravel_m(elapsed_s)),
+                                   sparkSize_m(i, elapsed_s)});
+  }
+}
+
+}  // namespace sim2vr::games::whacamole

@@ -1,0 +1,215 @@
+#include "frame.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+#include <tuple>
+
+#include "sim2vr/core/errors.hpp"
+
+namespace sim2vr::render {
+namespace {
+
+/// Part of the light that paint mirrors at normal incidence (Unity's dielectric specular colour).
+constexpr float kDielectricSpecular = 0.04F;
+
+Vec4f vec4(const Eigen::Vector3f& v, float w = 0.0F) { return {v.x(), v.y(), v.z(), w}; }
+
+void checkCamera(const Camera& camera) {
+  const auto text = [](double value) { return fmt::format("{}", value); };
+  if (!(camera.vertical_fov_deg > 0.0 && camera.vertical_fov_deg < 180.0)) {
+    throw InvalidArgument("camera.vertical_fov_deg", text(camera.vertical_fov_deg),
+                          "an angle between 0 and 180 degrees");
+  }
+  if (!(camera.near_m > 0.0 && std::isfinite(camera.near_m))) {
+    throw InvalidArgument("camera.near_m", text(camera.near_m), "a finite distance above 0");
+  }
+  if (!(camera.far_m > camera.near_m && std::isfinite(camera.far_m))) {
+    throw InvalidArgument("camera.far_m", text(camera.far_m),
+                          fmt::format("a finite distance above near_m = {}", camera.near_m));
+  }
+  if (!camera.transform().pose().isFinite()) {
+    throw InvalidArgument("camera pose", "a value that is not finite", "a finite pose");
+  }
+}
+
+Shading shadingOf(const Material& material) {
+  if (material.unlit) return Shading::unlit;
+  return material.specular_highlights ? Shading::specular : Shading::diffuse;
+}
+
+/// Unity's metallic workflow: metal trades diffuse light for coloured reflections. The slider value is
+/// gamma-encoded, as Unity's [Gamma] property.
+void setSurface(const Material& material, bool opaque, InstanceData& instance) {
+  const Eigen::Vector3f albedo = linearRgb(material.albedo);
+  const float opacity = opaque ? -1.0F : material.albedo.a;
+  if (material.unlit) {
+    instance.diffuse = vec4(albedo, opacity);
+    instance.specular = {};
+    return;
+  }
+  const float metal = linearFromSrgb(material.metallic);
+  const Eigen::Vector3f dielectric = Eigen::Vector3f::Constant(kDielectricSpecular);
+  instance.diffuse = vec4(albedo * ((1.0F - kDielectricSpecular) * (1.0F - metal)), opacity);
+  instance.specular = vec4(dielectric + (albedo - dielectric) * metal, 1.0F - material.smoothness);
+}
+
+}  // namespace
+
+Frame& FrameCollector::collect(const scene::Scene& scene, const Camera& camera, ImageSize size) {
+  checkCamera(camera);
+  frame_.opaque.clear();
+  frame_.alpha.clear();
+  frame_.has_sky = false;
+  lights_.clear();
+  meshes_.beginFrame();
+  setCamera(camera, size);
+  scene.forEach<Renderable>([this](Renderable& renderable) { visit(renderable); });
+  setLights();
+  sort();
+  return frame_;
+}
+
+void FrameCollector::setCamera(const Camera& camera, ImageSize size) {
+  const Pose pose = camera.transform().pose();
+  eye_position_ = pose.position;
+  eye_from_world_ = pose.rotation.normalized().toRotationMatrix().transpose();
+  const double near = camera.near_m;
+  const double far = camera.far_m;
+  const double tan_y = std::tan(camera.vertical_fov_deg * std::numbers::pi / 360.0);
+  const double tan_x = tan_y * size.width / size.height;
+  frame_.view = {static_cast<float>(near),
+                 static_cast<float>(far),
+                 static_cast<float>(tan_x),
+                 static_cast<float>(tan_y),
+                 static_cast<float>(std::hypot(1.0, tan_x)),
+                 static_cast<float>(std::hypot(1.0, tan_y))};
+  FrameUniforms& u = frame_.uniforms;
+  u.projection = {static_cast<float>(1.0 / tan_x), static_cast<float>(1.0 / tan_y),
+                  static_cast<float>((far + near) / (far - near)),
+                  static_cast<float>(-2.0 * far * near / (far - near))};
+  u.depth_scale = {static_cast<float>(1.0 / far), 0.0F, 0.0F, 0.0F};
+  for (int row = 0; row < 3; ++row) {
+    u.eye_from_world[static_cast<std::size_t>(row)] =
+        vec4(eye_from_world_.row(row).transpose().cast<float>());
+  }
+  u.up = vec4(eye_from_world_.col(1).cast<float>());
+  u.sky_high = u.sky_horizon = u.sky_ground = {};
+  const Eigen::Vector3f background = linearRgb(camera.background);
+  frame_.background = {background.x(), background.y(), background.z()};
+}
+
+void FrameCollector::visit(Renderable& renderable) {
+  switch (renderable.kind()) {
+    case Renderable::Kind::mesh:
+      addMesh(static_cast<const MeshRenderer&>(renderable));
+      break;
+    case Renderable::Kind::billboards:
+      addBillboards(static_cast<const Billboards&>(renderable));
+      break;
+    case Renderable::Kind::light: {
+      const auto& light = static_cast<const DirectionalLight&>(renderable);
+      lights_.push_back(
+          {-light.transform().forward(), linearRgb(light.color) * light.intensity});
+      break;
+    }
+    case Renderable::Kind::skybox: {
+      const auto& sky = static_cast<const Skybox&>(renderable);
+      frame_.has_sky = true;
+      frame_.sky = {sky.atmosphere_thickness, sky.exposure, sky.sky_tint, sky.ground,
+                    Vec3::UnitY()};
+      break;
+    }
+  }
+}
+
+void FrameCollector::addMesh(const MeshRenderer& renderer) {
+  if (!renderer.visible || renderer.mesh == nullptr) return;
+  const scene::Transform& transform = renderer.transform();
+  const Eigen::Vector3f scale = transform.lossyScale().cast<float>();
+  // Shown at size zero is not shown; its normals would be undefined too.
+  if (!(scale.cwiseAbs().minCoeff() > 1e-9F)) return;
+  MeshSlot& slot = meshes_.slot(renderer.mesh);
+  const Eigen::Matrix3f rotation =
+      (eye_from_world_ * transform.rotation().toRotationMatrix()).cast<float>();
+  const Eigen::Matrix3f linear = rotation * scale.asDiagonal();
+  const Eigen::Vector3f origin =
+      (eye_from_world_ * (transform.position() - eye_position_)).cast<float>();
+  const Eigen::Vector3f centre = origin + linear * slot.centre;
+  if (!frame_.view.sees(centre, slot.radius * scale.cwiseAbs().maxCoeff())) return;
+
+  const Material& material = renderer.material;
+  DrawItem item;
+  item.mesh = &slot;
+  item.distance_m = centre.norm();
+  item.state = {shadingOf(material), material.cull_back, scale.prod() < 0.0F};
+  for (int row = 0; row < 3; ++row) {
+    item.instance.eye_from_mesh[static_cast<std::size_t>(row)] =
+        vec4(linear.row(row).transpose(), origin[row]);
+  }
+  item.instance.normal_scale = vec4(scale.cwiseAbs2().cwiseInverse(),
+                                    material.sky_reflections ? 1.0F : 0.0F);
+  setSurface(material, material.blend == Material::Blend::opaque, item.instance);
+  addItem(std::move(item), material.blend);
+}
+
+void FrameCollector::addBillboards(const Billboards& billboards) {
+  if (billboards.billboards.empty()) return;
+  MeshSlot& slot = meshes_.slot(quad());
+  for (const Billboard& billboard : billboards.billboards) {
+    const auto size = static_cast<float>(billboard.size_m);
+    const Eigen::Vector3f centre =
+        (eye_from_world_ * (billboard.position_world - eye_position_)).cast<float>();
+    if (!(size > 1e-9F) || !frame_.view.sees(centre, size * slot.radius)) continue;
+    DrawItem item;
+    item.mesh = &slot;
+    item.distance_m = centre.norm();
+    item.state = {Shading::unlit, true, false};
+    item.instance.eye_from_mesh = {Vec4f{size, 0.0F, 0.0F, centre.x()},
+                                   Vec4f{0.0F, size, 0.0F, centre.y()},
+                                   Vec4f{0.0F, 0.0F, size, centre.z()}};
+    item.instance.normal_scale = {};
+    item.instance.diffuse = vec4(linearRgb(billboards.color), billboards.color.a);
+    item.instance.specular = {};
+    addItem(std::move(item), Material::Blend::alpha);
+  }
+}
+
+void FrameCollector::addItem(DrawItem&& item, Material::Blend blend) {
+  meshes_.rank(*item.mesh);
+  (blend == Material::Blend::opaque ? frame_.opaque : frame_.alpha).push_back(item);
+}
+
+void FrameCollector::setLights() {
+  const auto brightness = [](const Light& light) { return light.radiance.sum(); };
+  std::stable_sort(lights_.begin(), lights_.end(), [&](const Light& a, const Light& b) {
+    return brightness(a) > brightness(b);
+  });
+  FrameUniforms& u = frame_.uniforms;
+  u.main_direction = vec4((eye_from_world_ * Vec3::UnitY()).cast<float>());
+  u.main_color = {};
+  u.side_direction = {};
+  u.side_color = {};
+  for (std::size_t i = 0; i < std::min<std::size_t>(lights_.size(), 4); ++i) {
+    const Vec4f direction = vec4((eye_from_world_ * lights_[i].towards_world).cast<float>());
+    const Vec4f color = vec4(lights_[i].radiance);
+    (i == 0 ? u.main_direction : u.side_direction[i - 1]) = direction;
+    (i == 0 ? u.main_color : u.side_color[i - 1]) = color;
+  }
+  if (!lights_.empty()) frame_.sky.sun = lights_.front().towards_world;
+}
+
+void FrameCollector::sort() {
+  // Ranks follow the scene's order, not addresses or upload history, so that equal scenes give equal
+  // pictures even where surfaces coincide.
+  const auto batch = [](const DrawItem& item) { return std::tuple(item.state, item.mesh->rank); };
+  std::stable_sort(frame_.opaque.begin(), frame_.opaque.end(),
+                   [&](const DrawItem& a, const DrawItem& b) { return batch(a) < batch(b); });
+  std::stable_sort(
+      frame_.alpha.begin(), frame_.alpha.end(),
+      [](const DrawItem& a, const DrawItem& b) { return a.distance_m > b.distance_m; });
+}
+
+}  // namespace sim2vr::render

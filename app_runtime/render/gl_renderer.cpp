@@ -1,0 +1,281 @@
+#include "gl_renderer.hpp"
+
+#include <fmt/format.h>
+
+#include <algorithm>
+#include <cstddef>
+
+#include "shaders.hpp"
+#include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/log.hpp"
+
+namespace sim2vr::render {
+namespace {
+
+/// Pictures of different sizes that stay allocated.
+constexpr std::size_t kMaxTargets = 4;
+
+const void* offset(std::size_t bytes) { return reinterpret_cast<const void*>(bytes); }
+
+}  // namespace
+
+GlRenderer::GlRenderer(RendererKind kind, std::unique_ptr<GlContext> context)
+    : kind_(kind), context_(std::move(context)) {
+  const auto turn = context_->makeCurrent();
+  gl_.emplace([this](const char* name) { return context_->lookup(name); });
+  const auto text = [this](GLenum name) {
+    const auto* bytes = gl_->GetString(name);
+    return std::string(bytes == nullptr ? "?" : reinterpret_cast<const char*>(bytes));
+  };
+  description_ = fmt::format("{}: {}, OpenGL {}", context_->platform(), text(GL_RENDERER),
+                             text(GL_VERSION));
+  setUp();
+  checkErrors();
+  logger().info("renderer: {}", description_);
+}
+
+GlRenderer::~GlRenderer() {
+  try {
+    const auto turn = context_->makeCurrent();
+    for (const Target& each : targets_) dropTarget(each);
+    gl_->DeleteBuffers(static_cast<GLsizei>(buffers_.size()), buffers_.data());
+    gl_->DeleteVertexArrays(1, &surface_array_);
+    gl_->DeleteVertexArrays(1, &sky_array_);
+    gl_->DeleteProgram(sky_program_);
+    for (const GLuint program : surface_programs_) gl_->DeleteProgram(program);
+  } catch (const RenderError& error) {
+    logger().warn("renderer: not cleaned up: {}", error.what());
+  }
+}
+
+GLuint GlRenderer::makeBuffer() {
+  GLuint buffer = 0;
+  gl_->GenBuffers(1, &buffer);
+  buffers_.push_back(buffer);
+  return buffer;
+}
+
+void GlRenderer::setUp() {
+  surface_programs_ = {buildProgram(*gl_, "surface", "SHADING_UNLIT"),
+                       buildProgram(*gl_, "surface", "SHADING_DIFFUSE"),
+                       buildProgram(*gl_, "surface", "SHADING_SPECULAR")};
+  sky_program_ = buildProgram(*gl_, "sky", "");
+  setUpSurfaceArrays();
+  setUpSkyArrays();
+  uniform_buffer_ = makeBuffer();
+  gl_->BindBuffer(GL_UNIFORM_BUFFER, uniform_buffer_);
+  gl_->BufferData(GL_UNIFORM_BUFFER, sizeof(FrameUniforms), nullptr, GL_DYNAMIC_DRAW);
+  gl_->BindBufferBase(GL_UNIFORM_BUFFER, 0, uniform_buffer_);
+  // The context is this renderer's own: what is set here stays.
+  gl_->Enable(GL_FRAMEBUFFER_SRGB);
+  gl_->Enable(GL_DEPTH_TEST);
+  // Colours blend, the depth channel keeps what opaque items wrote.
+  gl_->BlendFuncSeparate(GL_SRC_ALPHA, GL_ONE_MINUS_SRC_ALPHA, GL_ZERO, GL_ONE);
+}
+
+void GlRenderer::setUpSurfaceArrays() {
+  vertex_buffer_ = makeBuffer();
+  index_buffer_ = makeBuffer();
+  instance_buffer_ = makeBuffer();
+  gl_->GenVertexArrays(1, &surface_array_);
+  gl_->BindVertexArray(surface_array_);
+  gl_->BindBuffer(GL_ELEMENT_ARRAY_BUFFER, index_buffer_);
+  gl_->BindBuffer(GL_ARRAY_BUFFER, vertex_buffer_);
+  constexpr auto kVertexSize = static_cast<GLsizei>(sizeof(MeshCache::GpuVertex));
+  for (GLuint i = 0; i < 2; ++i) {
+    gl_->EnableVertexAttribArray(i);
+    gl_->VertexAttribPointer(i, 3, GL_FLOAT, GL_FALSE, kVertexSize, offset(i * 3 * sizeof(float)));
+  }
+  gl_->BindBuffer(GL_ARRAY_BUFFER, instance_buffer_);
+  constexpr GLuint kFirst = 2;
+  constexpr GLuint kCount = sizeof(InstanceData) / sizeof(Vec4f);
+  for (GLuint i = 0; i < kCount; ++i) {
+    gl_->EnableVertexAttribArray(kFirst + i);
+    gl_->VertexAttribPointer(kFirst + i, 4, GL_FLOAT, GL_FALSE,
+                             static_cast<GLsizei>(sizeof(InstanceData)), offset(i * sizeof(Vec4f)));
+    gl_->VertexAttribDivisor(kFirst + i, 1);
+  }
+}
+
+void GlRenderer::setUpSkyArrays() {
+  sky_vertex_buffer_ = makeBuffer();
+  sky_index_buffer_ = makeBuffer();
+  gl_->GenVertexArrays(1, &sky_array_);
+  gl_->BindVertexArray(sky_array_);
+  gl_->BindBuffer(GL_ELEMENT_ARRAY_BUFFER, sky_index_buffer_);
+  gl_->BindBuffer(GL_ARRAY_BUFFER, sky_vertex_buffer_);
+  for (GLuint i = 0; i < 2; ++i) {
+    gl_->EnableVertexAttribArray(i);
+    gl_->VertexAttribPointer(i, 3, GL_FLOAT, GL_FALSE, static_cast<GLsizei>(sizeof(DomeVertex)),
+                             offset(i * sizeof(Eigen::Vector3f)));
+  }
+}
+
+GlRenderer::Target& GlRenderer::target(ImageSize size) {
+  auto found = std::find_if(targets_.begin(), targets_.end(),
+                            [&](const Target& each) { return each.size == size; });
+  if (found == targets_.end()) {
+    if (targets_.size() >= kMaxTargets) {
+      const auto oldest = std::min_element(
+          targets_.begin(), targets_.end(),
+          [](const Target& a, const Target& b) { return a.last_used < b.last_used; });
+      dropTarget(*oldest);
+      targets_.erase(oldest);
+    }
+    targets_.push_back(makeTarget(size));
+    found = targets_.end() - 1;
+  }
+  found->last_used = frame_number_;
+  return *found;
+}
+
+GlRenderer::Target GlRenderer::makeTarget(ImageSize size) {
+  Target made;
+  made.size = size;
+  gl_->GenFramebuffers(1, &made.framebuffer);
+  gl_->GenRenderbuffers(1, &made.color);
+  gl_->GenRenderbuffers(1, &made.depth);
+  gl_->BindFramebuffer(GL_FRAMEBUFFER, made.framebuffer);
+  gl_->BindRenderbuffer(GL_RENDERBUFFER, made.color);
+  gl_->RenderbufferStorage(GL_RENDERBUFFER, GL_SRGB8_ALPHA8, size.width, size.height);
+  gl_->FramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, made.color);
+  gl_->BindRenderbuffer(GL_RENDERBUFFER, made.depth);
+  gl_->RenderbufferStorage(GL_RENDERBUFFER, GL_DEPTH_COMPONENT32F, size.width, size.height);
+  gl_->FramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, GL_RENDERBUFFER, made.depth);
+  const GLenum status = gl_->CheckFramebufferStatus(GL_FRAMEBUFFER);
+  if (status != GL_FRAMEBUFFER_COMPLETE) {
+    dropTarget(made);
+    throw RenderError(fmt::format("{}: a framebuffer of {} x {} pixels is incomplete ({:#x})",
+                                  description_, size.width, size.height, status));
+  }
+  return made;
+}
+
+void GlRenderer::dropTarget(const Target& target) {
+  gl_->DeleteFramebuffers(1, &target.framebuffer);
+  gl_->DeleteRenderbuffers(1, &target.color);
+  gl_->DeleteRenderbuffers(1, &target.depth);
+}
+
+void GlRenderer::render(const scene::Scene& scene, const Camera& camera, ImageSize size,
+                        std::span<std::uint8_t> rgba) {
+  checkRenderArguments(size, rgba);
+  const std::lock_guard lock(mutex_);
+  Frame& frame = collector_.collect(scene, camera, size);
+  const auto turn = context_->makeCurrent();
+  ++frame_number_;
+  gl_->BindFramebuffer(GL_FRAMEBUFFER, target(size).framebuffer);
+  gl_->Viewport(0, 0, size.width, size.height);
+  updateSky(frame);
+  upload(frame);
+  draw(frame);
+  gl_->ReadPixels(0, 0, size.width, size.height, GL_RGBA, GL_UNSIGNED_BYTE, rgba.data());
+  checkErrors();
+}
+
+void GlRenderer::updateSky(Frame& frame) {
+  if (!frame.has_sky) return;
+  if (sky_settings_ != frame.sky) {
+    sky_ = makeSkyDome(frame.sky);
+    sky_settings_ = frame.sky;
+    gl_->BindVertexArray(sky_array_);
+    gl_->BindBuffer(GL_ARRAY_BUFFER, sky_vertex_buffer_);
+    gl_->BufferData(GL_ARRAY_BUFFER,
+                    static_cast<GLsizeiptr>(sky_.vertices.size() * sizeof(DomeVertex)),
+                    sky_.vertices.data(), GL_STATIC_DRAW);
+    gl_->BufferData(GL_ELEMENT_ARRAY_BUFFER,
+                    static_cast<GLsizeiptr>(sky_.indices.size() * sizeof(std::uint16_t)),
+                    sky_.indices.data(), GL_STATIC_DRAW);
+  }
+  const auto set = [](Vec4f& uniform, const Eigen::Vector3f& light) {
+    uniform = {light.x(), light.y(), light.z(), 0.0F};
+  };
+  set(frame.uniforms.sky_high, sky_.high);
+  set(frame.uniforms.sky_horizon, sky_.horizon);
+  set(frame.uniforms.sky_ground, sky_.ground);
+}
+
+void GlRenderer::upload(const Frame& frame) {
+  gl_->BindVertexArray(surface_array_);
+  if (meshes_.takeChanged()) {
+    const auto& vertices = meshes_.vertices();
+    const auto& indices = meshes_.indices();
+    gl_->BindBuffer(GL_ARRAY_BUFFER, vertex_buffer_);
+    gl_->BufferData(GL_ARRAY_BUFFER,
+                    static_cast<GLsizeiptr>(vertices.size() * sizeof(MeshCache::GpuVertex)),
+                    vertices.data(), GL_STATIC_DRAW);
+    gl_->BufferData(GL_ELEMENT_ARRAY_BUFFER,
+                    static_cast<GLsizeiptr>(indices.size() * sizeof(std::uint32_t)),
+                    indices.data(), GL_STATIC_DRAW);
+  }
+  instances_.clear();
+  for (const DrawItem& item : frame.opaque) instances_.push_back(item.instance);
+  for (const DrawItem& item : frame.alpha) instances_.push_back(item.instance);
+  gl_->BindBuffer(GL_ARRAY_BUFFER, instance_buffer_);
+  gl_->BufferData(GL_ARRAY_BUFFER,
+                  static_cast<GLsizeiptr>(instances_.size() * sizeof(InstanceData)),
+                  instances_.data(), GL_STREAM_DRAW);
+  gl_->BindBuffer(GL_UNIFORM_BUFFER, uniform_buffer_);
+  gl_->BufferSubData(GL_UNIFORM_BUFFER, 0, sizeof(FrameUniforms), &frame.uniforms);
+}
+
+void GlRenderer::draw(const Frame& frame) {
+  applied_.reset();
+  gl_->Disable(GL_BLEND);
+  gl_->DepthMask(GL_TRUE);
+  gl_->DepthFunc(GL_LESS);
+  gl_->ClearColor(frame.background[0], frame.background[1], frame.background[2], 1.0F);
+  gl_->Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+  drawItems(frame.opaque, 0);
+  gl_->DepthMask(GL_FALSE);
+  gl_->DepthFunc(GL_LEQUAL);
+  if (frame.has_sky) drawSky();
+  if (frame.alpha.empty()) return;
+  gl_->Enable(GL_BLEND);
+  gl_->BindVertexArray(surface_array_);
+  drawItems(frame.alpha, frame.opaque.size());
+}
+
+void GlRenderer::drawSky() {
+  applied_.reset();
+  gl_->Disable(GL_CULL_FACE);
+  gl_->UseProgram(sky_program_);
+  gl_->BindVertexArray(sky_array_);
+  gl_->DrawElements(GL_TRIANGLES, static_cast<GLsizei>(sky_.indices.size()), GL_UNSIGNED_SHORT,
+                    nullptr);
+}
+
+void GlRenderer::drawItems(const std::vector<DrawItem>& items, std::size_t first_instance) {
+  std::size_t begin = 0;
+  while (begin < items.size()) {
+    const DrawItem& item = items[begin];
+    std::size_t end = begin + 1;
+    while (end < items.size() && items[end].mesh == item.mesh && items[end].state == item.state) {
+      ++end;
+    }
+    applyState(item.state);
+    gl_->DrawElementsInstancedBaseVertexBaseInstance(
+        GL_TRIANGLES, static_cast<GLsizei>(item.mesh->index_count), GL_UNSIGNED_INT,
+        offset(item.mesh->first_index * sizeof(std::uint32_t)), static_cast<GLsizei>(end - begin),
+        item.mesh->base_vertex, static_cast<GLuint>(first_instance + begin));
+    begin = end;
+  }
+}
+
+void GlRenderer::applyState(const DrawState& state) {
+  if (applied_ == state) return;
+  gl_->UseProgram(surface_programs_[static_cast<std::size_t>(state.shading)]);
+  (state.cull_back ? gl_->Enable : gl_->Disable)(GL_CULL_FACE);
+  // Unity's fronts are clockwise; the upside-down picture turns them counter-clockwise.
+  gl_->FrontFace(state.mirrored ? GL_CW : GL_CCW);
+  applied_ = state;
+}
+
+void GlRenderer::checkErrors() {
+  const GLenum error = gl_->GetError();
+  if (error != GL_NO_ERROR) {
+    throw RenderError(fmt::format("{}: OpenGL error {:#x}", description_, error));
+  }
+}
+
+}  // namespace sim2vr::render

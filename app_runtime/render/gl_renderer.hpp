@@ -1,0 +1,78 @@
+// The renderer on OpenGL.
+#pragma once
+
+#include <array>
+#include <memory>
+#include <mutex>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "frame.hpp"
+#include "gl_api.hpp"
+#include "gl_context.hpp"
+#include "mesh_cache.hpp"
+#include "sim2vr/render/renderer.hpp"
+#include "sky.hpp"
+
+namespace sim2vr::render {
+
+class GlRenderer final : public Renderer {
+ public:
+  GlRenderer(RendererKind kind, std::unique_ptr<GlContext> context);
+  ~GlRenderer() override;
+
+  RendererKind kind() const override { return kind_; }
+  const std::string& description() const override { return description_; }
+  void render(const scene::Scene& scene, const Camera& camera, ImageSize size,
+              std::span<std::uint8_t> rgba) override;
+
+ private:
+  /// A picture to draw into.
+  struct Target {
+    ImageSize size;
+    GLuint framebuffer = 0;
+    GLuint color = 0;
+    GLuint depth = 0;
+    std::uint64_t last_used = 0;
+  };
+
+  void setUp();
+  void setUpSurfaceArrays();
+  void setUpSkyArrays();
+  GLuint makeBuffer();
+  Target& target(ImageSize size);
+  Target makeTarget(ImageSize size);
+  void dropTarget(const Target& target);
+  void updateSky(Frame& frame);
+  void upload(const Frame& frame);
+  void draw(const Frame& frame);
+  void drawSky();
+  void drawItems(const std::vector<DrawItem>& items, std::size_t first_instance);
+  void applyState(const DrawState& state);
+  void checkErrors();
+
+  RendererKind kind_;
+  std::unique_ptr<GlContext> context_;
+  std::optional<GlApi> gl_;
+  std::string description_;
+  std::mutex mutex_;
+
+  MeshCache meshes_;
+  FrameCollector collector_{meshes_};
+  std::vector<InstanceData> instances_;
+  std::vector<Target> targets_;
+  std::uint64_t frame_number_ = 0;
+  std::optional<SkySettings> sky_settings_;
+  SkyDome sky_;
+  std::optional<DrawState> applied_;
+
+  std::array<GLuint, kShadingCount> surface_programs_{};
+  GLuint sky_program_ = 0;
+  std::vector<GLuint> buffers_;
+  GLuint vertex_buffer_ = 0, index_buffer_ = 0, instance_buffer_ = 0, uniform_buffer_ = 0;
+  GLuint sky_vertex_buffer_ = 0, sky_index_buffer_ = 0;
+  GLuint surface_array_ = 0, sky_array_ = 0;
+};
+
+}  // namespace sim2vr::render

@@ -1,0 +1,113 @@
+// What a game gives the runtime: a Game that survives rounds and fills an empty scene for each of
+// them, and the round's RLEnv, which turns play into reward, end and time feature (SIM2VR's RLEnv).
+#pragma once
+
+#include <cstdint>
+#include <map>
+#include <memory>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "sim2vr/core/archive.hpp"
+#include "sim2vr/core/math.hpp"
+#include "sim2vr/core/options.hpp"
+#include "sim2vr/scene/component.hpp"
+#include "sim2vr/scene/scene.hpp"
+
+namespace sim2vr::xr {
+class Session;
+}
+namespace sim2vr::physics {
+class PhysicsWorld;
+}
+
+namespace sim2vr::rl {
+
+class EpisodeLogger;
+
+/// Base of a game's learning interface; one per round, on an object of the scene. It runs after the
+/// game's own components, so that it sees the frame's final state.
+class RLEnv : public scene::Component {
+ public:
+  static constexpr int kExecutionOrder = 5;
+  int executionOrder() const override { return kExecutionOrder; }
+
+  /// Finds what the environment looks at. Called once, at Start.
+  virtual void InitialiseGame() = 0;
+  /// Sets up what the reward compares with. Called once, after InitialiseGame.
+  virtual void InitialiseReward() = 0;
+  /// Begins the episode. Called once, after InitialiseReward and before the first frame's Update; a
+  /// new episode gets a new scene.
+  virtual void Reset() {}
+  /// Sets reward_ to this frame's reward.
+  virtual void CalculateReward() = 0;
+  /// Sets finished_.
+  virtual void UpdateIsFinished() = 0;
+  /// Position in the round as the policy sees it, from -1 (start) to 1 (end).
+  virtual float GetTimeFeature() const = 0;
+  /// World rotation that the head camera shall have instead of the tracked one.
+  virtual std::optional<Quat> headRotationOverride() const { return std::nullopt; }
+
+  float reward() const { return reward_; }
+  bool finished() const { return finished_; }
+  /// Named numbers of the episode so far, for training logs and evaluation.
+  const std::map<std::string, double>& log() const { return log_; }
+  std::map<std::string, double>& log() { return log_; }
+
+  void Start() final;
+  void Update() final;
+  /// Overriding classes call this one first.
+  void fields(Archive& archive) override;
+
+ protected:
+  float reward_ = 0.0F;
+  bool finished_ = false;
+  std::map<std::string, double> log_;
+};
+
+/// What Game::build may use. The references outlive the scene's content.
+struct GameContext {
+  scene::Scene& scene;
+  xr::Session& xr;
+  physics::PhysicsWorld& physics;
+  /// Fixes the round together with the options and the input.
+  std::uint32_t seed = 0;
+  /// Null when no logs are written.
+  EpisodeLogger* logger = nullptr;
+};
+
+/// One game of one app; lives as long as the app.
+class Game {
+ public:
+  Game() = default;
+  virtual ~Game() = default;
+  Game(const Game&) = delete;
+  Game& operator=(const Game&) = delete;
+
+  virtual std::string_view name() const = 0;
+  virtual std::string_view description() const = 0;
+
+  /// Reads the options of the rounds that follow; every option has a default. Throws
+  /// InvalidArgument and leaves the settings as they were. The caller then checks
+  /// options.expectAllRead().
+  virtual void configure(Options& options) = 0;
+
+  /// Populates the EMPTY scene for a new round and returns its environment. The scene holds the
+  /// head camera (kHeadCameraPath in xr_rig.hpp) and may hold kThirdPersonCameraPath and
+  /// kSpectatorCameraPath.
+  virtual RLEnv& build(GameContext& context) = 0;
+
+  /// What survives rounds (adaptive curricula). Settings from configure() are not part of it.
+  virtual void fields(Archive&) {}
+};
+
+/// A line of the registry in games/.
+struct GameEntry {
+  std::string name;
+  std::string description;
+  std::unique_ptr<Game> (*create)();
+};
+
+}  // namespace sim2vr::rl

@@ -1,0 +1,81 @@
+#include "sim2vr/rl/xr_rig.hpp"
+
+#include <string>
+
+#include "sim2vr/core/errors.hpp"
+#include "sim2vr/render/components.hpp"
+#include "sim2vr/scene/scene.hpp"
+#include "sim2vr/xr/frames.hpp"
+
+namespace sim2vr::rl {
+namespace {
+
+constexpr XrSpaceLocationFlags kPoseValid =
+    XR_SPACE_LOCATION_POSITION_VALID_BIT | XR_SPACE_LOCATION_ORIENTATION_VALID_BIT;
+
+const xr::Action& gripAction(xr::Session& session) {
+  if (session.attached()) {
+    const xr::ActionSet* set = session.findActionSet(kRigActionSet);
+    const xr::Action* grip = set == nullptr ? nullptr : set->findAction(kGripAction);
+    if (grip == nullptr) {
+      throw StateError(
+          "buildXrRig: the session's action sets are attached without the rig's; build the rig "
+          "before attachActionSets or make a new session");
+    }
+    return *grip;
+  }
+  xr::ActionSet& set = session.createActionSet(std::string(kRigActionSet));
+  xr::Action& grip = set.createAction(std::string(kGripAction), XR_ACTION_TYPE_POSE_INPUT,
+                                      {xr::Hand::left, xr::Hand::right});
+  session.suggestBinding(grip, "/user/hand/left/input/grip/pose");
+  session.suggestBinding(grip, "/user/hand/right/input/grip/pose");
+  session.attachActionSets();
+  return grip;
+}
+
+scene::GameObject& addTracked(XrRig& rig, const std::string& name, xr::Session& session,
+                              const xr::Space& space) {
+  scene::GameObject& object = rig.root->scene().create(name, rig.root);
+  rig.root->addComponent<TrackedPoseDriver>(session, space, object);
+  return object;
+}
+
+}  // namespace
+
+void TrackedPoseDriver::Update() {
+  const xr::Space stage = session_.referenceSpace(XR_REFERENCE_SPACE_TYPE_STAGE);
+  const XrSpaceLocation location = session_.locateSpace(space_, stage, session_.frameTime());
+  const bool tracked = (location.locationFlags & kPoseValid) == kPoseValid;
+  moved_.setActive(tracked);
+  if (!tracked) return;
+  Pose pose = xr::fromXr(location.pose);
+  if (rotation_source_ != nullptr) {
+    pose.rotation = rotation_source_->headRotationOverride().value_or(pose.rotation);
+  }
+  moved_.transform().setPose(pose);
+}
+
+XrRig buildXrRig(GameContext& context, const XrRigSettings& settings) {
+  xr::Session& session = context.xr;
+  const xr::Action& grip = gripAction(session);
+  XrRig rig;
+  rig.root = &context.scene.create("XR Rig");
+  rig.camera = &addTracked(rig, "Main Camera", session,
+                           session.referenceSpace(XR_REFERENCE_SPACE_TYPE_VIEW));
+  rig.left_controller =
+      &addTracked(rig, "LeftHand Controller", session, session.actionSpace(grip, xr::Hand::left));
+  rig.right_controller =
+      &addTracked(rig, "RightHand Controller", session, session.actionSpace(grip, xr::Hand::right));
+  auto& camera = rig.camera->addComponent<render::Camera>();
+  camera.vertical_fov_deg = settings.vertical_fov_deg;
+  camera.near_m = settings.near_m;
+  camera.far_m = settings.far_m;
+  return rig;
+}
+
+void setHeadRotationSource(const XrRig& rig, const RLEnv& env) {
+  // The head's driver is the first one on the root.
+  rig.root->getComponent<TrackedPoseDriver>()->setRotationSource(env);
+}
+
+}  // namespace sim2vr::rl

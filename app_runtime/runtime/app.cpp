@@ -1,0 +1,226 @@
+#include "sim2vr/runtime/app.hpp"
+
+#include <algorithm>
+#include <array>
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "sim2vr/core/archive.hpp"
+#include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/options.hpp"
+#include "sim2vr/games/registry.hpp"
+#include "sim2vr/physics/world.hpp"
+#include "sim2vr/rl/episode_logger.hpp"
+#include "sim2vr/rl/xr_rig.hpp"
+#include "sim2vr/scene/scene.hpp"
+#include "sim2vr/xr/session.hpp"
+#include "sim2vr/xr/simulated_device.hpp"
+
+namespace sim2vr::runtime {
+namespace {
+
+constexpr std::string_view kStateFormat = "sim2vr app state 1";
+constexpr double kNsPerSecond = 1e9;
+
+xr::SessionSettings sessionSettings(render::ImageSize size) {
+  xr::SessionSettings settings;
+  settings.aspect = static_cast<float>(size.width) / static_cast<float>(size.height);
+  return settings;
+}
+
+std::string mergedOptions(const std::string& current, std::string_view changes) {
+  nlohmann::json merged = nlohmann::json::parse(current);
+  const nlohmann::json added = nlohmann::json::parse(changes, nullptr, false);
+  if (!added.is_object()) {
+    throw InvalidArgument("options", "'" + std::string(changes.substr(0, 80)) + "'",
+                          "a JSON object");
+  }
+  merged.update(added);
+  return merged.dump();
+}
+
+void configureGame(rl::Game& game, const std::string& options_json) {
+  Options options = Options::fromJson(options_json);
+  game.configure(options);
+  options.expectAllRead();
+}
+
+}  // namespace
+
+View viewFromName(std::string_view name) {
+  static const std::array<std::string, 3> kNames{"headset", "recorder", "spectator"};
+  const auto found = std::find(kNames.begin(), kNames.end(), name);
+  if (found == kNames.end()) {
+    throw InvalidArgument("view", "'" + std::string(name) + "'",
+                          "one of " + listChoices(kNames) + didYouMean(name, kNames));
+  }
+  return static_cast<View>(found - kNames.begin());
+}
+
+/// What lives as long as a round. Members are destroyed in reverse order: the scene's components hold
+/// references to the world and the session.
+struct App::Round {
+  Round(const TimeSettings& time, render::ImageSize size)
+      : session(device, sessionSettings(size)), scene(time), physics(scene) {}
+
+  xr::SimulatedDevice device;
+  xr::Session session;
+  scene::Scene scene;
+  physics::PhysicsWorld physics;
+  rl::RLEnv* env = nullptr;
+};
+
+App::App(AppSettings settings, std::shared_ptr<render::Renderer> renderer)
+    : settings_(std::move(settings)),
+      renderer_(std::move(renderer)),
+      game_(games::createGame(settings_.game)) {
+  render::checkImageSize(settings_.headset_size);
+  settings_.time.validate();
+  settings_.options_json = mergedOptions("{}", settings_.options_json);
+  configureGame(*game_, settings_.options_json);
+  if (!settings_.log_dir.empty()) {
+    logger_ = std::make_unique<rl::EpisodeLogger>(settings_.log_dir);
+  }
+  image_.resize(settings_.headset_size.pixels() * 4);
+}
+
+App::~App() = default;
+
+App::Round& App::round(std::string_view call) {
+  if (round_ == nullptr) {
+    throw StateError(std::string(call) + ": no round was started; call reset first");
+  }
+  return *round_;
+}
+
+void App::beginRound(std::uint32_t seed, rl::EpisodeLogger* logger) {
+  seed_ = seed;
+  round_.reset();
+  auto fresh = std::make_unique<Round>(settings_.time, settings_.headset_size);
+  rl::GameContext context{.scene = fresh->scene,
+                          .xr = fresh->session,
+                          .physics = fresh->physics,
+                          .seed = seed,
+                          .logger = logger};
+  fresh->env = &game_->build(context);
+  if (!fresh->session.attached()) fresh->session.attachActionSets();
+  round_ = std::move(fresh);
+}
+
+StepResult App::reset(std::uint32_t seed, std::string_view options_json,
+                      const xr::DeviceState& devices) {
+  const xr::DeviceState checked = xr::validated(devices);
+  const std::string merged = mergedOptions(settings_.options_json, options_json);
+  if (merged != settings_.options_json) {
+    try {
+      configureGame(*game_, merged);
+    } catch (...) {
+      configureGame(*game_, settings_.options_json);
+      throw;
+    }
+    settings_.options_json = merged;
+  }
+  beginRound(seed, logger_.get());
+  round_->session.begin();
+  return runFrame(0, checked);
+}
+
+StepResult App::step(const StepInput& input) {
+  Round& current = round("step");
+  if (current.env->finished()) {
+    throw StateError("step: the round is over; call reset to start the next one");
+  }
+  const xr::DeviceState checked = xr::validated(input.devices);
+  if (input.time_ns < current.session.frameTime()) {
+    throw InvalidArgument("time_ns", std::to_string(input.time_ns),
+                          "a time not before the previous frame's " +
+                              std::to_string(current.session.frameTime()) +
+                              " (clocks must not go backwards)");
+  }
+  return runFrame(input.time_ns, checked);
+}
+
+StepResult App::runFrame(std::int64_t time_ns, const xr::DeviceState& devices) {
+  Round& current = *round_;
+  const auto period = static_cast<XrDuration>(kNsPerSecond / settings_.time.target_frame_rate);
+  current.device.set(devices);
+  current.session.waitFrame(time_ns, period);
+  current.session.beginFrame();
+  current.session.syncActions();
+  current.scene.runFrame(time_ns, [&current] { current.physics.step(); });
+  renderView(View::headset, settings_.headset_size, image_);
+  current.session.endFrame();
+  if (logger_ != nullptr && current.env->finished()) logger_->endRound();
+  return {.reward = current.env->reward(),
+          .finished = current.env->finished(),
+          .time_feature = current.env->GetTimeFeature(),
+          .log = current.env->log()};
+}
+
+void App::renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba) {
+  static constexpr std::array<std::string_view, 3> kPaths{
+      rl::kHeadCameraPath, rl::kThirdPersonCameraPath, rl::kSpectatorCameraPath};
+  Round& current = round("renderView");
+  const std::string_view path = kPaths.at(static_cast<std::size_t>(view));
+  const scene::GameObject* object = current.scene.find(path);
+  const auto* camera = object == nullptr ? nullptr : object->getComponent<render::Camera>();
+  if (camera == nullptr) {
+    throw InvalidArgument("view", "one without a camera",
+                          "a camera at '" + std::string(path) + "' in the game's scene");
+  }
+  renderer_->render(current.scene, *camera, size, rgba);
+}
+
+void App::fields(Archive& archive) {
+  std::string format(kStateFormat);
+  std::string game = settings_.game;
+  archive.field("format", format);
+  archive.field("game", game);
+  if (format != kStateFormat || game != settings_.game) {
+    throw EngineError("saved state: it is of the game '" + game + "' (" + format +
+                      "), this app plays '" + settings_.game + "' (" + std::string(kStateFormat) +
+                      ")");
+  }
+  archive.field("options", settings_.options_json);
+  archive.field("seed", seed_);
+  if (archive.loading()) {
+    configureGame(*game_, settings_.options_json);
+    // A loaded round writes no log: its first part went to another app's files.
+    beginRound(seed_, nullptr);
+  }
+  archive.field("carried", *game_);
+  archive.field("scene", round_->scene);
+  archive.field("physics", round_->physics);
+  archive.field("session", round_->session);
+}
+
+std::string App::save() {
+  round("save");
+  Archive archive = Archive::saver();
+  fields(archive);
+  return archive.bytes();
+}
+
+void App::load(const std::string& state) {
+  const std::string options = settings_.options_json;
+  try {
+    Archive archive = Archive::loader(state);
+    fields(archive);
+    archive.expectEnd();
+  } catch (...) {
+    round_.reset();
+    settings_.options_json = options;
+    configureGame(*game_, options);
+    throw;
+  }
+  renderView(View::headset, settings_.headset_size, image_);
+}
+
+std::uint64_t App::stateHash() {
+  round("stateHash");
+  Archive archive = Archive::saver();
+  fields(archive);
+  return archive.hash();
+}
+
+}  // namespace sim2vr::runtime

@@ -1,0 +1,112 @@
+// One VR application in lockstep: it moves only when it is told to, by one frame at a time.
+#pragma once
+
+#include <cstdint>
+#include <filesystem>
+#include <map>
+#include <memory>
+#include <span>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "sim2vr/core/clock.hpp"
+#include "sim2vr/render/renderer.hpp"
+#include "sim2vr/rl/game.hpp"
+#include "sim2vr/xr/device.hpp"
+
+namespace sim2vr::runtime {
+
+struct AppSettings {
+  /// Name in games::registry().
+  std::string game = "whacamole";
+  /// The game's options, a JSON object; unknown ones are refused.
+  std::string options_json = "{}";
+  render::ImageSize headset_size{120, 80};
+  TimeSettings time;
+  /// Root of the episode logs; empty: none are written.
+  std::filesystem::path log_dir;
+};
+
+/// Input of one frame.
+struct StepInput {
+  /// Frame time on the caller's clock since the reset, ns. Must not go backwards.
+  std::int64_t time_ns = 0;
+  /// Poses in STAGE space, OpenXR's frame (xr/frames.hpp converts from the app's).
+  xr::DeviceState devices;
+};
+
+struct StepResult {
+  float reward = 0.0F;
+  bool finished = false;
+  float time_feature = 0.0F;
+  std::map<std::string, double> log;
+};
+
+/// Which camera renderView uses.
+enum class View : std::uint8_t { headset, recorder, spectator };
+/// "headset", "recorder" or "spectator"; throws InvalidArgument("view") for another word.
+View viewFromName(std::string_view name);
+
+/// Life of a frame at t_n: every fixed step up to t_n (FixedUpdate, overlaps and trigger callbacks, with
+/// the poses of the previous frame), then the poses of this frame, the game's Update, the reward,
+/// LateUpdate, and the headset image.
+///
+/// Not thread-safe; different apps may run on different threads, also when they share a renderer.
+class App {
+ public:
+  /// Throws InvalidArgument for an unknown game or option and an unusable image size.
+  App(AppSettings settings, std::shared_ptr<render::Renderer> renderer);
+  ~App();
+  App(const App&) = delete;
+  App& operator=(const App&) = delete;
+
+  const AppSettings& settings() const { return settings_; }
+  const render::Renderer& renderer() const { return *renderer_; }
+
+  /// Starts a round in a fresh scene, with the game clock at 0, and runs its first frame. `options_json`
+  /// is merged into the game's options for this and later rounds; when it is refused, the running round
+  /// goes on as if nothing had been asked. `devices`: as in StepInput.
+  StepResult reset(std::uint32_t seed, std::string_view options_json,
+                   const xr::DeviceState& devices);
+
+  /// Runs one frame and renders it. Throws StateError before the first reset and after the end of the
+  /// round; InvalidArgument for poses that are not finite or not normalised and for a time before the
+  /// previous frame's, and then nothing has moved.
+  StepResult step(const StepInput& input);
+
+  /// The headset image of the last frame: height x width x 4 bytes (renderer.hpp). The address stays
+  /// the same for the app's life; reset, step and load overwrite it. Black before the first reset.
+  std::span<const std::uint8_t> image() const { return image_; }
+
+  /// The last frame in another size or from another camera, into height x width x 4 bytes. Throws
+  /// StateError before the first reset, InvalidArgument for a view that the game does not offer.
+  void renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba);
+
+  /// The whole state, mid-round included, for an app with the same game. Throws StateError before the
+  /// first reset.
+  std::string save();
+  /// Goes on from saved bytes. Throws EngineError for damaged ones or another game's; the app then has
+  /// no round and needs a reset.
+  void load(const std::string& state);
+  /// Hash of what save() would write.
+  std::uint64_t stateHash();
+
+ private:
+  struct Round;
+
+  void beginRound(std::uint32_t seed, rl::EpisodeLogger* logger);
+  Round& round(std::string_view call);
+  StepResult runFrame(std::int64_t time_ns, const xr::DeviceState& devices);
+  void fields(Archive& archive);
+
+  AppSettings settings_;
+  std::shared_ptr<render::Renderer> renderer_;
+  std::unique_ptr<rl::Game> game_;
+  std::unique_ptr<rl::EpisodeLogger> logger_;
+  std::uint32_t seed_ = 0;
+  std::vector<std::uint8_t> image_;
+  std::unique_ptr<Round> round_;
+};
+
+}  // namespace sim2vr::runtime

@@ -1,0 +1,32 @@
+"""sim2vr: automated biomechanical testing of VR applications.
+
+Importing this package is cheap and has no side effects. Import what you need:
+
+- :mod:`sim2vr_harness.client`: talk to a VR app, in process or over ZeroMQ
+- :mod:`sim2vr_harness.users`: biomechanical users in MuJoCo
+- :mod:`sim2vr_harness.envs`: Gymnasium environments
+- :mod:`sim2vr_harness.training`, :mod:`sim2vr_harness.evaluation`: Stable-Baselines3
+- :mod:`sim2vr_harness.paths`: where the app, shaders and configurations are
+"""
+
+from __future__ import annotations
+
+from importlib.metadata import PackageNotFoundError
+from importlib.metadata import version as _installed_version
+from pathlib import Path
+
+__all__ = ["__version__"]
+
+
+def _version() -> str:
+    """Return the version of the checkout if this is one, else of the installed package."""
+    file = Path(__file__).resolve().parents[2] / "VERSION"
+    if file.is_file() and file.with_name("CMakeLists.txt").is_file():
+        return file.read_text(encoding="utf-8").split()[0]
+    try:
+        return _installed_version("sim2vr-harness")
+    except PackageNotFoundError:
+        return "0+unknown"
+
+
+__version__: str = _version()

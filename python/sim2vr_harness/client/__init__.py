@@ -1,0 +1,15 @@
+"""The app in the loop: one interface, in-process transport; the only importer of the extension."""
+
+from sim2vr_harness.client.base import AppClient, AppReply, DevicePoses, OptionValue
+from sim2vr_harness.client.in_process import InProcessApp, gl_renderer, list_games, runtime_version
+
+__all__ = [
+    "AppClient",
+    "AppReply",
+    "DevicePoses",
+    "InProcessApp",
+    "OptionValue",
+    "gl_renderer",
+    "list_games",
+    "runtime_version",
+]

@@ -1,0 +1,97 @@
+"""What the harness needs of a VR app, whatever the transport."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+OptionValue = bool | int | float | str
+UInt8Array = NDArray[np.uint8]
+Float64Array = NDArray[np.float64]
+
+ThirdPersonView = Literal["recorder", "spectator"]
+
+
+@dataclass(frozen=True)
+class DevicePoses:
+    """Tracked poses of one moment: rows of position x y z (m) and rotation x y z w, app frame."""
+
+    head: Float64Array
+    right_controller: Float64Array | None = None
+    left_controller: Float64Array | None = None
+
+
+@dataclass(frozen=True)
+class AppReply:
+    """The app's answer to one frame."""
+
+    reward: float
+    finished: bool
+    time_feature: float
+    """Game-defined, Whac-A-Mole: 2 * elapsed / round length - 1."""
+    log: dict[str, float]
+
+
+class AppClient(Protocol):
+    """One app in lockstep: it moves only when told to."""
+
+    @property
+    def renderer_description(self) -> str:
+        """The GL renderer in use, for example ``EGL surfaceless: llvmpipe ...``."""
+
+    @property
+    def image(self) -> UInt8Array:
+        """Headset image of the last frame, (H, W, 4) RGBA; alpha is linear depth / far plane.
+
+        A view of the app's buffer: overwritten by the next reset or step, so copy what must last.
+        """
+
+    def reset(
+        self, seed: int, poses: DevicePoses, options: Mapping[str, OptionValue] | None = None
+    ) -> AppReply:
+        """Starts a round at game time 0 and runs its first frame.
+
+        Args:
+            seed: 32-bit seed; the round is a function of it and the input alone.
+            poses: device poses at the start.
+            options: game options of this and later rounds, on top of those given before.
+
+        Raises:
+            ValueError: names the option or pose that cannot be used, got and expected.
+        """
+
+    def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
+        """Runs one frame at ``time_ns`` after the reset and renders it.
+
+        Raises:
+            ValueError: a pose is not finite, a rotation not normalised, the time runs backwards.
+            RuntimeError: no round was started or the app is closed.
+        """
+
+    def render_headset(self, width: int, height: int) -> UInt8Array:
+        """The headset view of the last frame at another size, (height, width, 4) RGBA."""
+
+    def render_third_person(
+        self, width: int, height: int, view: ThirdPersonView = "spectator"
+    ) -> UInt8Array:
+        """A third-person view of the last frame, (height, width, 4) RGBA."""
+
+    def save(self) -> bytes:
+        """The whole app state, mid-round included."""
+
+    def load(self, state: bytes) -> None:
+        """Continues from :meth:`save` of an app with the same game and options.
+
+        Raises:
+            RuntimeError: the bytes are damaged or belong to another game or version.
+        """
+
+    def state_hash(self) -> int:
+        """64-bit hash of the state; equal states have equal hashes."""
+
+    def close(self) -> None:
+        """Ends the app; idempotent. Later calls raise RuntimeError."""

@@ -1,0 +1,64 @@
+"""The one place that converts MuJoCo's frame to the app's.
+
+MuJoCo: right-handed, x forward, y left, z up, quaternions w x y z. App (Unity's convention):
+left-handed, x right, y up, z forward, quaternions x y z w. Positions are metres in both; the
+origin (on the floor below the body) is shared. Source: SIM2VR reference, coordinates.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+Float64Array = NDArray[np.float64]
+
+
+def position_to_app(position: ArrayLike) -> Float64Array:
+    """MuJoCo positions to the app's frame.
+
+    Args:
+        position: (..., 3) x forward, y left, z up, m.
+
+    Returns:
+        (..., 3) x right, y up, z forward, m.
+    """
+    p = np.asarray(position, dtype=np.float64)
+    return np.stack([-p[..., 1], p[..., 2], p[..., 0]], axis=-1)
+
+
+def position_to_mujoco(position: ArrayLike) -> Float64Array:
+    """Inverse of :func:`position_to_app`, (..., 3) -> (..., 3)."""
+    p = np.asarray(position, dtype=np.float64)
+    return np.stack([p[..., 2], -p[..., 0], p[..., 1]], axis=-1)
+
+
+def rotation_to_app(quat_wxyz: ArrayLike) -> Float64Array:
+    """MuJoCo rotations to the app's frame.
+
+    Args:
+        quat_wxyz: (..., 4) unit quaternions, w first, body to world.
+
+    Returns:
+        (..., 4) unit quaternions, w last, body to world in the app's frame. A body's own axes are
+        converted like the world's: its x forward becomes z forward.
+    """
+    q = np.asarray(quat_wxyz, dtype=np.float64)
+    return np.stack([-q[..., 2], q[..., 3], q[..., 1], -q[..., 0]], axis=-1)
+
+
+def rotation_to_mujoco(quat_xyzw: ArrayLike) -> Float64Array:
+    """Inverse of :func:`rotation_to_app`, (..., 4) w last -> (..., 4) w first."""
+    q = np.asarray(quat_xyzw, dtype=np.float64)
+    return np.stack([-q[..., 3], q[..., 2], -q[..., 0], q[..., 1]], axis=-1)
+
+
+def pose_to_app(position: ArrayLike, quat_wxyz: ArrayLike) -> Float64Array:
+    """MuJoCo poses as the app's pose rows.
+
+    Args:
+        position: (..., 3) m. quat_wxyz: (..., 4) unit quaternions.
+
+    Returns:
+        (..., 7): position x y z in m, rotation x y z w, app frame.
+    """
+    return np.concatenate([position_to_app(position), rotation_to_app(quat_wxyz)], axis=-1)

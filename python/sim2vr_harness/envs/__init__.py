@@ -1,0 +1,26 @@
+"""Environments: a simulated user, its senses and a VR app in lockstep."""
+
+from sim2vr_harness.envs.config import (
+    AppConfig,
+    EffortConfig,
+    EnvConfig,
+    NoiseConfig,
+    UserConfig,
+    VisionConfig,
+)
+from sim2vr_harness.envs.gym_env import Sim2VREnv
+from sim2vr_harness.envs.registration import register_envs
+from sim2vr_harness.envs.simulation import Simulation, StepBatch
+
+__all__ = [
+    "AppConfig",
+    "EffortConfig",
+    "EnvConfig",
+    "NoiseConfig",
+    "Sim2VREnv",
+    "Simulation",
+    "StepBatch",
+    "UserConfig",
+    "VisionConfig",
+    "register_envs",
+]

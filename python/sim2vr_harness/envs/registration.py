@@ -1,0 +1,13 @@
+"""Gymnasium ids of the environments; called by Gymnasium's plugin mechanism."""
+
+from __future__ import annotations
+
+import gymnasium
+
+WHACAMOLE_ID = "sim2vr/WhacAMole-v0"
+
+
+def register_envs() -> None:
+    """Registers every environment id; idempotent."""
+    if WHACAMOLE_ID not in gymnasium.registry:
+        gymnasium.register(WHACAMOLE_ID, entry_point="sim2vr_harness.envs.gym_env:Sim2VREnv")

@@ -1,0 +1,158 @@
+"""What every game must keep, over every transport."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import players
+import pytest
+from sim2vr_harness.client import AppClient, AppReply, DevicePoses, InProcessApp, list_games
+
+Player = Callable[[int], DevicePoses]
+GAMES = sorted(list_games())
+# Transports register here; a test runs against each of them.
+TRANSPORTS: dict[str, Callable[..., AppClient]] = {"in process": InProcessApp}
+
+
+@pytest.fixture(params=sorted(TRANSPORTS))
+def make_app(request: pytest.FixtureRequest) -> Callable[..., AppClient]:
+    return TRANSPORTS[request.param]
+
+
+def play(
+    app: AppClient, player: Player, frames: int, *, seed: int = 7, start: int = 0
+) -> list[tuple[AppReply, bytes, int]]:
+    """(reply, image bytes, state hash) of each frame; resets first unless start > 0."""
+    trace = []
+    for frame in range(start, start + frames):
+        if frame == 0:
+            reply = app.reset(seed, player(0))
+        else:
+            reply = app.step(frame * players.FRAME_NS, player(frame))
+        trace.append((reply, app.image.tobytes(), app.state_hash()))
+    return trace
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_the_same_input_gives_the_same_bits(make_app, game: str) -> None:
+    with make_app(game) as one, make_app(game) as two:
+        first = play(one, players.wander, 40)
+        assert play(two, players.wander, 40) == first
+        # Nor does it matter what the app did before.
+        assert play(one, players.wander, 40) == first
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_a_saved_round_goes_on_to_the_bit_in_another_app(make_app, game: str) -> None:
+    with make_app(game) as one, make_app(game) as two:
+        play(one, players.wander, 25)
+        saved = one.save()
+        rest = play(one, players.wander, 30, start=25)
+        two.load(saved)
+        assert two.save() == saved
+        assert play(two, players.wander, 30, start=25) == rest
+        one.load(saved)
+        assert play(one, players.wander, 30, start=25) == rest
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_seeds_matter(make_app, game: str) -> None:
+    with make_app(game) as app:
+        assert play(app, players.wander, 40, seed=1) != play(app, players.wander, 40, seed=2)
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_images_are_alive_and_rewards_finite(make_app, game: str) -> None:
+    with make_app(game) as app:
+        trace = play(app, players.wander, 40)
+        images = {image for _, image, _ in trace}
+        assert len(images) > 20, "the picture hardly changes while head and hand move"
+        assert all(np.isfinite(reply.reward) for reply, _, _ in trace)
+        assert all(-1.0 <= reply.time_feature <= 1.0 for reply, _, _ in trace)
+        assert app.image.shape == (80, 120, 4)
+        # Every channel carries something.
+        assert all(int(np.ptp(app.image[..., channel])) > 0 for channel in range(4))
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_any_image_size_shows_the_same_scene(make_app, game: str) -> None:
+    with make_app(game) as app:
+        play(app, players.wander, 5)
+        np.testing.assert_array_equal(app.render_headset(120, 80), app.image)
+        large = app.render_headset(360, 240)
+        # The middle of each 3 x 3 block samples the same ray as the small picture's pixel.
+        difference = np.abs(large[1::3, 1::3].astype(int) - app.image.astype(int))
+        assert np.mean(difference <= 8) > 0.97
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_bad_input_names_the_field_and_leaves_the_round_as_it_was(make_app, game: str) -> None:
+    with make_app(game) as app:
+        play(app, players.wander, 3)
+        before = app.state_hash()
+        good = players.wander(3)
+        nan = DevicePoses(good.head, np.full(7, np.nan))
+        long = DevicePoses(good.head * [1, 1, 1, 2, 2, 2, 2], good.right_controller)
+        with pytest.raises(ValueError, match=r"right_controller.*got.*expected"):
+            app.step(3 * players.FRAME_NS, nan)
+        with pytest.raises(ValueError, match=r"head\.rotation.*expected"):
+            app.step(3 * players.FRAME_NS, long)
+        with pytest.raises(ValueError, match="time_ns.*backwards"):
+            app.step(players.FRAME_NS, good)
+        with pytest.raises(ValueError, match="unknown option 'conditon'"):
+            app.reset(1, good, {"conditon": "easy"})
+        assert app.state_hash() == before
+        app.step(3 * players.FRAME_NS, good)
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_calls_out_of_order_say_what_to_do(make_app, game: str) -> None:
+    app = make_app(game)
+    with pytest.raises(RuntimeError, match="call reset first"):
+        app.step(0, players.idle(0))
+    with pytest.raises(RuntimeError, match="call reset first"):
+        app.save()
+    play(app, players.idle, 2)
+    image = app.image
+    copy = image.copy()
+    app.close()
+    app.close()
+    with pytest.raises(RuntimeError, match="closed"):
+        app.step(2 * players.FRAME_NS, players.idle(2))
+    # The view outlives the app.
+    np.testing.assert_array_equal(image, copy)
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_damaged_or_foreign_states_are_refused(make_app, game: str) -> None:
+    with make_app(game) as app:
+        play(app, players.wander, 10)
+        saved = app.save()
+        for damaged in (b"", saved[: len(saved) // 2], saved + b"x", b"\0" * len(saved)):
+            with pytest.raises(RuntimeError, match="saved state"):
+                app.load(damaged)
+        app.load(saved)
+        assert app.save() == saved
+        for other in GAMES:
+            if other != game:
+                with make_app(other) as foreign, pytest.raises(RuntimeError, match=game):
+                    foreign.load(saved)
+
+
+def test_unknown_game_and_condition_name_the_nearest(make_app) -> None:
+    with pytest.raises(ValueError, match=r"game.*'wackamole'.*did you mean 'whacamole'"):
+        make_app("wackamole")
+    with pytest.raises(ValueError, match=r"condition.*'meduim'.*did you mean 'medium'"):
+        make_app("whacamole", {"condition": "meduim"})
+    with pytest.raises(ValueError, match="image size"):
+        make_app("whacamole", width=0, height=80)
+
+
+def test_whacamole_rewards_the_whacker_and_not_the_idle(make_app) -> None:
+    with make_app("whacamole", {"condition": "medium"}) as app:
+        hits = play(app, players.whacker, 600)[-1][0].log["Points"]
+        idle_hits = play(app, players.idle, 600)[-1][0].log["Points"]
+    # 30 s of play; a strike of a random cell at the right time is not rare.
+    assert hits >= 10
+    assert idle_hits == 0

@@ -1,0 +1,104 @@
+// Plays a game frame by frame, as runtime/App does, without pictures.
+#pragma once
+
+#include <cstdint>
+#include <functional>
+#include <memory>
+#include <string>
+#include <vector>
+
+#include "sim2vr/core/options.hpp"
+#include "sim2vr/physics/world.hpp"
+#include "sim2vr/rl/episode_logger.hpp"
+#include "sim2vr/rl/game.hpp"
+#include "sim2vr/scene/scene.hpp"
+#include "sim2vr/xr/frames.hpp"
+#include "sim2vr/xr/session.hpp"
+#include "sim2vr/xr/simulated_device.hpp"
+
+namespace sim2vr::games::testing {
+
+struct Poses {
+  Pose head;
+  Pose right;
+};
+
+/// One round of one game. The Game itself is the caller's and may live on.
+class GameHarness {
+ public:
+  GameHarness(rl::Game& game, std::uint32_t seed, const std::string& options_json = "{}",
+              const TimeSettings& time = {}, std::int64_t start_ns = 0,
+              rl::EpisodeLogger* logger = nullptr)
+      : scene_(time), physics_(scene_), session_(device_) {
+    Options options = Options::fromJson(options_json);
+    game.configure(options);
+    options.expectAllRead();
+    scene_.clock().restart(start_ns);
+    rl::GameContext context{scene_, session_, physics_, seed, logger};
+    env_ = &game.build(context);
+    session_.begin();
+  }
+
+  void frame(std::int64_t time_ns, const Poses& poses) {
+    xr::DeviceState state;
+    state.head = xr::toXr(poses.head);
+    state.hand(xr::Hand::right).active = true;
+    state.hand(xr::Hand::right).grip = xr::toXr(poses.right);
+    state.hand(xr::Hand::right).aim = state.hand(xr::Hand::right).grip;
+    device_.set(state);
+    session_.waitFrame(time_ns, 50'000'000);
+    session_.beginFrame();
+    session_.syncActions();
+    scene_.runFrame(time_ns, [this] {
+      if (before_physics) before_physics();
+      physics_.step();
+    });
+    session_.endFrame();
+  }
+
+  /// Frames 0 .. count-1 at n * period_ns with constant poses.
+  void idle(int count, const Poses& poses, std::int64_t period_ns = 50'000'000) {
+    for (int n = 0; n < count; ++n) frame(n * period_ns, poses);
+  }
+
+  std::string save() {
+    Archive archive = Archive::saver();
+    fields(archive);
+    return archive.bytes();
+  }
+  void load(const std::string& bytes) {
+    Archive archive = Archive::loader(bytes);
+    fields(archive);
+    archive.expectEnd();
+  }
+
+  scene::Scene& scene() { return scene_; }
+  physics::PhysicsWorld& physics() { return physics_; }
+  rl::RLEnv& env() { return *env_; }
+  double log(const std::string& name) const { return env_->log().at(name); }
+
+  template <class T>
+  std::vector<T*> all() {
+    std::vector<T*> found;
+    scene_.forEach<T>([&found](T& component) { found.push_back(&component); });
+    return found;
+  }
+
+  /// Called in each fixed step between FixedUpdate and the overlaps.
+  std::function<void()> before_physics;
+
+ private:
+  void fields(Archive& archive) {
+    archive.field("session", session_);
+    archive.field("scene", scene_);
+    archive.field("physics", physics_);
+  }
+
+  scene::Scene scene_;
+  physics::PhysicsWorld physics_;
+  xr::SimulatedDevice device_;
+  xr::Session session_;
+  rl::RLEnv* env_ = nullptr;
+};
+
+}  // namespace sim2vr::games::testing

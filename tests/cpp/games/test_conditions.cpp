@@ -1,0 +1,139 @@
+#include <gtest/gtest.h>
+
+#include <map>
+#include <string>
+
+#include "sim2vr/core/errors.hpp"
+#include "whacamole/conditions.hpp"
+
+namespace sim2vr::games::whacamole {
+namespace {
+
+TEST(Conditions, TableMatchesTheStudy) {
+  const std::map<std::string, std::pair<Placement, int>> expected{
+      {"easy", {Placement::kMid, 1}},       {"medium", {Placement::kMid, 3}},
+      {"mid", {Placement::kMid, 3}},        {"mid-medium", {Placement::kMid, 3}},
+      {"hard", {Placement::kMid, 5}},       {"low", {Placement::kLow, 3}},
+      {"low-medium", {Placement::kLow, 3}}, {"low-easy", {Placement::kLow, 1}},
+      {"high", {Placement::kHigh, 3}},      {"high-medium", {Placement::kHigh, 3}},
+      {"high-easy", {Placement::kHigh, 1}},
+  };
+  for (const auto& [name, row] : expected) {
+    const Condition condition = resolveCondition(name, 7);
+    EXPECT_EQ(condition.name, name);
+    EXPECT_EQ(condition.placement, row.first) << name;
+    EXPECT_EQ(condition.max_targets, row.second) << name;
+    EXPECT_TRUE(condition.constrained) << name;
+    const Condition free = resolveCondition(name + "-unconstrained", 7);
+    EXPECT_EQ(free.name, name + "-unconstrained");
+    EXPECT_EQ(free.placement, row.first) << name;
+    EXPECT_EQ(free.max_targets, row.second) << name;
+    EXPECT_FALSE(free.constrained) << name;
+  }
+  EXPECT_EQ(conditionNames().size(), 2 * (expected.size() + 3));
+}
+
+TEST(Conditions, EveryListedNameResolves) {
+  for (const std::string& name : conditionNames()) EXPECT_NO_THROW(resolveCondition(name, 1));
+}
+
+std::map<std::string, int> draw(const std::string& mix, int seeds) {
+  std::map<std::string, int> counts;
+  for (int seed = 0; seed < seeds; ++seed) {
+    ++counts[resolveCondition(mix, static_cast<std::uint32_t>(seed)).name];
+  }
+  return counts;
+}
+
+TEST(Conditions, MixesDrawEveryMemberAboutEquallyOften) {
+  const auto medium = draw("random", 3000);
+  ASSERT_EQ(medium.size(), 3U);
+  for (const char* name : {"low-medium", "medium", "high-medium"}) {
+    EXPECT_NEAR(medium.at(name), 1000, 120) << name;
+  }
+  const auto easy = draw("random-easy-unconstrained", 3000);
+  ASSERT_EQ(easy.size(), 3U);
+  for (const char* name :
+       {"low-easy-unconstrained", "easy-unconstrained", "high-easy-unconstrained"}) {
+    EXPECT_NEAR(easy.at(name), 1000, 120) << name;
+  }
+  EXPECT_EQ(draw("random-easy-medium", 600).size(), 6U);
+}
+
+TEST(Conditions, MixIsFixedByTheSeed) {
+  EXPECT_EQ(resolveCondition("random", 12).name, resolveCondition("random", 12).name);
+}
+
+TEST(Conditions, GeometryTable) {
+  EXPECT_EQ(geometry(Placement::kMid).offset_m, Vec3(0.15, -0.10, 0.40));
+  EXPECT_EQ(geometry(Placement::kLow).offset_m, Vec3(0.15, -0.30, 0.35));
+  EXPECT_EQ(geometry(Placement::kHigh).offset_m, Vec3(0.15, 0.20, 0.30));
+  // Plane normal = local +z, away from the player: down for the tilted-up low area, up for the
+  // high.
+  const double half = std::sqrt(0.5);
+  EXPECT_TRUE(
+      (geometry(Placement::kLow).rotation * Vec3::UnitZ()).isApprox(Vec3(0, -half, half), 1e-6));
+  EXPECT_TRUE(
+      (geometry(Placement::kHigh).rotation * Vec3::UnitZ()).isApprox(Vec3(0, half, half), 1e-6));
+  // The simulated head looks 10 degrees down, 30 down, 30 up.
+  const auto pitch = [](Placement placement) {
+    return std::asin((geometry(placement).simulated_head_rotation * Vec3::UnitZ()).y()) * 180.0 /
+           M_PI;
+  };
+  EXPECT_NEAR(pitch(Placement::kMid), -10.0, 1e-4);
+  EXPECT_NEAR(pitch(Placement::kLow), -30.0, 1e-4);
+  EXPECT_NEAR(pitch(Placement::kHigh), 30.0, 1e-4);
+}
+
+TEST(Conditions, StrikeSpeedIsDownwardForLowAndForwardElsewhere) {
+  const Vec3 velocity(1.0, -2.0, 3.0);
+  EXPECT_EQ(strikeSpeed(Placement::kLow, velocity), 2.0);
+  EXPECT_EQ(strikeSpeed(Placement::kMid, velocity), 3.0);
+  EXPECT_EQ(strikeSpeed(Placement::kHigh, velocity), 3.0);
+}
+
+TEST(Settings, Defaults) {
+  Options options;
+  const Settings settings = Settings::fromOptions(options);
+  EXPECT_EQ(settings.condition, "medium");
+  EXPECT_FALSE(settings.adaptive);
+  EXPECT_FALSE(settings.sparse);
+  EXPECT_EQ(settings.reward, RewardKind::kReference);
+  EXPECT_EQ(settings.round_s, 60.0F);
+  EXPECT_EQ(settings.countdown_s, 0.0F);
+  EXPECT_TRUE(settings.override_head_rotation);
+}
+
+TEST(Settings, ReadsEveryOption) {
+  Options options = Options::fromJson(
+      R"({"condition": "low-easy-unconstrained", "adaptive": true, "sparse": true, "reward": "paper",
+          "round_seconds": 10, "countdown_seconds": 4, "head_rotation": "device",
+          "show_controllers": false})");
+  const Settings settings = Settings::fromOptions(options);
+  EXPECT_NO_THROW(options.expectAllRead());
+  EXPECT_EQ(settings.condition, "low-easy-unconstrained");
+  EXPECT_TRUE(settings.adaptive);
+  EXPECT_TRUE(settings.sparse);
+  EXPECT_EQ(settings.reward, RewardKind::kPaper);
+  EXPECT_EQ(settings.round_s, 10.0F);
+  EXPECT_EQ(settings.countdown_s, 4.0F);
+  EXPECT_FALSE(settings.override_head_rotation);
+  EXPECT_FALSE(settings.show_controllers);
+}
+
+TEST(Settings, SuggestsTheNearestCondition) {
+  Options options = Options::fromJson(R"({"condition": "mediun"})");
+  try {
+    Settings::fromOptions(options);
+    FAIL();
+  } catch (const InvalidArgument& error) {
+    const std::string message = error.what();
+    EXPECT_EQ(
+        message.rfind("option 'condition': got 'mediun', expected one of 'easy', 'medium'", 0), 0U)
+        << message;
+    EXPECT_NE(message.find("did you mean 'medium'?"), std::string::npos) << message;
+  }
+}
+
+}  // namespace
+}  // namespace sim2vr::games::whacamole

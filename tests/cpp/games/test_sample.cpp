@@ -1,0 +1,50 @@
+#include <gtest/gtest.h>
+
+#include "game_harness.hpp"
+#include "sim2vr/games/registry.hpp"
+
+namespace sim2vr::games {
+namespace {
+
+const Pose kHead{Vec3(0.0, 1.2, 0.0), Quat::Identity()};
+const Pose kAway{Vec3(0.0, 0.3, -0.5), Quat::Identity()};
+
+Vec3 ballPosition(testing::GameHarness& round) {
+  return round.scene().find("Ball")->transform().position();
+}
+
+TEST(TouchTheBall, TouchScoresAndMovesTheBall) {
+  const auto game = createGame("sample");
+  testing::GameHarness round(*game, 1);
+  round.frame(0, {kHead, kAway});
+  const Vec3 first = ballPosition(round);
+  round.frame(50'000'000, {kHead, {first, Quat::Identity()}});
+  EXPECT_EQ(round.log("Points"), 0.0);
+  round.frame(100'000'000, {kHead, {first, Quat::Identity()}});
+  EXPECT_EQ(round.log("Points"), 1.0);
+  const Vec3 second = ballPosition(round);
+  EXPECT_NE(first, second);
+  EXPECT_NEAR(round.env().reward(), 1.0 - 0.1 * (second - first).norm(), 1e-5);
+}
+
+TEST(TouchTheBall, RoundEnds) {
+  const auto game = createGame("sample");
+  testing::GameHarness round(*game, 1, R"({"round_seconds": 1})");
+  round.idle(20, {kHead, kAway});
+  EXPECT_FALSE(round.env().finished());
+  round.frame(1'000'000'000, {kHead, kAway});
+  EXPECT_TRUE(round.env().finished());
+  EXPECT_EQ(round.env().GetTimeFeature(), 1.0F);
+}
+
+TEST(TouchTheBall, SeedsMatter) {
+  const auto game = createGame("sample");
+  testing::GameHarness a(*game, 1);
+  testing::GameHarness b(*game, 2);
+  a.idle(1, {kHead, kAway});
+  b.idle(1, {kHead, kAway});
+  EXPECT_NE(ballPosition(a), ballPosition(b));
+}
+
+}  // namespace
+}  // namespace sim2vr::games

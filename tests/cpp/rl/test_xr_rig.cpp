@@ -1,0 +1,143 @@
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <string>
+
+#include "sim2vr/core/errors.hpp"
+#include "sim2vr/physics/world.hpp"
+#include "sim2vr/render/components.hpp"
+#include "sim2vr/rl/xr_rig.hpp"
+#include "sim2vr/scene/scene.hpp"
+#include "sim2vr/xr/frames.hpp"
+#include "sim2vr/xr/simulated_device.hpp"
+
+namespace sim2vr::rl {
+namespace {
+
+class CountingEnv : public RLEnv {
+ public:
+  std::string_view typeName() const override { return "test.Env"; }
+  void InitialiseGame() override { calls += "game "; }
+  void InitialiseReward() override { calls += "reward "; }
+  void Reset() override { calls += "reset "; }
+  void CalculateReward() override { calls += "calculate "; }
+  void UpdateIsFinished() override { calls += "finished "; }
+  float GetTimeFeature() const override { return 0.0F; }
+  std::optional<Quat> headRotationOverride() const override { return rotation; }
+
+  std::string calls;
+  std::optional<Quat> rotation;
+};
+
+class XrRigTest : public ::testing::Test {
+ protected:
+  XrRigTest() : physics_(scene_), session_(device_), context_{scene_, session_, physics_} {}
+
+  void frame(std::int64_t time_ns, const xr::DeviceState& state) {
+    if (session_.state() == XR_SESSION_STATE_READY) session_.begin();
+    device_.set(state);
+    session_.waitFrame(time_ns, 50'000'000);
+    session_.beginFrame();
+    session_.syncActions();
+    scene_.runFrame(time_ns, [] {});
+    session_.endFrame();
+  }
+
+  static xr::DeviceState someState() {
+    xr::DeviceState state;
+    state.head = xr::toXr(Pose{Vec3(0.5, 1.25, -0.5), Quat(0.8, 0.6, 0.0, 0.0)});
+    state.hand(xr::Hand::right).active = true;
+    state.hand(xr::Hand::right).grip =
+        xr::toXr(Pose{Vec3(0.25, 1.0, 0.5), Quat(0.6, 0.0, 0.8, 0.0)});
+    return state;
+  }
+
+  scene::Scene scene_;
+  physics::PhysicsWorld physics_;
+  xr::SimulatedDevice device_;
+  xr::Session session_;
+  GameContext context_;
+};
+
+TEST_F(XrRigTest, FollowsTheDevicesInTheAppsFrame) {
+  const XrRig rig = buildXrRig(context_);
+  frame(0, someState());
+  ASSERT_EQ(scene_.find(kHeadCameraPath), rig.camera);
+  EXPECT_TRUE(rig.camera->transform().position().isApprox(Vec3(0.5, 1.25, -0.5), 1e-7));
+  EXPECT_TRUE(rig.camera->transform().rotation().isApprox(Quat(0.8, 0.6, 0.0, 0.0), 1e-6));
+  EXPECT_TRUE(rig.right_controller->transform().position().isApprox(Vec3(0.25, 1.0, 0.5), 1e-7));
+  EXPECT_TRUE(
+      rig.right_controller->transform().rotation().isApprox(Quat(0.6, 0.0, 0.8, 0.0), 1e-6));
+}
+
+TEST_F(XrRigTest, SwitchesInactiveControllersOffAndOnAgain) {
+  const XrRig rig = buildXrRig(context_);
+  frame(0, someState());
+  EXPECT_FALSE(rig.left_controller->activeInHierarchy());
+  EXPECT_TRUE(rig.right_controller->activeInHierarchy());
+  xr::DeviceState swapped = someState();
+  swapped.hand(xr::Hand::left) = swapped.hand(xr::Hand::right);
+  swapped.hand(xr::Hand::right).active = false;
+  frame(50'000'000, swapped);
+  EXPECT_TRUE(rig.left_controller->activeInHierarchy());
+  EXPECT_FALSE(rig.right_controller->activeInHierarchy());
+  EXPECT_TRUE(rig.right_controller->transform().position().isApprox(Vec3(0.25, 1.0, 0.5), 1e-7));
+}
+
+TEST_F(XrRigTest, TakesTheHeadRotationFromTheEnvironment) {
+  const XrRig rig = buildXrRig(context_);
+  auto& env = scene_.create("Env").addComponent<CountingEnv>();
+  setHeadRotationSource(rig, env);
+  env.rotation = Quat(0.0, 0.0, 1.0, 0.0);
+  frame(0, someState());
+  EXPECT_TRUE(rig.camera->transform().rotation().isApprox(Quat(0.0, 0.0, 1.0, 0.0)));
+  EXPECT_TRUE(rig.camera->transform().position().isApprox(Vec3(0.5, 1.25, -0.5), 1e-7));
+  env.rotation.reset();
+  frame(50'000'000, someState());
+  EXPECT_TRUE(rig.camera->transform().rotation().isApprox(Quat(0.8, 0.6, 0.0, 0.0), 1e-6));
+}
+
+TEST_F(XrRigTest, SetsTheCamera) {
+  XrRigSettings settings;
+  settings.far_m = 3.0;
+  const XrRig rig = buildXrRig(context_, settings);
+  const auto* camera = rig.camera->getComponent<render::Camera>();
+  ASSERT_NE(camera, nullptr);
+  EXPECT_EQ(camera->vertical_fov_deg, 90.0);
+  EXPECT_EQ(camera->far_m, 3.0);
+}
+
+TEST_F(XrRigTest, WorksAgainWithTheSameSession) {
+  buildXrRig(context_);
+  frame(0, someState());
+  scene::Scene next;
+  physics::PhysicsWorld physics(next);
+  GameContext context{next, session_, physics};
+  const XrRig rig = buildXrRig(context);
+  EXPECT_NE(next.find(kHeadCameraPath), nullptr);
+  EXPECT_NE(rig.root, scene_.find("XR Rig"));
+}
+
+TEST_F(XrRigTest, RefusesASessionAttachedWithoutTheRig) {
+  session_.createActionSet("other");
+  session_.attachActionSets();
+  try {
+    buildXrRig(context_);
+    FAIL();
+  } catch (const StateError& error) {
+    EXPECT_NE(std::string(error.what()).find("build the rig before attachActionSets"),
+              std::string::npos);
+  }
+}
+
+TEST_F(XrRigTest, EnvironmentIsSetUpOnceAndUpdatedPerFrame) {
+  buildXrRig(context_);
+  auto& env = scene_.create("Env").addComponent<CountingEnv>();
+  EXPECT_EQ(env.executionOrder(), 5);
+  frame(0, someState());
+  frame(50'000'000, someState());
+  EXPECT_EQ(env.calls, "game reward reset calculate finished calculate finished ");
+}
+
+}  // namespace
+}  // namespace sim2vr::rl

@@ -1,0 +1,69 @@
+"""The report of ``sim2vr-harness doctor``."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from sim2vr_harness.cli import doctor
+
+
+def checks_of(*statuses):
+    return [doctor.Check(f"part {i}", status, "found") for i, status in enumerate(statuses)]
+
+
+@pytest.mark.parametrize(
+    ("statuses", "exit_status"),
+    [
+        (["ok", "info"], 0),
+        (["ok", "warning"], 0),
+        (["ok", "missing"], 1),
+    ],
+)
+def test_only_missing_essentials_fail(monkeypatch, capsys, statuses, exit_status):
+    monkeypatch.setattr(doctor, "collect", lambda: checks_of(*statuses))
+    assert doctor.run_doctor(json=True) == exit_status
+    report = json.loads(capsys.readouterr().out)
+    assert report["ok"] == (exit_status == 0)
+    assert [check["status"] for check in report["checks"]] == statuses
+
+
+def test_the_table_gives_the_mending_command(monkeypatch, capsys):
+    check = doctor.Check("a part", "missing", "[not] there", "apt-get install -y a-part")
+    monkeypatch.setattr(doctor, "collect", lambda: [check])
+    assert doctor.run_doctor() == 1
+    output = capsys.readouterr().out
+    assert "[not] there" in output
+    assert "apt-get install -y a-part" in output
+
+
+def test_a_crashing_probe_is_reported_not_suffered():
+    assert doctor._probe("import os; os.abort()") == (False, "crashed with signal 6")
+    assert doctor._probe("raise ValueError('boom')") == (False, "ValueError: boom")
+    assert doctor._probe("print('fine')") == (True, "fine")
+
+
+def test_a_hanging_probe_is_given_up(monkeypatch):
+    monkeypatch.setattr(doctor, "_PROBE_DEADLINE_S", 0.2)
+    worked, answer = doctor._probe("import time; time.sleep(30)")
+    assert not worked
+    assert "no answer within" in answer
+
+
+def test_missing_debian_packages_are_named_with_the_command(monkeypatch):
+    monkeypatch.setattr(doctor.shutil, "which", lambda name: f"/usr/bin/{name}")
+    monkeypatch.setattr(
+        doctor, "_installed_debian_packages", lambda wanted: set(wanted) - {"libpng-dev"}
+    )
+    rows = {check.name: check for check in doctor._debian_checks()}
+    assert rows["Debian packages (runtime)"].status == "ok"
+    build = rows["Debian packages (build)"]
+    assert build.status == "warning"
+    assert build.found == "missing: libpng-dev"
+    assert build.mend.endswith("apt-get install -y --no-install-recommends libpng-dev")
+
+
+def test_this_installation_is_whole():
+    missing = [check for check in doctor.collect() if check.status == "missing"]
+    assert not missing, missing

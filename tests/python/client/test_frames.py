@@ -1,0 +1,51 @@
+"""MuJoCo <-> app frame conversion, against numbers of the SIM2VR reference and by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+from sim2vr_harness.client.frames import (
+    pose_to_app,
+    position_to_app,
+    position_to_mujoco,
+    rotation_to_app,
+    rotation_to_mujoco,
+)
+
+# Handedness flip as a matrix: app = FLIP @ mujoco.
+FLIP = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, 1.0], [1.0, 0.0, 0.0]])
+
+
+def test_axes_map_forward_left_up_to_right_up_forward() -> None:
+    forward, left, up = np.eye(3)
+    np.testing.assert_array_equal(position_to_app(forward), [0, 0, 1])
+    np.testing.assert_array_equal(position_to_app(left), [-1, 0, 0])
+    np.testing.assert_array_equal(position_to_app(up), [0, 1, 0])
+
+
+def test_recorded_start_poses_of_the_reference() -> None:
+    # Headset and right controller of a recorded run, both frames given (reference, coordinates).
+    np.testing.assert_allclose(
+        position_to_app([0.138642, -0.001594, 1.16992]), [0.001594, 1.16992, 0.138642]
+    )
+    # The headset looks 10 degrees down: about MuJoCo's y axis, about the app's x axis.
+    half = np.deg2rad(10.0) / 2
+    q = rotation_to_app([np.cos(half), 0.0, np.sin(half), 0.0])
+    np.testing.assert_allclose(q, [-0.0871557, 0.0, 0.0, -0.9961947], atol=1e-7)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_rotation_agrees_with_the_matrix_form(seed: int) -> None:
+    quat_xyzw = Rotation.random(random_state=seed).as_quat()
+    expected = FLIP @ Rotation.from_quat(quat_xyzw).as_matrix() @ FLIP.T
+    converted = rotation_to_app(quat_xyzw[[3, 0, 1, 2]])
+    np.testing.assert_allclose(Rotation.from_quat(converted).as_matrix(), expected, atol=1e-12)
+
+
+def test_round_trips_are_exact() -> None:
+    rng = np.random.default_rng(0)
+    p, q = rng.normal(size=(7, 3)), rng.normal(size=(7, 4))
+    np.testing.assert_array_equal(position_to_mujoco(position_to_app(p)), p)
+    np.testing.assert_array_equal(rotation_to_mujoco(rotation_to_app(q)), q)
+    assert pose_to_app(p, q).shape == (7, 7)

@@ -16,6 +16,9 @@ namespace {
 // overlapping that miss by about that part of their size. Below this part GJK has the last word.
 constexpr double kDoubtfulPart = 1e-3;
 
+// For flat boxes the detector may find no contact point: they go to GJK alone.
+constexpr double kThinPart = 1e-3;
+
 // From an unlucky first direction GJK stops early, at a distance that is too large. It never
 // reports one that is too small, so that several directions and the least distance give the truth.
 const std::array<btVector3, 9> kDirections{
@@ -84,6 +87,7 @@ PlacedShape::PlacedShape(const Pose& pose, const Grown& grown)
     : pose_(pose),
       core_(toBullet(grown.half_extents)),
       radius_(grown.radius),
+      thickness_(grown.half_extents.minCoeff()),
       bounding_radius_(grown.half_extents.norm() + grown.radius) {
   core_.setMargin(0.0);
 }
@@ -95,7 +99,7 @@ bool overlap(const PlacedShape& a, const PlacedShape& b) {
   if (a_T_b.position.squaredNorm() > reach * reach * (1.0 + 1e-12)) return false;
   const btTransform relative = toBullet(a_T_b);
   const double radii = a.radius() + b.radius();
-  if (radii == 0.0) {
+  if (radii == 0.0 && std::min(a.thickness(), b.thickness()) > kThinPart * reach) {
     const double depth = boxBoxDepth(a.core(), b.core(), relative);
     if (depth < 0.0) return false;
     if (depth > kDoubtfulPart * reach) return true;

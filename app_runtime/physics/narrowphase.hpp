@@ -18,6 +18,8 @@ class PlacedShape {
   const Pose& pose() const { return pose_; }
   const btBoxShape& core() const { return core_; }
   double radius() const { return radius_; }
+  /// Smallest half extent of the core.
+  double thickness() const { return thickness_; }
   /// Radius of the sphere about the pose's origin that holds the whole shape.
   double boundingRadius() const { return bounding_radius_; }
 
@@ -32,6 +34,7 @@ class PlacedShape {
   Pose pose_;
   btBoxShape core_;
   double radius_;
+  double thickness_;
   double bounding_radius_;
 };
 

@@ -107,7 +107,8 @@ std::vector<Candidate> candidates() {
       hasExtension(extensions, "EGL_EXT_platform_device")) {
     std::array<EGLDeviceEXT, 16> devices{};
     EGLint count = 0;
-    if (egl().QueryDevices(static_cast<EGLint>(devices.size()), devices.data(), &count) != EGL_TRUE) {
+    if (egl().QueryDevices(static_cast<EGLint>(devices.size()), devices.data(), &count) !=
+        EGL_TRUE) {
       count = 0;
     }
     for (int i = 0; i < count; ++i) {
@@ -174,10 +175,11 @@ class EglContext final : public GlContext {
     if (egl().BindAPI(EGL_OPENGL_API) != EGL_TRUE) fail("has no desktop OpenGL");
     EGLConfig config = EGL_NO_CONFIG_KHR;
     if (!no_config) {
-      const std::array<EGLint, 5> wanted = {EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_SURFACE_TYPE, 0,
-                                            EGL_NONE};
+      const std::array<EGLint, 5> wanted = {EGL_RENDERABLE_TYPE, EGL_OPENGL_BIT, EGL_SURFACE_TYPE,
+                                            0, EGL_NONE};
       EGLint count = 0;
-      if (egl().ChooseConfig(display_, wanted.data(), &config, 1, &count) != EGL_TRUE || count < 1) {
+      if (egl().ChooseConfig(display_, wanted.data(), &config, 1, &count) != EGL_TRUE ||
+          count < 1) {
         fail("has no configuration for OpenGL");
       }
     }

@@ -40,8 +40,8 @@ Shading shadingOf(const Material& material) {
   return material.specular_highlights ? Shading::specular : Shading::diffuse;
 }
 
-/// Unity's metallic workflow: metal trades diffuse light for coloured reflections. The slider value is
-/// gamma-encoded, as Unity's [Gamma] property.
+/// Unity's metallic workflow: metal trades diffuse light for coloured reflections. The slider value
+/// is gamma-encoded, as Unity's [Gamma] property.
 void setSurface(const Material& material, bool opaque, InstanceData& instance) {
   const Eigen::Vector3f albedo = linearRgb(material.albedo);
   const float opacity = opaque ? -1.0F : material.albedo.a;
@@ -111,8 +111,7 @@ void FrameCollector::visit(Renderable& renderable) {
       break;
     case Renderable::Kind::light: {
       const auto& light = static_cast<const DirectionalLight&>(renderable);
-      lights_.push_back(
-          {-light.transform().forward(), linearRgb(light.color) * light.intensity});
+      lights_.push_back({-light.transform().forward(), linearRgb(light.color) * light.intensity});
       break;
     }
     case Renderable::Kind::skybox: {
@@ -149,8 +148,8 @@ void FrameCollector::addMesh(const MeshRenderer& renderer) {
     item.instance.eye_from_mesh[static_cast<std::size_t>(row)] =
         vec4(linear.row(row).transpose(), origin[row]);
   }
-  item.instance.normal_scale = vec4(scale.cwiseAbs2().cwiseInverse(),
-                                    material.sky_reflections ? 1.0F : 0.0F);
+  item.instance.normal_scale =
+      vec4(scale.cwiseAbs2().cwiseInverse(), material.sky_reflections ? 1.0F : 0.0F);
   setSurface(material, material.blend == Material::Blend::opaque, item.instance);
   addItem(std::move(item), material.blend);
 }
@@ -184,9 +183,8 @@ void FrameCollector::addItem(DrawItem&& item, Material::Blend blend) {
 
 void FrameCollector::setLights() {
   const auto brightness = [](const Light& light) { return light.radiance.sum(); };
-  std::stable_sort(lights_.begin(), lights_.end(), [&](const Light& a, const Light& b) {
-    return brightness(a) > brightness(b);
-  });
+  std::stable_sort(lights_.begin(), lights_.end(),
+                   [&](const Light& a, const Light& b) { return brightness(a) > brightness(b); });
   FrameUniforms& u = frame_.uniforms;
   u.main_direction = vec4((eye_from_world_ * Vec3::UnitY()).cast<float>());
   u.main_color = {};
@@ -202,8 +200,8 @@ void FrameCollector::setLights() {
 }
 
 void FrameCollector::sort() {
-  // Ranks follow the scene's order, not addresses or upload history, so that equal scenes give equal
-  // pictures even where surfaces coincide.
+  // Ranks follow the scene's order, not addresses or upload history, so that equal scenes give
+  // equal pictures even where surfaces coincide.
   const auto batch = [](const DrawItem& item) { return std::tuple(item.state, item.mesh->rank); };
   std::stable_sort(frame_.opaque.begin(), frame_.opaque.end(),
                    [&](const DrawItem& a, const DrawItem& b) { return batch(a) < batch(b); });

@@ -93,8 +93,8 @@ class FrameCollector {
  public:
   explicit FrameCollector(MeshCache& meshes) : meshes_(meshes) {}
 
-  /// Fills the frame, sky reflections excepted. Throws InvalidArgument for an impossible camera. The
-  /// reference is valid until the next call.
+  /// Fills the frame, sky reflections excepted. Throws InvalidArgument for an impossible camera.
+  /// The reference is valid until the next call.
   Frame& collect(const scene::Scene& scene, const Camera& camera, ImageSize size);
 
  private:

@@ -33,8 +33,8 @@ class GlContext {
 std::unique_ptr<GlContext> createEglContext();
 std::unique_ptr<GlContext> createOsMesaContext();
 
-/// Remembers the thread's current EGL context, if any, and makes it current again when it goes. Does
-/// nothing in a process without EGL.
+/// Remembers the thread's current EGL context, if any, and makes it current again when it goes.
+/// Does nothing in a process without EGL.
 class EglCurrentKeeper {
  public:
   EglCurrentKeeper();
@@ -54,9 +54,9 @@ class EglCurrentKeeper {
   void* read_ = nullptr;
 };
 
-/// The same for OSMesa, in a process that has loaded it. Mesa's drivers share one dispatch table per
-/// thread, so that each of the two kinds of context takes the thread from the other; and OSMesa takes
-/// the other's context for its own, so that it may only be asked when EGL has none (`ask`).
+/// The same for OSMesa, in a process that has loaded it. Mesa's drivers share one dispatch table
+/// per thread, so that each of the two kinds of context takes the thread from the other; and OSMesa
+/// takes the other's context for its own, so that it may only be asked when EGL has none (`ask`).
 class OsMesaCurrentKeeper {
  public:
   explicit OsMesaCurrentKeeper(bool ask);

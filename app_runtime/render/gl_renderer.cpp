@@ -3,7 +3,10 @@
 #include <fmt/format.h>
 
 #include <algorithm>
+#include <array>
+#include <atomic>
 #include <cstddef>
+#include <cstdlib>
 
 #include "shaders.hpp"
 #include "sim2vr/core/errors.hpp"
@@ -14,6 +17,18 @@ namespace {
 
 /// Pictures of different sizes that stay allocated.
 constexpr std::size_t kMaxTargets = 4;
+
+/// Set when the process exits, before the drivers take themselves down. A renderer in a static
+/// variable may outlive its driver and must then let everything lie.
+std::atomic<bool> process_exits = false;
+
+/// Exit handlers run in reverse order, so this one has to come after the driver's own: once the
+/// first context of each kind works.
+void watchExit(RendererKind kind) {
+  static std::array<std::once_flag, 4> once;
+  std::call_once(once.at(static_cast<std::size_t>(kind)),
+                 [] { std::atexit([] { process_exits = true; }); });
+}
 
 const void* offset(std::size_t bytes) { return reinterpret_cast<const void*>(bytes); }
 
@@ -27,14 +42,19 @@ GlRenderer::GlRenderer(RendererKind kind, std::unique_ptr<GlContext> context)
     const auto* bytes = gl_->GetString(name);
     return std::string(bytes == nullptr ? "?" : reinterpret_cast<const char*>(bytes));
   };
-  description_ = fmt::format("{}: {}, OpenGL {}", context_->platform(), text(GL_RENDERER),
-                             text(GL_VERSION));
+  description_ =
+      fmt::format("{}: {}, OpenGL {}", context_->platform(), text(GL_RENDERER), text(GL_VERSION));
   setUp();
   checkErrors();
+  watchExit(kind_);
   logger().info("renderer: {}", description_);
 }
 
 GlRenderer::~GlRenderer() {
+  if (process_exits) {
+    static_cast<void>(context_.release());
+    return;
+  }
   try {
     const auto turn = context_->makeCurrent();
     for (const Target& each : targets_) dropTarget(each);
@@ -205,8 +225,8 @@ void GlRenderer::upload(const Frame& frame) {
                     static_cast<GLsizeiptr>(vertices.size() * sizeof(MeshCache::GpuVertex)),
                     vertices.data(), GL_STATIC_DRAW);
     gl_->BufferData(GL_ELEMENT_ARRAY_BUFFER,
-                    static_cast<GLsizeiptr>(indices.size() * sizeof(std::uint32_t)),
-                    indices.data(), GL_STATIC_DRAW);
+                    static_cast<GLsizeiptr>(indices.size() * sizeof(std::uint32_t)), indices.data(),
+                    GL_STATIC_DRAW);
   }
   instances_.clear();
   for (const DrawItem& item : frame.opaque) instances_.push_back(item.instance);

@@ -10,8 +10,7 @@ float linearFromSrgb(float encoded) {
 }
 
 float srgbFromLinear(float linear) {
-  return linear <= 0.0031308F ? linear * 12.92F
-                              : 1.055F * std::pow(linear, 1.0F / 2.4F) - 0.055F;
+  return linear <= 0.0031308F ? linear * 12.92F : 1.055F * std::pow(linear, 1.0F / 2.4F) - 0.055F;
 }
 
 Eigen::Vector3f linearRgb(const Color& color) {

@@ -19,7 +19,8 @@ MeshPtr share(Mesh mesh) {
   }
   for (const Vertex& vertex : mesh.vertices) {
     if (!vertex.position.allFinite() || !vertex.normal.allFinite() || !vertex.uv.allFinite()) {
-      throw InvalidArgument(fmt::format("mesh '{}' vertex", mesh.name), "a value that is not finite",
+      throw InvalidArgument(fmt::format("mesh '{}' vertex", mesh.name),
+                            "a value that is not finite",
                             "finite positions, normals and texture coordinates");
     }
   }

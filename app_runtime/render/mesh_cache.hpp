@@ -1,4 +1,5 @@
-// Which meshes are on the GPU: all in one vertex and one index buffer, so that draws share their state.
+// Which meshes are on the GPU: all in one vertex and one index buffer, so that draws share their
+// state.
 #pragma once
 
 #include <array>
@@ -31,7 +32,8 @@ class MeshCache {
     std::array<float, 3> position, normal;
   };
 
-  /// The mesh's place; appends it to the buffers when it is new. References stay valid until sweep().
+  /// The mesh's place; appends it to the buffers when it is new. References stay valid until
+  /// sweep().
   MeshSlot& slot(const MeshPtr& mesh);
 
   /// Begins a frame; drops meshes that nobody holds any more once they outweigh the others.

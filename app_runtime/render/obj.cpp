@@ -29,7 +29,8 @@ class ObjReader {
       statement(line);
     }
     if (mesh_.indices.empty()) {
-      throw InvalidArgument("mesh file", path_.string() + " without faces", "at least one face (f)");
+      throw InvalidArgument("mesh file", path_.string() + " without faces",
+                            "at least one face (f)");
     }
     return share(std::move(mesh_));
   }
@@ -64,7 +65,9 @@ class ObjReader {
   }
 
   /// OBJ is right-handed; negating x (and reversing the corners, see face) gives the app's frame.
-  static Eigen::Vector3f unityFrame(const Eigen::Vector3f& obj) { return {-obj.x(), obj.y(), obj.z()}; }
+  static Eigen::Vector3f unityFrame(const Eigen::Vector3f& obj) {
+    return {-obj.x(), obj.y(), obj.z()};
+  }
 
   template <int N>
   Eigen::Matrix<float, N, 1> numbers(std::istringstream& words, const std::string& line) const {

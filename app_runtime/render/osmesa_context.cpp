@@ -1,8 +1,8 @@
 // OSMesa: Mesa's CPU driver as a plain library, for machines without EGL. Loaded when asked for.
 #include <GL/glcorearb.h>
 #include <dlfcn.h>
-#include <link.h>
 #include <fmt/format.h>
+#include <link.h>
 
 #include <array>
 #include <atomic>
@@ -99,9 +99,8 @@ const OsMesaApi* loadedOsMesa() {
 class OsMesaContext final : public GlContext {
  public:
   OsMesaContext() : osmesa_(findFunctions(openLibrary())) {
-    const std::array<int, 9> attributes = {kFormat,       GL_RGBA, kProfile,      kCoreProfile,
-                                           kMajorVersion, 4,       kMinorVersion, 2,
-                                           0};
+    const std::array<int, 9> attributes = {
+        kFormat, GL_RGBA, kProfile, kCoreProfile, kMajorVersion, 4, kMinorVersion, 2, 0};
     context_ = osmesa_.CreateContextAttribs(attributes.data(), nullptr);
     if (context_ == nullptr) throw RenderError("OSMesa: no OpenGL 4.2 core context");
   }
@@ -151,8 +150,8 @@ OsMesaCurrentKeeper::OsMesaCurrentKeeper(bool ask) {
 
 OsMesaCurrentKeeper::~OsMesaCurrentKeeper() {
   if (context_ == nullptr) return;
-  loadedOsMesa()->MakeCurrent(static_cast<OsMesaHandle>(context_), buffer_, GL_UNSIGNED_BYTE, width_,
-                              height_);
+  loadedOsMesa()->MakeCurrent(static_cast<OsMesaHandle>(context_), buffer_, GL_UNSIGNED_BYTE,
+                              width_, height_);
 }
 
 }  // namespace sim2vr::render

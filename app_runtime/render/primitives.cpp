@@ -45,8 +45,8 @@ void checkPositive(const char* field, double value) {
 }
 
 std::uint32_t add(Mesh& mesh, const Vec3& position, const Vec3& normal, double u, double v) {
-  mesh.vertices.push_back({position.cast<float>(), normal.cast<float>(),
-                           Eigen::Vector2d(u, v).cast<float>()});
+  mesh.vertices.push_back(
+      {position.cast<float>(), normal.cast<float>(), Eigen::Vector2d(u, v).cast<float>()});
   return static_cast<std::uint32_t>(mesh.vertices.size() - 1);
 }
 
@@ -101,7 +101,8 @@ void addTurned(Mesh& mesh, std::span<const OutlinePoint> outline, int segments, 
 }
 
 /// Circular arc of an outline; angles measured from the plane across the axis.
-std::vector<OutlinePoint> arc(double radius, double centre, double from_rad, double to_rad, int steps) {
+std::vector<OutlinePoint> arc(double radius, double centre, double from_rad, double to_rad,
+                              int steps) {
   std::vector<OutlinePoint> points;
   for (int i = 0; i <= steps; ++i) {
     const double angle = from_rad + (to_rad - from_rad) * i / steps;
@@ -143,13 +144,14 @@ void checkProfile(std::span<const LathePoint> profile) {
 }
 
 /// Normals at both ends of segment i, averaged with a neighbour where the outline bends little.
-OutlinePoint profilePoint(std::span<const LathePoint> profile, const std::vector<Direction>& normals,
-                          std::size_t segment, bool end) {
+OutlinePoint profilePoint(std::span<const LathePoint> profile,
+                          const std::vector<Direction>& normals, std::size_t segment, bool end) {
   const std::size_t point = segment + (end ? 1 : 0);
   Direction normal = normals[segment];
   const std::size_t other = end ? segment + 1 : segment - 1;
   if (end ? other < normals.size() : segment > 0) {
-    const double cosine = normal.radial * normals[other].radial + normal.axial * normals[other].axial;
+    const double cosine =
+        normal.radial * normals[other].radial + normal.axial * normals[other].axial;
     if (cosine > std::cos(kSmoothBelowRad)) {
       normal.radial += normals[other].radial;
       normal.axial += normals[other].axial;
@@ -256,8 +258,9 @@ MeshPtr annulus(double inner_radius_m, double outer_radius_m, int segments) {
   checkSegments(segments);
   checkPositive("outer_radius_m", outer_radius_m);
   if (!(inner_radius_m >= 0.0 && inner_radius_m < outer_radius_m)) {
-    throw InvalidArgument("inner_radius_m", fmt::format("{}", inner_radius_m),
-                          fmt::format("at least 0 and less than the outer radius {}", outer_radius_m));
+    throw InvalidArgument(
+        "inner_radius_m", fmt::format("{}", inner_radius_m),
+        fmt::format("at least 0 and less than the outer radius {}", outer_radius_m));
   }
   return cached(fmt::format("annulus({}, {}, {})", inner_radius_m, outer_radius_m, segments),
                 [&](Mesh& mesh) {
@@ -299,7 +302,9 @@ MeshPtr strip(std::span<const Vec3> points, double width_m, const Vec3& normal,
   Mesh mesh;
   mesh.name = name;
   const Vec3 n = normal.normalized();
-  const auto sideways = [&](std::size_t i) { return n.cross(points[i + 1] - points[i]).normalized(); };
+  const auto sideways = [&](std::size_t i) {
+    return n.cross(points[i + 1] - points[i]).normalized();
+  };
   for (std::size_t i = 0; i < points.size(); ++i) {
     const Vec3 before = sideways(i == 0 ? 0 : i - 1);
     const Vec3 after = sideways(i + 1 == points.size() ? i - 1 : i);

@@ -15,8 +15,8 @@ const std::map<std::string, std::string, std::less<>>& embeddedShaders();
 /// Text of a shader file. Developers may set SIM2VR_SHADER_DIR to a folder whose files come first.
 std::string shaderText(std::string_view file_name);
 
-/// Compiles frame.glsl + `name`.vert and `name`.frag with `#define <variant>` (unless empty). Binds the
-/// uniform block Frame to binding 0. Throws RenderError with the driver's log.
+/// Compiles frame.glsl + `name`.vert and `name`.frag with `#define <variant>` (unless empty). Binds
+/// the uniform block Frame to binding 0. Throws RenderError with the driver's log.
 GLuint buildProgram(const GlApi& gl, const std::string& name, const std::string& variant);
 
 }  // namespace sim2vr::render

@@ -1,8 +1,9 @@
-// Single scattering in a thin shell of air, two samples along each ray: the model of O'Neil, "Accurate
-// Atmospheric Scattering" (GPU Gems 2, chapter 16), with the constants of Unity's procedural skybox, so
-// that a scene's Skybox settings give the colours they give there. The planet has radius 1, the shell
-// reaches to 1.025 and the eye stands 0.0001 above the ground. Against the published picture of the
-// Whac-A-Mole study the root mean square difference is 2 of 255 levels, the largest 5.
+// Single scattering in a thin shell of air, two samples along each ray: the model of O'Neil,
+// "Accurate Atmospheric Scattering" (GPU Gems 2, chapter 16), with the constants of Unity's
+// procedural skybox, so that a scene's Skybox settings give the colours they give there. The planet
+// has radius 1, the shell reaches to 1.025 and the eye stands 0.0001 above the ground. Against the
+// published picture of the Whac-A-Mole study the root mean square difference is 2 of 255 levels,
+// the largest 5.
 #include "sky.hpp"
 
 #include <algorithm>
@@ -74,7 +75,8 @@ Array3d scatteredAbove(const Air& air, const Vec3& sun, const Vec3& ray) {
     const double density = densityAt(radius);
     const double along_sun = opticalDepth(sun.dot(point) / radius);
     const double along_ray = opticalDepth(ray.dot(point) / radius);
-    sum += air.transmitted(start + density * (along_sun - along_ray)) * (density * step * kPerShell);
+    sum +=
+        air.transmitted(start + density * (along_sun - along_ray)) * (density * step * kPerShell);
   }
   return sum * air.scattering;
 }
@@ -139,8 +141,8 @@ Array3d light(const SkySettings& settings, const Air& air, const Vec3& ray) {
 }
 
 /// Elevations of the dome's rings: dense where the sky changes fast.
-constexpr std::array<double, 18> kRingsDeg = {90.0, 60.0, 40.0,  29.0,   21.0, 15.0,
-                                              10.0, 6.5,  4.0,   2.0,    0.8,  0.0,
+constexpr std::array<double, 18> kRingsDeg = {90.0, 60.0,   40.0, 29.0,  21.0,  15.0,
+                                              10.0, 6.5,    4.0,  2.0,   0.8,   0.0,
                                               -0.5, -1.146, -3.5, -10.0, -30.0, -90.0};
 constexpr int kSectors = 16;
 
@@ -178,7 +180,8 @@ SkyDome makeSkyDome(const SkySettings& settings) {
   for (std::size_t ring = 0; ring + 1 < kRingsDeg.size(); ++ring) {
     for (int sector = 0; sector < kSectors; ++sector) {
       const auto at = [&](std::size_t row, int column) {
-        return static_cast<std::uint16_t>(row * kSectors + static_cast<std::size_t>(column % kSectors));
+        return static_cast<std::uint16_t>(row * kSectors +
+                                          static_cast<std::size_t>(column % kSectors));
       };
       const std::uint16_t a = at(ring, sector), b = at(ring, sector + 1);
       const std::uint16_t c = at(ring + 1, sector + 1), d = at(ring + 1, sector);

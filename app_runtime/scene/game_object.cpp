@@ -33,18 +33,22 @@ void GameObject::adopt(std::unique_ptr<Component> component) {
 }
 
 void GameObject::refreshEnabled() {
-  for (const auto& component : components_) {
-    const bool on = component->isActiveAndEnabled();
-    if (on == component->on_) continue;
-    component->on_ = on;
+  // By index: the callbacks may add components and children.
+  for (std::size_t i = 0; i < components_.size(); ++i) {
+    Component& component = *components_[i];
+    const bool on = component.isActiveAndEnabled();
+    if (on == component.on_) continue;
+    component.on_ = on;
     scene_->changed();
     if (on) {
-      component->OnEnable();
+      component.OnEnable();
     } else {
-      component->OnDisable();
+      component.OnDisable();
     }
   }
-  for (Transform* child : transform_.children()) child->gameObject().refreshEnabled();
+  for (std::size_t i = 0; i < transform_.children().size(); ++i) {
+    transform_.children()[i]->gameObject().refreshEnabled();
+  }
 }
 
 }  // namespace sim2vr::scene

@@ -71,7 +71,10 @@ void Scene::destroy(GameObject& object) {
   object.destroyed_ = true;
   has_destroyed_ = true;
   object.refreshEnabled();
-  for (Transform* child : object.transform_.children()) destroy(child->gameObject());
+  // By index: OnDisable may have added children.
+  for (std::size_t i = 0; i < object.transform_.children().size(); ++i) {
+    destroy(object.transform_.children()[i]->gameObject());
+  }
 }
 
 GameObject* Scene::find(std::string_view path) const {
@@ -151,16 +154,26 @@ void Scene::runFrame(std::int64_t time_ns, const std::function<void()>& physics_
   flushDestroyed();
   if (has_unstarted_) startNewComponents();
   runPhase(&Component::Update);
+  if (has_unstarted_) startNewComponents();
   runPhase(&Component::LateUpdate);
   flushDestroyed();
 }
 
+void Scene::announceDestroyed(GameObject& object) {
+  const Transform* parent = object.transform_.parent();
+  // Made below an object that was destroyed already.
+  if (parent != nullptr && parent->gameObject().destroyed_) destroy(object);
+  if (!object.destroyed_ || object.destroy_announced_) return;
+  object.destroy_announced_ = true;
+  for (std::size_t i = 0; i < object.components_.size(); ++i) object.components_[i]->OnDestroy();
+}
+
 void Scene::flushDestroyed() {
   if (!has_destroyed_) return;
-  has_destroyed_ = false;
-  for (const auto& object : objects_) {
-    if (!object->destroyed_) continue;
-    for (const auto& component : object->components_) component->OnDestroy();
+  while (has_destroyed_) {
+    has_destroyed_ = false;
+    // By index, and until nothing new is destroyed: OnDestroy may make and destroy objects.
+    for (std::size_t i = 0; i < objects_.size(); ++i) announceDestroyed(*objects_[i]);
   }
   std::erase_if(ordered_, [](const Component* c) { return c->gameObject().destroyed(); });
   for (const auto& object : objects_) {
@@ -202,6 +215,16 @@ void Scene::matchObjects(Archive& archive) {
     }
     next_id_ = record.id + 1;
     prefab->second(createWithId(record.id, record.name, record.prefab, parent));
+  }
+  // A prefab also makes the children that had been destroyed by then.
+  for (std::size_t i = 0; i < objects_.size(); ++i) {
+    if (!recorded(*objects_[i])) destroy(*objects_[i]);
+  }
+  flushDestroyed();
+  if (objects_.size() != records.size()) {
+    throw EngineError("saved state: it has " + std::to_string(records.size()) +
+                      " objects, this game made " + std::to_string(objects_.size()) +
+                      " of them; the state was made with another game or options");
   }
   std::sort(objects_.begin(), objects_.end(),
             [](const auto& a, const auto& b) { return a->id_ < b->id_; });

@@ -1,4 +1,12 @@
-"""Environments: a simulated user, its senses and a VR app in lockstep."""
+"""Environments: a simulated user, its senses and a VR app in lockstep.
+
+Importing this package registers the Gymnasium ids, so both of these work::
+
+    import sim2vr_harness.envs
+    gymnasium.make("sim2vr/WhacAMole-v0")
+
+    gymnasium.make("sim2vr_harness.envs:sim2vr/WhacAMole-v0")
+"""
 
 from sim2vr_harness.envs.config import (
     AppConfig,
@@ -24,3 +32,5 @@ __all__ = [
     "VisionConfig",
     "register_envs",
 ]
+
+register_envs()

@@ -60,8 +60,8 @@ class AppConfig(_Settings):
     """The VR application in the loop."""
 
     game: str = "whacamole"
-    options: dict[str, OptionValue] = Field(default_factory=lambda: {"condition": "medium"})
-    """The game's options; each game validates its own (``sim2vr-app --help GAME``)."""
+    options: dict[str, OptionValue] = {"condition": "medium"}
+    """The game's options; each game validates its own (docs/games/)."""
     renderer: Literal["automatic", "egl", "osmesa", "null"] = "automatic"
 
 

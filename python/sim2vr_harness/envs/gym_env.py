@@ -60,7 +60,7 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         self.simulation = Simulation(
             config, 1, log_dir=None if log_dir is None else Path(log_dir)
         )
-        self.observation_space = self.simulation.observation_space
+        self.observation_space = self.simulation.observation_space  # type: ignore[assignment]
         self.action_space = self.simulation.action_space
         self._body_renderer: Any = None
 
@@ -88,7 +88,7 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     def _observation(self) -> Observation:
         return {key: rows[0] for key, rows in self.simulation.observation().items()}
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """A picture of the last frame as ``render_mode`` says, (480, 640, 3) uint8, or None."""
         app = self.simulation.apps[0]
         if self.render_mode == "rgb_array":

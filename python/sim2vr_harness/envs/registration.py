@@ -1,4 +1,4 @@
-"""Gymnasium ids of the environments; called by Gymnasium's plugin mechanism."""
+"""Gymnasium ids of the environments; importing ``sim2vr_harness.envs`` registers them."""
 
 from __future__ import annotations
 

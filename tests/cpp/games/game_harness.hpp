@@ -23,11 +23,19 @@ struct Poses {
   Pose right;
 };
 
+/// The reference's clock in simulated runs: Unity keeps the fixed step in binary32, so that step 25
+/// n lies just after frame n at n * 50 ms.
+inline TimeSettings referenceTime() {
+  TimeSettings time;
+  time.fixed_delta_time_s = 0.002F;
+  return time;
+}
+
 /// One round of one game. The Game itself is the caller's and may live on.
 class GameHarness {
  public:
   GameHarness(rl::Game& game, std::uint32_t seed, const std::string& options_json = "{}",
-              const TimeSettings& time = {}, std::int64_t start_ns = 0,
+              const TimeSettings& time = referenceTime(), std::int64_t start_ns = 0,
               rl::EpisodeLogger* logger = nullptr)
       : scene_(time), physics_(scene_), session_(device_) {
     Options options = Options::fromJson(options_json);

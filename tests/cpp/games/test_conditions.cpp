@@ -106,8 +106,8 @@ TEST(Settings, Defaults) {
 
 TEST(Settings, ReadsEveryOption) {
   Options options = Options::fromJson(
-      R"({"condition": "low-easy-unconstrained", "adaptive": true, "sparse": true, "reward": "paper",
-          "round_seconds": 10, "countdown_seconds": 4, "head_rotation": "device",
+      R"({"condition": "low-easy-unconstrained", "adaptive": true, "sparse": true,
+          "reward": "paper", "round_seconds": 10, "countdown_seconds": 4, "head_rotation": "device",
           "show_controllers": false})");
   const Settings settings = Settings::fromOptions(options);
   EXPECT_NO_THROW(options.expectAllRead());

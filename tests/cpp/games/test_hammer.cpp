@@ -34,7 +34,7 @@ TEST(Hammer, HeadIsABoxOfTenByFiveAndAHalfCentimetres) {
 // By hand: v1 = 0; raw2 = 0.1 m / 0.05 s = 2, v2 = 0.5 * 2 = 1; raw3 = 2, v3 = 1 + 0.5 (2 - 1)
 // = 1.5; raw4 = 0, v4 = 0.75.
 TEST(Hammer, VelocityIsTheHalfSmoothedRootVelocity) {
-  WhacAMoleRound round("{}", 1, {}, nullptr, 50'000'000);
+  WhacAMoleRound round("{}", 1, testing::referenceTime(), nullptr, 50'000'000);
   const Hammer& hammer = round.round().hammer();
   round.frameWithRoot(Vec3(0.0, 1.0, 0.0));
   EXPECT_EQ(hammer.velocity_mps(), Vec3(Vec3::Zero()));
@@ -59,7 +59,7 @@ TEST(Hammer, VelocityIgnoresTheHead) {
 }
 
 TEST(Hammer, TwoFramesAtTheSameTimeKeepTheVelocity) {
-  WhacAMoleRound round("{}", 1, {}, nullptr, 0);
+  WhacAMoleRound round("{}", 1, testing::referenceTime(), nullptr, 0);
   round.frameWithRoot(Vec3(0.0, 1.0, 0.0));
   round.frameWithRoot(Vec3(0.0, 1.0, 0.1));
   EXPECT_EQ(round.round().hammer().velocity_mps(), Vec3(Vec3::Zero()));

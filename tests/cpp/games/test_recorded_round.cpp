@@ -1,5 +1,5 @@
-// A short round of our own scripted player, kept as its log: the same poses and seed must give the same
-// events again, in every build and version.
+// A short round of our own scripted player, kept as its log: the same poses and seed must give the
+// same events again, in every build and version.
 #include <gtest/gtest.h>
 
 #include <cmath>
@@ -61,8 +61,8 @@ TEST(RecordedRound, PosesAndSeedGiveTheSameEvents) {
   const auto game = createGame("whacamole");
   {
     rl::EpisodeLogger logger(root);
-    testing::GameHarness round(*game, 42, R"({"condition": "hard", "round_seconds": 6})", {}, 0,
-                               &logger);
+    testing::GameHarness round(*game, 42, R"({"condition": "hard", "round_seconds": 6})",
+                               testing::referenceTime(), 0, &logger);
     std::ifstream states(kRecording / "states.csv");
     std::string row;
     std::getline(states, row);

@@ -83,7 +83,7 @@ TEST(Round, WaitsForTheCountdown) {
 }
 
 TEST(Round, EndsInTheFirstFrameAfterSixtySeconds) {
-  WhacAMoleRound round(conditionJson("medium"), 1, {}, nullptr, 50'000'000);
+  WhacAMoleRound round(conditionJson("medium"), 1, testing::referenceTime(), nullptr, 50'000'000);
   round.idle(601);
   EXPECT_FLOAT_EQ(round.harness.env().GetTimeFeature(), 0.0F);  // t = 30
   round.idle(600);                                              // t = 60 is not beyond 60
@@ -176,7 +176,8 @@ class RoundLogTest : public ::testing::Test {
 
 TEST_F(RoundLogTest, WritesStatesAndEvents) {
   rl::EpisodeLogger logger(root_);
-  WhacAMoleRound round(R"({"condition": "easy", "round_seconds": 2})", 13259, {}, &logger);
+  WhacAMoleRound round(R"({"condition": "easy", "round_seconds": 2})", 13259,
+                       testing::referenceTime(), &logger);
   while (!round.harness.env().finished()) round.idle();
   const auto states = lines("0000-easy/states.csv");
   ASSERT_EQ(states.size(), 2U + 42U);  // title, header, a row per frame

@@ -31,8 +31,8 @@ class WhacAMoleRound {
   static constexpr std::int64_t kPeriod_ns = 49'999'997;
 
   explicit WhacAMoleRound(const std::string& options_json, std::uint32_t seed = 1,
-                          const TimeSettings& time = {}, rl::EpisodeLogger* logger = nullptr,
-                          std::int64_t period_ns = kPeriod_ns)
+                          const TimeSettings& time = testing::referenceTime(),
+                          rl::EpisodeLogger* logger = nullptr, std::int64_t period_ns = kPeriod_ns)
       : harness(game, seed, options_json, time, 0, logger), period_ns_(period_ns) {}
 
   void frameWithRoot(const Vec3& root) {

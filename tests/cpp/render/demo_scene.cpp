@@ -78,9 +78,9 @@ void addHammer(scene::Scene& scene, const Vec3& root, const Quat& rotation) {
   const std::vector<LathePoint> head = {{0, -.0486},     {.0279, -.0486}, {.03, -.0462},
                                         {.0263, -.0243}, {.0244, 0},      {.0263, .0243},
                                         {.03, .0462},    {.0279, .0486},  {0, .0486}};
-  const std::vector<LathePoint> handle = {{0, 0},       {.0155, 0},    {.0119, .013},
-                                          {.0091, .03}, {.0077, .057}, {.008, .07},
-                                          {.0116, .163}, {.0204, .169}, {.0204, .1747}, {0, .1747}};
+  const std::vector<LathePoint> handle = {{0, 0},         {.0155, 0},  {.0119, .013}, {.0091, .03},
+                                          {.0077, .057},  {.008, .07}, {.0116, .163}, {.0204, .169},
+                                          {.0204, .1747}, {0, .1747}};
   shape(scene, "Head", &hammer, lathe(head, 12, "head"), wood(89, 48, 14), {0, 0.1396, 0},
         Vec3::Ones(), turned(-90, Vec3::UnitZ()));
   shape(scene, "Handle", &hammer, lathe(handle, 8, "handle"), wood(61, 28, 8), Vec3::Zero());
@@ -109,7 +109,8 @@ void addObjects(scene::Scene& scene) {
         {0.3, 0.3, 1.0});
   shape(scene, "Platform", nullptr, cylinder(32), paint({1, 0.994F, 0.401F, 1}, 0.1F, true),
         Vec3::Zero(), {0.45, 0.06, 0.45});
-  const std::array<Vec3, 3> arrow = {Vec3(-0.2, 0.04, 0.2), Vec3(0, 0.04, 0.4), Vec3(0.2, 0.04, 0.2)};
+  const std::array<Vec3, 3> arrow = {Vec3(-0.2, 0.04, 0.2), Vec3(0, 0.04, 0.4),
+                                     Vec3(0.2, 0.04, 0.2)};
   shape(scene, "Arrow", nullptr, strip(arrow, 0.018), glass({0, 1, 0.084F, 0.24F}, 0.0F),
         Vec3::Zero());
   addHammer(scene, {0.06, 0.985, 0.46}, turned(-54, Vec3::UnitY()));
@@ -118,7 +119,9 @@ void addObjects(scene::Scene& scene) {
   for (int i = 0; i < 50; ++i) {
     const double angle = i * 2.4;
     const double radius = 0.018 * i / 50.0;
-    burst.billboards.push_back({kArea + Vec3(0.03 + radius * std::cos(angle), -0.02 + radius * std::sin(angle), -0.01), 0.008 + 0.0001 * i});
+    burst.billboards.push_back(
+        {kArea + Vec3(0.03 + radius * std::cos(angle), -0.02 + radius * std::sin(angle), -0.01),
+         0.008 + 0.0001 * i});
   }
 }
 

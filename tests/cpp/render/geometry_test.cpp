@@ -22,7 +22,8 @@ TEST_P(GeometryTest, RowZeroIsTheTopAndPlusXIsRight) {
 TEST_P(GeometryTest, CameraPoseTurnsThePicture) {
   world_.camera.transform().setPose({{5, 1, 2}, turned(90, Vec3::UnitY())});  // looks along +x
   world_.add(quad(), unlit(kRed), {6, 1, 1.4}, Vec3::Constant(0.2), turned(90, Vec3::UnitY()));
-  // World -z is to the right of a viewer that looks along +x: 0.6 -> column (0.6 / 1.5 + 1) * 30 = 42.
+  // World -z is to the right of a viewer that looks along +x: 0.6 -> column (0.6 / 1.5 + 1) * 30
+  // = 42.
   EXPECT_EQ(draw(kSmall).at(42, 20), (Pixel{255, 0, 0, 26}));
 }
 

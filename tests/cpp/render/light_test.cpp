@@ -33,7 +33,8 @@ TEST(ColorTest, LerpClampsAndMixesEncodedValues) {
 
 TEST_P(LightTest, UnlitColourComesBackAsGiven) {
   MeshRenderer& sheet = world_.add(quad(), unlit(kWhite), {0, 0, 1}, Vec3::Constant(10.0));
-  for (const Pixel& wanted : {Pixel{200, 100, 50, 26}, Pixel{1, 128, 254, 26}, Pixel{3, 12, 77, 26}}) {
+  for (const Pixel& wanted :
+       {Pixel{200, 100, 50, 26}, Pixel{1, 128, 254, 26}, Pixel{3, 12, 77, 26}}) {
     sheet.material.albedo = srgb8(wanted[0], wanted[1], wanted[2]);
     EXPECT_LE(difference(draw(kSmall).at(30, 20), wanted), 1);
   }
@@ -44,7 +45,8 @@ TEST_P(LightTest, Lambert) {
   world_.addLight({std::sqrt(0.75), 0, 0.5});  // 60 degrees from the normal
   // 0.21404 * 0.96 * 0.5 = 0.10274 -> sRGB 0.3538 -> 90.2
   EXPECT_NEAR(draw(kSmall).at(30, 20)[0], 90, 1);
-  world_.addLight({0, 0.6, 0.8}, 0.5F);  // + 0.21404 * 0.96 * 0.8 * 0.5 = 0.18493 -> 0.4675 -> 119.2
+  world_.addLight({0, 0.6, 0.8},
+                  0.5F);  // + 0.21404 * 0.96 * 0.8 * 0.5 = 0.18493 -> 0.4675 -> 119.2
   EXPECT_NEAR(draw(kSmall).at(30, 20)[0], 119, 1);
   world_.addLight({0, 0, -1}, 0.9F);  // from behind: nothing
   EXPECT_NEAR(draw(kSmall).at(30, 20)[0], 119, 1);
@@ -166,15 +168,27 @@ TEST_P(LightTest, SkyLooksAsInThePublishedPicture) {
   demo::addSurroundings(scene);
   const Picture picture =
       testing::draw(*renderer_, scene, demo::addFigureCamera(scene), {456, 257});
-  // From the top over the horizon (row 150) to the ground, at the left and the right edge. Tolerance:
-  // 6 levels; the picture itself was scaled and compressed.
+  // From the top over the horizon (row 150) to the ground, at the left and the right edge.
+  // Tolerance: 6 levels; the picture itself was scaled and compressed.
   const std::array<Sample, 18> samples = {{
-      {5, 2, {118, 139, 155, 0}},   {5, 30, {127, 147, 163, 0}},  {5, 60, {141, 159, 172, 0}},
-      {5, 90, {157, 173, 177, 0}},  {5, 120, {182, 191, 172, 0}}, {5, 150, {214, 205, 152, 0}},
-      {5, 154, {209, 198, 151, 0}}, {5, 180, {204, 193, 170, 0}}, {5, 220, {202, 189, 164, 0}},
-      {415, 2, {135, 159, 179, 0}}, {415, 30, {149, 171, 189, 0}}, {415, 60, {167, 187, 199, 0}},
-      {415, 90, {188, 206, 208, 0}}, {415, 120, {216, 222, 199, 0}}, {415, 150, {250, 239, 176, 0}},
-      {415, 154, {225, 213, 161, 0}}, {415, 180, {204, 193, 170, 0}}, {415, 220, {202, 189, 164, 0}},
+      {5, 2, {118, 139, 155, 0}},
+      {5, 30, {127, 147, 163, 0}},
+      {5, 60, {141, 159, 172, 0}},
+      {5, 90, {157, 173, 177, 0}},
+      {5, 120, {182, 191, 172, 0}},
+      {5, 150, {214, 205, 152, 0}},
+      {5, 154, {209, 198, 151, 0}},
+      {5, 180, {204, 193, 170, 0}},
+      {5, 220, {202, 189, 164, 0}},
+      {415, 2, {135, 159, 179, 0}},
+      {415, 30, {149, 171, 189, 0}},
+      {415, 60, {167, 187, 199, 0}},
+      {415, 90, {188, 206, 208, 0}},
+      {415, 120, {216, 222, 199, 0}},
+      {415, 150, {250, 239, 176, 0}},
+      {415, 154, {225, 213, 161, 0}},
+      {415, 180, {204, 193, 170, 0}},
+      {415, 220, {202, 189, 164, 0}},
   }};
   for (const Sample& sample : samples) {
     const Pixel pixel = picture.at(sample.x, sample.y);
@@ -193,12 +207,12 @@ TEST_P(LightTest, ObjectsLookAsInThePublishedPicture) {
       testing::draw(*renderer_, scene, demo::addFigureCamera(scene), {456, 257});
   // Tolerance: 12 levels (a target's colour changes by 6 levels per frame).
   const std::array<Sample, 6> samples = {{
-      {181, 135, {22, 232, 15, 0}},   // fresh target
-      {181, 230, {105, 124, 12, 0}},  // middle-aged target
-      {320, 115, {222, 19, 16, 0}},   // old target
-      {146, 88, {68, 33, 6, 0}},      // hammer's head
-      {140, 158, {35, 14, 10, 0}},    // its handle
-      {300, 200, {182, 207, 148, 0}}, // ground through the target area
+      {181, 135, {22, 232, 15, 0}},    // fresh target
+      {181, 230, {105, 124, 12, 0}},   // middle-aged target
+      {320, 115, {222, 19, 16, 0}},    // old target
+      {146, 88, {68, 33, 6, 0}},       // hammer's head
+      {140, 158, {35, 14, 10, 0}},     // its handle
+      {300, 200, {182, 207, 148, 0}},  // ground through the target area
   }};
   for (const Sample& sample : samples) {
     const Pixel pixel = picture.at(sample.x, sample.y);

@@ -152,9 +152,9 @@ TEST(MeshTest, RefusesImpossibleShapes) {
 class FileTest : public ::testing::Test {
  protected:
   void SetUp() override {
-    path_ = std::filesystem::temp_directory_path() /
-            (std::string("sim2vr_") +
-             ::testing::UnitTest::GetInstance()->current_test_info()->name());
+    path_ =
+        std::filesystem::temp_directory_path() /
+        (std::string("sim2vr_") + ::testing::UnitTest::GetInstance()->current_test_info()->name());
   }
   void TearDown() override { std::filesystem::remove(path_); }
   MeshPtr load(const std::string& text) {
@@ -187,7 +187,8 @@ TEST_F(FileTest, ObjErrorsNameTheLine) {
   const auto message = [&](const std::string& text) { return messageOf([&] { load(text); }); };
   const std::string file = path_.string();
   EXPECT_EQ(message("v 0 0 0\nv 1 x 0\n"), file + " line 2: got 'v 1 x 0', expected 3 numbers");
-  EXPECT_EQ(message("v 0 0 0\nf 1 1\n"), file + " line 2: got a face of 2 corners, expected at least 3");
+  EXPECT_EQ(message("v 0 0 0\nf 1 1\n"),
+            file + " line 2: got a face of 2 corners, expected at least 3");
   EXPECT_EQ(message("v 0 0 0\nf 1 1 2\n"),
             file + " line 2: got the corner '2', expected an index among the 1 read so far");
   EXPECT_EQ(message("v 0 0 0\nf 1 1 q\n"),

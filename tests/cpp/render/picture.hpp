@@ -134,10 +134,10 @@ inline std::string kindName(const ::testing::TestParamInfo<RendererKind>& info) 
   return std::string(rendererKindName(info.param));
 }
 
-#define SIM2VR_FOR_EACH_GL(suite)                                                          \
-  INSTANTIATE_TEST_SUITE_P(Gl, suite,                                                      \
-                           ::testing::Values(sim2vr::render::RendererKind::egl,            \
-                                             sim2vr::render::RendererKind::osmesa),        \
-                           sim2vr::render::testing::kindName)
+#define SIM2VR_FOR_EACH_GL(suite)                                                                 \
+  INSTANTIATE_TEST_SUITE_P(                                                                       \
+      Gl, suite,                                                                                  \
+      ::testing::Values(sim2vr::render::RendererKind::egl, sim2vr::render::RendererKind::osmesa), \
+      sim2vr::render::testing::kindName)
 
 }  // namespace sim2vr::render::testing

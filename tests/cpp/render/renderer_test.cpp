@@ -56,8 +56,8 @@ class DemoWorld {
 };
 
 TEST(RendererKindTest, Names) {
-  for (const auto kind : {RendererKind::automatic, RendererKind::egl, RendererKind::osmesa,
-                          RendererKind::null}) {
+  for (const auto kind :
+       {RendererKind::automatic, RendererKind::egl, RendererKind::osmesa, RendererKind::null}) {
     EXPECT_EQ(rendererKindFromName(rendererKindName(kind)), kind);
   }
   EXPECT_EQ(messageOf<InvalidArgument>([] { rendererKindFromName("osmsa"); }),
@@ -167,6 +167,18 @@ TEST_P(RendererTest, LeavesTheCallersContextCurrent) {
     get_integer(kCullFace, &culling);
     EXPECT_EQ(culling, 0) << "the renderer's own state must not show";
   }
+}
+
+TEST_P(RendererTest, MayOutliveItsDriverAtExit) {
+  const auto kind = GetParam();
+  EXPECT_EXIT(
+      {
+        // Constructed before the driver starts, so destroyed after the driver has gone.
+        static std::shared_ptr<Renderer> kept;
+        kept = Renderer::create(kind);
+        std::exit(0);
+      },
+      ::testing::ExitedWithCode(0), "");
 }
 
 TEST_P(RendererTest, MeshesThatNobodyHoldsAreLetGo) {

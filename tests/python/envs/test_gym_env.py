@@ -16,7 +16,6 @@ from sim2vr_harness.envs.registration import WHACAMOLE_ID
 
 @pytest.fixture
 def env():
-    envs.register_envs()
     env = gymnasium.make(WHACAMOLE_ID, condition="medium")
     yield env
     env.close()
@@ -76,15 +75,17 @@ def test_renders_pictures(mode: str) -> None:
         envs.Sim2VREnv(render_mode="human")
 
 
-def test_make_finds_the_id_in_a_fresh_interpreter() -> None:
-    code = (
-        "import gymnasium; e = gymnasium.make('sim2vr/WhacAMole-v0'); "
-        "print(e.reset(seed=0)[0]['vision'].shape)"
-    )
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import gymnasium, sim2vr_harness.envs; e = gymnasium.make('sim2vr/WhacAMole-v0')",
+        "import gymnasium; e = gymnasium.make('sim2vr_harness.envs:sim2vr/WhacAMole-v0')",
+    ],
+)
+def test_make_finds_the_id_in_a_fresh_interpreter(code: str) -> None:
+    code += "; print(e.reset(seed=0)[0]['vision'].shape); e.close()"
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=False
     )
-    if "NamespaceNotFound" in result.stderr:
-        pytest.skip("the package is not installed here, so its Gymnasium plugin is not found")
     assert result.returncode == 0, result.stderr
     assert result.stdout.strip() == "(2, 80, 120)"

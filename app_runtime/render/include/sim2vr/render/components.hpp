@@ -1,5 +1,5 @@
-// What a scene shows: components that the renderer looks for. They hold data only and may be changed
-// between frames; disabled components and inactive objects are not drawn.
+// What a scene shows: components that the renderer looks for. They hold data only and may be
+// changed between frames; disabled components and inactive objects are not drawn.
 #pragma once
 
 #include <string_view>
@@ -21,8 +21,8 @@ class Renderable : public scene::Component {
   virtual Kind kind() const = 0;
 };
 
-/// Draws a mesh at the object's transform. The mesh itself is not part of the saved state; a game that
-/// swaps meshes restores them from its own fields.
+/// Draws a mesh at the object's transform. The mesh itself is not part of the saved state; a game
+/// that swaps meshes restores them from its own fields.
 class MeshRenderer : public Renderable {
  public:
   MeshRenderer() = default;
@@ -40,8 +40,8 @@ class MeshRenderer : public Renderable {
 };
 
 /// Sunlight: parallel light that travels along transform().forward(). The brightest one lights per
-/// pixel, with highlights, and is the sky's sun; up to three more light per vertex, without highlights
-/// (Unity's "Very Low" quality). No light casts shadows; there is no ambient light.
+/// pixel, with highlights, and is the sky's sun; up to three more light per vertex, without
+/// highlights (Unity's "Very Low" quality). No light casts shadows; there is no ambient light.
 class DirectionalLight : public Renderable {
  public:
   std::string_view typeName() const override { return "DirectionalLight"; }
@@ -60,8 +60,8 @@ class Camera : public scene::Component {
 
   /// Full vertical angle; the horizontal one follows from the image's aspect (square pixels).
   double vertical_fov_deg = 90.0;
-  /// Distances of the clipping planes along the view axis; 0 < near_m < far_m. far_m is also the unit
-  /// of the depth channel.
+  /// Distances of the clipping planes along the view axis; 0 < near_m < far_m. far_m is also the
+  /// unit of the depth channel.
   double near_m = 0.01;
   double far_m = 10.0;
   /// Shown where nothing is, in a scene without Skybox.
@@ -94,8 +94,8 @@ class Billboards : public Renderable {
 
 /// Unity's procedural sky: light scattered once by a thin shell of air, after O'Neil, "Accurate
 /// Atmospheric Scattering" (GPU Gems 2, chapter 16), without sun disc. The sun is the brightest
-/// DirectionalLight (straight above in a scene without one). The colours are computed on the CPU when a
-/// setting or the sun changes, at the corners of a dome. Defaults: Unity's default sky.
+/// DirectionalLight (straight above in a scene without one). The colours are computed on the CPU
+/// when a setting or the sun changes, at the corners of a dome. Defaults: Unity's default sky.
 class Skybox : public Renderable {
  public:
   std::string_view typeName() const override { return "Skybox"; }

@@ -9,9 +9,9 @@
 
 namespace sim2vr::render {
 
-/// Writes an 8-bit PNG. `pixels`: height x width x channels, row 0 = top, no padding; channels 1 (grey),
-/// 3 (RGB) or 4 (RGBA; not premultiplied). Throws InvalidArgument for a size or channel count that does
-/// not fit the data, EngineError when the file cannot be written.
+/// Writes an 8-bit PNG. `pixels`: height x width x channels, row 0 = top, no padding; channels 1
+/// (grey), 3 (RGB) or 4 (RGBA; not premultiplied). Throws InvalidArgument for a size or channel
+/// count that does not fit the data, EngineError when the file cannot be written.
 void writePng(const std::filesystem::path& path, ImageSize size,
               std::span<const std::uint8_t> pixels, int channels = 4);
 

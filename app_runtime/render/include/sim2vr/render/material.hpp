@@ -7,8 +7,8 @@
 
 namespace sim2vr::render {
 
-/// sRGB colour as in Unity's inspector, each channel 0..1; alpha is linear. The renderer converts to
-/// linear light.
+/// sRGB colour as in Unity's inspector, each channel 0..1; alpha is linear. The renderer converts
+/// to linear light.
 struct Color {
   float r = 1.0F;
   float g = 1.0F;
@@ -35,8 +35,8 @@ Color lerp(const Color& from, const Color& to, float t);
 struct Material {
   enum class Blend : std::uint8_t {
     opaque,
-    /// Unity's "Fade": blended over what lies behind, back to front, in linear light. Depth-tested, but
-    /// absent from the depth channel.
+    /// Unity's "Fade": blended over what lies behind, back to front, in linear light. Depth-tested,
+    /// but absent from the depth channel.
     alpha,
   };
 
@@ -52,7 +52,8 @@ struct Material {
   bool unlit = false;
   /// Unity's "Specular Highlights": the glint of the main light.
   bool specular_highlights = true;
-  /// Unity's "Reflections": the sky mirrored in the surface (three-colour approximation; see Skybox).
+  /// Unity's "Reflections": the sky mirrored in the surface (three-colour approximation; see
+  /// Skybox).
   bool sky_reflections = true;
 
   bool operator==(const Material&) const = default;

@@ -1,10 +1,11 @@
 // Triangle meshes and the builders that games make their objects from.
 //
-// Conventions: the app's frame (Unity: left-handed, x right, y up, z forward). A triangle a, b, c shows
-// its front where (b - a) x (c - a) points at the viewer, which is Unity's clockwise order. All builders
-// give unit normals that point out of the front. Builders without array arguments keep what they built:
-// equal arguments give the same pointer, so that the renderer uploads the geometry once.
-// Segment counts are the means to stay fast on a CPU: each triangle costs about 0.1 us per view there.
+// Conventions: the app's frame (Unity: left-handed, x right, y up, z forward). A triangle a, b, c
+// shows its front where (b - a) x (c - a) points at the viewer, which is Unity's clockwise order.
+// All builders give unit normals that point out of the front. Builders without array arguments keep
+// what they built: equal arguments give the same pointer, so that the renderer uploads the geometry
+// once. Segment counts are the means to stay fast on a CPU: each triangle costs about 0.1 us per
+// view there.
 #pragma once
 
 #include <cstdint>
@@ -37,21 +38,21 @@ struct Mesh {
 
 using MeshPtr = std::shared_ptr<const Mesh>;
 
-/// Checks the mesh and shares it. Throws InvalidArgument when it has no triangle, when the indices are
-/// no multiple of three or point past the vertices, or when a coordinate is not finite.
+/// Checks the mesh and shares it. Throws InvalidArgument when it has no triangle, when the indices
+/// are no multiple of three or point past the vertices, or when a coordinate is not finite.
 MeshPtr share(Mesh mesh);
 
 /// Cube of edge 1 around the origin; 12 triangles.
 MeshPtr box();
 /// Sphere of radius 1: `segments` around y, half as many from pole to pole. segments in [3, 512].
 MeshPtr sphere(int segments = 16);
-/// Half of the unit sphere: rim in the plane z = 0, pole at z = +1, open at the rim. `segments` around
-/// z, a quarter as many (at least 2) from rim to pole.
+/// Half of the unit sphere: rim in the plane z = 0, pole at z = +1, open at the rim. `segments`
+/// around z, a quarter as many (at least 2) from rim to pole.
 MeshPtr hemisphere(int segments = 16);
 /// Cylinder of radius 1 and height 1 around the y axis, centred on the origin, with both caps.
 MeshPtr cylinder(int segments = 24);
-/// Capsule around the y axis, centred on the origin; `height_m` is the total height, at least twice the
-/// radius.
+/// Capsule around the y axis, centred on the origin; `height_m` is the total height, at least twice
+/// the radius.
 MeshPtr capsule(double radius_m, double height_m, int segments = 16);
 /// Unit square in the plane z = 0 around the origin, front towards -z (as Unity's quad).
 MeshPtr quad();
@@ -66,19 +67,21 @@ struct LathePoint {
   double y_m = 0.0;
 };
 
-/// Turns an outline of at least two points, from low to high y, around the y axis; the outside is the
-/// front. Neighbouring faces that meet at less than 40 degrees are shaded smoothly, others show an edge.
-/// An outline that ends at radius 0 is closed there, else it is open.
-MeshPtr lathe(std::span<const LathePoint> profile, int segments = 16, const std::string& name = "lathe");
+/// Turns an outline of at least two points, from low to high y, around the y axis; the outside is
+/// the front. Neighbouring faces that meet at less than 40 degrees are shaded smoothly, others show
+/// an edge. An outline that ends at radius 0 is closed there, else it is open.
+MeshPtr lathe(std::span<const LathePoint> profile, int segments = 16,
+              const std::string& name = "lathe");
 
-/// Flat band of constant width along a polyline of at least two points, with mitred corners. Lies across
-/// `normal` and shows its front to where the normal points.
+/// Flat band of constant width along a polyline of at least two points, with mitred corners. Lies
+/// across `normal` and shows its front to where the normal points.
 MeshPtr strip(std::span<const Vec3> points, double width_m, const Vec3& normal = Vec3::UnitY(),
               const std::string& name = "strip");
 
-/// Reads a Wavefront OBJ file: v, vn, vt and f (polygons become triangle fans; indices may be negative);
-/// other statements are skipped. As in Unity's importer x is negated, from OBJ's right-handed frame to
-/// the app's. Faces without normals are shaded flat. Throws InvalidArgument that names file and line.
+/// Reads a Wavefront OBJ file: v, vn, vt and f (polygons become triangle fans; indices may be
+/// negative); other statements are skipped. As in Unity's importer x is negated, from OBJ's
+/// right-handed frame to the app's. Faces without normals are shaded flat. Throws InvalidArgument
+/// that names file and line.
 MeshPtr loadObj(const std::filesystem::path& path);
 
 }  // namespace sim2vr::render

@@ -31,11 +31,11 @@ RendererKind rendererKindFromName(std::string_view name);
 
 class Renderer {
  public:
-  /// Makes a renderer with its own GL context (OpenGL 4.2 core or later). Sets LP_NUM_THREADS=0 in the
-  /// environment unless it is set: Mesa's CPU driver then draws in the calling thread, which is fastest
-  /// for small views and lets one renderer per thread scale with the cores; call it therefore before
-  /// other threads read the environment. Throws RenderError that names every attempt and what to
-  /// install.
+  /// Makes a renderer with its own GL context (OpenGL 4.2 core or later). Sets LP_NUM_THREADS=0 in
+  /// the environment unless it is set: Mesa's CPU driver then draws in the calling thread, which is
+  /// fastest for small views and lets one renderer per thread scale with the cores; call it
+  /// therefore before other threads read the environment. Throws RenderError that names every
+  /// attempt and what to install.
   static std::shared_ptr<Renderer> create(RendererKind kind = RendererKind::automatic);
 
   virtual ~Renderer() = default;
@@ -44,17 +44,18 @@ class Renderer {
 
   virtual RendererKind kind() const = 0;
 
-  /// What draws, e.g. "EGL surfaceless: llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5 ... Mesa 22.3.6".
+  /// What draws, e.g. "EGL surfaceless: llvmpipe (LLVM 15.0.6, 256 bits), OpenGL 4.5 ...
+  /// Mesa 22.3.6".
   virtual const std::string& description() const = 0;
 
-  /// Draws the scene as `camera` sees it (its GameObject's pose; the component need not be enabled) into
-  /// `rgba`: uint8, height x width x 4, row 0 = top, no padding.
-  /// R, G, B: lit scene, sRGB-encoded, without anti-aliasing. A: depth along the view axis (not along the
-  /// ray) over camera.far_m, rounded to the nearest of 255 steps; 255 = sky or beyond far_m.
-  /// Items with Material::Blend::alpha and Billboards colour the picture but are absent from A.
-  /// Equal scenes give equal bytes on the same driver. Thread-safe: calls on one renderer take turns, the
-  /// GL context is current only during the call, and one that was current before is current again after.
-  /// Throws InvalidArgument ("image size", "rgba buffer", "camera...") and RenderError.
+  /// Draws the scene as `camera` sees it (its GameObject's pose; the component need not be enabled)
+  /// into `rgba`: uint8, height x width x 4, row 0 = top, no padding. R, G, B: lit scene,
+  /// sRGB-encoded, without anti-aliasing. A: depth along the view axis (not along the ray) over
+  /// camera.far_m, rounded to the nearest of 255 steps; 255 = sky or beyond far_m. Items with
+  /// Material::Blend::alpha and Billboards colour the picture but are absent from A. Equal scenes
+  /// give equal bytes on the same driver. Thread-safe: calls on one renderer take turns, the GL
+  /// context is current only during the call, and one that was current before is current again
+  /// after. Throws InvalidArgument ("image size", "rgba buffer", "camera...") and RenderError.
   virtual void render(const scene::Scene& scene, const Camera& camera, ImageSize size,
                       std::span<std::uint8_t> rgba) = 0;
 

@@ -69,6 +69,7 @@ class GameObject {
   int layer_ = 0;
   bool active_ = true;
   bool destroyed_ = false;
+  bool destroy_announced_ = false;  // OnDestroy was called
   Transform transform_;
   std::vector<std::unique_ptr<Component>> components_;
 };

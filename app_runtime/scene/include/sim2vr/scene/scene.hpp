@@ -75,6 +75,7 @@ class Scene {
   void changed() { ++structure_revision_; }
   void startNewComponents();
   void runPhase(void (Component::*callback)());
+  void announceDestroyed(GameObject& object);
   void flushDestroyed();
   void matchObjects(Archive& archive);
 

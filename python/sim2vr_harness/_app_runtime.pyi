@@ -1,0 +1,77 @@
+"""
+The sim2vr app runtime: headless VR apps in lockstep, in this process.
+"""
+from __future__ import annotations
+import numpy
+import numpy.typing
+import typing
+__all__: list[str] = ['App', 'EngineError', 'InvalidArgument', 'RenderError', 'StateError', 'gl_renderer', 'list_games', 'set_log_level']
+class EngineError(RuntimeError):
+    pass
+class StateError(EngineError):
+    pass
+class RenderError(EngineError):
+    pass
+class InvalidArgument(ValueError):
+    pass
+class App:
+    """
+    One VR app in lockstep. Poses are arrays of 7 float64: position x y z (m), rotation x y z w, app frame (left-handed, y up, z forward). The GIL is released while the app works; one App must not be used from two threads at once, different Apps may.
+    """
+    def __init__(self, *, game: str, options: str = '{}', width: typing.SupportsInt | typing.SupportsIndex = 120, height: typing.SupportsInt | typing.SupportsIndex = 80, renderer: str = 'automatic', log_dir: str = '', fixed_delta_time_s: typing.SupportsFloat | typing.SupportsIndex | None = None) -> None:
+        """
+        options: JSON object. log_dir: root of the episode logs, '' for none.
+        """
+    def close(self) -> None:
+        """
+        Frees the app; later calls raise StateError.
+        """
+    def load(self, state: str) -> None:
+        """
+        Goes on from saved bytes; EngineError for damaged or foreign ones.
+        """
+    def render_view(self, view: str, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        The last frame from 'headset', 'recorder' or 'spectator', (height, width, 4) uint8.
+        """
+    def reset(self, seed: typing.SupportsInt | typing.SupportsIndex, options: str, head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None) -> tuple[float, bool, float, dict[str, float]]:
+        """
+        Starts a round at game time 0 and runs its first frame; returns (reward, finished, time feature, log).
+        """
+    def save(self) -> bytes:
+        """
+        The whole app state as bytes, mid-round included.
+        """
+    def set_buttons(self, hand: str, trigger: typing.SupportsFloat | typing.SupportsIndex = 0.0, squeeze: typing.SupportsFloat | typing.SupportsIndex = 0.0, thumbstick: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex] = (0.0, 0.0), lower: bool = False, upper: bool = False, menu: bool = False) -> None:
+        """
+        Inputs of the hand 'left' (lower X, upper Y) or 'right' (lower A, upper B) from the next frame on.
+        """
+    def state_hash(self) -> int:
+        """
+        64-bit hash of what save() would return.
+        """
+    def step(self, time_ns: typing.SupportsInt | typing.SupportsIndex, head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None) -> tuple[float, bool, float, dict[str, float]]:
+        """
+        Runs one frame; returns (reward, finished, time feature, log).
+        """
+    @property
+    def image(self) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        (height, width, 4) uint8 RGBA headset image of the last frame, row 0 = top, alpha = linear depth / far plane. A read-only view of the app's buffer without a copy: it is overwritten by reset, step and load, and stays valid memory after close().
+        """
+    @property
+    def renderer_description(self) -> str:
+        ...
+def gl_renderer(kind: str = 'automatic') -> str:
+    """
+    Starts a renderer ('automatic', 'egl', 'osmesa', 'null') and returns its description. RenderError says what was tried.
+    """
+def list_games() -> dict[str, str]:
+    """
+    Names of the games with their descriptions.
+    """
+def set_log_level(level: str) -> None:
+    """
+    'trace', 'debug', 'info', 'warning' (default), 'error' or 'off'.
+    """
+__version__: str = '0.1.0'

@@ -1,0 +1,1 @@
+"""The command line, ``sim2vr-harness``. Nothing imports it."""

@@ -1,0 +1,279 @@
+"""``sim2vr-harness doctor``: what is installed, what is missing, and how to mend it.
+
+Every check is a small function that returns :class:`Check` rows. Code that could
+take the process down (graphics drivers, compiled modules) is tried in a child
+process with a deadline.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json as jsonlib
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from importlib.metadata import PackageNotFoundError, version
+from typing import Literal
+
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
+
+from sim2vr_harness import __version__, paths
+
+__all__ = ["Check", "collect", "run_doctor"]
+
+Status = Literal["ok", "info", "warning", "missing"]
+
+_PROBE_DEADLINE_S = 60.0
+
+
+@dataclasses.dataclass(frozen=True)
+class Check:
+    """One row of the report.
+
+    Attributes:
+        name: What was looked at.
+        status: ``ok``; ``info`` (absent, and that is fine); ``warning`` (something
+            optional does not work); ``missing`` (something essential does not work).
+        found: What was found, in a few words.
+        mend: The command that mends it, or "".
+    """
+
+    name: str
+    status: Status
+    found: str
+    mend: str = ""
+
+
+def _probe(code: str, **environment: str) -> tuple[bool, str]:
+    """Run Python code in a child process; return success and its last line of output."""
+    try:
+        done = subprocess.run(
+            [sys.executable, "-c", code],
+            capture_output=True,
+            text=True,
+            timeout=_PROBE_DEADLINE_S,
+            env={**os.environ, **environment},
+            stdin=subprocess.DEVNULL,
+        )
+    except subprocess.TimeoutExpired:
+        return False, f"no answer within {_PROBE_DEADLINE_S:.0f} s"
+    if done.returncode < 0:
+        return False, f"crashed with signal {-done.returncode}"
+    lines = (done.stdout if done.returncode == 0 else done.stderr).strip().splitlines()
+    return done.returncode == 0, lines[-1] if lines else ""
+
+
+def _rebuild_command() -> str:
+    if paths.checkout_dir() is not None:
+        return "make setup"
+    return "pip install --force-reinstall --no-deps sim2vr-harness"
+
+
+def _install_command(package: str) -> str:
+    if paths.checkout_dir() is not None:
+        return "make setup"
+    return f"{sys.executable} -m pip install '{package}'"
+
+
+def _python_checks() -> Iterator[Check]:
+    yield Check("sim2vr-harness", "ok", __version__)
+    new_enough = sys.version_info >= (3, 11)
+    yield Check(
+        "Python",
+        "ok" if new_enough else "missing",
+        f"{platform.python_version()} ({sys.executable})",
+        "" if new_enough else "install Python 3.11 or newer",
+    )
+    for package, requirement in [
+        ("mujoco", "mujoco>=4,<5"),
+        ("gymnasium", "gymnasium>=1.4"),
+        ("stable-baselines3", "stable-baselines3>=2.9"),
+        ("torch", "torch>=2.4"),
+    ]:
+        try:
+            yield Check(package, "ok", version(package))
+        except PackageNotFoundError:
+            yield Check(package, "missing", "not installed", _install_command(requirement))
+
+
+def _app_checks() -> Iterator[Check]:
+    module = "sim2vr_harness._app_runtime"
+    imported, answer = _probe(
+        f"import {module} as m; print(getattr(m, '__version__', 'no version'), m.__file__)"
+    )
+    if not imported:
+        yield Check("app runtime (in process)", "missing", answer, _rebuild_command())
+    elif answer.split()[0] != __version__:
+        found = f"version {answer.split()[0]}, but the Python side is {__version__}"
+        yield Check("app runtime (in process)", "warning", found, _rebuild_command())
+    else:
+        yield Check("app runtime (in process)", "ok", answer)
+
+    try:
+        executable = paths.app_executable()
+    except FileNotFoundError as error:
+        found = str(error).partition(" Run: ")[0]
+        yield Check("app runtime (executable)", "missing", found, _rebuild_command())
+    else:
+        yield Check("app runtime (executable)", "ok", str(executable))
+
+    if imported:
+        drawn, answer = _probe(f"import {module} as m; print(m.gl_renderer())")
+        if drawn:
+            yield Check("headset renderer", "ok", answer)
+        else:
+            yield Check("headset renderer", "missing", answer, _apt("libegl1 libgl1-mesa-dri"))
+
+
+def _mujoco_gl_check() -> Iterator[Check]:
+    """Look for a way to draw the simulated user (videos); training does without."""
+    code = (
+        "import mujoco\n"
+        "context = mujoco.GLContext(64, 64); context.make_current()\n"
+        "from OpenGL import GL\n"
+        "print(GL.glGetString(GL.GL_RENDERER).decode())\n"
+        "import os, sys; sys.stdout.flush(); os._exit(0)\n"
+    )
+    chosen = os.environ.get("MUJOCO_GL")
+    answers = []
+    for backend in [chosen] if chosen else ["egl", "osmesa"]:
+        drawn, answer = _probe(code, MUJOCO_GL=backend)
+        if drawn:
+            yield Check("MuJoCo renderer", "ok", f"{backend}: {answer}")
+            return
+        answers.append(f"{backend}: {answer}")
+    yield Check("MuJoCo renderer", "warning", "; ".join(answers), _apt("libegl1 libgl1-mesa-dri"))
+
+
+def _machine_checks() -> Iterator[Check]:
+    cores = len(os.sched_getaffinity(0))
+    yield Check("CPU cores", "ok" if cores > 1 else "warning", f"{cores} usable")
+    memory_gib = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30
+    yield Check("memory", "ok" if memory_gib >= 4 else "warning", f"{memory_gib:.1f} GiB")
+    yield _gpu_check()
+    try:
+        import imageio_ffmpeg
+
+        yield Check("ffmpeg", "ok", str(imageio_ffmpeg.get_ffmpeg_exe()))
+    except (ImportError, RuntimeError) as error:
+        yield Check("ffmpeg", "warning", str(error), _install_command("imageio-ffmpeg>=0.5"))
+
+
+def _gpu_check() -> Check:
+    if shutil.which("nvidia-smi") is None:
+        return Check("NVIDIA GPU", "info", "none; training runs on the CPU")
+    try:
+        listing = subprocess.run(
+            ["nvidia-smi", "--query-gpu=name,memory.total", "--format=csv,noheader"],
+            capture_output=True,
+            text=True,
+            timeout=_PROBE_DEADLINE_S,
+            check=True,
+        ).stdout.strip()
+    except (OSError, subprocess.SubprocessError):
+        return Check("NVIDIA GPU", "info", "nvidia-smi is there, but finds no GPU")
+    gpus = "; ".join(listing.splitlines())
+    usable, answer = _probe("import torch; print(torch.cuda.is_available())")
+    if usable and answer == "True":
+        return Check("NVIDIA GPU", "ok", gpus)
+    mend = f"{sys.executable} -m pip install --force-reinstall torch"
+    return Check("NVIDIA GPU", "warning", f"{gpus}, but this torch cannot use it", mend)
+
+
+def _apt(packages: str) -> str:
+    sudo = "" if os.geteuid() == 0 else "sudo "
+    return f"{sudo}apt-get install -y --no-install-recommends {packages}"
+
+
+def _debian_checks() -> Iterator[Check]:
+    if shutil.which("dpkg-query") is None:
+        yield Check("Debian packages", "info", "no dpkg here; packages.txt names what is needed")
+        return
+    try:
+        lines = (paths.share_dir() / "packages.txt").read_text(encoding="utf-8").splitlines()
+    except FileNotFoundError as error:
+        yield Check("Debian packages", "warning", str(error), _rebuild_command())
+        return
+    rows = [line.split() for line in lines if line.strip() and not line.startswith("#")]
+    installed = _installed_debian_packages([package for _, package in rows])
+    for kind in ("runtime", "build"):
+        wanted = [package for row_kind, package in rows if row_kind == kind]
+        absent = [package for package in wanted if package not in installed]
+        name = f"Debian packages ({kind})"
+        if not absent:
+            yield Check(name, "ok", f"all {len(wanted)} installed")
+        else:
+            # A warning only: whether it matters is told by the rows above.
+            yield Check(name, "warning", "missing: " + " ".join(absent), _apt(" ".join(absent)))
+
+
+def _installed_debian_packages(packages: list[str]) -> set[str]:
+    listing = subprocess.run(
+        ["dpkg-query", "-W", "-f", "${db:Status-Status} ${Package}\n", *packages],
+        capture_output=True,
+        text=True,
+        check=False,
+    ).stdout
+    return {line.split()[1] for line in listing.splitlines() if line.startswith("installed ")}
+
+
+def collect() -> list[Check]:
+    """Run every check and return the rows in the order of the report."""
+    groups: list[Callable[[], Iterator[Check]]] = [
+        _python_checks,
+        _app_checks,
+        _mujoco_gl_check,
+        _machine_checks,
+        _debian_checks,
+    ]
+    return [check for group in groups for check in group()]
+
+
+_MARKS: dict[Status, str] = {
+    "ok": "[green]ok[/]",
+    "info": "[dim]-[/]",
+    "warning": "[yellow]warning[/]",
+    "missing": "[red]missing[/]",
+}
+
+
+def _print_table(checks: list[Check], console: Console) -> None:
+    table = Table(title="sim2vr-harness doctor", title_justify="left")
+    table.add_column("")
+    table.add_column("What", no_wrap=True)
+    table.add_column("Found", overflow="fold")
+    for check in checks:
+        table.add_row(_MARKS[check.status], check.name, escape(check.found))
+    console.print(table)
+    commands = [(check.name, check.mend) for check in checks if check.mend]
+    if commands:
+        console.print("To mend:")
+        for name, command in commands:
+            console.print(f"  {name}:", highlight=False, markup=False)
+            console.print(f"    {command}", highlight=False, markup=False, soft_wrap=True)
+    elif all(check.status != "missing" for check in checks):
+        console.print("Everything needed is here.")
+
+
+def run_doctor(json: bool = False) -> int:
+    """Print a report about this installation.
+
+    Args:
+        json: Print one JSON object (``{"ok": bool, "checks": [...]}``) instead of a table.
+
+    Returns:
+        The exit status: 0, or 1 if something essential is missing.
+    """
+    checks = collect()
+    ok = all(check.status != "missing" for check in checks)
+    if json:
+        report = {"ok": ok, "checks": [dataclasses.asdict(check) for check in checks]}
+        sys.stdout.write(jsonlib.dumps(report, indent=2) + "\n")
+    else:
+        _print_table(checks, Console())
+    return 0 if ok else 1

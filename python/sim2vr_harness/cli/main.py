@@ -1,0 +1,301 @@
+"""``sim2vr-harness``: train, evaluate and look at simulated users.
+
+Commands only read options and print; what they do lives in the rooms that they call, and those
+are imported when a command runs, so that ``--help`` is quick.
+"""
+
+from __future__ import annotations
+
+import json as jsonlib
+import shlex
+import sys
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from sim2vr_harness import __version__
+from sim2vr_harness.cli.errors import INTERRUPTED, report
+
+if TYPE_CHECKING:
+    from sim2vr_harness.training.trainer import TrainResult
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    name="sim2vr-harness",
+    help="Train and evaluate simulated users of VR applications.",
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    pretty_exceptions_enable=False,
+)
+
+RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run's folder or a checkpoint.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")]
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a value: --set ppo.n_envs=4."),
+]
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"sim2vr-harness {__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", is_eager=True, callback=_print_version, help="Print the version and exit."
+        ),
+    ] = False,
+    debug: Annotated[bool, typer.Option("--debug", help="Show tracebacks of errors.")] = False,
+) -> None:
+    """Train and evaluate simulated users of VR applications."""
+
+
+@app.command()
+def train(
+    config: Annotated[
+        str | None,
+        typer.Argument(metavar="[CONFIG]", help="A YAML file; with --resume, the run's own."),
+    ] = None,
+    set_: SetOption = None,
+    timesteps: Annotated[
+        int | None,
+        typer.Option(help="Stop after this many user steps, counted from the run's start."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="The run's folder; runs/NAME by default.")
+    ] = None,
+    seed: Annotated[int | None, typer.Option(help="Short for --set seed=SEED.")] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Continue the run exactly.")] = False,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Delete the run that is there.")
+    ] = False,
+) -> int:
+    """Train a simulated user; Ctrl-C saves, --resume continues exactly."""
+    from sim2vr_harness.training import trainer
+    from sim2vr_harness.training.config import load_config
+    from sim2vr_harness.training.errors import InputError
+    from sim2vr_harness.training.run_folder import RunFolder
+
+    if resume and overwrite:
+        raise InputError("--overwrite", "it together with --resume", "one of them")
+    if config is None:
+        if not resume or out is None:
+            expected = "a configuration file, or --resume with --out RUN"
+            raise InputError("CONFIG", "nothing", expected)
+        config = str(RunFolder.open(out).config_file)
+    overrides = [*(set_ or []), *([] if seed is None else [f"seed={seed}"])]
+    settings = load_config(config, overrides)
+    folder = out or Path("runs") / settings.name
+    result = trainer.train(
+        settings, folder, timesteps=timesteps, resume=resume, overwrite=overwrite
+    )
+    if not result.interrupted and settings.evaluation.episodes_after_training:
+        _evaluate_after_training(result, settings.evaluation.episodes_after_training)
+    _print_where_next(result, resumable=result.step < settings.total_timesteps)
+    return INTERRUPTED if result.interrupted else 0
+
+
+def _evaluate_after_training(result: TrainResult, episodes: int) -> None:
+    from sim2vr_harness.evaluation.evaluate import Request, evaluate
+    from sim2vr_harness.evaluation.tables import results_table
+
+    with _Share("Evaluating") as share:
+        found = evaluate(result.checkpoint, Request(episodes=episodes), on_progress=share.show)
+    title = f"After {found.step:,} user steps"
+    Console().print(results_table(found.summaries, title))
+
+
+def _print_where_next(result: TrainResult, resumable: bool) -> None:
+    run = shlex.quote(str(result.folder.path))
+    if result.interrupted:
+        lost = f" ({result.lost_steps:,} steps of an unfinished iteration will be repeated)"
+        typer.echo(f"Stopped at step {result.step:,}{lost if result.lost_steps else ''}.")
+    typer.echo(f"Saved user: {result.checkpoint}")
+    lines = [
+        ("watch it play", f"sim2vr-harness evaluate {run} --record"),
+        ("learning curves", f"sim2vr-harness curves {run} --out {run}/curves.png"),
+        ("TensorBoard", f"tensorboard --logdir {run}/tensorboard"),
+    ]
+    if resumable:
+        lines.append(("train on", f"sim2vr-harness train --resume --out {run}"))
+    typer.echo("Where to look next:")
+    for what, command in lines:
+        typer.echo(f"  {what + ':':17}{command}")
+
+
+@app.command()
+def evaluate(
+    run: RunArgument,
+    condition: Annotated[
+        list[str] | None, typer.Option(help="A condition of the game; may be repeated.")
+    ] = None,
+    episodes: Annotated[int | None, typer.Option(help="Rounds per condition.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of the first round.")] = None,
+    deterministic: Annotated[
+        bool | None,
+        typer.Option(
+            "--deterministic/--stochastic", help="Take the policy's mean, or sample (default)."
+        ),
+    ] = None,
+    record: Annotated[
+        bool, typer.Option("--record", help="Film the first round of every condition (MP4).")
+    ] = False,
+    log: Annotated[bool, typer.Option("--log", help="Write the game's CSV logs.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for files; RUN/evaluation/step_N by default.")
+    ] = None,
+    batch: Annotated[int, typer.Option(help="Rounds played side by side at most.")] = 10,
+    json: JsonOption = False,
+) -> None:
+    """Let a trained user play, and measure what it does."""
+    from sim2vr_harness.evaluation.evaluate import Request
+    from sim2vr_harness.evaluation.evaluate import evaluate as evaluate_run
+    from sim2vr_harness.evaluation.tables import results_table
+
+    request = Request(condition, episodes, seed, deterministic, record, log, out, batch)
+    with _Share("Playing") as share:
+        found = evaluate_run(run, request, on_progress=share.show)
+    if json:
+        _print_json(found.summaries)
+        return
+    how = "deterministic" if _first(found.summaries)["deterministic"] else "stochastic"
+    title = f"{found.checkpoint}: {found.step:,} user steps, {how}, means over rounds"
+    Console().print(results_table(found.summaries, title))
+    for file in found.files:
+        typer.echo(f"Written: {file}")
+
+
+def _first(summaries: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    return next(iter(summaries.values()))
+
+
+@app.command()
+def curves(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
+    out: Annotated[Path, typer.Option(help="The PNG file to write.")] = Path("curves.png"),
+) -> None:
+    """Draw the learning curves of one or more runs."""
+    from sim2vr_harness.evaluation.curves import plot
+
+    typer.echo(f"Written: {plot(runs, out)}")
+
+
+@app.command()
+def snapshot(
+    condition: Annotated[str, typer.Option(help="The game's condition.")] = "medium",
+    out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("snapshot"),
+    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of the pictures.")] = "640x480",
+    seconds: Annotated[float, typer.Option(help="How long to play first.")] = 2.0,
+    seed: Annotated[int, typer.Option(help="Seed of the round.")] = 1,
+    run: Annotated[
+        str | None, typer.Option(help="A trained user; without, the arm moves at random.")
+    ] = None,
+) -> None:
+    """Write pictures of a game: headset view, third person and body."""
+    from sim2vr_harness.evaluation import snapshot as pictures
+
+    files = pictures.snapshot(
+        out,
+        condition=condition,
+        size=pictures.parse_size(size),
+        seconds=seconds,
+        seed=seed,
+        run=run,
+    )
+    for file in files:
+        typer.echo(f"Written: {file}")
+
+
+@app.command()
+def bench(
+    config: Annotated[
+        str, typer.Argument(metavar="[CONFIG]", help="What to measure.")
+    ] = "whacamole_constrained",
+    set_: SetOption = None,
+    n: Annotated[int | None, typer.Option(help="Number of users; ppo.n_envs by default.")] = None,
+    seconds: Annotated[float, typer.Option(help="Seconds per measurement.")] = 3.0,
+    train_steps: Annotated[
+        int, typer.Option(help="User steps of the measured training iteration; 0 skips it.")
+    ] = 4000,
+    json: JsonOption = False,
+) -> None:
+    """Measure how fast this machine simulates, draws and learns."""
+    from sim2vr_harness.training.bench import bench as measure
+    from sim2vr_harness.training.config import load_config
+
+    settings = load_config(config, set_ or [])
+    console = Console(stderr=True)
+    with console.status("") as status:
+        values = measure(
+            settings,
+            n=n,
+            seconds=seconds,
+            train_steps=train_steps,
+            on_stage=lambda stage: status.update(f"Measuring {escape(stage)}"),
+        )
+    if json:
+        _print_json(values)
+        return
+    for key, value in values.items():
+        if key != "versions":
+            typer.echo(f"{key:30}{value}")
+
+
+@app.command()
+def doctor(json: JsonOption = False) -> int:
+    """Check what is installed, what is missing, and how to mend it."""
+    from sim2vr_harness.cli.doctor import run_doctor
+
+    return run_doctor(json=json)
+
+
+class _Share:
+    """A progress bar on the standard error stream; nothing outside a terminal."""
+
+    def __init__(self, label: str) -> None:
+        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+        columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
+        console = Console(stderr=True)
+        self._bar = Progress(
+            *columns, console=console, transient=True, disable=not console.is_terminal
+        )
+        self._task = self._bar.add_task(label, total=1.0)
+
+    def show(self, share: float) -> None:
+        self._bar.update(self._task, completed=share)
+
+    def __enter__(self) -> _Share:
+        self._bar.start()
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._bar.stop()
+
+
+def _print_json(content: dict[str, Any]) -> None:
+    sys.stdout.write(jsonlib.dumps(content, indent=2) + "\n")
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Run the command line and exit."""
+    given = sys.argv[1:] if arguments is None else arguments
+    debug = "--debug" in given
+    given = [argument for argument in given if argument != "--debug"] or ["--help"]
+    command = partial(app, given, prog_name="sim2vr-harness", standalone_mode=False)
+    sys.exit(report(command, debug))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Rounds played with trained users: metrics, tables, videos, learning curves and pictures."""

@@ -1,0 +1,183 @@
+"""``sim2vr-harness evaluate``: a trained user plays, and what it did is measured."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from contextlib import closing, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.evaluation.metrics import RoundResult, summarise
+from sim2vr_harness.evaluation.player import Player, find_checkpoint
+from sim2vr_harness.evaluation.rollouts import jobs_for, play
+from sim2vr_harness.evaluation.video import RoundFilmer
+from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.training.run_folder import write_atomically
+
+__all__ = ["Evaluation", "Request", "evaluate"]
+
+SimulationFactory = Callable[..., Any]
+"""(EnvConfig, n, log_dir=Path | None) -> simulation."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What to evaluate; None takes the value of the run's configuration.
+
+    Attributes:
+        conditions: The game's conditions.
+        episodes: Rounds per condition.
+        seed: Seed of the first round.
+        deterministic: Whether actions are the policy's mean.
+        record: Whether to film the first round of every condition.
+        log: Whether to write the game's CSV logs.
+        out: Where files go; None takes the run's ``evaluation/step_<N>``.
+        batch: Rounds played side by side at most.
+    """
+
+    conditions: Sequence[str] | None = None
+    episodes: int | None = None
+    seed: int | None = None
+    deterministic: bool | None = None
+    record: bool = False
+    log: bool = False
+    out: Path | None = None
+    batch: int = 10
+
+
+@dataclass(frozen=True)
+class Evaluation:
+    """What came out.
+
+    Attributes:
+        summaries: condition -> means over its rounds, and ``rounds``, one entry each.
+        step: User steps that the evaluated checkpoint was trained for.
+        checkpoint: The evaluated checkpoint.
+        files: Results, videos and logs that were written.
+        rounds: Every round.
+    """
+
+    summaries: dict[str, dict[str, Any]]
+    step: int
+    checkpoint: Path
+    files: list[Path]
+    rounds: list[RoundResult]
+
+
+def _simulation(config: EnvConfig, n: int, *, log_dir: Path | None = None) -> Any:
+    from sim2vr_harness.envs.simulation import Simulation
+
+    return Simulation(config, n, log_dir=log_dir)
+
+
+def evaluate(
+    run: str | Path,
+    request: Request | None = None,
+    *,
+    on_progress: Callable[[float], None] = lambda share: None,
+    simulation: SimulationFactory = _simulation,
+) -> Evaluation:
+    """Let a trained user play and measure it.
+
+    Args:
+        run: A run's folder, or one of its checkpoints.
+        request: What to play.
+        on_progress: Told the share of the work done, from 0 to 1.
+        simulation: How to make the users.
+
+    Raises:
+        InputError: The run or a number cannot be used.
+        ValueError: The game does not know a condition.
+    """
+    request = request or Request()
+    folder, checkpoint = find_checkpoint(run)
+    config = folder.load_config()
+    conditions = list(request.conditions or config.evaluation.conditions)
+    episodes = config.evaluation.episodes if request.episodes is None else request.episodes
+    seed = config.evaluation.seed if request.seed is None else request.seed
+    _check_numbers(episodes, seed, request.batch)
+    deterministic = request.deterministic
+    if deterministic is None:
+        deterministic = config.evaluation.deterministic
+    env = evaluation_env(config)
+    _check_conditions(env, conditions, simulation)
+    out = request.out or folder.evaluation_dir / checkpoint.stem
+    log_dir = out / "logs" if request.log else None
+    step = 0
+
+    def make_act(users: Any) -> Callable[..., Any]:
+        nonlocal step
+        player = Player(config, checkpoint, users.observation_space, users.action_space)
+        step = player.step
+        return player.act
+
+    filmer = RoundFilmer(out) if request.record else None
+    with closing(filmer) if filmer is not None else nullcontext():
+        rounds = play(
+            lambda n: simulation(env, n, log_dir=log_dir),
+            make_act,
+            jobs_for(conditions, episodes, seed),
+            deterministic=deterministic,
+            batch=request.batch,
+            watcher=filmer,
+            on_progress=on_progress,
+        )
+    summaries = {}
+    for condition in conditions:
+        own = [result for result in rounds if result.condition == condition]
+        summaries[condition] = {
+            **summarise(own),
+            "seed": seed,
+            "deterministic": deterministic,
+            "trained_steps": step,
+            "rounds": [result.as_dict() for result in own],
+        }
+    files = [_store(out, summaries), *(filmer.files if filmer else [])]
+    if log_dir is not None:
+        files.append(log_dir)
+    return Evaluation(summaries, step, checkpoint, files, rounds)
+
+
+def evaluation_env(config: TrainingConfig) -> EnvConfig:
+    """Return the environment to evaluate in: the training's, its curriculum switched off.
+
+    As in the reference's evaluator; an adaptive game favours the targets that a user fails at, so
+    that hit rates would not compare.
+    """
+    options = dict(config.env.app.options)
+    if "adaptive" in options:
+        options["adaptive"] = False
+    app = AppConfig(**{**config.env.app.model_dump(), "options": options})
+    return config.env.model_copy(update={"app": app})
+
+
+def _check_numbers(episodes: int, seed: int, batch: int) -> None:
+    if episodes < 1:
+        raise InputError("--episodes", str(episodes), "at least 1")
+    if not 0 <= seed < 2**31:
+        raise InputError("--seed", str(seed), "0 to 2147483647")
+    if batch < 1:
+        raise InputError("--batch", str(batch), "at least 1")
+
+
+def _check_conditions(
+    env: EnvConfig, conditions: Sequence[str], simulation: SimulationFactory
+) -> None:
+    """Ask the game for every condition before minutes are spent on the first one."""
+    if len(set(conditions)) != len(conditions):
+        raise InputError("--condition", ", ".join(conditions), "every condition once")
+    blind = env.model_copy(update={"app": env.app.model_copy(update={"renderer": "null"})})
+    with closing(simulation(blind, 1)) as trial:
+        for condition in conditions:
+            trial.reset(seeds=[0], options={"condition": condition})
+
+
+def _store(out: Path, summaries: dict[str, dict[str, Any]]) -> Path:
+    out.mkdir(parents=True, exist_ok=True)
+    file = out / "results.json"
+    write_atomically(file, (json.dumps(summaries, indent=2) + "\n").encode())
+    return file

@@ -1,0 +1,145 @@
+"""What is measured of a round, and how rounds are summarised.
+
+Definitions follow the released analysis of the user study, so that a simulated user's numbers
+compare with people's:
+
+- ``hits``, ``misses``, ``contacts``: events of one 60 s round. A miss is a target that expired; a
+  contact is a touch of a living target that was too slow to count.
+- ``hit_rate``: hits / (hits + misses), per round; targets still alive at the end count nowhere.
+- ``hit_speed_mps``: mean over the hits of the norm of the (smoothed) velocity of the hammer's root.
+- ``hammer_depth_m``: mean over the round of the striking face's position minus the target plane's
+  origin, along the world's z; negative is in front of the plane, towards the player.
+- ``max_fatigued``: mean over the muscles of the largest share of fatigued motor units.
+- ``effort``: summed cost of effort; ``return`` = ``game_return`` - ``effort``.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+__all__ = ["METRICS", "RoundResult", "round_result", "summarise"]
+
+METRICS = (
+    "hits",
+    "misses",
+    "contacts",
+    "hit_rate",
+    "hit_speed_mps",
+    "hammer_depth_m",
+    "max_fatigued",
+    "effort",
+    "game_return",
+    "return",
+)
+"""Names of the numbers of a round, in the order of the tables."""
+
+
+@dataclass(frozen=True)
+class RoundResult:
+    """One round of one user.
+
+    Attributes:
+        condition: The game's condition.
+        episode: Number of the round within its condition, from 0.
+        seed: Its seed.
+        steps: User steps.
+        ended: ``finished``, ``max_steps_reached`` or ``diverged``.
+        values: The numbers named in :data:`METRICS`; None where a round has none.
+        log: The game's last log.
+    """
+
+    condition: str
+    episode: int
+    seed: int
+    steps: int
+    ended: str
+    values: dict[str, float | None]
+    log: dict[str, float]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return everything, ready for JSON."""
+        content = asdict(self)
+        content |= content.pop("values")
+        content["log"] = {key: _finite(value) for key, value in self.log.items()}
+        return content
+
+
+def round_result(
+    *,
+    condition: str,
+    episode: int,
+    seed: int,
+    steps: int,
+    game_return: float,
+    effort: float,
+    info: Mapping[str, Any],
+    log: Mapping[str, float],
+) -> RoundResult:
+    """Work out the numbers of a finished round.
+
+    Args:
+        condition: The game's condition.
+        episode: Number of the round within its condition.
+        seed: Its seed.
+        steps: User steps taken.
+        game_return: Sum of the game's rewards.
+        effort: Sum of the costs of effort.
+        info: The last step's info.
+        log: The game's last log.
+    """
+    hits, misses = log.get("Points"), log.get("Misses")
+    rate = None
+    if hits is not None and misses is not None and hits + misses > 0:
+        rate = hits / (hits + misses)
+    values = {
+        "hits": hits,
+        "misses": misses,
+        "contacts": log.get("Contacts"),
+        "hit_rate": rate,
+        "hit_speed_mps": log.get("HitSpeed") if hits else None,
+        "hammer_depth_m": log.get("HammerDepthZ"),
+        "max_fatigued": info.get("max_fatigued"),
+        "effort": effort,
+        "game_return": game_return,
+        "return": game_return - effort,
+    }
+    return RoundResult(
+        condition=condition,
+        episode=episode,
+        seed=seed,
+        steps=steps,
+        ended=str(info.get("termination", "unknown")),
+        values={key: _finite(value) for key, value in values.items()},
+        log=dict(log),
+    )
+
+
+def summarise(rounds: Sequence[RoundResult]) -> dict[str, Any]:
+    """Return mean and standard deviation (ddof 1) of every number over rounds.
+
+    ``hit_rate`` is the mean of the rounds' rates, as in the study; ``hit_rate_pooled`` divides the
+    sums. Rounds without a number (no hit, no hit speed) are left out of its mean.
+
+    Args:
+        rounds: At least one round.
+    """
+    summary: dict[str, Any] = {"episodes": len(rounds)}
+    for name in METRICS:
+        values = [result.values[name] for result in rounds]
+        known = np.array([value for value in values if value is not None], dtype=np.float64)
+        summary[name] = float(known.mean()) if len(known) else None
+        summary[f"{name}_sd"] = float(known.std(ddof=1)) if len(known) > 1 else None
+    hits = sum(result.values["hits"] or 0.0 for result in rounds)
+    misses = sum(result.values["misses"] or 0.0 for result in rounds)
+    summary["hit_rate_pooled"] = hits / (hits + misses) if hits + misses else None
+    summary["diverged"] = sum(result.ended == "diverged" for result in rounds)
+    return summary
+
+
+def _finite(value: float | None) -> float | None:
+    return None if value is None or not math.isfinite(value) else float(value)

@@ -1,0 +1,156 @@
+"""Pictures of a user at play: body, headset view and the game from outside, side by side."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw, ImageFont
+
+__all__ = ["BodyPainter", "Painter", "Panels", "compose", "score_text"]
+
+Picture = NDArray[np.uint8]
+
+PANEL_HEIGHT = 420
+_HEADER = 44
+_GAP = 6
+_BACKGROUND = (24, 26, 30)
+_INK = (236, 236, 236)
+_FAINT = (168, 172, 180)
+_LABELS = {"body": "Simulated user", "headset": "Headset view", "game": "Game, third person"}
+
+
+class BodyPainter:
+    """Draws the bodies of a simulation's users.
+
+    Args:
+        simulation: Whose users to draw.
+        width: Pixels.
+        height: Pixels.
+    """
+
+    def __init__(self, simulation: Any, width: int, height: int) -> None:
+        from sim2vr_harness.users.rendering import UserRenderer
+
+        self._simulation = simulation
+        self._renderer = UserRenderer(simulation.user, width, height)
+
+    def draw(self, index: int) -> Picture:
+        """Return user ``index``, (height, width, 3); colours show the muscles' activation."""
+        users = self._simulation.users
+        picture: Picture = self._renderer.render(
+            users.qpos[index], camera="third_person", activations=users.act[index]
+        )
+        return picture
+
+    def close(self) -> None:
+        """Free the OpenGL context."""
+        self._renderer.close()
+
+
+class Panels:
+    """The three views of one user, each (height, width, 3) uint8.
+
+    Args:
+        simulation: The simulation.
+        height: Height of every panel, pixels.
+    """
+
+    def __init__(self, simulation: Any, height: int = PANEL_HEIGHT) -> None:
+        self._simulation = simulation
+        vision = simulation.config.vision
+        self.sizes = {
+            "body": (height, height),
+            "headset": (round(height * vision.width / vision.height / 2) * 2, height),
+            "game": (round(height * 4 / 3 / 2) * 2, height),
+        }
+        self._body = BodyPainter(simulation, *self.sizes["body"])
+
+    def draw(self, index: int) -> dict[str, Picture]:
+        """Return the views of user ``index`` by name: ``body``, ``headset``, ``game``."""
+        app = self._simulation.apps[index]
+        return {
+            "body": self._body.draw(index),
+            "headset": app.render_headset(*self.sizes["headset"])[..., :3],
+            "game": app.render_third_person(*self.sizes["game"], view="spectator")[..., :3],
+        }
+
+    def close(self) -> None:
+        """Free the OpenGL context of the body."""
+        self._body.close()
+
+    def __enter__(self) -> Panels:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+class Painter:
+    """Composes frames of panels of known sizes, a header above them.
+
+    Args:
+        sizes: name -> (width, height) of the panels, from left to right.
+    """
+
+    def __init__(self, sizes: Mapping[str, tuple[int, int]]) -> None:
+        self._sizes = dict(sizes)
+        width = sum(size[0] for size in sizes.values()) + _GAP * (len(sizes) - 1)
+        height = max(size[1] for size in sizes.values()) + _HEADER
+        self.width, self.height = width + width % 2, height + height % 2
+        self._blank = Image.new("RGB", (self.width, self.height), _BACKGROUND)
+
+    def frame(self, panels: Mapping[str, Picture], title: str, text: str) -> Picture:
+        """Return a frame, (height, width, 3); both are even, as video codecs want it.
+
+        Args:
+            panels: name -> picture.
+            title: Left part of the header.
+            text: Right part of the header.
+        """
+        image = self._blank.copy()
+        draw = ImageDraw.Draw(image)
+        draw.text((12, _HEADER // 2), title, _INK, _font(20), anchor="lm")
+        draw.text((self.width - 12, _HEADER // 2), text, _INK, _font(20), anchor="rm")
+        left = 0
+        for name, (width, _) in self._sizes.items():
+            image.paste(Image.fromarray(np.ascontiguousarray(panels[name])), (left, _HEADER))
+            _label(draw, _LABELS.get(name, name), left + 8, _HEADER + 8)
+            left += width + _GAP
+        return np.asarray(image)
+
+
+def compose(panels: Mapping[str, Picture], title: str, text: str) -> Picture:
+    """Return one frame of panels of whatever size; see :meth:`Painter.frame`."""
+    sizes = {name: (picture.shape[1], picture.shape[0]) for name, picture in panels.items()}
+    return Painter(sizes).frame(panels, title, text)
+
+
+def score_text(log: Mapping[str, float], seconds: float, total_return: float) -> str:
+    """Return the header's numbers: ``Hits 3  Misses 1  Contacts 0   return 12.3   t 4.5 s``."""
+    parts = [
+        f"{label} {log[key]:.0f}"
+        for key, label in (("Points", "Hits"), ("Misses", "Misses"), ("Contacts", "Contacts"))
+        if key in log
+    ]
+    return "   ".join([*parts, f"return {total_return:.1f}", f"t {seconds:4.1f} s"])
+
+
+def _label(draw: ImageDraw.ImageDraw, text: str, x: int, y: int) -> None:
+    box: Sequence[float] = draw.textbbox((x, y), text, _font(15))
+    draw.rectangle((box[0] - 5, box[1] - 4, box[2] + 5, box[3] + 4), fill=_BACKGROUND)
+    draw.text((x, y), text, _FAINT, _font(15))
+
+
+@lru_cache
+def _font(size: int) -> ImageFont.FreeTypeFont | ImageFont.ImageFont:
+    return ImageFont.load_default(size)

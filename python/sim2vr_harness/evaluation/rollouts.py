@@ -1,0 +1,190 @@
+"""Playing rounds side by side, each as if it were alone."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.evaluation.metrics import RoundResult, round_result
+from sim2vr_harness.training.threads import torch_threads
+from sim2vr_harness.training.vec_env import SimulationLike
+
+__all__ = ["Act", "Job", "Watcher", "jobs_for", "play"]
+
+Act = Callable[[dict[str, NDArray], np.random.Generator | None], NDArray[np.float32]]
+"""One user's observation and random numbers (None: deterministic) -> action, (A,)."""
+
+
+@dataclass(frozen=True)
+class Job:
+    """A round to play.
+
+    Attributes:
+        condition: The game's condition.
+        episode: Number within the condition, from 0.
+        seed: Seed of body, game and policy.
+    """
+
+    condition: str
+    episode: int
+    seed: int
+
+
+class Watcher(Protocol):
+    """Looks on while rounds are played, for example to film them."""
+
+    def started(self, simulation: Any, jobs: Sequence[Job]) -> None:
+        """Rounds begin; the job at index i is played by user i."""
+
+    def stepped(self, reward: NDArray, infos: Sequence[Mapping[str, Any]]) -> None:
+        """Everyone has taken a step; after :meth:`ended` a user's steps are of no interest."""
+
+    def ended(self, index: int, result: RoundResult) -> None:
+        """User ``index`` has finished the job."""
+
+
+def jobs_for(conditions: Sequence[str], episodes: int, seed: int) -> list[Job]:
+    """Return ``episodes`` rounds per condition; round k has seed ``seed + k`` in each of them."""
+    return [
+        Job(condition, episode, seed + episode)
+        for condition in conditions
+        for episode in range(episodes)
+    ]
+
+
+def play(
+    make_simulation: Callable[[int], SimulationLike],
+    make_act: Callable[[SimulationLike], Act],
+    jobs: Sequence[Job],
+    *,
+    deterministic: bool,
+    batch: int = 10,
+    options: Mapping[str, Any] | None = None,
+    watcher: Watcher | None = None,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> list[RoundResult]:
+    """Play rounds; the results do not depend on ``batch``.
+
+    Args:
+        make_simulation: Number of users -> a new simulation of them.
+        make_act: Simulation -> the policy.
+        jobs: The rounds.
+        deterministic: Whether actions are the policy's mean instead of samples.
+        batch: How many rounds are played side by side at most.
+        options: Game options of all rounds, next to their condition.
+        watcher: Looks on.
+        on_progress: Told the share of the work done, from 0 to 1.
+
+    Returns:
+        One result per job, in their order.
+    """
+    results: list[RoundResult] = []
+    simulation: SimulationLike | None = None
+    try:
+        for start in range(0, len(jobs), batch):
+            wave = jobs[start : start + batch]
+            if simulation is None or simulation.n != len(wave):
+                if simulation is not None:
+                    simulation.close()
+                simulation = make_simulation(len(wave))
+                act = make_act(simulation)
+
+            def advance(share: float, first: int = start, size: int = len(wave)) -> None:
+                on_progress((first + share * size) / len(jobs))
+
+            with torch_threads(1):
+                wave_play = _Wave(simulation, act, wave, deterministic, options or {}, watcher)
+                results += wave_play.run(advance)
+    finally:
+        if simulation is not None:
+            simulation.close()
+    return results
+
+
+class _Wave:
+    """Rounds that start together."""
+
+    def __init__(
+        self,
+        simulation: SimulationLike,
+        act: Act,
+        jobs: Sequence[Job],
+        deterministic: bool,
+        options: Mapping[str, Any],
+        watcher: Watcher | None,
+    ) -> None:
+        self._simulation, self._act, self._jobs, self._watcher = simulation, act, jobs, watcher
+        self._rngs: list[np.random.Generator | None] = [
+            None if deterministic else np.random.default_rng([job.seed, 1]) for job in jobs
+        ]
+        for i, job in enumerate(jobs):
+            chosen = {**options, "condition": job.condition}
+            simulation.reset(ids=[i], seeds=[job.seed], options=chosen)
+        self._steps = 0
+        self._game_returns = np.zeros(len(jobs))
+        self._efforts = np.zeros(len(jobs))
+        self._logs: list[Mapping[str, float]] = [{} for _ in jobs]
+        self._results: list[RoundResult | None] = [None for _ in jobs]
+
+    def run(self, on_progress: Callable[[float], None]) -> list[RoundResult]:
+        if self._watcher is not None:
+            self._watcher.started(self._simulation, self._jobs)
+        while any(result is None for result in self._results):
+            observation = self._simulation.observation()
+            self._step(self._actions(observation))
+            on_progress(self._share(observation))
+        return [result for result in self._results if result is not None]
+
+    def _actions(self, observation: dict[str, NDArray]) -> NDArray[np.float32]:
+        actions = np.zeros((len(self._jobs), *(self._simulation.action_space.shape)), np.float32)
+        for i, result in enumerate(self._results):
+            if result is None:
+                own = {key: value[i] for key, value in observation.items()}
+                actions[i] = self._act(own, self._rngs[i])
+        return actions
+
+    def _step(self, actions: NDArray[np.float32]) -> None:
+        outcome = self._simulation.step(actions)
+        self._steps += 1
+        over = outcome.terminated | outcome.truncated
+        for i, info in enumerate(outcome.infos):
+            if self._results[i] is None:
+                self._game_returns[i] += info["game_reward"]
+                self._efforts[i] += info["effort_cost"]
+                self._logs[i] = info.get("log", self._logs[i])
+        if self._watcher is not None:
+            self._watcher.stepped(outcome.reward, outcome.infos)
+        for ended in np.flatnonzero(over):
+            self._finish(int(ended), outcome.infos[ended])
+
+    def _finish(self, i: int, info: Mapping[str, Any]) -> None:
+        if self._results[i] is None:
+            job = self._jobs[i]
+            result = round_result(
+                condition=job.condition,
+                episode=job.episode,
+                seed=job.seed,
+                steps=self._steps,
+                game_return=float(self._game_returns[i]),
+                effort=float(self._efforts[i]),
+                info=info,
+                log=self._logs[i],
+            )
+            self._results[i] = result
+            if self._watcher is not None:
+                self._watcher.ended(i, result)
+        if any(result is None for result in self._results):
+            # The others play on, and a simulation steps all of its users or none.
+            self._simulation.reset(ids=[i], seeds=[0])
+
+    def _share(self, observation: dict[str, NDArray]) -> float:
+        feature = observation.get("stateful_information", np.zeros((len(self._jobs), 1)))
+        shares = [
+            1.0 if result is not None else float(feature[i, 0] + 1.0) / 2.0
+            for i, result in enumerate(self._results)
+        ]
+        return float(np.mean(shares))

@@ -1,0 +1,141 @@
+"""``sim2vr-harness snapshot``: pictures of a game for people to look at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from PIL import Image
+
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.evaluation.evaluate import evaluation_env
+from sim2vr_harness.evaluation.pictures import BodyPainter, compose, score_text
+from sim2vr_harness.evaluation.player import Player, find_checkpoint
+from sim2vr_harness.training.errors import InputError
+
+__all__ = ["parse_size", "snapshot"]
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Return (width, height) of ``WIDTHxHEIGHT``.
+
+    Raises:
+        InputError: It is something else, or out of range.
+    """
+    width, _, height = text.lower().partition("x")
+    if not (width.isdigit() and height.isdigit()):
+        raise InputError("--size", repr(text), "WIDTHxHEIGHT in pixels, for example 640x480")
+    size = int(width), int(height)
+    if not (16 <= size[0] <= 1280 and 16 <= size[1] <= 960):
+        raise InputError("--size", repr(text), "16x16 to 1280x960")
+    return size
+
+
+def snapshot(
+    out: Path,
+    *,
+    condition: str = "medium",
+    size: tuple[int, int] = (640, 480),
+    seconds: float = 2.0,
+    seed: int = 1,
+    game: str = "whacamole",
+    run: str | Path | None = None,
+    simulation: Callable[..., Any] | None = None,
+) -> list[Path]:
+    """Play a little and write what it looks like.
+
+    Args:
+        out: Folder for ``headset.png``, ``third_person.png``, ``recorder.png``, ``body.png``, the
+            user's own image ``observation.png`` (colour left, depth right) and ``overview.png``.
+        condition: The game's condition.
+        size: (width, height) of the pictures, pixels.
+        seconds: How long to play first.
+        seed: Seed of the round.
+        game: The game, unless a run says so.
+        run: A trained user to play; None lets the user act at random, gently.
+        simulation: How to make the user: (EnvConfig, n) -> simulation.
+
+    Returns:
+        The files.
+
+    Raises:
+        InputError: A number or the run cannot be used.
+        ValueError: The game does not know the condition.
+    """
+    if not 0.0 <= seconds <= 60.0:
+        raise InputError("--seconds", str(seconds), "0 to 60")
+    if out.exists() and not out.is_dir():
+        raise InputError("--out", f"{str(out)!r}, which is a file", "a folder")
+    if simulation is None:
+        from sim2vr_harness.envs.simulation import Simulation
+
+        simulation = Simulation
+    config = EnvConfig(app=AppConfig(game=game, options={}))
+    folder = checkpoint = None
+    if run is not None:
+        folder, checkpoint = find_checkpoint(run)
+        config = evaluation_env(folder.load_config())
+    with closing(simulation(config, 1)) as users:
+        users.reset(seeds=[seed], options={"condition": condition})
+        act: Callable[..., Any] = _gentle
+        if folder is not None and checkpoint is not None:
+            training = folder.load_config()
+            act = Player(training, checkpoint, users.observation_space, users.action_space).act
+        log, total, steps = _play(users, act, seconds, seed)
+        pictures = _draw(users, size)
+        text = score_text(log, steps / users.config.action_frequency_hz, total)
+    views = {"body": "body", "headset": "headset", "third_person": "game"}
+    panels = {label: pictures[name] for name, label in views.items()}
+    pictures["overview"] = compose(panels, condition, text)
+    return _write(out, pictures)
+
+
+def _gentle(observation: Mapping[str, Any], rng: np.random.Generator) -> Any:
+    return 0.2 * rng.standard_normal(32).clip(-1.0, 1.0)
+
+
+def _play(
+    users: Any, act: Callable[..., Any], seconds: float, seed: int
+) -> tuple[dict[str, float], float, int]:
+    """Play for some seconds, or to the end of the round; return log, return and steps."""
+    rng = np.random.default_rng([seed, 1])
+    log: dict[str, float] = {}
+    total, steps = 0.0, 0
+    for _ in range(round(seconds * users.config.action_frequency_hz)):
+        observation = {key: value[0] for key, value in users.observation().items()}
+        outcome = users.step(np.asarray(act(observation, rng))[None])
+        total += float(outcome.reward[0])
+        steps += 1
+        log = outcome.infos[0].get("log", log)
+        if outcome.terminated[0] or outcome.truncated[0]:
+            break
+    return log, total, steps
+
+
+def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
+    app = users.apps[0]
+    with closing(BodyPainter(users, *size)) as painter:
+        body = painter.draw(0)
+    vision = users.config.vision
+    own = app.render_headset(vision.width, vision.height)
+    depth = np.repeat(own[..., 3:], 3, axis=2)
+    return {
+        "headset": app.render_headset(*size)[..., :3],
+        "third_person": app.render_third_person(*size, view="spectator")[..., :3],
+        "recorder": app.render_third_person(*size, view="recorder")[..., :3],
+        "body": body,
+        "observation": np.concatenate([own[..., :3], depth], axis=1),
+    }
+
+
+def _write(out: Path, pictures: Mapping[str, Any]) -> list[Path]:
+    out.mkdir(parents=True, exist_ok=True)
+    files = []
+    for name, picture in pictures.items():
+        file = out / f"{name}.png"
+        Image.fromarray(np.ascontiguousarray(picture)).save(file)
+        files.append(file)
+    return files

@@ -1,0 +1,54 @@
+"""Results as a table for people."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from rich import box
+from rich.table import Table
+
+__all__ = ["results_table"]
+
+_ROWS: tuple[tuple[str, str, int], ...] = (
+    ("hits", "Hits", 1),
+    ("misses", "Misses", 1),
+    ("contacts", "Contacts (too slow)", 1),
+    ("hit_rate", "Hit rate", 3),
+    ("hit_speed_mps", "Hitting speed (m/s)", 2),
+    ("hammer_depth_m", "Hammer depth (m)", 3),
+    ("max_fatigued", "Fatigue (max. MUs)", 3),
+    ("effort", "Effort", 1),
+    ("game_return", "Game return", 1),
+    ("return", "Return", 1),
+)
+
+
+def results_table(summaries: Mapping[str, Mapping[str, Any]], title: str) -> Table:
+    """Return a table of means and standard deviations over rounds, one column per condition.
+
+    Args:
+        summaries: condition -> :func:`~sim2vr_harness.evaluation.metrics.summarise`.
+        title: Shown above the table.
+    """
+    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+    table.add_column("Per round", no_wrap=True)
+    for condition in summaries:
+        table.add_column(condition, justify="right", overflow="fold")
+    table.add_row("Rounds", *(str(summary["episodes"]) for summary in summaries.values()))
+    for key, heading, digits in _ROWS:
+        cells = [
+            _cell(summary.get(key), summary.get(f"{key}_sd"), digits)
+            for summary in summaries.values()
+        ]
+        table.add_row(heading, *cells)
+    if any(summary.get("diverged") for summary in summaries.values()):
+        table.add_row("Diverged", *(str(summary["diverged"]) for summary in summaries.values()))
+    return table
+
+
+def _cell(value: float | None, deviation: float | None, digits: int) -> str:
+    if value is None:
+        return "-"
+    spread = "" if deviation is None else f" ± {deviation:.{digits}f}"
+    return f"{value:.{digits}f}{spread}"

@@ -1,0 +1,179 @@
+"""What happens around the learner's iterations: checkpoints and progress."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.callbacks import BaseCallback
+
+from sim2vr_harness.training import checkpoint
+from sim2vr_harness.training.ppo import PPO, episode_means
+from sim2vr_harness.training.progress import Phase, Progress, ProgressDisplay
+from sim2vr_harness.training.run_folder import RunFolder
+from sim2vr_harness.training.vec_env import SimulationVecEnv
+
+__all__ = ["CheckpointCallback", "ProgressCallback"]
+
+
+class CheckpointCallback(BaseCallback):
+    """Remembers the moment between two iterations and writes it when it is due.
+
+    Args:
+        folder: The run's folder.
+        every_steps: User steps between two checkpoints.
+        keep: How many of the newest checkpoints to keep; None keeps all.
+        on_written: Told the file and the step of every checkpoint.
+    """
+
+    model: PPO
+
+    def __init__(
+        self,
+        folder: RunFolder,
+        every_steps: int,
+        keep: int | None = None,
+        on_written: Callable[[Path, int], None] = lambda file, step: None,
+    ) -> None:
+        super().__init__()
+        self._folder = folder
+        self._every_steps = every_steps
+        self._keep = keep
+        self._on_written = on_written
+        self._snapshot: checkpoint.Snapshot | None = None
+        self._written_step: int | None = None
+
+    @property
+    def snapshot_step(self) -> int | None:
+        """The step that :meth:`write` would save, None before the first iteration."""
+        return None if self._snapshot is None else self._snapshot.step
+
+    def _on_rollout_start(self) -> None:
+        self.remember()
+
+    def _on_step(self) -> bool:
+        return True
+
+    def remember(self) -> None:
+        """Take a snapshot now, between two iterations, and write it if it is due."""
+        self._snapshot = checkpoint.take(self.model)
+        step = self._snapshot.step
+        if self._written_step is None:  # The session starts: on disk already, or step 0.
+            self._written_step = step
+        elif step // self._every_steps > self._written_step // self._every_steps:
+            self.write()
+
+    def write(self) -> Path | None:
+        """Write the last snapshot unless it is on disk, and return its file."""
+        if self._snapshot is None:
+            return None
+        step = self._snapshot.step
+        file = self._folder.checkpoint_file(step)
+        if not file.is_file():
+            self._snapshot.write(file, self.model)
+            self._on_written(file, step)
+            self._remove_old()
+        self._written_step = step
+        return file
+
+    def _remove_old(self) -> None:
+        if self._keep is not None:
+            for file in self._folder.checkpoints()[: -self._keep]:
+                file.unlink(missing_ok=True)
+
+
+class ProgressCallback(BaseCallback):
+    """Keeps a :class:`Progress` up to date, during the update as well.
+
+    Args:
+        display: The display of the progress.
+    """
+
+    model: PPO
+
+    def __init__(self, display: ProgressDisplay) -> None:
+        super().__init__()
+        self._display = display
+        self._hook: Any = None
+
+    @property
+    def _progress(self) -> Progress:
+        return self._display.progress
+
+    def _on_training_start(self) -> None:
+        self._progress.minibatch_seconds = _minibatch_seconds(self.model)
+        self._hook = self.model.policy.optimizer.register_step_post_hook(self._count_minibatch)
+
+    def _on_rollout_start(self) -> None:
+        if self._progress.phase == Phase.LEARNING:
+            self._end_learning()
+        self._progress.begin(Phase.PLAYING, self._progress.iteration_steps)
+        self._display.update()
+
+    def _on_step(self) -> bool:
+        progress = self._progress
+        progress.step = self.model.num_timesteps
+        progress.phase_done += self.model.n_envs
+        env = self.model.get_env()
+        if isinstance(env, SimulationVecEnv):
+            progress.hits_now = sum(log.get("Points", 0.0) for log in env.last_log)
+            progress.misses_now = sum(log.get("Misses", 0.0) for log in env.last_log)
+        ended = sum("episode" in info for info in self.locals["infos"])
+        progress.episodes += ended
+        # SB3 takes the ended rounds into its statistics after this call, hence the next step.
+        if progress.phase_done % (50 * self.model.n_envs) == 0:
+            progress.means = episode_means(list(self.model.ep_info_buffer or []))
+        self._display.update()
+        return True
+
+    def _on_rollout_end(self) -> None:
+        self._progress.means = episode_means(list(self.model.ep_info_buffer or []))
+        self._progress.end_playing(self._progress.iteration_steps)
+        self._progress.begin(Phase.LEARNING, self._progress.minibatches)
+        self._display.update()
+
+    def _on_training_end(self) -> None:
+        if self._progress.phase == Phase.LEARNING:
+            self._end_learning()
+            self._progress.phase_done = self._progress.phase_total
+        self.detach()
+        self._display.update(force=True)
+
+    def detach(self) -> None:
+        """Stop counting minibatches."""
+        if self._hook is not None:
+            self._hook.remove()
+            self._hook = None
+
+    def _end_learning(self) -> None:
+        self._progress.end_learning(self._progress.iteration_steps)
+
+    def _count_minibatch(self, *_: Any) -> None:
+        self._progress.phase_done += 1
+        self._display.update()
+
+
+def _minibatch_seconds(model: PPO) -> float:
+    """Return the time of one minibatch, forward and backward; nothing is learned from it."""
+    space = model.rollout_buffer.observation_space
+    assert isinstance(space, spaces.Dict)
+    observations = {
+        key: torch.from_numpy(np.zeros((model.batch_size, *(box.shape or ())), box.dtype)).to(
+            model.device
+        )
+        for key, box in space.spaces.items()
+    }
+    actions = torch.zeros((model.batch_size, model.rollout_buffer.action_dim), device=model.device)
+    seconds = 0.0
+    for _ in range(2):  # The first one is slow for reasons that never come back.
+        began = time.monotonic()
+        values, log_probabilities, _ = model.policy.evaluate_actions(observations, actions)
+        (values.sum() + log_probabilities.sum()).backward()  # type: ignore[no-untyped-call]
+        model.policy.optimizer.zero_grad()
+        seconds = time.monotonic() - began
+    return seconds

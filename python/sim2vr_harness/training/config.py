@@ -1,0 +1,314 @@
+"""The training configuration: one YAML file is one simulated user.
+
+Defaults are the reference's Whac-A-Mole training. Every model forbids unknown keys; errors name
+the dotted key, what was found and the closest valid key.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal, get_args
+
+import pydantic
+import yaml
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from sim2vr_harness import paths
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.training.errors import InputError, closest
+
+__all__ = [
+    "CheckpointConfig",
+    "EvaluationConfig",
+    "LearningRateConfig",
+    "PPOConfig",
+    "PolicyConfig",
+    "TrainingConfig",
+    "WandbConfig",
+    "apply_overrides",
+    "first_difference",
+    "load_config",
+    "parse_config",
+    "to_yaml",
+]
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class PolicyConfig(_Settings):
+    """The network; defaults are the reference's."""
+
+    vision_channels: tuple[int, ...] = (8, 16, 32)
+    """Output channels of the 3x3 convolutions of stride 2."""
+    vision_features: int = Field(default=256, ge=1)
+    proprioception_features: int = Field(default=128, ge=1)
+    net_arch: tuple[int, ...] = (256, 256)
+    """Widths of the hidden layers behind the features, LeakyReLU."""
+    shared_mlp: bool = False
+    """True: actor and critic share ``net_arch``, as the paper says; False: two separate
+    networks, as the reference runs."""
+    log_std_init: float = 0.0
+
+
+class LearningRateConfig(_Settings):
+    """Constant at first, then linear in the steps taken, over ``total_timesteps``."""
+
+    initial: float = Field(default=5.0e-5, ge=0.0)
+    final: float = Field(default=1.0e-7, ge=0.0)
+    constant_fraction: float = Field(default=0.2, ge=0.0, lt=1.0)
+    """Share of ``total_timesteps`` during which ``initial`` holds."""
+
+
+class PPOConfig(_Settings):
+    """Proximal policy optimisation; names are Stable-Baselines3's."""
+
+    n_envs: int = Field(default=10, ge=1)
+    n_steps: int = Field(default=4000, ge=1)
+    """User steps per environment and iteration."""
+    batch_size: int = Field(default=1000, ge=2)
+    n_epochs: int = Field(default=10, ge=1)
+    gamma: float = Field(default=0.99, ge=0.0, le=1.0)
+    gae_lambda: float = Field(default=0.95, ge=0.0, le=1.0)
+    clip_range: float = Field(default=0.2, gt=0.0)
+    ent_coef: float = 0.0
+    vf_coef: float = 0.5
+    max_grad_norm: float = Field(default=0.5, gt=0.0)
+    target_kl: float | None = Field(default=1.0, gt=0.0)
+    learning_rate: LearningRateConfig = LearningRateConfig()
+
+    @property
+    def steps_per_iteration(self) -> int:
+        """User steps of all environments between two updates."""
+        return self.n_envs * self.n_steps
+
+    @model_validator(mode="after")
+    def _whole_minibatches(self) -> PPOConfig:
+        if self.steps_per_iteration % self.batch_size:
+            raise ValueError(
+                f"batch_size: got {self.batch_size}, expected a divisor of n_envs * n_steps = "
+                f"{self.steps_per_iteration}"
+            )
+        return self
+
+
+class CheckpointConfig(_Settings):
+    """What is kept of the run, and how often."""
+
+    every_steps: int = Field(default=1_000_000, ge=1)
+    """User steps between two checkpoints, rounded up to whole iterations; one more is written
+    when the session ends."""
+    keep: int | None = Field(default=None, ge=1)
+    """Keep only this many newest checkpoints; None keeps all."""
+
+
+class EvaluationConfig(_Settings):
+    """Rounds played with a trained user."""
+
+    conditions: tuple[str, ...] = ("low-medium", "medium", "high-medium")
+    """Conditions of ``sim2vr-harness evaluate`` and of the evaluation that ends a training."""
+    episodes: int = Field(default=10, ge=1)
+    """Rounds per condition of ``sim2vr-harness evaluate``."""
+    episodes_after_training: int = Field(default=2, ge=0)
+    """Rounds per condition at the end of a training session; 0 leaves the table out."""
+    seed: int = Field(default=1, ge=0, lt=2**31)
+    """Seed of the first round; round k has seed + k."""
+    deterministic: bool = False
+    """False: actions are sampled, as in the reference."""
+
+
+class WandbConfig(_Settings):
+    """Weights & Biases (needs the extra ``sim2vr-harness[wandb]``)."""
+
+    enabled: bool = False
+    project: str = "sim2vr"
+    entity: str | None = None
+    mode: Literal["online", "offline"] = "online"
+
+
+class TrainingConfig(_Settings):
+    """Everything that a training run is made of."""
+
+    name: str = Field(default="whacamole", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
+    seed: int = Field(default=1, ge=0, lt=2**31)
+    total_timesteps: int = Field(default=100_000_000, ge=1)
+    """User steps of the complete training, over which the learning-rate schedule runs."""
+    device: Literal["auto", "cpu", "cuda"] = "auto"
+    env: EnvConfig = EnvConfig()
+    policy: PolicyConfig = PolicyConfig()
+    ppo: PPOConfig = PPOConfig()
+    checkpoint: CheckpointConfig = CheckpointConfig()
+    evaluation: EvaluationConfig = EvaluationConfig()
+    wandb: WandbConfig = WandbConfig()
+
+
+def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainingConfig:
+    """Read and validate a training configuration.
+
+    Args:
+        path: A YAML file, or the name of a configuration that ships with the package.
+        overrides: ``key=value`` with dotted keys; values are written as in YAML.
+
+    Raises:
+        InputError: The file is missing or not YAML, or a key or value cannot be used.
+    """
+    try:
+        file = paths.config_path(path)
+    except FileNotFoundError as error:
+        raise InputError("CONFIG", repr(str(path)), f"a configuration file: {error}") from error
+    try:
+        tree = yaml.safe_load(file.read_text(encoding="utf-8"))
+    except (yaml.YAMLError, UnicodeDecodeError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError(str(file), "a file that is not YAML", f"YAML ({reason})") from error
+    tree = {} if tree is None else tree
+    if not isinstance(tree, dict):
+        raise InputError(str(file), f"a {type(tree).__name__}", "a mapping of keys to values")
+    return parse_config(apply_overrides(tree, overrides))
+
+
+def parse_config(tree: Mapping[str, Any]) -> TrainingConfig:
+    """Validate a configuration given as nested mappings.
+
+    Raises:
+        InputError: Names the first key that cannot be used.
+    """
+    try:
+        return TrainingConfig.model_validate(tree)
+    except pydantic.ValidationError as error:
+        # An unknown key explains more than the wrong value it may have caused.
+        problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
+        raise _input_error(problems[0]) from error
+
+
+def apply_overrides(tree: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """Return a copy of ``tree`` with every ``dotted.key=value`` set.
+
+    Raises:
+        InputError: An override is not ``key=value``, or its key runs through a plain value.
+    """
+    result = _copied(tree)
+    for override in overrides:
+        key, separator, text = override.partition("=")
+        key = key.strip()
+        if not separator or not all(key.split(".")):
+            raise InputError("--set", repr(override), "key=value, for example ppo.n_envs=4")
+        try:
+            value = yaml.safe_load(text)
+        except yaml.YAMLError as error:
+            expected = f"a value written as in YAML for {key}"
+            raise InputError("--set", repr(override), expected) from error
+        node = result
+        *parents, last = key.split(".")
+        for depth, parent in enumerate(parents):
+            child = node.setdefault(parent, {})
+            if not isinstance(child, dict):
+                at = ".".join(parents[: depth + 1])
+                expected = f"{at} itself: it is a value"
+                raise InputError(f"--set {key}", f"a key inside {at}", expected)
+            node = child
+        node[last] = value
+    return result
+
+
+def to_yaml(config: TrainingConfig) -> str:
+    """Write the complete configuration, defaults included, as YAML."""
+    return yaml.safe_dump(config.model_dump(mode="json"), sort_keys=False)
+
+
+def first_difference(
+    one: TrainingConfig, other: TrainingConfig, ignore: Sequence[str] = ()
+) -> tuple[str, Any, Any] | None:
+    """Return the first dotted key in which two configurations differ, and both values.
+
+    Args:
+        one: The first configuration.
+        other: The second one.
+        ignore: Top-level keys to leave out.
+    """
+    left = _flat(one.model_dump(mode="json", exclude=set(ignore)))
+    right = _flat(other.model_dump(mode="json", exclude=set(ignore)))
+    for key in [*left, *(key for key in right if key not in left)]:
+        if left.get(key) != right.get(key):
+            return key, left.get(key), right.get(key)
+    return None
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    leaves: dict[str, Any] = {}
+    for key, value in tree.items():
+        if isinstance(value, dict):
+            leaves |= _flat(value, f"{prefix}{key}.")
+        else:
+            leaves[f"{prefix}{key}"] = value
+    return leaves
+
+
+def _copied(tree: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        key: _copied(value) if isinstance(value, Mapping) else value for key, value in tree.items()
+    }
+
+
+def _input_error(problem: Any) -> InputError:
+    """Word one of pydantic's problems: dotted key, got, expected."""
+    location = [str(part) for part in problem["loc"]]
+    field = ".".join(location) or "configuration"
+    if problem["type"] == "extra_forbidden":
+        return _unknown_key(location)
+    message = str(problem["msg"]).removeprefix("Value error, ")
+    if problem["type"] == "value_error" and ": got " in message:
+        key, _, rest = message.partition(": got ")
+        got, _, expected = rest.partition(", expected ")
+        return InputError(f"{field}.{key}", got, expected)
+    expected = message.removeprefix("Input should be ")
+    if problem["type"] == "model_type":
+        expected = "a mapping of keys to values"
+    return InputError(field, repr(problem["input"]), expected[:1].lower() + expected[1:])
+
+
+def _unknown_key(location: Sequence[str]) -> InputError:
+    model = _model_at(location[:-1])
+    known = list(model.model_fields) if model else []
+    prefix = "".join(f"{part}." for part in location[:-1])
+    best = _elsewhere(location[-1])
+    if best is None and (near := closest(location[-1], known)):
+        best = prefix + near
+    hint = f" (did you mean {best!r}?)" if best else ""
+    return InputError(
+        prefix + location[-1], "an unknown key", f"one of {', '.join(known) or 'no keys'}{hint}"
+    )
+
+
+def _elsewhere(name: str) -> str | None:
+    """Return the dotted key of the field called ``name`` anywhere in the configuration."""
+    matches = [key for key in _all_keys(TrainingConfig) if key.rpartition(".")[2] == name]
+    return matches[0] if len(matches) == 1 else None
+
+
+def _all_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
+    keys = []
+    for name, field in model.model_fields.items():
+        keys.append(prefix + name)
+        child = _as_model(field.annotation)
+        if child is not None:
+            keys += _all_keys(child, f"{prefix}{name}.")
+    return keys
+
+
+def _model_at(location: Sequence[str]) -> type[BaseModel] | None:
+    model: type[BaseModel] | None = TrainingConfig
+    for part in location:
+        if model is None or part not in model.model_fields:
+            return None
+        model = _as_model(model.model_fields[part].annotation)
+    return model
+
+
+def _as_model(annotation: Any) -> type[BaseModel] | None:
+    for candidate in (annotation, *get_args(annotation)):
+        if isinstance(candidate, type) and issubclass(candidate, BaseModel):
+            return candidate
+    return None

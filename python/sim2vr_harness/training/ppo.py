@@ -1,0 +1,127 @@
+"""Stable-Baselines3's PPO with the reference's schedule and one log row per iteration."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import numpy as np
+import stable_baselines3
+
+from sim2vr_harness.training.buffer import FrameRolloutBuffer
+from sim2vr_harness.training.config import LearningRateConfig, TrainingConfig
+from sim2vr_harness.training.policy import UserPolicy, policy_arguments
+from sim2vr_harness.training.threads import torch_threads
+from sim2vr_harness.training.vec_env import SimulationVecEnv
+
+__all__ = ["PPO", "LearningRate", "build"]
+
+
+class LearningRate:
+    """Constant for the first part of the training, then linear to the final value.
+
+    Args:
+        config: The schedule; facts section g has the reference's numbers.
+    """
+
+    def __init__(self, config: LearningRateConfig) -> None:
+        self.config = config
+
+    def __call__(self, progress_remaining: float) -> float:
+        """Return the learning rate; ``progress_remaining`` falls from 1 to 0."""
+        start = 1.0 - self.config.constant_fraction
+        share = min(max(progress_remaining / start, 0.0), 1.0)
+        return self.config.final + share * (self.config.initial - self.config.final)
+
+
+class PPO(stable_baselines3.PPO):
+    """PPO whose schedule runs over ``schedule_timesteps``, wherever a session stops.
+
+    The reference restarts its schedule when it resumes; here a run that is stopped and resumed is
+    the same as one that is not. One log row per iteration holds the rollout and the update that
+    followed it (Stable-Baselines3 logs the update before).
+    """
+
+    schedule_timesteps: int | None = None
+    last_times: tuple[float, float] = (0.0, 0.0)
+    """Seconds of the last rollout and of the update that followed it."""
+    _rollout_began = _rollout_ended = 0.0
+
+    def collect_rollouts(self, *args: Any, **kwargs: Any) -> bool:
+        """Play ``n_steps`` user steps in every environment; see the base class."""
+        self._rollout_began = time.monotonic()
+        with torch_threads(1):
+            return bool(super().collect_rollouts(*args, **kwargs))
+
+    def _update_current_progress_remaining(self, num_timesteps: int, total_timesteps: int) -> None:
+        total = self.schedule_timesteps or total_timesteps
+        self._current_progress_remaining = max(0.0, 1.0 - num_timesteps / total)
+
+    def dump_logs(self, iteration: int = 0) -> None:
+        """Record the rollout's values; they are written after the update."""
+        for key, value in episode_means(list(self.ep_info_buffer or [])).items():
+            self.logger.record(f"rollout/{key}", value)
+        self._rollout_ended = time.monotonic()
+
+    def train(self) -> None:
+        """Update the networks, then write the iteration's log row."""
+        super().train()
+        now = time.monotonic()
+        self.last_times = (self._rollout_ended - self._rollout_began, now - self._rollout_ended)
+        self.logger.record("time/rollout_seconds", self.last_times[0])
+        self.logger.record("time/update_seconds", self.last_times[1])
+        steps = self.n_steps * self.n_envs
+        self.logger.record("time/steps_per_second", steps / sum(self.last_times))
+        self.logger.dump(step=self.num_timesteps)
+
+
+def episode_means(episodes: list[dict[str, Any]]) -> dict[str, float]:
+    """Return the means of finished episodes' values, keyed ``ep_<name>_mean``.
+
+    Args:
+        episodes: ``info["episode"]`` of :class:`SimulationVecEnv`.
+    """
+    if not episodes:
+        return {}
+    means = {
+        "ep_rew_mean": float(np.mean([episode["r"] for episode in episodes])),
+        "ep_len_mean": float(np.mean([episode["l"] for episode in episodes])),
+    }
+    for key in ("game_reward", "effort_cost", "max_fatigued"):
+        values = [episode[key] for episode in episodes if key in episode]
+        if values:
+            means[f"ep_{key}_mean"] = float(np.mean(values))
+    for key in episodes[-1].get("log", {}):
+        values = [episode["log"][key] for episode in episodes if key in episode["log"]]
+        means[f"ep_{key}_mean"] = float(np.mean(values))
+    hits = means.get("ep_Points_mean")
+    misses = means.get("ep_Misses_mean")
+    if hits is not None and misses is not None and hits + misses > 0:
+        means["ep_hit_rate"] = hits / (hits + misses)
+    return means
+
+
+def build(config: TrainingConfig, env: SimulationVecEnv) -> PPO:
+    """Return a fresh PPO learner for ``config``, networks initialised from its seed."""
+    ppo = config.ppo
+    model = PPO(
+        UserPolicy,
+        env,
+        learning_rate=LearningRate(ppo.learning_rate),
+        n_steps=ppo.n_steps,
+        batch_size=ppo.batch_size,
+        n_epochs=ppo.n_epochs,
+        gamma=ppo.gamma,
+        gae_lambda=ppo.gae_lambda,
+        clip_range=ppo.clip_range,
+        ent_coef=ppo.ent_coef,
+        vf_coef=ppo.vf_coef,
+        max_grad_norm=ppo.max_grad_norm,
+        target_kl=ppo.target_kl,
+        rollout_buffer_class=FrameRolloutBuffer,
+        policy_kwargs=policy_arguments(config.policy),
+        seed=config.seed,
+        device=config.device,
+    )
+    model.schedule_timesteps = config.total_timesteps
+    return model

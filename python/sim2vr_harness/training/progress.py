@@ -1,0 +1,266 @@
+"""What a user sees while a training runs: a live panel, or plain lines outside a terminal."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from types import TracebackType
+
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.progress_bar import ProgressBar
+from rich.table import Table
+from rich.text import Text
+
+__all__ = ["Phase", "Progress", "ProgressDisplay", "duration"]
+
+PLAIN_INTERVAL_S = 15.0
+
+
+class Phase:
+    """What the learner is doing."""
+
+    STARTING = "starting"
+    PLAYING = "playing"
+    LEARNING = "learning"
+
+
+@dataclass
+class Progress:
+    """The numbers on display.
+
+    Attributes:
+        step: User steps taken so far, earlier sessions included.
+        start_step: User steps taken before this session.
+        stop_step: Where this session stops.
+        iteration_steps: User steps per iteration.
+        minibatches: Minibatches per iteration.
+        minibatch_seconds: A first estimate of the time for one of them.
+        phase: One of :class:`Phase`.
+        phase_done: User steps played or minibatches learned in this phase.
+        phase_total: What ``phase_done`` counts up to.
+        play_seconds: Time spent playing in this session, finished phases only.
+        played: User steps of these phases.
+        learn_seconds: Time spent learning in this session, finished phases only.
+        learned: Samples (user steps) of these phases.
+        episodes: Rounds finished in this session.
+        means: Means over the last rounds, keyed as in metrics.jsonl without ``rollout/``.
+        hits_now: Hits in the rounds that are being played.
+        misses_now: Misses in the rounds that are being played.
+        note: What happened last, for example a checkpoint.
+    """
+
+    step: int
+    start_step: int
+    stop_step: int
+    iteration_steps: int
+    minibatches: int
+    minibatch_seconds: float | None = None
+    phase: str = Phase.STARTING
+    phase_done: int = 0
+    phase_total: int = 0
+    play_seconds: float = 0.0
+    played: int = 0
+    learn_seconds: float = 0.0
+    learned: int = 0
+    episodes: int = 0
+    means: dict[str, float] = field(default_factory=dict)
+    hits_now: float = 0.0
+    misses_now: float = 0.0
+    note: str = ""
+    started: float = field(default_factory=time.monotonic)
+    phase_started: float = field(default_factory=time.monotonic)
+
+    def begin(self, phase: str, total: int) -> None:
+        """Enter a phase."""
+        self.phase, self.phase_done, self.phase_total = phase, 0, total
+        self.phase_started = time.monotonic()
+
+    def end_playing(self, steps: int) -> None:
+        """Count a finished rollout of ``steps`` user steps."""
+        self.play_seconds += time.monotonic() - self.phase_started
+        self.played += steps
+
+    def end_learning(self, steps: int) -> None:
+        """Count a finished update on ``steps`` user steps."""
+        self.learn_seconds += time.monotonic() - self.phase_started
+        self.learned += steps
+
+    @property
+    def play_seconds_each(self) -> float | None:
+        """Seconds of playing per iteration; None before the first step."""
+        if self.played:
+            return self.play_seconds * self.iteration_steps / self.played
+        if self.phase == Phase.PLAYING and self.phase_done:
+            elapsed = time.monotonic() - self.phase_started
+            return elapsed * self.iteration_steps / self.phase_done
+        return None
+
+    @property
+    def learn_seconds_each(self) -> float | None:
+        """Seconds of learning per iteration, at first as measured on one minibatch."""
+        if self.learned:
+            return self.learn_seconds * self.iteration_steps / self.learned
+        if self.phase == Phase.LEARNING and self.phase_done:
+            return (time.monotonic() - self.phase_started) * self.minibatches / self.phase_done
+        if self.minibatch_seconds is None:
+            return None
+        return self.minibatch_seconds * self.minibatches
+
+    @property
+    def play_rate(self) -> float | None:
+        """User steps per second while playing."""
+        return _rate(self.iteration_steps, self.play_seconds_each)
+
+    @property
+    def learn_rate(self) -> float | None:
+        """User steps per second while learning."""
+        return _rate(self.iteration_steps, self.learn_seconds_each)
+
+    @property
+    def rate(self) -> float | None:
+        """User steps per second of whole iterations."""
+        play, learn = self.play_seconds_each, self.learn_seconds_each
+        return None if play is None or learn is None else _rate(self.iteration_steps, play + learn)
+
+    def seconds_left(self) -> float | None:
+        """Return the expected time to the end of the session, None if it is not known yet."""
+        play, learn = self.play_seconds_each, self.learn_seconds_each
+        if play is None or learn is None:
+            return None
+        iterations = (self.stop_step - self.start_step - self.learned) / self.iteration_steps
+        spent = time.monotonic() - self.phase_started
+        if self.phase == Phase.LEARNING:
+            spent += play
+        return max(0.0, iterations * (play + learn) - (spent if iterations else 0.0))
+
+
+def _rate(count: int, seconds: float | None) -> float | None:
+    return count / seconds if seconds else None
+
+
+def duration(seconds: float | None) -> str:
+    """Write a time span for people: ``12 s``, ``3 min 05 s``, ``2 h 10 min``, ``3 d 4 h``."""
+    if seconds is None:
+        return "-"
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60:02d} s"
+    if whole < 86400:
+        return f"{whole // 3600} h {whole % 3600 // 60:02d} min"
+    return f"{whole // 86400} d {whole % 86400 // 3600} h"
+
+
+def _number(value: float | None, digits: int = 0) -> str:
+    return "-" if value is None else f"{value:,.{digits}f}"
+
+
+class ProgressDisplay:
+    """Shows a :class:`Progress` while it changes. Use it in a ``with`` block.
+
+    Args:
+        progress: The numbers; whoever trains changes them.
+        console: Where to show them. Outside a terminal a line is printed at most every
+            ``interval`` seconds, whenever :meth:`update` is called.
+        interval: Seconds between plain lines.
+    """
+
+    def __init__(
+        self, progress: Progress, console: Console, interval: float = PLAIN_INTERVAL_S
+    ) -> None:
+        self.progress = progress
+        self._console = console
+        self._interval = interval
+        self._last_line = -float("inf")
+        self._live: Live | None = None
+        if console.is_terminal:
+            self._live = Live(
+                console=console, get_renderable=self._panel, refresh_per_second=4, transient=False
+            )
+
+    def __enter__(self) -> ProgressDisplay:
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def update(self, force: bool = False) -> None:
+        """Print a plain line if one is due; the live panel refreshes itself."""
+        now = time.monotonic()
+        if self._live is None and (force or now - self._last_line >= self._interval):
+            self._last_line = now
+            self._console.print(self.line(), highlight=False, markup=False, soft_wrap=True)
+
+    def line(self) -> str:
+        """Return the numbers in one line."""
+        p = self.progress
+        share = p.phase_done / p.phase_total if p.phase_total else 0.0
+        parts = [
+            f"step {p.step:,}/{p.stop_step:,}",
+            f"{p.phase} {share:.0%}",
+            f"{_number(p.rate)} steps/s",
+            f"left {duration(p.seconds_left())}",
+        ]
+        parts += [f"{label} {value}" for label, value in self._game_numbers()]
+        return " | ".join(parts)
+
+    def _game_numbers(self) -> list[tuple[str, str]]:
+        means = self.progress.means
+        if not means:
+            return []
+        return [
+            ("return", _number(means.get("ep_rew_mean"), 1)),
+            ("hits", _number(means.get("ep_Points_mean"), 1)),
+            ("misses", _number(means.get("ep_Misses_mean"), 1)),
+            ("hit rate", _number(means.get("ep_hit_rate"), 3)),
+            ("effort", _number(means.get("ep_effort_cost_mean"), 1)),
+        ]
+
+    def _panel(self) -> RenderableType:
+        p = self.progress
+        grid = Table.grid(padding=(0, 2))
+        grid.add_row("Training", self._bar(p.step, p.stop_step), f"{p.step:,} / {p.stop_step:,}")
+        unit = "minibatches" if p.phase == Phase.LEARNING else "steps"
+        grid.add_row(
+            p.phase.capitalize(),
+            self._bar(p.phase_done, p.phase_total),
+            f"{p.phase_done:,} / {p.phase_total:,} {unit}",
+        )
+        lines: list[RenderableType] = [grid, self._speed_line(), self._game_line()]
+        if p.note:
+            lines.append(Text(p.note, style="dim"))
+        return Group(*lines)
+
+    @staticmethod
+    def _bar(done: int, total: int) -> ProgressBar:
+        return ProgressBar(total=max(total, 1), completed=done, width=36)
+
+    def _speed_line(self) -> Text:
+        p = self.progress
+        elapsed = time.monotonic() - p.started
+        return Text(
+            f"{_number(p.rate)} steps/s (playing {_number(p.play_rate)}, learning "
+            f"{_number(p.learn_rate)})   elapsed {duration(elapsed)}   "
+            f"left {duration(p.seconds_left())}"
+        )
+
+    def _game_line(self) -> Text:
+        p = self.progress
+        numbers = self._game_numbers()
+        if numbers:
+            shown = "   ".join(f"{label} {value}" for label, value in numbers)
+            return Text(f"Per round: {shown}   ({p.episodes:,} rounds)")
+        return Text(
+            f"First rounds: {_number(p.hits_now)} hits, {_number(p.misses_now)} misses so far",
+            style="dim",
+        )

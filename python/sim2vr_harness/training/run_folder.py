@@ -1,0 +1,240 @@
+"""The folder of one training run: what is in it and where.
+
+::
+
+    config.yaml        the complete configuration
+    run.json           versions, git commit, and every session that worked on the run
+    metrics.jsonl      one JSON object per iteration
+    checkpoints/       step_000080000.zip, ...: also readable by stable_baselines3
+    tensorboard/       the same metrics for TensorBoard
+    evaluation/        what ``sim2vr-harness evaluate`` writes
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import platform
+import shutil
+import subprocess
+import sys
+from contextlib import suppress
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from sim2vr_harness import __version__, paths
+from sim2vr_harness.training.config import TrainingConfig, parse_config, to_yaml
+from sim2vr_harness.training.errors import InputError
+
+__all__ = ["RunFolder", "versions", "write_atomically"]
+
+_PACKAGES = ("mujoco", "stable-baselines3", "torch", "gymnasium", "numpy", "scipy")
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file so that it is either complete or not there, whatever happens meanwhile."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        with temporary.open("wb") as stream:
+            stream.write(content)
+            stream.flush()
+            os.fsync(stream.fileno())
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of this package, Python and the packages that decide a result."""
+    found = {"sim2vr-harness": __version__, "python": platform.python_version()}
+    for package in _PACKAGES:
+        with suppress(PackageNotFoundError):
+            found[package] = version(package)
+    return found
+
+
+def git_commit() -> str | None:
+    """Return the checkout's commit, ``-dirty`` appended if files differ; None without git."""
+    root = paths.checkout_dir()
+    if root is None or shutil.which("git") is None:
+        return None
+    done = subprocess.run(
+        ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40"],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return done.stdout.strip() or None
+
+
+class RunFolder:
+    """The files of one run.
+
+    Args:
+        path: The folder; made by :meth:`create`.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        self.config_file = self.path / "config.yaml"
+        self.run_file = self.path / "run.json"
+        self.metrics_file = self.path / "metrics.jsonl"
+        self.checkpoint_dir = self.path / "checkpoints"
+        self.tensorboard_dir = self.path / "tensorboard"
+        self.evaluation_dir = self.path / "evaluation"
+
+    @property
+    def exists(self) -> bool:
+        """Whether the folder holds a run."""
+        return self.config_file.is_file()
+
+    @classmethod
+    def open(cls, path: str | os.PathLike[str]) -> RunFolder:
+        """Open the folder of an existing run.
+
+        Raises:
+            InputError: There is no such folder, or it is not a run's.
+        """
+        folder = cls(path)
+        if not folder.path.exists():
+            raise InputError("RUN", f"{str(path)!r}, which does not exist", "the folder of a run")
+        if not folder.exists:
+            raise InputError(
+                "RUN",
+                f"{str(path)!r}, which holds no config.yaml",
+                "a folder that sim2vr-harness train has written",
+            )
+        return folder
+
+    def create(self, config: TrainingConfig, overwrite: bool = False) -> None:
+        """Start a new run in this folder.
+
+        Args:
+            config: Its configuration.
+            overwrite: Whether a run that is here may be deleted.
+
+        Raises:
+            InputError: The folder holds a run (and ``overwrite`` is False) or other files.
+        """
+        if self.path.exists() and not self.path.is_dir():
+            raise InputError("--out", f"{str(self.path)!r}, which is a file", "a folder")
+        if self.exists and not overwrite:
+            raise InputError(
+                "--out",
+                f"{str(self.path)!r}, which holds a run",
+                "a new folder, or --resume to continue that run, or --overwrite to delete it",
+            )
+        if self.exists:
+            self._delete_run()
+        elif self.path.is_dir() and any(self.path.iterdir()):
+            raise InputError(
+                "--out", f"{str(self.path)!r}, which holds other files", "a new or empty folder"
+            )
+        self.checkpoint_dir.mkdir(parents=True, exist_ok=True)
+        write_atomically(self.run_file, json.dumps({"sessions": []}, indent=2).encode())
+        write_atomically(self.config_file, to_yaml(config).encode())
+
+    def _delete_run(self) -> None:
+        """Delete what a run writes, and nothing else."""
+        self.config_file.unlink()
+        for file in (self.run_file, self.metrics_file):
+            file.unlink(missing_ok=True)
+        for folder in (self.checkpoint_dir, self.tensorboard_dir, self.evaluation_dir):
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def load_config(self) -> TrainingConfig:
+        """Read the run's configuration."""
+        try:
+            tree = yaml.safe_load(self.config_file.read_text(encoding="utf-8"))
+            return parse_config(tree)
+        except InputError as error:
+            raise InputError(f"{self.config_file}: {error.field}", error.got, error.expected) from (
+                error
+            )
+
+    def store_config(self, config: TrainingConfig) -> None:
+        """Replace the run's configuration."""
+        write_atomically(self.config_file, to_yaml(config).encode())
+
+    # --- run.json -------------------------------------------------------------------------------
+
+    def metadata(self) -> dict[str, Any]:
+        """Return the content of run.json."""
+        if not self.run_file.is_file():
+            return {"sessions": []}
+        content: dict[str, Any] = json.loads(self.run_file.read_text(encoding="utf-8"))
+        return content
+
+    def begin_session(self, start_step: int, **details: Any) -> None:
+        """Note in run.json who works on this run from now on."""
+        content = self.metadata()
+        content["sessions"].append(
+            {
+                "started": datetime.now(UTC).isoformat(timespec="seconds"),
+                "start_step": start_step,
+                "versions": versions(),
+                "git_commit": git_commit(),
+                "python": sys.executable,
+                "machine": platform.platform(),
+                "cores": len(os.sched_getaffinity(0)),
+                **details,
+            }
+        )
+        write_atomically(self.run_file, json.dumps(content, indent=2).encode())
+
+    def note(self, **values: Any) -> None:
+        """Set top-level values of run.json."""
+        write_atomically(self.run_file, json.dumps(self.metadata() | values, indent=2).encode())
+
+    def end_session(self, **details: Any) -> None:
+        """Note in run.json how the last session ended."""
+        content = self.metadata()
+        ended = datetime.now(UTC).isoformat(timespec="seconds")
+        content["sessions"][-1] |= {"ended": ended, **details}
+        write_atomically(self.run_file, json.dumps(content, indent=2).encode())
+
+    # --- checkpoints and metrics ----------------------------------------------------------------
+
+    def checkpoint_file(self, step: int) -> Path:
+        """Return where the checkpoint after ``step`` user steps belongs."""
+        return self.checkpoint_dir / f"step_{step:09d}.zip"
+
+    def checkpoints(self) -> list[Path]:
+        """Return all checkpoints, the oldest first."""
+        found = self.checkpoint_dir.glob("step_*.zip")
+        return sorted(
+            (file for file in found if file.stem.removeprefix("step_").isdigit()),
+            key=lambda file: int(file.stem.removeprefix("step_")),
+        )
+
+    def latest_checkpoint(self) -> Path:
+        """Return the newest checkpoint.
+
+        Raises:
+            InputError: There is none yet.
+        """
+        files = self.checkpoints()
+        if not files:
+            raise InputError(
+                "RUN", f"{str(self.path)!r}, which has no checkpoint yet", "a run with a checkpoint"
+            )
+        return files[-1]
+
+    def metrics(self) -> list[dict[str, Any]]:
+        """Return the rows of metrics.jsonl; a last line cut off by a crash is left out."""
+        rows: list[dict[str, Any]] = []
+        if self.metrics_file.is_file():
+            for line in self.metrics_file.read_text(encoding="utf-8").splitlines():
+                with suppress(json.JSONDecodeError):
+                    rows.append(json.loads(line))
+        return rows
+
+    def drop_metrics_after(self, step: int) -> None:
+        """Forget rows of steps that a resumed run will take again."""
+        kept = [row for row in self.metrics() if row.get("step", 0) <= step]
+        text = "".join(json.dumps(row) + "\n" for row in kept)
+        write_atomically(self.metrics_file, text.encode())

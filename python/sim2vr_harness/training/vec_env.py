@@ -1,0 +1,213 @@
+"""Stable-Baselines3's vector environment over a :class:`Simulation`."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
+
+__all__ = ["SimulationLike", "SimulationVecEnv"]
+
+_SUMS = ("game_reward", "effort_cost")
+
+
+class SimulationLike(Protocol):
+    """What the adapter needs of :class:`sim2vr_harness.envs.simulation.Simulation`."""
+
+    n: int
+    observation_space: spaces.Dict
+
+    @property
+    def action_space(self) -> spaces.Box[Any]:
+        """Box(-1, 1, (A,))."""
+
+    def reset(
+        self,
+        ids: Sequence[int] | None = None,
+        seeds: Sequence[int | None] | None = None,
+        options: Any = None,
+    ) -> list[dict[str, Any]]:
+        """Start new episodes."""
+
+    def observation(self) -> dict[str, NDArray]:
+        """Return fresh arrays (N, ...)."""
+
+    def step(self, actions: NDArray) -> Any:
+        """Advance every user by one step; returns reward, terminated, truncated, infos."""
+
+    def save_state(self) -> bytes:
+        """Return the exact state."""
+
+    def load_state(self, state: bytes) -> None:
+        """Continue from :meth:`save_state`."""
+
+    def close(self) -> None:
+        """Free everything."""
+
+
+class SimulationVecEnv(VecEnv):
+    """N simulated users with autoreset, as Stable-Baselines3 expects them.
+
+    When an episode ends, its user is reset at once; the last observation is in
+    ``info["terminal_observation"]`` and ``info["episode"]`` holds, like SB3's Monitor, the return
+    ``r``, the length ``l`` (steps) and the wall time ``t`` (s), the sums ``game_reward`` and
+    ``effort_cost``, ``max_fatigued`` if the effort model knows it, and under ``log`` the game's
+    final log. ``info["TimeLimit.truncated"]`` is set where the episode was cut by a time limit.
+
+    Args:
+        simulation: The users; owned by the adapter from now on.
+    """
+
+    def __init__(self, simulation: SimulationLike) -> None:
+        self.simulation = simulation
+        super().__init__(simulation.n, simulation.observation_space, simulation.action_space)
+        self._actions: NDArray | None = None
+        self._started = time.monotonic()
+        self._returns = np.zeros(self.num_envs)
+        self._lengths = np.zeros(self.num_envs, dtype=np.int64)
+        self._sums = {name: np.zeros(self.num_envs) for name in _SUMS}
+        self.last_log: list[dict[str, float]] = [{} for _ in range(self.num_envs)]
+        """The game's log of every user's last step, for displays."""
+
+    def seed(self, seed: int | None = None) -> Sequence[int | None]:
+        """Set the seeds of the next :meth:`reset`.
+
+        They are drawn from ``seed``, not counted up from it: an evaluation, whose rounds have the
+        seeds 1, 2, ..., shall not repeat rounds of the training.
+        """
+        drawn = np.random.SeedSequence(seed).generate_state(self.num_envs, np.uint32)
+        self._seeds = [int(value) for value in drawn]
+        return self._seeds
+
+    def reset(self) -> dict[str, NDArray]:
+        """Start a new episode for everyone, with the seeds given to :meth:`seed` if any."""
+        self.reset_infos = self.simulation.reset(seeds=list(self._seeds))
+        self._reset_seeds()
+        self._reset_options()
+        self._clear(slice(None))
+        return self.simulation.observation()
+
+    def step_async(self, actions: NDArray) -> None:
+        """Take the actions, (N, A) in [-1, 1], of the next :meth:`step_wait`."""
+        self._actions = actions
+
+    def step_wait(self) -> tuple[dict[str, NDArray], NDArray, NDArray, list[dict[str, Any]]]:
+        """Advance every user by one step; see the class for episodes that end."""
+        if self._actions is None:
+            raise RuntimeError("step_wait was called without step_async")
+        result = self.simulation.step(self._actions)
+        self._actions = None
+        infos: list[dict[str, Any]] = result.infos
+        self._count(result.reward, infos)
+        dones = np.asarray(result.terminated | result.truncated, dtype=bool)
+        observation = self.simulation.observation()
+        ended = [int(i) for i in np.flatnonzero(dones)]
+        if ended:
+            self._finish(ended, observation, result.terminated, infos)
+            self.simulation.reset(ids=ended)
+            observation = self.simulation.observation()
+        return observation, result.reward.astype(np.float32), dones, infos
+
+    def _count(self, reward: NDArray, infos: list[dict[str, Any]]) -> None:
+        self._returns += reward
+        self._lengths += 1
+        for name, sums in self._sums.items():
+            sums += [info.get(name, 0.0) for info in infos]
+        # A diverged user's app is not asked, so its last log stands.
+        self.last_log = [
+            info.get("log", last) for info, last in zip(infos, self.last_log, strict=True)
+        ]
+
+    def _finish(
+        self,
+        ended: Iterable[int],
+        observation: dict[str, NDArray],
+        terminated: NDArray,
+        infos: list[dict[str, Any]],
+    ) -> None:
+        for i in ended:
+            info = infos[i]
+            info["terminal_observation"] = {key: value[i] for key, value in observation.items()}
+            info["TimeLimit.truncated"] = not bool(terminated[i])
+            info["episode"] = {
+                "r": float(self._returns[i]),
+                "l": int(self._lengths[i]),
+                "t": round(time.monotonic() - self._started, 3),
+                **{name: float(sums[i]) for name, sums in self._sums.items()},
+                "log": {key: float(value) for key, value in self.last_log[i].items()},
+            }
+            if "max_fatigued" in info:
+                info["episode"]["max_fatigued"] = float(info["max_fatigued"])
+            self._clear(i)
+
+    def _clear(self, which: int | slice) -> None:
+        self._returns[which] = 0.0
+        self._lengths[which] = 0
+        for sums in self._sums.values():
+            sums[which] = 0.0
+
+    def save_state(self) -> bytes:
+        """Return the exact state: users, apps and the unfinished episodes' sums."""
+        episodes = {
+            "returns": [float(value).hex() for value in self._returns],
+            "lengths": self._lengths.tolist(),
+            "sums": {key: [float(v).hex() for v in sums] for key, sums in self._sums.items()},
+        }
+        header = json.dumps(episodes).encode()
+        return len(header).to_bytes(8, "little") + header + self.simulation.save_state()
+
+    def load_state(self, state: bytes) -> None:
+        """Continue from :meth:`save_state` of an environment with the same configuration."""
+        size = int.from_bytes(state[:8], "little")
+        episodes = json.loads(state[8 : 8 + size])
+        if len(episodes["lengths"]) != self.num_envs:
+            raise RuntimeError(
+                f"the saved state is of {len(episodes['lengths'])} users, not of {self.num_envs}"
+            )
+        self.simulation.load_state(state[8 + size :])
+        self._returns[:] = [float.fromhex(text) for text in episodes["returns"]]
+        self._lengths[:] = episodes["lengths"]
+        for key, sums in self._sums.items():
+            sums[:] = [float.fromhex(text) for text in episodes["sums"][key]]
+
+    def close(self) -> None:
+        """Free the simulation."""
+        self.simulation.close()
+
+    # --- what SB3 asks of single environments ---------------------------------------------------
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """Return an attribute of the simulation, once per environment."""
+        count = len(list(self._get_indices(indices)))
+        if attr_name == "render_mode":
+            return [None] * count
+        return [getattr(self.simulation, attr_name)] * count
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Refuse: the users of one simulation share their settings."""
+        raise NotImplementedError(
+            f"cannot set {attr_name!r}: the users of one simulation share their settings; "
+            "make a new one with another EnvConfig"
+        )
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Call a method of single environments' apps, for example ``render_headset``."""
+        apps: Sequence[Any] = self.get_attr("apps", indices=[0])[0]
+        chosen = self._get_indices(indices)
+        return [getattr(apps[i], method_name)(*method_args, **method_kwargs) for i in chosen]
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        """Return False for every environment: nothing is wrapped."""
+        return [False for _ in self._get_indices(indices)]
+
+    def get_images(self) -> Sequence[NDArray | None]:
+        """Return None for every environment: ask the apps for pictures instead."""
+        return [None] * self.num_envs

@@ -1,0 +1,100 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+from sim2vr_harness.training.config import (
+    TrainingConfig,
+    apply_overrides,
+    first_difference,
+    load_config,
+    parse_config,
+    to_yaml,
+)
+from sim2vr_harness.training.errors import InputError
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+
+
+@pytest.mark.parametrize("adaptive", [False, True])
+@pytest.mark.parametrize("group", ["constrained", "unconstrained"])
+def test_shipped_configurations_are_the_reference(group: str, adaptive: bool) -> None:
+    name = f"whacamole_{'adaptive_' if adaptive else ''}{group}"
+    config = load_config(CONFIGS / f"{name}.yaml")
+    assert config.name == name
+    condition = {"constrained": "random", "unconstrained": "random-unconstrained"}[group]
+    assert config.env.app.options == {"condition": condition, "adaptive": adaptive}
+    ppo = config.ppo
+    assert (ppo.n_envs, ppo.n_steps, ppo.batch_size, ppo.n_epochs) == (10, 4000, 1000, 10)
+    assert (ppo.gamma, ppo.gae_lambda, ppo.clip_range, ppo.target_kl) == (0.99, 0.95, 0.2, 1.0)
+    assert (ppo.ent_coef, ppo.vf_coef, ppo.max_grad_norm) == (0.0, 0.5, 0.5)
+    rate = ppo.learning_rate
+    assert (rate.initial, rate.final, rate.constant_fraction) == (5e-5, 1e-7, 0.2)
+    assert config.total_timesteps == 100_000_000
+    assert config.env.user.effort.weight == 0.1
+    # Written out or left out, these are the defaults.
+    ignored = ("name", "env", "evaluation")
+    assert first_difference(config, TrainingConfig(), ignore=ignored) is None
+
+
+def test_written_configuration_reads_back_the_same() -> None:
+    config = load_config("whacamole_adaptive_unconstrained", ["seed=7", "ppo.n_envs=5"])
+    assert parse_config(yaml.safe_load(to_yaml(config))) == config
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("ppo.n_stepz=3", r"^ppo\.n_stepz: got an unknown key, .*did you mean 'ppo\.n_steps'\?"),
+        ("n_steps=3", r"^n_steps: got an unknown key, .*did you mean 'ppo\.n_steps'\?"),
+        ("sead=3", r"^sead: got an unknown key, .*did you mean 'seed'\?"),
+        ("env.app.gam=x", r"^env\.app\.gam: .*did you mean 'env\.app\.game'\?"),
+        ("ppo.n_steps=abc", r"^ppo\.n_steps: got 'abc', expected a valid integer"),
+        ("ppo.gamma=1.5", r"^ppo\.gamma: got 1\.5, expected less than or equal to 1"),
+        ("ppo=3", r"^ppo: got 3, expected a mapping"),
+        ("ppo.batch_size=7", r"^ppo\.batch_size: got 7, expected a divisor of .* 40000"),
+        ("policy.net_arch=[1,x]", r"^policy\.net_arch\.1: got 'x', expected a valid integer"),
+        ("env.vision.channels=[green,x]", r"^env\.vision\.channels\.1: got 'x', expected 'red'"),
+        ("env.user.effort.model=neurl", r"^env\.user\.effort\.model: got 'neurl', expected"),
+        ("name", r"^--set: got 'name', expected key=value"),
+        ("name.x=1", r"^--set name\.x: got a key inside name"),
+        ("seed=[", r"^--set: got 'seed=\[', expected a value written as in YAML"),
+    ],
+)
+def test_bad_overrides_name_the_key(override: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_config("whacamole_constrained", [override])
+
+
+def test_overrides_are_typed_and_leave_the_file_alone() -> None:
+    tree = {"ppo": {"n_envs": 2}}
+    changed = apply_overrides(
+        tree, ["ppo.learning_rate.initial=1e-4", "env.app.options.condition=easy", "seed=4"]
+    )
+    assert tree == {"ppo": {"n_envs": 2}}
+    config = parse_config(changed | {"ppo": changed["ppo"] | {"batch_size": 100}})
+    assert config.ppo.learning_rate.initial == 1e-4
+    assert config.env.app.options["condition"] == "easy"
+    assert config.seed == 4
+
+
+def test_missing_and_unreadable_files(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^CONFIG: got 'nope\.yaml', .*whacamole_constrained"):
+        load_config("nope.yaml")
+    file = tmp_path / "a.yaml"
+    file.write_text("a: [1")
+    with pytest.raises(InputError, match="a file that is not YAML"):
+        load_config(file)
+    file.write_text("- 1")
+    with pytest.raises(InputError, match="got a list, expected a mapping"):
+        load_config(file)
+    file.write_text("")
+    assert load_config(file) == TrainingConfig()
+
+
+def test_first_difference_names_the_key() -> None:
+    one = load_config("whacamole_constrained")
+    other = load_config("whacamole_constrained", ["ppo.learning_rate.final=0.0"])
+    assert first_difference(one, other) == ("ppo.learning_rate.final", 1e-7, 0.0)
+    assert first_difference(one, other, ignore=["ppo"]) is None

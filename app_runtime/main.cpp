@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "sim2vr/core/clock.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
 #include "sim2vr/core/version.hpp"
@@ -25,7 +26,6 @@ namespace {
 using namespace sim2vr;
 
 constexpr int kBadUsage = 2;
-constexpr std::int64_t kNsPerSecond = 1'000'000'000;
 
 struct Arguments {
   std::string game = "whacamole";
@@ -133,7 +133,7 @@ void play(const Arguments& arguments) {
   std::int64_t frame = 0;
   while (frame < frames && !result.finished) {
     ++frame;
-    const std::int64_t time_ns = frame * kNsPerSecond / arguments.frame_rate;
+    const std::int64_t time_ns = lockstepFrameTimeNs(frame, arguments.frame_rate);
     result = app.step({time_ns, player->sample(time_ns)});
     total_reward += static_cast<double>(result.reward);
     writer.write(app, frame);

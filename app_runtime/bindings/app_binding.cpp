@@ -135,9 +135,10 @@ class PyApp {
     return py::bytes(state);
   }
 
-  void load(const std::string& state) {
+  void load(const py::bytes& state) {
+    const std::string saved = state;
     const py::gil_scoped_release release;
-    app().load(state);
+    app().load(saved);
   }
 
   std::uint64_t stateHash() {

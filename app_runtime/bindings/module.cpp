@@ -6,6 +6,7 @@
 #include <string>
 
 #include "app_binding.hpp"
+#include "sim2vr/core/clock.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
 #include "sim2vr/core/version.hpp"
@@ -44,6 +45,9 @@ PYBIND11_MODULE(_app_runtime, module) {
   module.def("gl_renderer", &glRenderer, py::arg("kind") = "automatic",
              "Starts a renderer ('automatic', 'egl', 'osmesa', 'null') and returns its "
              "description. RenderError says what was tried.");
+  module.def("frame_time_ns", &sim2vr::lockstepFrameTimeNs, py::arg("frame"),
+             py::arg("frame_rate_hz"),
+             "Time of a frame in lockstep, ns: n times the largest binary32 below the period.");
   module.def(
       "set_log_level", [](const std::string& level) { sim2vr::setLogLevel(level); },
       py::arg("level"), "'trace', 'debug', 'info', 'warning' (default), 'error' or 'off'.");

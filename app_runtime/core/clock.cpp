@@ -32,6 +32,17 @@ void TimeSettings::validate() const {
   }
 }
 
+std::int64_t lockstepFrameTimeNs(std::int64_t frame, int frame_rate_hz) {
+  if (frame < 0) throw InvalidArgument("frame", std::to_string(frame), "0 or above");
+  if (frame_rate_hz < 1) {
+    throw InvalidArgument("frame_rate_hz", std::to_string(frame_rate_hz), "1 or above");
+  }
+  const double exact_s = 1.0 / frame_rate_hz;
+  auto period_s = static_cast<float>(exact_s);
+  if (static_cast<double>(period_s) >= exact_s) period_s = std::nextafter(period_s, 0.0F);
+  return std::llround(static_cast<double>(frame) * static_cast<double>(period_s) * kNsPerSecond);
+}
+
 GameClock::GameClock(const TimeSettings& settings) : settings_(settings) {
   settings_.validate();
   restart();

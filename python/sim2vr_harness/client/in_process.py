@@ -43,6 +43,16 @@ def list_games() -> dict[str, str]:
     return dict(_runtime().list_games())
 
 
+def frame_time_ns(frame: int, frame_rate_hz: int) -> int:
+    """Time of a frame in lockstep, ns after the reset.
+
+    n times the largest binary32 below the frame period (20 Hz: n * 0.049999997 s), where the
+    reference's recorded frames lie: a hair below the grid of fixed steps, so that no game time is
+    a tie which binary32 rounding would decide.
+    """
+    return int(_runtime().frame_time_ns(frame, frame_rate_hz))
+
+
 class InProcessApp:
     """:class:`~sim2vr_harness.client.base.AppClient` over the extension module.
 

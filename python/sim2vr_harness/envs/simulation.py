@@ -14,7 +14,14 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from sim2vr_harness.client import AppClient, AppReply, DevicePoses, InProcessApp, OptionValue
+from sim2vr_harness.client import (
+    AppClient,
+    AppReply,
+    DevicePoses,
+    InProcessApp,
+    OptionValue,
+    frame_time_ns,
+)
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.config import EnvConfig, NoiseConfig
 from sim2vr_harness.perception import HeadsetVision, Proprioception
@@ -35,7 +42,6 @@ EFFORT_MODELS = {
 }
 
 _STATE_FORMAT = "sim2vr simulation state 1"
-_NS_PER_S = 1_000_000_000
 
 
 @dataclass
@@ -259,7 +265,7 @@ class Simulation:
 
     def _time_ns(self, i: int) -> int:
         # From the step count, so that rounding never accumulates.
-        return int(self._steps[i]) * _NS_PER_S // self.config.action_frequency_hz
+        return frame_time_ns(int(self._steps[i]), self.config.action_frequency_hz)
 
     def _device_poses(self) -> list[DevicePoses]:
         head = pose_to_app(*self.users.device_poses("headset"))

@@ -24,6 +24,21 @@ _FAINT = (168, 172, 180)
 _LABELS = {"body": "Simulated user", "headset": "Headset view", "game": "Game, third person"}
 
 
+class _PlainLooks:
+    """A user drawn without shadows and antialiasing: 7 times as fast without a GPU."""
+
+    appearance = True
+
+    def __init__(self, user: Any) -> None:
+        self._user = user
+
+    def spec(self) -> Any:
+        spec = self._user.spec()
+        spec.visual.quality.shadowsize = 0
+        spec.visual.quality.offsamples = 0
+        return spec
+
+
 class BodyPainter:
     """Draws the bodies of a simulation's users.
 
@@ -31,13 +46,15 @@ class BodyPainter:
         simulation: Whose users to draw.
         width: Pixels.
         height: Pixels.
+        fast: Leave out shadows and antialiasing, for films.
     """
 
-    def __init__(self, simulation: Any, width: int, height: int) -> None:
+    def __init__(self, simulation: Any, width: int, height: int, fast: bool = False) -> None:
         from sim2vr_harness.users.rendering import UserRenderer
 
         self._simulation = simulation
-        self._renderer = UserRenderer(simulation.user, width, height)
+        user: Any = _PlainLooks(simulation.user) if fast else simulation.user
+        self._renderer = UserRenderer(user, width, height)
 
     def draw(self, index: int) -> Picture:
         """Return user ``index``, (height, width, 3); colours show the muscles' activation."""
@@ -68,7 +85,7 @@ class Panels:
             "headset": (round(height * vision.width / vision.height / 2) * 2, height),
             "game": (round(height * 4 / 3 / 2) * 2, height),
         }
-        self._body = BodyPainter(simulation, *self.sizes["body"])
+        self._body = BodyPainter(simulation, *self.sizes["body"], fast=True)
 
     def draw(self, index: int) -> dict[str, Picture]:
         """Return the views of user ``index`` by name: ``body``, ``headset``, ``game``."""

@@ -22,29 +22,42 @@ std::vector<float> fixedTimes(GameClock& clock, std::int64_t frame_ns) {
   return times;
 }
 
-TEST(GameClock, FixedStepsLieOnTheGridAndBelongToTheFirstFrameThatReachesThem) {
+// Periods of 1/64 s and the like are exact in binary32 and in ns.
+TimeSettings stepEvery(double period_s) {
   TimeSettings settings;
-  settings.fixed_delta_time_s = 0.02;
-  GameClock clock(settings);
-  EXPECT_EQ(fixedTimes(clock, 50 * kMs), (std::vector<float>{0.02F, 0.04F}));
-  EXPECT_EQ(fixedTimes(clock, 60 * kMs), (std::vector<float>{0.06F})) << "a tie is this frame's";
-  EXPECT_EQ(fixedTimes(clock, 79 * kMs), (std::vector<float>{}));
-  EXPECT_EQ(fixedTimes(clock, 100 * kMs), (std::vector<float>{0.08F, 0.1F}));
+  settings.fixed_delta_time_s = period_s;
+  settings.maximum_delta_time_s = 2000.0;
+  return settings;
+}
+
+TEST(GameClock, FixedStepsLieOnTheGridAndBelongToTheFirstFrameThatReachesThem) {
+  GameClock clock(stepEvery(1.0 / 64));  // 15.625 ms
+  EXPECT_EQ(fixedTimes(clock, 40 * kMs), (std::vector<float>{0.015625F, 0.03125F}));
+  EXPECT_EQ(fixedTimes(clock, 46'875'000), (std::vector<float>{0.046875F}))
+      << "a tie is this one's";
+  EXPECT_EQ(fixedTimes(clock, 62'499'999), (std::vector<float>{}));
+  EXPECT_EQ(fixedTimes(clock, 80 * kMs), (std::vector<float>{0.0625F, 0.078125F}));
 }
 
 TEST(GameClock, ValuesAreUnitysBinary32) {
-  TimeSettings settings;
-  settings.fixed_delta_time_s = 0.02;
-  GameClock clock(settings);
+  GameClock clock(stepEvery(1.0 / 64));
   clock.beginFrame(50'000'003);
   EXPECT_EQ(clock.time(), 0.050000003F);
   EXPECT_EQ(clock.deltaTime(), 0.050000003F);
   ASSERT_TRUE(clock.beginFixedStep());
-  EXPECT_EQ(clock.time(), 0.02F) << "within a fixed step time reads fixedTime";
-  EXPECT_EQ(clock.deltaTime(), 0.02F);
+  EXPECT_EQ(clock.time(), 0.015625F) << "within a fixed step time reads fixedTime";
+  EXPECT_EQ(clock.deltaTime(), 0.015625F);
   clock.endFixedStep();
   EXPECT_EQ(clock.time(), 0.050000003F);
   EXPECT_EQ(clock.frameCount(), 1);
+}
+
+// The binary32 number nearest to 0.001 is 0.001000000047497451: step 1,000,000 lies 47497 ns late.
+TEST(GameClock, PeriodIsTheNearestBinary32) {
+  GameClock clock(stepEvery(0.001));
+  clock.restart(999'999'000'000);
+  EXPECT_EQ(fixedTimes(clock, 1'000'000'047'000).size(), 1U) << "step 999,999";
+  EXPECT_EQ(fixedTimes(clock, 1'000'000'048'000).size(), 1U) << "step 1,000,000";
 }
 
 // The recorded 70 Hz step is the binary32 number 0.0142857134342, 0.85 ns below 1/70 s.
@@ -69,47 +82,62 @@ TEST(GameClock, SimulatedUserFramesJustBelowTheGrid) {
   for (std::int64_t n = 2; n <= 1200; ++n) {
     const auto times = fixedTimes(clock, n * 49'999'997);
     ASSERT_EQ(times.size(), 25U) << "frame " << n;
-    const double last_s = static_cast<double>(n) * 0.05 - 0.002;
+    const double last_s = static_cast<double>(25 * n - 1) * static_cast<double>(0.002F);
     ASSERT_EQ(times.back(), static_cast<float>(last_s)) << "frame " << n;
   }
 }
 
 TEST(GameClock, NoDriftOverAMillionSteps) {
   TimeSettings settings;
-  settings.fixed_delta_time_s = 0.001;
+  settings.fixed_delta_time_s = 1.0 / 1024.0;  // exact in binary32
   settings.maximum_delta_time_s = 2000.0;
   GameClock clock(settings);
-  clock.beginFrame(1'000'000 * kMs);
+  clock.beginFrame(976'562'500'000);
   int steps = 0;
   while (clock.beginFixedStep()) {
     ++steps;
     clock.endFixedStep();
   }
   EXPECT_EQ(steps, 1'000'000);
-  EXPECT_EQ(clock.fixedTime(), 1000.0F);
+  EXPECT_EQ(clock.fixedTime(), 976.5625F);
+}
+
+TEST(GameClock, LockstepFramesLieAHairBelowTheGrid) {
+  // The largest binary32 below 0.05 is 0.0499999970197678 (its neighbour above is 0.0500000007).
+  EXPECT_EQ(lockstepFrameTimeNs(0, 20), 0);
+  EXPECT_EQ(lockstepFrameTimeNs(1, 20), 49'999'997);
+  EXPECT_EQ(lockstepFrameTimeNs(1200, 20), 59'999'996'424);  // 1200 * 49999997.0197678
+  EXPECT_EQ(lockstepFrameTimeNs(1, 72), 13'888'888);  // 0.0138888880610466
+  EXPECT_EQ(lockstepFrameTimeNs(1, 64), 15'624'999);  // 0.0156249990686774, below the exact 1/64
+  // Every frame but the first gets 25 steps of 2 ms, for as long as anyone plays (here 1 h).
+  GameClock clock;
+  for (int frame = 1; frame <= 72000; ++frame) {
+    const auto steps = fixedTimes(clock, lockstepFrameTimeNs(frame, 20)).size();
+    ASSERT_EQ(steps, frame == 1 ? 24U : 25U) << "frame " << frame;
+  }
+  EXPECT_THROW(lockstepFrameTimeNs(-1, 20), InvalidArgument);
+  EXPECT_THROW(lockstepFrameTimeNs(1, 0), InvalidArgument);
 }
 
 TEST(GameClock, LongFrameAdvancesByTheMaximumOnly) {
   TimeSettings settings;
-  settings.fixed_delta_time_s = 0.1;
-  settings.maximum_delta_time_s = 0.25;
+  settings.fixed_delta_time_s = 0.125;
+  settings.maximum_delta_time_s = 0.3;
   GameClock clock(settings);
-  EXPECT_EQ(fixedTimes(clock, 1000 * kMs).size(), 2U);  // 0.1 and 0.2
-  EXPECT_EQ(clock.deltaTime(), 0.25F);
-  EXPECT_EQ(clock.timeNs(), 250 * kMs);
-  EXPECT_EQ(fixedTimes(clock, 1060 * kMs).size(), 1U);  // 0.31 s: the lost 0.75 s stay lost
-  EXPECT_EQ(clock.timeNs(), 310 * kMs);
+  EXPECT_EQ(fixedTimes(clock, 1000 * kMs).size(), 2U);  // 0.125 and 0.25
+  EXPECT_EQ(clock.deltaTime(), 0.3F);
+  EXPECT_EQ(clock.timeNs(), 300 * kMs);
+  EXPECT_EQ(fixedTimes(clock, 1080 * kMs).size(), 1U);  // 0.38 s: the lost 0.7 s stay lost
+  EXPECT_EQ(clock.timeNs(), 380 * kMs);
 }
 
 TEST(GameClock, RestartSkipsStepsUpToItsTime) {
-  TimeSettings settings;
-  settings.fixed_delta_time_s = 0.02;
-  GameClock clock(settings);
-  clock.restart(100 * kMs);
-  EXPECT_EQ(clock.time(), 0.1F);
+  GameClock clock(stepEvery(0.125));
+  clock.restart(250 * kMs);
+  EXPECT_EQ(clock.time(), 0.25F);
   EXPECT_EQ(clock.deltaTime(), 0.0F);
-  EXPECT_EQ(fixedTimes(clock, 119 * kMs), (std::vector<float>{}));
-  EXPECT_EQ(fixedTimes(clock, 120 * kMs), (std::vector<float>{0.12F}));
+  EXPECT_EQ(fixedTimes(clock, 374 * kMs), (std::vector<float>{}));
+  EXPECT_EQ(fixedTimes(clock, 375 * kMs), (std::vector<float>{0.375F}));
 }
 
 TEST(GameClock, ToleranceTakesRoundedTimeStamps) {

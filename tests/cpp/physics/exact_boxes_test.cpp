@@ -14,7 +14,7 @@ namespace {
 using Mat3 = Eigen::Matrix3d;
 
 // Differences between the two tests are allowed where the boxes touch to within this.
-constexpr double kTolerance_m = 1e-9;
+constexpr double kTolerance_m = 1e-7;
 
 const Vec3 kHammerHalf(0.05, 0.0275, 0.0275);
 const Vec3 kTargetHalf(0.0225, 0.0225, 0.0125);

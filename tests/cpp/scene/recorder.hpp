@@ -47,12 +47,12 @@ class Recorder : public Component {
   int order_;
 };
 
-constexpr std::int64_t kFrame_ns = 50'000'000;
+constexpr std::int64_t kFrame_ns = 62'500'000;
 
 /// Settings with one fixed step per frame of kFrame_ns.
 inline TimeSettings oneStepPerFrame() {
   TimeSettings settings;
-  settings.fixed_delta_time_s = 0.05;
+  settings.fixed_delta_time_s = 0.0625;
   return settings;
 }
 

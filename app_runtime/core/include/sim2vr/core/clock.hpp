@@ -9,7 +9,8 @@
 namespace sim2vr {
 
 struct TimeSettings {
-  /// Period of the fixed-step grid (physics), s. Steps lie at k * period on the absolute clock.
+  /// Period of the fixed-step grid (physics), s, used as the nearest binary32, as in Unity. Steps lie at
+  /// k * period, in double precision, on the absolute clock.
   double fixed_delta_time_s = 0.002;
   /// A frame longer than this advances game time by this much only, s.
   double maximum_delta_time_s = 1.0 / 3.0;
@@ -24,6 +25,12 @@ struct TimeSettings {
   /// Throws InvalidArgument naming the setting that is not positive and finite.
   void validate() const;
 };
+
+/// Time of frame `frame` in lockstep at `frame_rate_hz`, ns: n times the largest binary32 below the frame
+/// period (20 Hz: n * 0.049999997 s), where the reference's recorded frames lie. A hair below the grid of
+/// fixed steps, no game time is a tie that binary32 rounding would decide.
+/// Throws InvalidArgument for a negative frame or a rate below 1.
+std::int64_t lockstepFrameTimeNs(std::int64_t frame, int frame_rate_hz);
 
 class GameClock {
  public:
@@ -57,7 +64,7 @@ class GameClock {
   void fields(Archive& archive);
 
  private:
-  double fixedPeriodNs() const { return settings_.fixed_delta_time_s * 1e9; }
+  double fixedPeriodNs() const { return static_cast<double>(fixedDeltaTime()) * 1e9; }
 
   TimeSettings settings_;
   std::int64_t time_ns_ = 0;

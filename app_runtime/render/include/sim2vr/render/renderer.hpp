@@ -36,6 +36,9 @@ class Renderer {
   /// fastest for small views and lets one renderer per thread scale with the cores; call it
   /// therefore before other threads read the environment. Throws RenderError that names every
   /// attempt and what to install.
+  /// A renderer does not survive fork(): start worker processes afresh (spawn) or create it in the
+  /// child. For developers: SIM2VR_EGL_PLATFORM=surfaceless|device picks one EGL platform,
+  /// SIM2VR_OSMESA_LIBRARY another OSMesa file, SIM2VR_SHADER_DIR a folder with changed shaders.
   static std::shared_ptr<Renderer> create(RendererKind kind = RendererKind::automatic);
 
   virtual ~Renderer() = default;

@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import io
+import time
+
+import pytest
+from rich.console import Console
+from sim2vr_harness.training.progress import Phase, Progress, ProgressDisplay, duration
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"),
+    [(None, "-"), (12.4, "12 s"), (185, "3 min 05 s"), (7800, "2 h 10 min"), (273600, "3 d 4 h")],
+)
+def test_durations(seconds: float | None, text: str) -> None:
+    assert duration(seconds) == text
+
+
+def progress() -> Progress:
+    return Progress(step=0, start_step=0, stop_step=400, iteration_steps=100, minibatches=10)
+
+
+def test_rates_and_time_left() -> None:
+    p = progress()
+    assert p.seconds_left() is None
+    p.minibatch_seconds = 0.5
+    p.begin(Phase.PLAYING, 100)
+    p.phase_started = time.monotonic() - 2.0
+    p.phase_done = 50
+    assert p.play_rate == pytest.approx(25, rel=0.01)  # 50 steps in 2 s
+    assert p.learn_rate == pytest.approx(20)  # 10 minibatches of 0.5 s
+    assert p.rate == pytest.approx(100 / 9, rel=0.01)
+    assert p.seconds_left() == pytest.approx(4 * 9 - 2, rel=0.01)
+    p.play_seconds, p.played = 4.0, 100
+    p.begin(Phase.LEARNING, 10)
+    p.phase_started = time.monotonic() - 3.0
+    p.phase_done = 5
+    assert p.seconds_left() == pytest.approx(4 * (4 + 6) - 4 - 3, rel=0.01)
+    p.learn_seconds, p.learned = 6.0, 100
+    p.begin(Phase.PLAYING, 100)
+    assert p.seconds_left() == pytest.approx(30, rel=0.01)
+
+
+def test_plain_lines_outside_a_terminal() -> None:
+    output = io.StringIO()
+    p = progress()
+    display = ProgressDisplay(p, Console(file=output), interval=1000.0)
+    with display:
+        display.update()
+        p.means = {"ep_rew_mean": 3.25, "ep_Points_mean": 7.0, "ep_hit_rate": 0.5}
+        display.update()  # too soon
+        display.update(force=True)
+    lines = output.getvalue().splitlines()
+    assert len(lines) == 2
+    assert "step 0/400" in lines[0]
+    assert "return 3.2 | hits 7.0 | misses - | hit rate 0.500" in lines[1]
+
+
+def test_live_panel_in_a_terminal() -> None:
+    output = io.StringIO()
+    console = Console(file=output, force_terminal=True, width=100)
+    p = progress()
+    p.begin(Phase.LEARNING, 10)
+    p.phase_done = 4
+    p.means = {"ep_rew_mean": 3.0, "ep_effort_cost_mean": 120.0}
+    p.note = "Saved x.zip"
+    with ProgressDisplay(p, console):
+        pass
+    text = output.getvalue()
+    for part in ("4 / 10 minibatches", "effort 120.0", "Saved x.zip", "steps/s"):
+        assert part in text

@@ -1,5 +1,5 @@
-// sim2vr-app: a VR game of the runtime as a program of its own. It plays a round with a scripted or a
-// resting player, in lockstep and without a display, and writes the pictures and logs of it.
+// sim2vr-app: a VR game of the runtime as a program of its own. It plays a round with a scripted or
+// a resting player, in lockstep and without a display, and writes the pictures and logs of it.
 #include <CLI/CLI.hpp>
 #include <cstdint>
 #include <filesystem>
@@ -119,8 +119,7 @@ void play(const Arguments& arguments) {
   settings.options_json = gameOptions(arguments);
   settings.log_dir = arguments.log_dir;
   settings.time.target_frame_rate = arguments.frame_rate;
-  const auto renderer =
-      render::Renderer::create(render::rendererKindFromName(arguments.renderer));
+  const auto renderer = render::Renderer::create(render::rendererKindFromName(arguments.renderer));
   runtime::App app(settings, renderer);
   const std::unique_ptr<xr::Device> player = makePlayer(arguments.script);
   FrameWriter writer(arguments.record, runtime::viewFromName(arguments.view),

@@ -37,8 +37,8 @@ struct Buttons {
   xr::ControllerState right;
 };
 
-/// One renderer of each kind serves every app of the process: contexts are costly, and their drawing
-/// takes turns anyway under the GIL-free lock of the renderer.
+/// One renderer of each kind serves every app of the process: contexts are costly, and their
+/// drawing takes turns anyway under the GIL-free lock of the renderer.
 std::shared_ptr<render::Renderer> sharedRenderer(const std::string& kind) {
   static std::mutex mutex;
   static std::map<std::string, std::weak_ptr<render::Renderer>> renderers;
@@ -51,8 +51,8 @@ std::shared_ptr<render::Renderer> sharedRenderer(const std::string& kind) {
   return renderer;
 }
 
-/// The Python face of runtime::App. Holds the app until close(); the image's memory lives as long as
-/// any array over it, also after close().
+/// The Python face of runtime::App. Holds the app until close(); the image's memory lives as long
+/// as any array over it, also after close().
 class PyApp {
  public:
   PyApp(const std::string& game, const std::string& options, int width, int height,
@@ -108,9 +108,8 @@ class PyApp {
     const auto [width, height] = app().settings().headset_size;
     // The array's base keeps the app, and with it the buffer, alive.
     auto* owner = new std::shared_ptr<runtime::App>(app_);
-    const py::capsule base(owner, [](void* kept) {
-      delete static_cast<std::shared_ptr<runtime::App>*>(kept);
-    });
+    const py::capsule base(
+        owner, [](void* kept) { delete static_cast<std::shared_ptr<runtime::App>*>(kept); });
     py::array_t<std::uint8_t> view({height, width, 4}, bytes.data(), base);
     view.attr("flags").attr("writeable") = false;
     return view;
@@ -207,8 +206,7 @@ void bindApp(py::module_& module) {
           "(height, width, 4) uint8 RGBA headset image of the last frame, row 0 = top, alpha = "
           "linear depth / far plane. A read-only view of the app's buffer without a copy: it is "
           "overwritten by reset, step and load, and stays valid memory after close().")
-      .def("render_view", &PyApp::renderView, py::arg("view"), py::arg("width"),
-           py::arg("height"),
+      .def("render_view", &PyApp::renderView, py::arg("view"), py::arg("width"), py::arg("height"),
            "The last frame from 'headset', 'recorder' or 'spectator', (height, width, 4) uint8.")
       .def("save", &PyApp::save, "The whole app state as bytes, mid-round included.")
       .def("load", &PyApp::load, py::arg("state"),

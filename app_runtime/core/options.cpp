@@ -24,9 +24,7 @@ Options Options::fromJson(std::string_view json) {
   return options;
 }
 
-bool Options::has(const std::string& name) const {
-  return Json::parse(json_text_).contains(name);
-}
+bool Options::has(const std::string& name) const { return Json::parse(json_text_).contains(name); }
 
 std::string Options::getString(const std::string& name, std::string_view fallback) {
   read_.insert(name);
@@ -52,7 +50,8 @@ bool Options::getBool(const std::string& name, bool fallback) {
   const Json values = Json::parse(json_text_);
   const auto found = values.find(name);
   if (found == values.end()) return fallback;
-  if (!found->is_boolean()) throw InvalidArgument(optionField(name), found->dump(), "true or false");
+  if (!found->is_boolean())
+    throw InvalidArgument(optionField(name), found->dump(), "true or false");
   return found->get<bool>();
 }
 
@@ -62,8 +61,8 @@ double Options::getNumber(const std::string& name, double fallback, double minim
   const Json values = Json::parse(json_text_);
   const auto found = values.find(name);
   if (found == values.end()) return fallback;
-  const bool in_range = found->is_number() && found->get<double>() >= minimum &&
-                        found->get<double>() <= maximum;
+  const bool in_range =
+      found->is_number() && found->get<double>() >= minimum && found->get<double>() <= maximum;
   if (!in_range) {
     throw InvalidArgument(optionField(name), found->dump(),
                           "a number from " + Json(minimum).dump() + " to " + Json(maximum).dump());

@@ -57,8 +57,8 @@ View viewFromName(std::string_view name) {
   return static_cast<View>(found - kNames.begin());
 }
 
-/// What lives as long as a round. Members are destroyed in reverse order: the scene's components hold
-/// references to the world and the session.
+/// What lives as long as a round. Members are destroyed in reverse order: the scene's components
+/// hold references to the world and the session.
 struct App::Round {
   Round(const TimeSettings& time, render::ImageSize size)
       : session(device, sessionSettings(size)), scene(time), physics(scene) {}

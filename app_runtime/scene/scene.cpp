@@ -42,8 +42,8 @@ GameObject& Scene::create(std::string name, GameObject* parent) {
 
 GameObject& Scene::createWithId(std::uint64_t id, std::string name, std::string prefab,
                                 GameObject* parent) {
-  objects_.push_back(std::unique_ptr<GameObject>(
-      new GameObject(*this, id, std::move(name), std::move(prefab))));
+  objects_.push_back(
+      std::unique_ptr<GameObject>(new GameObject(*this, id, std::move(name), std::move(prefab))));
   GameObject& object = *objects_.back();
   if (parent != nullptr) object.transform_.attachTo(&parent->transform_);
   changed();
@@ -104,13 +104,13 @@ GameObject* Scene::findById(std::uint64_t id) const {
 
 void Scene::addOrdered(Component& component) {
   component.sequence_ = next_sequence_++;
-  const auto place = std::upper_bound(
-      ordered_.begin(), ordered_.end(), &component, [](const Component* a, const Component* b) {
-        if (a->executionOrder() != b->executionOrder()) {
-          return a->executionOrder() < b->executionOrder();
-        }
-        return a->sequence_ < b->sequence_;
-      });
+  const auto place = std::upper_bound(ordered_.begin(), ordered_.end(), &component,
+                                      [](const Component* a, const Component* b) {
+                                        if (a->executionOrder() != b->executionOrder()) {
+                                          return a->executionOrder() < b->executionOrder();
+                                        }
+                                        return a->sequence_ < b->sequence_;
+                                      });
   ordered_.insert(place, &component);
   has_unstarted_ = true;
   changed();
@@ -187,8 +187,8 @@ void Scene::matchObjects(Archive& archive) {
   std::vector<ObjectRecord> records;
   for (const auto& object : objects_) {
     const Transform* parent = object->transform_.parent();
-    records.push_back({object->id_, parent == nullptr ? 0 : parent->gameObject().id_,
-                       object->name_, object->prefab_});
+    records.push_back({object->id_, parent == nullptr ? 0 : parent->gameObject().id_, object->name_,
+                       object->prefab_});
   }
   archive.field("objects", records);
   if (!archive.loading()) return;
@@ -208,7 +208,8 @@ void Scene::matchObjects(Archive& archive) {
     if (findById(record.id) != nullptr) continue;
     const auto prefab = prefabs_.find(record.prefab);
     GameObject* parent = record.parent == 0 ? nullptr : findById(record.parent);
-    // Children of a prefab are made by the prefab's own function, with the ids that follow its root.
+    // Children of a prefab are made by the prefab's own function, with the ids that follow its
+    // root.
     if (prefab == prefabs_.end() || (record.parent != 0 && parent == nullptr)) {
       throw EngineError("saved state: object '" + record.name +
                         "' is unknown here; the state was made with another game or options");

@@ -31,8 +31,7 @@ Quat Transform::rotation() const {
 }
 
 Vec3 Transform::lossyScale() const {
-  return parent_ == nullptr ? local_scale_
-                            : Vec3(parent_->lossyScale().cwiseProduct(local_scale_));
+  return parent_ == nullptr ? local_scale_ : Vec3(parent_->lossyScale().cwiseProduct(local_scale_));
 }
 
 void Transform::setPosition(const Vec3& world_position_m) {

@@ -17,19 +17,15 @@ void addHand(std::vector<InputPath>& paths, Hand hand) {
   };
   add("input/grip/pose", InputKind::grip_pose, noValue);
   add("input/aim/pose", InputKind::aim_pose, noValue);
-  add("input/trigger/value", InputKind::analogue, [](const State& s) {
-    return XrVector2f{s.trigger, 0};
-  });
-  add("input/squeeze/value", InputKind::analogue, [](const State& s) {
-    return XrVector2f{s.squeeze, 0};
-  });
+  add("input/trigger/value", InputKind::analogue,
+      [](const State& s) { return XrVector2f{s.trigger, 0}; });
+  add("input/squeeze/value", InputKind::analogue,
+      [](const State& s) { return XrVector2f{s.squeeze, 0}; });
   add("input/thumbstick", InputKind::stick, [](const State& s) { return s.thumbstick; });
-  add("input/thumbstick/x", InputKind::analogue, [](const State& s) {
-    return XrVector2f{s.thumbstick.x, 0};
-  });
-  add("input/thumbstick/y", InputKind::analogue, [](const State& s) {
-    return XrVector2f{s.thumbstick.y, 0};
-  });
+  add("input/thumbstick/x", InputKind::analogue,
+      [](const State& s) { return XrVector2f{s.thumbstick.x, 0}; });
+  add("input/thumbstick/y", InputKind::analogue,
+      [](const State& s) { return XrVector2f{s.thumbstick.y, 0}; });
   add("input/thumbstick/click", InputKind::button,
       [](const State& s) { return asValue(s.thumbstick_click); });
   if (hand == Hand::left) {

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['App', 'EngineError', 'InvalidArgument', 'RenderError', 'StateError', 'gl_renderer', 'list_games', 'set_log_level']
+__all__: list[str] = ['App', 'EngineError', 'InvalidArgument', 'RenderError', 'StateError', 'frame_time_ns', 'gl_renderer', 'list_games', 'set_log_level']
 class EngineError(RuntimeError):
     pass
 class StateError(EngineError):
@@ -26,7 +26,7 @@ class App:
         """
         Frees the app; later calls raise StateError.
         """
-    def load(self, state: str) -> None:
+    def load(self, state: bytes) -> None:
         """
         Goes on from saved bytes; EngineError for damaged or foreign ones.
         """
@@ -62,6 +62,10 @@ class App:
     @property
     def renderer_description(self) -> str:
         ...
+def frame_time_ns(frame: typing.SupportsInt | typing.SupportsIndex, frame_rate_hz: typing.SupportsInt | typing.SupportsIndex) -> int:
+    """
+    Time of a frame in lockstep, ns: n times the largest binary32 below the period.
+    """
 def gl_renderer(kind: str = 'automatic') -> str:
     """
     Starts a renderer ('automatic', 'egl', 'osmesa', 'null') and returns its description. RenderError says what was tried.

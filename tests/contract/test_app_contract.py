@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import players
 import pytest
+
 from sim2vr_harness.client import AppClient, AppReply, DevicePoses, InProcessApp, list_games
 
 Player = Callable[[int], DevicePoses]

@@ -96,10 +96,13 @@ Quat lookAlong(const Vec3& direction) {
   return Quat(axes);
 }
 
-void addLight(scene::Scene& scene, const std::string& name, const Vec3& travel, float intensity) {
+render::DirectionalLight& addLight(scene::Scene& scene, const std::string& name, const Vec3& travel,
+                                   float intensity) {
   scene::GameObject& object = scene.create(name);
   object.transform().setLocalRotation(lookAlong(travel));
-  object.addComponent<render::DirectionalLight>().intensity = intensity;
+  auto& light = object.addComponent<render::DirectionalLight>();
+  light.intensity = intensity;
+  return light;
 }
 
 void addSky(scene::Scene& scene) {
@@ -184,7 +187,10 @@ void addAreaLooks(scene::GameObject& area) {
 
 void addRoomLooks(scene::Scene& scene) {
   addLight(scene, "Sun", {-0.466, -0.363, 0.807}, 1.0F);
-  addLight(scene, "Second Light", {-0.562, -0.595, 0.575}, 0.5F);
+  // The original scene holds a second light of half the intensity, but its pictures show no trace
+  // of it (the colours sampled from them add up to the first light alone), so it is off here as
+  // well.
+  addLight(scene, "Second Light", {-0.562, -0.595, 0.575}, 0.5F).setEnabled(false);
   addSky(scene);
   addFloor(scene);
   addCameras(scene);

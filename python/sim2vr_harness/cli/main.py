@@ -112,7 +112,7 @@ def _evaluate_after_training(result: TrainResult, episodes: int) -> None:
 
     with _Share("Evaluating") as share:
         found = evaluate(result.checkpoint, Request(episodes=episodes), on_progress=share.show)
-    title = f"After {found.step:,} user steps"
+    title = f"After {found.step:,} user steps (mean ± SD)"
     Console().print(results_table(found.summaries, title))
 
 
@@ -170,8 +170,9 @@ def evaluate(
         _print_json(found.summaries)
         return
     how = "deterministic" if _first(found.summaries)["deterministic"] else "stochastic"
-    title = f"{found.checkpoint}: {found.step:,} user steps, {how}, means over rounds"
+    title = f"After {found.step:,} user steps, {how} (mean ± SD)"
     Console().print(results_table(found.summaries, title))
+    typer.echo(f"Evaluated: {found.checkpoint}")
     for file in found.files:
         typer.echo(f"Written: {file}")
 

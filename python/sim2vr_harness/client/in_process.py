@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-
 from sim2vr_harness.client.base import (
     AppReply,
     DevicePoses,
@@ -161,5 +160,3 @@ class InProcessApp:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-

@@ -3,6 +3,7 @@
 Importing this package registers the Gymnasium ids, so both of these work::
 
     import sim2vr_harness.envs
+
     gymnasium.make("sim2vr/WhacAMole-v0")
 
     gymnasium.make("sim2vr_harness.envs:sim2vr/WhacAMole-v0")

@@ -57,9 +57,7 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             app = AppConfig(**{**config.app.model_dump(), "options": options})
             config = config.model_copy(update={"app": app})
         self.render_mode = render_mode
-        self.simulation = Simulation(
-            config, 1, log_dir=None if log_dir is None else Path(log_dir)
-        )
+        self.simulation = Simulation(config, 1, log_dir=None if log_dir is None else Path(log_dir))
         self.observation_space = self.simulation.observation_space  # type: ignore[assignment]
         self.action_space = self.simulation.action_space
         self._body_renderer: Any = None

@@ -113,9 +113,7 @@ class Simulation:
             n,
             threads=config.threads,
             effort=EFFORT_MODELS[config.user.effort.model],
-            effort_weight=None
-            if config.user.effort.model == "zero"
-            else config.user.effort.weight,
+            effort_weight=None if config.user.effort.model == "zero" else config.user.effort.weight,
             noise=_noise(config.user.noise),
             substeps=_substeps(config.action_frequency_hz, self.user.timestep),
         )
@@ -367,9 +365,7 @@ def _pitch_down(degrees: float) -> tuple[float, float, float, float] | None:
 def _noise(config: NoiseConfig) -> MotorNoiseSettings | None:
     if config.signal_dependent is None and config.constant is None:
         return None
-    return MotorNoiseSettings(
-        signal_dependent=config.signal_dependent, constant=config.constant
-    )
+    return MotorNoiseSettings(signal_dependent=config.signal_dependent, constant=config.constant)
 
 
 def _substeps(action_frequency_hz: int, timestep_s: float) -> int:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
@@ -107,6 +108,9 @@ def evaluate(
     _check_conditions(env, conditions, simulation)
     out = request.out or folder.evaluation_dir / checkpoint.stem
     log_dir = out / "logs" if request.log else None
+    if log_dir is not None:
+        for older in log_dir.glob("user*"):
+            shutil.rmtree(older)
     step = 0
 
     def make_act(users: Any) -> Callable[..., Any]:

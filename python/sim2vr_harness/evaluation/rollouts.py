@@ -158,8 +158,12 @@ class _Wave:
                 self._logs[i] = info.get("log", self._logs[i])
         if self._watcher is not None:
             self._watcher.stepped(outcome.reward, outcome.infos)
-        for ended in np.flatnonzero(over):
-            self._finish(int(ended), outcome.infos[ended])
+        ended = [int(i) for i in np.flatnonzero(over)]
+        for i in ended:
+            self._finish(i, outcome.infos[i])
+        if ended and any(result is None for result in self._results):
+            # The others play on, and a simulation steps all of its users or none.
+            self._simulation.reset(ids=ended, seeds=[0] * len(ended))
 
     def _finish(self, i: int, info: Mapping[str, Any]) -> None:
         if self._results[i] is None:
@@ -177,9 +181,6 @@ class _Wave:
             self._results[i] = result
             if self._watcher is not None:
                 self._watcher.ended(i, result)
-        if any(result is None for result in self._results):
-            # The others play on, and a simulation steps all of its users or none.
-            self._simulation.reset(ids=[i], seeds=[0])
 
     def _share(self, observation: dict[str, NDArray]) -> float:
         feature = observation.get("stateful_information", np.zeros((len(self._jobs), 1)))

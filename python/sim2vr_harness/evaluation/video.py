@@ -35,6 +35,8 @@ class Film:
 
         self.path = path
         path.parent.mkdir(parents=True, exist_ok=True)
+        for abandoned in path.parent.glob(f".{path.stem}.*.mp4"):
+            abandoned.unlink()
         self._temporary = path.with_name(f".{path.stem}.{os.getpid()}.mp4")
         self._writer: Any = imageio_ffmpeg.write_frames(
             str(self._temporary),

@@ -107,7 +107,7 @@ TEST(GameClock, LockstepFramesLieAHairBelowTheGrid) {
   EXPECT_EQ(lockstepFrameTimeNs(0, 20), 0);
   EXPECT_EQ(lockstepFrameTimeNs(1, 20), 49'999'997);
   EXPECT_EQ(lockstepFrameTimeNs(1200, 20), 59'999'996'424);  // 1200 * 49999997.0197678
-  EXPECT_EQ(lockstepFrameTimeNs(1, 72), 13'888'888);  // 0.0138888880610466
+  EXPECT_EQ(lockstepFrameTimeNs(1, 72), 13'888'888);         // 0.0138888880610466
   EXPECT_EQ(lockstepFrameTimeNs(1, 64), 15'624'999);  // 0.0156249990686774, below the exact 1/64
   // Every frame but the first gets 25 steps of 2 ms, for as long as anyone plays (here 1 h).
   GameClock clock;

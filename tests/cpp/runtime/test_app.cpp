@@ -1,4 +1,5 @@
-// The app in lockstep. What every game must keep is in tests/contract; here is what Python cannot see.
+// The app in lockstep. What every game must keep is in tests/contract; here is what Python cannot
+// see.
 #include <gtest/gtest.h>
 
 #include <algorithm>
@@ -34,7 +35,8 @@ xr::DeviceState player(double hand_z) {
   return state;
 }
 
-/// Shakes the hammer through the middle cell with a period of 4 frames and returns the state hashes.
+/// Shakes the hammer through the middle cell with a period of 4 frames and returns the state
+/// hashes.
 std::vector<std::uint64_t> play(App& app, int frames) {
   std::vector<std::uint64_t> hashes;
   app.reset(3, "{}", player(0.2));

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
+
 from sim2vr_harness.client.frames import (
     pose_to_app,
     position_to_app,

@@ -9,8 +9,9 @@ import warnings
 import gymnasium
 import numpy as np
 import pytest
-import sim2vr_harness.envs as envs
 from gymnasium.utils.env_checker import check_env as gymnasium_check
+
+import sim2vr_harness.envs as envs
 from sim2vr_harness.envs.registration import WHACAMOLE_ID
 
 

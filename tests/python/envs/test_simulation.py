@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs import AppConfig, EffortConfig, EnvConfig, Simulation, UserConfig
 

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
+from torch.nn import functional as F
+
 from sim2vr_harness.training.config import PolicyConfig
 from sim2vr_harness.training.policy import UserPolicy
-from torch.nn import functional as F
 
 SPACE = spaces.Dict(
     {

@@ -5,6 +5,7 @@ import time
 
 import pytest
 from rich.console import Console
+
 from sim2vr_harness.training.progress import Phase, Progress, ProgressDisplay, duration
 
 

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
-from sim2vr_harness.training.buffer import FrameRolloutBuffer, buffer_bytes
 from stable_baselines3.common.buffers import DictRolloutBuffer
+
+from sim2vr_harness.training.buffer import FrameRolloutBuffer, buffer_bytes
 
 SPACE = spaces.Dict(
     {

@@ -16,6 +16,7 @@ import stable_baselines3
 import torch
 from fake_simulation import FakeSimulation
 from rich.console import Console
+
 from sim2vr_harness.training import checkpoint, trainer
 from sim2vr_harness.training.config import LearningRateConfig, TrainingConfig, parse_config
 from sim2vr_harness.training.errors import InputError
@@ -193,7 +194,9 @@ def test_checkpoints_open_in_stable_baselines3(tmp_path: Path) -> None:
 def test_existing_folders_are_never_overwritten_by_accident(tmp_path: Path) -> None:
     folder = tmp_path / "run"
     run(folder, ITERATION)
-    with pytest.raises(InputError, match=r"^--out: got .*run', which holds a run.*--resume.*--over"):
+    with pytest.raises(
+        InputError, match=r"^--out: got .*run', which holds a run.*--resume.*--over"
+    ):
         run(folder, ITERATION)
     (folder / "notes.txt").write_text("mine")
     result = run(folder, 2 * ITERATION, overwrite=True)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+
 from sim2vr_harness.training.config import (
     TrainingConfig,
     apply_overrides,

@@ -3,9 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from fake_simulation import FakeSimulation
-from sim2vr_harness.training.vec_env import SimulationVecEnv
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
+
+from sim2vr_harness.training.vec_env import SimulationVecEnv
 
 
 def make(n: int = 4, seed: int = 1) -> SimulationVecEnv:

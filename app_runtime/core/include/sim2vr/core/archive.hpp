@@ -1,7 +1,7 @@
 // One field list per type drives save, load and state hash: a type writes
 //   void fields(Archive& a) { a.field("score", score_); a.field("rng", rng_); }
-// and the archive either appends the values to a byte string or reads them back. Field names are part
-// of the bytes, so that a state of another layout is refused instead of misread.
+// and the archive either appends the values to a byte string or reads them back. Field names are
+// part of the bytes, so that a state of another layout is refused instead of misread.
 #pragma once
 
 #include <array>
@@ -34,7 +34,8 @@ class Archive {
   void expectEnd() const;
 
   /// Saves or loads one value under `name`. Types: arithmetic, enum, std::string, Eigen vectors and
-  /// quaternions, Pose, std::array/vector/optional/map/pair of these, and anything with fields(Archive&).
+  /// quaternions, Pose, std::array/vector/optional/map/pair of these, and anything with
+  /// fields(Archive&).
   template <class T>
   void field(std::string_view name, T& value) {
     tag(name);

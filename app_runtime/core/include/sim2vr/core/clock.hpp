@@ -1,5 +1,5 @@
-// The lockstep clock: integer nanoseconds inside, Unity's binary32 seconds outside. It moves only when
-// a frame begins, never with the wall clock.
+// The lockstep clock: integer nanoseconds inside, Unity's binary32 seconds outside. It moves only
+// when a frame begins, never with the wall clock.
 #pragma once
 
 #include <cstdint>
@@ -9,8 +9,8 @@
 namespace sim2vr {
 
 struct TimeSettings {
-  /// Period of the fixed-step grid (physics), s, used as the nearest binary32, as in Unity. Steps lie at
-  /// k * period, in double precision, on the absolute clock.
+  /// Period of the fixed-step grid (physics), s, used as the nearest binary32, as in Unity. Steps
+  /// lie at k * period, in double precision, on the absolute clock.
   double fixed_delta_time_s = 0.002;
   /// A frame longer than this advances game time by this much only, s.
   double maximum_delta_time_s = 1.0 / 3.0;
@@ -18,18 +18,18 @@ struct TimeSettings {
   double time_scale = 1.0;
   /// Frames per second that the app aims at, Hz (user steps per second in lockstep).
   int target_frame_rate = 20;
-  /// A fixed step belongs to the first frame with k * period <= frame time + tolerance. Zero in our own
-  /// clocks; a recording's rounded time stamps need 1e-5 s.
+  /// A fixed step belongs to the first frame with k * period <= frame time + tolerance. Zero in our
+  /// own clocks; a recording's rounded time stamps need 1e-5 s.
   double fixed_step_tolerance_s = 0.0;
 
   /// Throws InvalidArgument naming the setting that is not positive and finite.
   void validate() const;
 };
 
-/// Time of frame `frame` in lockstep at `frame_rate_hz`, ns: n times the largest binary32 below the frame
-/// period (20 Hz: n * 0.049999997 s), where the reference's recorded frames lie. A hair below the grid of
-/// fixed steps, no game time is a tie that binary32 rounding would decide.
-/// Throws InvalidArgument for a negative frame or a rate below 1.
+/// Time of frame `frame` in lockstep at `frame_rate_hz`, ns: n times the largest binary32 below the
+/// frame period (20 Hz: n * 0.049999997 s), where the reference's recorded frames lie. A hair below
+/// the grid of fixed steps, no game time is a tie that binary32 rounding would decide. Throws
+/// InvalidArgument for a negative frame or a rate below 1.
 std::int64_t lockstepFrameTimeNs(std::int64_t frame, int frame_rate_hz);
 
 class GameClock {

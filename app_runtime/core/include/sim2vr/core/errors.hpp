@@ -10,7 +10,8 @@
 
 namespace sim2vr {
 
-/// A value that a caller passed cannot be used. Names the field, what was got and what was expected.
+/// A value that a caller passed cannot be used. Names the field, what was got and what was
+/// expected.
 class InvalidArgument : public std::invalid_argument {
  public:
   InvalidArgument(std::string_view field, std::string_view got, std::string_view expected);

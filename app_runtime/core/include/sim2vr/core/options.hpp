@@ -1,5 +1,5 @@
-// A game's options as named values with strict reading: a wrong type, a value outside its choices or a
-// name nobody read is an error that says what was expected.
+// A game's options as named values with strict reading: a wrong type, a value outside its choices
+// or a name nobody read is an error that says what was expected.
 #pragma once
 
 #include <cstdint>

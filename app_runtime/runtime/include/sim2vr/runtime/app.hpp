@@ -48,9 +48,9 @@ enum class View : std::uint8_t { headset, recorder, spectator };
 /// "headset", "recorder" or "spectator"; throws InvalidArgument("view") for another word.
 View viewFromName(std::string_view name);
 
-/// Life of a frame at t_n: every fixed step up to t_n (FixedUpdate, overlaps and trigger callbacks, with
-/// the poses of the previous frame), then the poses of this frame, the game's Update, the reward,
-/// LateUpdate, and the headset image.
+/// Life of a frame at t_n: every fixed step up to t_n (FixedUpdate, overlaps and trigger callbacks,
+/// with the poses of the previous frame), then the poses of this frame, the game's Update, the
+/// reward, LateUpdate, and the headset image.
 ///
 /// Not thread-safe; different apps may run on different threads, also when they share a renderer.
 class App {
@@ -64,30 +64,31 @@ class App {
   const AppSettings& settings() const { return settings_; }
   const render::Renderer& renderer() const { return *renderer_; }
 
-  /// Starts a round in a fresh scene, with the game clock at 0, and runs its first frame. `options_json`
-  /// is merged into the game's options for this and later rounds; when it is refused, the running round
-  /// goes on as if nothing had been asked. `devices`: as in StepInput.
+  /// Starts a round in a fresh scene, with the game clock at 0, and runs its first frame.
+  /// `options_json` is merged into the game's options for this and later rounds; when it is
+  /// refused, the running round goes on as if nothing had been asked. `devices`: as in StepInput.
   StepResult reset(std::uint32_t seed, std::string_view options_json,
                    const xr::DeviceState& devices);
 
-  /// Runs one frame and renders it. Throws StateError before the first reset and after the end of the
-  /// round; InvalidArgument for poses that are not finite or not normalised and for a time before the
-  /// previous frame's, and then nothing has moved.
+  /// Runs one frame and renders it. Throws StateError before the first reset and after the end of
+  /// the round; InvalidArgument for poses that are not finite or not normalised and for a time
+  /// before the previous frame's, and then nothing has moved.
   StepResult step(const StepInput& input);
 
-  /// The headset image of the last frame: height x width x 4 bytes (renderer.hpp). The address stays
-  /// the same for the app's life; reset, step and load overwrite it. Black before the first reset.
+  /// The headset image of the last frame: height x width x 4 bytes (renderer.hpp). The address
+  /// stays the same for the app's life; reset, step and load overwrite it. Black before the first
+  /// reset.
   std::span<const std::uint8_t> image() const { return image_; }
 
   /// The last frame in another size or from another camera, into height x width x 4 bytes. Throws
   /// StateError before the first reset, InvalidArgument for a view that the game does not offer.
   void renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba);
 
-  /// The whole state, mid-round included, for an app with the same game. Throws StateError before the
-  /// first reset.
+  /// The whole state, mid-round included, for an app with the same game. Throws StateError before
+  /// the first reset.
   std::string save();
-  /// Goes on from saved bytes. Throws EngineError for damaged ones or another game's; the app then has
-  /// no round and needs a reset.
+  /// Goes on from saved bytes. Throws EngineError for damaged ones or another game's; the app then
+  /// has no round and needs a reset.
   void load(const std::string& state);
   /// Hash of what save() would write.
   std::uint64_t stateHash();

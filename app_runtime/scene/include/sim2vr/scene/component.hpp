@@ -19,14 +19,16 @@ class Transform;
 struct TriggerContact {
   /// The collider component of the other object (physics::Collider).
   Component* other = nullptr;
-  /// Velocity of the other body relative to this one, world axes, m/s, from the last two frames' poses.
+  /// Velocity of the other body relative to this one, world axes, m/s, from the last two frames'
+  /// poses.
   Vec3 relative_velocity_mps = Vec3::Zero();
 };
 
-/// Order of calls on one component: Awake and OnEnable at creation, Start before its first fixed step,
-/// update or late update, then per frame FixedUpdate and trigger callbacks for each fixed step, Update,
-/// LateUpdate. Within a phase components run by ascending executionOrder(), equal ones in order of
-/// creation. A component created during a phase first runs in the next phase of its kind.
+/// Order of calls on one component: Awake and OnEnable at creation, Start before its first fixed
+/// step, update or late update, then per frame FixedUpdate and trigger callbacks for each fixed
+/// step, Update, LateUpdate. Within a phase components run by ascending executionOrder(), equal
+/// ones in order of creation. A component created during a phase first runs in the next phase of
+/// its kind.
 class Component {
  public:
   Component() = default;

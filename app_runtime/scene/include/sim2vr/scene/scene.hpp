@@ -31,8 +31,8 @@ class Scene {
   /// A new empty object under `parent` (nullptr: a root).
   GameObject& create(std::string name, GameObject* parent = nullptr);
 
-  /// Objects that come and go during play are made from prefabs, so that a saved state can make them
-  /// again. Throws InvalidArgument for a name registered twice or never.
+  /// Objects that come and go during play are made from prefabs, so that a saved state can make
+  /// them again. Throws InvalidArgument for a name registered twice or never.
   void registerPrefab(const std::string& prefab, Prefab build);
   GameObject& instantiate(const std::string& prefab, std::string name,
                           GameObject* parent = nullptr);
@@ -57,12 +57,12 @@ class Scene {
     }
   }
 
-  /// Runs one frame at `time_ns`: all due fixed steps (FixedUpdate, then `physics_step`), then Update,
-  /// then LateUpdate. Rendering comes after it and is the caller's.
+  /// Runs one frame at `time_ns`: all due fixed steps (FixedUpdate, then `physics_step`), then
+  /// Update, then LateUpdate. Rendering comes after it and is the caller's.
   void runFrame(std::int64_t time_ns, const std::function<void()>& physics_step);
 
-  /// Clock, tree and every component's fields. Loading needs a scene built by the same game with the
-  /// same options: prefab instances are made or dropped to match, then all values are read.
+  /// Clock, tree and every component's fields. Loading needs a scene built by the same game with
+  /// the same options: prefab instances are made or dropped to match, then all values are read.
   void fields(Archive& archive);
 
  private:

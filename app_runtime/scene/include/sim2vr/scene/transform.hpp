@@ -11,8 +11,8 @@ namespace sim2vr::scene {
 
 class GameObject;
 
-/// Unity's Transform. World scale is the component-wise product along the chain (Unity's lossyScale);
-/// shear from rotated non-uniform scales is not represented.
+/// Unity's Transform. World scale is the component-wise product along the chain (Unity's
+/// lossyScale); shear from rotated non-uniform scales is not represented.
 class Transform {
  public:
   explicit Transform(GameObject& owner) : owner_(&owner) {}

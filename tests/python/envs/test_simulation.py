@@ -78,7 +78,7 @@ def test_save_and_load_mid_episode() -> None:
     one.reset()
     with pytest.raises(ValueError, match="2 users, expected 1"):
         Simulation(CONFIG, 1).load_state(saved)
-    with pytest.raises(ValueError, match="plain data|other bytes"):
+    with pytest.raises(ValueError, match=r"plain data|other bytes"):
         import pickle
 
         two.load_state(pickle.dumps(print))

@@ -1,0 +1,46 @@
+from __future__ import annotations
+
+import io
+import sys
+from pathlib import Path
+
+import pytest
+import torch
+from rich.console import Console
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "training"))  # fake_simulation
+
+
+@pytest.fixture(autouse=True)
+def few_threads():
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
+    yield
+    torch.set_num_threads(before)
+
+
+@pytest.fixture(scope="session")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run of the quick stand-in."""
+    from fake_simulation import FakeSimulation
+
+    from sim2vr_harness.training import trainer
+    from sim2vr_harness.training.config import parse_config
+
+    config = parse_config(
+        {
+            "total_timesteps": 120,
+            "policy": {"net_arch": [16], "vision_features": 8, "proprioception_features": 8},
+            "ppo": {"n_envs": 3, "n_steps": 20, "batch_size": 15, "n_epochs": 1},
+            "evaluation": {"conditions": ["medium", "hard"], "episodes": 3},
+            "env": {"app": {"options": {"condition": "medium", "adaptive": True}}},
+        }
+    )
+    folder = tmp_path_factory.mktemp("runs") / "run"
+    trainer.train(
+        config,
+        folder,
+        console=Console(file=io.StringIO()),
+        simulation=lambda settings: FakeSimulation(settings.env, settings.ppo.n_envs),
+    )
+    return folder

@@ -1,0 +1,175 @@
+"""The command line: outputs, exit statuses and one-line errors."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fake_simulation import FakeSimulation
+
+from sim2vr_harness import __version__
+from sim2vr_harness.cli.main import main
+
+TINY = [
+    "policy.net_arch=[16]",
+    "policy.vision_features=8",
+    "policy.proprioception_features=8",
+    "ppo.n_envs=3",
+    "ppo.n_steps=20",
+    "ppo.batch_size=15",
+    "ppo.n_epochs=1",
+    "evaluation.conditions=[easy, hard]",
+    "evaluation.episodes_after_training=1",
+]
+
+
+@pytest.fixture(autouse=True)
+def fake(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every command plays on the quick stand-in."""
+    import sim2vr_harness.envs.simulation as module
+
+    monkeypatch.setattr(module, "Simulation", FakeSimulation)
+
+
+def call(capsys: Any, *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as exit_:
+        main(list(arguments))
+    out, err = capsys.readouterr()
+    return int(exit_.value.code or 0), out, err
+
+
+def train(capsys: Any, folder: Path, *more: str) -> tuple[int, str, str]:
+    settings = [part for setting in TINY for part in ("--set", setting)]
+    return call(capsys, "train", "whacamole_constrained", *settings, "--out", str(folder), *more)
+
+
+def test_version_and_help(capsys: Any) -> None:
+    assert call(capsys, "--version") == (0, f"sim2vr-harness {__version__}\n", "")
+    status, out, _ = call(capsys)
+    assert status == 0
+    for command in ("train", "evaluate", "doctor", "bench", "snapshot", "curves"):
+        assert command in out
+    assert "--resume" in call(capsys, "train", "--help")[1]
+
+
+def test_help_needs_neither_torch_nor_mujoco() -> None:
+    import subprocess
+
+    code = (
+        "import sys; from sim2vr_harness.cli import main; "
+        "sys.exit(any(name in sys.modules for name in ('torch', 'mujoco', 'stable_baselines3')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_train_ends_with_the_table_and_where_to_look_next(capsys: Any, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    status, out, err = train(capsys, run, "--timesteps", "100")
+    assert status == 0, err
+    assert "from step 0 to 120" in err
+    for part in (
+        "After 120 user steps", "easy", "hard", "Hit rate",
+        f"Saved user: {run}/checkpoints/step_000000120.zip",
+        f"sim2vr-harness evaluate {run} --record",
+        f"tensorboard --logdir {run}/tensorboard",
+        f"sim2vr-harness train --resume --out {run}",
+    ):  # fmt: skip
+        assert part in out
+    status, out, err = call(capsys, "train", "--resume", "--out", str(run), "--timesteps", "180")
+    assert status == 0, err
+    assert "from step 120 to 180" in err
+    rows = [json.loads(line) for line in (run / "metrics.jsonl").read_text().splitlines()]
+    assert [row["step"] for row in rows] == [60, 120, 180]
+
+
+def test_ctrl_c_saves_and_says_so(
+    capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import sim2vr_harness.envs.simulation as module
+
+    def impatient(config: Any, n: int) -> FakeSimulation:
+        simulation = FakeSimulation(config, n)
+        simulation.fail_at = 25
+        return simulation
+
+    monkeypatch.setattr(module, "Simulation", impatient)
+    status, out, _ = train(capsys, tmp_path / "run", "--timesteps", "180")
+    assert status == 130
+    assert "Stopped at step 60 (12 steps of an unfinished iteration will be repeated)." in out
+    assert "--resume" in out
+    assert (tmp_path / "run" / "checkpoints" / "step_000000060.zip").is_file()
+
+
+def test_evaluate_prints_one_json_object(capsys: Any, trained: Path) -> None:
+    arguments = ("evaluate", str(trained), "--condition", "easy", "--condition", "hard")
+    status, out, err = call(capsys, *arguments, "--episodes", "2", "--json")
+    assert status == 0, err
+    content = json.loads(out)
+    assert list(content) == ["easy", "hard"]
+    for key in ("hits", "misses", "contacts", "hit_rate", "hit_speed_mps", "hammer_depth_m",
+                "max_fatigued", "effort", "return", "game_return", "episodes"):  # fmt: skip
+        assert key in content["easy"]
+    assert err == ""
+    status, out, _ = call(capsys, *arguments, "--deterministic")
+    assert status == 0
+    assert "deterministic" in out
+    assert "Evaluated: " in out
+
+
+def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
+    file = tmp_path / "c.png"
+    assert call(capsys, "curves", str(trained), "--out", str(file)) == (0, f"Written: {file}\n", "")
+    assert file.is_file()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["train"], "error: CONFIG: got nothing, expected a configuration file, or --resume"),
+        (["train", "nope.yaml"], "error: CONFIG: got 'nope.yaml', expected a configuration"),
+        (["train", "{config}", "--set", "ppo.n_step=1"], "error: ppo.n_step: got an unknown key"),
+        (["train", "{config}", "--set", "ppo.n_steps=x"], "error: ppo.n_steps: got 'x', expected"),
+        (["train", "{config}", "--seed", "-1"], "error: seed: got -1, expected greater than"),
+        (["train", "{config}", "--timesteps", "0"], "error: --timesteps: got 0, expected"),
+        (["train", "{config}", "--timestep", "9"], "error: --timestep: got an unknown option"),
+        (["train", "{config}", "--timesteps", "x"], "error: --timesteps: got"),
+        (["train", "{config}", "--resume", "--overwrite"], "error: --overwrite: got it together"),
+        (["train", "{config}", "--resume", "--out", "{empty}"], "error: --resume: got"),
+        (["train", "--resume", "--out", "{empty}/x"], "error: RUN: got"),
+        (["evaluate", "{empty}/none"], "error: RUN: got '{empty}/none', which does not exist"),
+        (["evaluate", "{empty}"], "error: RUN: got '{empty}', which holds no config.yaml"),
+        (["evaluate"], "error: RUN: got nothing"),
+        (["evaluate", "{run}", "--condition", "x"], "error: condition: got 'x', expected easy"),
+        (["evaluate", "{run}", "--episodes", "0"], "error: --episodes: got 0, expected"),
+        (["curves", "{empty}"], "error: RUN: got '{empty}', which holds no config.yaml"),
+        (["snapshot", "--size", "3"], "error: --size: got '3', expected WIDTHxHEIGHT"),
+        (["snapshot", "--condition", "x", "--out", "{empty}"], "error: condition: got 'x'"),
+        (["bench", "--n", "0"], "error: --n: got 0, expected at least 1"),
+        (["evaluat"], "error: command: got 'evaluat', expected one of bench, "),
+    ],
+)
+def test_bad_input_is_one_line_and_status_2(
+    capsys: Any, tmp_path: Path, trained: Path, arguments: list[str], message: str
+) -> None:
+    values = {"config": "whacamole_constrained", "empty": tmp_path, "run": trained}
+    status, out, err = call(capsys, *(argument.format(**values) for argument in arguments))
+    assert status == 2
+    assert out == ""
+    assert len(err.splitlines()) == 1, err
+    assert err.startswith(message.format(**values))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_failures_are_status_1_and_tracebacks_are_for_debugging(
+    capsys: Any, trained: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*arguments: Any, **settings: Any) -> None:
+        raise RuntimeError("no renderer\nworks")
+
+    monkeypatch.setattr("sim2vr_harness.envs.simulation.Simulation", broken)
+    assert call(capsys, "evaluate", str(trained)) == (1, "", "error: no renderer works\n")
+    with pytest.raises(RuntimeError, match="no renderer"):
+        main(["--debug", "evaluate", str(trained)])

@@ -43,7 +43,9 @@ def results_table(summaries: Mapping[str, Mapping[str, Any]], title: str) -> Tab
         ]
         table.add_row(heading, *cells)
     if any(summary.get("diverged") for summary in summaries.values()):
-        table.add_row("Diverged", *(str(summary["diverged"]) for summary in summaries.values()))
+        table.add_row(
+            "Diverged", *(str(summary.get("diverged", 0)) for summary in summaries.values())
+        )
     return table
 
 

@@ -65,6 +65,11 @@ def test_score_text() -> None:
     assert pictures.score_text({}, 0.0, 0.0) == "return 0.0   t  0.0 s"
 
 
+def size_of(file: Path) -> tuple[int, int]:
+    with Image.open(file) as image:
+        return image.size
+
+
 def probe(file: Path) -> str:
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-i", str(file)]
     return subprocess.run(command, capture_output=True, text=True, check=False).stderr
@@ -110,7 +115,7 @@ def test_snapshot_writes_every_view(fake_body: None, tmp_path: Path) -> None:
         return Wide(simulation().config, n)
 
     files = snapshot(tmp_path / "out", size=(64, 48), seconds=0.2, simulation=make)
-    sizes = {file.stem: Image.open(file).size for file in files}
+    sizes = {file.stem: size_of(file) for file in files}
     for name in ("headset", "third_person", "recorder", "body"):
         assert sizes[name] == (64, 48)
     assert sizes["observation"] == (240, 80)
@@ -148,7 +153,7 @@ def test_curves(trained: Path, tmp_path: Path) -> None:
     rows = [{"step": 1, "a": 2.0}, {"step": 2, "a": None}, {"step": 3}]
     assert curve(rows, "a") == ([1], [2.0])
     file = plot([trained, trained], tmp_path / "curves.png")
-    assert Image.open(file).size == (1440, 840)
+    assert size_of(file) == (1440, 840)
     with pytest.raises(InputError, match=r"ends in \.png"):
         plot([trained], tmp_path / "curves.txt")
     with pytest.raises(InputError, match=r"holds no config\.yaml"):

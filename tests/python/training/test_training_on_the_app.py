@@ -1,0 +1,69 @@
+"""Training and evaluation on the real simulation: tiny, but nothing is replaced."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+
+import pytest
+import torch
+from rich.console import Console
+
+from sim2vr_harness.training import trainer
+from sim2vr_harness.training.config import TrainingConfig, load_config
+
+pytest.importorskip("sim2vr_harness._app_runtime")
+
+SETTINGS = [
+    "ppo.n_envs=2",
+    "ppo.n_steps=30",
+    "ppo.batch_size=30",
+    "ppo.n_epochs=2",
+    "ppo.learning_rate.initial=1e-3",
+    "env.app.options.round_seconds=1.0",
+    "env.app.options.condition=random",
+    "evaluation.conditions=[low-medium, medium]",
+    "device=cpu",
+]
+
+
+def config() -> TrainingConfig:
+    return load_config("whacamole_adaptive_constrained", SETTINGS)
+
+
+def train(folder: Path, stop: int, **how: bool) -> trainer.TrainResult:
+    console = Console(file=io.StringIO())
+    return trainer.train(config(), folder, timesteps=stop, console=console, **how)
+
+
+def weights(path: Path) -> dict[str, torch.Tensor]:
+    with zipfile.ZipFile(path) as archive:
+        return torch.load(io.BytesIO(archive.read("policy.pth")), weights_only=True)
+
+
+def test_resumed_training_is_bit_identical(tmp_path: Path) -> None:
+    whole = train(tmp_path / "whole", 180)
+    train(tmp_path / "parts", 120)
+    parts = train(tmp_path / "parts", 180, resume=True)
+    one, other = weights(whole.checkpoint), weights(parts.checkpoint)
+    assert all(torch.equal(one[key], other[key]) for key in one)
+    first, last = whole.folder.metrics()[-1], parts.folder.metrics()[-1]
+    for key in first:
+        if not key.startswith("time"):
+            assert first[key] == last[key], key
+    assert first["rollout/ep_Misses_mean"] is not None
+
+
+def test_evaluation_does_not_depend_on_the_batch(tmp_path: Path) -> None:
+    from sim2vr_harness.evaluation.evaluate import Request, evaluate
+
+    result = train(tmp_path / "run", 60)
+    found = evaluate(result.checkpoint, Request(episodes=2))
+    alone = evaluate(result.checkpoint, Request(episodes=2, batch=1))
+    assert found.summaries == alone.summaries
+    summary = found.summaries["low-medium"]
+    assert summary["effort"] > 0.0
+    assert 0.0 < summary["max_fatigued"] < 1.0
+    assert -1.0 < summary["hammer_depth_m"] < 1.0
+    assert summary["return"] == pytest.approx(summary["game_return"] - summary["effort"])

@@ -7,7 +7,6 @@ SHELL       := /bin/bash
 VENV      := .venv
 CONFIG    ?= configs/whacamole_constrained.yaml
 TIMESTEPS ?= 80000
-EPISODES  ?= 6
 RUN       ?= runs/$(basename $(notdir $(CONFIG)))
 
 CPP_FILES = $(shell find app_runtime tests/cpp tools -name '*.[ch]pp')
@@ -20,9 +19,8 @@ help:  ## Show this list
 setup:  ## Install everything: system packages, .venv, Python packages, C++ build
 	@tools/dev/setup.sh
 
-train: setup  ## Train and evaluate a simulated user (CONFIG=, TIMESTEPS=, RUN=, EPISODES=)
-	$(VENV)/bin/sim2vr-harness train $(CONFIG) --timesteps $(TIMESTEPS) --out $(RUN)
-	$(VENV)/bin/sim2vr-harness evaluate $(RUN) --episodes $(EPISODES)
+train: setup  ## Train and evaluate a simulated user (CONFIG=, TIMESTEPS=, RUN=); goes on with a run that is there
+	$(VENV)/bin/sim2vr-harness train $(if $(wildcard $(RUN)/run.json),--resume,$(CONFIG)) --timesteps $(TIMESTEPS) --out $(RUN)
 
 test: setup  ## Run the C++ and Python tests (PYTEST_ARGS=...)
 	@tools/dev/test.sh $(PYTEST_ARGS)

@@ -1,4 +1,4 @@
-"""The reference's policy network (User-in-the-Box, facts section g) for Stable-Baselines3.
+"""The reference's policy network (User-in-the-Box) for Stable-Baselines3.
 
 Encoders -> 385 features, shared by actor and critic -> two separate MLPs of 256x256 with
 LeakyReLU. The mean of the actions is tanh(linear(latent)); their standard deviation is one number

@@ -21,7 +21,7 @@ class LearningRate:
     """Constant for the first part of the training, then linear to the final value.
 
     Args:
-        config: The schedule; facts section g has the reference's numbers.
+        config: The schedule; the defaults are the reference's numbers.
     """
 
     def __init__(self, config: LearningRateConfig) -> None:

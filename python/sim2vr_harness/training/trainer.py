@@ -81,7 +81,8 @@ def train(
         timesteps: Where this session stops, counted from the start of the run and rounded up to
             whole iterations; None goes to ``config.total_timesteps``. The learning-rate schedule
             runs over ``config.total_timesteps`` either way.
-        resume: Continue the run in ``out`` from its newest checkpoint.
+        resume: Continue the run in ``out`` from its newest checkpoint; a run that has reached
+            ``timesteps`` is left as it is.
         overwrite: Delete the run in ``out`` first.
         console: Where to report; None reports to the standard error stream.
         simulation: How to make the users.
@@ -99,7 +100,13 @@ def train(
         raise InputError("device", "'cuda', but torch finds no GPU", "'cpu' or 'auto'")
     folder = RunFolder(out)
     if resume:
-        _check_resumable(folder, config, stop)
+        _check_resumable(folder, config)
+        if not folder.checkpoints():
+            # Stopped before the first checkpoint: from the start is exactly the same.
+            resume, overwrite = False, True
+        elif (reached := _step_of(folder.latest_checkpoint())) >= stop:
+            console.print(f"Nothing to train: {folder.path} has reached step {reached:,}.")
+            return TrainResult(folder, folder.latest_checkpoint(), reached, False, 0, 0.0)
     elif folder.exists and not overwrite:
         folder.create(config)  # raises, before anything expensive is made
     env = SimulationVecEnv(simulation(config))
@@ -116,22 +123,20 @@ def train(
         env.close()
 
 
-def _check_resumable(folder: RunFolder, config: TrainingConfig, stop: int) -> None:
+def _step_of(checkpoint_file: Path) -> int:
+    return int(checkpoint_file.stem.removeprefix("step_"))
+
+
+def _check_resumable(folder: RunFolder, config: TrainingConfig) -> None:
     if not folder.exists:
         raise InputError(
             "--resume", f"{str(folder.path)!r}, which holds no run", "a folder with a run in it"
         )
-    folder.latest_checkpoint()
     difference = first_difference(config, folder.load_config(), ignore=CHANGEABLE)
     if difference is not None:
         key, new, old = difference
         raise InputError(
             key, repr(new), f"{old!r} as in {folder.config_file}: a resumed run keeps its settings"
-        )
-    reached = int(folder.latest_checkpoint().stem.removeprefix("step_"))
-    if reached >= stop:
-        raise InputError(
-            "--timesteps", f"{stop}, which the run has reached (step {reached})", f"over {reached}"
         )
 
 

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import signal
 import sys
 import types
 import zipfile
@@ -217,10 +219,20 @@ def test_resuming_needs_a_run_with_the_same_settings(tmp_path: Path) -> None:
     run(folder, ITERATION)
     with pytest.raises(InputError, match=r"^seed: got 2, expected 1 as in .*config\.yaml"):
         run(folder, 2 * ITERATION, tiny(seed=2), resume=True)
-    with pytest.raises(InputError, match=r"^--timesteps: got 60, which the run has reached"):
-        run(folder, ITERATION, resume=True)
+    before = (folder / "run.json").read_bytes()
+    assert run(folder, ITERATION, resume=True).step == ITERATION
+    assert (folder / "run.json").read_bytes() == before, "nothing to train, nothing touched"
     longer = run(folder, 2 * ITERATION, tiny(total_timesteps=1200), resume=True)
     assert longer.folder.load_config().total_timesteps == 1200
+
+
+def test_resuming_before_the_first_checkpoint_starts_again(tmp_path: Path) -> None:
+    whole = run(tmp_path / "whole", ITERATION)
+    killed = run(tmp_path / "killed", ITERATION)
+    killed.checkpoint.unlink()
+    again = run(tmp_path / "killed", ITERATION, resume=True)
+    assert_same_learner(whole.checkpoint, again.checkpoint)
+    assert len(again.folder.metrics()) == 1
 
 
 def test_broken_checkpoints_are_refused_and_nothing_is_lost(tmp_path: Path) -> None:
@@ -324,3 +336,24 @@ def test_metrics_survive_a_line_cut_off_by_a_crash(tmp_path: Path) -> None:
     folder.metrics_file.write_text("\n".join(rows) + '\n{"step": 2')
     folder.drop_metrics_after(120)
     assert folder.metrics() == [{"step": 60}, {"step": 120}]
+
+
+def test_sigterm_saves_as_ctrl_c_does(tmp_path: Path) -> None:
+    def simulation(settings: TrainingConfig) -> FakeSimulation:
+        made = FakeSimulation(settings.env, settings.ppo.n_envs)
+        step = made.step
+
+        def terminated(actions: np.ndarray) -> Any:
+            if made.total_steps == 30:
+                os.kill(os.getpid(), signal.SIGTERM)
+            return step(actions)
+
+        made.step = terminated
+        return made
+
+    before = signal.getsignal(signal.SIGTERM)
+    result = trainer.train(
+        tiny(), tmp_path / "run", timesteps=300, console=QUIET, simulation=simulation
+    )
+    assert (result.interrupted, result.step) == (True, ITERATION)
+    assert signal.getsignal(signal.SIGTERM) == before

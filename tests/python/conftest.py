@@ -8,11 +8,12 @@ import pytest
 import torch
 from rich.console import Console
 
-sys.path.insert(0, str(Path(__file__).parents[1] / "training"))  # fake_simulation
+sys.path.insert(0, str(Path(__file__).parent / "training"))  # fake_simulation
 
 
 @pytest.fixture(autouse=True)
 def few_threads():
+    """Tiny networks are quickest on one thread, and other tests may run next to these."""
     before = torch.get_num_threads()
     torch.set_num_threads(1)
     yield

@@ -7,6 +7,7 @@ are imported when a command runs, so that ``--help`` is quick.
 from __future__ import annotations
 
 import json as jsonlib
+import os
 import shlex
 import sys
 from functools import partial
@@ -291,6 +292,9 @@ def _print_json(content: dict[str, Any]) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit."""
+    # Torch's threads wait asleep: awake, they slow an update down to a quarter as soon as another
+    # program wants a core. Read when torch is loaded, hence here.
+    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
     given = sys.argv[1:] if arguments is None else arguments
     debug = "--debug" in given
     given = [argument for argument in given if argument != "--debug"] or ["--help"]

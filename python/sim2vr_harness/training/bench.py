@@ -19,6 +19,7 @@ import torch
 from sim2vr_harness.training import ppo
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.training.memory import keep_freed_memory
 from sim2vr_harness.training.run_folder import versions
 from sim2vr_harness.training.vec_env import SimulationVecEnv
 
@@ -147,6 +148,7 @@ def _training(config: TrainingConfig, users: int, train_steps: int) -> dict[str,
             )
         }
     )
+    keep_freed_memory()
     env = SimulationVecEnv(Simulation(config.env, users))
     with closing(env):
         model = ppo.build(small, env)

@@ -21,6 +21,7 @@ from sim2vr_harness.training.buffer import buffer_bytes
 from sim2vr_harness.training.callbacks import CheckpointCallback, ProgressCallback
 from sim2vr_harness.training.config import TrainingConfig, first_difference
 from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.training.memory import keep_freed_memory
 from sim2vr_harness.training.metrics_log import make_logger, require_wandb
 from sim2vr_harness.training.progress import Progress, ProgressDisplay
 from sim2vr_harness.training.run_folder import RunFolder
@@ -109,6 +110,7 @@ def train(
             return TrainResult(folder, folder.latest_checkpoint(), reached, False, 0, 0.0)
     elif folder.exists and not overwrite:
         folder.create(config)  # raises, before anything expensive is made
+    keep_freed_memory()
     env = SimulationVecEnv(simulation(config))
     try:
         model = ppo.build(config, env)

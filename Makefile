@@ -20,7 +20,7 @@ setup:  ## Install everything: system packages, .venv, Python packages, C++ buil
 	@tools/dev/setup.sh
 
 train: setup  ## Train and evaluate a simulated user (CONFIG=, TIMESTEPS=, RUN=); goes on with a run that is there
-	$(VENV)/bin/sim2vr-harness train $(if $(wildcard $(RUN)/run.json),--resume,$(CONFIG)) --timesteps $(TIMESTEPS) --out $(RUN)
+	$(VENV)/bin/sim2vr-harness train $(if $(wildcard $(RUN)/config.yaml),--resume,$(CONFIG)) --timesteps $(TIMESTEPS) --out $(RUN)
 
 test: setup  ## Run the C++ and Python tests (PYTEST_ARGS=...)
 	@tools/dev/test.sh $(PYTEST_ARGS)

@@ -89,6 +89,7 @@ class FrameWriter {
  public:
   FrameWriter(std::filesystem::path folder, runtime::View view, render::ImageSize size)
       : folder_(std::move(folder)), view_(view), size_(size), pixels_(size.pixels() * 4) {
+    render::checkImageSize(size);
     if (!folder_.empty()) std::filesystem::create_directories(folder_);
   }
 
@@ -138,7 +139,8 @@ void play(const Arguments& arguments) {
     writer.write(app, frame);
   }
   std::cout << "frames " << frame << ", reward " << total_reward << ", "
-            << (result.finished ? "round over" : "round not over") << "\n";
+            << (result.finished ? "round over" : "round not over") << ", state hash " << std::hex
+            << app.stateHash() << std::dec << "\n";
   for (const auto& [name, value] : result.log) std::cout << "  " << name << " " << value << "\n";
 }
 

@@ -85,6 +85,4 @@ def test_simulated_users_round_from_seed_and_poses(trial: dict[str, Any], tmp_pa
 
 @pytest.mark.skipif(bool(TRIALS), reason="the recordings are here; the tests above use them")
 def test_recordings_are_looked_for() -> None:
-    pytest.skip(
-        "no recorded rounds: SIM2VR_SHARED can name a folder with data/simulated_rounds"
-    )
+    pytest.skip("no recorded rounds: SIM2VR_SHARED can name a folder with data/simulated_rounds")

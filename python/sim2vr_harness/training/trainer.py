@@ -198,12 +198,17 @@ def _run(
     )
 
 
-def _describe(model: ppo.PPO, config: TrainingConfig) -> dict[str, Any]:
+def _renderer(model: ppo.PPO) -> str | None:
+    """Return what draws the headset images, if the simulation knows it."""
     env = model.get_env()
     assert isinstance(env, SimulationVecEnv)
+    return getattr(env.simulation, "renderer_description", None)
+
+
+def _describe(model: ppo.PPO, config: TrainingConfig) -> dict[str, Any]:
     return {
         "device": str(model.device),
-        "renderer": getattr(env.simulation, "renderer_description", None),
+        "renderer": _renderer(model),
         "torch_threads": torch.get_num_threads(),
         "parameters": sum(parameter.numel() for parameter in model.policy.parameters()),
     }
@@ -221,6 +226,9 @@ def _greet(model: ppo.PPO, folder: RunFolder, progress: Progress, console: Conso
         f"Observations of one iteration: {memory:,.0f} MiB. Ctrl-C saves and stops; "
         "--resume continues exactly.",
     ]
+    renderer = _renderer(model)
+    if renderer is not None:
+        lines.insert(1, f"Headset images by {renderer}.")
     for line in lines:
         console.print(line, highlight=False, markup=False, soft_wrap=True)
 

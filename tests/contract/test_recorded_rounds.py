@@ -22,6 +22,15 @@ ROOT = Path(__file__).resolve().parents[2]
 ROUNDS = Path(os.environ.get("SIM2VR_SHARED", ROOT.parent / "shared")) / "data/simulated_rounds"
 MANIFEST = ROUNDS / "manifest.json"
 TRIALS = json.loads(MANIFEST.read_text())["trials"] if MANIFEST.is_file() else []
+PARAMETERS = [pytest.param(trial, id=trial["file"]) for trial in TRIALS] or [
+    pytest.param(
+        None,
+        marks=pytest.mark.skip(
+            "no recorded rounds: SIM2VR_SHARED can name a folder with data/simulated_rounds"
+        ),
+        id="no recordings",
+    )
+]
 
 Event = tuple[float, str, int, int, tuple[float, ...]]
 _OWN_EVENT = re.compile(r"(\S+), target_(\w+), target ID (\d+), grid ID (\d+)(?:, velocity (.*))?")
@@ -69,7 +78,7 @@ def replay(trial: dict[str, Any], log_dir: Path) -> list[Event]:
     return own_events(next(log_dir.rglob("events.csv")))
 
 
-@pytest.mark.parametrize("trial", TRIALS, ids=[trial["file"] for trial in TRIALS])
+@pytest.mark.parametrize("trial", PARAMETERS)
 def test_simulated_users_round_from_seed_and_poses(trial: dict[str, Any], tmp_path: Path) -> None:
     expected = sorted(recorded_events(ROUNDS / f"{trial['file']}_events.csv"))
     events = sorted(replay(trial, tmp_path))
@@ -81,8 +90,3 @@ def test_simulated_users_round_from_seed_and_poses(trial: dict[str, Any], tmp_pa
         # hammer's jump from the round before (some metres in 50 ms), halved with every frame.
         leftover_mps = 40.0 * 0.5 ** (recorded[0] / 0.05)
         assert own[4] == pytest.approx(recorded[4], abs=5e-4 + leftover_mps)
-
-
-@pytest.mark.skipif(bool(TRIALS), reason="the recordings are here; the tests above use them")
-def test_recordings_are_looked_for() -> None:
-    pytest.skip("no recorded rounds: SIM2VR_SHARED can name a folder with data/simulated_rounds")

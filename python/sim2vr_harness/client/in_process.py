@@ -14,9 +14,11 @@ from sim2vr_harness.client.base import (
     ThirdPersonView,
     UInt8Array,
 )
+from sim2vr_harness.gl import prepare_process
 
 
 def _runtime() -> Any:
+    prepare_process()
     try:
         from sim2vr_harness import _app_runtime
     except ImportError as error:

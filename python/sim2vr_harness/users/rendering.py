@@ -12,6 +12,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.gl import prepare_process
 from sim2vr_harness.users.appearance import colour_muscles
 from sim2vr_harness.users.user import User, unknown_name
 
@@ -142,6 +143,7 @@ class UserRenderer:
 
 def _open_context(width: int, height: int) -> Any:
     """Opens EGL, or OSMesa where EGL fails, unless MUJOCO_GL names one of them."""
+    prepare_process()
     wanted = os.environ.get("MUJOCO_GL", "").strip().lower()
     reasons = []
     for platform in (wanted,) if wanted in _PLATFORMS else _PLATFORMS:

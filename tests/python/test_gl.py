@@ -1,0 +1,37 @@
+"""OpenGL and PyTorch in one process."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+_HEADSET = """
+import numpy as np
+from sim2vr_harness.client import DevicePoses, InProcessApp
+app = InProcessApp("sample", renderer="egl")
+app.reset(1, DevicePoses(np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.0, 1.0])))
+"""
+_BODY = """
+from sim2vr_harness.users import load_user
+from sim2vr_harness.users.rendering import UserRenderer
+user = load_user("mobl_arms_wrist")
+UserRenderer(user, 64, 64).render(user.coupled_qpos([0.0] * 7))
+"""
+_LEARN = """
+import torch
+torch.optim.Adam(torch.nn.Linear(2, 2).parameters())  # imports Triton where it is installed
+print("learned")
+"""
+
+
+@pytest.mark.parametrize("draw", [_HEADSET, _BODY], ids=["headset", "body"])
+def test_an_optimiser_can_be_made_after_a_picture(draw: str) -> None:
+    result = subprocess.run(
+        [sys.executable, "-c", draw + _LEARN], capture_output=True, text=True, check=False
+    )
+    if "no renderer" in result.stderr.lower() or "RenderError" in result.stderr:
+        pytest.skip("no EGL here: " + result.stderr.splitlines()[-1])
+    assert result.returncode == 0, result.stderr
+    assert "learned" in result.stdout

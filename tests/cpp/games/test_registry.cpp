@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <set>
 #include <string>
 
 #include "game_harness.hpp"
@@ -11,13 +12,14 @@ namespace sim2vr::games {
 namespace {
 
 TEST(Registry, ListsTheGames) {
-  ASSERT_EQ(registry().size(), 2U);
-  EXPECT_EQ(registry()[0].name, "whacamole");
-  EXPECT_EQ(registry()[1].name, "sample");
+  std::set<std::string> names;
   for (const rl::GameEntry& entry : registry()) {
     EXPECT_FALSE(entry.description.empty());
     EXPECT_EQ(createGame(entry.name)->name(), entry.name);
+    EXPECT_TRUE(names.insert(entry.name).second) << entry.name << " twice";
   }
+  EXPECT_TRUE(names.contains("whacamole"));
+  EXPECT_TRUE(names.contains("sample"));
 }
 
 TEST(Registry, SuggestsTheNearestGame) {
@@ -25,9 +27,10 @@ TEST(Registry, SuggestsTheNearestGame) {
     createGame("whackamole");
     FAIL();
   } catch (const InvalidArgument& error) {
-    EXPECT_STREQ(error.what(),
-                 "game: got 'whackamole', expected one of 'whacamole' or 'sample'; did you mean "
-                 "'whacamole'?");
+    const std::string message = error.what();
+    EXPECT_TRUE(message.starts_with("game: got 'whackamole', expected one of 'whacamole'"))
+        << message;
+    EXPECT_TRUE(message.ends_with("; did you mean 'whacamole'?")) << message;
   }
 }
 
@@ -48,10 +51,11 @@ TEST(Registry, EveryGameNamesAnUnknownOption) {
   for (const rl::GameEntry& entry : registry()) {
     const auto game = entry.create();
     try {
-      testing::GameHarness round(*game, 1, R"({"round_second": 1})");
+      testing::GameHarness round(*game, 1, R"({"no such option": 1})");
       FAIL() << entry.name;
     } catch (const InvalidArgument& error) {
-      EXPECT_NE(std::string(error.what()).find("did you mean 'round_seconds'?"), std::string::npos)
+      EXPECT_NE(std::string(error.what()).find("unknown option 'no such option'"),
+                std::string::npos)
           << error.what();
     }
   }

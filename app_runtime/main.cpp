@@ -127,7 +127,7 @@ void play(const Arguments& arguments) {
                      {arguments.width, arguments.height});
 
   double total_reward = 0.0;
-  runtime::StepResult result = app.reset(arguments.seed, "{}", player->sample(0));
+  runtime::StepResult result = app.reset({.seed = arguments.seed}, player->sample(0));
   writer.write(app, 0);
   const auto frames = static_cast<std::int64_t>(arguments.seconds * arguments.frame_rate);
   std::int64_t frame = 0;

@@ -9,6 +9,7 @@
 #include <optional>
 #include <string>
 #include <tuple>
+#include <vector>
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/runtime/app.hpp"
@@ -20,16 +21,24 @@ namespace sim2vr::bindings {
 namespace {
 
 using PoseRow = py::array_t<double, py::array::c_style | py::array::forcecast>;
+using Times = py::array_t<std::int64_t, py::array::c_style | py::array::forcecast>;
 using StepTuple = std::tuple<float, bool, float, std::map<std::string, double>>;
 
-Pose poseFromRow(const char* name, const PoseRow& row) {
-  if (row.ndim() != 1 || row.shape(0) != 7) {
-    throw InvalidArgument(name, "an array of " + std::to_string(row.size()) + " numbers",
-                          "7 numbers: position x y z, rotation x y z w");
-  }
-  const double* p = row.data();
-  return {Vec3(p[0], p[1], p[2]), Quat(p[6], p[3], p[4], p[5])};
+void checkRow(const char* name, const PoseRow* row) {
+  if (row == nullptr || (row->ndim() == 1 && row->shape(0) == 7)) return;
+  throw InvalidArgument(name, "an array of " + std::to_string(row->size()) + " numbers",
+                        "7 numbers: position x y z, rotation x y z w");
 }
+
+void checkRows(const char* name, const PoseRow* rows, py::ssize_t count) {
+  if (rows == nullptr) return;
+  if (rows->ndim() == 2 && rows->shape(0) == count && rows->shape(1) == 7) return;
+  throw InvalidArgument(name, "an array of " + std::to_string(rows->size()) + " numbers",
+                        "shape (" + std::to_string(count) +
+                            ", 7), one row of position x y z, rotation x y z w per frame");
+}
+
+Pose poseFromRow(const double* p) { return {Vec3(p[0], p[1], p[2]), Quat(p[6], p[3], p[4], p[5])}; }
 
 /// Analogue and digital inputs that stay until they are set again.
 struct Buttons {
@@ -56,14 +65,16 @@ std::shared_ptr<render::Renderer> sharedRenderer(const std::string& kind) {
 class PyApp {
  public:
   PyApp(const std::string& game, const std::string& options, int width, int height,
-        const std::string& renderer, const std::string& log_dir,
-        std::optional<double> fixed_delta_time_s) {
+        const std::string& renderer, const std::string& log_dir, double fixed_delta_time_s,
+        double maximum_delta_time_s, double fixed_step_tolerance_s) {
     runtime::AppSettings settings;
     settings.game = game;
     settings.options_json = options;
     settings.headset_size = {width, height};
     settings.log_dir = log_dir;
-    if (fixed_delta_time_s) settings.time.fixed_delta_time_s = *fixed_delta_time_s;
+    settings.time.fixed_delta_time_s = fixed_delta_time_s;
+    settings.time.maximum_delta_time_s = maximum_delta_time_s;
+    settings.time.fixed_step_tolerance_s = fixed_step_tolerance_s;
     render::checkImageSize(settings.headset_size);
     const py::gil_scoped_release release;
     app_ = std::make_shared<runtime::App>(std::move(settings), sharedRenderer(renderer));
@@ -75,17 +86,39 @@ class PyApp {
   }
 
   StepTuple reset(std::uint32_t seed, const std::string& options, const PoseRow& head,
-                  const std::optional<PoseRow>& left, const std::optional<PoseRow>& right) {
+                  const std::optional<PoseRow>& left, const std::optional<PoseRow>& right,
+                  std::int64_t time_ns) {
     const xr::DeviceState devices = deviceState(head, left, right);
     const py::gil_scoped_release release;
-    return toTuple(app().reset(seed, options, devices));
+    return toTuple(app().reset({seed, options, time_ns}, devices));
   }
 
   StepTuple step(std::int64_t time_ns, const PoseRow& head, const std::optional<PoseRow>& left,
                  const std::optional<PoseRow>& right) {
-    const runtime::StepInput input{time_ns, deviceState(head, left, right)};
+    const runtime::FrameInput frame{time_ns, deviceState(head, left, right)};
     const py::gil_scoped_release release;
-    return toTuple(app().step(input));
+    return toTuple(app().step(frame));
+  }
+
+  StepTuple stepFrames(const Times& times_ns, const PoseRow& head,
+                       const std::optional<PoseRow>& left, const std::optional<PoseRow>& right) {
+    if (times_ns.ndim() != 1) {
+      throw InvalidArgument("times_ns", std::to_string(times_ns.ndim()) + " dimensions", "one");
+    }
+    const py::ssize_t count = times_ns.shape(0);
+    checkRows("head", &head, count);
+    checkRows("left_controller", left ? &*left : nullptr, count);
+    checkRows("right_controller", right ? &*right : nullptr, count);
+    std::vector<runtime::FrameInput> frames;
+    frames.reserve(static_cast<std::size_t>(count));
+    const auto row = [](const std::optional<PoseRow>& rows, py::ssize_t i) {
+      return rows ? rows->data(i, 0) : nullptr;
+    };
+    for (py::ssize_t i = 0; i < count; ++i) {
+      frames.push_back({times_ns.at(i), deviceState(head.data(i, 0), row(left, i), row(right, i))});
+    }
+    const py::gil_scoped_release release;
+    return toTuple(app().step(frames));
   }
 
   void setButtons(const std::string& hand, float trigger, float squeeze,
@@ -156,18 +189,25 @@ class PyApp {
 
   xr::DeviceState deviceState(const PoseRow& head, const std::optional<PoseRow>& left,
                               const std::optional<PoseRow>& right) const {
+    checkRow("head", &head);
+    checkRow("left_controller", left ? &*left : nullptr);
+    checkRow("right_controller", right ? &*right : nullptr);
+    return deviceState(head.data(), left ? left->data() : nullptr, right ? right->data() : nullptr);
+  }
+
+  /// From 7 numbers per device; null: not tracked.
+  xr::DeviceState deviceState(const double* head, const double* left, const double* right) const {
     xr::DeviceState state;
-    state.head = xr::toXr(poseFromRow("head", head));
-    const auto controller = [](const char* name, xr::ControllerState inputs,
-                               const std::optional<PoseRow>& row) {
-      if (!row) return xr::ControllerState{};
+    state.head = xr::toXr(poseFromRow(head));
+    const auto controller = [](xr::ControllerState inputs, const double* row) {
+      if (row == nullptr) return xr::ControllerState{};
       inputs.active = true;
-      inputs.grip = xr::toXr(poseFromRow(name, *row));
+      inputs.grip = xr::toXr(poseFromRow(row));
       inputs.aim = xr::compose(inputs.grip, xr::kGripToAim);
       return inputs;
     };
-    state.hand(xr::Hand::left) = controller("left_controller", buttons_.left, left);
-    state.hand(xr::Hand::right) = controller("right_controller", buttons_.right, right);
+    state.hand(xr::Hand::left) = controller(buttons_.left, left);
+    state.hand(xr::Hand::right) = controller(buttons_.right, right);
     return state;
   }
 
@@ -184,18 +224,26 @@ void bindApp(py::module_& module) {
                     "released while the app works; one App must not be used from two threads at "
                     "once, different Apps may.")
       .def(py::init<const std::string&, const std::string&, int, int, const std::string&,
-                    const std::string&, std::optional<double>>(),
+                    const std::string&, double, double, double>(),
            py::kw_only(), py::arg("game"), py::arg("options") = "{}", py::arg("width") = 120,
            py::arg("height") = 80, py::arg("renderer") = "automatic", py::arg("log_dir") = "",
-           py::arg("fixed_delta_time_s") = py::none(),
-           "options: JSON object. log_dir: root of the episode logs, '' for none.")
+           py::arg("fixed_delta_time_s") = TimeSettings{}.fixed_delta_time_s,
+           py::arg("maximum_delta_time_s") = TimeSettings{}.maximum_delta_time_s,
+           py::arg("fixed_step_tolerance_s") = TimeSettings{}.fixed_step_tolerance_s,
+           "options: JSON object. log_dir: root of the episode logs, '' for none. The times are "
+           "those of TimeSettings in core/clock.hpp.")
       .def("reset", &PyApp::reset, py::arg("seed"), py::arg("options"), py::arg("head"),
            py::arg("left_controller") = py::none(), py::arg("right_controller") = py::none(),
-           "Starts a round at game time 0 and runs its first frame; returns (reward, finished, "
-           "time feature, log).")
+           py::arg("time_ns") = 0,
+           "Starts a round with its first frame at time_ns; returns (reward, finished, time "
+           "feature, log).")
       .def("step", &PyApp::step, py::arg("time_ns"), py::arg("head"),
            py::arg("left_controller") = py::none(), py::arg("right_controller") = py::none(),
            "Runs one frame; returns (reward, finished, time feature, log).")
+      .def("step_frames", &PyApp::stepFrames, py::arg("times_ns"), py::arg("head"),
+           py::arg("left_controller") = py::none(), py::arg("right_controller") = py::none(),
+           "One user step of K frames, the last one rendered: times_ns (K,) int64, poses (K, 7); "
+           "returns (summed reward, finished, time feature, log).")
       .def("set_buttons", &PyApp::setButtons, py::arg("hand"), py::arg("trigger") = 0.0F,
            py::arg("squeeze") = 0.0F, py::arg("thumbstick") = std::pair<float, float>(0.0F, 0.0F),
            py::arg("lower") = false, py::arg("upper") = false, py::arg("menu") = false,

@@ -12,6 +12,16 @@ using Json = nlohmann::json;
 
 std::string optionField(const std::string& name) { return "option '" + name + "'"; }
 
+double numberInRange(const std::string& field, const Json& value, double minimum, double maximum) {
+  const bool in_range =
+      value.is_number() && value.get<double>() >= minimum && value.get<double>() <= maximum;
+  if (!in_range) {
+    throw InvalidArgument(field, value.dump(),
+                          "a number from " + Json(minimum).dump() + " to " + Json(maximum).dump());
+  }
+  return value.get<double>();
+}
+
 }  // namespace
 
 Options Options::fromJson(std::string_view json) {
@@ -61,13 +71,23 @@ double Options::getNumber(const std::string& name, double fallback, double minim
   const Json values = Json::parse(json_text_);
   const auto found = values.find(name);
   if (found == values.end()) return fallback;
-  const bool in_range =
-      found->is_number() && found->get<double>() >= minimum && found->get<double>() <= maximum;
-  if (!in_range) {
-    throw InvalidArgument(optionField(name), found->dump(),
-                          "a number from " + Json(minimum).dump() + " to " + Json(maximum).dump());
+  return numberInRange(optionField(name), *found, minimum, maximum);
+}
+
+std::vector<double> Options::getNumbers(const std::string& name, double minimum, double maximum) {
+  read_.insert(name);
+  const Json values = Json::parse(json_text_);
+  const auto found = values.find(name);
+  if (found == values.end()) return {};
+  if (!found->is_array()) {
+    throw InvalidArgument(optionField(name), found->dump(), "a list of numbers");
   }
-  return found->get<double>();
+  std::vector<double> numbers;
+  for (const Json& value : *found) {
+    const std::string field = optionField(name) + "[" + std::to_string(numbers.size()) + "]";
+    numbers.push_back(numberInRange(field, value, minimum, maximum));
+  }
+  return numbers;
 }
 
 void Options::expectAllRead() const {

@@ -37,7 +37,7 @@ std::string formatFloat(double value) {
   if (std::isnan(single)) return "NaN";
   if (std::isinf(single)) return single > 0.0F ? "Infinity" : "-Infinity";
   if (single == 0.0F) return "0";
-  std::string text = fmt::format("{:.7g}", single);
+  std::string text = fmt::format("{}", single);
   std::replace(text.begin(), text.end(), 'e', 'E');
   return text;
 }

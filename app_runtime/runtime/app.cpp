@@ -60,8 +60,10 @@ View viewFromName(std::string_view name) {
 /// What lives as long as a round. Members are destroyed in reverse order: the scene's components
 /// hold references to the world and the session.
 struct App::Round {
-  Round(const TimeSettings& time, render::ImageSize size)
-      : session(device, sessionSettings(size)), scene(time), physics(scene) {}
+  Round(const TimeSettings& time, std::int64_t start_ns, render::ImageSize size)
+      : session(device, sessionSettings(size)), scene(time), physics(scene) {
+    scene.clock().restart(start_ns);
+  }
 
   xr::SimulatedDevice device;
   xr::Session session;
@@ -93,10 +95,10 @@ App::Round& App::round(std::string_view call) {
   return *round_;
 }
 
-void App::beginRound(std::uint32_t seed, rl::EpisodeLogger* logger) {
+void App::beginRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogger* logger) {
   seed_ = seed;
   round_.reset();
-  auto fresh = std::make_unique<Round>(settings_.time, settings_.headset_size);
+  auto fresh = std::make_unique<Round>(settings_.time, start_ns, settings_.headset_size);
   rl::GameContext context{.scene = fresh->scene,
                           .xr = fresh->session,
                           .physics = fresh->physics,
@@ -107,10 +109,12 @@ void App::beginRound(std::uint32_t seed, rl::EpisodeLogger* logger) {
   round_ = std::move(fresh);
 }
 
-StepResult App::reset(std::uint32_t seed, std::string_view options_json,
-                      const xr::DeviceState& devices) {
+StepResult App::reset(const RoundStart& start, const xr::DeviceState& devices) {
+  if (start.time_ns < 0) {
+    throw InvalidArgument("time_ns", std::to_string(start.time_ns), "0 or above");
+  }
   const xr::DeviceState checked = xr::validated(devices);
-  const std::string merged = mergedOptions(settings_.options_json, options_json);
+  const std::string merged = mergedOptions(settings_.options_json, start.options_json);
   if (merged != settings_.options_json) {
     try {
       configureGame(*game_, merged);
@@ -120,27 +124,40 @@ StepResult App::reset(std::uint32_t seed, std::string_view options_json,
     }
     settings_.options_json = merged;
   }
-  beginRound(seed, logger_.get());
+  beginRound(start.seed, start.time_ns, logger_.get());
   round_->session.begin();
-  return runFrame(0, checked);
+  runFrame(start.time_ns, checked);
+  return showFrame(round_->env->reward());
 }
 
-StepResult App::step(const StepInput& input) {
+StepResult App::step(std::span<const FrameInput> frames) {
   Round& current = round("step");
   if (current.env->finished()) {
     throw StateError("step: the round is over; call reset to start the next one");
   }
-  const xr::DeviceState checked = xr::validated(input.devices);
-  if (input.time_ns < current.session.frameTime()) {
-    throw InvalidArgument("time_ns", std::to_string(input.time_ns),
-                          "a time not before the previous frame's " +
-                              std::to_string(current.session.frameTime()) +
-                              " (clocks must not go backwards)");
+  if (frames.empty()) throw InvalidArgument("frames", "none", "at least one frame");
+  std::vector<xr::DeviceState> checked;
+  checked.reserve(frames.size());
+  std::int64_t previous_ns = current.session.frameTime();
+  for (const FrameInput& frame : frames) {
+    checked.push_back(xr::validated(frame.devices));
+    if (frame.time_ns < previous_ns) {
+      throw InvalidArgument("time_ns", std::to_string(frame.time_ns),
+                            "a time not before the previous frame's " +
+                                std::to_string(previous_ns) + " (clocks must not go backwards)");
+    }
+    previous_ns = frame.time_ns;
   }
-  return runFrame(input.time_ns, checked);
+  current.env->setFramesPerStep(static_cast<int>(frames.size()));
+  float reward = 0.0F;
+  for (std::size_t i = 0; i < frames.size() && !current.env->finished(); ++i) {
+    runFrame(frames[i].time_ns, checked[i]);
+    reward += current.env->reward();
+  }
+  return showFrame(reward);
 }
 
-StepResult App::runFrame(std::int64_t time_ns, const xr::DeviceState& devices) {
+void App::runFrame(std::int64_t time_ns, const xr::DeviceState& devices) {
   Round& current = *round_;
   const auto period = static_cast<XrDuration>(kNsPerSecond / settings_.time.target_frame_rate);
   current.device.set(devices);
@@ -148,10 +165,14 @@ StepResult App::runFrame(std::int64_t time_ns, const xr::DeviceState& devices) {
   current.session.beginFrame();
   current.session.syncActions();
   current.scene.runFrame(time_ns, [&current] { current.physics.step(); });
-  renderView(View::headset, settings_.headset_size, image_);
   current.session.endFrame();
   if (logger_ != nullptr && current.env->finished()) logger_->endRound();
-  return {.reward = current.env->reward(),
+}
+
+StepResult App::showFrame(float reward) {
+  const Round& current = *round_;
+  renderView(View::headset, settings_.headset_size, image_);
+  return {.reward = reward,
           .finished = current.env->finished(),
           .time_feature = current.env->GetTimeFeature(),
           .log = current.env->log()};
@@ -186,7 +207,7 @@ void App::fields(Archive& archive) {
   if (archive.loading()) {
     configureGame(*game_, settings_.options_json);
     // A loaded round writes no log: its first part went to another app's files.
-    beginRound(seed_, nullptr);
+    beginRound(seed_, 0, nullptr);
   }
   archive.field("carried", *game_);
   archive.field("scene", round_->scene);

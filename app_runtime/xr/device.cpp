@@ -10,6 +10,9 @@ namespace sim2vr::xr {
 namespace {
 
 constexpr double kLengthTolerance = 1e-3;
+// A unit quaternion rounded to binary32 is this far from length 1 at most. It is left as it is, so
+// that poses read back from a log are the ones that were logged.
+constexpr double kRoundedLength = 2.5e-7;
 
 // Products are formed in double precision, so that chains of binary32 poses lose nothing visible.
 Quat toQuat(const XrQuaternionf& q) { return {q.w, q.x, q.y, q.z}; }
@@ -42,6 +45,7 @@ XrPosef validPose(const std::string& name, const XrPosef& pose) {
     throw InvalidArgument(name + "rotation", print(pose.orientation),
                           "a unit quaternion x y z w (length 1 within 0.001)");
   }
+  if (std::abs(length - 1.0) <= kRoundedLength) return pose;
   return toPosef(rotation.normalized(), position);
 }
 

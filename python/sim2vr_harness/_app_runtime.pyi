@@ -18,9 +18,9 @@ class App:
     """
     One VR app in lockstep. Poses are arrays of 7 float64: position x y z (m), rotation x y z w, app frame (left-handed, y up, z forward). The GIL is released while the app works; one App must not be used from two threads at once, different Apps may.
     """
-    def __init__(self, *, game: str, options: str = '{}', width: typing.SupportsInt | typing.SupportsIndex = 120, height: typing.SupportsInt | typing.SupportsIndex = 80, renderer: str = 'automatic', log_dir: str = '', fixed_delta_time_s: typing.SupportsFloat | typing.SupportsIndex | None = None) -> None:
+    def __init__(self, *, game: str, options: str = '{}', width: typing.SupportsInt | typing.SupportsIndex = 120, height: typing.SupportsInt | typing.SupportsIndex = 80, renderer: str = 'automatic', log_dir: str = '', fixed_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.002, maximum_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.3333333333333333, fixed_step_tolerance_s: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
         """
-        options: JSON object. log_dir: root of the episode logs, '' for none.
+        options: JSON object. log_dir: root of the episode logs, '' for none. The times are those of TimeSettings in core/clock.hpp.
         """
     def close(self) -> None:
         """
@@ -34,9 +34,9 @@ class App:
         """
         The last frame from 'headset', 'recorder' or 'spectator', (height, width, 4) uint8.
         """
-    def reset(self, seed: typing.SupportsInt | typing.SupportsIndex, options: str, head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None) -> tuple[float, bool, float, dict[str, float]]:
+    def reset(self, seed: typing.SupportsInt | typing.SupportsIndex, options: str, head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, time_ns: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple[float, bool, float, dict[str, float]]:
         """
-        Starts a round at game time 0 and runs its first frame; returns (reward, finished, time feature, log).
+        Starts a round with its first frame at time_ns; returns (reward, finished, time feature, log).
         """
     def save(self) -> bytes:
         """
@@ -53,6 +53,10 @@ class App:
     def step(self, time_ns: typing.SupportsInt | typing.SupportsIndex, head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None) -> tuple[float, bool, float, dict[str, float]]:
         """
         Runs one frame; returns (reward, finished, time feature, log).
+        """
+    def step_frames(self, times_ns: typing.Annotated[numpy.typing.ArrayLike, numpy.int64], head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None) -> tuple[float, bool, float, dict[str, float]]:
+        """
+        One user step of K frames, the last one rendered: times_ns (K,) int64, poses (K, 7); returns (summed reward, finished, time feature, log).
         """
     @property
     def image(self) -> numpy.typing.NDArray[numpy.uint8]:

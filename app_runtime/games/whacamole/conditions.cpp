@@ -68,6 +68,27 @@ std::string_view drawMember(const MixRow& mix, std::uint32_t seed) {
       .members[static_cast<std::size_t>(random.range(0, static_cast<int>(mix.members.size())))];
 }
 
+std::vector<ScheduledSpawn> spawnsFromOptions(Options& options) {
+  const std::vector<double> times = options.getNumbers("spawn_times", 0.0, 1e9);
+  const std::vector<double> cells = options.getNumbers("spawn_cells", 0.0, kCells - 1);
+  if (cells.size() != times.size()) {
+    throw InvalidArgument("option 'spawn_cells'", std::to_string(cells.size()) + " cells",
+                          std::to_string(times.size()) + ", one for each of spawn_times");
+  }
+  if (!std::is_sorted(times.begin(), times.end())) {
+    throw InvalidArgument("option 'spawn_times'", "times out of order", "ascending times");
+  }
+  std::vector<ScheduledSpawn> spawns;
+  for (std::size_t i = 0; i < times.size(); ++i) {
+    const int cell = static_cast<int>(cells[i]);
+    if (cell != cells[i]) {
+      throw InvalidArgument("option 'spawn_cells'", std::to_string(cells[i]), "whole numbers");
+    }
+    spawns.push_back({static_cast<float>(times[i]), cell});
+  }
+  return spawns;
+}
+
 Quat aboutX(double x, double w) { return Quat(w, x, 0.0, 0.0).normalized(); }
 
 }  // namespace
@@ -122,6 +143,7 @@ Condition resolveCondition(std::string_view name, std::uint32_t seed) {
 Settings Settings::fromOptions(Options& options) {
   static const std::vector<std::string> kRewards{"reference", "paper"};
   static const std::vector<std::string> kHeadRotations{"simulated", "device"};
+  static const std::vector<std::string> kVelocityPoints{"root", "head"};
   Settings settings;
   settings.condition = options.getChoice("condition", settings.condition, conditionNames());
   settings.adaptive = options.getBool("adaptive", settings.adaptive);
@@ -134,6 +156,14 @@ Settings Settings::fromOptions(Options& options) {
   settings.override_head_rotation =
       options.getChoice("head_rotation", "simulated", kHeadRotations) == "simulated";
   settings.show_controllers = options.getBool("show_controllers", settings.show_controllers);
+  settings.spawns = spawnsFromOptions(options);
+  settings.fade_in_s = static_cast<float>(options.getNumber("fade_in_seconds", 0.1, 0.0, 60.0));
+  settings.life_s = static_cast<float>(options.getNumber("life_seconds", 1.0, 0.0, 3600.0));
+  settings.velocity_smoothing = options.getNumber("velocity_smoothing", 0.5, 0.01, 1.0);
+  settings.velocity_point = options.getChoice("velocity_point", "root", kVelocityPoints) == "head"
+                                ? VelocityPoint::kHead
+                                : VelocityPoint::kRoot;
+  settings.hammer_margin_m = options.getNumber("hammer_margin_m", 0.0, -0.02, 0.1);
   return settings;
 }
 

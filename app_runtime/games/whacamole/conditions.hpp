@@ -34,6 +34,8 @@ PlacementGeometry geometry(Placement placement);
 /// the low area, forward speed for the others.
 double strikeSpeed(Placement placement, const Vec3& velocity_mps);
 inline constexpr float kStrikeThreshold_mps = 0.8F;
+/// Of the 3x3 grid, numbered row by row from the top left as the player sees them.
+inline constexpr int kCells = 9;
 
 /// Every name that the option "condition" takes: the conditions and the random mixes.
 std::span<const std::string> conditionNames();
@@ -42,9 +44,21 @@ std::span<const std::string> conditionNames();
 /// own, so that `seed` alone fixes the round's spawns and can be compared with a recording's.
 Condition resolveCondition(std::string_view name, std::uint32_t seed);
 
+/// Which point's velocity is the hammer's.
+enum class VelocityPoint {
+  kRoot,  // the pivot near the hand
+  kHead,  // the centre of the hit box
+};
+
 enum class RewardKind {
   kReference,  // as the reference implementation computes it
   kPaper,      // as its paper describes it
+};
+
+/// A target that shall appear: in the first frame with a game time of `time_s` or more.
+struct ScheduledSpawn {
+  float time_s = 0.0F;
+  int cell = 0;
 };
 
 struct Settings {
@@ -57,6 +71,17 @@ struct Settings {
   /// Fix the head camera's rotation by placement, as for simulated users.
   bool override_head_rotation = true;
   bool show_controllers = true;
+  /// In order of time. When there are any, they replace the random spawns of the round.
+  std::vector<ScheduledSpawn> spawns;
+
+  // How the hammer and the targets work; the defaults are the user study's.
+  float fade_in_s = 0.1F;
+  float life_s = 1.0F;
+  /// Share of a frame's raw velocity in the smoothed one; 1 is no smoothing.
+  double velocity_smoothing = 0.5;
+  VelocityPoint velocity_point = VelocityPoint::kRoot;
+  /// Added to every side of the hammer's hit box.
+  double hammer_margin_m = 0.0;
 
   /// Throws InvalidArgument naming the option.
   static Settings fromOptions(Options& options);

@@ -64,7 +64,7 @@ double Env::distanceReward() const {
     const double distance_m = (target.transform().position() - marker).norm();
     sum += weight * (std::exp(-kDistanceRate_per_m * distance_m) - 1.0);
   });
-  return sum;
+  return sum / framesPerStep();
 }
 
 void Env::UpdateIsFinished() { finished_ = round_.phase() == Round::Phase::kDone; }

@@ -43,7 +43,7 @@ rl::RLEnv& WhacAMole::build(rl::GameContext& context) {
 
   setup.rig = rl::buildXrRig(context);
   if (settings_.show_controllers) addControllerLooks(*setup.rig.right_controller);
-  Hammer& hammer = buildHammer(*setup.rig.right_controller);
+  Hammer& hammer = buildHammer(*setup.rig.right_controller, settings_);
   setup.area = &buildArea(scene);
   setup.hammer = &hammer;
   setup.tally = &tally_;

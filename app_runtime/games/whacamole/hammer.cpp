@@ -8,7 +8,6 @@
 namespace sim2vr::games::whacamole {
 namespace {
 
-constexpr double kSmoothing = 0.5;
 constexpr double kScale = 0.1;
 
 // In the right controller's frame (docs/games/whacamole.md, "Hammer").
@@ -23,13 +22,18 @@ const Vec3 kHeadCenter(-0.004010893, 1.3975825, -0.008178129);
 }  // namespace
 
 void Hammer::Update() {
-  const Vec3 position = transform().position();
+  const Vec3 position = measuredPoint();
   const double dt = clock().deltaTime();
   if (has_position_ && dt > 0.0) {
-    velocity_ += kSmoothing * ((position - last_position_) / dt - velocity_);
+    velocity_ += smoothing_ * ((position - last_position_) / dt - velocity_);
   }
   last_position_ = position;
   has_position_ = true;
+}
+
+Vec3 Hammer::measuredPoint() const {
+  return point_ == VelocityPoint::kRoot ? transform().position()
+                                        : transform().transformPoint(kHeadCenter);
 }
 
 void Hammer::fields(Archive& archive) {
@@ -38,15 +42,16 @@ void Hammer::fields(Archive& archive) {
   archive.field("has_position", has_position_);
 }
 
-Hammer& buildHammer(scene::GameObject& right_controller) {
+Hammer& buildHammer(scene::GameObject& right_controller, const Settings& settings) {
   scene::Scene& scene = right_controller.scene();
   scene::GameObject& object = scene.create("Hammer", &right_controller);
   object.setLayer(kPlayerLayer);
   object.transform().setLocalPosition(kPosition_m);
   object.transform().setLocalRotation(kRotation);
   object.transform().setLocalScale(kScale);
-  auto& hammer = object.addComponent<Hammer>();
-  object.addComponent<physics::Collider>(physics::Box{kHeadSize}, kHeadCenter,
+  auto& hammer = object.addComponent<Hammer>(settings);
+  const Vec3 margin = Vec3::Constant(2.0 * settings.hammer_margin_m / kScale);
+  object.addComponent<physics::Collider>(physics::Box{kHeadSize + margin}, kHeadCenter,
                                          /*is_trigger=*/false);
   scene::GameObject& marker = scene.create("Marker", &object);
   marker.transform().setLocalPosition(kMarker);

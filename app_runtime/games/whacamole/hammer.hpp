@@ -3,13 +3,18 @@
 
 #include "sim2vr/scene/component.hpp"
 #include "sim2vr/scene/game_object.hpp"
+#include "whacamole/conditions.hpp"
 
 namespace sim2vr::games::whacamole {
 
 /// Measures the hammer's velocity: that of its root (the pivot near the hand, not the head), per
-/// frame, low-pass filtered as v <- v + 0.5 (raw - v), from 0 at the start.
+/// frame, low-pass filtered as v <- v + 0.5 (raw - v), from 0 at the start. The settings can choose
+/// the head and another factor.
 class Hammer : public scene::Component {
  public:
+  explicit Hammer(const Settings& settings)
+      : smoothing_(settings.velocity_smoothing), point_(settings.velocity_point) {}
+
   std::string_view typeName() const override { return "whacamole.Hammer"; }
   void Update() override;
   void fields(Archive& archive) override;
@@ -23,6 +28,10 @@ class Hammer : public scene::Component {
   void setMarker(const scene::GameObject& marker) { marker_ = &marker; }
 
  private:
+  Vec3 measuredPoint() const;
+
+  double smoothing_;
+  VelocityPoint point_;
   const scene::GameObject* marker_ = nullptr;
   Vec3 velocity_ = Vec3::Zero();
   Vec3 last_position_ = Vec3::Zero();
@@ -30,6 +39,6 @@ class Hammer : public scene::Component {
 };
 
 /// Builds hammer, marker and hit collider below the right controller.
-Hammer& buildHammer(scene::GameObject& right_controller);
+Hammer& buildHammer(scene::GameObject& right_controller, const Settings& settings);
 
 }  // namespace sim2vr::games::whacamole

@@ -41,7 +41,8 @@ void Counts::fields(Archive& archive) {
   archive.field("play_frames", play_frames);
 }
 
-Round::Round(RoundSetup setup) : setup_(std::move(setup)), spawner_(setup_.seed, setup_.weights) {}
+Round::Round(RoundSetup setup)
+    : setup_(std::move(setup)), spawner_(setup_.seed, setup_.weights, setup_.settings.spawns) {}
 
 void Round::Update() {
   switch (phase_) {

@@ -11,10 +11,11 @@ constexpr float kLife_s = 1.0F;
 
 }  // namespace
 
-Spawner::Spawner(std::uint32_t seed, CellWeights weights)
-    : random_(seed), weights_(std::move(weights)) {}
+Spawner::Spawner(std::uint32_t seed, CellWeights weights, std::vector<ScheduledSpawn> schedule)
+    : random_(seed), weights_(std::move(weights)), schedule_(std::move(schedule)) {}
 
 std::optional<Spawn> Spawner::next(float time_s, int live, int max_targets) {
+  if (!schedule_.empty()) return nextScheduled(time_s);
   if (live >= max_targets || !(time_s > pause_end_s_) || free_.empty()) return std::nullopt;
   // The order of the draws is the reference's; a size of fixed range still costs a draw.
   pause_end_s_ = time_s + random_.range(0.0F, kMaximumPause_s);
@@ -24,6 +25,12 @@ std::optional<Spawn> Spawner::next(float time_s, int live, int max_targets) {
   random_.range(kLife_s, kLife_s);
   spawn.id = next_id_++;
   return spawn;
+}
+
+std::optional<Spawn> Spawner::nextScheduled(float time_s) {
+  const auto next = static_cast<std::size_t>(next_id_);
+  if (next >= schedule_.size() || time_s < schedule_[next].time_s) return std::nullopt;
+  return Spawn{.id = next_id_++, .cell = schedule_[next].cell};
 }
 
 int Spawner::takeCell() {

@@ -1,4 +1,5 @@
-// When and where the next target appears: the only user of the round's random numbers.
+// When and where the next target appears, drawn or from a list: the only user of the round's random
+// numbers.
 #pragma once
 
 #include <array>
@@ -7,10 +8,10 @@
 
 #include "sim2vr/core/archive.hpp"
 #include "sim2vr/core/random.hpp"
+#include "whacamole/conditions.hpp"
 
 namespace sim2vr::games::whacamole {
 
-inline constexpr int kCells = 9;
 /// Chance weight per cell; empty when all cells are equal.
 using CellWeights = std::vector<float>;
 
@@ -21,10 +22,12 @@ struct Spawn {
 
 class Spawner {
  public:
-  Spawner(std::uint32_t seed, CellWeights weights);
+  /// Draws the spawns, or takes them from `schedule` where that is not empty.
+  Spawner(std::uint32_t seed, CellWeights weights, std::vector<ScheduledSpawn> schedule = {});
 
-  /// A spawn at frame time `time_s`, or nothing: when `live` targets (fading ones included) are
-  /// already `max_targets`, or the pause after the last spawn is not over.
+  /// A spawn at frame time `time_s`, or nothing. Drawn: nothing when `live` targets (fading ones
+  /// included) are already `max_targets`, or the pause after the last spawn is not over. From the
+  /// schedule: the next one that is due, whatever lives.
   std::optional<Spawn> next(float time_s, int live, int max_targets);
 
   /// Gives a cell back once its target has disappeared.
@@ -33,11 +36,13 @@ class Spawner {
   void fields(Archive& archive);
 
  private:
+  std::optional<Spawn> nextScheduled(float time_s);
   int takeCell();
   int takeWeightedCell();
 
   Random random_;
   CellWeights weights_;
+  std::vector<ScheduledSpawn> schedule_;
   std::vector<int> free_{0, 3, 6, 1, 4, 7, 2, 5, 8};
   float pause_end_s_ = 0.0F;
   int next_id_ = 0;

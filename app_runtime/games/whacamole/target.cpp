@@ -20,6 +20,7 @@ const Vec3 kTriggerCenter(0.0, 0.0, -0.6);
 
 // A collider needs some size.
 constexpr float kSmallestScale = 1e-3F;
+constexpr float kShortest_s = 1e-3F;
 
 }  // namespace
 
@@ -51,7 +52,7 @@ void Target::begin(const Spawn& spawn) {
   transform().setLocalPosition(targetOrigin_m(cell_));
   spawn_time_ = clock().fixedTime();
   spawn_frame_time_ = clock().time();
-  expiry_ = spawn_time_ + (kLife_s + kFadeIn_s);
+  expiry_ = spawn_time_ + (round_.settings().life_s + round_.settings().fade_in_s);
   looks_->showAge(0.0);
 }
 
@@ -81,12 +82,15 @@ void Target::Update() {
   }
   const float age_s = clock().time() - spawn_time_;
   if (state_ == State::kFadeIn) fadeIn(age_s);
-  if (state_ == State::kAlive) looks_->showAge((age_s - kFadeIn_s) / kLife_s);
+  if (state_ != State::kAlive) return;
+  const Settings& settings = round_.settings();
+  looks_->showAge((age_s - settings.fade_in_s) / std::max(settings.life_s, kShortest_s));
 }
 
 void Target::fadeIn(float age_s) {
-  const bool done = age_s > kFadeIn_s;
-  const float scale = done ? 1.0F : std::max(age_s / kFadeIn_s, kSmallestScale);
+  const float fade_in_s = round_.settings().fade_in_s;
+  const bool done = fade_in_s <= 0.0F || age_s > fade_in_s;
+  const float scale = done ? 1.0F : std::max(age_s / fade_in_s, kSmallestScale);
   transform().setLocalScale(kTargetRadius_m * scale);
   if (done) state_ = State::kAlive;
 }

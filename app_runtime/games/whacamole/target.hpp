@@ -12,8 +12,6 @@ class Round;
 class TargetLooks;
 
 inline constexpr double kTargetRadius_m = 0.025;
-inline constexpr float kFadeIn_s = 0.1F;
-inline constexpr float kLife_s = 1.0F;
 inline constexpr float kFadeOut_s = 0.3F;
 
 /// All times are binary32 on the scene's clock, as in the reference: when a miss falls between two

@@ -1,6 +1,12 @@
 """The app in the loop: one interface, in-process transport; the only importer of the extension."""
 
-from sim2vr_harness.client.base import AppClient, AppReply, DevicePoses, OptionValue
+from sim2vr_harness.client.base import (
+    AppClient,
+    AppReply,
+    ClockSettings,
+    DevicePoses,
+    OptionValue,
+)
 from sim2vr_harness.client.in_process import (
     InProcessApp,
     frame_time_ns,
@@ -12,6 +18,7 @@ from sim2vr_harness.client.in_process import (
 __all__ = [
     "AppClient",
     "AppReply",
+    "ClockSettings",
     "DevicePoses",
     "InProcessApp",
     "OptionValue",

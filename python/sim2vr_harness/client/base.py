@@ -9,16 +9,33 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-OptionValue = bool | int | float | str
+OptionValue = bool | int | float | str | list[float]
 UInt8Array = NDArray[np.uint8]
 Float64Array = NDArray[np.float64]
+Int64Array = NDArray[np.int64]
 
 ThirdPersonView = Literal["recorder", "spectator"]
 
 
 @dataclass(frozen=True)
+class ClockSettings:
+    """The app's clock."""
+
+    fixed_delta_time_s: float = 0.002
+    """Period of the fixed steps (game physics), used as the nearest binary32, as in Unity."""
+    maximum_delta_time_s: float = 1.0 / 3.0
+    """A longer frame advances the game by this much only."""
+    fixed_step_tolerance_s: float = 0.0
+    """A fixed step belongs to the first frame at or after it, give or take this; rounded frame
+    times of a recording need 1e-5."""
+
+
+@dataclass(frozen=True)
 class DevicePoses:
-    """Tracked poses of one moment: rows of position x y z (m) and rotation x y z w, app frame."""
+    """Tracked poses: position x y z (m) and rotation x y z w, app frame.
+
+    Arrays of 7 for one moment, (K, 7) for K frames.
+    """
 
     head: Float64Array
     right_controller: Float64Array | None = None
@@ -51,25 +68,45 @@ class AppClient(Protocol):
         """
 
     def reset(
-        self, seed: int, poses: DevicePoses, options: Mapping[str, OptionValue] | None = None
+        self,
+        seed: int,
+        poses: DevicePoses,
+        options: Mapping[str, OptionValue] | None = None,
+        *,
+        time_ns: int = 0,
     ) -> AppReply:
-        """Starts a round at game time 0 and runs its first frame.
+        """Starts a round and runs its first frame.
 
         Args:
             seed: 32-bit seed; the round is a function of it and the input alone.
             poses: device poses at the start.
             options: game options of this and later rounds, on top of those given before.
+            time_ns: game time of the first frame; not 0 where a recording's clock is kept.
 
         Raises:
             ValueError: names the option or pose that cannot be used, got and expected.
         """
 
     def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
-        """Runs one frame at ``time_ns`` after the reset and renders it.
+        """Runs one frame at game time ``time_ns`` and renders it.
 
         Raises:
             ValueError: a pose is not finite, a rotation not normalised, the time runs backwards.
             RuntimeError: no round was started or the app is closed.
+        """
+
+    def step_frames(self, times_ns: Int64Array, poses: DevicePoses) -> AppReply:
+        """One user step of K frames, of which the last is rendered.
+
+        The reward is the frames' sum; when the round ends before the last frame, the rest are
+        not run.
+
+        Args:
+            times_ns: (K,) int64 game times, ascending.
+            poses: of K frames, (K, 7).
+
+        Raises:
+            ValueError, RuntimeError: as :meth:`step`; then no frame was run.
         """
 
     def render_headset(self, width: int, height: int) -> UInt8Array:

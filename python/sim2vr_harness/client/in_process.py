@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.client.base import (
     AppReply,
+    ClockSettings,
     DevicePoses,
+    Int64Array,
     OptionValue,
     ThirdPersonView,
     UInt8Array,
@@ -64,6 +67,7 @@ class InProcessApp:
         height: of the headset image, pixels.
         renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``.
         log_dir: folder for ``states.csv`` and ``events.csv`` of every round, or None.
+        clock: fixed step and tolerances of the app's clock.
 
     Raises:
         ValueError: unknown game or option, unusable size; names the field, got and expected.
@@ -79,6 +83,7 @@ class InProcessApp:
         height: int = 80,
         renderer: str = "automatic",
         log_dir: Path | None = None,
+        clock: ClockSettings | None = None,
     ) -> None:
         self._app: Any = _runtime().App(
             game=game,
@@ -87,6 +92,7 @@ class InProcessApp:
             height=height,
             renderer=renderer,
             log_dir="" if log_dir is None else str(log_dir),
+            **asdict(clock or ClockSettings()),
         )
 
     def _open(self) -> Any:
@@ -106,7 +112,12 @@ class InProcessApp:
         return view
 
     def reset(
-        self, seed: int, poses: DevicePoses, options: Mapping[str, OptionValue] | None = None
+        self,
+        seed: int,
+        poses: DevicePoses,
+        options: Mapping[str, OptionValue] | None = None,
+        *,
+        time_ns: int = 0,
     ) -> AppReply:
         """See :class:`AppClient`."""
         if not 0 <= seed < 2**32:
@@ -118,6 +129,7 @@ class InProcessApp:
                 poses.head,
                 poses.left_controller,
                 poses.right_controller,
+                time_ns,
             )
         )
 
@@ -125,6 +137,14 @@ class InProcessApp:
         """See :class:`AppClient`."""
         return AppReply(
             *self._open().step(time_ns, poses.head, poses.left_controller, poses.right_controller)
+        )
+
+    def step_frames(self, times_ns: Int64Array, poses: DevicePoses) -> AppReply:
+        """See :class:`AppClient`."""
+        return AppReply(
+            *self._open().step_frames(
+                times_ns, poses.head, poses.left_controller, poses.right_controller
+            )
         )
 
     def render_headset(self, width: int, height: int) -> UInt8Array:

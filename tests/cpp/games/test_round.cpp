@@ -184,14 +184,15 @@ TEST_F(RoundLogTest, WritesStatesAndEvents) {
   EXPECT_EQ(states[0], "condition easy, random seed 13259");
   EXPECT_EQ(states[2].rfind("0, 0, 0, 0, 0, 0, 0, 1, ", 0), 0U)
       << states[2];  // left controller off
-  EXPECT_EQ(states[3].rfind("0.05, ", 0), 0U) << states[3];
+  EXPECT_EQ(states[3].rfind("0.049999997, ", 0), 0U) << states[3];
   const auto events = lines("0000-easy/events.csv");
   ASSERT_GE(events.size(), 5U);
   EXPECT_EQ(events[0], "0, target plane transform 0.15 1.1 0.4 0 0 0 1");
   EXPECT_EQ(
       events[1].rfind("0, grid mapping [0 0 0 -0.125 0.125 0.025 1.225 0.4] [1 0 1 0 0.125", 0), 0U)
       << events[1];
-  EXPECT_EQ(events[2].rfind("0.05, target_spawn, target ID 0, grid ID ", 0), 0U) << events[2];
+  EXPECT_EQ(events[2].rfind("0.049999997, target_spawn, target ID 0, grid ID ", 0), 0U)
+      << events[2];
   EXPECT_NE(events[3].find(", target_miss, target ID 0, grid ID "), std::string::npos) << events[3];
   EXPECT_NE(events.back().find("episode statistics, contacts 0, hits 0, misses 1, hit rate 0"),
             std::string::npos)

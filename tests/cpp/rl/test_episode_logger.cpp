@@ -32,14 +32,16 @@ class EpisodeLoggerTest : public ::testing::Test {
   const std::vector<std::string> names_{"head", "marker"};
 };
 
-TEST(FormatFloat, PrintsSevenDigitsAsTheReferenceDoes) {
-  EXPECT_EQ(formatFloat(0.0999999940), "0.09999999");
+TEST(FormatFloat, PrintsTheFewestDigitsThatGiveTheNumberBack) {
+  EXPECT_EQ(formatFloat(0.0999999940), "0.099999994");
+  EXPECT_EQ(formatFloat(0.05), "0.05");
+  EXPECT_EQ(formatFloat(0.049999997), "0.049999997");
   EXPECT_EQ(formatFloat(328.9481), "328.9481");
   EXPECT_EQ(formatFloat(-0.0871557), "-0.0871557");
   EXPECT_EQ(formatFloat(2.188797e-8), "2.188797E-08");
   EXPECT_EQ(formatFloat(0.0001), "0.0001");
   EXPECT_EQ(formatFloat(0.00001), "1E-05");
-  EXPECT_EQ(formatFloat(12345678.0), "1.234568E+07");
+  EXPECT_EQ(formatFloat(12345678.0), "12345678");
   EXPECT_EQ(formatFloat(-0.0), "0");
   EXPECT_EQ(formatFloat(1.0), "1");
   EXPECT_EQ(formatFloat(0.0 / 0.0), "NaN");

@@ -39,7 +39,7 @@ xr::DeviceState player(double hand_z) {
 /// hashes.
 std::vector<std::uint64_t> play(App& app, int frames) {
   std::vector<std::uint64_t> hashes;
-  app.reset(3, "{}", player(0.2));
+  app.reset({.seed = 3}, player(0.2));
   for (int n = 1; n <= frames; ++n) {
     app.step({n * kFrameNs, player(n % 4 == 3 ? 0.35 : 0.2)});
     hashes.push_back(app.stateHash());
@@ -76,15 +76,15 @@ TEST(App, RefusedOptionsLeaveTheRoundRunning) {
   App app(settings(), nullRenderer());
   play(app, 10);
   const std::uint64_t before = app.stateHash();
-  EXPECT_THROW(app.reset(1, R"({"condition": "nosuch"})", player(0.2)), InvalidArgument);
-  EXPECT_THROW(app.reset(1, "[1]", player(0.2)), InvalidArgument);
+  EXPECT_THROW(app.reset({1, R"({"condition": "nosuch"})"}, player(0.2)), InvalidArgument);
+  EXPECT_THROW(app.reset({1, "[1]"}, player(0.2)), InvalidArgument);
   EXPECT_EQ(app.stateHash(), before);
   app.step({11 * kFrameNs, player(0.2)});
 }
 
 TEST(App, OptionsOfAResetStayForLaterRounds) {
   App app(settings(R"({"round_seconds": 1.0})"), nullRenderer());
-  app.reset(1, R"({"round_seconds": 0.5})", player(0.2));
+  app.reset({1, R"({"round_seconds": 0.5})"}, player(0.2));
   for (int round = 0; round < 2; ++round) {
     int frames = 0;
     bool finished = false;
@@ -92,7 +92,7 @@ TEST(App, OptionsOfAResetStayForLaterRounds) {
     // 0.5 s is frame 10; the round ends at the first frame after it.
     EXPECT_EQ(frames, 11);
     EXPECT_THROW(app.step({12 * kFrameNs, player(0.2)}), StateError);
-    app.reset(1, "{}", player(0.2));
+    app.reset({.seed = 1}, player(0.2));
   }
 }
 

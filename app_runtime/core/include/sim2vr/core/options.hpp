@@ -26,6 +26,8 @@ class Options {
                         std::span<const std::string> choices);
   bool getBool(const std::string& name, bool fallback);
   double getNumber(const std::string& name, double fallback, double minimum, double maximum);
+  /// A list of numbers; empty when the option is not given.
+  std::vector<double> getNumbers(const std::string& name, double minimum, double maximum);
   bool has(const std::string& name) const;
 
   /// Throws InvalidArgument for the first option that was never read, with the nearest known name.

@@ -14,7 +14,8 @@
 
 namespace sim2vr::rl {
 
-/// A number as C# prints a float: 7 significant digits, exponent as E-05.
+/// A binary32 number with as few digits as give it back when read, exponent as E-05. The reference
+/// writes 7 digits, from which a replay cannot get the very same poses and times.
 std::string formatFloat(double value);
 /// "x y z".
 std::string formatVector(const Vec3& vector);

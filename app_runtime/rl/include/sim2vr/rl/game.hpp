@@ -56,6 +56,12 @@ class RLEnv : public scene::Component {
   const std::map<std::string, double>& log() const { return log_; }
   std::map<std::string, double>& log() { return log_; }
 
+  /// The runtime says how many frames the present user step has: a reward term that flows all the
+  /// time, other than one for an event, is divided by it, so that a user step is worth the same
+  /// whatever the tracking rate.
+  void setFramesPerStep(int frames) { frames_per_step_ = frames; }
+  int framesPerStep() const { return frames_per_step_; }
+
   void Start() final;
   void Update() final;
   /// Overriding classes call this one first.
@@ -65,6 +71,9 @@ class RLEnv : public scene::Component {
   float reward_ = 0.0F;
   bool finished_ = false;
   std::map<std::string, double> log_;
+
+ private:
+  int frames_per_step_ = 1;
 };
 
 /// What Game::build may use. The references outlive the scene's content.

@@ -29,8 +29,8 @@ struct AppSettings {
 };
 
 /// Input of one frame.
-struct StepInput {
-  /// Frame time on the caller's clock since the reset, ns. Must not go backwards.
+struct FrameInput {
+  /// Frame time on the game clock, ns. Must not go backwards.
   std::int64_t time_ns = 0;
   /// Poses in STAGE space, OpenXR's frame (xr/frames.hpp converts from the app's).
   xr::DeviceState devices;
@@ -48,6 +48,16 @@ enum class View : std::uint8_t { headset, recorder, spectator };
 /// "headset", "recorder" or "spectator"; throws InvalidArgument("view") for another word.
 View viewFromName(std::string_view name);
 
+/// Where a round begins.
+struct RoundStart {
+  std::uint32_t seed = 0;
+  /// Merged into the game's options for this and later rounds.
+  std::string_view options_json = "{}";
+  /// Time of the round's first frame, ns. Not 0 where a clock runs on over rounds, as in recordings
+  /// of the reference: fixed steps lie on the absolute grid, and binary32 times round differently.
+  std::int64_t time_ns = 0;
+};
+
 /// Life of a frame at t_n: every fixed step up to t_n (FixedUpdate, overlaps and trigger callbacks,
 /// with the poses of the previous frame), then the poses of this frame, the game's Update, the
 /// reward, LateUpdate, and the headset image.
@@ -64,16 +74,16 @@ class App {
   const AppSettings& settings() const { return settings_; }
   const render::Renderer& renderer() const { return *renderer_; }
 
-  /// Starts a round in a fresh scene, with the game clock at 0, and runs its first frame.
-  /// `options_json` is merged into the game's options for this and later rounds; when it is
-  /// refused, the running round goes on as if nothing had been asked. `devices`: as in StepInput.
-  StepResult reset(std::uint32_t seed, std::string_view options_json,
-                   const xr::DeviceState& devices);
+  /// Starts a round in a fresh scene, runs its first frame and renders it. When the options or
+  /// poses are refused, the running round goes on as if nothing had been asked.
+  StepResult reset(const RoundStart& start, const xr::DeviceState& devices);
 
-  /// Runs one frame and renders it. Throws StateError before the first reset and after the end of
-  /// the round; InvalidArgument for poses that are not finite or not normalised and for a time
-  /// before the previous frame's, and then nothing has moved.
-  StepResult step(const StepInput& input);
+  /// One user step: runs the frames in turn and renders the last one. The reward is their sum; when
+  /// the round ends before the last frame, the rest are not run. Throws StateError before the first
+  /// reset and after the end of the round; InvalidArgument for no frames at all, poses that are not
+  /// finite or not normalised, and a time before the previous frame's, and then nothing has moved.
+  StepResult step(std::span<const FrameInput> frames);
+  StepResult step(const FrameInput& frame) { return step(std::span(&frame, 1)); }
 
   /// The headset image of the last frame: height x width x 4 bytes (renderer.hpp). The address
   /// stays the same for the app's life; reset, step and load overwrite it. Black before the first
@@ -96,9 +106,10 @@ class App {
  private:
   struct Round;
 
-  void beginRound(std::uint32_t seed, rl::EpisodeLogger* logger);
+  void beginRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogger* logger);
   Round& round(std::string_view call);
-  StepResult runFrame(std::int64_t time_ns, const xr::DeviceState& devices);
+  void runFrame(std::int64_t time_ns, const xr::DeviceState& devices);
+  StepResult showFrame(float reward);
   void fields(Archive& archive);
 
   AppSettings settings_;

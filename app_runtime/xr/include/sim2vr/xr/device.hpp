@@ -54,7 +54,8 @@ struct DeviceState {
 XrPosef compose(const XrPosef& a, const XrPosef& b);
 XrPosef inverse(const XrPosef& pose);
 
-/// The state with its rotations normalised. Throws InvalidArgument naming the value, such as
+/// The state with its rotations normalised (those that are already, to binary32, keep their bits).
+/// Throws InvalidArgument naming the value, such as
 /// "right_controller.rotation", when a number is not finite, a quaternion's length differs from 1
 /// by more than 1e-3, or an analogue input is outside its range. Of an inactive controller nothing
 /// is checked and nothing kept.

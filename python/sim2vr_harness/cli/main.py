@@ -183,6 +183,73 @@ def _first(summaries: dict[str, dict[str, Any]]) -> dict[str, Any]:
 
 
 @app.command()
+def replay(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PATH...",
+            help="Recorded rounds: folders with states.csv and events.csv, packed .npz rounds with "
+            "their manifest.json, or folders above such.",
+        ),
+    ],
+    closed: Annotated[
+        bool, typer.Option("--closed", help="Seed and poses only: spawns are predicted as well.")
+    ] = False,
+    unconstrained: Annotated[
+        bool,
+        typer.Option("--unconstrained", help="Every touch was a hit, though the logs do not say."),
+    ] = False,
+    fixed_step: Annotated[
+        float | None,
+        typer.Option(help="Period of the recording's fixed steps, s; worked out by default."),
+    ] = None,
+    log: Annotated[
+        Path | None, typer.Option(help="Keep the replayed rounds' own logs in this folder.")
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(metavar="OUT.mp4", help="Film the player's view and the game from outside."),
+    ] = None,
+    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of each view in the film.")] = "640x480",
+    fps: Annotated[float, typer.Option(help="Pictures per second of the film.")] = 30.0,
+    json: JsonOption = False,
+) -> None:
+    """Play recorded rounds again and compare every event with the recording."""
+    from sim2vr_harness.evaluation.replay.film import ReplayFilm
+    from sim2vr_harness.evaluation.replay.recordings import read_recordings
+    from sim2vr_harness.evaluation.replay.replayer import Replay, replay_all
+    from sim2vr_harness.evaluation.replay.report import ReplayReport
+    from sim2vr_harness.evaluation.snapshot import parse_size
+    from sim2vr_harness.training.errors import InputError
+
+    if fixed_step is not None and not 1e-4 <= fixed_step <= 1.0:
+        raise InputError("--fixed-step", f"{fixed_step:g}", "a period from 0.0001 to 1 s")
+    recordings = read_recordings(paths, unconstrained=unconstrained)
+    replays: list[Replay] = []
+    with _Share("Replaying") as share:
+        film = None
+        if video is not None:
+            film = ReplayFilm(
+                video,
+                parse_size(size, (4096, 4096)),
+                fps,
+                on_progress=lambda part: share.show((len(replays) + part) / len(recordings)),
+            )
+        for done in replay_all(
+            recordings, closed_loop=closed, fixed_step_s=fixed_step, log_dir=log, film=film
+        ):
+            replays.append(done)
+            share.show(len(replays) / len(recordings))
+    found = ReplayReport(replays)
+    if json:
+        _print_json(found.as_json())
+        return
+    found.print(Console())
+    for file in film.files if film else []:
+        typer.echo(f"Written: {file}")
+
+
+@app.command()
 def curves(
     runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
     out: Annotated[Path, typer.Option(help="The PNG file to write.")] = Path("curves.png"),

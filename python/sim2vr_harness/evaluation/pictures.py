@@ -152,14 +152,16 @@ def compose(panels: Mapping[str, Picture], title: str, text: str) -> Picture:
     return Painter(sizes).frame(panels, title, text)
 
 
-def score_text(log: Mapping[str, float], seconds: float, total_return: float) -> str:
+def score_text(log: Mapping[str, float], seconds: float, total_return: float | None = None) -> str:
     """Return the header's numbers: ``Hits 3  Misses 1  Contacts 0   return 12.3   t 4.5 s``."""
     parts = [
         f"{label} {log[key]:.0f}"
         for key, label in (("Points", "Hits"), ("Misses", "Misses"), ("Contacts", "Contacts"))
         if key in log
     ]
-    return "   ".join([*parts, f"return {total_return:.1f}", f"t {seconds:4.1f} s"])
+    if total_return is not None:
+        parts.append(f"return {total_return:.1f}")
+    return "   ".join([*parts, f"t {seconds:4.1f} s"])
 
 
 def _label(draw: ImageDraw.ImageDraw, text: str, x: int, y: int) -> None:

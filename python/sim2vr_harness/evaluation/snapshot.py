@@ -19,8 +19,8 @@ from sim2vr_harness.training.errors import InputError
 __all__ = ["parse_size", "snapshot"]
 
 
-def parse_size(text: str) -> tuple[int, int]:
-    """Return (width, height) of ``WIDTHxHEIGHT``.
+def parse_size(text: str, largest: tuple[int, int] = (1280, 960)) -> tuple[int, int]:
+    """Return (width, height) of ``WIDTHxHEIGHT``, 16x16 to ``largest``.
 
     Raises:
         InputError: It is something else, or out of range.
@@ -29,8 +29,8 @@ def parse_size(text: str) -> tuple[int, int]:
     if not (width.isdigit() and height.isdigit()):
         raise InputError("--size", repr(text), "WIDTHxHEIGHT in pixels, for example 640x480")
     size = int(width), int(height)
-    if not (16 <= size[0] <= 1280 and 16 <= size[1] <= 960):
-        raise InputError("--size", repr(text), "16x16 to 1280x960")
+    if not (16 <= size[0] <= largest[0] and 16 <= size[1] <= largest[1]):
+        raise InputError("--size", repr(text), f"16x16 to {largest[0]}x{largest[1]}")
     return size
 
 

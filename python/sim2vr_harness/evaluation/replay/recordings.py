@@ -1,0 +1,307 @@
+"""Recorded rounds of Whac-A-Mole, read from the three forms in which they exist.
+
+- A folder with ``states.csv`` and ``events.csv``: the original's logger, and ours.
+- A packed round ``NAME.npz`` with ``NAME_events.csv``, listed in a ``manifest.json`` beside them.
+- A folder above any of these.
+
+Poses are in the app's frame (Unity: left-handed, x right, y up, z forward): position x y z in
+metres, rotation x y z w.
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.training.errors import InputError
+
+__all__ = ["Event", "Recording", "read_events", "read_recordings"]
+
+FloatArray = NDArray[np.float64]
+
+_UNCONSTRAINED = "-unconstrained"
+_KINDS = ("spawn", "hit", "contact", "miss")
+# Columns of states.csv: the time, then left and right controller, head and marker, 7 numbers each.
+_STATE_COLUMNS = 1 + 4 * 7
+_TITLE = re.compile(r"condition\s+(?P<condition>\S+?)\s*,\s*random seed\s+(?P<seed>-?\d+)\s*")
+_TARGET_EVENT = re.compile(
+    r"(?P<t>[^,\s]+)\s*,\s*target_(?P<kind>\w+)\s*,\s*target ID (?P<target>\d+)\s*,"
+    r"\s*grid ID (?P<cell>\d+)(?:\s*,\s*velocity (?P<velocity>.*\S))?\s*"
+)
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened to a target."""
+
+    time_s: float
+    """On the game's clock: of the frame for a spawn, of the fixed step for the others."""
+    kind: str
+    """``spawn``, ``hit``, ``contact`` (a touch too slow for a hit) or ``miss``."""
+    target: int
+    """Counts the round's spawns from 0."""
+    cell: int
+    """0 to 8, row by row from the top left as the player sees it."""
+    velocity_mps: tuple[float, float, float] | None = None
+    """The game's smoothed hammer velocity, world axes; of hits and contacts."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """One recorded round.
+
+    Attributes:
+        name: Short name for tables.
+        source: File or folder that it was read from.
+        condition: The game's condition, with ``-unconstrained`` where any touch was a hit.
+        seed: Of the round's random numbers.
+        times_s: (N,) frame times as logged, absolute game time. Frame 0 placed the target area;
+            the others are the frames of play.
+        head: (N, 7) poses of the head.
+        right: (N, 7) poses of the right controller.
+        events: In the order of the file.
+        finished: The round was played to its end.
+        fixed_step_s: Period of the game's fixed steps, or None when the source does not say.
+    """
+
+    name: str
+    source: Path
+    condition: str
+    seed: int
+    times_s: FloatArray
+    head: FloatArray
+    right: FloatArray
+    events: tuple[Event, ...]
+    finished: bool
+    fixed_step_s: float | None = None
+
+    @property
+    def constrained(self) -> bool:
+        """Whether a hit needed speed."""
+        return not self.condition.endswith(_UNCONSTRAINED)
+
+
+def read_recordings(paths: Iterable[Path], *, unconstrained: bool = False) -> list[Recording]:
+    """Read every round at or below the paths.
+
+    Args:
+        paths: Folders or packed ``.npz`` files.
+        unconstrained: Every touch was a hit in rounds whose logs do not say (the original's logs of
+            the unconstrained version carry the plain condition name).
+
+    Raises:
+        InputError: A path holds no round, or a file cannot be read as one; names file and line.
+    """
+    found: list[Recording] = []
+    for path in paths:
+        rounds = list(_rounds_at(path, unconstrained))
+        if not rounds:
+            raise InputError(
+                "PATH",
+                str(path),
+                "a folder with states.csv and events.csv, or with manifest.json, NAME.npz and "
+                "NAME_events.csv; or a folder above such ones",
+            )
+        found += rounds
+    return found
+
+
+def _rounds_at(path: Path, unconstrained: bool) -> Iterator[Recording]:
+    if not path.exists():
+        raise InputError("PATH", str(path), "a folder or file that exists")
+    if path.suffix == ".npz":
+        manifest = path.parent / "manifest.json"
+        yield _packed_round(_trial(manifest, path.stem), path, unconstrained)
+        return
+    folder = path if path.is_dir() else path.parent
+    if (folder / "states.csv").is_file():
+        yield _logged_round(folder, unconstrained)
+        return
+    if (folder / "manifest.json").is_file():
+        manifest = folder / "manifest.json"
+        for trial in _trials(manifest):
+            yield _packed_round(trial, folder / f"{trial['file']}.npz", unconstrained)
+        return
+    if path.is_dir():
+        for below in sorted(p for p in path.iterdir() if p.is_dir()):
+            yield from _rounds_at(below, unconstrained)
+
+
+# --- the original's logs, and ours ---------------------------------------------------------------
+
+
+def _logged_round(folder: Path, unconstrained: bool) -> Recording:
+    states, events = folder / "states.csv", folder / "events.csv"
+    lines = _lines(states)
+    title = _TITLE.fullmatch(lines[0]) if lines else None
+    if title is None:
+        got = repr(lines[0][:60]) if lines else "an empty file"
+        raise InputError(f"{states}, line 1", got, "'condition NAME, random seed N'")
+    rows = _numbers(states, lines)
+    condition = title["condition"]
+    if unconstrained and not condition.endswith(_UNCONSTRAINED):
+        condition += _UNCONSTRAINED
+    return Recording(
+        name=folder.name,
+        source=folder,
+        condition=condition,
+        seed=int(title["seed"]) % 2**32,
+        times_s=rows[:, 0],
+        right=rows[:, 8:15],
+        head=rows[:, 15:22],
+        events=read_events(events),
+        finished=any("episode statistics" in line for line in _lines(events)[-3:]),
+    )
+
+
+def _lines(path: Path) -> list[str]:
+    try:
+        return path.read_text(encoding="utf-8-sig").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError("PATH", f"{path} ({error})", "a readable log") from error
+
+
+def _numbers(states: Path, lines: list[str]) -> FloatArray:
+    # A round that was cut off may end in the middle of a line.
+    last = len(lines) - 1
+    rows = []
+    for i, line in enumerate(lines[2:], start=2):
+        fields = line.replace(",", " ").split()
+        if not fields:
+            continue
+        try:
+            row = [float(field) for field in fields]
+        except ValueError:
+            row = []
+        if len(row) != _STATE_COLUMNS:
+            if i == last:
+                break
+            raise InputError(
+                f"{states}, line {i + 1}", repr(line[:60]), f"{_STATE_COLUMNS} numbers"
+            )
+        rows.append(row)
+    if len(rows) < 3:
+        raise InputError(str(states), f"{len(rows)} frames", "3 frames or more")
+    return _checked_frames(states, np.array(rows))
+
+
+def _checked_frames(source: Path, rows: FloatArray) -> FloatArray:
+    """Rows that begin with the time: all finite, times not falling."""
+    bad = np.flatnonzero(~np.isfinite(rows).all(axis=1))
+    if len(bad):
+        raise InputError(f"{source}, frame {bad[0]}", "a value that is not finite", "numbers")
+    back = np.flatnonzero(np.diff(rows[:, 0]) < 0)
+    if len(back):
+        i = int(back[0])
+        got = f"time {rows[i + 1, 0]:g} after {rows[i, 0]:g}"
+        raise InputError(f"{source}, frame {i + 1}", got, "times that do not go backwards")
+    return rows
+
+
+def read_events(path: Path) -> tuple[Event, ...]:
+    """The targets' events of an ``events.csv``, other lines left out.
+
+    Raises:
+        InputError: The file or a line of it cannot be read.
+    """
+    events = []
+    lines = _lines(path)
+    for number, line in enumerate(lines, start=1):
+        if "target_" not in line:
+            continue
+        match = _TARGET_EVENT.fullmatch(line.strip())
+        try:
+            if match is None:
+                raise ValueError
+            events.append(
+                _event(
+                    match["t"],
+                    match["kind"],
+                    match["target"],
+                    match["cell"],
+                    (match["velocity"] or "").split(),
+                )
+            )
+        except ValueError:
+            if number == len(lines):
+                break
+            expected = "'T, target_KIND, target ID N, grid ID G[, velocity X Y Z]'"
+            raise InputError(f"{path}, line {number}", repr(line[:60]), expected) from None
+    return tuple(events)
+
+
+def _event(t: str, kind: str, target: str, cell: str, velocity: list[str]) -> Event:
+    """An event from its texts; ValueError when one of them cannot be right."""
+    speeds = tuple(float(v) for v in velocity)
+    if kind not in _KINDS or not 0 <= int(cell) < 9 or len(speeds) not in (0, 3):
+        raise ValueError
+    three = (speeds[0], speeds[1], speeds[2]) if speeds else None
+    return Event(float(t), kind, int(target), int(cell), three)
+
+
+# --- the packed form -----------------------------------------------------------------------------
+
+
+def _trials(manifest: Path) -> list[dict[str, Any]]:
+    try:
+        trials = json.loads(manifest.read_text())["trials"]
+        return [trial for trial in trials if trial["file"] and "seed" in trial]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        got = f"{type(error).__name__}: {error}"
+        raise InputError(str(manifest), got, "a JSON object with a list 'trials'") from error
+
+
+def _trial(manifest: Path, name: str) -> dict[str, Any]:
+    for trial in _trials(manifest):
+        if trial["file"] == name:
+            return trial
+    raise InputError(str(manifest), f"no trial {name!r}", "one for every packed round")
+
+
+def _packed_round(trial: dict[str, Any], file: Path, unconstrained: bool) -> Recording:
+    try:
+        with np.load(file) as packed:
+            t, head, right = (packed[key].astype(float) for key in ("t", "head", "right"))
+    except (OSError, ValueError, KeyError) as error:
+        raise InputError(str(file), str(error), "arrays t, head and right") from error
+    if not (t.ndim == 1 and len(t) >= 3 and head.shape == right.shape == (len(t), 7)):
+        got = f"shapes {t.shape}, {head.shape}, {right.shape}"
+        raise InputError(str(file), got, "t (N,), head and right (N, 7), N of 3 or more")
+    _checked_frames(file, np.column_stack([t, head, right]))
+    condition = str(trial["condition"])
+    if (unconstrained or not trial.get("constrained", True)) and not condition.endswith(
+        _UNCONSTRAINED
+    ):
+        condition += _UNCONSTRAINED
+    return Recording(
+        name=str(trial["file"]),
+        source=file,
+        condition=condition,
+        seed=int(trial["seed"]) % 2**32,
+        times_s=t,
+        head=head,
+        right=right,
+        events=_packed_events(file.with_name(f"{file.stem}_events.csv")),
+        finished=True,
+        fixed_step_s=trial.get("fixed_timestep"),
+    )
+
+
+def _packed_events(path: Path) -> tuple[Event, ...]:
+    events = []
+    for number, row in enumerate(csv.DictReader(_lines(path)), start=2):
+        try:
+            velocity = [row[axis] for axis in ("vx", "vy", "vz") if row[axis]]
+            events.append(_event(row["t"], row["type"], row["target_id"], row["grid_id"], velocity))
+        except (KeyError, TypeError, ValueError):
+            expected = "t,type,target_id,grid_id,vx,vy,vz"
+            raise InputError(f"{path}, line {number}", repr(row), expected) from None
+    return tuple(events)

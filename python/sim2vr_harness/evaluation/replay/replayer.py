@@ -1,0 +1,154 @@
+"""Plays a recording through the app: the recorded poses at the recorded times."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+
+from sim2vr_harness.client import AppClient, AppReply, DevicePoses, InProcessApp, OptionValue
+from sim2vr_harness.evaluation.replay.film import ReplayFilm
+from sim2vr_harness.evaluation.replay.recordings import Event, Recording, read_events
+from sim2vr_harness.evaluation.replay.timing import Timing, spawn_schedule, timing_of
+
+__all__ = ["Replay", "replay", "replay_all"]
+
+Watch = Callable[[AppClient, Timing, int, AppReply], None]
+"""Called after frame i of the recording (the app, the timing, i, the app's reply)."""
+
+
+@dataclass(frozen=True)
+class Replay:
+    """What our game made of a recording."""
+
+    recording: Recording
+    timing: Timing
+    closed_loop: bool
+    """Spawns were predicted as well, from the seed; otherwise they were taken from the log."""
+    events: tuple[Event, ...]
+
+
+def replay(
+    recording: Recording,
+    *,
+    closed_loop: bool = False,
+    fixed_step_s: float | None = None,
+    options: Mapping[str, OptionValue] | None = None,
+    log_dir: Path | None = None,
+    renderer: str = "null",
+    watch: Watch | None = None,
+) -> Replay:
+    """Play a recording again.
+
+    The app is the one of every other mode, driven with the recording's frame times on the
+    recording's absolute clock.
+
+    Args:
+        recording: The round.
+        closed_loop: Seed and poses only; without, spawns are taken from the log as well.
+        fixed_step_s: Period of the recording's fixed steps, s; None works it out.
+        options: Further options of the game, over the recording's.
+        log_dir: Keeps the replayed round's log here.
+        renderer: What the app draws with.
+        watch: Sees every frame; without it, the frames go to the app in one call.
+
+    Raises:
+        InputError: The recording is none of this game, or its clock cannot be worked out.
+    """
+    timing = timing_of(recording, fixed_step_s)
+    with tempfile.TemporaryDirectory() as temporary:
+        root = Path(temporary) if log_dir is None else log_dir / recording.name
+        with InProcessApp(
+            "whacamole",
+            {**_options(recording, timing, closed_loop), **(options or {})},
+            renderer=renderer,
+            log_dir=root,
+            clock=timing.clock,
+        ) as app:
+            _play(app, recording, timing, watch)
+        log = max(root.glob("*/events.csv"))
+        return Replay(recording, timing, closed_loop, read_events(log))
+
+
+def _options(recording: Recording, timing: Timing, closed_loop: bool) -> dict[str, OptionValue]:
+    options: dict[str, OptionValue] = {
+        "condition": recording.condition,
+        "head_rotation": "device",
+        "countdown_seconds": timing.countdown_s,
+        "round_seconds": timing.round_s,
+    }
+    if not closed_loop:
+        times, cells = spawn_schedule(recording, timing.frame_times_ns)
+        options |= {"spawn_times": times, "spawn_cells": [float(cell) for cell in cells]}
+    return options
+
+
+def _play(app: AppClient, recording: Recording, timing: Timing, watch: Watch | None) -> None:
+    times_ns = timing.frame_times_ns
+    reply = app.reset(recording.seed, _poses(recording, 0), time_ns=int(times_ns[0]))
+    if watch is not None:
+        watch(app, timing, 0, reply)
+    if timing.play_start_ns is not None:
+        # The log has no row for the frame that started play; the hammer is where it is next.
+        app.step(timing.play_start_ns, _poses(recording, 1))
+    if watch is None:
+        app.step_frames(times_ns[1:], _poses(recording, slice(1, None)))
+        return
+    for i in range(1, len(times_ns)):
+        if reply.finished:
+            break
+        reply = app.step(int(times_ns[i]), _poses(recording, i))
+        watch(app, timing, i, reply)
+
+
+def _poses(recording: Recording, frames: int | slice) -> DevicePoses:
+    return DevicePoses(recording.head[frames], recording.right[frames])
+
+
+def replay_all(
+    recordings: list[Recording],
+    *,
+    closed_loop: bool = False,
+    fixed_step_s: float | None = None,
+    options: Mapping[str, OptionValue] | None = None,
+    log_dir: Path | None = None,
+    film: ReplayFilm | None = None,
+    threads: int = 2,
+) -> Iterator[Replay]:
+    """Replay many recordings in their order, side by side unless they are filmed.
+
+    See :func:`replay`.
+    """
+    named = _with_distinct_names(recordings)
+    one = partial(
+        replay,
+        closed_loop=closed_loop,
+        fixed_step_s=fixed_step_s,
+        options=options,
+        log_dir=log_dir,
+    )
+    if film is None:
+        with ThreadPoolExecutor(threads) as pool:
+            yield from pool.map(one, named)
+        return
+    for recording in named:
+        with film.round(recording, only=len(named) == 1) as round_film:
+            done = one(recording, renderer="automatic", watch=round_film.watch)
+        yield done
+
+
+def _with_distinct_names(recordings: list[Recording]) -> list[Recording]:
+    """Rounds that share a name get as much of their path in front as tells them apart."""
+    names = [recording.name for recording in recordings]
+    deepest = max(len(recording.source.resolve().parts) for recording in recordings)
+    for depth in range(1, deepest):
+        if len(set(names)) == len(names):
+            break
+        names = [
+            "/".join([*recording.source.resolve().parts[-1 - depth : -1], recording.name])
+            for recording in recordings
+        ]
+    return [replace(r, name=name) for r, name in zip(recordings, names, strict=True)]

@@ -31,7 +31,9 @@ class Spawner {
   std::optional<Spawn> next(float time_s, int live, int max_targets);
 
   /// Gives a cell back once its target has disappeared.
-  void release(int cell) { free_.push_back(cell); }
+  void release(int cell) {
+    if (schedule_.empty()) free_.push_back(cell);
+  }
 
   void fields(Archive& archive);
 

@@ -53,6 +53,7 @@ void Target::begin(const Spawn& spawn) {
   spawn_time_ = clock().fixedTime();
   spawn_frame_time_ = clock().time();
   expiry_ = spawn_time_ + (round_.settings().life_s + round_.settings().fade_in_s);
+  if (round_.settings().fade_in_s <= 0.0F) state_ = State::kAlive;
   looks_->showAge(0.0);
 }
 
@@ -89,7 +90,7 @@ void Target::Update() {
 
 void Target::fadeIn(float age_s) {
   const float fade_in_s = round_.settings().fade_in_s;
-  const bool done = fade_in_s <= 0.0F || age_s > fade_in_s;
+  const bool done = age_s > fade_in_s;
   const float scale = done ? 1.0F : std::max(age_s / fade_in_s, kSmallestScale);
   transform().setLocalScale(kTargetRadius_m * scale);
   if (done) state_ = State::kAlive;

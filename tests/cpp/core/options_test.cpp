@@ -65,6 +65,18 @@ TEST(Options, UnknownOptionSuggestsAKnownName) {
       "you mean 'condition'?");
 }
 
+TEST(Options, ListsOfNumbers) {
+  Options options = Options::fromJson(R"({"times": [0, 1.5, 3], "one": 2, "cells": [1, 9, "x"]})");
+  EXPECT_EQ(options.getNumbers("times", 0.0, 10.0), (std::vector<double>{0.0, 1.5, 3.0}));
+  EXPECT_TRUE(options.getNumbers("absent", 0.0, 1.0).empty());
+  EXPECT_EQ(errorOf([&] { options.getNumbers("one", 0.0, 10.0); }),
+            "option 'one': got 2, expected a list of numbers");
+  EXPECT_EQ(errorOf([&] { options.getNumbers("cells", 0.0, 8.0); }),
+            "option 'cells'[1]: got 9, expected a number from 0.0 to 8.0");
+  EXPECT_EQ(errorOf([&] { options.getNumbers("cells", 0.0, 10.0); }),
+            "option 'cells'[2]: got \"x\", expected a number from 0.0 to 10.0");
+}
+
 TEST(Options, OnlyAnObjectIsAccepted) {
   EXPECT_EQ(errorOf([] { Options::fromJson("[1, 2]"); }),
             "options: got '[1, 2]', expected a JSON object");

@@ -58,6 +58,28 @@ TEST(Hammer, VelocityIgnoresTheHead) {
   EXPECT_LT(round.round().hammer().velocity_mps().norm(), 1e-5);
 }
 
+// The head's centre lies 0.139758 m along the hammer's y axis: half a turn about x moves it by
+// -0.279517 m in y and 0.0016356 m in z, in 50 ms.
+TEST(Hammer, SettingsChooseTheHeadAndTheSmoothing) {
+  WhacAMoleRound round(R"({"velocity_point": "head", "velocity_smoothing": 1.0})", 1,
+                       testing::referenceTime(), nullptr, 50'000'000);
+  const Pose root{Vec3(0.0, 1.0, 0.0), Quat::Identity()};
+  const Pose turned{root.position, Quat(0.0, 1.0, 0.0, 0.0)};
+  const Pose head{Vec3(0, 1.2, 0), Quat::Identity()};
+  round.harness.frame(0, {head, root * kControllerToHammer.inverse()});
+  round.harness.frame(50'000'000, {head, turned * kControllerToHammer.inverse()});
+  const Vec3 expected = Vec3(0.0, -2.0 * 0.13975825, 2.0 * 0.0008178129) / 0.05;
+  EXPECT_LT((round.round().hammer().velocity_mps() - expected).norm(), 1e-5);
+}
+
+TEST(Hammer, MarginGrowsTheHitBoxOnEverySide) {
+  WhacAMoleRound round(R"({"hammer_margin_m": 0.001})");
+  round.idle();
+  const auto& object = *round.harness.scene().find("XR Rig/RightHand Controller/Hammer");
+  const auto& box = std::get<physics::Box>(object.getComponent<physics::Collider>()->shape());
+  EXPECT_TRUE((box.size * 0.1).isApprox(Vec3(0.102, 0.057, 0.057), 1e-12));
+}
+
 TEST(Hammer, TwoFramesAtTheSameTimeKeepTheVelocity) {
   WhacAMoleRound round("{}", 1, testing::referenceTime(), nullptr, 0);
   round.frameWithRoot(Vec3(0.0, 1.0, 0.0));

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "sim2vr/core/errors.hpp"
 #include "whacamole_player.hpp"
 
 namespace sim2vr::games::whacamole {
@@ -68,6 +69,38 @@ TEST(Round, NeverExceedsTheMaximumAndReachesIt) {
     }
     EXPECT_EQ(most, maximum) << condition;
   }
+}
+
+TEST(Round, ScheduledSpawnsComeInTheirFramesAndCells) {
+  WhacAMoleRound round(R"({"condition": "easy", "spawn_times": [0.1, 0.12, 0.2],
+                           "spawn_cells": [8, 8, 0]})");
+  std::vector<std::size_t> counts;
+  for (int n = 0; n < 6; ++n) {
+    round.idle();
+    counts.push_back(round.targets().size());
+  }
+  // Frame n lies just before 0.05 n s: 0.1 s is frame 3, 0.12 s frame 3 as well but one a frame.
+  EXPECT_EQ(counts, (std::vector<std::size_t>{0, 0, 0, 1, 2, 3}));
+  std::vector<int> cells;
+  for (const Target* target : round.targets()) cells.push_back(target->cell());
+  EXPECT_EQ(cells, (std::vector<int>{8, 8, 0}));
+}
+
+TEST(Round, ScheduleMustBeWhole) {
+  const auto errorOf = [](const std::string& options) -> std::string {
+    try {
+      const WhacAMoleRound round(options);
+    } catch (const InvalidArgument& error) {
+      return error.what();
+    }
+    return "none";
+  };
+  EXPECT_EQ(errorOf(R"({"spawn_times": [1, 2], "spawn_cells": [1]})"),
+            "option 'spawn_cells': got 1 cells, expected 2, one for each of spawn_times");
+  EXPECT_EQ(errorOf(R"({"spawn_times": [2, 1], "spawn_cells": [1, 1]})"),
+            "option 'spawn_times': got times out of order, expected ascending times");
+  EXPECT_EQ(errorOf(R"({"spawn_times": [1], "spawn_cells": [1.5]})"),
+            "option 'spawn_cells': got 1.500000, expected whole numbers");
 }
 
 TEST(Round, WaitsForTheCountdown) {

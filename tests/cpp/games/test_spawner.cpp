@@ -66,6 +66,21 @@ TEST(Spawner, NeverUsesAnOccupiedCell) {
   EXPECT_FALSE(spawner.next(100.0F, 9, 100));
 }
 
+// Whatever lives and however short the pause: a list is a list.
+TEST(Spawner, FollowsASchedule) {
+  Spawner spawner(1, {}, {{0.1F, 4}, {0.1F, 4}, {0.35F, 8}});
+  EXPECT_FALSE(spawner.next(0.099999F, 0, 1));
+  for (int id = 0; id < 2; ++id) {
+    const auto spawn = spawner.next(0.1F, 7, 1);
+    ASSERT_TRUE(spawn);
+    EXPECT_EQ(spawn->id, id);
+    EXPECT_EQ(spawn->cell, 4);
+  }
+  EXPECT_FALSE(spawner.next(0.3F, 0, 1));
+  EXPECT_EQ(spawner.next(0.4F, 0, 1)->cell, 8);
+  EXPECT_FALSE(spawner.next(100.0F, 0, 1));
+}
+
 TEST(AdaptiveWeights, AddTheMeanFailRate) {
   // One cell always fails: mean 1/9, so its weight is 10/9 against 1/9 for each other.
   std::array<double, kCells> rates{};

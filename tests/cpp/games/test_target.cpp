@@ -168,6 +168,30 @@ TEST(Target, TouchDuringFadeInIsIgnoredUntilTheHammerLeavesAndReturns) {
   EXPECT_EQ(round.round().counts().hits, 1);
 }
 
+// With the default fade-in the same hammer, there before the target, does nothing.
+TEST(Target, WithoutFadeInItCanBeHitFromTheFirstFixedStep) {
+  for (const bool fade_in : {true, false}) {
+    const std::string fade = fade_in ? "0.1" : "0.0";
+    WhacAMoleRound round(R"({"condition": "easy-unconstrained", "spawn_times": [0.2],
+                             "spawn_cells": [4], "fade_in_seconds": )" +
+                         fade + "}");
+    // Cell 4 is the middle of the area, 0.15 right, 0.1 below and 0.4 before the head.
+    for (int n = 0; n < 12; ++n) round.frameWithHead(Vec3(0.15, 1.1, 0.41));
+    EXPECT_EQ(round.round().counts().hits, fade_in ? 0 : 1);
+  }
+}
+
+TEST(Target, LifeIsAnOption) {
+  WhacAMoleRound round(R"({"condition": "easy", "spawn_times": [0.1], "spawn_cells": [0],
+                           "fade_in_seconds": 0.2, "life_seconds": 0.5})");
+  round.waitFor(Target::State::kAlive);
+  // Spawned in frame 3 with the fixed time 0.148; alive when 0.2 s have passed, in frame 7.
+  EXPECT_EQ(round.frames(), 8);
+  round.waitFor(Target::State::kFadeOut);
+  // 0.148 + 0.7 = 0.848 s is a fixed step of frame 17.
+  EXPECT_EQ(round.frames(), 18);
+}
+
 TEST(Target, CountsEveryContactButOneFirst) {
   WhacAMoleRound round(R"({"condition": "easy"})");
   const Target& target = round.waitFor(Target::State::kAlive);

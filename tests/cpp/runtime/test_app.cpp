@@ -96,6 +96,96 @@ TEST(App, OptionsOfAResetStayForLaterRounds) {
   }
 }
 
+// Frames at 100 Hz: one by one, or five in a step.
+TEST(App, FramesOfAStepAreFrames) {
+  const std::string options =
+      R"({"condition": "medium", "spawn_times": [0.5, 1.5], "spawn_cells": [4, 4]})";
+  App one(settings(options), nullRenderer());
+  App five(settings(options), nullRenderer());
+  one.reset({.seed = 3}, player(0.2));
+  five.reset({.seed = 3}, player(0.2));
+  const auto hand = [](int n) { return player(n % 8 < 4 ? 0.2 : 0.36); };
+  int hits = 0;
+  for (int step = 0; step < 60; ++step) {
+    std::vector<FrameInput> frames;
+    for (int n = 5 * step + 1; n <= 5 * step + 5; ++n) {
+      frames.push_back({lockstepFrameTimeNs(n, 100), hand(n)});
+      one.step(frames.back());
+    }
+    const StepResult result = five.step(frames);
+    hits = static_cast<int>(result.log.at("Points"));
+    EXPECT_EQ(one.step(frames.back()).log.at("Points"), five.step(frames.back()).log.at("Points"));
+  }
+  EXPECT_GT(hits, 0);
+}
+
+// The reward of an event counts once, the distance term is that of one frame of 50 ms on average.
+TEST(App, AStepIsWorthTheSameAtAnyTrackingRate) {
+  const std::string options =
+      R"({"condition": "easy", "spawn_times": [0.0], "spawn_cells": [4], "life_seconds": 100})";
+  double sums[2] = {0.0, 0.0};
+  for (const int rate : {1, 5}) {
+    App app(settings(options), nullRenderer());
+    app.reset({.seed = 3}, player(0.1));
+    for (int step = 0; step < 40; ++step) {
+      std::vector<FrameInput> frames;
+      for (int j = 1; j <= rate; ++j) {
+        frames.push_back({lockstepFrameTimeNs(rate * step + j, 20 * rate), player(0.1)});
+      }
+      const double reward = app.step(frames).reward;
+      if (step >= 20) sums[rate / 5] += reward;
+    }
+  }
+  EXPECT_LT(sums[0], -0.5);
+  EXPECT_NEAR(sums[1], sums[0], 1e-5);
+}
+
+TEST(App, AStepEndsWithTheRound) {
+  App app(settings(R"({"round_seconds": 0.5})"), nullRenderer());
+  app.reset({.seed = 1}, player(0.2));
+  std::vector<FrameInput> frames;
+  for (int n = 1; n <= 20; ++n) frames.push_back({n * kFrameNs, player(0.2)});
+  const StepResult result = app.step(frames);
+  EXPECT_TRUE(result.finished);
+  // Frame 11 is the first after 0.5 s; the other nine were not run.
+  App single(settings(R"({"round_seconds": 0.5})"), nullRenderer());
+  single.reset({.seed = 1}, player(0.2));
+  StepResult last;
+  for (int n = 1; n <= 11; ++n) last = single.step({n * kFrameNs, player(0.2)});
+  EXPECT_EQ(result.time_feature, last.time_feature);
+}
+
+TEST(App, ARefusedFrameLeavesTheRoundAsItWas) {
+  App app(settings(), nullRenderer());
+  play(app, 10);
+  const std::uint64_t before = app.stateHash();
+  xr::DeviceState broken = player(0.2);
+  broken.head.position.x = std::nanf("");
+  const std::vector<FrameInput> not_finite{{11 * kFrameNs, player(0.2)}, {12 * kFrameNs, broken}};
+  EXPECT_THROW(app.step(not_finite), InvalidArgument);
+  const std::vector<FrameInput> backwards{{12 * kFrameNs, player(0.2)},
+                                          {11 * kFrameNs, player(0.2)}};
+  EXPECT_THROW(app.step(backwards), InvalidArgument);
+  EXPECT_THROW(app.step(std::span<const FrameInput>{}), InvalidArgument);
+  EXPECT_THROW(app.reset({.time_ns = -1}, player(0.2)), InvalidArgument);
+  EXPECT_EQ(app.stateHash(), before);
+}
+
+// Fixed steps lie on the absolute grid: from 1000.0005 s the next is 1000.002 s.
+TEST(App, ARoundMayBeginAnywhereOnTheClock) {
+  App app(settings(R"({"condition": "easy", "spawn_times": [1000.01], "spawn_cells": [4],
+                       "condition": "easy-unconstrained"})"),
+          nullRenderer());
+  constexpr std::int64_t start = 1'000'000'500'000;
+  app.reset({.seed = 1, .time_ns = start}, player(0.0));
+  StepResult result;
+  int frames = 0;
+  while (result.log["Misses"] < 1.0) result = app.step({start + ++frames * kFrameNs, player(0.0)});
+  // Spawned at 1000.0505 s (fixed time 1000.05), over at 1001.15 s, seen in the frame at 1001.1505.
+  EXPECT_EQ(frames, 23);
+  EXPECT_THROW(app.step({5 * kFrameNs, player(0.0)}), InvalidArgument);
+}
+
 TEST(App, ViewNames) {
   EXPECT_EQ(viewFromName("spectator"), View::spectator);
   try {

@@ -1,0 +1,107 @@
+"""Rounds that our own app logged, replayed: the very same log must come out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim2vr_harness.evaluation.replay.agreement import agreement_of
+from sim2vr_harness.evaluation.replay.recordings import read_recordings
+from sim2vr_harness.evaluation.replay.replayer import Replay, replay, replay_all
+
+PlayRound = Callable[..., Path]
+FIXTURE = Path(__file__).resolve().parents[3] / "data" / "whacamole_round"
+
+
+def replayed_log(folder: Path, out: Path, closed_loop: bool) -> tuple[Replay, Path]:
+    (recording,) = read_recordings([folder])
+    done = replay(recording, closed_loop=closed_loop, log_dir=out)
+    return done, next((out / recording.name).iterdir())
+
+
+@pytest.mark.parametrize("closed_loop", [False, True])
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"condition": "hard"},
+        {"condition": "low", "seed": 12},
+        {"condition": "high-unconstrained", "seed": 3},
+        {"rate_hz": 100, "frames_per_step": 5},
+        {"rate_hz": 72},
+    ],
+    ids=lambda how: "-".join(f"{value}" for value in how.values()),
+)
+def test_the_log_of_the_replay_is_the_recorded_one_byte_for_byte(
+    how: dict[str, object], closed_loop: bool, play_round: PlayRound, tmp_path: Path
+) -> None:
+    folder = play_round(**how)
+    done, log = replayed_log(folder, tmp_path / "again", closed_loop)
+    assert done.timing.lockstep
+    assert len(done.events) > 10
+    assert {event.kind for event in done.events} >= {"spawn", "miss"}
+    for name in ("states.csv", "events.csv"):
+        assert (log / name).read_bytes() == (folder / name).read_bytes()
+
+
+def test_a_later_round_on_the_references_running_clock(
+    play_round: PlayRound, tmp_path: Path
+) -> None:
+    # Round 3 of a run, say: the clock has not been put back. Times then have fewer decimals, so
+    # that the poses of two frames could fall on one time; they are still told apart.
+    folder = play_round(start_ns=20 * 61 * 49_999_997)
+    done, _ = replayed_log(folder, tmp_path / "again", closed_loop=True)
+    assert agreement_of(done).identical == 1.0
+    assert agreement_of(done).targets > 5
+
+
+@pytest.mark.parametrize("closed_loop", [False, True])
+def test_the_fixture(closed_loop: bool, tmp_path: Path) -> None:
+    done, log = replayed_log(FIXTURE, tmp_path, closed_loop)
+    figures = agreement_of(done)
+    assert (figures.targets, figures.recorded["hit"], figures.identical) == (18, 7, 1.0)
+    assert (log / "events.csv").read_bytes() == (FIXTURE / "events.csv").read_bytes()
+
+
+def test_another_seed_is_another_round(tmp_path: Path) -> None:
+    text = (FIXTURE / "states.csv").read_text().replace("random seed 42", "random seed 43")
+    folder = tmp_path / "other"
+    folder.mkdir()
+    (folder / "states.csv").write_text(text)
+    (folder / "events.csv").write_bytes((FIXTURE / "events.csv").read_bytes())
+    (recording,) = read_recordings([folder])
+    closed = agreement_of(replay(recording, closed_loop=True))
+    assert closed.identical == 0.0
+    assert closed.first_divergence_s is not None
+    # With the spawns of the log the seed does not matter.
+    assert agreement_of(replay(recording)).identical == 1.0
+
+
+def test_an_unfinished_round_is_replayed_as_far_as_it_goes(tmp_path: Path) -> None:
+    folder = tmp_path / "cut"
+    folder.mkdir()
+    states = (FIXTURE / "states.csv").read_text().splitlines(keepends=True)
+    (folder / "states.csv").write_text("".join(states[:63]) + states[63][:40])
+    # Of frames 0 to 60, 3 s; the line after them was cut.
+    kept = [
+        line
+        for line in (FIXTURE / "events.csv").read_text().splitlines(keepends=True)
+        if float(line.split(",")[0]) <= 3.0
+    ]
+    (folder / "events.csv").write_text("".join(kept))
+    (recording,) = read_recordings([folder])
+    assert not recording.finished
+    assert len(recording.times_s) == 61
+    done = replay(recording, closed_loop=True)
+    assert agreement_of(done).identical == 1.0
+    assert agreement_of(done).targets == sum("spawn" in line for line in kept)
+
+
+def test_rounds_of_one_name_are_told_apart(play_round: PlayRound) -> None:
+    folders = [play_round(name, round_s=1.0) for name in ("user000", "user001")]
+    recordings = read_recordings([folders[0].parent.parent])
+    names = [done.recording.name for done in replay_all(recordings)]
+    assert names == ["user000/0000-hard", "user001/0000-hard"]
+    assert np.array_equal(recordings[0].times_s, recordings[1].times_s)

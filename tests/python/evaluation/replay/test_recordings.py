@@ -1,0 +1,140 @@
+"""Reading the original's logs and the packed form, with wrong files too."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sim2vr_harness.evaluation.replay.recordings import Event, read_events, read_recordings
+from sim2vr_harness.training.errors import InputError
+
+POSE = "0.1, 1.2, 0.3, 0, 0, 0, 1"
+
+
+def state_row(t: str) -> str:
+    # Left and right controller, head, marker; told apart by their x.
+    poses = [f"{x}, 1.2, 0.3, 0, 0, 0, 1" for x in (0.1, 0.2, 0.3, 0.4)]
+    return f"{t}, {', '.join(poses)}"
+
+
+EVENTS = """324.9251, target plane transform 0.145153 0.9885641 0.335235 0 0 0 1
+324.9251, grid mapping [0 0 0 -0.125 0.125 0.02 1.11 0.33] [1 0 1 0 0.125 0.14 1.11 0.33]
+329.0148, target_spawn, target ID 0, grid ID 4
+329.4, target_contact, target ID 0, grid ID 4, velocity -0.4 2.5E-05 0.7912978
+329.7, target_hit, target ID 0, grid ID 4, velocity -0.4 0.01 1.321925
+329.8, bomb_detonate, 3, 0 0 0
+388.9437, episode statistics, contacts 1, hits 1, misses 0, hit rate 1
+"""
+
+
+def write_log(folder: Path, title: str = "condition medium, random seed 859190") -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    header = "timestamp" + ", some_name" * 28
+    rows = [state_row(t) for t in ("324.9251", "328.9481", "328.9620", "328.976")]
+    (folder / "states.csv").write_text("\r\n".join([title, header, *rows]) + "\r\n")
+    (folder / "events.csv").write_text(EVENTS)
+    return folder
+
+
+def test_the_originals_log(tmp_path: Path) -> None:
+    (recording,) = read_recordings([write_log(tmp_path / "13-39-48-medium")])
+    assert recording.name == "13-39-48-medium"
+    assert (recording.condition, recording.seed) == ("medium", 859190)
+    assert recording.constrained
+    assert recording.finished
+    assert recording.times_s.tolist() == [324.9251, 328.9481, 328.962, 328.976]
+    assert recording.right[0, 0] == 0.2
+    assert recording.head[0, 0] == 0.3
+    assert recording.events == (
+        Event(329.0148, "spawn", 0, 4),
+        Event(329.4, "contact", 0, 4, (-0.4, 2.5e-05, 0.7912978)),
+        Event(329.7, "hit", 0, 4, (-0.4, 0.01, 1.321925)),
+    )
+
+
+def test_a_log_that_does_not_say_that_any_touch_was_a_hit(tmp_path: Path) -> None:
+    (recording,) = read_recordings([write_log(tmp_path)], unconstrained=True)
+    assert recording.condition == "medium-unconstrained"
+    assert not recording.constrained
+    ours = write_log(tmp_path / "ours", "condition low-unconstrained, random seed 1")
+    assert read_recordings([ours], unconstrained=True)[0].condition == "low-unconstrained"
+    assert not read_recordings([ours])[0].constrained
+
+
+def packed(folder: Path, **changes: object) -> Path:
+    t = np.array([10.0, 14.0, 14.014, 14.028])
+    pose = np.tile(np.array([0, 1.2, 0, 0, 0, 0, 1], dtype=np.float32), (4, 1))
+    folder.mkdir(exist_ok=True)
+    np.savez(folder / "77_low.npz", t=t, right=pose + np.float32(0.1), head=pose, marker=pose)
+    (folder / "77_low_events.csv").write_text(
+        "t,type,target_id,grid_id,vx,vy,vz\n14.014,spawn,0,3,,,\n15.0,contact,0,3,1,2,3\n"
+    )
+    trial = {
+        "file": "77_low",
+        "condition": "low",
+        "constrained": False,
+        "seed": 5,
+        "fixed_timestep": 0.014285714,
+        **changes,
+    }
+    (folder / "manifest.json").write_text(json.dumps({"trials": [trial]}))
+    return folder
+
+
+def test_the_packed_form(tmp_path: Path) -> None:
+    folder = packed(tmp_path / "rounds")
+    (recording,) = read_recordings([folder])
+    assert read_recordings([folder / "77_low.npz"])[0].events == recording.events
+    assert (recording.name, recording.condition) == ("77_low", "low-unconstrained")
+    assert recording.fixed_step_s == 0.014285714
+    assert recording.right.dtype == np.float64
+    assert recording.events == (
+        Event(14.014, "spawn", 0, 3),
+        Event(15.0, "contact", 0, 3, (1.0, 2.0, 3.0)),
+    )
+
+
+def test_everything_below_a_folder(tmp_path: Path) -> None:
+    write_log(tmp_path / "2023" / "b")
+    write_log(tmp_path / "2023" / "a")
+    packed(tmp_path / "packed")
+    assert [r.name for r in read_recordings([tmp_path])] == ["a", "b", "77_low"]
+
+
+def error_of(path: Path) -> str:
+    with pytest.raises(InputError) as caught:
+        read_recordings([path])
+    return str(caught.value)
+
+
+def test_errors_say_where_and_what(tmp_path: Path) -> None:
+    assert error_of(tmp_path / "no").endswith("expected a folder or file that exists")
+    assert "states.csv and events.csv" in error_of(tmp_path)
+    log = write_log(tmp_path / "log", "condition medium")
+    assert "states.csv, line 1: got 'condition medium', expected 'condition NAME" in error_of(log)
+    write_log(log)
+    text = (log / "states.csv").read_text().replace("328.9620, 0.1", "328.9620, zero")
+    (log / "states.csv").write_text(text)
+    assert "states.csv, line 5: got '328.9620, zero" in error_of(log)
+    write_log(log)
+    (log / "states.csv").write_text((log / "states.csv").read_text().replace("328.976", "328.9"))
+    assert "frame 3: got time 328.9 after 328.962, expected times that do not go" in error_of(log)
+    write_log(log)
+    (log / "events.csv").unlink()
+    assert "events.csv" in error_of(log)
+    (log / "events.csv").write_text(EVENTS.replace("grid ID 4\n", "grid ID 9\n"))
+    assert "events.csv, line 3: got '329.0148, target_spawn, target ID 0, grid ID 9'" in error_of(
+        log
+    )
+    rounds = packed(tmp_path / "rounds", file="78_low")
+    assert "no trial '77_low'" in error_of(rounds / "77_low.npz")
+    assert "78_low.npz" in error_of(rounds)
+
+
+def test_a_cut_last_line_is_left_out(tmp_path: Path) -> None:
+    file = tmp_path / "events.csv"
+    file.write_text("1, target_spawn, target ID 0, grid ID 4\n2, target_hit, targ")
+    assert read_events(file) == (Event(1.0, "spawn", 0, 4),)

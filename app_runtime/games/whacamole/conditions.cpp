@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <array>
+#include <nlohmann/json.hpp>
 #include <utility>
 
 #include "sim2vr/core/errors.hpp"
@@ -89,6 +90,15 @@ std::vector<ScheduledSpawn> spawnsFromOptions(Options& options) {
   return spawns;
 }
 
+CellWeights weightsFromOptions(Options& options) {
+  const std::vector<double> weights = options.getNumbers("spawn_weights", 1e-6, 1e6);
+  if (!weights.empty() && weights.size() != kCells) {
+    throw InvalidArgument("option 'spawn_weights'", std::to_string(weights.size()) + " numbers",
+                          std::to_string(kCells) + ", one for each cell");
+  }
+  return {weights.begin(), weights.end()};
+}
+
 Quat aboutX(double x, double w) { return Quat(w, x, 0.0, 0.0).normalized(); }
 
 }  // namespace
@@ -140,6 +150,27 @@ Condition resolveCondition(std::string_view name, std::uint32_t seed) {
   return {std::move(full), row->placement, row->max_targets, constrained};
 }
 
+std::string Settings::playOptionsJson() const {
+  const Settings usual;
+  nlohmann::json options = nlohmann::json::object();
+  const auto add = [&options](const char* name, const auto& value, const auto& default_value) {
+    if (value != default_value) options[name] = value;
+  };
+  add("round_seconds", round_s, usual.round_s);
+  add("countdown_seconds", countdown_s, usual.countdown_s);
+  add("fade_in_seconds", fade_in_s, usual.fade_in_s);
+  add("life_seconds", life_s, usual.life_s);
+  add("velocity_smoothing", velocity_smoothing, usual.velocity_smoothing);
+  add("hammer_margin_m", hammer_margin_m, usual.hammer_margin_m);
+  add("spawn_weights", spawn_weights, usual.spawn_weights);
+  if (velocity_point == VelocityPoint::kHead) options["velocity_point"] = "head";
+  for (const ScheduledSpawn& spawn : spawns) {
+    options["spawn_times"].push_back(spawn.time_s);
+    options["spawn_cells"].push_back(spawn.cell);
+  }
+  return options.dump();
+}
+
 Settings Settings::fromOptions(Options& options) {
   static const std::vector<std::string> kRewards{"reference", "paper"};
   static const std::vector<std::string> kHeadRotations{"simulated", "device"};
@@ -157,6 +188,7 @@ Settings Settings::fromOptions(Options& options) {
       options.getChoice("head_rotation", "simulated", kHeadRotations) == "simulated";
   settings.show_controllers = options.getBool("show_controllers", settings.show_controllers);
   settings.spawns = spawnsFromOptions(options);
+  settings.spawn_weights = weightsFromOptions(options);
   settings.fade_in_s = static_cast<float>(options.getNumber("fade_in_seconds", 0.1, 0.0, 60.0));
   settings.life_s = static_cast<float>(options.getNumber("life_seconds", 1.0, 0.0, 3600.0));
   settings.velocity_smoothing = options.getNumber("velocity_smoothing", 0.5, 0.01, 1.0);

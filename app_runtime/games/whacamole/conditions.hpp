@@ -55,6 +55,9 @@ enum class RewardKind {
   kPaper,      // as its paper describes it
 };
 
+/// Chance weight per cell; empty when all cells are equal.
+using CellWeights = std::vector<float>;
+
 /// A target that shall appear: in the first frame with a game time of `time_s` or more.
 struct ScheduledSpawn {
   float time_s = 0.0F;
@@ -73,6 +76,8 @@ struct Settings {
   bool show_controllers = true;
   /// In order of time. When there are any, they replace the random spawns of the round.
   std::vector<ScheduledSpawn> spawns;
+  /// Chance of each cell, up to a factor; empty when all are equal. Wins over `adaptive`.
+  CellWeights spawn_weights;
 
   // How the hammer and the targets work; the defaults are the user study's.
   float fade_in_s = 0.1F;
@@ -85,6 +90,10 @@ struct Settings {
 
   /// Throws InvalidArgument naming the option.
   static Settings fromOptions(Options& options);
+
+  /// A JSON object with the options that decide what happens in a round, other than the condition
+  /// and as far as they are not the default: what a log needs so that it can be replayed.
+  std::string playOptionsJson() const;
 };
 
 }  // namespace sim2vr::games::whacamole

@@ -38,7 +38,9 @@ rl::RLEnv& WhacAMole::build(rl::GameContext& context) {
   setup.settings = settings_;
   setup.condition = resolveCondition(settings_.condition, context.seed);
   setup.seed = context.seed;
-  if (settings_.adaptive) setup.weights = adaptiveWeights(tally_.failRates());
+  if (settings_.adaptive && settings_.spawn_weights.empty()) {
+    setup.settings.spawn_weights = adaptiveWeights(tally_.failRates());
+  }
   tally_ = CellTally{};
 
   setup.rig = rl::buildXrRig(context);

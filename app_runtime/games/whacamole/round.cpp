@@ -42,7 +42,8 @@ void Counts::fields(Archive& archive) {
 }
 
 Round::Round(RoundSetup setup)
-    : setup_(std::move(setup)), spawner_(setup_.seed, setup_.weights, setup_.settings.spawns) {}
+    : setup_(std::move(setup)),
+      spawner_(setup_.seed, setup_.settings.spawn_weights, setup_.settings.spawns) {}
 
 void Round::Update() {
   switch (phase_) {
@@ -162,6 +163,8 @@ void Round::openLog() {
   static const std::vector<std::string> kPoses{"left", "right", "head", "marker"};
   setup_.logger->beginRound(setup_.condition.name, setup_.seed, kPoses);
   logState();
+  const std::string options = setup_.settings.playOptionsJson();
+  if (options != "{}") logEvent("game options " + options);
   const scene::Transform& area = setup_.area->transform();
   logEvent("target plane transform " + rl::formatPose(area.pose()));
   std::string mapping = "grid mapping";

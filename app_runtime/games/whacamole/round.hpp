@@ -48,7 +48,6 @@ struct RoundSetup {
   Settings settings;
   Condition condition;
   std::uint32_t seed = 0;
-  CellWeights weights;
   rl::XrRig rig;
   scene::GameObject* area = nullptr;
   const Hammer* hammer = nullptr;

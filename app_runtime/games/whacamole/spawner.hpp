@@ -12,9 +12,6 @@
 
 namespace sim2vr::games::whacamole {
 
-/// Chance weight per cell; empty when all cells are equal.
-using CellWeights = std::vector<float>;
-
 struct Spawn {
   int id = 0;
   int cell = 0;

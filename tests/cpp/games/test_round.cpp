@@ -219,14 +219,15 @@ TEST_F(RoundLogTest, WritesStatesAndEvents) {
       << states[2];  // left controller off
   EXPECT_EQ(states[3].rfind("0.049999997, ", 0), 0U) << states[3];
   const auto events = lines("0000-easy/events.csv");
-  ASSERT_GE(events.size(), 5U);
-  EXPECT_EQ(events[0], "0, target plane transform 0.15 1.1 0.4 0 0 0 1");
+  ASSERT_GE(events.size(), 6U);
+  EXPECT_EQ(events[0], R"(0, game options {"round_seconds":2.0})");
+  EXPECT_EQ(events[1], "0, target plane transform 0.15 1.1 0.4 0 0 0 1");
   EXPECT_EQ(
-      events[1].rfind("0, grid mapping [0 0 0 -0.125 0.125 0.025 1.225 0.4] [1 0 1 0 0.125", 0), 0U)
-      << events[1];
-  EXPECT_EQ(events[2].rfind("0.049999997, target_spawn, target ID 0, grid ID ", 0), 0U)
+      events[2].rfind("0, grid mapping [0 0 0 -0.125 0.125 0.025 1.225 0.4] [1 0 1 0 0.125", 0), 0U)
       << events[2];
-  EXPECT_NE(events[3].find(", target_miss, target ID 0, grid ID "), std::string::npos) << events[3];
+  EXPECT_EQ(events[3].rfind("0.049999997, target_spawn, target ID 0, grid ID ", 0), 0U)
+      << events[3];
+  EXPECT_NE(events[4].find(", target_miss, target ID 0, grid ID "), std::string::npos) << events[4];
   EXPECT_NE(events.back().find("episode statistics, contacts 0, hits 0, misses 1, hit rate 0"),
             std::string::npos)
       << events.back();

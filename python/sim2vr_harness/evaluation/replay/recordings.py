@@ -13,14 +13,15 @@ from __future__ import annotations
 import csv
 import json
 import re
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.client import OptionValue
 from sim2vr_harness.training.errors import InputError
 
 __all__ = ["Event", "Recording", "read_events", "read_recordings"]
@@ -70,6 +71,7 @@ class Recording:
         events: In the order of the file.
         finished: The round was played to its end.
         fixed_step_s: Period of the game's fixed steps, or None when the source does not say.
+        options: Of the game, as far as our log says that they were not the usual ones.
     """
 
     name: str
@@ -82,6 +84,7 @@ class Recording:
     events: tuple[Event, ...]
     finished: bool
     fixed_step_s: float | None = None
+    options: Mapping[str, OptionValue] = field(default_factory=dict)
 
     @property
     def constrained(self) -> bool:
@@ -159,7 +162,20 @@ def _logged_round(folder: Path, unconstrained: bool) -> Recording:
         head=rows[:, 15:22],
         events=read_events(events),
         finished=any("episode statistics" in line for line in _lines(events)[-3:]),
+        options=_logged_options(events),
     )
+
+
+def _logged_options(events: Path) -> dict[str, OptionValue]:
+    for number, line in enumerate(_lines(events)[:3], start=1):
+        _, found, text = line.partition(", game options ")
+        if not found:
+            continue
+        try:
+            return dict(json.loads(text))
+        except (ValueError, TypeError) as error:
+            raise InputError(f"{events}, line {number}", repr(text[:60]), "JSON") from error
+    return {}
 
 
 def _lines(path: Path) -> list[str]:

@@ -79,6 +79,7 @@ def _options(recording: Recording, timing: Timing, closed_loop: bool) -> dict[st
         "head_rotation": "device",
         "countdown_seconds": timing.countdown_s,
         "round_seconds": timing.round_s,
+        **recording.options,
     }
     if not closed_loop:
         times, cells = spawn_schedule(recording, timing.frame_times_ns)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim2vr_harness.client import DevicePoses, InProcessApp, frame_time_ns
+from sim2vr_harness.client import DevicePoses, InProcessApp, OptionValue, frame_time_ns
 
 HEAD = np.array([0.01, 1.17, 0.02, 0.0, 0.0, 0.0, 1.0])
 
@@ -36,10 +36,11 @@ def play_round(tmp_path: Path) -> PlayRound:
         rate_hz: int = 20,
         frames_per_step: int = 1,
         start_ns: int = 0,
+        options: dict[str, OptionValue] | None = None,
     ) -> Path:
         root = tmp_path / name
-        options = {"condition": condition, "round_seconds": round_s}
-        with InProcessApp("whacamole", options, renderer="null", log_dir=root) as app:
+        all_options = {"condition": condition, "round_seconds": round_s, **(options or {})}
+        with InProcessApp("whacamole", all_options, renderer="null", log_dir=root) as app:
             reply = app.reset(seed, DevicePoses(HEAD, swinging_hand(0.0)), time_ns=start_ns)
             frame = 0
             while not reply.finished:

@@ -22,6 +22,12 @@ def replayed_log(folder: Path, out: Path, closed_loop: bool) -> tuple[Replay, Pa
     return done, next((out / recording.name).iterdir())
 
 
+def events_of(folder: Path) -> list[str]:
+    """The lines of the log but the one that tells the options, such as spawns that were given."""
+    lines = (folder / "events.csv").read_text().splitlines()
+    return [line for line in lines if "game options" not in line]
+
+
 @pytest.mark.parametrize("closed_loop", [False, True])
 @pytest.mark.parametrize(
     "how",
@@ -42,8 +48,10 @@ def test_the_log_of_the_replay_is_the_recorded_one_byte_for_byte(
     assert done.timing.lockstep
     assert len(done.events) > 10
     assert {event.kind for event in done.events} >= {"spawn", "miss"}
-    for name in ("states.csv", "events.csv"):
-        assert (log / name).read_bytes() == (folder / name).read_bytes()
+    assert (log / "states.csv").read_bytes() == (folder / "states.csv").read_bytes()
+    assert events_of(log) == events_of(folder)
+    if closed_loop:
+        assert (log / "events.csv").read_bytes() == (folder / "events.csv").read_bytes()
 
 
 def test_a_later_round_on_the_references_running_clock(
@@ -62,7 +70,18 @@ def test_the_fixture(closed_loop: bool, tmp_path: Path) -> None:
     done, log = replayed_log(FIXTURE, tmp_path, closed_loop)
     figures = agreement_of(done)
     assert (figures.targets, figures.recorded["hit"], figures.identical) == (18, 7, 1.0)
-    assert (log / "events.csv").read_bytes() == (FIXTURE / "events.csv").read_bytes()
+    assert events_of(log) == events_of(FIXTURE)
+
+
+def test_the_log_tells_unusual_options(play_round: PlayRound, tmp_path: Path) -> None:
+    weights = [1.0, 1.0, 1.0, 1.0, 9.0, 1.0, 1.0, 1.0, 1.0]
+    folder = play_round(
+        options={"life_seconds": 0.6, "hammer_margin_m": 0.01, "spawn_weights": weights}
+    )
+    done, log = replayed_log(folder, tmp_path / "again", closed_loop=True)
+    assert done.recording.options["life_seconds"] == pytest.approx(0.6)
+    assert done.recording.options["spawn_weights"] == weights
+    assert (log / "events.csv").read_bytes() == (folder / "events.csv").read_bytes()
 
 
 def test_another_seed_is_another_round(tmp_path: Path) -> None:

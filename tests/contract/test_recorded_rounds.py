@@ -162,3 +162,40 @@ def test_a_wrong_convention_shows(convention: str) -> None:
     rounds = [change(recording) for recording in recordings(PEOPLE)]
     figures = total(rounds, options=options)
     assert all(worse(figures)), {kind: figures[kind] for kind in ("constrained", "unconstrained")}
+
+
+def write_as_the_original(recording: Recording, folder: Path) -> None:
+    """The recording in the original logger's layout, which prints binary32 with 7 digits."""
+    folder.mkdir(parents=True)
+    resting = [0, 0, 0, 0, 0, 0, 1]
+    rows = [
+        ", ".join(f"{np.float32(v):.7g}" for v in [t, *resting, *right, *head, *resting])
+        for t, right, head in zip(recording.times_s, recording.right, recording.head, strict=True)
+    ]
+    condition = recording.condition.removesuffix("-unconstrained")
+    title = f"condition {condition}, random seed {recording.seed}"
+    (folder / "states.csv").write_text("\n".join([title, "timestamp", *rows]) + "\n")
+    lines = []
+    for event in recording.events:
+        text = f"{event.time_s:.7g}, target_{event.kind}, target ID {event.target}"
+        text += f", grid ID {event.cell}"
+        if event.velocity_mps is not None:
+            text += ", velocity " + " ".join(f"{v:.7g}" for v in event.velocity_mps)
+        lines.append(text)
+    lines.append(f"{recording.times_s[-1]:.7g}, episode statistics, contacts 0, hits 0, misses 0")
+    (folder / "events.csv").write_text("\n".join(lines) + "\n")
+
+
+@needs_people
+@needs_simulated
+def test_the_originals_layout_gives_the_same_figures(tmp_path: Path) -> None:
+    packed = recordings(PEOPLE)[3:54:10] + recordings(SIMULATED)[:2]
+    for constrained in (True, False):
+        chosen = [recording for recording in packed if recording.constrained == constrained]
+        root = tmp_path / str(constrained)
+        for recording in chosen:
+            write_as_the_original(recording, root / recording.name)
+        raw = read_recordings([root], unconstrained=not constrained)
+        assert [recording.fixed_step_s for recording in raw] == [None] * len(chosen)
+        expected = {done.recording.name: done.events for done in replay_all(chosen)}
+        assert {done.recording.name: done.events for done in replay_all(raw)} == expected

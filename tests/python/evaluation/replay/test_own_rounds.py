@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.replay.agreement import agreement_of
 from sim2vr_harness.evaluation.replay.recordings import read_recordings
 from sim2vr_harness.evaluation.replay.replayer import Replay, replay, replay_all
@@ -124,3 +126,31 @@ def test_rounds_of_one_name_are_told_apart(play_round: PlayRound) -> None:
     names = [done.recording.name for done in replay_all(recordings)]
     assert names == ["user000/0000-hard", "user001/0000-hard"]
     assert np.array_equal(recordings[0].times_s, recordings[1].times_s)
+
+
+def test_rounds_of_a_body_replay_from_seed_and_poses(tmp_path: Path) -> None:
+    # A random mix of conditions and the adaptive curriculum, whose weights the log tells.
+    config = EnvConfig(
+        app=AppConfig(
+            options={"condition": "random-easy-medium", "adaptive": True, "round_seconds": 4.0},
+            renderer="null",
+        ),
+        threads=1,
+    )
+    simulation = Simulation(config, 2, log_dir=tmp_path)
+    rng = np.random.default_rng(4)
+    simulation.reset(seeds=[1, 2])
+    for _ in range(3 * 81 - 1):
+        batch = simulation.step(rng.uniform(-1, 1, (2, 32)))
+        over = np.flatnonzero(batch.terminated | batch.truncated)
+        if len(over):
+            simulation.reset(over.tolist())
+    simulation.close()
+    recordings = [r for r in read_recordings([tmp_path]) if r.finished]
+    assert len(recordings) == 4
+    assert sum("spawn_weights" in recording.options for recording in recordings) >= 2
+    for done in replay_all(recordings, closed_loop=True, log_dir=tmp_path / "again"):
+        recorded = done.recording.source / "events.csv"
+        (log,) = (tmp_path / "again" / done.recording.name).glob("*/events.csv")
+        assert log.read_bytes() == recorded.read_bytes()
+        assert agreement_of(done).identical == 1.0

@@ -1,0 +1,112 @@
+"""``sim2vr-harness replay`` on a small round of our own."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import imageio_ffmpeg
+import numpy as np
+import pytest
+
+from sim2vr_harness.cli.main import main
+
+FIXTURE = Path(__file__).resolve().parents[2] / "data" / "whacamole_round"
+KEYS = {
+    "outcome_agreement",
+    "hit_recall_50ms",
+    "hit_precision_50ms",
+    "same_step",
+    "mean_abs_dt_s",
+    "dv_median",
+    "dv_p95",
+    "hits_recorded",
+    "hits_predicted",
+    "identical",
+}
+
+
+def call(capsys: Any, *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as exit_:
+        main(["replay", *arguments])
+    out, err = capsys.readouterr()
+    return int(exit_.value.code or 0), out, err
+
+
+def decoded(film: Path) -> np.ndarray:
+    """(frames, height, width, 3)."""
+    reader = imageio_ffmpeg.read_frames(str(film))
+    width, height = next(reader)["size"]
+    return np.stack([np.frombuffer(f, np.uint8).reshape(height, width, 3) for f in reader])
+
+
+def test_table(capsys: Any) -> None:
+    status, out, err = call(capsys, str(FIXTURE), "--closed")
+    assert (status, err) == (0, "")
+    assert "seed and poses only" in out
+    (line,) = [line for line in out.splitlines() if "whacamole_round" in line]
+    # 18 targets, all as recorded: 7 hits, 8 misses, 4 contacts.
+    assert line.split() == [
+        *("whacamole_round", "18", "1", "1/1", "1/1", "1", "0.000", "0.0000/0.0000"),
+        *("7/7", "8/8", "4/4", "none"),
+    ]
+
+
+def test_json(capsys: Any) -> None:
+    status, out, _ = call(capsys, str(FIXTURE), "--json")
+    assert status == 0
+    found = json.loads(out)
+    (one,) = found["rounds"]
+    assert one.keys() >= KEYS
+    assert (one["name"], one["hits_recorded"], one["identical"]) == ("whacamole_round", 7, True)
+    assert found["total"].keys() >= KEYS | {"constrained", "unconstrained"}
+    assert found["total"]["constrained"]["outcome_agreement"] == 1.0
+    assert found["total"]["unconstrained"] is None
+
+
+def test_unconstrained_makes_every_touch_a_hit(capsys: Any) -> None:
+    found = json.loads(call(capsys, str(FIXTURE), "--unconstrained", "--json")[1])
+    (one,) = found["rounds"]
+    assert one["condition"] == "hard-unconstrained"
+    # The four contacts were too slow for hits; now three targets fall to them, one of them earlier.
+    assert one["contacts_predicted"] == 0
+    assert one["hits_predicted"] > one["hits_recorded"]
+
+
+def test_log_keeps_the_replayed_rounds_log(capsys: Any, tmp_path: Path) -> None:
+    call(capsys, str(FIXTURE), "--closed", "--log", str(tmp_path / "logs"))
+    (log,) = (tmp_path / "logs").rglob("states.csv")
+    assert log.read_bytes() == (FIXTURE / "states.csv").read_bytes()
+
+
+def test_video(capsys: Any, tmp_path: Path) -> None:
+    film = tmp_path / "films" / "round.mp4"
+    status, out, _ = call(
+        capsys, str(FIXTURE), "--video", str(film), "--size", "97x64", "--fps", "10"
+    )
+    assert status == 0
+    assert f"Written: {film}" in out
+    frames = decoded(film)
+    # 6.05 s at 10 pictures a second; two views and the header, sizes made even for the codec.
+    assert frames.shape[0] == 61
+    assert frames.shape[1:] == (108, 200, 3)
+    headset = frames[30, 50:108, :97].astype(float)
+    assert headset.std() > 10  # not one colour
+    assert abs(frames[10].astype(float) - frames[40].astype(float)).mean() > 0.5
+
+
+def test_errors_are_one_line(capsys: Any, tmp_path: Path) -> None:
+    for arguments, words in (
+        ([str(tmp_path / "no")], "PATH: got"),
+        ([str(tmp_path)], "expected a folder with states.csv and events.csv"),
+        ([str(FIXTURE), "--video", "film.avi"], "--video: got film.avi, expected a file name"),
+        ([str(FIXTURE), "--video", "f.mp4", "--size", "9"], "--size: got '9', expected WIDTHxH"),
+        ([str(FIXTURE), "--video", "f.mp4", "--fps", "0"], "--fps: got 0, expected 1 to 240"),
+        ([str(FIXTURE), "--fixed-step", "7"], "--fixed-step: got 7, expected a period"),
+    ):
+        status, out, err = call(capsys, *arguments)
+        assert (status, out) == (2, "")
+        assert words in err
+        assert err.count("\n") == 1
+    assert not list(tmp_path.iterdir())

@@ -6,6 +6,7 @@
 #include <string>
 
 #include "app_binding.hpp"
+#include "batch_binding.hpp"
 #include "sim2vr/core/clock.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
@@ -52,4 +53,5 @@ PYBIND11_MODULE(_app_runtime, module) {
       "set_log_level", [](const std::string& level) { sim2vr::setLogLevel(level); },
       py::arg("level"), "'trace', 'debug', 'info', 'warning' (default), 'error' or 'off'.");
   sim2vr::bindings::bindApp(module);
+  sim2vr::bindings::bindAppBatch(module);
 }

@@ -33,7 +33,10 @@ std::size_t editDistance(std::string_view a, std::string_view b) {
 
 InvalidArgument::InvalidArgument(std::string_view field, std::string_view got,
                                  std::string_view expected)
-    : std::invalid_argument(composeMessage(field, got, expected)), field_(field) {}
+    : std::invalid_argument(composeMessage(field, got, expected)),
+      field_(field),
+      got_(got),
+      expected_(expected) {}
 
 std::string didYouMean(std::string_view got, std::span<const std::string> candidates) {
   const std::string* nearest = nullptr;

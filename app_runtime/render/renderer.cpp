@@ -85,4 +85,10 @@ std::shared_ptr<Renderer> Renderer::create(RendererKind kind) {
   }
 }
 
+void Renderer::renderBatch(std::span<const ViewRequest> requests) {
+  for (const ViewRequest& request : requests) {
+    render(request.scene, request.camera, request.size, request.rgba);
+  }
+}
+
 }  // namespace sim2vr::render

@@ -72,10 +72,12 @@ struct App::Round {
   rl::RLEnv* env = nullptr;
 };
 
-App::App(AppSettings settings, std::shared_ptr<render::Renderer> renderer)
+App::App(AppSettings settings, std::shared_ptr<render::Renderer> renderer,
+         std::span<std::uint8_t> image)
     : settings_(std::move(settings)),
       renderer_(std::move(renderer)),
-      game_(games::createGame(settings_.game)) {
+      game_(games::createGame(settings_.game)),
+      image_(image) {
   render::checkImageSize(settings_.headset_size);
   settings_.time.validate();
   settings_.options_json = mergedOptions("{}", settings_.options_json);
@@ -83,7 +85,15 @@ App::App(AppSettings settings, std::shared_ptr<render::Renderer> renderer)
   if (!settings_.log_dir.empty()) {
     logger_ = std::make_unique<rl::EpisodeLogger>(settings_.log_dir);
   }
-  image_.resize(settings_.headset_size.pixels() * 4);
+  const std::size_t bytes = settings_.headset_size.pixels() * 4;
+  if (image_.empty()) {
+    own_image_.resize(bytes);
+    image_ = own_image_;
+  }
+  if (image_.size() != bytes) {
+    throw InvalidArgument("image", std::to_string(image_.size()) + " bytes",
+                          std::to_string(bytes) + ", height x width x 4");
+  }
 }
 
 App::~App() = default;
@@ -110,6 +120,18 @@ void App::beginRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogge
 }
 
 StepResult App::reset(const RoundStart& start, const xr::DeviceState& devices) {
+  StepResult first = begin(start, devices);
+  show();
+  return first;
+}
+
+StepResult App::step(std::span<const FrameInput> frames) {
+  StepResult stepped = advance(frames);
+  show();
+  return stepped;
+}
+
+StepResult App::begin(const RoundStart& start, const xr::DeviceState& devices) {
   if (start.time_ns < 0) {
     throw InvalidArgument("time_ns", std::to_string(start.time_ns), "0 or above");
   }
@@ -127,10 +149,10 @@ StepResult App::reset(const RoundStart& start, const xr::DeviceState& devices) {
   beginRound(start.seed, start.time_ns, logger_.get());
   round_->session.begin();
   runFrame(start.time_ns, checked);
-  return showFrame(round_->env->reward());
+  return result(round_->env->reward());
 }
 
-StepResult App::step(std::span<const FrameInput> frames) {
+StepResult App::advance(std::span<const FrameInput> frames) {
   Round& current = round("step");
   if (current.env->finished()) {
     throw StateError("step: the round is over; call reset to start the next one");
@@ -154,7 +176,7 @@ StepResult App::step(std::span<const FrameInput> frames) {
     runFrame(frames[i].time_ns, checked[i]);
     reward += current.env->reward();
   }
-  return showFrame(reward);
+  return result(reward);
 }
 
 void App::runFrame(std::int64_t time_ns, const xr::DeviceState& devices) {
@@ -169,9 +191,8 @@ void App::runFrame(std::int64_t time_ns, const xr::DeviceState& devices) {
   if (logger_ != nullptr && current.env->finished()) logger_->endRound();
 }
 
-StepResult App::showFrame(float reward) {
+StepResult App::result(float reward) const {
   const Round& current = *round_;
-  renderView(View::headset, settings_.headset_size, image_);
   return {.reward = reward,
           .finished = current.env->finished(),
           .time_feature = current.env->GetTimeFeature(),
@@ -179,6 +200,12 @@ StepResult App::showFrame(float reward) {
 }
 
 void App::renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba) {
+  const render::ViewRequest request = viewRequest(view, size, rgba);
+  renderer_->render(request.scene, request.camera, request.size, request.rgba);
+}
+
+render::ViewRequest App::viewRequest(View view, render::ImageSize size,
+                                     std::span<std::uint8_t> rgba) {
   static constexpr std::array<std::string_view, 3> kPaths{
       rl::kHeadCameraPath, rl::kThirdPersonCameraPath, rl::kSpectatorCameraPath};
   Round& current = round("renderView");
@@ -189,7 +216,7 @@ void App::renderView(View view, render::ImageSize size, std::span<std::uint8_t> 
     throw InvalidArgument("view", "one without a camera",
                           "a camera at '" + std::string(path) + "' in the game's scene");
   }
-  renderer_->render(current.scene, *camera, size, rgba);
+  return {current.scene, *camera, size, rgba};
 }
 
 void App::fields(Archive& archive) {
@@ -234,7 +261,7 @@ void App::load(const std::string& state) {
     configureGame(*game_, options);
     throw;
   }
-  renderView(View::headset, settings_.headset_size, image_);
+  show();
 }
 
 std::uint64_t App::stateHash() {

@@ -16,9 +16,11 @@ class InvalidArgument : public std::invalid_argument {
  public:
   InvalidArgument(std::string_view field, std::string_view got, std::string_view expected);
   const std::string& field() const { return field_; }
+  const std::string& got() const { return got_; }
+  const std::string& expected() const { return expected_; }
 
  private:
-  std::string field_;
+  std::string field_, got_, expected_;
 };
 
 /// Something failed inside the runtime although the input was fine.

@@ -29,6 +29,14 @@ std::string_view rendererKindName(RendererKind kind);
 /// Inverse of rendererKindName; throws InvalidArgument("renderer", ...) for another word.
 RendererKind rendererKindFromName(std::string_view name);
 
+/// One picture to draw; arguments as of Renderer::render.
+struct ViewRequest {
+  const scene::Scene& scene;
+  const Camera& camera;
+  ImageSize size;
+  std::span<std::uint8_t> rgba;
+};
+
 class Renderer {
  public:
   /// Makes a renderer with its own GL context (OpenGL 4.2 core or later). Sets LP_NUM_THREADS=0 in
@@ -61,6 +69,9 @@ class Renderer {
   /// after. Throws InvalidArgument ("image size", "rgba buffer", "camera...") and RenderError.
   virtual void render(const scene::Scene& scene, const Camera& camera, ImageSize size,
                       std::span<std::uint8_t> rgba) = 0;
+
+  /// Draws several pictures in one turn; each is the one that render would draw, to the bit.
+  virtual void renderBatch(std::span<const ViewRequest> requests);
 
  protected:
   Renderer() = default;

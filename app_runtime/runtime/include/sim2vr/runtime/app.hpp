@@ -65,8 +65,11 @@ struct RoundStart {
 /// Not thread-safe; different apps may run on different threads, also when they share a renderer.
 class App {
  public:
-  /// Throws InvalidArgument for an unknown game or option and an unusable image size.
-  App(AppSettings settings, std::shared_ptr<render::Renderer> renderer);
+  /// `image`: where the headset image goes, height x width x 4 bytes that outlive the app; empty:
+  /// memory of its own. Throws InvalidArgument for an unknown game or option and an unusable image
+  /// size.
+  App(AppSettings settings, std::shared_ptr<render::Renderer> renderer,
+      std::span<std::uint8_t> image = {});
   ~App();
   App(const App&) = delete;
   App& operator=(const App&) = delete;
@@ -84,6 +87,15 @@ class App {
   /// finite or not normalised, and a time before the previous frame's, and then nothing has moved.
   StepResult step(std::span<const FrameInput> frames);
   StepResult step(const FrameInput& frame) { return step(std::span(&frame, 1)); }
+
+  // What reset and step are made of, for callers that draw the pictures of many apps together
+  // (AppBatch): the same without a picture.
+  StepResult begin(const RoundStart& start, const xr::DeviceState& devices);
+  StepResult advance(std::span<const FrameInput> frames);
+  /// What draws the last frame's headset image into the app's memory for it.
+  render::ViewRequest headsetView() {
+    return viewRequest(View::headset, settings_.headset_size, image_);
+  }
 
   /// The headset image of the last frame: height x width x 4 bytes (renderer.hpp). The address
   /// stays the same for the app's life; reset, step and load overwrite it. Black before the first
@@ -109,7 +121,9 @@ class App {
   void beginRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogger* logger);
   Round& round(std::string_view call);
   void runFrame(std::int64_t time_ns, const xr::DeviceState& devices);
-  StepResult showFrame(float reward);
+  StepResult result(float reward) const;
+  render::ViewRequest viewRequest(View view, render::ImageSize size, std::span<std::uint8_t> rgba);
+  void show() { renderView(View::headset, settings_.headset_size, image_); }
   void fields(Archive& archive);
 
   AppSettings settings_;
@@ -117,7 +131,8 @@ class App {
   std::unique_ptr<rl::Game> game_;
   std::unique_ptr<rl::EpisodeLogger> logger_;
   std::uint32_t seed_ = 0;
-  std::vector<std::uint8_t> image_;
+  std::vector<std::uint8_t> own_image_;
+  std::span<std::uint8_t> image_;
   std::unique_ptr<Round> round_;
 };
 

@@ -1,0 +1,146 @@
+#include "sim2vr/runtime/app_batch.hpp"
+
+#include <fmt/format.h>
+#include <algorithm>
+#include <exception>
+
+#include "sim2vr/core/errors.hpp"
+
+namespace sim2vr::runtime {
+namespace {
+
+int checkedApps(int apps) {
+  if (apps < 1) throw InvalidArgument("apps", std::to_string(apps), "1 or more");
+  return apps;
+}
+
+int checkedThreads(int threads, int apps) {
+  if (threads < 1) throw InvalidArgument("threads", std::to_string(threads), "1 or more");
+  return std::min(threads, apps);
+}
+
+/// The failure with the app's index in front.
+[[noreturn]] void rethrowOfApp(int index) {
+  const std::string app = fmt::format("app {}", index);
+  try {
+    throw;
+  } catch (const InvalidArgument& error) {
+    throw InvalidArgument(app + ", " + error.field(), error.got(), error.expected());
+  } catch (const RenderError& error) {
+    throw RenderError(app + ": " + error.what());
+  } catch (const StateError& error) {
+    throw StateError(app + ": " + error.what());
+  } catch (const std::exception& error) {
+    throw EngineError(app + ": " + error.what());
+  }
+}
+
+}  // namespace
+
+AppBatch::AppBatch(const BatchSettings& settings)
+    : settings_(settings), pool_(checkedThreads(settings.threads, checkedApps(settings.apps))) {
+  render::checkImageSize(settings_.app.headset_size);
+  const auto count = static_cast<std::size_t>(settings_.apps);
+  const std::size_t bytes = settings_.app.headset_size.pixels() * 4;
+  images_.resize(count * bytes);
+  rewards_.resize(count);
+  finished_.resize(count);
+  time_features_.resize(count);
+  for (int i = 0; i < pool_.threads(); ++i) {
+    renderers_.push_back(render::Renderer::create(settings_.renderer));
+  }
+  for (int i = 0; i < settings_.apps; ++i) {
+    AppSettings app = settings_.app;
+    if (!app.log_dir.empty()) app.log_dir /= fmt::format("user{:03d}", i);
+    const auto image = std::span(images_).subspan(static_cast<std::size_t>(i) * bytes, bytes);
+    apps_.push_back(std::make_unique<App>(
+        std::move(app), renderers_[static_cast<std::size_t>(workerOf(i))], image));
+  }
+}
+
+App& AppBatch::app(int index) {
+  if (index < 0 || index >= size()) {
+    throw InvalidArgument("app", std::to_string(index), fmt::format("0 to {}", size() - 1));
+  }
+  return *apps_[static_cast<std::size_t>(index)];
+}
+
+int AppBatch::workerOf(int index) const {
+  return static_cast<int>(static_cast<std::int64_t>(index) * pool_.threads() / settings_.apps);
+}
+
+/// Moves the apps at `indices`, each on its own thread, and draws those of a thread together.
+/// `move(i)` moves the app at indices[i].
+template <class Move>
+void AppBatch::run(std::span<const int> indices, const Move& move) {
+  for (const int index : indices) static_cast<void>(app(index));
+  std::vector<StepResult> results(indices.size());
+  std::vector<std::exception_ptr> failures(indices.size());
+  pool_.run([&](int worker) {
+    std::vector<render::ViewRequest> views;
+    for (std::size_t i = 0; i < indices.size(); ++i) {
+      if (workerOf(indices[i]) != worker) continue;
+      try {
+        results[i] = move(i);
+        views.push_back(apps_[static_cast<std::size_t>(indices[i])]->headsetView());
+      } catch (...) {
+        failures[i] = std::current_exception();
+      }
+    }
+    renderers_[static_cast<std::size_t>(worker)]->renderBatch(views);
+  });
+  for (std::size_t i = 0; i < indices.size(); ++i) {
+    if (!failures[i]) store(indices[i], results[i]);
+  }
+  for (std::size_t i = 0; i < indices.size(); ++i) {
+    if (!failures[i]) continue;
+    try {
+      std::rethrow_exception(failures[i]);
+    } catch (...) {
+      rethrowOfApp(indices[i]);
+    }
+  }
+}
+
+void AppBatch::reset(std::span<const int> indices, std::span<const RoundStart> starts,
+                     std::span<const xr::DeviceState> devices) {
+  if (starts.size() != indices.size() || devices.size() != indices.size()) {
+    throw InvalidArgument("starts", fmt::format("{} and {} devices", starts.size(), devices.size()),
+                          fmt::format("{}, one for each app", indices.size()));
+  }
+  run(indices, [&](std::size_t i) {
+    return apps_[static_cast<std::size_t>(indices[i])]->begin(starts[i], devices[i]);
+  });
+}
+
+void AppBatch::step(std::span<const int> indices, std::span<const FrameInput> frames) {
+  if (indices.empty()) return;
+  const std::size_t each = frames.size() / indices.size();
+  if (each == 0 || each * indices.size() != frames.size()) {
+    throw InvalidArgument("frames", std::to_string(frames.size()),
+                          fmt::format("a multiple of the {} apps", indices.size()));
+  }
+  run(indices, [&](std::size_t i) {
+    return apps_[static_cast<std::size_t>(indices[i])]->advance(frames.subspan(i * each, each));
+  });
+}
+
+void AppBatch::learnLogNames(const StepResult& result) {
+  for (const auto& entry : result.log) log_names_.push_back(entry.first);
+  logs_.resize(apps_.size() * log_names_.size());
+}
+
+void AppBatch::store(int index, const StepResult& result) {
+  if (log_names_.empty()) learnLogNames(result);
+  const auto row = static_cast<std::size_t>(index);
+  rewards_[row] = result.reward;
+  finished_[row] = result.finished ? 1 : 0;
+  time_features_[row] = result.time_feature;
+  std::size_t column = row * log_names_.size();
+  for (const std::string& name : log_names_) {
+    const auto found = result.log.find(name);
+    logs_[column++] = found == result.log.end() ? 0.0 : found->second;
+  }
+}
+
+}  // namespace sim2vr::runtime

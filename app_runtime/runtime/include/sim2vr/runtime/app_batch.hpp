@@ -1,0 +1,80 @@
+// Many apps of one game, stepped together on a pool of threads.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <span>
+#include <string>
+#include <vector>
+
+#include "sim2vr/runtime/app.hpp"
+#include "sim2vr/runtime/thread_pool.hpp"
+
+namespace sim2vr::runtime {
+
+struct BatchSettings {
+  /// Of every app. Where there is a log_dir, app 7 logs to <log_dir>/user007.
+  AppSettings app;
+  int apps = 1;
+  /// 1 or more; more than apps are not started.
+  int threads = 1;
+  render::RendererKind renderer = render::RendererKind::automatic;
+};
+
+/// N apps. Each thread owns a renderer and a contiguous share of the apps, and draws their pictures
+/// together. What an app does depends on its own input alone, to the bit: not on N, on its index or
+/// on the number of threads.
+///
+/// Results lie in arrays of N that keep their address for the batch's life; a call writes the rows
+/// of the apps it moves. Not thread-safe.
+class AppBatch {
+ public:
+  /// Throws as App, and InvalidArgument for fewer than one app or thread.
+  explicit AppBatch(const BatchSettings& settings);
+
+  int size() const { return static_cast<int>(apps_.size()); }
+  int threads() const { return pool_.threads(); }
+  const BatchSettings& settings() const { return settings_; }
+  /// For everything that concerns one app only. Throws InvalidArgument("app") outside 0 .. N-1.
+  App& app(int index);
+
+  /// Starts rounds: starts[i] and devices[i] are of app indices[i]. When something is refused, what
+  /// the exception names is the first app that refused it; the others have started.
+  void reset(std::span<const int> indices, std::span<const RoundStart> starts,
+             std::span<const xr::DeviceState> devices);
+
+  /// One user step of the given apps: frames[i * K] .. frames[i * K + K - 1] are those of app
+  /// indices[i]. Failures as in reset.
+  void step(std::span<const int> indices, std::span<const FrameInput> frames);
+
+  /// N x height x width x 4 bytes (renderer.hpp).
+  std::span<const std::uint8_t> images() const { return images_; }
+  std::span<const float> rewards() const { return rewards_; }
+  /// 1 where the round is over.
+  std::span<const std::uint8_t> finished() const { return finished_; }
+  std::span<const float> timeFeatures() const { return time_features_; }
+  /// Names of the log's numbers, the same for every round of a game; empty before the first reset.
+  const std::vector<std::string>& logNames() const { return log_names_; }
+  /// N x logNames().size().
+  std::span<const double> logs() const { return logs_; }
+
+ private:
+  template <class Move>
+  void run(std::span<const int> indices, const Move& move);
+  void store(int index, const StepResult& result);
+  void learnLogNames(const StepResult& result);
+  int workerOf(int index) const;
+
+  BatchSettings settings_;
+  ThreadPool pool_;
+  std::vector<std::uint8_t> images_;
+  std::vector<float> rewards_;
+  std::vector<std::uint8_t> finished_;
+  std::vector<float> time_features_;
+  std::vector<std::string> log_names_;
+  std::vector<double> logs_;
+  std::vector<std::shared_ptr<render::Renderer>> renderers_;
+  std::vector<std::unique_ptr<App>> apps_;
+};
+
+}  // namespace sim2vr::runtime

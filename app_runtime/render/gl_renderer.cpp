@@ -60,8 +60,7 @@ GlRenderer::~GlRenderer() {
     for (const Target& each : targets_) dropTarget(each);
     gl_->DeleteBuffers(static_cast<GLsizei>(buffers_.size()), buffers_.data());
     gl_->DeleteVertexArrays(1, &surface_array_);
-    gl_->DeleteVertexArrays(1, &sky_array_);
-    gl_->DeleteProgram(sky_program_);
+    sky_->release();
     for (const GLuint program : surface_programs_) gl_->DeleteProgram(program);
   } catch (const RenderError& error) {
     logger().warn("renderer: not cleaned up: {}", error.what());
@@ -79,9 +78,8 @@ void GlRenderer::setUp() {
   surface_programs_ = {buildProgram(*gl_, "surface", "SHADING_UNLIT"),
                        buildProgram(*gl_, "surface", "SHADING_DIFFUSE"),
                        buildProgram(*gl_, "surface", "SHADING_SPECULAR")};
-  sky_program_ = buildProgram(*gl_, "sky", "");
   setUpSurfaceArrays();
-  setUpSkyArrays();
+  sky_.emplace(*gl_);
   uniform_buffer_ = makeBuffer();
   gl_->BindBuffer(GL_UNIFORM_BUFFER, uniform_buffer_);
   gl_->BufferData(GL_UNIFORM_BUFFER, sizeof(FrameUniforms), nullptr, GL_DYNAMIC_DRAW);
@@ -114,20 +112,6 @@ void GlRenderer::setUpSurfaceArrays() {
     gl_->VertexAttribPointer(kFirst + i, 4, GL_FLOAT, GL_FALSE,
                              static_cast<GLsizei>(sizeof(InstanceData)), offset(i * sizeof(Vec4f)));
     gl_->VertexAttribDivisor(kFirst + i, 1);
-  }
-}
-
-void GlRenderer::setUpSkyArrays() {
-  sky_vertex_buffer_ = makeBuffer();
-  sky_index_buffer_ = makeBuffer();
-  gl_->GenVertexArrays(1, &sky_array_);
-  gl_->BindVertexArray(sky_array_);
-  gl_->BindBuffer(GL_ELEMENT_ARRAY_BUFFER, sky_index_buffer_);
-  gl_->BindBuffer(GL_ARRAY_BUFFER, sky_vertex_buffer_);
-  for (GLuint i = 0; i < 2; ++i) {
-    gl_->EnableVertexAttribArray(i);
-    gl_->VertexAttribPointer(i, 3, GL_FLOAT, GL_FALSE, static_cast<GLsizei>(sizeof(DomeVertex)),
-                             offset(i * sizeof(Eigen::Vector3f)));
   }
 }
 
@@ -184,35 +168,15 @@ void GlRenderer::render(const scene::Scene& scene, const Camera& camera, ImageSi
   Frame& frame = collector_.collect(scene, camera, size);
   const auto turn = context_->makeCurrent();
   ++frame_number_;
+  if (frame.has_sky) sky_->prepare(frame);
+  upload(frame);
+  const GLuint sky = frame.has_sky ? sky_->picture(frame, size) : 0;
   gl_->BindFramebuffer(GL_FRAMEBUFFER, target(size).framebuffer);
   gl_->Viewport(0, 0, size.width, size.height);
-  updateSky(frame);
-  upload(frame);
-  draw(frame);
+  gl_->BindVertexArray(surface_array_);
+  draw(frame, size, sky);
   gl_->ReadPixels(0, 0, size.width, size.height, GL_RGBA, GL_UNSIGNED_BYTE, rgba.data());
   checkErrors();
-}
-
-void GlRenderer::updateSky(Frame& frame) {
-  if (!frame.has_sky) return;
-  if (sky_settings_ != frame.sky) {
-    sky_ = makeSkyDome(frame.sky);
-    sky_settings_ = frame.sky;
-    gl_->BindVertexArray(sky_array_);
-    gl_->BindBuffer(GL_ARRAY_BUFFER, sky_vertex_buffer_);
-    gl_->BufferData(GL_ARRAY_BUFFER,
-                    static_cast<GLsizeiptr>(sky_.vertices.size() * sizeof(DomeVertex)),
-                    sky_.vertices.data(), GL_STATIC_DRAW);
-    gl_->BufferData(GL_ELEMENT_ARRAY_BUFFER,
-                    static_cast<GLsizeiptr>(sky_.indices.size() * sizeof(std::uint16_t)),
-                    sky_.indices.data(), GL_STATIC_DRAW);
-  }
-  const auto set = [](Vec4f& uniform, const Eigen::Vector3f& light) {
-    uniform = {light.x(), light.y(), light.z(), 0.0F};
-  };
-  set(frame.uniforms.sky_high, sky_.high);
-  set(frame.uniforms.sky_horizon, sky_.horizon);
-  set(frame.uniforms.sky_ground, sky_.ground);
 }
 
 void GlRenderer::upload(const Frame& frame) {
@@ -239,30 +203,32 @@ void GlRenderer::upload(const Frame& frame) {
   gl_->BufferSubData(GL_UNIFORM_BUFFER, 0, sizeof(FrameUniforms), &frame.uniforms);
 }
 
-void GlRenderer::draw(const Frame& frame) {
+void GlRenderer::draw(const Frame& frame, ImageSize size, GLuint sky) {
   applied_.reset();
   gl_->Disable(GL_BLEND);
   gl_->DepthMask(GL_TRUE);
   gl_->DepthFunc(GL_LESS);
-  gl_->ClearColor(frame.background[0], frame.background[1], frame.background[2], 1.0F);
-  gl_->Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+  if (sky != 0) {
+    gl_->BindFramebuffer(GL_READ_FRAMEBUFFER, sky);
+    gl_->BlitFramebuffer(0, 0, size.width, size.height, 0, 0, size.width, size.height,
+                         GL_COLOR_BUFFER_BIT, GL_NEAREST);
+    gl_->BindFramebuffer(GL_READ_FRAMEBUFFER, target(size).framebuffer);
+    gl_->Clear(GL_DEPTH_BUFFER_BIT);
+  } else {
+    gl_->ClearColor(frame.background[0], frame.background[1], frame.background[2], 1.0F);
+    gl_->Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+  }
   drawItems(frame.opaque, 0);
   gl_->DepthMask(GL_FALSE);
   gl_->DepthFunc(GL_LEQUAL);
-  if (frame.has_sky) drawSky();
+  if (frame.has_sky && sky == 0) {
+    sky_->draw(frame);
+    applied_.reset();
+  }
   if (frame.alpha.empty()) return;
   gl_->Enable(GL_BLEND);
   gl_->BindVertexArray(surface_array_);
   drawItems(frame.alpha, frame.opaque.size());
-}
-
-void GlRenderer::drawSky() {
-  applied_.reset();
-  gl_->Disable(GL_CULL_FACE);
-  gl_->UseProgram(sky_program_);
-  gl_->BindVertexArray(sky_array_);
-  gl_->DrawElements(GL_TRIANGLES, static_cast<GLsizei>(sky_.indices.size()), GL_UNSIGNED_SHORT,
-                    nullptr);
 }
 
 void GlRenderer::drawItems(const std::vector<DrawItem>& items, std::size_t first_instance) {

@@ -13,7 +13,7 @@
 #include "gl_context.hpp"
 #include "mesh_cache.hpp"
 #include "sim2vr/render/renderer.hpp"
-#include "sky.hpp"
+#include "sky_painter.hpp"
 
 namespace sim2vr::render {
 
@@ -39,15 +39,13 @@ class GlRenderer final : public Renderer {
 
   void setUp();
   void setUpSurfaceArrays();
-  void setUpSkyArrays();
   GLuint makeBuffer();
   Target& target(ImageSize size);
   Target makeTarget(ImageSize size);
   void dropTarget(const Target& target);
-  void updateSky(Frame& frame);
   void upload(const Frame& frame);
-  void draw(const Frame& frame);
-  void drawSky();
+  /// `sky`: a framebuffer to copy the sky from; 0 draws it, where there is one.
+  void draw(const Frame& frame, ImageSize size, GLuint sky);
   void drawItems(const std::vector<DrawItem>& items, std::size_t first_instance);
   void applyState(const DrawState& state);
   void checkErrors();
@@ -63,16 +61,13 @@ class GlRenderer final : public Renderer {
   std::vector<InstanceData> instances_;
   std::vector<Target> targets_;
   std::uint64_t frame_number_ = 0;
-  std::optional<SkySettings> sky_settings_;
-  SkyDome sky_;
+  std::optional<SkyPainter> sky_;
   std::optional<DrawState> applied_;
 
   std::array<GLuint, kShadingCount> surface_programs_{};
-  GLuint sky_program_ = 0;
   std::vector<GLuint> buffers_;
   GLuint vertex_buffer_ = 0, index_buffer_ = 0, instance_buffer_ = 0, uniform_buffer_ = 0;
-  GLuint sky_vertex_buffer_ = 0, sky_index_buffer_ = 0;
-  GLuint surface_array_ = 0, sky_array_ = 0;
+  GLuint surface_array_ = 0;
 };
 
 }  // namespace sim2vr::render

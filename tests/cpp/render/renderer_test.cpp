@@ -128,6 +128,55 @@ TEST_P(RendererTest, EqualScenesGiveEqualBytes) {
   EXPECT_EQ(two.draw(*fresh).rgba, first.rgba);
 }
 
+// From the second picture with one look on, the sky is copied from a picture that was kept.
+TEST_P(RendererTest, AKeptSkyIsTheDrawnOne) {
+  DemoWorld world;
+  for (const double pitch : {-1.4, -0.6, 0.0, 0.17, 0.9, 1.5}) {
+    for (const double yaw : {0.0, 0.37, 2.0, 3.1}) {
+      world.camera->transform().setLocalRotation(
+          Quat(Eigen::AngleAxisd(yaw, Vec3::UnitY()) * Eigen::AngleAxisd(pitch, Vec3::UnitX())));
+      const Picture drawn = world.draw(*renderer_);
+      const Picture kept = world.draw(*renderer_);
+      EXPECT_EQ(drawn.rgba, kept.rgba) << "pitch " << pitch << ", yaw " << yaw;
+      EXPECT_EQ(kept.rgba, world.draw(*renderer_).rgba);
+    }
+  }
+}
+
+TEST_P(RendererTest, AKeptSkyIsOfItsSizeLensAndColours) {
+  DemoWorld world;
+  const auto twice = [&](ImageSize size = kHeadset) {
+    const Picture first = world.draw(*renderer_, size);
+    EXPECT_EQ(world.draw(*renderer_, size).rgba, first.rgba);
+    return first;
+  };
+  const Picture before = twice();
+  twice({160, 80});
+  world.camera->vertical_fov_deg = 60.0;
+  EXPECT_NE(twice().rgba, before.rgba);
+  world.camera->vertical_fov_deg = 90.0;
+  EXPECT_EQ(twice().rgba, before.rgba);
+  world.scene.forEach<Skybox>([](Skybox& sky) { sky.exposure *= 0.5F; });
+  EXPECT_NE(twice().rgba, before.rgba);
+  world.scene.forEach<Skybox>([](Skybox& sky) { sky.exposure *= 2.0F; });
+  EXPECT_EQ(twice().rgba, before.rgba);
+}
+
+TEST_P(RendererTest, ABatchIsTheSinglePictures) {
+  DemoWorld world;
+  DemoWorld other;
+  other.camera->transform().setLocalRotation(Quat(Eigen::AngleAxisd(0.5, Vec3::UnitY())));
+  Picture pictures[3] = {{kHeadset, {}}, {kHeadset, {}}, {{64, 48}, {}}};
+  for (Picture& picture : pictures) picture.rgba.resize(picture.size.pixels() * 4);
+  const std::vector<ViewRequest> requests{{world.scene, *world.camera, kHeadset, pictures[0].rgba},
+                                          {other.scene, *other.camera, kHeadset, pictures[1].rgba},
+                                          {world.scene, *world.camera, {64, 48}, pictures[2].rgba}};
+  renderer_->renderBatch(requests);
+  EXPECT_EQ(pictures[0].rgba, world.draw(*renderer_).rgba);
+  EXPECT_EQ(pictures[1].rgba, other.draw(*renderer_).rgba);
+  EXPECT_EQ(pictures[2].rgba, world.draw(*renderer_, {64, 48}).rgba);
+}
+
 TEST_P(RendererTest, ThreadsMayShareARenderer) {
   const DemoWorld world;
   const Picture expected = world.draw(*renderer_);

@@ -120,18 +120,12 @@ void App::beginRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogge
 }
 
 StepResult App::reset(const RoundStart& start, const xr::DeviceState& devices) {
-  StepResult first = begin(start, devices);
-  show();
-  return first;
+  return shown(begin(start, devices));
 }
 
-StepResult App::step(std::span<const FrameInput> frames) {
-  StepResult stepped = advance(frames);
-  show();
-  return stepped;
-}
+StepResult App::step(std::span<const FrameInput> frames) { return shown(advance(frames)); }
 
-StepResult App::begin(const RoundStart& start, const xr::DeviceState& devices) {
+Outcome App::begin(const RoundStart& start, const xr::DeviceState& devices) {
   if (start.time_ns < 0) {
     throw InvalidArgument("time_ns", std::to_string(start.time_ns), "0 or above");
   }
@@ -149,10 +143,10 @@ StepResult App::begin(const RoundStart& start, const xr::DeviceState& devices) {
   beginRound(start.seed, start.time_ns, logger_.get());
   round_->session.begin();
   runFrame(start.time_ns, checked);
-  return result(round_->env->reward());
+  return outcome(round_->env->reward());
 }
 
-StepResult App::advance(std::span<const FrameInput> frames) {
+Outcome App::advance(std::span<const FrameInput> frames) {
   Round& current = round("step");
   if (current.env->finished()) {
     throw StateError("step: the round is over; call reset to start the next one");
@@ -176,7 +170,7 @@ StepResult App::advance(std::span<const FrameInput> frames) {
     runFrame(frames[i].time_ns, checked[i]);
     reward += current.env->reward();
   }
-  return result(reward);
+  return outcome(reward);
 }
 
 void App::runFrame(std::int64_t time_ns, const xr::DeviceState& devices) {
@@ -191,12 +185,19 @@ void App::runFrame(std::int64_t time_ns, const xr::DeviceState& devices) {
   if (logger_ != nullptr && current.env->finished()) logger_->endRound();
 }
 
-StepResult App::result(float reward) const {
-  const Round& current = *round_;
-  return {.reward = reward,
-          .finished = current.env->finished(),
-          .time_feature = current.env->GetTimeFeature(),
-          .log = current.env->log()};
+Outcome App::outcome(float reward) const {
+  const rl::RLEnv& env = *round_->env;
+  return {reward, env.finished(), env.GetTimeFeature()};
+}
+
+StepResult App::shown(const Outcome& outcome) {
+  renderView(View::headset, settings_.headset_size, image_);
+  return {outcome, log()};
+}
+
+const std::map<std::string, double>& App::log() {
+  const rl::RLEnv& env = *round("log").env;
+  return env.log();
 }
 
 void App::renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba) {
@@ -261,7 +262,7 @@ void App::load(const std::string& state) {
     configureGame(*game_, options);
     throw;
   }
-  show();
+  renderView(View::headset, settings_.headset_size, image_);
 }
 
 std::uint64_t App::stateHash() {

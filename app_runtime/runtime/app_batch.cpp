@@ -74,14 +74,14 @@ int AppBatch::workerOf(int index) const {
 template <class Move>
 void AppBatch::run(std::span<const int> indices, const Move& move) {
   for (const int index : indices) static_cast<void>(app(index));
-  std::vector<StepResult> results(indices.size());
+  std::vector<Outcome> outcomes(indices.size());
   std::vector<std::exception_ptr> failures(indices.size());
   pool_.run([&](int worker) {
     std::vector<render::ViewRequest> views;
     for (std::size_t i = 0; i < indices.size(); ++i) {
       if (workerOf(indices[i]) != worker) continue;
       try {
-        results[i] = move(i);
+        outcomes[i] = move(i);
         views.push_back(apps_[static_cast<std::size_t>(indices[i])]->headsetView());
       } catch (...) {
         failures[i] = std::current_exception();
@@ -90,7 +90,7 @@ void AppBatch::run(std::span<const int> indices, const Move& move) {
     renderers_[static_cast<std::size_t>(worker)]->renderBatch(views);
   });
   for (std::size_t i = 0; i < indices.size(); ++i) {
-    if (!failures[i]) store(indices[i], results[i]);
+    if (!failures[i]) store(indices[i], outcomes[i]);
   }
   for (std::size_t i = 0; i < indices.size(); ++i) {
     if (!failures[i]) continue;
@@ -125,22 +125,23 @@ void AppBatch::step(std::span<const int> indices, std::span<const FrameInput> fr
   });
 }
 
-void AppBatch::learnLogNames(const StepResult& result) {
-  for (const auto& entry : result.log) log_names_.push_back(entry.first);
-  logs_.resize(apps_.size() * log_names_.size());
-}
-
-void AppBatch::store(int index, const StepResult& result) {
-  if (log_names_.empty()) learnLogNames(result);
+void AppBatch::store(int index, const Outcome& outcome) {
   const auto row = static_cast<std::size_t>(index);
-  rewards_[row] = result.reward;
-  finished_[row] = result.finished ? 1 : 0;
-  time_features_[row] = result.time_feature;
-  std::size_t column = row * log_names_.size();
-  for (const std::string& name : log_names_) {
-    const auto found = result.log.find(name);
-    logs_[column++] = found == result.log.end() ? 0.0 : found->second;
+  rewards_[row] = outcome.reward;
+  finished_[row] = outcome.finished ? 1 : 0;
+  time_features_[row] = outcome.time_feature;
+  const std::map<std::string, double>& log = apps_[row]->log();
+  if (log_names_.empty()) {
+    for (const auto& entry : log) log_names_.push_back(entry.first);
+    logs_.resize(apps_.size() * log_names_.size());
   }
+  // Every round of a game has the same names.
+  if (log.size() != log_names_.size()) {
+    throw EngineError(fmt::format("app {}: a log of {} numbers where other rounds have {}", index,
+                                  log.size(), log_names_.size()));
+  }
+  std::size_t column = row * log_names_.size();
+  for (const auto& entry : log) logs_[column++] = entry.second;
 }
 
 }  // namespace sim2vr::runtime

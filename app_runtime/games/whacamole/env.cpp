@@ -1,6 +1,7 @@
 #include "whacamole/env.hpp"
 
 #include <algorithm>
+#include <array>
 #include <cmath>
 #include <string>
 
@@ -15,6 +16,20 @@ constexpr double kPointReward = 10.0;
 constexpr double kContactReward = 2.0;
 constexpr double kDistanceRate_per_m = 10.0;
 constexpr double kReferenceDistanceWeight = 0.1;
+
+struct CellNames {
+  std::string fail_rate, hits, misses;
+};
+
+// Made once: the log is written in every frame.
+const std::array<CellNames, kCells> kCellNames = [] {
+  std::array<CellNames, kCells> names;
+  for (std::size_t i = 0; i < names.size(); ++i) {
+    const std::string number = std::to_string(i);
+    names[i] = {"failrateTarget" + number, "hitsTarget" + number, "missesTarget" + number};
+  }
+  return names;
+}();
 
 double meanOf(double sum, int count) { return count == 0 ? 0.0 : sum / count; }
 
@@ -92,10 +107,9 @@ void Env::updateLog() {
   log_["HammerDepthNormal"] = meanOf(counts.depth_normal_sum_m, counts.play_frames);
   for (int cell = 0; cell < kCells; ++cell) {
     const auto i = static_cast<std::size_t>(cell);
-    const std::string number = std::to_string(cell);
-    log_["failrateTarget" + number] = round_.tally().failRate(cell);
-    log_["hitsTarget" + number] = round_.tally().hits[i];
-    log_["missesTarget" + number] = round_.tally().misses[i];
+    log_[kCellNames[i].fail_rate] = round_.tally().failRate(cell);
+    log_[kCellNames[i].hits] = round_.tally().hits[i];
+    log_[kCellNames[i].misses] = round_.tally().misses[i];
   }
 }
 

@@ -36,10 +36,14 @@ struct FrameInput {
   xr::DeviceState devices;
 };
 
-struct StepResult {
+/// What a step came to.
+struct Outcome {
   float reward = 0.0F;
   bool finished = false;
   float time_feature = 0.0F;
+};
+
+struct StepResult : Outcome {
   std::map<std::string, double> log;
 };
 
@@ -90,8 +94,10 @@ class App {
 
   // What reset and step are made of, for callers that draw the pictures of many apps together
   // (AppBatch): the same without a picture.
-  StepResult begin(const RoundStart& start, const xr::DeviceState& devices);
-  StepResult advance(std::span<const FrameInput> frames);
+  Outcome begin(const RoundStart& start, const xr::DeviceState& devices);
+  Outcome advance(std::span<const FrameInput> frames);
+  /// The game's named numbers after the last frame. Throws StateError before the first reset.
+  const std::map<std::string, double>& log();
   /// What draws the last frame's headset image into the app's memory for it.
   render::ViewRequest headsetView() {
     return viewRequest(View::headset, settings_.headset_size, image_);
@@ -121,9 +127,10 @@ class App {
   void beginRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogger* logger);
   Round& round(std::string_view call);
   void runFrame(std::int64_t time_ns, const xr::DeviceState& devices);
-  StepResult result(float reward) const;
+  Outcome outcome(float reward) const;
+  StepResult shown(const Outcome& outcome);
   render::ViewRequest viewRequest(View view, render::ImageSize size, std::span<std::uint8_t> rgba);
-  void show() { renderView(View::headset, settings_.headset_size, image_); }
+
   void fields(Archive& archive);
 
   AppSettings settings_;

@@ -61,8 +61,7 @@ class AppBatch {
  private:
   template <class Move>
   void run(std::span<const int> indices, const Move& move);
-  void store(int index, const StepResult& result);
-  void learnLogNames(const StepResult& result);
+  void store(int index, const Outcome& outcome);
   int workerOf(int index) const;
 
   BatchSettings settings_;

@@ -80,8 +80,10 @@ class Simulation:
     """N users playing in N apps, without automatic reset.
 
     One user step: muscle control -> MuJoCo substeps -> device poses at the end of the step -> one
-    app frame (collisions, game, reward, image) -> effort subtracted -> observation. An episode
-    depends on its seed and actions only, not on N, the position in the batch or the threads.
+    app frame (collisions, game, reward, image) -> effort subtracted -> observation. With
+    ``frames_per_step`` K the app gets the poses of K moments, evenly spread over the step, in one
+    exchange, runs a frame for each and draws the last. An episode depends on its seed and actions
+    only, not on N, the position in the batch or the threads.
 
     Args:
         config: user, app and perception.
@@ -108,6 +110,8 @@ class Simulation:
             config.user.model,
             skull_rotation_wxyz=_pitch_down(config.user.skull_rotation_deg),
         )
+        substeps = _substeps(config.action_frequency_hz, self.user.timestep)
+        _check_frames(config.frames_per_step, substeps)
         self.users = UserBatch(
             self.user,
             n,
@@ -115,7 +119,7 @@ class Simulation:
             effort=EFFORT_MODELS[config.user.effort.model],
             effort_weight=None if config.user.effort.model == "zero" else config.user.effort.weight,
             noise=_noise(config.user.noise),
-            substeps=_substeps(config.action_frequency_hz, self.user.timestep),
+            substeps=substeps,
         )
         self.vision = HeadsetVision(
             config.vision.channels,
@@ -223,17 +227,17 @@ class Simulation:
         if self._over.any():
             over = np.flatnonzero(self._over).tolist()
             raise RuntimeError(f"step: the episodes of users {over} are over; reset them first")
-        self.users.step(actions)
+        self.users.step(actions, pose_samples=self.config.frames_per_step)
         diverged = self.users.diverged
         cost = np.where(diverged, 0.0, self.users.effort_cost)
         self._steps += 1
-        poses = self._device_poses()
+        poses = self._step_poses()
         reward = np.zeros(self.n)
         terminated = diverged.copy()
         infos: list[dict[str, Any]] = []
         for i in range(self.n):
             # A diverged user's app stays where it was, as does its last finite observation.
-            reply = None if diverged[i] else self.apps[i].step(self._time_ns(i), poses[i])
+            reply = None if diverged[i] else self.apps[i].step_frames(self._times_ns(i), poses[i])
             game_reward = 0.0 if reply is None else reply.reward
             reward[i] = game_reward - cost[i]
             info: dict[str, Any] = {"game_reward": game_reward, "effort_cost": float(cost[i])}
@@ -261,13 +265,31 @@ class Simulation:
             infos[i]["termination"] = end if terminated[i] else "max_steps_reached"
             infos[i]["max_fatigued"] = float(fatigued[i])
 
-    def _time_ns(self, i: int) -> int:
+    def _times_ns(self, i: int) -> NDArray[np.int64]:
         # From the step count, so that rounding never accumulates.
-        return frame_time_ns(int(self._steps[i]), self.config.action_frequency_hz)
+        frames = self.config.frames_per_step
+        first = (int(self._steps[i]) - 1) * frames + 1
+        rate_hz = self.config.action_frequency_hz * frames
+        return np.array([frame_time_ns(first + k, rate_hz) for k in range(frames)], dtype=np.int64)
 
     def _device_poses(self) -> list[DevicePoses]:
+        """Where every user's devices are now, arrays of 7."""
         head = pose_to_app(*self.users.device_poses("headset"))
         right = pose_to_app(*self.users.device_poses("controller_right"))
+        return [DevicePoses(head[i], right[i]) for i in range(self.n)]
+
+    def _step_poses(self) -> list[DevicePoses]:
+        """Where every user's devices were in the K frames of the last step, arrays (K, 7)."""
+        head, right = (
+            np.stack(
+                [
+                    pose_to_app(*self.users.device_poses(name, k))
+                    for k in range(self.config.frames_per_step)
+                ],
+                axis=1,
+            )
+            for name in ("headset", "controller_right")
+        )
         return [DevicePoses(head[i], right[i]) for i in range(self.n)]
 
     def _take_reply(self, i: int, reply: AppReply) -> None:
@@ -377,3 +399,12 @@ def _substeps(action_frequency_hz: int, timestep_s: float) -> int:
             f"{round(1.0 / timestep_s)} (one physics step is {timestep_s} s)"
         )
     return substeps
+
+
+def _check_frames(frames_per_step: int, substeps: int) -> None:
+    if frames_per_step < 1 or substeps % frames_per_step:
+        divisors = [str(k) for k in range(1, substeps + 1) if substeps % k == 0]
+        raise ValueError(
+            f"frames_per_step: got {frames_per_step}, expected {', '.join(divisors)} (a divisor of "
+            f"the {substeps} physics steps of a user step)"
+        )

@@ -114,7 +114,11 @@ class EnvConfig(_Settings):
     user: UserConfig = UserConfig()
     vision: VisionConfig = VisionConfig()
     action_frequency_hz: int = Field(default=20, ge=1, le=500)
-    """User steps per second; one app frame and one image each."""
+    """User steps per second; one image each."""
+    frames_per_step: int = Field(default=1, ge=1)
+    """App frames per user step, each with the device poses of its own moment; the last one is
+    drawn. Divides the physics steps of a user step (25 at 20 Hz: 1, 5 or 25). 1 is the reference:
+    tracking at the action frequency; 5 at 20 Hz is tracking at 100 Hz."""
     max_episode_seconds: float = Field(default=1000.0, gt=0.0)
     """An episode that the game has not ended by then is truncated."""
     threads: int = Field(default=0, ge=0)

@@ -87,8 +87,10 @@ class Simulation:
     """N users playing in N apps, without automatic reset.
 
     One user step: muscle control -> MuJoCo substeps -> device poses at the end of the step -> one
-    app frame (collisions, game, reward, image) -> effort subtracted -> observation. An episode
-    depends on its seed and actions only, not on N, the position in the batch or the threads.
+    app frame (collisions, game, reward, image) -> effort subtracted -> observation. With
+    ``frames_per_step`` K the app gets the poses of K moments, evenly spread over the step, in one
+    exchange, runs a frame for each and draws the last. An episode depends on its seed and actions
+    only, not on N, the position in the batch or the threads.
 
     An app outside this process may fail. Its user's episode ends there (``app_failed``, truncated,
     on the last observation), the others go on, and the user's next reset starts another app.
@@ -118,6 +120,8 @@ class Simulation:
             config.user.model,
             skull_rotation_wxyz=_pitch_down(config.user.skull_rotation_deg),
         )
+        substeps = _substeps(config.action_frequency_hz, self.user.timestep)
+        _check_frames(config.frames_per_step, substeps)
         self.users = UserBatch(
             self.user,
             n,
@@ -125,7 +129,7 @@ class Simulation:
             effort=EFFORT_MODELS[config.user.effort.model],
             effort_weight=None if config.user.effort.model == "zero" else config.user.effort.weight,
             noise=_noise(config.user.noise),
-            substeps=_substeps(config.action_frequency_hz, self.user.timestep),
+            substeps=substeps,
         )
         self.vision = HeadsetVision(
             config.vision.channels,
@@ -245,13 +249,13 @@ class Simulation:
         if self._over.any():
             over = np.flatnonzero(self._over).tolist()
             raise RuntimeError(f"step: the episodes of users {over} are over; reset them first")
-        self.users.step(actions)
+        self.users.step(actions, pose_samples=self.config.frames_per_step)
         diverged = self.users.diverged
         cost = np.where(diverged, 0.0, self.users.effort_cost)
         self._steps += 1
         # A diverged user's app stays where it was, as does its last finite observation.
         playing = [int(i) for i in np.flatnonzero(~diverged)]
-        replies = self._step_apps(playing, self._device_poses())
+        replies = self._step_apps(playing, self._step_poses())
         reward = np.zeros(self.n)
         terminated = diverged.copy()
         infos: list[dict[str, Any]] = []
@@ -290,13 +294,12 @@ class Simulation:
     # --- apps, which may fail when they run outside this process --------------------------------
 
     def _step_apps(self, users: Sequence[int], poses: list[DevicePoses]) -> dict[int, AppReply]:
-        """One frame in the apps of ``users``, side by side; without those whose app failed."""
+        """The step's frames in the apps of ``users``, side by side; without apps that failed."""
         replies: dict[int, AppReply] = {}
         for i in users:
             with self._noting_failure(i):
-                times = np.array([self._time_ns(i)])
                 last = bool(self._steps[i] >= self.max_steps)
-                self.apps[i].start_step(times, _one_frame(poses[i]), last=last)
+                self.apps[i].start_step(self._times_ns(i), poses[i], last=last)
         for i in users:
             with self._noting_failure(i):
                 if i not in self._failed:
@@ -336,13 +339,31 @@ class Simulation:
             self.app_failures.append(AppFailure(i, int(self._steps[i]), str(error)))
             self.apps[i].close()
 
-    def _time_ns(self, i: int) -> int:
+    def _times_ns(self, i: int) -> NDArray[np.int64]:
         # From the step count, so that rounding never accumulates.
-        return frame_time_ns(int(self._steps[i]), self.config.action_frequency_hz)
+        frames = self.config.frames_per_step
+        first = (int(self._steps[i]) - 1) * frames + 1
+        rate_hz = self.config.action_frequency_hz * frames
+        return np.array([frame_time_ns(first + k, rate_hz) for k in range(frames)], dtype=np.int64)
 
     def _device_poses(self) -> list[DevicePoses]:
+        """Where every user's devices are now, arrays of 7."""
         head = pose_to_app(*self.users.device_poses("headset"))
         right = pose_to_app(*self.users.device_poses("controller_right"))
+        return [DevicePoses(head[i], right[i]) for i in range(self.n)]
+
+    def _step_poses(self) -> list[DevicePoses]:
+        """Where every user's devices were in the K frames of the last step, arrays (K, 7)."""
+        head, right = (
+            np.stack(
+                [
+                    pose_to_app(*self.users.device_poses(name, k))
+                    for k in range(self.config.frames_per_step)
+                ],
+                axis=1,
+            )
+            for name in ("headset", "controller_right")
+        )
         return [DevicePoses(head[i], right[i]) for i in range(self.n)]
 
     def _take_reply(self, i: int, reply: AppReply) -> None:
@@ -455,12 +476,6 @@ class _PlainUnpickler(pickle.Unpickler):
         return super().find_class(module, name)
 
 
-def _one_frame(poses: DevicePoses) -> DevicePoses:
-    """Poses of one moment, (7,), as those of one frame, (1, 7)."""
-    rows = {name: None if pose is None else pose[None] for name, pose in vars(poses).items()}
-    return DevicePoses(**rows)  # type: ignore[arg-type]
-
-
 def _pitch_down(degrees: float) -> tuple[float, float, float, float] | None:
     """Rotation of the skull (thorax frame: y up, x forward, z right) that looks down."""
     if degrees == 0.0:
@@ -484,3 +499,12 @@ def _substeps(action_frequency_hz: int, timestep_s: float) -> int:
             f"{round(1.0 / timestep_s)} (one physics step is {timestep_s} s)"
         )
     return substeps
+
+
+def _check_frames(frames_per_step: int, substeps: int) -> None:
+    if frames_per_step < 1 or substeps % frames_per_step:
+        divisors = [str(k) for k in range(1, substeps + 1) if substeps % k == 0]
+        raise ValueError(
+            f"frames_per_step: got {frames_per_step}, expected {', '.join(divisors)} (a divisor of "
+            f"the {substeps} physics steps of a user step)"
+        )

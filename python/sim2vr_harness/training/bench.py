@@ -183,6 +183,7 @@ def _circumstances(
         "renderer": renderer,
         "image": [config.env.vision.width, config.env.vision.height],
         "physics_steps_per_user_step": 500 // config.env.action_frequency_hz,
+        "frames_per_step": config.env.frames_per_step,
         "seconds_per_measurement": seconds,
         "train_steps": train_steps,
         "versions": versions(),

@@ -12,6 +12,7 @@ from rich.console import Console
 
 from sim2vr_harness.training import trainer
 from sim2vr_harness.training.config import TrainingConfig, load_config
+from sim2vr_harness.training.errors import InputError
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 
@@ -28,13 +29,14 @@ SETTINGS = [
 ]
 
 
-def config() -> TrainingConfig:
-    return load_config("whacamole_adaptive_constrained", SETTINGS)
+def config(frames: int) -> TrainingConfig:
+    settings = [*SETTINGS, f"env.frames_per_step={frames}"]
+    return load_config("whacamole_adaptive_constrained", settings)
 
 
-def train(folder: Path, stop: int, **how: bool) -> trainer.TrainResult:
+def train(folder: Path, stop: int, frames: int = 1, **how: bool) -> trainer.TrainResult:
     console = Console(file=io.StringIO())
-    return trainer.train(config(), folder, timesteps=stop, console=console, **how)
+    return trainer.train(config(frames), folder, timesteps=stop, console=console, **how)
 
 
 def weights(path: Path) -> dict[str, torch.Tensor]:
@@ -42,10 +44,11 @@ def weights(path: Path) -> dict[str, torch.Tensor]:
         return torch.load(io.BytesIO(archive.read("policy.pth")), weights_only=True)
 
 
-def test_resumed_training_is_bit_identical(tmp_path: Path) -> None:
-    whole = train(tmp_path / "whole", 180)
-    train(tmp_path / "parts", 120)
-    parts = train(tmp_path / "parts", 180, resume=True)
+@pytest.mark.parametrize("frames", [1, 5])
+def test_resumed_training_is_bit_identical(tmp_path: Path, frames: int) -> None:
+    whole = train(tmp_path / "whole", 180, frames)
+    train(tmp_path / "parts", 120, frames)
+    parts = train(tmp_path / "parts", 180, frames, resume=True)
     one, other = weights(whole.checkpoint), weights(parts.checkpoint)
     assert all(torch.equal(one[key], other[key]) for key in one)
     first, last = whole.folder.metrics()[-1], parts.folder.metrics()[-1]
@@ -55,10 +58,17 @@ def test_resumed_training_is_bit_identical(tmp_path: Path) -> None:
     assert first["rollout/ep_Misses_mean"] is not None
 
 
-def test_evaluation_does_not_depend_on_the_batch(tmp_path: Path) -> None:
+def test_a_resumed_run_keeps_its_tracking_rate(tmp_path: Path) -> None:
+    train(tmp_path / "run", 60, frames=5)
+    with pytest.raises(InputError, match="frames_per_step: got 1, expected 5"):
+        train(tmp_path / "run", 120, frames=1, resume=True)
+
+
+@pytest.mark.parametrize("frames", [1, 5])
+def test_evaluation_does_not_depend_on_the_batch(tmp_path: Path, frames: int) -> None:
     from sim2vr_harness.evaluation.evaluate import Request, evaluate
 
-    result = train(tmp_path / "run", 60)
+    result = train(tmp_path / "run", 60, frames)
     found = evaluate(result.checkpoint, Request(episodes=2))
     alone = evaluate(result.checkpoint, Request(episodes=2, batch=1))
     assert found.summaries == alone.summaries

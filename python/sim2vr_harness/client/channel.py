@@ -93,7 +93,9 @@ class Channel:
             AppDied: the app is known to be gone.
             AppError: the channel was given up before.
         """
-        self._require_usable()
+        self._require_open()
+        if self.awaiting:
+            raise AppError(f"{self.app} has not answered the request before")
         if self._monitor.poll(0) or (self.process is not None and not self.process.running):
             raise self.give_up(self._death(doing))
         self._socket.send_multipart(frames, flags=zmq.NOBLOCK)
@@ -106,6 +108,9 @@ class Channel:
             AppDied: the process ended or the connection was closed.
             AppTimeout: no answer came in time.
         """
+        self._require_open()
+        if not self.awaiting:
+            raise AppError(f"{doing}: nothing was sent that could be answered")
         limit = self.timeout_s if timeout_s is None else timeout_s
         deadline = time.monotonic() + limit
         while True:
@@ -142,11 +147,9 @@ class Channel:
             f"timeout_s){self.process.log_words()}"
         )
 
-    def _require_usable(self) -> None:
+    def _require_open(self) -> None:
         if self._failure is not None:
             raise AppDied(f"{self.app} was given up: {self._failure}")
-        if self.awaiting:
-            raise AppError(f"{self.app} has not answered the request before")
 
     def give_up(self, error: Exception) -> Exception:
         """Closes the socket because of ``error``, which later calls repeat; returns it."""

@@ -198,11 +198,14 @@ class AppProcess:
     # --- ending ------------------------------------------------------------------------------
 
     def stop(self, grace_s: float = 5.0) -> None:
-        """Ends the process: waits for it to end by itself, then SIGTERM, then SIGKILL.
+        """Ends a process that was told to end: waits for it, then SIGTERM, then SIGKILL.
+
+        Idempotent.
 
         Args:
-            grace_s: how long to wait before SIGTERM, and again before SIGKILL. Idempotent.
+            grace_s: how long to wait before SIGTERM, and again before SIGKILL.
         """
+        self._keep_logs = False
         if self._finalizer.alive and not self.wait(grace_s):
             with suppress(ProcessLookupError):
                 os.killpg(self.pid, signal.SIGTERM)
@@ -215,10 +218,6 @@ class AppProcess:
         if not self._keep_logs:
             for file in self._logs:
                 file.unlink(missing_ok=True)
-
-    def keep_logs(self) -> None:
-        """Keeps the output files when the process ends."""
-        self._keep_logs = True
 
 
 def _check_executable(path: str) -> None:

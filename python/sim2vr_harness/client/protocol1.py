@@ -178,6 +178,8 @@ class Protocol1App:
 
     def finish_step(self) -> AppReply:
         """See :class:`AppClient`; waits for the reply."""
+        if self._channel.usable:
+            raise AppError("finish_step: no step was started; call start_step first")
         ending = self._ending
         reply = self._finish()
         if not ending:

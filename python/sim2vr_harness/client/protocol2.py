@@ -42,6 +42,7 @@ HEADER = struct.Struct("<4sHHIIII")
 """Magic, version, type, sequence, count of records, status, flags."""
 REPLY = 0x8000
 IN_SHARED_MEMORY = 1
+MAX_EDGE = 8192
 QUIT_S = 2.0
 """How long the server may take to acknowledge the end of the session."""
 
@@ -136,6 +137,11 @@ class Protocol2Connection:
         self.channel = channel
         self.apps = apps
         self.shape = (height, width, 4)
+        if not (1 <= width <= MAX_EDGE and 1 <= height <= MAX_EDGE):
+            self._abandon()
+            raise ValueError(
+                f"image size: got {width} x {height}, expected 1 to {MAX_EDGE} pixels each"
+            )
         self._sequence = 0
         self._names: dict[int, list[str]] = {}
         self._queued: dict[int, NDArray] = {}

@@ -1,8 +1,8 @@
 """Stands in for a Unity app with the SIM2VR asset: speaks protocol 1, the reference's fields only.
 
 ``-simulated -port N -logFile FILE`` as Unity builds take them. What it is to get wrong comes as
-``-fault KIND@K``: in the K-th exchange (the handshake is number 0), and, with ``-once FILE``, only in
-the first process that gets there. ``-record FILE`` keeps every message, one line each.
+``-fault KIND@K``: in the K-th exchange (the handshake is number 0), and, with ``-once FILE``, only
+in the first process that gets there. ``-record FILE`` keeps every message, one line each.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ def png(pixels: np.ndarray) -> bytes:
 
 def misbehave(kind: str, socket: zmq.Socket, reply: dict) -> bytes:
     """Does what is asked for; returns the reply where there is one."""
-    print(f"fault: {kind}", flush=True)
+    sys.stderr.write(f"fault: {kind}\n")
     if kind == "hang":
         time.sleep(3600)
     elif kind == "die":
@@ -114,7 +114,7 @@ def main() -> None:
     game = Game(float(given.get("-round", "0.5")))
     socket = zmq.Context.instance().socket(zmq.REP)
     socket.bind(f"tcp://127.0.0.1:{given['-port']}")
-    print("fake app is there", sys.argv[1:], flush=True)
+    sys.stderr.write(f"the stand-in is there: {sys.argv[1:]}\n")
     exchange = 0
     while True:
         message = json.loads(socket.recv())

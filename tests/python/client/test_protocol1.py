@@ -134,7 +134,7 @@ def test_what_the_reference_has_no_word_for(fake_app: Path) -> None:
             with pytest.raises(AppUnsupported, match="no word for"):
                 call()
         np.testing.assert_array_equal(app.render_headset(120, 80), app.image)
-        with pytest.raises(AppRefused, match="condition: got 'hard'.*expected 'medium'"):
+        with pytest.raises(AppRefused, match=r"condition: got 'hard'.*expected 'medium'"):
             app.reset(1, POSES, {"condition": "hard"})
         play(app, 1)  # and nothing has happened to the round
 

@@ -39,7 +39,7 @@ def flailing(frame: int) -> DevicePoses:
     """Head, both hands and their rotations at random, from frame to frame."""
     rng = np.random.default_rng(frame)
     poses = []
-    for centre in (HEAD[:3], HEAD[:3] + [-0.2, -0.3, 0.2], HEAD[:3] + AREA_FROM_HEAD):
+    for centre in (HEAD[:3], HEAD[:3] - AREA_FROM_HEAD, HEAD[:3] + AREA_FROM_HEAD):
         rotation = rng.standard_normal(4)
         position = centre + 0.15 * rng.standard_normal(3)
         poses.append(np.concatenate([position, rotation / np.linalg.norm(rotation)]))

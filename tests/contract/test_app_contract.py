@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 import players
 import pytest
-
 from transports import TRANSPORTS
 
 from sim2vr_harness.client import AppClient, AppReply, DevicePoses, list_games

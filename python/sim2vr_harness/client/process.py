@@ -193,7 +193,7 @@ class AppProcess:
         self._keep_logs = True
         tail = self.log_tail()
         files = " and ".join(str(file) for file in self._logs if file.is_file())
-        return f". Its log {files}" + (f" ends:\n{tail}" if tail else " is empty")
+        return f". Its log, {files}, ends:\n{tail}" if tail else f". Its log, {files}, is empty"
 
     # --- ending ------------------------------------------------------------------------------
 

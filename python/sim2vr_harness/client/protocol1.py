@@ -10,6 +10,7 @@ from __future__ import annotations
 import base64
 import io
 import json
+import math
 import re
 from collections.abc import Mapping
 from contextlib import suppress
@@ -388,7 +389,10 @@ def _on_grid(seconds: float, frequency_hz: int) -> float:
 def _log(text: Any) -> dict[str, float]:
     """The game's named numbers out of logDict, a string that holds a JSON object."""
     found = json.loads(text) if text else {}
-    return {str(name): float(value) for name, value in (found or {}).items()}
+    return {
+        str(name): math.nan if value is None else float(value)
+        for name, value in (found or {}).items()
+    }
 
 
 def _app_error(error: Any) -> Exception:

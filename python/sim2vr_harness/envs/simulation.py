@@ -297,13 +297,16 @@ class Simulation:
         """The step's frames in the apps of ``users``, side by side; without apps that failed."""
         replies: dict[int, AppReply] = {}
         for i in users:
+            if i in self._failed:  # found out while the state was saved
+                continue
             with self._noting_failure(i):
                 last = bool(self._steps[i] >= self.max_steps)
                 self.apps[i].start_step(self._times_ns(i), poses[i], last=last)
         for i in users:
+            if i in self._failed:
+                continue
             with self._noting_failure(i):
-                if i not in self._failed:
-                    replies[i] = self.apps[i].finish_step()
+                replies[i] = self.apps[i].finish_step()
         return replies
 
     def _reset_app(

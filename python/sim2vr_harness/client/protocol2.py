@@ -300,7 +300,7 @@ class Protocol2Connection:
                     self._results[app] = AppReply(reward, bool(finished), time_feature, log)
                 else:
                     self._results[app] = _error(status, str(errors.pop(0)))
-        except (IndexError, KeyError, TypeError, ValueError) as error:
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             raise self._malformed(f"a reply to frames: {error!r}") from error
 
     def _take_images(self, data: bytes, flags: int, apps: Sequence[int]) -> None:

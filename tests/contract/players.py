@@ -35,6 +35,18 @@ def wander(frame: int) -> DevicePoses:
     return DevicePoses(head, controller_at(hand))
 
 
+def flailing(frame: int) -> DevicePoses:
+    """Head, both hands and their rotations at random, from frame to frame."""
+    rng = np.random.default_rng(frame)
+    poses = []
+    for centre in (HEAD[:3], HEAD[:3] - AREA_FROM_HEAD, HEAD[:3] + AREA_FROM_HEAD):
+        rotation = rng.standard_normal(4)
+        position = centre + 0.15 * rng.standard_normal(3)
+        poses.append(np.concatenate([position, rotation / np.linalg.norm(rotation)]))
+    head, left, right = poses
+    return DevicePoses(head, right, left)
+
+
 def whacker(frame: int) -> DevicePoses:
     """Strikes the nine cells in turn: two frames 12 cm in front, one frame in the target.
 

@@ -7,13 +7,12 @@ from collections.abc import Callable
 import numpy as np
 import players
 import pytest
+from transports import TRANSPORTS
 
-from sim2vr_harness.client import AppClient, AppReply, DevicePoses, InProcessApp, list_games
+from sim2vr_harness.client import AppClient, AppReply, DevicePoses, list_games
 
 Player = Callable[[int], DevicePoses]
 GAMES = sorted(list_games())
-# Transports register here; a test runs against each of them.
-TRANSPORTS: dict[str, Callable[..., AppClient]] = {"in process": InProcessApp}
 
 
 @pytest.fixture(params=sorted(TRANSPORTS))

@@ -41,6 +41,46 @@ SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Change a value: --set ppo.n_envs=4."),
 ]
+AppOption = Annotated[
+    str | None,
+    typer.Option(
+        "--app", metavar="PATH", help="Play in this executable, such as a Unity build with SIM2VR."
+    ),
+]
+AppArgOption = Annotated[
+    list[str] | None,
+    typer.Option("--app-arg", metavar="ARG", help="An argument for --app; may be repeated."),
+]
+ConnectOption = Annotated[
+    str | None,
+    typer.Option(metavar="HOST:PORT", help="Play in an app that runs already."),
+]
+ProtocolOption = Annotated[
+    int | None,
+    typer.Option(help="What --app or --connect speak: 1, SIM2VR's (default), or 2, sim2vr-app's."),
+]
+
+
+def _app_settings(
+    app: str | None, arguments: list[str] | None, connect: str | None, protocol: int | None
+) -> dict[str, Any]:
+    """Return the settings of ``env.app`` that the options mean; none without any of them."""
+    from sim2vr_harness.training.errors import InputError
+
+    if protocol not in (None, 1, 2):
+        raise InputError("--protocol", str(protocol), "1 or 2")
+    if app is not None and connect is not None:
+        raise InputError("--connect", "it together with --app", "one of them")
+    if arguments and app is None:
+        raise InputError("--app-arg", "it without --app", "it together with --app")
+    if app is None and connect is None and protocol is None:
+        return {}
+    return {
+        "transport": f"protocol{protocol or 1}",
+        "executable": None if app is None else str(Path(app).expanduser().absolute()),
+        "arguments": list(arguments or []),
+        "connect": connect,
+    }
 
 
 def _print_version(wanted: bool) -> None:
@@ -81,6 +121,10 @@ def train(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Delete the run that is there.")
     ] = False,
+    app: AppOption = None,
+    app_arg: AppArgOption = None,
+    connect: ConnectOption = None,
+    protocol: ProtocolOption = None,
 ) -> int:
     """Train a simulated user; Ctrl-C saves, --resume continues exactly."""
     from sim2vr_harness.training import trainer
@@ -96,6 +140,8 @@ def train(
             raise InputError("CONFIG", "nothing", expected)
         config = str(RunFolder.open(out).config_file)
     overrides = [*(set_ or []), *([] if seed is None else [f"seed={seed}"])]
+    for key, value in _app_settings(app, app_arg, connect, protocol).items():
+        overrides.append(f"env.app.{key}={jsonlib.dumps(value)}")
     settings = load_config(config, overrides)
     folder = out or Path("runs") / settings.name
     result = trainer.train(
@@ -157,6 +203,10 @@ def evaluate(
         Path | None, typer.Option(help="Folder for files; RUN/evaluation/step_N by default.")
     ] = None,
     batch: Annotated[int, typer.Option(help="Rounds played side by side at most.")] = 10,
+    app: AppOption = None,
+    app_arg: AppArgOption = None,
+    connect: ConnectOption = None,
+    protocol: ProtocolOption = None,
     json: JsonOption = False,
 ) -> None:
     """Let a trained user play, and measure what it does."""
@@ -164,7 +214,8 @@ def evaluate(
     from sim2vr_harness.evaluation.evaluate import evaluate as evaluate_run
     from sim2vr_harness.evaluation.tables import results_table
 
-    request = Request(condition, episodes, seed, deterministic, record, log, out, batch)
+    remote = _app_settings(app, app_arg, connect, protocol)
+    request = Request(condition, episodes, seed, deterministic, record, log, out, batch, remote)
     with _Share("Playing") as share:
         found = evaluate_run(run, request, on_progress=share.show)
     if json:

@@ -109,6 +109,32 @@ class AppClient(Protocol):
             ValueError, RuntimeError: as :meth:`step`; then no frame was run.
         """
 
+    def start_step(self, times_ns: Int64Array, poses: DevicePoses, *, last: bool = False) -> None:
+        """First half of :meth:`step_frames`, so that several apps can work at the same time.
+
+        An app in this process runs the frames here; one outside is sent them. Apps that share a
+        connection are sent theirs together, as soon as each of them has its own.
+
+        Args:
+            times_ns: (K,) int64 game times, ascending.
+            poses: of K frames, (K, 7).
+            last: the user ends the round after this step (a time limit); an app of the reference
+                is told so, for the others the next reset says it.
+
+        Raises:
+            ValueError, RuntimeError: as :meth:`step`, here or in :meth:`finish_step`.
+        """
+
+    def finish_step(self) -> AppReply:
+        """Second half: the reply to :meth:`start_step`; then :attr:`image` is the new one."""
+
+    @property
+    def can_save(self) -> bool:
+        """Whether the app has :meth:`save`, :meth:`load`, :meth:`state_hash` and the views.
+
+        An app that only speaks the reference's protocol has not: they raise AppUnsupported.
+        """
+
     def render_headset(self, width: int, height: int) -> UInt8Array:
         """The headset view of the last frame at another size, (height, width, 4) RGBA."""
 

@@ -85,6 +85,7 @@ class InProcessApp:
         log_dir: Path | None = None,
         clock: ClockSettings | None = None,
     ) -> None:
+        self._reply: AppReply | None = None
         self._app: Any = _runtime().App(
             game=game,
             options=json.dumps(dict(options or {})),
@@ -146,6 +147,22 @@ class InProcessApp:
                 times_ns, poses.head, poses.left_controller, poses.right_controller
             )
         )
+
+    def start_step(self, times_ns: Int64Array, poses: DevicePoses, *, last: bool = False) -> None:
+        """See :class:`AppClient`; runs the frames."""
+        self._reply = self.step_frames(times_ns, poses)
+
+    def finish_step(self) -> AppReply:
+        """See :class:`AppClient`."""
+        reply, self._reply = self._reply, None
+        if reply is None:
+            raise RuntimeError("finish_step: no step was started; call start_step first")
+        return reply
+
+    @property
+    def can_save(self) -> bool:
+        """See :class:`AppClient`; True."""
+        return True
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
         """See :class:`AppClient`."""

@@ -6,11 +6,14 @@ Every model forbids unknown keys and is immutable; the training configuration ne
 
 from __future__ import annotations
 
+import re
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from sim2vr_harness.client.base import OptionValue
+
+_ADDRESS = re.compile(r"[^\s:/]+:([0-9]{1,5})")
 
 
 class _Settings(BaseModel):
@@ -63,6 +66,45 @@ class AppConfig(_Settings):
     options: dict[str, OptionValue] = {"condition": "medium"}
     """The game's options; each game validates its own (docs/games/)."""
     renderer: Literal["automatic", "egl", "osmesa", "null"] = "automatic"
+    transport: Literal["in_process", "protocol1", "protocol2"] = "in_process"
+    """Where the app runs: in this process, or outside, reached by SIM2VR's protocol (1) or by our
+    faster one (2); see docs/remote_apps.md."""
+    executable: str | None = None
+    """The app to start for every user, for example a Unity build with the SIM2VR asset (protocol
+    1); None starts our own sim2vr-app."""
+    arguments: tuple[str, ...] = ()
+    """Further arguments of the executable."""
+    connect: str | None = None
+    """``HOST:PORT`` of an app that runs already, instead of starting one."""
+    timeout_s: float = Field(default=60.0, gt=0.0)
+    """An app outside that does not answer for so long has failed and is started again."""
+    start_timeout_s: float = Field(default=60.0, gt=0.0)
+    """How long an app outside may take to start."""
+    time_scale: int = Field(default=5, ge=1, le=100)
+    """How many times faster than real time a Unity app may run at most."""
+    processes: int = Field(default=0, ge=0)
+    """Protocol 2: server processes that share the users; 0 takes one per core at most."""
+
+    @model_validator(mode="after")
+    def _consistent_transport(self) -> AppConfig:
+        if self.connect is not None:
+            match = _ADDRESS.fullmatch(self.connect)
+            if match is None or not 0 < int(match.group(1)) < 65536:
+                raise ValueError(
+                    f"connect: got {self.connect!r}, expected HOST:PORT, such as localhost:5555"
+                )
+            if self.executable is not None or self.arguments:
+                raise ValueError(
+                    f"connect: got {self.connect!r} next to an executable or arguments, expected "
+                    "one of the two: an app that runs already, or one to start"
+                )
+        for name in ("executable", "connect", "arguments"):
+            if self.transport == "in_process" and getattr(self, name):
+                raise ValueError(
+                    f"transport: got 'in_process' together with {name}, expected 'protocol1' or "
+                    "'protocol2'"
+                )
+        return self
 
 
 class EnvConfig(_Settings):

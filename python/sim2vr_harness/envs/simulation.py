@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import math
 import pickle
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,14 +16,16 @@ from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from sim2vr_harness.client import (
+    APP_FAILURES,
     AppClient,
+    AppDied,
     AppReply,
     DevicePoses,
-    InProcessApp,
     OptionValue,
     frame_time_ns,
 )
 from sim2vr_harness.client.frames import pose_to_app
+from sim2vr_harness.envs.apps import AppFactory, app_factory
 from sim2vr_harness.envs.config import EnvConfig, NoiseConfig
 from sim2vr_harness.perception import HeadsetVision, Proprioception
 from sim2vr_harness.users import User, load_user
@@ -30,8 +33,6 @@ from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.noise import MotorNoiseSettings
 
 Observation = dict[str, NDArray[Any]]
-AppFactory = Callable[[EnvConfig, int, Path | None], AppClient]
-"""Makes the app of user i: (config, i, log folder) -> client."""
 
 EFFORT_MODELS = {
     "cumulative_fatigue_3ccr": "CumulativeFatigue3CCr",
@@ -40,6 +41,9 @@ EFFORT_MODELS = {
     "consumed_endurance": "ConsumedEndurance",
     "zero": "Zero",
 }
+
+RESET_ATTEMPTS = 3
+"""Apps in a row that may fail before a user's round is given up."""
 
 _STATE_FORMAT = "sim2vr simulation state 1"
 
@@ -51,11 +55,11 @@ class StepBatch:
     Attributes:
         reward: (N,) float64, the game's reward minus the effort cost.
         terminated: (N,) bool, the game is over or the simulation diverged.
-        truncated: (N,) bool, ``max_episode_seconds`` are over.
+        truncated: (N,) bool, ``max_episode_seconds`` are over, or the app failed.
         infos: N dictionaries: ``game_reward`` and ``effort_cost`` of the step, ``log`` (the game's
             named numbers), ``condition`` when the game reports one; at the end of an episode also
-            ``termination`` (``finished``, ``diverged`` or ``max_steps_reached``) and
-            ``max_fatigued``.
+            ``termination`` (``finished``, ``diverged``, ``max_steps_reached`` or ``app_failed``)
+            and ``max_fatigued``; after ``app_failed`` ``app_error``, what happened.
     """
 
     reward: NDArray[np.float64]
@@ -64,16 +68,19 @@ class StepBatch:
     infos: list[dict[str, Any]]
 
 
-def in_process_app(config: EnvConfig, index: int, log_dir: Path | None) -> AppClient:
-    """The default :data:`AppFactory`: the C++ runtime in this process."""
-    return InProcessApp(
-        config.app.game,
-        config.app.options,
-        width=config.vision.width,
-        height=config.vision.height,
-        renderer=config.app.renderer,
-        log_dir=None if log_dir is None else log_dir / f"user{index:03d}",
-    )
+@dataclass(frozen=True)
+class AppFailure:
+    """An app outside this process that died, hung or talked nonsense.
+
+    Attributes:
+        user: whose app it was.
+        step: user steps of the round that it ended.
+        error: what happened, with the end of the app's log.
+    """
+
+    user: int
+    step: int
+    error: str
 
 
 class Simulation:
@@ -85,11 +92,14 @@ class Simulation:
     exchange, runs a frame for each and draws the last. An episode depends on its seed and actions
     only, not on N, the position in the batch or the threads.
 
+    An app outside this process may fail. Its user's episode ends there (``app_failed``, truncated,
+    on the last observation), the others go on, and the user's next reset starts another app.
+
     Args:
         config: user, app and perception.
         n: number of users N.
         log_dir: root of the apps' episode logs, or None.
-        make_app: how to get the app of each user.
+        make_app: how to get the app of each user; None goes by ``config.app.transport``.
 
     Raises:
         ValueError: a setting that cannot be used; names it, what was got and what was expected.
@@ -102,7 +112,7 @@ class Simulation:
         n: int = 1,
         *,
         log_dir: Path | None = None,
-        make_app: AppFactory = in_process_app,
+        make_app: AppFactory | None = None,
     ) -> None:
         self.config = config
         self.n = n
@@ -139,7 +149,19 @@ class Simulation:
         )
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.user.muscles),), np.float32)
         self.max_steps = max(1, round(config.max_episode_seconds * config.action_frequency_hz))
-        self.apps: list[AppClient] = [make_app(config, i, log_dir) for i in range(n)]
+        self._log_dir = log_dir
+        self._make_app = app_factory(config, n) if make_app is None else make_app
+        self.apps: list[AppClient] = []
+        self.app_failures: list[AppFailure] = []
+        """Every app that failed so far, the oldest first."""
+        self._failed: dict[int, str] = {}  # users whose app is to be started anew
+        self._options: list[dict[str, OptionValue]] = [{} for _ in range(n)]
+        try:
+            for i in range(n):
+                self.apps.append(self._make_app(config, i, log_dir))
+        except BaseException:
+            self._close_apps()
+            raise
         self._seeds = [np.random.default_rng() for _ in range(n)]
         self._steps = np.zeros(n, dtype=np.int64)
         self._over = np.ones(n, dtype=bool)
@@ -192,7 +214,7 @@ class Simulation:
         poses = self._device_poses()
         infos = []
         for i, round_seed in zip(rows, round_seeds, strict=True):
-            reply = self.apps[i].reset(round_seed, poses[i], options)
+            reply = self._reset_app(i, round_seed, poses[i], options)
             self._take_reply(i, reply)
             infos.append({"seed": round_seed, "log": reply.log})
         self._steps[rows] = 0
@@ -231,13 +253,14 @@ class Simulation:
         diverged = self.users.diverged
         cost = np.where(diverged, 0.0, self.users.effort_cost)
         self._steps += 1
-        poses = self._step_poses()
+        # A diverged user's app stays where it was, as does its last finite observation.
+        playing = [int(i) for i in np.flatnonzero(~diverged)]
+        replies = self._step_apps(playing, self._step_poses())
         reward = np.zeros(self.n)
         terminated = diverged.copy()
         infos: list[dict[str, Any]] = []
         for i in range(self.n):
-            # A diverged user's app stays where it was, as does its last finite observation.
-            reply = None if diverged[i] else self.apps[i].step_frames(self._times_ns(i), poses[i])
+            reply = replies.get(i)
             game_reward = 0.0 if reply is None else reply.reward
             reward[i] = game_reward - cost[i]
             info: dict[str, Any] = {"game_reward": game_reward, "effort_cost": float(cost[i])}
@@ -246,10 +269,11 @@ class Simulation:
                 terminated[i] = reply.finished
                 info["log"] = reply.log
             infos.append(info)
-        truncated = ~terminated & (self._steps >= self.max_steps)
+        failed = np.array([i in self._failed for i in range(self.n)])
+        truncated = ~terminated & ((self._steps >= self.max_steps) | failed)
         self._describe_ends(infos, terminated, truncated, diverged)
         self._over = terminated | truncated
-        self._perceive(np.flatnonzero(~diverged))
+        self._perceive(list(replies))
         return StepBatch(reward, terminated, truncated, infos)
 
     def _describe_ends(
@@ -260,10 +284,63 @@ class Simulation:
         diverged: NDArray[np.bool_],
     ) -> None:
         fatigued = self.users.effort.max_fatigued()
-        for i in np.flatnonzero(terminated | truncated):
+        for i in map(int, np.flatnonzero(terminated | truncated)):
             end = "diverged" if diverged[i] else "finished"
             infos[i]["termination"] = end if terminated[i] else "max_steps_reached"
             infos[i]["max_fatigued"] = float(fatigued[i])
+            if i in self._failed:
+                infos[i] |= {"termination": "app_failed", "app_error": self._failed[i]}
+
+    # --- apps, which may fail when they run outside this process --------------------------------
+
+    def _step_apps(self, users: Sequence[int], poses: list[DevicePoses]) -> dict[int, AppReply]:
+        """The step's frames in the apps of ``users``, side by side; without apps that failed."""
+        replies: dict[int, AppReply] = {}
+        for i in users:
+            if i in self._failed:  # found out while the state was saved
+                continue
+            with self._noting_failure(i):
+                last = bool(self._steps[i] >= self.max_steps)
+                self.apps[i].start_step(self._times_ns(i), poses[i], last=last)
+        for i in users:
+            if i in self._failed:
+                continue
+            with self._noting_failure(i):
+                replies[i] = self.apps[i].finish_step()
+        return replies
+
+    def _reset_app(
+        self,
+        i: int,
+        seed: int,
+        poses: DevicePoses,
+        options: Mapping[str, OptionValue] | None,
+    ) -> AppReply:
+        """Starts a round, in a new app where the one before has failed."""
+        for _ in range(RESET_ATTEMPTS):
+            chosen = options
+            if i in self._failed:
+                self.apps[i] = self._make_app(self.config, i, self._log_dir)
+                del self._failed[i]
+                chosen = {**self._options[i], **(options or {})}
+            with self._noting_failure(i):
+                reply = self.apps[i].reset(seed, poses, chosen)
+                self._options[i] |= options or {}
+                return reply
+        raise AppDied(
+            f"user {i}: {RESET_ATTEMPTS} apps in a row failed at the start of a round; the last "
+            f"one: {self._failed[i]}"
+        )
+
+    @contextmanager
+    def _noting_failure(self, i: int) -> Iterator[None]:
+        """Ends the app of user ``i``, and remembers why, when the block finds it failed."""
+        try:
+            yield
+        except APP_FAILURES as error:
+            self._failed[i] = str(error)
+            self.app_failures.append(AppFailure(i, int(self._steps[i]), str(error)))
+            self.apps[i].close()
 
     def _times_ns(self, i: int) -> NDArray[np.int64]:
         # From the step count, so that rounding never accumulates.
@@ -318,13 +395,30 @@ class Simulation:
             "seeds": [generator.bit_generator.state for generator in self._seeds],
             "users": [self.users.get_state(i) for i in range(self.n)],
             "vision": [self.vision.get_state(i) for i in range(self.n)],
-            "apps": [app.save() for app in self.apps],
+            "apps": [self._app_state(i) for i in range(self.n)],
             "arrays": {name: getattr(self, name).copy() for name in self._STATE_ARRAYS},
         }
         return pickle.dumps(state)
 
-    def load_state(self, state: bytes) -> None:
+    @property
+    def exact_states(self) -> bool:
+        """Whether :meth:`save_state` holds the rounds; SIM2VR apps of others cannot save theirs."""
+        return all(app.can_save for app in self.apps)
+
+    def _app_state(self, i: int) -> bytes | None:
+        """What the app saves; None if it cannot, or has failed."""
+        if i in self._failed or not self.apps[i].can_save:
+            return None
+        state: bytes | None = None
+        with self._noting_failure(i):
+            state = self.apps[i].save()
+        return state
+
+    def load_state(self, state: bytes) -> list[int]:
         """Goes on from :meth:`save_state` of a simulation with the same configuration and N.
+
+        Returns:
+            The users whose apps could not save their rounds; they have started new ones.
 
         Raises:
             ValueError: the bytes are of something else or of another number of users.
@@ -340,17 +434,26 @@ class Simulation:
             self._seeds[i].bit_generator.state = saved["seeds"][i]
             self.users.set_state(i, saved["users"][i])
             self.vision.set_state(i, saved["vision"][i])
-            self.apps[i].load(saved["apps"][i])
+            if saved["apps"][i] is not None:
+                self.apps[i].load(saved["apps"][i])
         for name in self._STATE_ARRAYS:
             getattr(self, name)[...] = saved["arrays"][name]
+        anew = [i for i in range(self.n) if saved["apps"][i] is None]
+        if anew:
+            self.reset(ids=anew)
+        return anew
 
     _STATE_ARRAYS = ("_steps", "_over", "_time_feature", "_images", "_seen", "_proprioception")
 
     def close(self) -> None:
         """Ends the apps; idempotent. Later calls raise RuntimeError."""
         self._closed = True
-        for app in self.apps:
-            app.close()
+        self._close_apps()
+
+    def _close_apps(self) -> None:
+        with ExitStack() as stack:  # each one, whatever happens to the others
+            for app in self.apps:
+                stack.callback(app.close)
 
     def _require_open(self) -> None:
         if self._closed:

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.apps import knows_options
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.player import Player, find_checkpoint
 from sim2vr_harness.evaluation.rollouts import jobs_for, play
 from sim2vr_harness.evaluation.video import RoundFilmer
-from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.training.config import TrainingConfig, parse_config
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import write_atomically
 
@@ -38,6 +40,7 @@ class Request:
         log: Whether to write the game's CSV logs.
         out: Where files go; None takes the run's ``evaluation/step_<N>``.
         batch: Rounds played side by side at most.
+        app: Settings that replace those of ``env.app``, for example another executable.
     """
 
     conditions: Sequence[str] | None = None
@@ -48,6 +51,7 @@ class Request:
     log: bool = False
     out: Path | None = None
     batch: int = 10
+    app: Mapping[str, Any] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -104,8 +108,10 @@ def evaluate(
     deterministic = request.deterministic
     if deterministic is None:
         deterministic = config.evaluation.deterministic
-    env = evaluation_env(config)
-    _check_conditions(env, conditions, simulation)
+    env = evaluation_env(config, request.app)
+    batch = _batch_for(env, request.batch)
+    if knows_options(env.app):
+        _check_conditions(env, conditions, simulation)
     out = request.out or folder.evaluation_dir / checkpoint.stem
     log_dir = out / "logs" if request.log else None
     if log_dir is not None:
@@ -121,15 +127,22 @@ def evaluate(
 
     filmer = RoundFilmer(out) if request.record else None
     with closing(filmer) if filmer is not None else nullcontext():
-        rounds = play(
-            lambda n: simulation(env, n, log_dir=log_dir),
-            make_act,
-            jobs_for(conditions, episodes, seed),
-            deterministic=deterministic,
-            batch=request.batch,
-            watcher=filmer,
-            on_progress=on_progress,
-        )
+        rounds: list[RoundResult] = []
+        groups = _groups(env, conditions)
+        for number, (own_env, own_conditions) in enumerate(groups):
+
+            def advance(share: float, done: int = number) -> None:
+                on_progress((done + share) / len(groups))
+
+            rounds += play(
+                partial(simulation, own_env, log_dir=log_dir),
+                make_act,
+                jobs_for(own_conditions, episodes, seed),
+                deterministic=deterministic,
+                batch=batch,
+                watcher=filmer,
+                on_progress=advance,
+            )
     summaries = {}
     for condition in conditions:
         own = [result for result in rounds if result.condition == condition]
@@ -146,17 +159,46 @@ def evaluate(
     return Evaluation(summaries, step, checkpoint, files, rounds)
 
 
-def evaluation_env(config: TrainingConfig) -> EnvConfig:
+def evaluation_env(config: TrainingConfig, app: Mapping[str, Any] | None = None) -> EnvConfig:
     """Return the environment to evaluate in: the training's, its curriculum switched off.
 
     As in the reference's evaluator; an adaptive game favours the targets that a user fails at, so
     that hit rates would not compare.
+
+    Args:
+        config: The run's configuration.
+        app: Settings that replace those of ``env.app``.
+
+    Raises:
+        InputError: They do not go together.
     """
-    options = dict(config.env.app.options)
+    settings = {**config.env.app.model_dump(), **(app or {})}
+    options = dict(settings["options"])
     if "adaptive" in options:
         options["adaptive"] = False
-    app = AppConfig(**{**config.env.app.model_dump(), "options": options})
-    return config.env.model_copy(update={"app": app})
+    tree = config.model_dump()
+    tree["env"]["app"] = {**settings, "options": options}
+    return parse_config(tree).env
+
+
+def _groups(env: EnvConfig, conditions: Sequence[str]) -> list[tuple[EnvConfig, Sequence[str]]]:
+    """Return the conditions that can be played by the same apps, and these apps' settings.
+
+    An app that takes its options at its start only is started anew for every condition.
+    """
+    if knows_options(env.app):
+        return [(env, conditions)]
+    groups: list[tuple[EnvConfig, Sequence[str]]] = []
+    for condition in conditions:
+        options = {**env.app.options, "condition": condition}
+        app = env.app.model_copy(update={"options": options})
+        groups.append((env.model_copy(update={"app": app}), [condition]))
+    return groups
+
+
+def _batch_for(env: EnvConfig, batch: int) -> int:
+    """Return how many rounds can be played side by side: one in an app that runs already."""
+    return 1 if env.app.connect is not None else batch
 
 
 def _check_numbers(episodes: int, seed: int, batch: int) -> None:

@@ -48,7 +48,7 @@ class RoundResult:
         episode: Number of the round within its condition, from 0.
         seed: Its seed.
         steps: User steps.
-        ended: ``finished``, ``max_steps_reached`` or ``diverged``.
+        ended: ``finished``, ``max_steps_reached``, ``diverged`` or ``app_failed``.
         values: The numbers named in :data:`METRICS`; None where a round has none.
         log: The game's last log.
     """
@@ -82,6 +82,8 @@ def round_result(
 ) -> RoundResult:
     """Work out the numbers of a finished round.
 
+    A round whose app failed has none: it is cut short, and would not compare with the others.
+
     Args:
         condition: The game's condition.
         episode: Number of the round within its condition.
@@ -108,12 +110,15 @@ def round_result(
         "game_return": game_return,
         "return": game_return - effort,
     }
+    ended = str(info.get("termination", "unknown"))
+    if ended == "app_failed":
+        values = dict.fromkeys(METRICS)
     return RoundResult(
         condition=condition,
         episode=episode,
         seed=seed,
         steps=steps,
-        ended=str(info.get("termination", "unknown")),
+        ended=ended,
         values={key: _finite(value) for key, value in values.items()},
         log=dict(log),
     )
@@ -137,7 +142,8 @@ def summarise(rounds: Sequence[RoundResult]) -> dict[str, Any]:
     hits = sum(result.values["hits"] or 0.0 for result in rounds)
     misses = sum(result.values["misses"] or 0.0 for result in rounds)
     summary["hit_rate_pooled"] = hits / (hits + misses) if hits + misses else None
-    summary["diverged"] = sum(result.ended == "diverged" for result in rounds)
+    for end in ("diverged", "app_failed"):
+        summary[end] = sum(result.ended == end for result in rounds)
     return summary
 
 

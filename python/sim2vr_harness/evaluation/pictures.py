@@ -72,6 +72,8 @@ class BodyPainter:
 class Panels:
     """The three views of one user, each (height, width, 3) uint8.
 
+    Two where the app cannot draw views (a SIM2VR app of others): the headset's is enlarged then.
+
     Args:
         simulation: The simulation.
         height: Height of every panel, pixels.
@@ -85,11 +87,22 @@ class Panels:
             "headset": (round(height * vision.width / vision.height / 2) * 2, height),
             "game": (round(height * 4 / 3 / 2) * 2, height),
         }
+        self._app_draws = all(app.can_save for app in simulation.apps)
+        if not self._app_draws:
+            del self.sizes["game"]
         self._body = BodyPainter(simulation, *self.sizes["body"], fast=True)
 
     def draw(self, index: int) -> dict[str, Picture]:
         """Return the views of user ``index`` by name: ``body``, ``headset``, ``game``."""
         app = self._simulation.apps[index]
+        if not self._app_draws:
+            small = Image.fromarray(np.ascontiguousarray(app.image[..., :3]))
+            return {
+                "body": self._body.draw(index),
+                "headset": np.asarray(
+                    small.resize(self.sizes["headset"], Image.Resampling.NEAREST)
+                ),
+            }
         return {
             "body": self._body.draw(index),
             "headset": app.render_headset(*self.sizes["headset"])[..., :3],

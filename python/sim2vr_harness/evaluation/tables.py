@@ -42,10 +42,10 @@ def results_table(summaries: Mapping[str, Mapping[str, Any]], title: str) -> Tab
             for summary in summaries.values()
         ]
         table.add_row(heading, *cells)
-    if any(summary.get("diverged") for summary in summaries.values()):
-        table.add_row(
-            "Diverged", *(str(summary.get("diverged", 0)) for summary in summaries.values())
-        )
+    for key, heading in (("diverged", "Diverged"), ("app_failed", "App failed (not counted)")):
+        counts = [summary.get(key, 0) for summary in summaries.values()]
+        if any(counts):
+            table.add_row(heading, *map(str, counts))
     return table
 
 

@@ -105,13 +105,20 @@ class RoundFilmer:
             return
         seconds = self._steps / self._simulation.config.action_frequency_hz
         for i, film in self._films.items():
+            if infos[i].get("termination") == "app_failed":
+                continue  # there is no app to draw the frame
             text = score_text(infos[i].get("log", {}), seconds, float(self._returns[i]))
             film.add(self._painter.frame(self._panels.draw(i), self._jobs[i].condition, text))
 
     def ended(self, index: int, result: RoundResult) -> None:
-        """Finish the film of a round."""
-        if index in self._films:
-            self.files.append(self._films.pop(index).finish())
+        """Finish the film of a round; a round whose app failed leaves none."""
+        film = self._films.pop(index, None)
+        if film is None:
+            return
+        if result.ended == "app_failed":
+            film.discard()
+        else:
+            self.files.append(film.finish())
 
     def close(self) -> None:
         """Delete what was not finished and free the drawing context."""

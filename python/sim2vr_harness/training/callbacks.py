@@ -100,6 +100,8 @@ class ProgressCallback(BaseCallback):
         super().__init__()
         self._display = display
         self._hook: Any = None
+        self.failures: list[dict[str, Any]] = []
+        """Step, user and error of every app that failed in this session."""
 
     @property
     def _progress(self) -> Progress:
@@ -123,6 +125,7 @@ class ProgressCallback(BaseCallback):
         if isinstance(env, SimulationVecEnv):
             progress.hits_now = sum(log.get("Points", 0.0) for log in env.last_log)
             progress.misses_now = sum(log.get("Misses", 0.0) for log in env.last_log)
+        self._tell_failures()
         ended = sum("episode" in info for info in self.locals["infos"])
         progress.episodes += ended
         # SB3 takes the ended rounds into its statistics after this call, hence the next step.
@@ -131,7 +134,22 @@ class ProgressCallback(BaseCallback):
         self._display.update()
         return True
 
+    def _tell_failures(self) -> None:
+        """Say which apps failed in this step; their users go on with new ones."""
+        for user, info in enumerate(self.locals["infos"]):
+            if info.get("termination") != "app_failed":
+                continue
+            self._progress.app_failures += 1
+            what = str(info["app_error"])
+            self.failures.append({"step": self.model.num_timesteps, "user": user, "error": what})
+            self._display.say(
+                f"User {user}: {what.splitlines()[0]}\n"
+                "Its round ends here; the app is started again and the training goes on."
+            )
+
     def _on_rollout_end(self) -> None:
+        if self._progress.app_failures:
+            self.logger.record("rollout/app_failures", self._progress.app_failures)
         self._progress.means = episode_means(list(self.model.ep_info_buffer or []))
         self._progress.end_playing(self._progress.iteration_steps)
         self._progress.begin(Phase.LEARNING, self._progress.minibatches)

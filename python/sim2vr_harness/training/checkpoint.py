@@ -112,12 +112,17 @@ def restore(path: Path, model: PPO) -> None:
     model.num_timesteps = int(header["num_timesteps"])
     model._n_updates = int(header["n_updates"])
     model._current_progress_remaining = float(header["progress_remaining"])
-    env.load_state(arrays["environment"].tobytes())
-    model._last_obs = {
+    anew = env.load_state(arrays["environment"].tobytes())
+    observation = {
         key.removeprefix("observation."): value
         for key, value in arrays.items()
         if key.startswith("observation.")
     }
+    if anew:
+        arrays["episode_starts"][anew] = True
+        for key, value in env.simulation.observation().items():
+            observation[key][anew] = value[anew]
+    model._last_obs = observation
     model._last_episode_starts = arrays["episode_starts"]
     # SB3 makes the statistics' buffers when it starts learning, unless they are there.
     model.ep_info_buffer = deque(header["episodes"], maxlen=model._stats_window_size)

@@ -226,10 +226,16 @@ def first_difference(
     Args:
         one: The first configuration.
         other: The second one.
-        ignore: Top-level keys to leave out.
+        ignore: Dotted keys to leave out, with everything below them.
     """
-    left = _flat(one.model_dump(mode="json", exclude=set(ignore)))
-    right = _flat(other.model_dump(mode="json", exclude=set(ignore)))
+    left, right = (
+        {
+            key: value
+            for key, value in _flat(config.model_dump(mode="json")).items()
+            if not any(f"{key}.".startswith(f"{ignored}.") for ignored in ignore)
+        }
+        for config in (one, other)
+    )
     for key in [*left, *(key for key in right if key not in left)]:
         if left.get(key) != right.get(key):
             return key, left.get(key), right.get(key)

@@ -44,6 +44,7 @@ class Progress:
         learn_seconds: Time spent learning in this session, finished phases only.
         learned: Samples (user steps) of these phases.
         episodes: Rounds finished in this session.
+        app_failures: Apps that failed and were started again in this session.
         means: Means over the last rounds, keyed as in metrics.jsonl without ``rollout/``.
         hits_now: Hits in the rounds that are being played.
         misses_now: Misses in the rounds that are being played.
@@ -64,6 +65,7 @@ class Progress:
     learn_seconds: float = 0.0
     learned: int = 0
     episodes: int = 0
+    app_failures: int = 0
     means: dict[str, float] = field(default_factory=dict)
     hits_now: float = 0.0
     misses_now: float = 0.0
@@ -201,6 +203,10 @@ class ProgressDisplay:
             self._last_line = now
             self._console.print(self.line(), highlight=False, markup=False, soft_wrap=True)
 
+    def say(self, text: str) -> None:
+        """Print something that is not to be overlooked, above the panel if there is one."""
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+
     def line(self) -> str:
         """Return the numbers in one line."""
         p = self.progress
@@ -212,6 +218,8 @@ class ProgressDisplay:
             f"left {duration(p.seconds_left())}",
         ]
         parts += [f"{label} {value}" for label, value in self._game_numbers()]
+        if p.app_failures:
+            parts.append(f"app failures {p.app_failures}")
         return " | ".join(parts)
 
     def _game_numbers(self) -> list[tuple[str, str]]:
@@ -259,7 +267,8 @@ class ProgressDisplay:
         numbers = self._game_numbers()
         if numbers:
             shown = "   ".join(f"{label} {value}" for label, value in numbers)
-            return Text(f"Per round: {shown}   ({p.episodes:,} rounds)")
+            failures = f", {p.app_failures:,} app failures" if p.app_failures else ""
+            return Text(f"Per round: {shown}   ({p.episodes:,} rounds{failures})")
         return Text(
             f"First rounds: {_number(p.hits_now)} hits, {_number(p.misses_now)} misses so far",
             style="dim",

@@ -32,8 +32,19 @@ __all__ = ["MakeSimulation", "TrainResult", "make_simulation", "train"]
 MakeSimulation = Callable[[TrainingConfig], SimulationLike]
 """Makes the users to train with: ``config.ppo.n_envs`` of them."""
 
-CHANGEABLE = ("name", "total_timesteps", "checkpoint", "evaluation", "wandb", "device")
-"""Top-level keys that a resumed run may change; any other would make it a different run."""
+CHANGEABLE = (
+    *("name", "total_timesteps", "checkpoint", "evaluation", "wandb", "device"),
+    *(
+        f"env.app.{key}"
+        for key in (
+            *("transport", "executable", "connect", "processes"),
+            *("timeout_s", "start_timeout_s", "time_scale"),
+        )
+    ),
+)
+"""Keys that a resumed run may change; any other would make it a different run."""
+
+NOT_EXACT = "--resume starts new rounds, since this app cannot save its state."
 
 
 @dataclass(frozen=True)
@@ -184,7 +195,9 @@ def _run(
         with _uninterrupted():
             saved = checkpoints.write()
             logger.close()
-            folder.end_session(end_step=checkpoints.snapshot_step or start, status=status)
+            failures = {"app_failures": tracker.failures} if tracker.failures else {}
+            end_step = checkpoints.snapshot_step or start
+            folder.end_session(end_step=end_step, status=status, **failures)
     if saved is None:
         raise RuntimeError("interrupted before the first step; nothing was saved")
     step = checkpoints.snapshot_step or 0
@@ -220,11 +233,14 @@ def _greet(model: ppo.PPO, folder: RunFolder, progress: Progress, console: Conso
     assert isinstance(space, spaces.Dict)
     memory = buffer_bytes(space, steps) / 2**20
     verb = "Continuing" if progress.start_step else "Training"
+    env = model.get_env()
+    assert isinstance(env, SimulationVecEnv)
+    exact = getattr(env.simulation, "exact_states", True)
     lines = [
         f"{verb} in {folder.path}, from step {progress.start_step:,} to {progress.stop_step:,} "
         f"in iterations of {steps:,} user steps ({model.n_envs} users, {model.device}).",
         f"Observations of one iteration: {memory:,.0f} MiB. Ctrl-C saves and stops; "
-        "--resume continues exactly.",
+        + ("--resume continues exactly." if exact else NOT_EXACT),
     ]
     renderer = _renderer(model)
     if renderer is not None:

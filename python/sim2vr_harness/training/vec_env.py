@@ -44,8 +44,8 @@ class SimulationLike(Protocol):
     def save_state(self) -> bytes:
         """Return the exact state."""
 
-    def load_state(self, state: bytes) -> None:
-        """Continue from :meth:`save_state`."""
+    def load_state(self, state: bytes) -> list[int]:
+        """Continue from :meth:`save_state`; returns the users whose rounds had to start anew."""
 
     def close(self) -> None:
         """Free everything."""
@@ -58,7 +58,9 @@ class SimulationVecEnv(VecEnv):
     ``info["terminal_observation"]`` and ``info["episode"]`` holds, like SB3's Monitor, the return
     ``r``, the length ``l`` (steps) and the wall time ``t`` (s), the sums ``game_reward`` and
     ``effort_cost``, ``max_fatigued`` if the effort model knows it, and under ``log`` the game's
-    final log. ``info["TimeLimit.truncated"]`` is set where the episode was cut by a time limit.
+    final log. ``info["TimeLimit.truncated"]`` is set where the episode was cut by a time limit or
+    by an app that failed; an episode of the latter kind has no ``info["episode"]``: its numbers are
+    not those of a round.
 
     Args:
         simulation: The users; owned by the adapter from now on.
@@ -135,6 +137,9 @@ class SimulationVecEnv(VecEnv):
             info = infos[i]
             info["terminal_observation"] = {key: value[i] for key, value in observation.items()}
             info["TimeLimit.truncated"] = not bool(terminated[i])
+            if info.get("termination") == "app_failed":
+                self._clear(i)
+                continue
             info["episode"] = {
                 "r": float(self._returns[i]),
                 "l": int(self._lengths[i]),
@@ -146,7 +151,7 @@ class SimulationVecEnv(VecEnv):
                 info["episode"]["max_fatigued"] = float(info["max_fatigued"])
             self._clear(i)
 
-    def _clear(self, which: int | slice) -> None:
+    def _clear(self, which: int | slice | list[int]) -> None:
         self._returns[which] = 0.0
         self._lengths[which] = 0
         for sums in self._sums.values():
@@ -162,19 +167,25 @@ class SimulationVecEnv(VecEnv):
         header = json.dumps(episodes).encode()
         return len(header).to_bytes(8, "little") + header + self.simulation.save_state()
 
-    def load_state(self, state: bytes) -> None:
-        """Continue from :meth:`save_state` of an environment with the same configuration."""
+    def load_state(self, state: bytes) -> list[int]:
+        """Continue from :meth:`save_state` of an environment with the same configuration.
+
+        Returns:
+            The users whose rounds had to start anew, their apps cannot be saved.
+        """
         size = int.from_bytes(state[:8], "little")
         episodes = json.loads(state[8 : 8 + size])
         if len(episodes["lengths"]) != self.num_envs:
             raise RuntimeError(
                 f"the saved state is of {len(episodes['lengths'])} users, not of {self.num_envs}"
             )
-        self.simulation.load_state(state[8 + size :])
+        anew = self.simulation.load_state(state[8 + size :])
         self._returns[:] = [float.fromhex(text) for text in episodes["returns"]]
         self._lengths[:] = episodes["lengths"]
         for key, sums in self._sums.items():
             sums[:] = [float.fromhex(text) for text in episodes["sums"][key]]
+        self._clear(anew)
+        return anew
 
     def close(self) -> None:
         """Free the simulation."""

@@ -123,12 +123,13 @@ class FakeSimulation:
         state["rngs"] = [rng.bit_generator.state for rng in self.rngs]
         return json.dumps(state).encode()
 
-    def load_state(self, data: bytes) -> None:
+    def load_state(self, data: bytes) -> list[int]:
         state = json.loads(data)
         for name in self._ARRAYS:
             getattr(self, name)[...] = state[name]
         for rng, saved in zip(self.rngs, state["rngs"], strict=True):
             rng.bit_generator.state = saved
+        return []
 
     def close(self) -> None:
         self.closed = True

@@ -1,0 +1,41 @@
+"""What can go wrong with an app outside this process, by what the caller can do about it."""
+
+from __future__ import annotations
+
+__all__ = [
+    "APP_FAILURES",
+    "AppDied",
+    "AppError",
+    "AppRefused",
+    "AppTimeout",
+    "AppUnsupported",
+    "ProtocolError",
+]
+
+
+class AppError(RuntimeError):
+    """The app answered that it cannot do what was asked now; the app itself goes on."""
+
+
+class AppTimeout(AppError):
+    """No answer within the deadline: the app hangs, is stopped, or is not an app at all."""
+
+
+class AppDied(AppError):
+    """The app's process ended, or its end of the connection is gone."""
+
+
+class ProtocolError(AppError):
+    """The app's answer is none that the protocol knows."""
+
+
+class AppUnsupported(AppError):
+    """The app's protocol has no such request, for example saving in a Unity app."""
+
+
+class AppRefused(ValueError):
+    """A setting, option or pose that the app does not take; names it, got and expected."""
+
+
+APP_FAILURES = (AppTimeout, AppDied, ProtocolError)
+"""After one of these the app cannot be used any more: close it and start another."""

@@ -1,0 +1,175 @@
+"""Starts app executables and connects to them: our sim2vr-app, or any that speaks protocol 1."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import socket
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.client.channel import Channel
+from sim2vr_harness.client.process import AppProcess, log_folder
+
+__all__ = [
+    "StartingApp",
+    "connect",
+    "is_sim2vr_app",
+    "sim2vr_arguments",
+    "start_sim2vr_app",
+    "start_unity_app",
+    "unity_arguments",
+]
+
+_LISTENING = re.compile(r"^sim2vr-app: listening on (tcp://\S+)$", re.MULTILINE)
+_SILENCE_S = 24 * 3600
+"""How long our server waits for the next message: a learner's update may take long, and a client
+that is gone shows by its connection."""
+
+
+def is_sim2vr_app(executable: Path) -> bool:
+    """Whether an executable is our server, by its name; it takes other arguments than Unity's."""
+    return executable.name.startswith("sim2vr-app")
+
+
+def connect(address: str, timeout_s: float) -> Channel:
+    """A channel to an app that runs already; nothing is sent yet.
+
+    Args:
+        address: ``HOST:PORT``.
+        timeout_s: deadline of every answer.
+    """
+    return Channel(f"tcp://{address}", timeout_s=timeout_s)
+
+
+class StartingApp:
+    """A process that was started and is not known to listen yet.
+
+    Args:
+        process: the process.
+        port: the port it was told to take, or None when it says itself which one it took.
+    """
+
+    def __init__(self, process: AppProcess, port: PortReservation | None = None) -> None:
+        self.process = process
+        self._port = port
+
+    def channel(self, timeout_s: float, start_timeout_s: float) -> Channel:
+        """A channel to the app; waits until it listens where it says so.
+
+        Args:
+            timeout_s: deadline of every answer.
+            start_timeout_s: deadline of the start.
+
+        Raises:
+            AppRefused: the app does not take its arguments; says its own words.
+            AppTimeout, AppDied: it does not start.
+        """
+        try:
+            if self._port is not None:
+                endpoint = f"tcp://127.0.0.1:{self._port.number}"
+            else:
+                endpoint = self.process.wait_for_output(_LISTENING, start_timeout_s).group(1)
+            return Channel(endpoint, timeout_s=timeout_s, process=self.process)
+        except BaseException:
+            self.process.kill()
+            raise
+
+    def release_port(self) -> None:
+        """To be called when the app has answered, or has failed; idempotent."""
+        if self._port is not None:
+            self._port.release()
+
+
+def start_sim2vr_app(executable: Path, arguments: Sequence[str]) -> StartingApp:
+    """Starts our server on a port that it picks itself.
+
+    Raises:
+        AppRefused: there is no such program.
+    """
+    command = [str(executable), "--port", "0", "--timeout", str(_SILENCE_S), *arguments]
+    return StartingApp(AppProcess(command))
+
+
+def sim2vr_arguments(
+    game: str,
+    options: Mapping[str, OptionValue],
+    *,
+    width: int,
+    height: int,
+    renderer: str,
+    log_dir: Path | None,
+) -> list[str]:
+    """Arguments of our server for one app, as ``InProcessApp`` takes them."""
+    arguments = ["--game", game, "--options", json.dumps(dict(options)), "--renderer", renderer]
+    arguments += ["--width", str(width), "--height", str(height)]
+    return arguments if log_dir is None else [*arguments, "--log-dir", str(log_dir)]
+
+
+def unity_arguments(
+    options: Mapping[str, OptionValue], arguments: Sequence[str], log_dir: Path | None
+) -> list[str]:
+    """Arguments of a SIM2VR app for game options, as far as the reference has them.
+
+    Args:
+        options: ``condition`` becomes ``-condition``; ``adaptive`` and ``sparse`` that are true
+            become the flags of that name; others have no argument.
+        arguments: given by the user; what stands here is not added again.
+        log_dir: folder for the app's logs, or None.
+    """
+    added = []
+    if "condition" in options and "-condition" not in arguments:
+        added += ["-condition", str(options["condition"])]
+    for name in ("adaptive", "sparse"):
+        if options.get(name) is True and f"-{name}" not in arguments:
+            added.append(f"-{name}")
+    if log_dir is not None and "-logging" not in arguments:
+        added += ["-logging"]
+        if "-outputFolder" not in arguments:
+            added += ["-outputFolder", str(log_dir)]
+    return [*arguments, *added]
+
+
+def start_unity_app(executable: Path, arguments: Sequence[str]) -> StartingApp:
+    """Starts a SIM2VR app, as the reference does.
+
+    Args:
+        executable: a Unity build with the SIM2VR asset, or another program that takes
+            ``-simulated -port N -logFile FILE`` and speaks protocol 1.
+        arguments: added to these.
+
+    Raises:
+        AppRefused: there is no such program.
+    """
+    port = PortReservation()
+    own_log = log_folder() / f"{executable.name}-{os.getpid()}-{port.number}.unity.log"
+    command = [str(executable), "-simulated", "-port", str(port.number), "-logFile", str(own_log)]
+    environment = {} if os.environ.get("DISPLAY") else {"DISPLAY": ":0"}
+    try:
+        process = AppProcess([*command, *arguments], environment=environment, extra_logs=[own_log])
+    except BaseException:
+        port.release()
+        raise
+    return StartingApp(process, port)
+
+
+class PortReservation:
+    """A free TCP port of this machine that no other program is given meanwhile.
+
+    The reference asks for a free port and lets go of it before the app takes it, so that two
+    workers can be given the same one. A socket that is bound but does not listen keeps the port
+    from being handed out, and lets the app, which binds it by number with SO_REUSEADDR (as ZeroMQ
+    and .NET do), listen on it all the same.
+    """
+
+    def __init__(self) -> None:
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        self._socket.bind(("127.0.0.1", 0))
+        self.number: int = self._socket.getsockname()[1]
+
+    def release(self) -> None:
+        """Lets the port go; idempotent."""
+        self._socket.close()

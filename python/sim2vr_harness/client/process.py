@@ -1,0 +1,312 @@
+"""An app's executable as a child process that never outlives this one."""
+
+from __future__ import annotations
+
+import os
+import queue
+import re
+import select
+import shutil
+import signal
+import subprocess
+import tempfile
+import threading
+import time
+import weakref
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from sim2vr_harness.client.errors import AppDied, AppRefused, AppTimeout
+
+__all__ = ["AppProcess", "log_folder"]
+
+BAD_USAGE = 2
+"""Exit status by which sim2vr-app says that its arguments cannot be used."""
+
+NOT_STARTED = (126, 127)
+"""Exit statuses by which the helper that starts a program says that it could not."""
+
+_POLL_S = 0.01
+_KILL_S = 10.0
+_TAIL_BYTES = 4000
+_TAIL_LINES = 12
+
+
+def log_folder() -> Path:
+    """The folder for the output of child processes; made when it is missing."""
+    folder = Path(tempfile.gettempdir()) / f"sim2vr-app-logs-{os.getuid()}"
+    folder.mkdir(mode=0o700, exist_ok=True)
+    return folder
+
+
+class AppProcess:
+    """An executable in a process group of its own, its output in a file.
+
+    It is ended, with everything it started, by :meth:`stop` or :meth:`kill`, when this object is
+    forgotten, and when this process ends: in an orderly way by ``atexit``, killed by the kernel
+    (PR_SET_PDEATHSIG). Ctrl-C in the terminal does not reach it.
+
+    The output files are deleted after a clean end and kept after a failure, for people to read.
+
+    Args:
+        command: the executable and its arguments.
+        environment: variables on top of this process's.
+        extra_logs: files that the app writes by itself and that errors shall quote, too.
+
+    Raises:
+        AppRefused: the executable is missing or cannot be run.
+    """
+
+    def __init__(
+        self,
+        command: Sequence[str | os.PathLike[str]],
+        *,
+        environment: Mapping[str, str] | None = None,
+        extra_logs: Sequence[Path] = (),
+    ) -> None:
+        self.command = [os.fspath(part) for part in command]
+        self.name = Path(self.command[0]).name
+        _check_executable(self.command[0])
+        handle, path = tempfile.mkstemp(prefix=f"{self.name}-", suffix=".log", dir=log_folder())
+        self.log_file = Path(path)
+        self._logs = [self.log_file, *extra_logs]
+        self._keep_logs = False
+        try:
+            self._popen = _spawner().start(
+                [*_dying_with_parent(), *self.command],
+                stdin=subprocess.DEVNULL,
+                stdout=handle,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, **(environment or {})},
+                start_new_session=True,
+            )
+        except OSError as error:
+            self.log_file.unlink()
+            raise AppRefused(
+                f"executable: got {self.command[0]!r}, which cannot be started "
+                f"({error.strerror}), expected a program for this machine"
+            ) from error
+        finally:
+            os.close(handle)
+        self._finalizer = weakref.finalize(self, _end_group, self._popen, os.getpid())
+
+    @property
+    def pid(self) -> int:
+        """Process id, also that of the process group."""
+        return self._popen.pid
+
+    def __str__(self) -> str:
+        return f"{self.name} (process {self.pid})"
+
+    # --- watching ----------------------------------------------------------------------------
+
+    @property
+    def exit_status(self) -> int | None:
+        """None while the process runs; the negative number of the signal that killed it."""
+        if self._popen.returncode is None:
+            # Left a zombie, so that its process group cannot be anybody else's yet.
+            found = os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+            if found is None:
+                return None
+            killed = found.si_code in (os.CLD_KILLED, os.CLD_DUMPED)
+            return -found.si_status if killed else found.si_status
+        return self._popen.returncode
+
+    @property
+    def running(self) -> bool:
+        """Whether the process is there; a stopped one is."""
+        return self.exit_status is None
+
+    def open_pidfd(self) -> int | None:
+        """A file descriptor that becomes readable when the process ends; None without support.
+
+        The caller closes it.
+        """
+        try:
+            return os.pidfd_open(self.pid)
+        except OSError:
+            return None
+
+    def wait(self, timeout_s: float) -> bool:
+        """Waits for the end of the process; returns whether it came."""
+        deadline = time.monotonic() + timeout_s
+        descriptor = self.open_pidfd()
+        if descriptor is None:
+            while self.running and time.monotonic() < deadline:
+                time.sleep(_POLL_S)
+            return not self.running
+        try:
+            poll = select.poll()
+            poll.register(descriptor, select.POLLIN)
+            poll.poll(max(0.0, timeout_s) * 1000.0)
+        finally:
+            os.close(descriptor)
+        return not self.running
+
+    def wait_for_output(self, pattern: re.Pattern[str], timeout_s: float) -> re.Match[str]:
+        """Waits until a line of the output matches.
+
+        Raises:
+            AppRefused: the app ended with the status for unusable arguments; says its own words.
+            AppDied: the process ended otherwise.
+            AppTimeout: the line did not come.
+        """
+        deadline = time.monotonic() + timeout_s
+        while True:
+            running = self.running
+            match = pattern.search(self.log_file.read_text(errors="replace"))
+            if match is not None:
+                return match
+            if not running:
+                raise self.death("while it started")
+            if time.monotonic() > deadline:
+                self._keep_logs = True
+                raise AppTimeout(
+                    f"{self} was not ready within {timeout_s:g} s after its start{self.log_words()}"
+                )
+            time.sleep(_POLL_S)
+
+    def death(self, when: str) -> AppDied | AppRefused:
+        """The error to raise for a process that has ended; ``when`` goes into the message."""
+        status = self.exit_status
+        if status == BAD_USAGE:
+            return AppRefused(
+                f"{self.name} refused its arguments: {self.log_tail(3) or 'no words'}"
+            )
+        if status in NOT_STARTED:
+            return AppRefused(
+                f"executable: got {self.command[0]!r}, which cannot be started "
+                f"({self.log_tail(3)}), expected a program for this machine"
+            )
+        self._keep_logs = True
+        return AppDied(f"{self} {_end_words(status)} {when}{self.log_words()}")
+
+    def log_tail(self, lines: int = _TAIL_LINES) -> str:
+        """The last lines of what the app wrote."""
+        texts = [tail for file in self._logs if (tail := _tail(file, lines))]
+        return "\n".join(texts)
+
+    def log_words(self) -> str:
+        """The end of a message: where the log is and what stands at its end."""
+        self._keep_logs = True
+        tail = self.log_tail()
+        files = " and ".join(str(file) for file in self._logs if file.is_file())
+        return f". Its log, {files}, ends:\n{tail}" if tail else f". Its log, {files}, is empty"
+
+    # --- ending ------------------------------------------------------------------------------
+
+    def stop(self, grace_s: float = 5.0) -> None:
+        """Ends a process that was told to end: waits for it, then SIGTERM, then SIGKILL.
+
+        Idempotent.
+
+        Args:
+            grace_s: how long to wait before SIGTERM, and again before SIGKILL.
+        """
+        self._keep_logs = False
+        if self._finalizer.alive and not self.wait(grace_s):
+            with suppress(ProcessLookupError):
+                os.killpg(self.pid, signal.SIGTERM)
+            self.wait(grace_s)
+        self.kill()
+
+    def kill(self) -> None:
+        """Ends the process and its group at once; idempotent."""
+        self._finalizer()
+        if not self._keep_logs:
+            for file in self._logs:
+                file.unlink(missing_ok=True)
+
+
+def _check_executable(path: str) -> None:
+    if not Path(path).is_file():
+        found = "a folder" if Path(path).is_dir() else "no file"
+        raise AppRefused(f"executable: got {path!r}, which is {found}, expected a program")
+    if not os.access(path, os.X_OK):
+        raise AppRefused(
+            f"executable: got {path!r}, which may not be executed; run: chmod +x {path}"
+        )
+
+
+def _end_words(status: int | None) -> str:
+    if status is None:
+        return "closed its connection"
+    if status < 0:
+        with suppress(ValueError):
+            return f"was killed ({signal.Signals(-status).name})"
+    return f"ended with exit status {status}"
+
+
+def _tail(file: Path, lines: int) -> str:
+    try:
+        with file.open("rb") as stream:
+            stream.seek(0, os.SEEK_END)
+            stream.seek(max(0, stream.tell() - _TAIL_BYTES))
+            text = stream.read().decode(errors="replace")
+    except OSError:
+        return ""
+    return "\n".join(text.rstrip().splitlines()[-lines:])
+
+
+def _end_group(popen: subprocess.Popen[bytes], owner: int) -> None:
+    """Kills the process group and takes the process's status."""
+    if os.getpid() != owner:  # A fork of the owner; the child is not its own.
+        return
+    if popen.returncode is None:
+        with suppress(ProcessLookupError, PermissionError):
+            os.killpg(popen.pid, signal.SIGKILL)
+        with suppress(subprocess.TimeoutExpired):  # stuck in the kernel: gone when that lets go
+            popen.wait(_KILL_S)
+
+
+def _dying_with_parent() -> list[str]:
+    """Words before a command that make the kernel kill it when its parent is gone."""
+    setpriv = shutil.which("setpriv")
+    return [] if setpriv is None else [setpriv, "--pdeathsig", "KILL", "--"]
+
+
+class _Spawner:
+    """Starts all child processes from one thread.
+
+    The kernel's parent, for the signal that ends an orphan, is the thread that started it: a child
+    started from a short-lived thread would be killed with it. This thread lives as long as the
+    process.
+    """
+
+    def __init__(self) -> None:
+        self.owner = os.getpid()
+        self._jobs: queue.SimpleQueue[tuple[Callable[[], Any], queue.SimpleQueue[Any]]] = (
+            queue.SimpleQueue()
+        )
+        threading.Thread(target=self._run, name="app-spawner", daemon=True).start()
+
+    def _run(self) -> None:
+        while True:
+            job, answer = self._jobs.get()
+            try:
+                answer.put((job(), None))
+            except BaseException as error:
+                answer.put((None, error))
+
+    def start(self, command: Sequence[str], **settings: Any) -> subprocess.Popen[bytes]:
+        """``subprocess.Popen`` in the thread."""
+        answer: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        self._jobs.put((lambda: subprocess.Popen(command, **settings), answer))
+        popen, error = answer.get()
+        if error is not None:
+            raise error
+        return popen
+
+
+_spawner_lock = threading.Lock()
+_the_spawner: _Spawner | None = None
+
+
+def _spawner() -> _Spawner:
+    global _the_spawner
+    with _spawner_lock:
+        if _the_spawner is None or _the_spawner.owner != os.getpid():
+            _the_spawner = _Spawner()
+        return _the_spawner

@@ -1,0 +1,180 @@
+"""Child processes: started, watched, quoted in errors, and never left behind."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from sim2vr_harness.client import AppDied, AppProcess, AppRefused, AppTimeout
+
+SLEEPER = 'trap "" TERM\necho ready\nsleep 600 & wait'  # deaf to SIGTERM, with a child of its own
+
+
+def script(folder: Path, text: str) -> Path:
+    file = folder / "app.sh"
+    file.write_text(f"#!/bin/sh\n# {folder}\n{text}\n")
+    file.chmod(0o755)
+    return file
+
+
+def gone(pid: int, within_s: float = 10.0) -> bool:
+    deadline = time.monotonic() + within_s
+    while time.monotonic() < deadline:
+        try:
+            if Path(f"/proc/{pid}/stat").read_text().split(") ")[1][0] == "Z":
+                return True
+        except OSError:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+def group(pid: int) -> list[int]:
+    """Processes of the group, zombies left out."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if entry.name.isdigit():
+            try:
+                fields = (entry / "stat").read_text().rpartition(") ")[2].split()
+            except OSError:
+                continue
+            if int(fields[2]) == pid and fields[0] != "Z":
+                found.append(int(entry.name))
+    return found
+
+
+def test_a_stubborn_process_is_killed_with_its_children(tmp_path: Path) -> None:
+    process = AppProcess([script(tmp_path, SLEEPER)])
+    process.wait_for_output(re.compile("ready"), 10.0)
+    assert process.running
+    assert len(group(process.pid)) == 2
+    log = process.log_file
+    process.stop(grace_s=0.1)
+    assert process.exit_status == -signal.SIGKILL
+    assert group(process.pid) == []
+    assert not log.exists()
+    process.stop()  # idempotent
+    process.kill()
+
+
+def test_children_of_an_app_that_ended_by_itself_are_ended_too(tmp_path: Path) -> None:
+    process = AppProcess([script(tmp_path, "sleep 600 &\necho ready")])
+    assert process.wait(10.0)
+    assert process.exit_status == 0
+    assert len(group(process.pid)) == 1
+    process.stop()
+    time.sleep(0.05)
+    assert group(process.pid) == []
+
+
+def test_the_end_of_the_log_is_in_the_error(tmp_path: Path) -> None:
+    process = AppProcess([script(tmp_path, "echo one\necho two >&2\nexit 3")])
+    with pytest.raises(
+        AppDied, match=r"app\.sh \(process \d+\) ended with exit status 3"
+    ) as raised:
+        process.wait_for_output(re.compile("listening"), 10.0)
+    assert str(raised.value).endswith("ends:\none\ntwo")
+    assert str(process.log_file) in str(raised.value)
+    process.kill()
+    assert process.log_file.exists()
+    process.log_file.unlink()
+
+
+def test_exit_status_2_is_a_refusal_in_the_apps_words(tmp_path: Path) -> None:
+    process = AppProcess([script(tmp_path, "echo 'condition: got none' >&2; exit 2")])
+    with pytest.raises(AppRefused, match=r"app\.sh refused its arguments: condition: got none"):
+        process.wait_for_output(re.compile("listening"), 10.0)
+    process.kill()
+
+
+def test_a_start_that_takes_too_long(tmp_path: Path) -> None:
+    process = AppProcess([script(tmp_path, "sleep 600")])
+    with pytest.raises(AppTimeout, match=r"was not ready within 0\.1 s"):
+        process.wait_for_output(re.compile("listening"), 0.1)
+    process.kill()
+    process.log_file.unlink()
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("nosuch", "which is no file, expected a program"),
+        (".", "which is a folder, expected a program"),
+        ("plain.txt", "may not be executed; run: chmod"),
+        ("broken", "which cannot be started"),
+    ],
+)
+def test_what_is_no_program_is_refused(tmp_path: Path, name: str, message: str) -> None:
+    (tmp_path / "plain.txt").touch()
+    (tmp_path / "broken").write_text("#!/no/such/interpreter\n")
+    (tmp_path / "broken").chmod(0o755)
+    with pytest.raises(AppRefused, match=message):
+        AppProcess([tmp_path / name]).wait_for_output(re.compile("listening"), 10.0)
+
+
+def test_a_forgotten_process_is_ended(tmp_path: Path) -> None:
+    process = AppProcess([script(tmp_path, "sleep 600")])
+    pid = process.pid
+    del process
+    assert gone(pid)
+
+
+def test_a_process_outlives_the_thread_that_started_it(tmp_path: Path) -> None:
+    made: list[AppProcess] = []
+    thread = threading.Thread(
+        target=lambda: made.append(AppProcess([script(tmp_path, "sleep 600")]))
+    )
+    thread.start()
+    thread.join()
+    time.sleep(0.2)
+    assert made[0].running
+    made[0].kill()
+
+
+STARTER = """
+import re, sys, time
+from sim2vr_harness.client import AppProcess
+process = AppProcess([sys.argv[1]])
+process.wait_for_output(re.compile("ready"), 10.0)
+print(process.pid, flush=True)
+{end}
+"""
+ENDS: dict[str, tuple[str, Callable[[int], None] | None]] = {
+    "end of the program": ("", None),
+    "exception": ("raise RuntimeError('x')", None),
+    "exit": ("sys.exit(3)", None),
+    "Ctrl-C": ("time.sleep(600)", lambda pid: os.kill(pid, signal.SIGINT)),
+    "SIGTERM": ("time.sleep(600)", lambda pid: os.kill(pid, signal.SIGTERM)),
+    "SIGKILL": ("time.sleep(600)", lambda pid: os.kill(pid, signal.SIGKILL)),
+}
+
+
+@pytest.mark.parametrize("end", ENDS)
+def test_no_process_is_left_however_its_starter_ends(tmp_path: Path, end: str) -> None:
+    code, act = ENDS[end]
+    starter = subprocess.Popen(
+        [sys.executable, "-c", STARTER.format(end=code), script(tmp_path, SLEEPER)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+        text=True,
+    )
+    assert starter.stdout is not None
+    pid = int(starter.stdout.readline())
+    if act is not None:
+        act(starter.pid)
+    starter.communicate(timeout=30)
+    assert gone(pid)
+    # Killed without a chance to act, the kernel ends the app itself, but not what the app started.
+    if end not in ("SIGKILL", "SIGTERM"):
+        assert group(pid) == []
+    for left in group(pid):
+        os.kill(left, signal.SIGKILL)

@@ -1,0 +1,292 @@
+"""Protocol 1 against a stand-in that knows the reference's fields only, faults included."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim2vr_harness.client import (
+    AppDied,
+    AppError,
+    AppRefused,
+    AppTimeout,
+    AppUnsupported,
+    DevicePoses,
+    Protocol1App,
+    ProtocolError,
+    connect,
+    frame_time_ns,
+    start_unity_app,
+    unity_arguments,
+)
+from sim2vr_harness.client.protocol1 import decode_reply
+
+POSES = DevicePoses(
+    head=np.array([0.0, 1.17, 0.0, 0.0, 0.0, 0.0, 1.0]),
+    right_controller=np.array([0.25, 1.0, 0.5, 0.0, 0.0, 0.0, 1.0]),
+)
+FIELDS = {
+    *("headsetPosition", "headsetRotation", "leftControllerPosition", "leftControllerRotation"),
+    *("rightControllerPosition", "rightControllerRotation", "currentTimestep", "nextTimestep"),
+    *("reset", "isFinished", "quitApplication"),
+}
+
+
+@contextmanager
+def started(
+    executable: Path, *arguments: str, timeout_s: float = 20.0, **settings: Any
+) -> Iterator[Protocol1App]:
+    starting = start_unity_app(executable, arguments)
+    try:
+        app = Protocol1App(starting.channel(timeout_s, 20.0), **settings)
+    finally:
+        starting.release_port()
+    with app:
+        yield app
+
+
+def play(app: Protocol1App, steps: int, start: int = 1) -> list[Any]:
+    return [app.step(frame_time_ns(k, 20), POSES) for k in range(start, start + steps)]
+
+
+@pytest.fixture(autouse=True)
+def _no_orphans(no_orphans: Callable[[], list[int]]) -> None:
+    pass
+
+
+def test_a_round_follows_the_reference(fake_app: Path, tmp_path: Path) -> None:
+    record = tmp_path / "messages"
+    with started(fake_app, "-round", "0.5", "-record", str(record)) as app:
+        reply = app.reset(7, POSES)
+        # A reset's reply counts for image and time feature only (the stand-in says 99).
+        assert (reply.reward, reply.finished, reply.time_feature) == (0.0, False, -1.0)
+        replies = play(app, 11)
+        assert [reply.finished for reply in replies] == [False] * 10 + [True]
+        assert [reply.reward for reply in replies] == [0.25] * 11
+        assert replies[4].time_feature == pytest.approx(2 * 0.25 / 0.5 - 1)
+        assert replies[4].log == {"Points": 5.0, "Elapsed": pytest.approx(0.25)}
+        assert app.image.shape == (80, 120, 4)
+        assert app.image[7, 33].tolist() == [33, 7, 11, 50]  # 20 * 0.55 s, 100 * 0.5 m
+        app.reset(8, POSES)
+        play(app, 1)
+    handshake, *states, quit_ = [json.loads(line) for line in record.read_text().splitlines()]
+    assert handshake["timestep"] == 0.002
+    assert (handshake["sampleFrequency"], handshake["timeScale"]) == (20, 5)
+    assert quit_ == {"quitApplication": True}
+    assert all(set(state) == FIELDS for state in states)
+    assert [state["reset"] for state in states] == [True] + [False] * 11 + [True, False]
+    # The clock runs on over the rounds, from where the last one ended.
+    times = [*(0.05 * k for k in range(12)), 0.55, 0.60]
+    assert [state["currentTimestep"] for state in states] == pytest.approx(times, abs=1e-12)
+    assert [state["nextTimestep"] for state in states] == pytest.approx(
+        [time + 0.05 for time in times], abs=1e-12
+    )
+    assert states[3]["currentTimestep"] == 3 / 20
+    assert states[0]["leftControllerRotation"] == {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+    assert states[0]["rightControllerPosition"] == {"x": 0.25, "y": 1.0, "z": 0.5}
+
+
+def test_of_a_steps_frames_the_last_is_sent(fake_app: Path, tmp_path: Path) -> None:
+    record = tmp_path / "messages"
+    with started(fake_app, "-record", str(record)) as app:
+        app.reset(0, POSES)
+        hand = np.tile(POSES.right_controller, (5, 1))
+        hand[:, 0] = np.arange(5)
+        times = np.array([frame_time_ns(k, 100) for k in range(1, 6)])
+        reply = app.step_frames(times, DevicePoses(np.tile(POSES.head, (5, 1)), hand))
+        assert reply.reward == 4.0
+    state = json.loads(record.read_text().splitlines()[2])
+    assert set(state) == FIELDS
+    assert state["currentTimestep"] == 0.05
+
+
+def test_the_user_ends_a_round(fake_app: Path, tmp_path: Path) -> None:
+    record = tmp_path / "messages"
+    with started(fake_app, "-round", "60", "-record", str(record)) as app:
+        app.reset(0, POSES)
+        one = DevicePoses(POSES.head[None], POSES.right_controller[None])
+        app.start_step(np.array([frame_time_ns(1, 20)]), one, last=True)
+        reply = app.finish_step()
+        # The app says finished because it was told to; the game did not end the round.
+        assert not reply.finished
+        assert json.loads(record.read_text().splitlines()[2])["isFinished"] is True
+        with pytest.raises(AppError, match="call reset first"):
+            app.step(frame_time_ns(2, 20), POSES)
+        app.reset(0, POSES)
+
+
+def test_what_the_reference_has_no_word_for(fake_app: Path) -> None:
+    with started(fake_app, options={"condition": "medium"}) as app:
+        assert not app.can_save
+        app.reset(1, POSES, {"condition": "medium"})
+        for call in (app.save, app.state_hash, lambda: app.load(b""),
+                     lambda: app.render_headset(30, 20),
+                     lambda: app.render_third_person(30, 20)):  # fmt: skip
+            with pytest.raises(AppUnsupported, match="no word for"):
+                call()
+        np.testing.assert_array_equal(app.render_headset(120, 80), app.image)
+        with pytest.raises(AppRefused, match=r"condition: got 'hard'.*expected 'medium'"):
+            app.reset(1, POSES, {"condition": "hard"})
+        play(app, 1)  # and nothing has happened to the round
+
+
+def test_poses_that_json_cannot_say(fake_app: Path) -> None:
+    with started(fake_app) as app:
+        app.reset(1, POSES)
+        with pytest.raises(ValueError, match=r"right_controller: got \[nan.*expected finite"):
+            app.step(50_000_000, DevicePoses(POSES.head, np.full(7, np.nan)))
+        with pytest.raises(ValueError, match=r"head: got shape \(3,\), expected \(7,\)"):
+            app.step(50_000_000, DevicePoses(np.zeros(3)))
+        play(app, 1)
+
+
+def test_another_image_size_names_the_setting(fake_app: Path) -> None:
+    with (
+        started(fake_app, width=60, height=40) as app,
+        pytest.raises(AppRefused, match=r"vision.width.*60 x 40.*120 x 80, expected the app's"),
+    ):
+        app.reset(1, POSES)
+
+
+@pytest.mark.parametrize(
+    ("fault", "error", "message"),
+    [
+        ("die", AppDied, r"ended with exit status 1 during a step(.|\n)*NullReferenceException"),
+        ("kill", AppDied, r"was killed \(SIGKILL\) during a step"),
+        ("leave", AppDied, r"closed its connection during a step"),
+        ("hang", AppTimeout, r"gave no answer to a step within 0.5 s, though its process is"),
+        ("stop", AppTimeout, r"gave no answer to a step within 0.5 s, though its process is"),
+        ("garbage", ProtocolError, r"answered a step with another thing: .*decode"),
+        ("list", ProtocolError, r"got list, expected a JSON object"),
+        ("reward", ProtocolError, r"could not convert string to float: 'much'"),
+        ("missing", ProtocolError, r"KeyError: 'timeFeature'"),
+        ("image", ProtocolError, r"image: .*expected an array of bytes"),
+        ("picture", ProtocolError, r"image: got 3 bytes .*expected a PNG file"),
+    ],
+)
+def test_faults_in_mid_step(
+    fake_app: Path, fault: str, error: type[Exception], message: str
+) -> None:
+    with started(fake_app, "-fault", f"{fault}@3", timeout_s=0.5) as app:
+        app.reset(1, POSES)
+        play(app, 1)
+        began = time.monotonic()
+        with pytest.raises(error, match=message):
+            play(app, 1, start=2)
+        assert time.monotonic() - began < 10.0
+        # It stays given up, whatever is asked.
+        with pytest.raises(AppDied, match="was given up: "):
+            play(app, 1, start=3)
+        with pytest.raises(AppDied, match="was given up: "):
+            app.reset(1, POSES)
+
+
+def test_an_app_that_does_not_take_the_end_of_a_round(fake_app: Path) -> None:
+    with started(fake_app, "-fault", "deaf@2") as app:
+        app.reset(1, POSES)
+        one = DevicePoses(POSES.head[None], POSES.right_controller[None])
+        app.start_step(np.array([50_000_000]), one, last=True)
+        with pytest.raises(ProtocolError, match="told that the round is over"):
+            app.finish_step()
+
+
+def test_killed_and_stopped_from_outside(
+    fake_app: Path, no_orphans: Callable[[], list[int]]
+) -> None:
+    for number, error in ((signal.SIGKILL, AppDied), (signal.SIGSTOP, AppTimeout)):
+        with started(fake_app, timeout_s=0.5) as app:
+            app.reset(1, POSES)
+            os.kill(no_orphans()[0], number)
+            with pytest.raises(error):
+                play(app, 5)
+
+
+def test_a_slow_start_is_waited_for(fake_app: Path) -> None:
+    with started(fake_app, "-slow", "0.7", timeout_s=0.4) as app:
+        app.reset(1, POSES)
+
+
+def test_an_app_that_refuses_its_arguments(fake_app: Path) -> None:
+    with (
+        pytest.raises(AppRefused, match=r"refused its arguments: condition: got nothing"),
+        started(fake_app, "-refuse"),
+    ):
+        pass
+
+
+def test_an_app_that_is_not_there() -> None:
+    with pytest.raises(AppTimeout, match=r"the app at tcp://127.0.0.1:9 gave no answer to the h"):
+        Protocol1App(connect("127.0.0.1:9", 0.3), start_timeout_s=0.3)
+
+
+def test_an_app_that_runs_already(fake_app: Path, tmp_path: Path) -> None:
+    starting = start_unity_app(fake_app, ())
+    port = starting.process.command[3]
+    with Protocol1App(connect(f"127.0.0.1:{port}", 5.0)) as app:
+        app.reset(1, POSES)
+        play(app, 2)
+        assert app.renderer_description == f"the app at tcp://127.0.0.1:{port} (protocol 1)"
+        starting.process.kill()
+        with pytest.raises(AppDied, match="closed the connection during a step"):
+            play(app, 1, start=3)
+    starting.release_port()
+
+
+def test_steps_out_of_turn(fake_app: Path) -> None:
+    with started(fake_app) as app:
+        with pytest.raises(AppError, match="call reset first"):
+            play(app, 1)
+        app.reset(1, POSES)
+        one = DevicePoses(POSES.head[None], POSES.right_controller[None])
+        app.start_step(np.array([50_000_000]), one)
+        with pytest.raises(AppError, match="has not answered the request before"):
+            app.start_step(np.array([100_000_000]), one)
+        assert app.finish_step().reward == 0.25
+        with pytest.raises(AppError, match="finish_step: no step was started"):
+            app.finish_step()
+        with pytest.raises(ValueError, match=r"times_ns: got shape \(0,\)"):
+            app.start_step(np.array([], dtype=np.int64), one)
+
+
+def test_options_become_the_references_arguments() -> None:
+    options = {"condition": "hard", "adaptive": True, "sparse": False, "round_seconds": 10.0}
+    assert unity_arguments(options, [], None) == ["-condition", "hard", "-adaptive"]
+    given = ["-condition", "low-easy", "-adaptive"]
+    assert unity_arguments(options, given, Path("/logs")) == [
+        *given, "-logging", "-outputFolder", "/logs",
+    ]  # fmt: skip
+
+
+# --- reading replies -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("spaces", [(",", ":"), (", ", ": ")])
+@pytest.mark.parametrize("image", [b"", b"\x00", bytes(range(256)), b"\x89PNG" * 500])
+def test_replies_read_the_same_with_and_without_spaces(
+    spaces: tuple[str, str], image: bytes
+) -> None:
+    # A text that looks like the image's field must not be taken for it.
+    fields = {"logDict": '{"image":[1,2]}', "image": list(image), "reward": 1.5}
+    text = json.dumps(fields, separators=spaces).encode()
+    assert decode_reply(text) == ({"logDict": fields["logDict"], "reward": 1.5}, image)
+
+
+@pytest.mark.parametrize(
+    "numbers", ["1,2,256", "1,2,-3", "1,,2", ",1", "1.5", "1000", '"a"', "true,[]"]
+)
+def test_images_that_are_no_bytes(numbers: str) -> None:
+    with pytest.raises(ValueError):
+        decode_reply(b'{"image":[' + numbers.encode() + b"]}")
+
+
+def test_null_is_no_image() -> None:
+    assert decode_reply(b'{"image":null,"reward":0}') == ({"reward": 0}, b"")

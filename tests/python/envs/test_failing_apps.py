@@ -1,0 +1,185 @@
+"""Apps outside this process that die, hang or talk nonsense while users play in them."""
+
+from __future__ import annotations
+
+import os
+import signal
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim2vr_harness.client import AppDied, AppProcess, AppRefused, Protocol1App
+from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
+
+N = 3
+OPTIONS = {"condition": "medium", "round_seconds": 60.0}
+TRANSPORTS = {
+    "protocol 1": {"transport": "protocol1"},
+    "protocol 2": {"transport": "protocol2", "processes": N},
+}
+
+
+def config(**settings: Any) -> EnvConfig:
+    return EnvConfig(app=AppConfig(options=OPTIONS, renderer="null", **settings), threads=1)
+
+
+def process_of(app: Any) -> AppProcess:
+    channel = app._channel if isinstance(app, Protocol1App) else app._connection.channel
+    return channel.process
+
+
+def actions(step: int) -> np.ndarray:
+    return np.random.default_rng(step).uniform(-1.0, 1.0, (N, 32))
+
+
+def undisturbed(steps: int) -> list[np.ndarray]:
+    simulation = Simulation(config(), N)
+    simulation.reset(seeds=[1, 2, 3])
+    rewards = [simulation.step(actions(step)).reward for step in range(steps)]
+    simulation.close()
+    return rewards
+
+
+@pytest.fixture(params=TRANSPORTS)
+def simulation(request: pytest.FixtureRequest) -> Iterator[Simulation]:
+    made = Simulation(config(timeout_s=1.0, **TRANSPORTS[request.param]), N)
+    made.reset(seeds=[1, 2, 3])
+    first = [process_of(app) for app in made.apps]
+    yield made
+    last = [process_of(app) for app in made.apps]
+    made.close()
+    assert not any(process.running for process in (*first, *last))
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP, signal.SIGSEGV])
+def test_the_users_round_ends_and_the_others_go_on(
+    simulation: Simulation, number: signal.Signals
+) -> None:
+    expected = undisturbed(12)
+    for step in range(5):
+        np.testing.assert_array_equal(simulation.step(actions(step)).reward, expected[step])
+    before = simulation.observation()
+    failed = process_of(simulation.apps[1])
+    os.kill(failed.pid, number)
+    batch = simulation.step(actions(5))
+    assert batch.truncated.tolist() == [False, True, False]
+    assert batch.terminated.tolist() == [False] * N
+    info = batch.infos[1]
+    assert info["termination"] == "app_failed"
+    assert str(failed.pid) in info["app_error"]
+    assert info["game_reward"] == 0.0
+    assert batch.reward[1] == -info["effort_cost"]
+    after = simulation.observation()
+    for key, rows in after.items():
+        np.testing.assert_array_equal(rows[1], before[key][1])
+    assert not failed.running
+    assert [(failure.user, failure.step) for failure in simulation.app_failures] == [(1, 6)]
+    # The next round of the user is played in another process; the others noticed nothing.
+    simulation.reset(ids=[1])
+    assert process_of(simulation.apps[1]).pid != failed.pid
+    for step in range(6, 12):
+        batch = simulation.step(actions(step))
+        assert not batch.truncated.any()
+        np.testing.assert_array_equal(batch.reward[[0, 2]], expected[step][[0, 2]])
+
+
+def test_a_new_app_plays_the_same_rounds_as_the_old_one(simulation: Simulation) -> None:
+    expected = undisturbed(3)
+    simulation.step(actions(9))
+    os.kill(process_of(simulation.apps[0]).pid, signal.SIGKILL)
+    assert simulation.step(actions(9)).infos[0]["termination"] == "app_failed"
+    simulation.reset(seeds=[1, 2, 3])
+    for step in range(3):
+        np.testing.assert_array_equal(simulation.step(actions(step)).reward, expected[step])
+
+
+def test_options_given_at_a_reset_survive_the_app(simulation: Simulation) -> None:
+    simulation.reset(seeds=[1, 2, 3], options={"condition": "hard"})
+    os.kill(process_of(simulation.apps[2]).pid, signal.SIGKILL)
+    simulation.step(actions(0))
+    simulation.reset(seeds=[1, 2, 3])
+    other = Simulation(
+        EnvConfig(app=AppConfig(options={**OPTIONS, "condition": "hard"}, renderer="null")), N
+    )
+    other.reset(seeds=[1, 2, 3])
+    for step in range(30):
+        one, two = simulation.step(actions(step)), other.step(actions(step))
+        np.testing.assert_array_equal(one.reward, two.reward)
+    other.close()
+
+
+def test_an_app_that_dies_between_rounds_or_while_it_is_saved(simulation: Simulation) -> None:
+    os.kill(process_of(simulation.apps[0]).pid, signal.SIGKILL)
+    simulation.reset(seeds=[1, 2, 3])
+    assert len(simulation.app_failures) == 1
+    simulation.step(actions(0))
+    os.kill(process_of(simulation.apps[2]).pid, signal.SIGKILL)
+    saved = simulation.save_state()
+    batch = simulation.step(actions(1))
+    assert batch.infos[2]["termination"] == "app_failed"
+    simulation.reset(ids=[2])
+    other = Simulation(config(), N)
+    assert other.load_state(saved) == [2]  # its round could not be saved
+    other.step(actions(1))
+    other.close()
+
+
+def test_users_of_one_server_fail_and_return_together() -> None:
+    simulation = Simulation(config(transport="protocol2", processes=1), N)
+    simulation.reset(seeds=[1, 2, 3])
+    failed = process_of(simulation.apps[0])
+    assert all(process_of(app) is failed for app in simulation.apps)
+    os.kill(failed.pid, signal.SIGKILL)
+    batch = simulation.step(actions(0))
+    assert [info["termination"] for info in batch.infos] == ["app_failed"] * N
+    simulation.reset(seeds=[1, 2, 3])
+    assert len({process_of(app).pid for app in simulation.apps}) == 1
+    for step, expected in enumerate(undisturbed(4)):
+        np.testing.assert_array_equal(simulation.step(actions(step)).reward, expected)
+    process = process_of(simulation.apps[0])
+    simulation.close()
+    assert not process.running
+
+
+def broken(folder: Path) -> str:
+    """An app that is ready and then refuses to live."""
+    file = folder / "sim2vr-app-broken"
+    file.write_text('#!/bin/sh\necho "no licence" >&2\nexit 1\n')
+    file.chmod(0o755)
+    return str(file)
+
+
+def test_an_app_that_never_starts_ends_the_attempts(tmp_path: Path) -> None:
+    with pytest.raises(AppDied, match=r"ended with exit status 1 while it started(.|\n)*no licen"):
+        Simulation(config(transport="protocol1", executable=broken(tmp_path)), 2)
+
+
+def test_settings_that_the_app_refuses() -> None:
+    options = {"condition": "meduim"}
+    for transport in ("protocol1", "protocol2"):
+        with pytest.raises(AppRefused, match="did you mean 'medium'"):
+            Simulation(EnvConfig(app=AppConfig(options=options, transport=transport)), 2)
+
+
+@pytest.mark.parametrize(
+    ("settings", "n", "message"),
+    [
+        ({"connect": "localhost:5555"}, 1, "transport: got 'in_process' together with connect"),
+        ({"executable": "x"}, 1, "transport: got 'in_process' together with executable"),
+        ({"transport": "protocol1", "connect": "5555"}, 1, "connect: got '5555', expected HOST"),
+        ({"transport": "protocol1", "connect": "h:0"}, 1, "connect: got 'h:0', expected HOST"),
+        (
+            {"transport": "protocol1", "connect": "h:1", "executable": "x"}, 1,
+            "connect: got 'h:1' next to an executable",
+        ),
+        ({"transport": "protocol1", "connect": "h:1"}, 2, "for 2 users.*serves one user"),
+        ({"transport": "protocol2", "executable": "game.x86_64"}, 1, "only sim2vr-app speaks"),
+        ({"transport": "protocol1", "executable": "nosuch"}, 1, "which is no file"),
+    ],
+)  # fmt: skip
+def test_settings_that_do_not_go_together(settings: dict[str, Any], n: int, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Simulation(config(**settings), n)

@@ -27,6 +27,7 @@ from sim2vr_harness.client.in_process import (
     list_games,
     runtime_version,
 )
+from sim2vr_harness.client.in_process_batch import InProcessBatch, InProcessBatchApp
 from sim2vr_harness.client.launch import (
     StartingApp,
     connect,
@@ -54,6 +55,8 @@ __all__ = [
     "ClockSettings",
     "DevicePoses",
     "InProcessApp",
+    "InProcessBatch",
+    "InProcessBatchApp",
     "OptionValue",
     "Protocol1App",
     "Protocol2App",

@@ -20,7 +20,15 @@ from sim2vr_harness.client.base import (
 from sim2vr_harness.gl import prepare_process
 
 
-def _runtime() -> Any:
+def checked_seed(seed: int) -> int:
+    """The seed; ValueError when it has more than 32 bits."""
+    if not 0 <= seed < 2**32:
+        raise ValueError(f"seed: got {seed}, expected an integer from 0 to 2**32 - 1")
+    return seed
+
+
+def load_runtime() -> Any:
+    """The extension module; RuntimeError says how to build it."""
     prepare_process()
     try:
         from sim2vr_harness import _app_runtime
@@ -34,17 +42,17 @@ def _runtime() -> Any:
 
 def runtime_version() -> str:
     """Version of the C++ runtime."""
-    return str(_runtime().__version__)
+    return str(load_runtime().__version__)
 
 
 def gl_renderer(kind: str = "automatic") -> str:
     """Starts a renderer and returns its description; RuntimeError says what was tried."""
-    return str(_runtime().gl_renderer(kind))
+    return str(load_runtime().gl_renderer(kind))
 
 
 def list_games() -> dict[str, str]:
     """Names of the games the runtime can play, with their descriptions."""
-    return dict(_runtime().list_games())
+    return dict(load_runtime().list_games())
 
 
 def frame_time_ns(frame: int, frame_rate_hz: int) -> int:
@@ -54,7 +62,7 @@ def frame_time_ns(frame: int, frame_rate_hz: int) -> int:
     reference's recorded frames lie: a hair below the grid of fixed steps, so that no game time is
     a tie which binary32 rounding would decide.
     """
-    return int(_runtime().frame_time_ns(frame, frame_rate_hz))
+    return int(load_runtime().frame_time_ns(frame, frame_rate_hz))
 
 
 class InProcessApp:
@@ -86,7 +94,7 @@ class InProcessApp:
         clock: ClockSettings | None = None,
     ) -> None:
         self._reply: AppReply | None = None
-        self._app: Any = _runtime().App(
+        self._app: Any = load_runtime().App(
             game=game,
             options=json.dumps(dict(options or {})),
             width=width,
@@ -121,11 +129,9 @@ class InProcessApp:
         time_ns: int = 0,
     ) -> AppReply:
         """See :class:`AppClient`."""
-        if not 0 <= seed < 2**32:
-            raise ValueError(f"seed: got {seed}, expected an integer from 0 to 2**32 - 1")
         return AppReply(
             *self._open().reset(
-                seed,
+                checked_seed(seed),
                 json.dumps(dict(options or {})),
                 poses.head,
                 poses.left_controller,

@@ -14,7 +14,7 @@ from sim2vr_harness.client import (
     AppRefused,
     AppTimeout,
     Channel,
-    InProcessApp,
+    InProcessBatch,
     Protocol1App,
     Protocol2Connection,
     StartingApp,
@@ -27,7 +27,7 @@ from sim2vr_harness.client import (
 )
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 
-__all__ = ["AppFactory", "RemoteApps", "app_factory", "in_process_app", "knows_options"]
+__all__ = ["AppFactory", "InProcessApps", "RemoteApps", "app_factory", "knows_options"]
 
 AppFactory = Callable[[EnvConfig, int, Path | None], AppClient]
 """Makes the app of user i: (config, i, log folder) -> client. Called again for a user whose app has
@@ -48,19 +48,36 @@ def app_factory(config: EnvConfig, n: int) -> AppFactory:
     Raises:
         ValueError: the settings do not serve so many users.
     """
-    return in_process_app if config.app.transport == "in_process" else RemoteApps(config.app, n)
+    if config.app.transport == "in_process":
+        return InProcessApps(n)
+    return RemoteApps(config.app, n)
 
 
-def in_process_app(config: EnvConfig, index: int, log_dir: Path | None) -> AppClient:
-    """The C++ runtime in this process."""
-    return InProcessApp(
-        config.app.game,
-        config.app.options,
-        width=config.vision.width,
-        height=config.vision.height,
-        renderer=config.app.renderer,
-        log_dir=None if log_dir is None else log_dir / f"user{index:03d}",
-    )
+class InProcessApps:
+    """An :data:`AppFactory` for apps of the C++ runtime in this process, stepped together.
+
+    Args:
+        n: number of users.
+    """
+
+    def __init__(self, n: int) -> None:
+        self._n = n
+        self._batch: InProcessBatch | None = None
+
+    def __call__(self, config: EnvConfig, index: int, log_dir: Path | None) -> AppClient:
+        """The app of user ``index``; see :data:`AppFactory`."""
+        if self._batch is None:
+            self._batch = InProcessBatch(
+                self._n,
+                config.app.game,
+                config.app.options,
+                width=config.vision.width,
+                height=config.vision.height,
+                renderer=config.app.renderer,
+                log_dir=log_dir,
+                threads=config.threads or len(os.sched_getaffinity(0)),
+            )
+        return self._batch.app(index)
 
 
 def knows_options(app: AppConfig) -> bool:

@@ -1,0 +1,252 @@
+"""Many apps inside this process, stepped together on native threads."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim2vr_harness.client.base import (
+    AppReply,
+    DevicePoses,
+    Int64Array,
+    OptionValue,
+    ThirdPersonView,
+    UInt8Array,
+)
+from sim2vr_harness.client.in_process import checked_seed, load_runtime
+
+__all__ = ["InProcessBatch", "InProcessBatchApp"]
+
+
+class InProcessBatch:
+    """N apps of one game in the C++ runtime; each is an app as any other (:meth:`app`).
+
+    Steps that were started run together, on all threads, when the first of them is finished. What
+    an app does depends on its own input only, to the bit: not on N, its place or the threads.
+
+    Args:
+        n: number of apps N.
+        game: name of the game.
+        options: the game's options.
+        width: of the headset images, pixels.
+        height: of the headset images, pixels.
+        renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``; one per thread.
+        log_dir: app 7 logs to ``user007`` below it; None for no logs.
+        threads: 1 or more.
+
+    Raises:
+        ValueError: unknown game or option, unusable size; names the field, got and expected.
+        RuntimeError: no renderer can be started.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        game: str,
+        options: Mapping[str, OptionValue] | None = None,
+        *,
+        width: int = 120,
+        height: int = 80,
+        renderer: str = "automatic",
+        log_dir: Path | None = None,
+        threads: int = 1,
+    ) -> None:
+        self._batch: Any = load_runtime().AppBatch(
+            game=game,
+            options=json.dumps(dict(options or {})),
+            apps=n,
+            threads=threads,
+            width=width,
+            height=height,
+            renderer=renderer,
+            log_dir="" if log_dir is None else str(log_dir),
+        )
+        self.images: UInt8Array = self._batch.images
+        """(N, H, W, 4) the apps' headset images, overwritten by their steps; no copy."""
+        self._rewards, self._finished = self._batch.rewards, self._batch.finished
+        self._time_features = self._batch.time_features
+        self._log_names: list[str] = []
+        self._started: dict[int, tuple[Int64Array, DevicePoses]] = {}
+        self._left = set(range(n))
+
+    def app(self, index: int) -> InProcessBatchApp:
+        """App ``index``, 0 to N - 1."""
+        return InProcessBatchApp(self, index)
+
+    @property
+    def native(self) -> Any:
+        """The extension's object.
+
+        Raises:
+            RuntimeError: the apps were closed.
+        """
+        if self._batch is None:
+            raise RuntimeError("the app is closed; make a new one")
+        return self._batch
+
+    def reset(
+        self, index: int, seed: int, poses: DevicePoses, options: Mapping[str, OptionValue] | None
+    ) -> AppReply:
+        """See :meth:`AppClient.reset`."""
+        devices = (_row(poses.head), _row(poses.left_controller), _row(poses.right_controller))
+        one = np.array([index], dtype=np.int32)
+        seeds = np.array([checked_seed(seed)], dtype=np.uint32)
+        self.native.reset(one, seeds, json.dumps(dict(options or {})), *devices)
+        self._started.pop(index, None)
+        return self._reply(index)
+
+    def start(self, index: int, times_ns: Int64Array, poses: DevicePoses) -> None:
+        """Keeps a step until :meth:`finish`."""
+        self._started[index] = (np.asarray(times_ns, dtype=np.int64), poses)
+
+    def finish(self, index: int) -> AppReply:
+        """Runs the started steps unless another app's finish has, and replies for this app."""
+        if index in self._started:
+            self._run_started()
+        return self._reply(index)
+
+    def _run_started(self) -> None:
+        started, self._started = self._started, {}
+        # Apps that differ in frames or devices go one group after the other.
+        groups: dict[tuple[int, bool, bool], list[int]] = {}
+        for index, (times, poses) in started.items():
+            key = (len(times), poses.left_controller is None, poses.right_controller is None)
+            groups.setdefault(key, []).append(index)
+        for indices in groups.values():
+            self._run(indices, [started[index] for index in indices])
+
+    def _run(self, indices: list[int], steps: list[tuple[Int64Array, DevicePoses]]) -> None:
+        times = np.stack([times for times, _ in steps])
+        first = steps[0][1]
+        head = np.stack([poses.head for _, poses in steps])
+        left = right = None
+        if first.left_controller is not None:
+            left = np.stack([poses.left_controller for _, poses in steps])  # type: ignore[misc]
+        if first.right_controller is not None:
+            right = np.stack([poses.right_controller for _, poses in steps])  # type: ignore[misc]
+        self.native.step(np.array(indices, dtype=np.int32), times, head, left, right)
+
+    def _reply(self, index: int) -> AppReply:
+        if not self._log_names:
+            self._log_names = self.native.log_names
+            self._logs = self.native.logs
+        return AppReply(
+            float(self._rewards[index]),
+            bool(self._finished[index]),
+            float(self._time_features[index]),
+            dict(zip(self._log_names, self._logs[index].tolist(), strict=True)),
+        )
+
+    def let_go(self, index: int) -> None:
+        """The batch closes with its last app."""
+        self._left.discard(index)
+        self._started.pop(index, None)
+        if not self._left and self._batch is not None:
+            self._batch.close()
+            self._batch = None
+
+
+def _row(pose: Any) -> Any:
+    return None if pose is None else np.asarray(pose, dtype=np.float64)[None]
+
+
+class InProcessBatchApp:
+    """One app of an :class:`InProcessBatch`; an :class:`~sim2vr_harness.client.base.AppClient`."""
+
+    def __init__(self, batch: InProcessBatch, index: int) -> None:
+        self._batch: InProcessBatch | None = batch
+        self._index = index
+
+    def _open(self) -> InProcessBatch:
+        if self._batch is None:
+            raise RuntimeError("the app is closed; make a new one")
+        return self._batch
+
+    @property
+    def renderer_description(self) -> str:
+        """See :class:`AppClient`."""
+        return str(self._open().native.renderer_description)
+
+    @property
+    def image(self) -> UInt8Array:
+        """See :class:`AppClient`."""
+        image: UInt8Array = self._open().images[self._index]
+        return image
+
+    def reset(
+        self,
+        seed: int,
+        poses: DevicePoses,
+        options: Mapping[str, OptionValue] | None = None,
+        *,
+        time_ns: int = 0,
+    ) -> AppReply:
+        """See :class:`AppClient`; rounds start at 0."""
+        if time_ns != 0:
+            raise ValueError(f"time_ns: got {time_ns}, expected 0: apps of a batch start at 0")
+        return self._open().reset(self._index, seed, poses, options)
+
+    def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
+        """See :class:`AppClient`."""
+        frames = DevicePoses(
+            _row(poses.head), _row(poses.right_controller), _row(poses.left_controller)
+        )
+        return self.step_frames(np.array([time_ns]), frames)
+
+    def step_frames(self, times_ns: Int64Array, poses: DevicePoses) -> AppReply:
+        """See :class:`AppClient`."""
+        self.start_step(times_ns, poses)
+        return self.finish_step()
+
+    def start_step(self, times_ns: Int64Array, poses: DevicePoses, *, last: bool = False) -> None:
+        """See :class:`AppClient`; the frames run when the first app of the batch finishes."""
+        self._open().start(self._index, times_ns, poses)
+
+    def finish_step(self) -> AppReply:
+        """See :class:`AppClient`."""
+        return self._open().finish(self._index)
+
+    @property
+    def can_save(self) -> bool:
+        """See :class:`AppClient`; True."""
+        return True
+
+    def render_headset(self, width: int, height: int) -> UInt8Array:
+        """See :class:`AppClient`."""
+        image: UInt8Array = self._open().native.render_view(self._index, "headset", width, height)
+        return image
+
+    def render_third_person(
+        self, width: int, height: int, view: ThirdPersonView = "spectator"
+    ) -> UInt8Array:
+        """See :class:`AppClient`."""
+        image: UInt8Array = self._open().native.render_view(self._index, view, width, height)
+        return image
+
+    def save(self) -> bytes:
+        """See :class:`AppClient`."""
+        return bytes(self._open().native.save(self._index))
+
+    def load(self, state: bytes) -> None:
+        """See :class:`AppClient`."""
+        self._open().native.load(self._index, state)
+
+    def state_hash(self) -> int:
+        """See :class:`AppClient`."""
+        return int(self._open().native.state_hash(self._index))
+
+    def close(self) -> None:
+        """See :class:`AppClient`."""
+        if self._batch is not None:
+            self._batch.let_go(self._index)
+            self._batch = None
+
+    def __enter__(self) -> InProcessBatchApp:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

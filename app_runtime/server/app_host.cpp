@@ -26,11 +26,11 @@ std::uint64_t entropy() {
   return static_cast<std::uint64_t>(device()) << 32 | device();
 }
 
-std::filesystem::path folderOf(const std::filesystem::path& root, int generation,
+std::filesystem::path folderOf(const std::filesystem::path& root, int session,
                                std::uint32_t index, std::uint32_t count) {
   if (root.empty()) return root;
   std::filesystem::path folder = root;
-  if (generation > 0) folder /= fmt::format("session{:03d}", generation);
+  if (session > 0) folder /= fmt::format("session{:03d}", session);
   if (count > 1) folder /= fmt::format("app{:03d}", index);
   return folder;
 }
@@ -81,17 +81,16 @@ std::vector<std::unique_ptr<HostedApp>> AppHost::makeApps(const runtime::AppSett
   std::vector<std::unique_ptr<HostedApp>> apps;
   for (std::uint32_t i = 0; i < count; ++i) {
     runtime::AppSettings own = settings;
-    own.log_dir = folderOf(settings.log_dir, generation_, i, count);
+    own.log_dir = folderOf(settings.log_dir, session_, i, count);
     std::optional<runtime::RecorderSettings> recorder = settings_.recorder;
     if (recorder) {
-      recorder->folder = folderOf(recorder->folder, generation_, i, count);
+      recorder->folder = folderOf(recorder->folder, session_, i, count);
       recorder->frame_rate = settings.time.target_frame_rate;
     }
     const int worker = static_cast<int>(i) % settings_.threads;
     apps.push_back(std::make_unique<HostedApp>(std::move(own), renderer(renderer_kind, worker),
                                                std::move(recorder)));
   }
-  ++generation_;
   return apps;
 }
 

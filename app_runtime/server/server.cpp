@@ -150,6 +150,7 @@ class Server::Implementation {
         logger().error("session over: the client's connection went away without quit");
         break;
     }
+    if (session_ != nullptr) host_.endSession();
     session_ = nullptr;
     return ending;
   }

@@ -62,12 +62,15 @@ class AppHost {
 
   const HostSettings& settings() const { return settings_; }
 
-  /// Apps with the same settings. The first apps that this host makes write their logs and pictures
-  /// to the folders of the settings, later ones to session001, session002 ... below them; each of
+  /// Apps with the same settings. Those of the first session write their logs and pictures to the
+  /// folders of the settings, those of later ones to session001, session002 ... below them; each of
   /// several apps has a folder app000, app001 ... of its own. Throws as runtime::App does.
   std::vector<std::unique_ptr<HostedApp>> makeApps(const runtime::AppSettings& settings,
                                                    const std::string& renderer,
                                                    std::uint32_t count);
+
+  /// The apps made from now on are another session's.
+  void endSession() { ++session_; }
 
   /// For worker `worker` of settings().threads.
   std::shared_ptr<render::Renderer> renderer(const std::string& kind, int worker = 0);
@@ -78,7 +81,7 @@ class AppHost {
  private:
   HostSettings settings_;
   std::map<std::pair<std::string, int>, std::shared_ptr<render::Renderer>> renderers_;
-  int generation_ = 0;
+  int session_ = 0;
   std::uint64_t drawn_seeds_ = 0;
   std::uint64_t entropy_ = 0;
 };

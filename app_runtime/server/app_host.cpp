@@ -26,8 +26,8 @@ std::uint64_t entropy() {
   return static_cast<std::uint64_t>(device()) << 32 | device();
 }
 
-std::filesystem::path folderOf(const std::filesystem::path& root, int session,
-                               std::uint32_t index, std::uint32_t count) {
+std::filesystem::path folderOf(const std::filesystem::path& root, int session, std::uint32_t index,
+                               std::uint32_t count) {
   if (root.empty()) return root;
   std::filesystem::path folder = root;
   if (session > 0) folder /= fmt::format("session{:03d}", session);

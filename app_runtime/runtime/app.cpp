@@ -192,7 +192,7 @@ Outcome App::outcome(float reward) const {
 
 StepResult App::shown(const Outcome& outcome) {
   renderView(View::headset, settings_.headset_size, image_);
-  return {outcome, log()};
+  return {outcome.reward, outcome.finished, outcome.time_feature, log()};
 }
 
 const std::map<std::string, double>& App::log() {

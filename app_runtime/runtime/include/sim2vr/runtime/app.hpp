@@ -36,14 +36,17 @@ struct FrameInput {
   xr::DeviceState devices;
 };
 
-/// What a step came to.
+/// What a step came to, without the game's named numbers.
 struct Outcome {
   float reward = 0.0F;
   bool finished = false;
   float time_feature = 0.0F;
 };
 
-struct StepResult : Outcome {
+struct StepResult {
+  float reward = 0.0F;
+  bool finished = false;
+  float time_feature = 0.0F;
   std::map<std::string, double> log;
 };
 

@@ -66,7 +66,9 @@ Frame& FrameCollector::collect(const scene::Scene& scene, const Camera& camera, 
   lights_.clear();
   meshes_.beginFrame();
   setCamera(camera, size);
-  scene.forEach<Renderable>([this](Renderable& renderable) { visit(renderable); });
+  scene.forEach<Renderable>([&](Renderable& renderable) {
+    if (camera.sees(renderable.gameObject().layer())) visit(renderable);
+  });
   setLights();
   sort();
   return frame_;

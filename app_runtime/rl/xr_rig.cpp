@@ -2,6 +2,7 @@
 
 #include <string>
 
+#include "headset_looks.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/render/components.hpp"
 #include "sim2vr/scene/scene.hpp"
@@ -70,6 +71,8 @@ XrRig buildXrRig(GameContext& context, const XrRigSettings& settings) {
   camera.vertical_fov_deg = settings.vertical_fov_deg;
   camera.near_m = settings.near_m;
   camera.far_m = settings.far_m;
+  camera.culling_mask = ~(1U << kPlayerLooksLayer);
+  addHeadsetLooks(*rig.camera, kPlayerLooksLayer);
   return rig;
 }
 

@@ -1,8 +1,10 @@
 #include "whacamole/looks.hpp"
 
 #include <array>
+#include <cstdint>
 #include <numbers>
 #include <string>
+#include <utility>
 
 #include "sim2vr/render/components.hpp"
 #include "sim2vr/render/mesh.hpp"
@@ -75,9 +77,43 @@ MeshPtr hammerHandle() {
   return mesh;
 }
 
+// A grip around the y axis with the trigger in front of its upper end (+z). One mesh, so that it
+// costs one draw call.
+MeshPtr controllerBody() {
+  static const std::array<LathePoint, 6> outline{{{0.0, -0.0185},
+                                                  {0.0135, -0.0135},
+                                                  {0.0190, 0.0},
+                                                  {0.0205, 0.040},
+                                                  {0.0090, 0.064},
+                                                  {0.0, 0.068}}};
+  static const MeshPtr mesh = [] {
+    render::Mesh body = *render::lathe(outline, 8, "controller body");
+    const Eigen::AngleAxisf tilt(-0.58F, Eigen::Vector3f::UnitX());
+    const Eigen::Vector3f center(0.0F, 0.0802F, 0.0197F);
+    const Eigen::Vector3f size(0.018F, 0.037F, 0.022F);
+    const auto first = static_cast<std::uint32_t>(body.vertices.size());
+    const MeshPtr trigger = render::box();
+    for (render::Vertex vertex : trigger->vertices) {
+      vertex.position = center + tilt * vertex.position.cwiseProduct(size);
+      vertex.normal = tilt * vertex.normal;
+      body.vertices.push_back(vertex);
+    }
+    for (const std::uint32_t index : trigger->indices) body.indices.push_back(first + index);
+    return render::share(std::move(body));
+  }();
+  return mesh;
+}
+
 MeshPtr controllerRing() {
-  static const std::array<LathePoint, 2> outline{{{0.046, -0.007}, {0.048, 0.007}}};
-  static const MeshPtr mesh = render::lathe(outline, 14, "controller ring");
+  static const std::array<LathePoint, 2> outline{{{0.034, -0.012}, {0.034, 0.012}}};
+  static const MeshPtr mesh = render::lathe(outline, 12, "controller ring");
+  return mesh;
+}
+
+// Without the side that faces the ground.
+MeshPtr platformMesh() {
+  static const std::array<LathePoint, 3> outline{{{0.45, -0.03}, {0.45, 0.03}, {0.0, 0.03}}};
+  static const MeshPtr mesh = render::lathe(outline, 24, "platform");
   return mesh;
 }
 
@@ -87,6 +123,9 @@ MeshPtr floorArrow() {
   static const MeshPtr mesh = render::strip(points, 0.018, Vec3::UnitY(), "floor arrow");
   return mesh;
 }
+
+// Turns what was made around y.
+Quat aroundAxis(const Vec3& axis) { return Quat::FromTwoVectors(Vec3::UnitY(), axis); }
 
 Quat lookAlong(const Vec3& direction) {
   const Vec3 forward = direction.normalized();
@@ -118,8 +157,7 @@ void addFloor(scene::Scene& scene) {
   yellow.albedo = {1.0F, 0.994F, 0.401F, 1.0F};
   yellow.smoothness = 0.1F;
   scene::GameObject& platform = scene.create("Platform");
-  platform.transform().setLocalScale({0.45, 0.06, 0.45});
-  platform.addComponent<render::MeshRenderer>(render::cylinder(24), yellow);
+  platform.addComponent<render::MeshRenderer>(platformMesh(), yellow);
 
   scene::GameObject& arrow = scene.create("Floor Arrow");
   arrow.transform().setLocalPosition({0.0, 0.04, 0.2});
@@ -127,24 +165,23 @@ void addFloor(scene::Scene& scene) {
                                            translucent({0.0F, 1.0F, 0.084F, 0.24F}, 0.5F));
 }
 
-render::Camera& addCamera(scene::Scene& scene, std::string_view name, const Vec3& position,
-                          const Vec3& direction) {
+render::Camera& addCamera(scene::Scene& scene, std::string_view name, const Pose& pose) {
   scene::GameObject& object = scene.create(std::string(name));
-  object.transform().setLocalPosition(position);
-  object.transform().setLocalRotation(lookAlong(direction));
+  object.transform().setPose(pose);
   return object.addComponent<render::Camera>();
 }
 
 void addCameras(scene::Scene& scene) {
   // The reference's recorder camera.
   render::Camera& recorder =
-      addCamera(scene, rl::kThirdPersonCameraPath, {0.0, 1.1, -0.1}, Vec3::UnitZ());
+      addCamera(scene, rl::kThirdPersonCameraPath, {{0.0, 1.1, -0.1}, Quat::Identity()});
   recorder.vertical_fov_deg = 60.0;
   recorder.far_m = 3.0;
-  // Ours, for people: over the player's left shoulder, with the whole area and the hammer in view.
-  const Vec3 position(-0.45, 1.4, -0.25);
-  render::Camera& spectator =
-      addCamera(scene, rl::kSpectatorCameraPath, position, Vec3(0.15, 1.12, 0.48) - position);
+  // It stands where the player's head is.
+  recorder.culling_mask = ~(1U << rl::kPlayerLooksLayer);
+  // Ours, for people who watch; the round moves it to where the player stands.
+  const Pose pose = spectatorPose({0.0, 1.17, 0.0});
+  render::Camera& spectator = addCamera(scene, rl::kSpectatorCameraPath, pose);
   spectator.vertical_fov_deg = 50.0;
 }
 
@@ -161,22 +198,18 @@ void addHammerLooks(scene::GameObject& hammer) {
   handle.transform().setLocalScale(1.0 / kMetresPerHammerUnit);
 }
 
+// Simplified from the pictures of the original: a body along the hammer's handle, and the tracking
+// ring, tilted, above the hand.
 void addControllerLooks(scene::GameObject& controller) {
-  Material plastic = translucent({0.113F, 0.083F, 0.083F, 0.51F}, 0.8F);
+  Material plastic = translucent({0.113F, 0.083F, 0.083F, 0.51F}, 0.6F);
   plastic.metallic = 0.5F;
-  // The grip runs along the hammer's handle, the tracking ring lies across its upper end.
-  const Quat grip_rotation =
-      Quat::FromTwoVectors(Vec3::UnitY(), Vec3(0.004690, 0.635087, 0.772427));
-  const Vec3 grip_axis = grip_rotation * Vec3::UnitY();
-  const Vec3 root(0.0096, -0.0491, -0.0545);
-  scene::GameObject& grip = addPart(controller, "Grip", render::capsule(0.019, 0.105, 8), plastic);
-  grip.transform().setLocalPosition(root + 0.035 * grip_axis);
-  grip.transform().setLocalRotation(grip_rotation);
+  scene::GameObject& body = addPart(controller, "Body", controllerBody(), plastic);
+  body.transform().setLocalPosition({0.0096, -0.0479, -0.0555});
+  body.transform().setLocalRotation(aroundAxis({0.004690, 0.635087, 0.772427}));
   plastic.cull_back = false;
   scene::GameObject& ring = addPart(controller, "Ring", controllerRing(), plastic);
-  ring.transform().setLocalPosition(root + 0.082 * grip_axis + Vec3(-0.028, 0.0, 0.0));
-  ring.transform().setLocalRotation(
-      Quat(Eigen::AngleAxisd(-0.25 * std::numbers::pi, Vec3::UnitX())) * grip_rotation);
+  ring.transform().setLocalPosition({0.0096, 0.0352, -0.0085});
+  ring.transform().setLocalRotation(aroundAxis({0.278, 0.67, 0.68}));
 }
 
 void addAreaLooks(scene::GameObject& area) {
@@ -185,12 +218,16 @@ void addAreaLooks(scene::GameObject& area) {
   sheet.transform().setLocalScale({0.3, 0.3, 0.001});
 }
 
+Pose spectatorPose(const Vec3& head_m) {
+  const Vec3 offset(0.80, 0.22, -0.40);
+  const Vec3 aim(0.08, -0.05, 0.22);
+  return {head_m + offset, lookAlong(aim - offset)};
+}
+
 void addRoomLooks(scene::Scene& scene) {
   addLight(scene, "Sun", {-0.466, -0.363, 0.807}, 1.0F);
-  // The original scene holds a second light of half the intensity, but its pictures show no trace
-  // of it (the colours sampled from them add up to the first light alone), so it is off here as
-  // well.
-  addLight(scene, "Second Light", {-0.562, -0.595, 0.575}, 0.5F).setEnabled(false);
+  // Half as strong in the original's editor, which means half in sRGB: 0.214 in linear light.
+  addLight(scene, "Second Light", {-0.562, -0.595, 0.575}, render::linearFromSrgb(0.5F));
   addSky(scene);
   addFloor(scene);
   addCameras(scene);

@@ -1,6 +1,7 @@
 // What Whac-A-Mole looks like, apart from the targets: shapes, colours, light, cameras.
 #pragma once
 
+#include "sim2vr/core/math.hpp"
 #include "sim2vr/scene/game_object.hpp"
 #include "sim2vr/scene/scene.hpp"
 
@@ -12,6 +13,9 @@ void addHammerLooks(scene::GameObject& hammer);
 void addControllerLooks(scene::GameObject& controller);
 /// The translucent sheet that the targets come out of.
 void addAreaLooks(scene::GameObject& area);
+/// Where the spectators' camera stands for a round that starts with the head at `head_m` (world):
+/// behind the player on the right, with head, hammer and each of the areas in view.
+Pose spectatorPose(const Vec3& head_m);
 /// Platform, floor arrow, lights, sky and the two outside cameras.
 void addRoomLooks(scene::Scene& scene);
 

@@ -7,6 +7,7 @@
 
 #include "sim2vr/scene/scene.hpp"
 #include "whacamole/hammer.hpp"
+#include "whacamole/looks.hpp"
 #include "whacamole/target.hpp"
 
 namespace sim2vr::games::whacamole {
@@ -69,8 +70,11 @@ void Round::Update() {
 
 void Round::placeArea() {
   const PlacementGeometry place = geometry(setup_.condition.placement);
-  setup_.area->transform().setPose(
-      {setup_.rig.camera->transform().position() + place.offset_m, place.rotation});
+  const Vec3 head = setup_.rig.camera->transform().position();
+  setup_.area->transform().setPose({head + place.offset_m, place.rotation});
+  if (scene::GameObject* spectator = scene().find(rl::kSpectatorCameraPath)) {
+    spectator->transform().setPose(spectatorPose(head));
+  }
   setup_.area->setActive(true);
   openLog();
 }

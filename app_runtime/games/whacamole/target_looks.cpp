@@ -4,6 +4,7 @@
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <utility>
 
 #include "sim2vr/render/mesh.hpp"
 #include "sim2vr/scene/scene.hpp"
@@ -37,15 +38,32 @@ MeshPtr facingPlayer(const MeshPtr& lathe) {
   return render::share(std::move(mesh));
 }
 
-// Flat disc with a bevel, and a dome behind it.
+// The disc's edge, where the dome begins; also the dome's centre.
+constexpr float kRim_z = -1.03F;
+
+// A lathe of few rows would shade the dome as cones.
+void roundDome(render::Mesh& mesh) {
+  const Eigen::Vector3f center(0.0F, 0.0F, kRim_z);
+  for (render::Vertex& vertex : mesh.vertices) {
+    const bool on_dome = vertex.normal.z() > 0.0F;
+    if (on_dome) vertex.normal = (vertex.position - center).normalized();
+  }
+}
+
+// Flat disc with a bevel, and a dome behind it. The one row of corners between the dome's rim and
+// its pole lies a little outside, so that the outline is as far inside the half circle as outside.
 MeshPtr bodyMesh() {
-  static const double kDiagonal = std::numbers::sqrt2 / 2.0;
-  static const std::array<render::LathePoint, 5> outline{{{0.0, kDisc_z},
-                                                          {0.948, kDisc_z},
-                                                          {1.0, -1.03},
-                                                          {kDiagonal, -1.03 + kDiagonal},
-                                                          {0.0, -0.03}}};
-  static const MeshPtr mesh = facingPlayer(render::lathe(outline, 16, "target"));
+  static const MeshPtr mesh = [] {
+    constexpr double kRow = 1.04 * std::numbers::sqrt2 / 2.0;
+    static const std::array<render::LathePoint, 5> outline{{{0.0, kDisc_z},
+                                                            {0.948, kDisc_z},
+                                                            {1.0, kRim_z},
+                                                            {kRow, kRim_z + kRow},
+                                                            {0.0, kRim_z + 1.0}}};
+    render::Mesh body = *facingPlayer(render::lathe(outline, 16, "target"));
+    roundDome(body);
+    return render::share(std::move(body));
+  }();
   return mesh;
 }
 
@@ -70,9 +88,10 @@ render::Material paint(const Color& color) {
   return material;
 }
 
-// Evenly spread directions; no random numbers, so that looks cannot change a round.
+// Directions evenly spread over the half away from the player; no random numbers, so that looks
+// cannot change a round.
 Vec3 sparkDirection(int i) {
-  const double height = 1.0 - (2.0 * i + 1.0) / kSparks;
+  const double height = (2.0 * i + 1.0) / (2.0 * kSparks);
   const double angle = i * std::numbers::pi * (3.0 - std::sqrt(5.0));
   const double radius = std::sqrt(1.0 - height * height);
   return {radius * std::cos(angle), radius * std::sin(angle), height};
@@ -82,7 +101,7 @@ Vec3 sparkDirection(int i) {
 double sparkTravel_m(double t_s) {
   constexpr double kFinalSpeed = 0.09;
   constexpr double kExtraSpeed = 0.81;
-  constexpr double kDamping_s = 0.02;
+  constexpr double kDamping_s = 0.01;
   return kFinalSpeed * t_s + kExtraSpeed * kDamping_s * (1.0 - std::exp(-t_s / kDamping_s));
 }
 
@@ -115,10 +134,11 @@ void TargetLooks::showBurst(float elapsed_s) {
   if (elapsed_s >= kSparkLife_s) return;
   constexpr double kStartRadius_m = 0.003;
   const Vec3 center = transform().transformPoint({0.0, 0.0, kDisc_z});
+  const Quat rotation = transform().rotation();
   for (int i = 0; i < kSparks; ++i) {
     const double start = kStartRadius_m * std::fmod(i * std::numbers::sqrt3, 1.0);
-    sparks_->billboards.push_back({center + sparkDirection(i) * (start + sparkTravel_m(elapsed_s)),
-                                   sparkSize_m(i, elapsed_s)});
+    const Vec3 flown = sparkDirection(i) * (start + sparkTravel_m(elapsed_s));
+    sparks_->billboards.push_back({center + rotation * flown, sparkSize_m(i, elapsed_s)});
   }
 }
 

@@ -70,6 +70,25 @@ TEST_P(GeometryTest, DepthOfATiltedPlane) {
   EXPECT_EQ(picture.at(90, 71)[3], 215);
 }
 
+TEST_P(GeometryTest, CullingMaskLeavesOutLayersWithoutATrace) {
+  world_.add(quad(), unlit(kGreen), {0, 0, 2}, Vec3::Constant(0.5));
+  const Picture without = draw(kSmall);
+  MeshRenderer& hidden = world_.add(quad(), unlit(kRed), {0, 0, 1}, Vec3::Constant(1.0));
+  hidden.gameObject().setLayer(31);
+  auto& sprites = world_.scene.create("Sparks").addComponent<Billboards>();
+  sprites.gameObject().setLayer(31);
+  sprites.billboards = {{{0, 0, 0.5}, 0.2}};
+  world_.camera.culling_mask = 0x7FFFFFFFU;
+  EXPECT_EQ(draw(kSmall).rgba, without.rgba);
+  world_.camera.culling_mask = kAllLayers;
+  EXPECT_EQ(draw(kSmall).at(30, 15), (Pixel{255, 0, 0, 26}));
+  world_.camera.culling_mask = 0x80000000U;
+  EXPECT_EQ(draw(kSmall).at(30, 15), (Pixel{255, 0, 0, 26}));
+  hidden.gameObject().setLayer(30);
+  sprites.gameObject().setLayer(0);
+  EXPECT_EQ(draw(kSmall).at(30, 20), (Pixel{0, 0, 0, 255}));
+}
+
 TEST_P(GeometryTest, NearAndFarPlanesClip) {
   world_.camera.near_m = 0.5;
   world_.camera.far_m = 4.0;

@@ -107,6 +107,23 @@ TEST_F(XrRigTest, SetsTheCamera) {
   EXPECT_EQ(camera->far_m, 3.0);
 }
 
+TEST_F(XrRigTest, PutsAHeadsetWhereOnlyOthersSeeIt) {
+  const XrRig rig = buildXrRig(context_);
+  frame(0, someState());
+  const scene::GameObject* headset = scene_.find("XR Rig/Main Camera/Headset");
+  ASSERT_NE(headset, nullptr);
+  EXPECT_TRUE(headset->transform().position().isApprox(Vec3(0.5, 1.25, -0.5), 1e-7));
+  const auto* camera = rig.camera->getComponent<render::Camera>();
+  int parts = 0;
+  scene_.forEach<render::MeshRenderer>([&](const render::MeshRenderer& part) {
+    EXPECT_EQ(part.gameObject().layer(), kPlayerLooksLayer);
+    EXPECT_FALSE(camera->sees(part.gameObject().layer()));
+    ++parts;
+  });
+  EXPECT_GT(parts, 0);
+  EXPECT_TRUE(camera->sees(0));
+}
+
 TEST_F(XrRigTest, WorksAgainWithTheSameSession) {
   buildXrRig(context_);
   frame(0, someState());

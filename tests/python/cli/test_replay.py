@@ -38,7 +38,9 @@ def decoded(film: Path) -> np.ndarray:
     """(frames, height, width, 3)."""
     reader = imageio_ffmpeg.read_frames(str(film))
     width, height = next(reader)["size"]
-    return np.stack([np.frombuffer(f, np.uint8).reshape(height, width, 3) for f in reader])
+    frames = [np.frombuffer(f, np.uint8).reshape(height, width, 3) for f in reader]
+    reader.close()
+    return np.stack(frames)
 
 
 def test_table(capsys: Any) -> None:

@@ -2,6 +2,7 @@
 // changed between frames; disabled components and inactive objects are not drawn.
 #pragma once
 
+#include <cstdint>
 #include <string_view>
 #include <utility>
 #include <vector>
@@ -52,11 +53,18 @@ class DirectionalLight : public Renderable {
   float intensity = 1.0F;
 };
 
+/// Camera::culling_mask of a camera that sees every layer.
+inline constexpr std::uint32_t kAllLayers = 0xFFFFFFFFU;
+
 /// Perspective view from the object's pose along its forward axis; scale is ignored.
 class Camera : public scene::Component {
  public:
   std::string_view typeName() const override { return "Camera"; }
   void fields(Archive& archive) override;
+  /// Whether the culling mask has the layer's bit; true for layers that have none.
+  bool sees(int layer) const {
+    return layer < 0 || layer > 31 || ((culling_mask >> layer) & 1U) != 0;
+  }
 
   /// Full vertical angle; the horizontal one follows from the image's aspect (square pixels).
   double vertical_fov_deg = 90.0;
@@ -66,6 +74,10 @@ class Camera : public scene::Component {
   double far_m = 10.0;
   /// Shown where nothing is, in a scene without Skybox.
   Color background{0.0F, 0.0F, 0.0F, 1.0F};
+  /// Unity's cullingMask: bit n is for objects on layer n, 0 to 31. What it leaves out has no part
+  /// in the picture, neither in colour nor in depth. Set when the scene is built; not part of the
+  /// saved state.
+  std::uint32_t culling_mask = kAllLayers;
 };
 
 /// One camera-facing square.

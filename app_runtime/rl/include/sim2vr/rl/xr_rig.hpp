@@ -15,6 +15,9 @@ inline constexpr std::string_view kHeadCameraPath = "XR Rig/Main Camera";
 inline constexpr std::string_view kThirdPersonCameraPath = "Third Person Camera";
 inline constexpr std::string_view kSpectatorCameraPath = "Spectator Camera";
 
+/// Layer of what stands for the player in pictures from outside. The head camera leaves it out.
+inline constexpr int kPlayerLooksLayer = 31;
+
 /// The rig's action set in the session, with the pose action of both hands.
 inline constexpr std::string_view kRigActionSet = "xr_rig";
 inline constexpr std::string_view kGripAction = "grip_pose";
@@ -29,7 +32,7 @@ struct XrRigSettings {
 /// The objects of "XR Rig". World = tracking space (STAGE, floor origin).
 struct XrRig {
   scene::GameObject* root = nullptr;
-  scene::GameObject* camera = nullptr;            // "Main Camera"
+  scene::GameObject* camera = nullptr;            // "Main Camera", with "Headset" below it
   scene::GameObject* left_controller = nullptr;   // "LeftHand Controller"
   scene::GameObject* right_controller = nullptr;  // "RightHand Controller"
 };
@@ -58,10 +61,10 @@ class TrackedPoseDriver : public scene::Component {
   const RLEnv* rotation_source_ = nullptr;
 };
 
-/// Builds the rig. In a session without attached action sets it makes the rig's set and attaches
-/// all sets, so that a game with actions of its own makes those first. Controllers follow their
-/// grip pose. Throws StateError when the session's sets are attached and the rig's is not among
-/// them.
+/// Builds the rig, with a headset for outside cameras to see (kPlayerLooksLayer). In a session
+/// without attached action sets it makes the rig's set and attaches all sets, so that a game with
+/// actions of its own makes those first. Controllers follow their grip pose. Throws StateError when
+/// the session's sets are attached and the rig's is not among them.
 XrRig buildXrRig(GameContext& context, const XrRigSettings& settings = {});
 
 /// Lets the head camera follow `env`'s headRotationOverride.

@@ -1,0 +1,99 @@
+// What Whac-A-Mole shows to whom: the spectators' camera, the player's headset, the burst of a hit.
+#include <gtest/gtest.h>
+
+#include <cmath>
+#include <numbers>
+#include <string>
+#include <string_view>
+#include <vector>
+
+#include "sim2vr/render/components.hpp"
+#include "sim2vr/rl/xr_rig.hpp"
+#include "whacamole/layers.hpp"
+#include "whacamole/target_looks.hpp"
+#include "whacamole_player.hpp"
+
+namespace sim2vr::games::whacamole {
+namespace {
+
+const render::Camera& camera(const scene::Scene& scene, std::string_view path) {
+  return *scene.find(path)->getComponent<render::Camera>();
+}
+
+/// A point as a camera sees it with an aspect of 4:3: 0, 0 is the middle, 1 the right or upper
+/// edge.
+Vec3 inPicture(const render::Camera& camera, const Vec3& world) {
+  const Pose pose = camera.transform().pose();
+  const Vec3 eye = pose.rotation.conjugate() * (world - pose.position);
+  const double slope = std::tan(camera.vertical_fov_deg * std::numbers::pi / 360.0);
+  return {eye.x() / eye.z() / slope * 0.75, eye.y() / eye.z() / slope, eye.z()};
+}
+
+TEST(Looks, SpectatorsSeeHeadHammerAndAreaOfEveryPlacement) {
+  const Vec3 head(0.03, 1.22, -0.1);
+  for (const std::string condition : {"low", "mid", "high"}) {
+    WhacAMoleRound round(R"({"condition": ")" + condition + "\"}");
+    round.head = head;
+    round.frameWithMarker(head + Vec3(0.2, -0.15, 0.25));
+    const scene::Scene& scene = round.harness.scene();
+    const render::Camera& spectator = camera(scene, rl::kSpectatorCameraPath);
+    std::vector<Vec3> points{head, round.round().hammer().markerPosition()};
+    const scene::Transform& area = scene.find("Target Area")->transform();
+    for (const double x : {-0.15, 0.15}) {
+      for (const double y : {-0.15, 0.15}) points.push_back(area.transformPoint({x, y, 0.0}));
+    }
+    for (const Vec3& point : points) {
+      const Vec3 seen = inPicture(spectator, point);
+      EXPECT_LT(std::abs(seen.x()), 0.95) << condition;
+      EXPECT_LT(std::abs(seen.y()), 0.95) << condition;
+      EXPECT_GT(seen.z(), 0.5) << condition;
+    }
+    // From the player's side of the area, whose back is not drawn, and with the head beside it.
+    const Vec3 stand = spectator.transform().position() - area.position();
+    EXPECT_LT(stand.dot(area.forward()), -0.2) << condition;
+    for (std::size_t i = 2; i < points.size(); ++i) {
+      EXPECT_GT(inPicture(spectator, points[i]).x() - inPicture(spectator, head).x(), 0.2)
+          << condition;
+    }
+  }
+}
+
+TEST(Looks, OnlySpectatorsSeeTheHeadset) {
+  WhacAMoleRound round(R"({"condition": "mid"})");
+  const scene::Scene& scene = round.harness.scene();
+  const scene::GameObject& visor = *scene.find("XR Rig/Main Camera/Headset/Visor");
+  EXPECT_FALSE(camera(scene, rl::kHeadCameraPath).sees(visor.layer()));
+  EXPECT_FALSE(camera(scene, rl::kThirdPersonCameraPath).sees(visor.layer()));
+  EXPECT_TRUE(camera(scene, rl::kSpectatorCameraPath).sees(visor.layer()));
+  for (const auto path : {rl::kHeadCameraPath, rl::kThirdPersonCameraPath}) {
+    EXPECT_TRUE(camera(scene, path).sees(0)) << path;
+    EXPECT_TRUE(camera(scene, path).sees(kTargetLayer)) << path;
+    EXPECT_TRUE(camera(scene, path).sees(kPlayerLayer)) << path;
+  }
+}
+
+// The sparks start within 3 mm of the disc's centre, 1.0585 radii in front of the target's origin,
+// and have flown 0.09 m/s * 20 ms + 0.81 m/s * 10 ms * (1 - exp(-2)) = 8.80 mm after 20 ms.
+TEST(Looks, SparksFlyAwayFromThePlayer) {
+  scene::Scene scene;
+  scene::GameObject& target = scene.create("Target");
+  const Quat tilt(Eigen::AngleAxisd(std::numbers::pi / 4.0, Vec3::UnitX()));
+  target.transform().setPose({Vec3(1.0, 2.0, 3.0), tilt});
+  target.transform().setLocalScale(0.025);
+  target.addComponent<TargetLooks>().showBurst(0.02F);
+  const auto& sparks = *target.getComponent<render::Billboards>();
+  ASSERT_EQ(sparks.billboards.size(), 50U);
+  const Vec3 disc = Vec3(1.0, 2.0, 3.0) + tilt * Vec3(0.0, 0.0, -1.0585 * 0.025);
+  for (const render::Billboard& spark : sparks.billboards) {
+    const Vec3 flown = spark.position_world - disc;
+    EXPECT_GT(flown.dot(tilt * Vec3::UnitZ()), 0.0);
+    EXPECT_GE(flown.norm(), 0.00880);
+    EXPECT_LE(flown.norm(), 0.01181);
+    // 7.5 to 30 mm, shrunk by 20 ms / 0.3 s.
+    EXPECT_GE(spark.size_m, 0.0075 * 0.9333 - 1e-6);
+    EXPECT_LE(spark.size_m, 0.0300 * 0.9334);
+  }
+}
+
+}  // namespace
+}  // namespace sim2vr::games::whacamole

@@ -3,6 +3,7 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include <array>
 #include <map>
 #include <memory>
 #include <mutex>
@@ -13,7 +14,7 @@
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/runtime/app.hpp"
-#include "sim2vr/xr/frames.hpp"
+#include "sim2vr/xr/pose_row.hpp"
 
 namespace py = pybind11;
 
@@ -37,14 +38,6 @@ void checkRows(const char* name, const PoseRow* rows, py::ssize_t count) {
                         "shape (" + std::to_string(count) +
                             ", 7), one row of position x y z, rotation x y z w per frame");
 }
-
-Pose poseFromRow(const double* p) { return {Vec3(p[0], p[1], p[2]), Quat(p[6], p[3], p[4], p[5])}; }
-
-/// Analogue and digital inputs that stay until they are set again.
-struct Buttons {
-  xr::ControllerState left;
-  xr::ControllerState right;
-};
 
 /// One renderer of each kind serves every app of the process: contexts are costly, and their
 /// drawing takes turns anyway under the GIL-free lock of the renderer.
@@ -115,7 +108,8 @@ class PyApp {
       return rows ? rows->data(i, 0) : nullptr;
     };
     for (py::ssize_t i = 0; i < count; ++i) {
-      frames.push_back({times_ns.at(i), deviceState(head.data(i, 0), row(left, i), row(right, i))});
+      frames.push_back({times_ns.at(i), xr::devicesFromRows(head.data(i, 0), row(left, i),
+                                                            row(right, i), inputs_)});
     }
     const py::gil_scoped_release release;
     return toTuple(app().step(frames));
@@ -133,7 +127,7 @@ class PyApp {
     state.menu = menu;
     (hand == "left" ? state.x : state.a) = lower;
     (hand == "left" ? state.y : state.b) = upper;
-    (hand == "left" ? buttons_.left : buttons_.right) = state;
+    inputs_[static_cast<std::size_t>(hand == "left" ? xr::Hand::left : xr::Hand::right)] = state;
   }
 
   py::array_t<std::uint8_t> image() {
@@ -192,27 +186,13 @@ class PyApp {
     checkRow("head", &head);
     checkRow("left_controller", left ? &*left : nullptr);
     checkRow("right_controller", right ? &*right : nullptr);
-    return deviceState(head.data(), left ? left->data() : nullptr, right ? right->data() : nullptr);
-  }
-
-  /// From 7 numbers per device; null: not tracked.
-  xr::DeviceState deviceState(const double* head, const double* left, const double* right) const {
-    xr::DeviceState state;
-    state.head = xr::toXr(poseFromRow(head));
-    const auto controller = [](xr::ControllerState inputs, const double* row) {
-      if (row == nullptr) return xr::ControllerState{};
-      inputs.active = true;
-      inputs.grip = xr::toXr(poseFromRow(row));
-      inputs.aim = xr::compose(inputs.grip, xr::kGripToAim);
-      return inputs;
-    };
-    state.hand(xr::Hand::left) = controller(buttons_.left, left);
-    state.hand(xr::Hand::right) = controller(buttons_.right, right);
-    return state;
+    return xr::devicesFromRows(head.data(), left ? left->data() : nullptr,
+                               right ? right->data() : nullptr, inputs_);
   }
 
   std::shared_ptr<runtime::App> app_;
-  Buttons buttons_;
+  /// Analogue and digital inputs by hand, which stay until they are set again.
+  std::array<xr::ControllerState, 2> inputs_;
 };
 
 }  // namespace

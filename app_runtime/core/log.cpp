@@ -1,10 +1,12 @@
 #include "sim2vr/core/log.hpp"
 
+#include <spdlog/sinks/basic_file_sink.h>
 #include <spdlog/sinks/stdout_color_sinks.h>
 
 #include <array>
 #include <memory>
 #include <string>
+#include <system_error>
 #include <utility>
 
 #include "sim2vr/core/errors.hpp"
@@ -39,6 +41,21 @@ void setLogLevel(std::string_view level) {
   }
   throw InvalidArgument("log level", "'" + std::string(level) + "'",
                         "'trace', 'debug', 'info', 'warning', 'error' or 'off'");
+}
+
+void setLogFile(const std::filesystem::path& path) {
+  std::error_code problem;
+  if (path.has_parent_path()) std::filesystem::create_directories(path.parent_path(), problem);
+  try {
+    const auto sink =
+        std::make_shared<spdlog::sinks::basic_file_sink_mt>(path.string(), /*truncate=*/true);
+    logger().sinks() = {sink};
+  } catch (const spdlog::spdlog_ex& error) {
+    throw InvalidArgument("log file", "'" + path.string() + "' (" + error.what() + ")",
+                          "a file that can be written");
+  }
+  logger().set_pattern("%Y-%m-%d %H:%M:%S.%e %n: %l: %v");
+  logger().flush_on(spdlog::level::info);
 }
 
 }  // namespace sim2vr

@@ -22,6 +22,21 @@ png_uint_32 pngFormat(int channels) {
   }
 }
 
+png_image describe(ImageSize size, std::span<const std::uint8_t> pixels, int channels) {
+  checkImageSize(size);
+  png_image image{};
+  image.version = PNG_IMAGE_VERSION;
+  image.width = static_cast<png_uint_32>(size.width);
+  image.height = static_cast<png_uint_32>(size.height);
+  image.format = pngFormat(channels);
+  const std::size_t expected = size.pixels() * static_cast<std::size_t>(channels);
+  if (pixels.size() != expected) {
+    throw InvalidArgument("pixels", std::to_string(pixels.size()) + " bytes",
+                          std::to_string(expected) + " bytes (height x width x channels)");
+  }
+  return image;
+}
+
 }  // namespace
 
 void checkImageSize(ImageSize size) {
@@ -34,20 +49,22 @@ void checkImageSize(ImageSize size) {
 
 void writePng(const std::filesystem::path& path, ImageSize size,
               std::span<const std::uint8_t> pixels, int channels) {
-  checkImageSize(size);
-  png_image image{};
-  image.version = PNG_IMAGE_VERSION;
-  image.width = static_cast<png_uint_32>(size.width);
-  image.height = static_cast<png_uint_32>(size.height);
-  image.format = pngFormat(channels);
-  const std::size_t expected = size.pixels() * static_cast<std::size_t>(channels);
-  if (pixels.size() != expected) {
-    throw InvalidArgument("pixels", std::to_string(pixels.size()) + " bytes",
-                          std::to_string(expected) + " bytes (height x width x channels)");
-  }
+  png_image image = describe(size, pixels, channels);
   if (png_image_write_to_file(&image, path.c_str(), 0, pixels.data(), 0, nullptr) == 0) {
     throw EngineError("cannot write the image " + path.string() + ": " + image.message);
   }
+}
+
+std::string encodePng(ImageSize size, std::span<const std::uint8_t> pixels, int channels) {
+  png_image image = describe(size, pixels, channels);
+  image.flags = PNG_IMAGE_FLAG_FAST;
+  png_alloc_size_t bytes = PNG_IMAGE_PNG_SIZE_MAX(image);
+  std::string png(bytes, '\0');
+  if (png_image_write_to_memory(&image, png.data(), &bytes, 0, pixels.data(), 0, nullptr) == 0) {
+    throw EngineError(std::string("cannot encode an image as PNG: ") + image.message);
+  }
+  png.resize(bytes);
+  return png;
 }
 
 }  // namespace sim2vr::render

@@ -4,6 +4,7 @@
 
 #include <spdlog/spdlog.h>
 
+#include <filesystem>
 #include <string_view>
 
 namespace sim2vr {
@@ -14,5 +15,9 @@ spdlog::logger& logger();
 /// Sets the level: "trace", "debug", "info", "warning", "error" or "off".
 /// Throws InvalidArgument for another word.
 void setLogLevel(std::string_view level);
+
+/// Writes to this file, emptied first, instead of to standard error; makes its folder. Throws
+/// InvalidArgument when that is not possible. Call it before other threads log.
+void setLogFile(const std::filesystem::path& path);
 
 }  // namespace sim2vr

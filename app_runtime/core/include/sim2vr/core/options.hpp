@@ -29,6 +29,8 @@ class Options {
   /// A list of numbers; empty when the option is not given.
   std::vector<double> getNumbers(const std::string& name, double minimum, double maximum);
   bool has(const std::string& name) const;
+  /// Whether somebody asked for the option: after Game::configure, whether the game knows it.
+  bool wasRead(const std::string& name) const { return read_.contains(name); }
 
   /// Throws InvalidArgument for the first option that was never read, with the nearest known name.
   void expectAllRead() const;

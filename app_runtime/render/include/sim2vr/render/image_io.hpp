@@ -1,9 +1,10 @@
-// Images to files.
+// Images to files and to the bytes of files.
 #pragma once
 
 #include <cstdint>
 #include <filesystem>
 #include <span>
+#include <string>
 
 #include "sim2vr/render/image_size.hpp"
 
@@ -14,5 +15,8 @@ namespace sim2vr::render {
 /// count that does not fit the data, EngineError when the file cannot be written.
 void writePng(const std::filesystem::path& path, ImageSize size,
               std::span<const std::uint8_t> pixels, int channels = 4);
+
+/// The bytes of such a PNG, compressed little for speed. Throws as writePng does.
+std::string encodePng(ImageSize size, std::span<const std::uint8_t> pixels, int channels = 4);
 
 }  // namespace sim2vr::render

@@ -1,0 +1,79 @@
+#include "sim2vr/program/program.hpp"
+
+#include <iostream>
+#include <nlohmann/json.hpp>
+
+#include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/log.hpp"
+#include "sim2vr/games/registry.hpp"
+
+namespace sim2vr::program {
+namespace {
+
+int listGames() {
+  for (const auto& entry : games::registry()) {
+    std::cout << entry.name << "\t" << entry.description << "\n";
+  }
+  return kSuccess;
+}
+
+int runMode(const Arguments& arguments) {
+  switch (arguments.mode) {
+    case Mode::list_games:
+      return listGames();
+    case Mode::play:
+      return play(arguments);
+    case Mode::replay:
+      return replay(arguments);
+    case Mode::serve:
+      break;
+  }
+  return serve(arguments);
+}
+
+int runArguments(const std::vector<std::string>& words) {
+  const Arguments arguments = parseArguments(words);
+  setLogLevel(arguments.log_level);
+  if (!arguments.log_file.empty()) setLogFile(arguments.log_file);
+  for (const std::string& warning : arguments.warnings) logger().warn("{}", warning);
+  return runMode(arguments);
+}
+
+}  // namespace
+
+std::string gameOptions(const Arguments& arguments) {
+  nlohmann::json options = nlohmann::json::parse(arguments.options, nullptr, false);
+  if (!options.is_object()) {
+    throw InvalidArgument("options", "'" + arguments.options.substr(0, 80) + "'", "a JSON object");
+  }
+  const auto set = [&options](const char* name, const nlohmann::json& value) {
+    const auto found = options.find(name);
+    if (found != options.end() && *found != value) {
+      throw InvalidArgument(std::string("--") + name,
+                            value.dump() + " next to --options with " + found->dump(),
+                            "one of the two");
+    }
+    options[name] = value;
+  };
+  if (!arguments.condition.empty()) set("condition", arguments.condition);
+  if (arguments.adaptive) set("adaptive", true);
+  if (arguments.sparse) set("sparse", true);
+  return options.dump();
+}
+
+int run(int argc, const char* const* argv) {
+  try {
+    return runArguments(std::vector<std::string>(argv + (argc > 0 ? 1 : 0), argv + argc));
+  } catch (const Finished& finished) {
+    (finished.exitCode() == kSuccess ? std::cout : std::cerr) << finished.what();
+    return finished.exitCode();
+  } catch (const std::invalid_argument& error) {
+    std::cerr << "sim2vr-app: " << error.what() << "\n";
+    return kBadUsage;
+  } catch (const std::exception& error) {
+    std::cerr << "sim2vr-app: " << error.what() << "\n";
+    return kFailure;
+  }
+}
+
+}  // namespace sim2vr::program

@@ -1,0 +1,44 @@
+// Strict reading of JSON that a stranger sent: every surprise is a MalformedMessage.
+#pragma once
+
+#include <cstdint>
+#include <nlohmann/json.hpp>
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace sim2vr::server {
+
+/// Parses an object. `what` names it in errors. Nesting is limited to 32 levels and the number of
+/// values to a million, so that no message can exhaust stack or memory.
+nlohmann::json parseJson(std::string_view text, const std::string& what);
+
+/// The fields of an object. One that is missing or null has its fallback.
+class JsonFields {
+ public:
+  JsonFields(const nlohmann::json& object, std::string path);
+
+  bool has(const char* name) const { return find(name) != nullptr; }
+  double number(const char* name, double fallback) const;
+  std::int64_t integer(const char* name, std::int64_t fallback, std::int64_t minimum,
+                       std::int64_t maximum) const;
+  bool flag(const char* name, bool fallback = false) const;
+  std::string text(const char* name, const std::string& fallback) const;
+  std::optional<JsonFields> object(const char* name) const;
+  /// An object as JSON text; "{}" when it is missing.
+  std::string objectText(const char* name) const;
+  /// The objects in an array; none when it is missing.
+  std::vector<JsonFields> objects(const char* name) const;
+  /// Throws for a field that is not among `known`.
+  void expectOnly(const std::vector<std::string>& known) const;
+
+ private:
+  const nlohmann::json* find(const char* name) const;
+  std::string path(const char* name) const { return path_ + "." + name; }
+
+  const nlohmann::json* object_;
+  std::string path_;
+};
+
+}  // namespace sim2vr::server

@@ -1,0 +1,48 @@
+#include "sim2vr/server/message.hpp"
+
+#include <nlohmann/json.hpp>
+
+#include "sim2vr/core/errors.hpp"
+#include "sim2vr/xr/pose_row.hpp"
+
+namespace sim2vr::server {
+namespace {
+
+constexpr std::size_t kMaximumPictureBytes = std::size_t{64} << 20;
+
+}  // namespace
+
+xr::DeviceState TrackedPoses::devices() const {
+  if (!head_tracked) throw InvalidArgument("head", "not tracked", "a tracked headset");
+  return xr::devicesFromRows(head.data(), left_tracked ? left.data() : nullptr,
+                             right_tracked ? right.data() : nullptr);
+}
+
+std::vector<runtime::FrameInput> frameInputs(std::span<const TimedPoses> frames) {
+  std::vector<runtime::FrameInput> inputs;
+  inputs.reserve(frames.size());
+  for (const TimedPoses& frame : frames) inputs.push_back({frame.time_ns, frame.poses.devices()});
+  return inputs;
+}
+
+std::vector<std::uint8_t> drawPicture(runtime::App& app, const PictureRequest& request) {
+  const runtime::View view = runtime::viewFromName(request.view);
+  render::checkImageSize(request.size);
+  if (4 * request.size.pixels() > kMaximumPictureBytes) {
+    throw InvalidArgument(
+        "image size",
+        std::to_string(request.size.width) + " x " + std::to_string(request.size.height),
+        "a picture of 64 MiB at most");
+  }
+  std::vector<std::uint8_t> pixels(4 * request.size.pixels());
+  app.renderView(view, request.size, pixels);
+  return pixels;
+}
+
+std::string validUtf8(std::string_view text) {
+  using Json = nlohmann::json;
+  const std::string quoted = Json(text).dump(-1, ' ', false, Json::error_handler_t::replace);
+  return Json::parse(quoted).get<std::string>();
+}
+
+}  // namespace sim2vr::server

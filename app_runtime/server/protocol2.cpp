@@ -1,0 +1,333 @@
+#include "sim2vr/server/protocol2.hpp"
+
+#include <algorithm>
+#include <array>
+#include <bit>
+#include <cstring>
+#include <nlohmann/json.hpp>
+#include <type_traits>
+
+#include "json_reader.hpp"
+
+namespace sim2vr::server::protocol2 {
+namespace {
+
+using Json = nlohmann::json;
+
+constexpr std::size_t kHeaderBytes = 24;
+constexpr std::size_t kResetBytes = 192;
+constexpr std::size_t kStepBytes = 8;
+constexpr std::size_t kFrameBytes = 184;
+constexpr std::size_t kAppBytes = 4;
+
+constexpr std::uint32_t kHeadBit = 1;
+constexpr std::uint32_t kLeftBit = 2;
+constexpr std::uint32_t kRightBit = 4;
+
+[[noreturn]] void refuse(const std::string& field, const std::string& got,
+                         const std::string& expected) {
+  throw MalformedMessage(field + ": got " + got + ", expected " + expected);
+}
+
+template <class T>
+T littleEndian(T value) {
+  if constexpr (std::endian::native == std::endian::little) return value;
+  auto bytes = std::bit_cast<std::array<std::uint8_t, sizeof(T)>>(value);
+  for (std::size_t i = 0; i < sizeof(T) / 2; ++i) std::swap(bytes[i], bytes[sizeof(T) - 1 - i]);
+  return std::bit_cast<T>(bytes);
+}
+
+/// Reads numbers one after the other from a frame whose size was checked.
+class Reader {
+ public:
+  explicit Reader(std::string_view bytes) : bytes_(bytes) {}
+
+  template <class T>
+  T take() {
+    if (bytes_.size() < sizeof(T)) throw MalformedMessage("message: a frame ends too early");
+    T value;
+    std::memcpy(&value, bytes_.data(), sizeof(T));
+    bytes_.remove_prefix(sizeof(T));
+    return littleEndian(value);
+  }
+  void skip(std::size_t bytes) { bytes_.remove_prefix(std::min(bytes, bytes_.size())); }
+
+ private:
+  std::string_view bytes_;
+};
+
+template <class T>
+void append(std::string& bytes, T value) {
+  const T ordered = littleEndian(value);
+  bytes.append(reinterpret_cast<const char*>(&ordered), sizeof(T));
+}
+
+void checkSize(const char* frame, std::string_view bytes, std::uint64_t expected) {
+  if (bytes.size() == expected) return;
+  refuse(frame, std::to_string(bytes.size()) + " bytes", std::to_string(expected) + " bytes");
+}
+
+void checkFrames(Frames body, std::size_t expected, const char* what) {
+  if (body.size() == expected) return;
+  refuse(what, std::to_string(body.size()) + " frames",
+         std::to_string(expected) + " with the header");
+}
+
+TrackedPoses takePoses(Reader& reader) {
+  TrackedPoses poses;
+  const auto tracked = reader.take<std::uint32_t>();
+  reader.skip(4);
+  poses.head_tracked = (tracked & kHeadBit) != 0;
+  poses.left_tracked = (tracked & kLeftBit) != 0;
+  poses.right_tracked = (tracked & kRightBit) != 0;
+  for (PoseNumbers* row : {&poses.head, &poses.left, &poses.right}) {
+    for (double& value : *row) value = reader.take<double>();
+  }
+  return poses;
+}
+
+template <class T>
+std::optional<T> optionalNumber(const JsonFields& fields, const char* name) {
+  if (!fields.has(name)) return std::nullopt;
+  if constexpr (std::is_integral_v<T>) {
+    return static_cast<T>(fields.integer(name, 0, 1, render::kMaxImageEdge));
+  } else {
+    return fields.number(name, 0.0);
+  }
+}
+
+std::optional<std::string> optionalText(const JsonFields& fields, const char* name) {
+  if (!fields.has(name)) return std::nullopt;
+  return fields.text(name, "");
+}
+
+Hello decodeHello(Frames body) {
+  checkFrames(body, 2, "hello");
+  const Json json = parseJson(body[1], "hello");
+  const JsonFields fields(json, "hello");
+  fields.expectOnly({"client", "apps", "game", "options", "width", "height", "renderer", "log_dir",
+                     "fixed_delta_time_s", "maximum_delta_time_s", "fixed_step_tolerance_s",
+                     "shared_memory"});
+  Hello hello;
+  hello.client = fields.text("client", hello.client);
+  hello.apps = static_cast<std::uint32_t>(fields.integer("apps", 1, 1, kMaximumApps));
+  hello.game = optionalText(fields, "game");
+  hello.options_json = fields.objectText("options");
+  hello.width = optionalNumber<int>(fields, "width");
+  hello.height = optionalNumber<int>(fields, "height");
+  hello.renderer = optionalText(fields, "renderer");
+  hello.log_dir = optionalText(fields, "log_dir");
+  hello.fixed_delta_time_s = optionalNumber<double>(fields, "fixed_delta_time_s");
+  hello.maximum_delta_time_s = optionalNumber<double>(fields, "maximum_delta_time_s");
+  hello.fixed_step_tolerance_s = optionalNumber<double>(fields, "fixed_step_tolerance_s");
+  hello.shared_memory = fields.flag("shared_memory");
+  return hello;
+}
+
+/// The options of each record; an empty frame means none.
+std::vector<std::string> decodeOptions(std::string_view frame, std::size_t count) {
+  std::vector<std::string> options(count, "{}");
+  if (frame.empty()) return options;
+  // An array has no name for itself, so it becomes a field of an object.
+  const std::string wrapped = R"({"options":)" + std::string(frame) + "}";
+  const Json json = parseJson(wrapped, "reset");
+  const JsonFields fields(json, "reset");
+  fields.expectOnly({"options"});
+  if (fields.objects("options").size() != count) {
+    refuse("reset.options", std::to_string(fields.objects("options").size()) + " objects",
+           std::to_string(count) + ", one per record");
+  }
+  for (std::size_t i = 0; i < count; ++i) options[i] = json["options"][i].dump();
+  return options;
+}
+
+Reset decodeReset(const Header& header, Frames body) {
+  checkFrames(body, 3, "reset");
+  checkSize("reset records", body[1], std::uint64_t{header.count} * kResetBytes);
+  const std::vector<std::string> options = decodeOptions(body[2], header.count);
+  Reader reader(body[1]);
+  Reset reset;
+  reset.records.resize(header.count);
+  for (std::size_t i = 0; i < reset.records.size(); ++i) {
+    ResetRecord& record = reset.records[i];
+    record.app = reader.take<std::uint32_t>();
+    record.seed = reader.take<std::uint32_t>();
+    record.time_ns = reader.take<std::int64_t>();
+    record.poses = takePoses(reader);
+    record.options_json = options[i];
+  }
+  return reset;
+}
+
+Step decodeStep(const Header& header, Frames body) {
+  checkFrames(body, 3, "step");
+  checkSize("step records", body[1], std::uint64_t{header.count} * kStepBytes);
+  std::uint64_t frames = 0;
+  Reader counts(body[1]);
+  for (std::uint32_t i = 0; i < header.count; ++i) {
+    counts.skip(4);
+    const auto own = counts.take<std::uint32_t>();
+    if (own > kMaximumFrames) {
+      refuse("step frames", std::to_string(own), std::to_string(kMaximumFrames) + " at most");
+    }
+    frames += own;
+  }
+  checkSize("step frames", body[2], frames * kFrameBytes);
+  Reader records(body[1]);
+  Reader reader(body[2]);
+  Step step;
+  step.records.resize(header.count);
+  for (StepRecord& record : step.records) {
+    record.app = records.take<std::uint32_t>();
+    record.frames.resize(records.take<std::uint32_t>());
+    for (TimedPoses& frame : record.frames) {
+      frame.time_ns = reader.take<std::int64_t>();
+      frame.poses = takePoses(reader);
+    }
+  }
+  return step;
+}
+
+std::uint32_t decodeApp(const char* frame, std::string_view bytes) {
+  checkSize(frame, bytes, kAppBytes);
+  return Reader(bytes).take<std::uint32_t>();
+}
+
+PictureRequest decodeRender(Frames body) {
+  checkFrames(body, 2, "render");
+  const Json json = parseJson(body[1], "render");
+  const JsonFields fields(json, "render");
+  fields.expectOnly({"app", "view", "width", "height"});
+  PictureRequest request;
+  request.app = static_cast<std::uint32_t>(fields.integer("app", 0, 0, kMaximumApps - 1));
+  request.view = fields.text("view", request.view);
+  request.size.width =
+      static_cast<int>(fields.integer("width", request.size.width, 1, render::kMaxImageEdge));
+  request.size.height =
+      static_cast<int>(fields.integer("height", request.size.height, 1, render::kMaxImageEdge));
+  return request;
+}
+
+Header replyHeader(const Header& request) {
+  return {.version = kVersion,
+          .type = static_cast<std::uint16_t>(request.type | kReplyBit),
+          .sequence = request.sequence};
+}
+
+}  // namespace
+
+bool isProtocol2(Frames body) { return !body.empty() && body[0].starts_with(kMagic); }
+
+Header decodeHeader(std::string_view frame) {
+  if (!frame.starts_with(kMagic)) refuse("header", "another start", "the bytes S2VR");
+  checkSize("header", frame, kHeaderBytes);
+  Reader reader(frame.substr(kMagic.size()));
+  Header header;
+  header.version = reader.take<std::uint16_t>();
+  header.type = reader.take<std::uint16_t>();
+  header.sequence = reader.take<std::uint32_t>();
+  header.count = reader.take<std::uint32_t>();
+  header.status = reader.take<std::uint32_t>();
+  header.flags = reader.take<std::uint32_t>();
+  return header;
+}
+
+std::string encodeHeader(const Header& header) {
+  std::string bytes(kMagic);
+  append(bytes, header.version);
+  append(bytes, header.type);
+  append(bytes, header.sequence);
+  append(bytes, header.count);
+  append(bytes, header.status);
+  append(bytes, header.flags);
+  return bytes;
+}
+
+Request decodeRequest(const Header& header, Frames body) {
+  switch (static_cast<Type>(header.type)) {
+    case Type::hello:
+      return decodeHello(body);
+    case Type::reset:
+      return decodeReset(header, body);
+    case Type::step:
+      return decodeStep(header, body);
+    case Type::render:
+      return decodeRender(body);
+    case Type::save:
+      checkFrames(body, 2, "save");
+      return Save{decodeApp("save app", body[1])};
+    case Type::load:
+      checkFrames(body, 3, "load");
+      return Load{decodeApp("load app", body[1]), std::string(body[2])};
+    case Type::hash:
+      checkFrames(body, 2, "hash");
+      return Hash{decodeApp("hash app", body[1])};
+    case Type::quit:
+      checkFrames(body, 1, "quit");
+      return Quit{};
+  }
+  refuse("header type", std::to_string(header.type), "a request, 1 to 8");
+}
+
+std::uint32_t LogNames::idOf(const std::map<std::string, double>& log) {
+  std::vector<std::string> names;
+  names.reserve(log.size());
+  for (const auto& entry : log) names.push_back(entry.first);
+  const auto id = static_cast<std::uint32_t>(ids_.size());
+  const auto [found, added] = ids_.emplace(std::move(names), id);
+  if (added) new_.push_back(&found->first);
+  return found->second;
+}
+
+std::string LogNames::takeNew() {
+  if (new_.empty()) return {};
+  Json json = Json::object();
+  for (const std::vector<std::string>* names : new_) json[std::to_string(ids_.at(*names))] = *names;
+  new_.clear();
+  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
+}
+
+Reply encodeResults(const Header& request, const std::vector<Result>& results, LogNames& names) {
+  std::string records;
+  std::string values;
+  Json errors = Json::array();
+  for (const Result& result : results) {
+    const bool ok = result.status == Status::ok;
+    if (!ok) errors.push_back(result.error);
+    append<std::uint32_t>(records, result.app);
+    append<std::uint32_t>(records, result.step.finished ? 1 : 0);
+    append<float>(records, result.step.reward);
+    append<float>(records, result.step.time_feature);
+    append<std::uint32_t>(records, static_cast<std::uint32_t>(result.status));
+    append<std::uint32_t>(records, static_cast<std::uint32_t>(result.step.log.size()));
+    append<std::uint32_t>(records, names.idOf(result.step.log));
+    append<std::uint32_t>(records, 0);
+    for (const auto& entry : result.step.log) append<double>(values, entry.second);
+  }
+  const std::string error_text =
+      errors.empty() ? "" : errors.dump(-1, ' ', false, Json::error_handler_t::replace);
+  Reply reply = encodeReply(request, {records, values, names.takeNew(), "", error_text});
+  Header header = replyHeader(request);
+  header.count = static_cast<std::uint32_t>(results.size());
+  reply[0] = encodeHeader(header);
+  return reply;
+}
+
+Reply encodeReply(const Header& request, std::vector<std::string> frames) {
+  frames.insert(frames.begin(), encodeHeader(replyHeader(request)));
+  return frames;
+}
+
+Reply encodeError(const Header& request, Status status, std::string_view message) {
+  Header header = replyHeader(request);
+  header.status = static_cast<std::uint32_t>(status);
+  return {encodeHeader(header), validUtf8(message)};
+}
+
+std::string encodeHash(std::uint64_t hash) {
+  std::string bytes;
+  append(bytes, hash);
+  return bytes;
+}
+
+}  // namespace sim2vr::server::protocol2

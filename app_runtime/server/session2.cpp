@@ -1,0 +1,228 @@
+#include "session2.hpp"
+
+#include <algorithm>
+#include <nlohmann/json.hpp>
+#include <type_traits>
+#include <utility>
+
+#include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/log.hpp"
+#include "sim2vr/core/version.hpp"
+
+namespace sim2vr::server {
+namespace {
+
+using protocol2::Result;
+using protocol2::Status;
+
+constexpr std::size_t kMaximumImageBytes = std::size_t{512} << 20;
+
+std::size_t imageBytes(render::ImageSize size) { return 4 * size.pixels(); }
+
+std::string merged(const std::string& options, const std::string& changes) {
+  nlohmann::json json = nlohmann::json::parse(options);
+  json.update(nlohmann::json::parse(changes));
+  return json.dump();
+}
+
+void checkMemory(render::ImageSize size, std::uint32_t apps) {
+  render::checkImageSize(size);
+  if (imageBytes(size) * apps <= kMaximumImageBytes) return;
+  throw InvalidArgument("apps",
+                        std::to_string(apps) + " of " + std::to_string(size.width) + " x " +
+                            std::to_string(size.height) + " pixels",
+                        std::to_string(kMaximumImageBytes >> 20) + " MiB of images at most");
+}
+
+std::string asString(std::span<const std::uint8_t> bytes) {
+  return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+}  // namespace
+
+Session2::Session2(AppHost& host)
+    : host_(host),
+      workers_(host.settings().threads),
+      pacer_(host.settings().realtime,
+             host.settings().time_scale > 0.0 ? host.settings().time_scale : 1.0) {}
+
+Reply Session2::answer(Frames body) {
+  Header header;
+  try {
+    if (!protocol2::isProtocol2(body)) {
+      throw StateError("message: got one of protocol 1, this session speaks protocol 2");
+    }
+    header = protocol2::decodeHeader(body[0]);
+    if (header.version != protocol2::kVersion) {
+      return protocol2::encodeError(header, Status::version_not_supported,
+                                    "version: got " + std::to_string(header.version) +
+                                        ", expected " + std::to_string(protocol2::kVersion));
+    }
+    // The client has had its chance to map it.
+    if (shared_ != nullptr) shared_->unlink();
+    return answerRequest(header, protocol2::decodeRequest(header, body));
+  } catch (...) {
+    return errorReply(body, currentProblem());
+  }
+}
+
+Reply Session2::answerRequest(const Header& header, const protocol2::Request& request) {
+  if (const auto* greeting = std::get_if<protocol2::Hello>(&request)) {
+    return hello(header, *greeting);
+  }
+  if (!open()) throw StateError("message: got one before hello, expected hello first");
+  return std::visit(
+      [&](const auto& asked) -> Reply {
+        using T = std::decay_t<decltype(asked)>;
+        if constexpr (std::is_same_v<T, protocol2::Reset> || std::is_same_v<T, protocol2::Step>) {
+          return playAll(header, asked.records);
+        } else if constexpr (std::is_same_v<T, PictureRequest>) {
+          return protocol2::encodeReply(header,
+                                        {asString(drawPicture(app(asked.app).app(), asked))});
+        } else if constexpr (std::is_same_v<T, protocol2::Save>) {
+          return protocol2::encodeReply(header, {app(asked.app).app().save()});
+        } else if constexpr (std::is_same_v<T, protocol2::Load>) {
+          runtime::App& loaded = app(asked.app).app();
+          loaded.load(asked.state);
+          if (shared_ != nullptr) shared_->write(asked.app, loaded.image());
+          return protocol2::encodeReply(header, {asString(loaded.image())});
+        } else if constexpr (std::is_same_v<T, protocol2::Hash>) {
+          return protocol2::encodeReply(header,
+                                        {protocol2::encodeHash(app(asked.app).app().stateHash())});
+        } else {
+          over_ = true;
+          return protocol2::encodeReply(header);
+        }
+      },
+      request);
+}
+
+runtime::AppSettings Session2::appSettings(const protocol2::Hello& hello) const {
+  runtime::AppSettings settings = host_.settings().app;
+  const bool other_game = hello.game && *hello.game != settings.game;
+  if (other_game) {
+    settings.game = *hello.game;
+    settings.options_json = "{}";
+  }
+  settings.options_json = merged(settings.options_json, hello.options_json);
+  settings.headset_size = {hello.width.value_or(settings.headset_size.width),
+                           hello.height.value_or(settings.headset_size.height)};
+  if (hello.log_dir && !hello.log_dir->empty()) {
+    if (!host_.settings().local) {
+      throw InvalidArgument("log_dir", "'" + *hello.log_dir + "' from another machine",
+                            "none; the server's --log-dir writes logs");
+    }
+    settings.log_dir = *hello.log_dir;
+  }
+  TimeSettings& time = settings.time;
+  time.fixed_delta_time_s = hello.fixed_delta_time_s.value_or(time.fixed_delta_time_s);
+  time.maximum_delta_time_s = hello.maximum_delta_time_s.value_or(time.maximum_delta_time_s);
+  time.fixed_step_tolerance_s = hello.fixed_step_tolerance_s.value_or(time.fixed_step_tolerance_s);
+  return settings;
+}
+
+Reply Session2::hello(const Header& header, const protocol2::Hello& hello) {
+  const runtime::AppSettings settings = appSettings(hello);
+  const std::string kind = hello.renderer.value_or(host_.settings().renderer);
+  checkMemory(settings.headset_size, hello.apps);
+  std::vector<std::unique_ptr<HostedApp>> apps = host_.makeApps(settings, kind, hello.apps);
+  std::unique_ptr<SharedImages> shared;
+  if (hello.shared_memory && host_.settings().local) {
+    shared = SharedImages::create(apps.size(), imageBytes(settings.headset_size));
+  }
+  apps_ = std::move(apps);
+  shared_ = std::move(shared);
+  names_ = {};
+  logger().info("protocol 2: {} for {}, {} app(s), images through {}", settings.game, hello.client,
+                apps_.size(), shared_ != nullptr ? "shared memory" : "the socket");
+  nlohmann::json json{
+      {"server", "sim2vr-app"},
+      {"version", version()},
+      {"protocol", protocol2::kVersion},
+      {"game", settings.game},
+      {"apps", apps_.size()},
+      {"width", settings.headset_size.width},
+      {"height", settings.headset_size.height},
+      {"renderer_description", apps_.front()->app().renderer().description()},
+      {"shared_memory", shared_ == nullptr ? nlohmann::json() : nlohmann::json(shared_->name())}};
+  return protocol2::encodeReply(header, {json.dump()});
+}
+
+HostedApp& Session2::app(std::uint32_t index) {
+  checkApps({index});
+  return *apps_[index];
+}
+
+void Session2::checkApps(const std::vector<std::uint32_t>& indices) const {
+  std::vector<bool> seen(apps_.size(), false);
+  for (const std::uint32_t index : indices) {
+    if (index >= apps_.size()) {
+      throw InvalidArgument("app", std::to_string(index),
+                            "0 to " + std::to_string(apps_.size() - 1));
+    }
+    if (seen[index]) {
+      throw InvalidArgument("app", std::to_string(index) + " twice", "each app once in a message");
+    }
+    seen[index] = true;
+  }
+}
+
+runtime::StepResult Session2::play(const protocol2::ResetRecord& record) {
+  return apps_[record.app]->reset({record.seed, record.options_json, record.time_ns},
+                                  record.poses.devices());
+}
+
+runtime::StepResult Session2::play(const protocol2::StepRecord& record) {
+  return apps_[record.app]->step(frameInputs(record.frames));
+}
+
+template <class Record>
+Reply Session2::playAll(const Header& header, const std::vector<Record>& records) {
+  std::vector<std::uint32_t> indices;
+  for (const Record& record : records) indices.push_back(record.app);
+  checkApps(indices);
+  std::vector<Result> results(records.size());
+  workers_.run([&](int worker) {
+    for (std::size_t i = 0; i < records.size(); ++i) {
+      const std::uint32_t app = records[i].app;
+      if (static_cast<int>(app) % workers_.workers() != worker) continue;
+      results[i].app = app;
+      try {
+        results[i].step = play(records[i]);
+      } catch (...) {
+        const Problem problem = currentProblem();
+        results[i].status = problem.status;
+        results[i].error = problem.message;
+      }
+    }
+  });
+  if (!records.empty()) pace(records.front());
+  Reply reply = protocol2::encodeResults(header, results, names_);
+  addImages(results, reply);
+  return reply;
+}
+
+void Session2::pace(const protocol2::ResetRecord& record) { pacer_.restart(record.time_ns); }
+
+void Session2::pace(const protocol2::StepRecord& record) {
+  if (!record.frames.empty()) pacer_.waitFor(record.frames.back().time_ns);
+}
+
+void Session2::addImages(const std::vector<Result>& results, Reply& reply) {
+  if (shared_ != nullptr) {
+    for (const Result& result : results) {
+      shared_->write(result.app, apps_[result.app]->app().image());
+    }
+    Header header = protocol2::decodeHeader(reply[0]);
+    header.flags |= protocol2::kImagesShared;
+    reply[0] = protocol2::encodeHeader(header);
+    return;
+  }
+  std::string& images = reply[protocol2::kImagesFrame];
+  for (const Result& result : results) {
+    const auto image = apps_[result.app]->app().image();
+    images.append(reinterpret_cast<const char*>(image.data()), image.size());
+  }
+}
+
+}  // namespace sim2vr::server

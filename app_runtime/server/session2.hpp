@@ -1,0 +1,52 @@
+// A session of protocol 2: several apps, batched messages.
+#pragma once
+
+#include <memory>
+#include <vector>
+
+#include "pacer.hpp"
+#include "shared_images.hpp"
+#include "sim2vr/server/protocol2.hpp"
+#include "sim2vr/server/session.hpp"
+#include "worker_pool.hpp"
+
+namespace sim2vr::server {
+
+class Session2 final : public Session {
+ public:
+  explicit Session2(AppHost& host);
+
+  Reply answer(Frames body) override;
+  bool over() const override { return over_; }
+  /// False until a hello was answered.
+  bool open() const { return !apps_.empty(); }
+
+ private:
+  using Header = protocol2::Header;
+
+  Reply answerRequest(const Header& header, const protocol2::Request& request);
+  Reply hello(const Header& header, const protocol2::Hello& hello);
+  runtime::AppSettings appSettings(const protocol2::Hello& hello) const;
+  /// Plays the records, those of different workers at the same time. A record that fails leaves its
+  /// app as it was.
+  template <class Record>
+  Reply playAll(const Header& header, const std::vector<Record>& records);
+  void checkApps(const std::vector<std::uint32_t>& indices) const;
+  void addImages(const std::vector<protocol2::Result>& results, Reply& reply);
+  HostedApp& app(std::uint32_t index);
+
+  runtime::StepResult play(const protocol2::ResetRecord& record);
+  runtime::StepResult play(const protocol2::StepRecord& record);
+  void pace(const protocol2::ResetRecord& record);
+  void pace(const protocol2::StepRecord& record);
+
+  AppHost& host_;
+  std::vector<std::unique_ptr<HostedApp>> apps_;
+  std::unique_ptr<SharedImages> shared_;
+  WorkerPool workers_;
+  protocol2::LogNames names_;
+  Pacer pacer_;
+  bool over_ = false;
+};
+
+}  // namespace sim2vr::server

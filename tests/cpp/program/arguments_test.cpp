@@ -1,0 +1,125 @@
+#include "sim2vr/program/arguments.hpp"
+
+#include <gtest/gtest.h>
+
+#include "sim2vr/core/errors.hpp"
+#include "sim2vr/program/program.hpp"
+
+namespace sim2vr::program {
+namespace {
+
+using Words = std::vector<std::string>;
+
+Words translated(const Words& words, Words* warnings = nullptr) {
+  Words own;
+  return translateReferenceArguments(words, warnings == nullptr ? own : *warnings);
+}
+
+TEST(ReferenceArguments, InAnyOrderAndForm) {
+  EXPECT_EQ(translated({"-simulated", "-port", "6000", "-logFile", "a b.log"}),
+            (Words{"--simulated", "--port=6000", "--log-file=a b.log"}));
+  EXPECT_EQ(translated({"-condition=medium", "-adaptive", "-resolution 640x480", "-record"}),
+            (Words{"--condition=medium", "--adaptive", "--resolution=640x480", "--record"}));
+  // Our own options pass as they are, negative numbers are values.
+  EXPECT_EQ(translated({"--port", "0", "-fixedSeed", "-5"}),
+            (Words{"--port", "0", "--fixed-seed=-5"}));
+}
+
+TEST(ReferenceArguments, UnknownOnesAreWarnedAboutOnceAndSkipped) {
+  Words warnings;
+  EXPECT_EQ(translated({"-batchmode", "-screen-width", "1", "-prot", "7", "-sparse"}, &warnings),
+            (Words{"--sparse"}));
+  ASSERT_EQ(warnings.size(), 3U);
+  EXPECT_EQ(warnings[0], "the argument -batchmode is not known and has no effect");
+  EXPECT_EQ(warnings[2],
+            "the argument -prot is not known and has no effect; did you mean '-port'?");
+}
+
+TEST(ReferenceArguments, MissingValues) {
+  for (const Words& words : {Words{"-condition"}, Words{"-condition", "-adaptive"},
+                             Words{"-condition="}, Words{"-condition", "--port", "0"}}) {
+    try {
+      translated(words);
+      FAIL() << "no error";
+    } catch (const InvalidArgument& error) {
+      EXPECT_STREQ(error.what(), "-condition: got no value, expected one after it");
+    }
+  }
+  EXPECT_THROW(translated({"-adaptive=1"}), InvalidArgument);
+}
+
+TEST(Arguments, ModeFollowsFromWhatIsAskedFor) {
+  EXPECT_EQ(parseArguments({}).mode, Mode::serve);
+  EXPECT_EQ(parseArguments({"--port", "0"}).mode, Mode::serve);
+  EXPECT_EQ(parseArguments({"--play"}).mode, Mode::play);
+  EXPECT_EQ(parseArguments({"--seconds", "2"}).mode, Mode::play);
+  EXPECT_EQ(parseArguments({"--script", "x"}).mode, Mode::play);
+  EXPECT_EQ(parseArguments({"-replay", "-stateLogFilepath", "x"}).mode, Mode::replay);
+  EXPECT_EQ(parseArguments({"--list-games"}).mode, Mode::list_games);
+  EXPECT_THROW(parseArguments({"--play", "--port", "0"}), InvalidArgument);
+}
+
+TEST(Arguments, AsUserInTheBoxStartsItsApps) {
+  const Arguments arguments =
+      parseArguments({"-simulated", "-port", "41234", "-logFile", "/tmp/app.log", "-condition",
+                      "low-medium", "-adaptive", "-sparse", "-outputFolder", "/tmp/out", "-record",
+                      "-resolution", "640x480", "-logging", "-fixedSeed", "77"});
+  EXPECT_EQ(arguments.mode, Mode::serve);
+  EXPECT_TRUE(arguments.simulated);
+  EXPECT_EQ(arguments.port, 41234);
+  EXPECT_EQ(arguments.log_file, "/tmp/app.log");
+  EXPECT_EQ(gameOptions(arguments), R"({"adaptive":true,"condition":"low-medium","sparse":true})");
+  EXPECT_EQ(arguments.record, "/tmp/out/recording");
+  EXPECT_EQ(arguments.log_dir, "/tmp/out/logging");
+  EXPECT_EQ(arguments.resolution, (render::ImageSize{640, 480}));
+  EXPECT_EQ(arguments.fixed_seed, 77U);
+  EXPECT_EQ(arguments.frame_time, "next");
+  EXPECT_EQ(arguments.clock, "absolute");
+  EXPECT_TRUE(arguments.warnings.empty());
+  EXPECT_FALSE(arguments.timeout_s);
+}
+
+TEST(Arguments, Recordings) {
+  EXPECT_TRUE(parseArguments({"--port", "0"}).record.empty());
+  EXPECT_EQ(parseArguments({"--record", "--port", "0"}).record, "./recording");
+  EXPECT_EQ(parseArguments({"--record", "there"}).record, "there");
+  EXPECT_EQ(parseArguments({"--record-mp4", "--output-folder", "x"}).record, "x/recording");
+  EXPECT_EQ(parseArguments({"--logging", "--log-dir", "there"}).log_dir, "there");
+  for (const char* size : {"640", "640x", "x480", "640x480x3", "0x480", "-1x4", "9000x10"}) {
+    EXPECT_THROW(parseArguments({std::string("--resolution=") + size}), InvalidArgument) << size;
+  }
+}
+
+TEST(Arguments, TheLastOfTwoCounts) {
+  EXPECT_EQ(parseArguments({"-condition", "easy", "-condition", "hard"}).condition, "hard");
+}
+
+TEST(Arguments, HelpVersionAndMistakes) {
+  const auto finished = [](const Words& words) {
+    try {
+      parseArguments(words);
+    } catch (const Finished& end) {
+      return std::pair<std::string, int>(end.what(), end.exitCode());
+    }
+    return std::pair<std::string, int>("not finished", -1);
+  };
+  EXPECT_EQ(finished({"--version"}).first.find("sim2vr-app "), 0U);
+  EXPECT_EQ(finished({"--help"}).second, 0);
+  EXPECT_NE(finished({"-h"}).first.find("-stateLogFilepath"), std::string::npos);
+  EXPECT_EQ(finished({"--nosuch"}).second, 2);
+  EXPECT_NE(finished({"--port", "many"}).first.find("--port"), std::string::npos);
+  EXPECT_EQ(finished({"--timeout", "-1"}).second, 2);
+}
+
+TEST(Arguments, OptionsThatContradictEachOther) {
+  EXPECT_EQ(gameOptions(parseArguments(
+                {"--options", R"({"condition":"easy","reward":"paper"})", "--condition", "easy"})),
+            R"({"condition":"easy","reward":"paper"})");
+  EXPECT_THROW(
+      gameOptions(parseArguments({"--options", R"({"condition":"easy"})", "--condition", "hard"})),
+      InvalidArgument);
+  EXPECT_THROW(gameOptions(parseArguments({"--options", "[1]"})), InvalidArgument);
+}
+
+}  // namespace
+}  // namespace sim2vr::program

@@ -21,3 +21,12 @@ if(SIM2VR_SANITIZE)
     set(SIM2VR_BUILD_BINDINGS OFF)
   endif()
 endif()
+
+if(SIM2VR_FUZZ)
+  if(NOT CMAKE_CXX_COMPILER_ID MATCHES "Clang")
+    message(FATAL_ERROR "SIM2VR_FUZZ needs clang (apt-get install clang libclang-rt-14-dev); the "
+                        "compiler is ${CMAKE_CXX_COMPILER_ID}")
+  endif()
+  # Coverage in every room; the programs themselves link libFuzzer (tests/fuzz).
+  add_compile_options(-fsanitize=fuzzer-no-link -fno-sanitize-recover=all)
+endif()

@@ -6,6 +6,11 @@
 #include "sim2vr/xr/pose_row.hpp"
 
 namespace sim2vr::server {
+namespace {
+
+constexpr std::size_t kMaximumPictureBytes = std::size_t{64} << 20;
+
+}  // namespace
 
 xr::DeviceState TrackedPoses::devices() const {
   if (!head_tracked) throw InvalidArgument("head", "not tracked", "a tracked headset");
@@ -23,6 +28,12 @@ std::vector<runtime::FrameInput> frameInputs(std::span<const TimedPoses> frames)
 std::vector<std::uint8_t> drawPicture(runtime::App& app, const PictureRequest& request) {
   const runtime::View view = runtime::viewFromName(request.view);
   render::checkImageSize(request.size);
+  if (4 * request.size.pixels() > kMaximumPictureBytes) {
+    throw InvalidArgument(
+        "image size",
+        std::to_string(request.size.width) + " x " + std::to_string(request.size.height),
+        "a picture of 64 MiB at most");
+  }
   std::vector<std::uint8_t> pixels(4 * request.size.pixels());
   app.renderView(view, request.size, pixels);
   return pixels;

@@ -185,7 +185,7 @@ Reply Session2::playAll(const Header& header, const std::vector<Record>& records
   workers_.run([&](int worker) {
     for (std::size_t i = 0; i < records.size(); ++i) {
       const std::uint32_t app = records[i].app;
-      if (static_cast<int>(app) % workers_.workers() != worker) continue;
+      if (static_cast<int>(app) % workers_.threads() != worker) continue;
       results[i].app = app;
       try {
         results[i].step = play(records[i]);

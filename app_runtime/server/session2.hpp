@@ -8,7 +8,7 @@
 #include "shared_images.hpp"
 #include "sim2vr/server/protocol2.hpp"
 #include "sim2vr/server/session.hpp"
-#include "worker_pool.hpp"
+#include "sim2vr/runtime/thread_pool.hpp"
 
 namespace sim2vr::server {
 
@@ -43,7 +43,7 @@ class Session2 final : public Session {
   AppHost& host_;
   std::vector<std::unique_ptr<HostedApp>> apps_;
   std::unique_ptr<SharedImages> shared_;
-  WorkerPool workers_;
+  runtime::ThreadPool workers_;
   protocol2::LogNames names_;
   Pacer pacer_;
   bool over_ = false;

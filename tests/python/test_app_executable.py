@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import os
+import signal
+import socket
 import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zmq
 
 from sim2vr_harness.client import DevicePoses, InProcessApp, frame_time_ns
 from sim2vr_harness.paths import app_executable
@@ -78,3 +85,95 @@ def test_wrong_arguments_are_one_line_and_exit_code_2(
 def test_version_and_games() -> None:
     assert run("--version").stdout.startswith("sim2vr-app ")
     assert "whacamole\t" in run("--list-games").stdout
+
+
+@contextmanager
+def serving(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A server with the null renderer, and where it listens."""
+    command = [str(app_executable()), "--port", "0", "--renderer", "null", *arguments]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            line = process.stdout.readline()
+            assert line.startswith("sim2vr-app: listening on tcp://127.0.0.1:"), line
+            yield process, line.split()[-1]
+        finally:
+            process.kill()
+
+
+@contextmanager
+def connected(endpoint: str) -> Iterator[zmq.Socket[bytes]]:
+    with zmq.Context() as context, context.socket(zmq.REQ) as client:
+        client.setsockopt(zmq.LINGER, 0)
+        client.setsockopt(zmq.RCVTIMEO, 20_000)
+        client.connect(endpoint)
+        yield client
+
+
+def start_round(client: zmq.Socket[bytes]) -> None:
+    at_rest = {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0}
+    for message in (
+        {"timestep": 0.002, "sampleFrequency": 20, "timeScale": 5},
+        {
+            "headsetPosition": {"x": 0.0, "y": 1.17, "z": 0.0},
+            "headsetRotation": at_rest,
+            "rightControllerPosition": {"x": 0.2, "y": 0.9, "z": 0.2},
+            "rightControllerRotation": at_rest,
+            "nextTimestep": 0.05,
+            "reset": True,
+        },
+    ):
+        client.send_string(json.dumps(message))
+        assert "error" not in json.loads(client.recv_string())
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
+def test_signals_end_the_server_with_its_files_closed(number: int, tmp_path: Path) -> None:
+    with serving("--log-dir", str(tmp_path)) as (process, endpoint), connected(endpoint) as client:
+        start_round(client)
+        process.send_signal(number)
+        assert process.wait(20) == 0
+        assert process.stderr is not None
+        assert "asked to end" in process.stderr.read()
+    assert (tmp_path / "0000-medium/states.csv").read_text().endswith("\n")
+
+
+def test_a_killed_client_ends_the_server(tmp_path: Path) -> None:
+    with serving() as (process, endpoint):
+        with connected(endpoint) as client:
+            start_round(client)
+        assert process.wait(20) == 3
+        assert process.stderr is not None
+        assert "the client's connection went away" in process.stderr.read()
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_shared_memory_goes_with_the_server(number: int) -> None:
+    def ask(client: zmq.Socket[bytes], kind: int, *frames: bytes) -> list[bytes]:
+        header = b"S2VR" + bytes([2, 0, kind, 0]) + bytes(16)
+        client.send_multipart([header, *frames])
+        return client.recv_multipart()
+
+    with serving() as (process, endpoint), connected(endpoint) as client:
+        name = json.loads(ask(client, 1, b'{"shared_memory": true}')[1])["shared_memory"]
+        memory = Path("/dev/shm") / name.lstrip("/")
+        assert memory.stat().st_size == 120 * 80 * 4
+        if number == signal.SIGKILL:
+            # From the first message on nothing is left, whatever happens.
+            ask(client, 7, bytes(4))
+            assert not memory.exists()
+        os.kill(process.pid, number)
+        process.wait(20)
+        assert not memory.exists()
+
+
+def test_a_port_in_use_is_one_line_and_exit_code_2() -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        result = run("-simulated", "-port", str(port), "-condition", "medium")
+    assert result.returncode == 2
+    assert result.stderr.startswith("sim2vr-app: port: got")
+    assert result.stderr.count("\n") == 1
+    assert result.stdout == ""

@@ -22,6 +22,9 @@ from sim2vr_harness import __version__
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from sim2vr_harness.training.config import TrainingConfig
     from sim2vr_harness.training.trainer import TrainResult
 
 __all__ = ["app", "main"]
@@ -348,6 +351,13 @@ def bench(
     train_steps: Annotated[
         int, typer.Option(help="User steps of the measured training iteration; 0 skips it.")
     ] = 4000,
+    transport: Annotated[
+        str | None,
+        typer.Option(
+            help="Measure the way to the app instead: in_process, protocol1, protocol2, several "
+            "with commas, or all; 1 app unless --n says otherwise."
+        ),
+    ] = None,
     json: JsonOption = False,
 ) -> None:
     """Measure how fast this machine simulates, draws and learns."""
@@ -357,19 +367,44 @@ def bench(
     settings = load_config(config, set_ or [])
     console = Console(stderr=True)
     with console.status("") as status:
-        values = measure(
-            settings,
-            n=n,
-            seconds=seconds,
-            train_steps=train_steps,
-            on_stage=lambda stage: status.update(f"Measuring {escape(stage)}"),
-        )
+
+        def on_stage(stage: str) -> None:
+            status.update(f"Measuring {escape(stage)}")
+
+        if transport is None:
+            values = measure(
+                settings, n=n, seconds=seconds, train_steps=train_steps, on_stage=on_stage
+            )
+        else:
+            values = _bench_transports(settings, transport, n, seconds, on_stage)
     if json:
         _print_json(values)
         return
     for key, value in values.items():
         if key != "versions":
             typer.echo(f"{key:30}{value}")
+
+
+def _bench_transports(
+    settings: TrainingConfig,
+    transport: str,
+    n: int | None,
+    seconds: float,
+    on_stage: Callable[[str], None],
+) -> dict[str, Any]:
+    from sim2vr_harness.envs.transport_bench import TRANSPORTS, transport_bench
+    from sim2vr_harness.training.errors import InputError, unknown_name
+
+    names = transport.split(",")
+    for name in names:
+        if name not in ("all", *TRANSPORTS):
+            raise unknown_name("--transport", name, ["all", *TRANSPORTS])
+    chosen = [name for name in TRANSPORTS if name in names or "all" in names]
+    if n is not None and n < 1:
+        raise InputError("--n", str(n), "at least 1")
+    if seconds <= 0.0:
+        raise InputError("--seconds", str(seconds), "more than 0")
+    return transport_bench(settings.env, chosen, n=n or 1, seconds=seconds, on_stage=on_stage)
 
 
 @app.command()

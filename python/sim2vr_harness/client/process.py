@@ -189,11 +189,11 @@ class AppProcess:
         return "\n".join(texts)
 
     def log_words(self) -> str:
-        """The end of a message: where the log is and what stands at its end."""
+        """The end of a message: where the log is and, from the next line on, how it ends."""
         self._keep_logs = True
         tail = self.log_tail()
         files = " and ".join(str(file) for file in self._logs if file.is_file())
-        return f". Its log, {files}, ends:\n{tail}" if tail else f". Its log, {files}, is empty"
+        return f"; its log: {files}\n{tail}" if tail else f"; its log is empty: {files}"
 
     # --- ending ------------------------------------------------------------------------------
 

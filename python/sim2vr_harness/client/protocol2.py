@@ -82,6 +82,18 @@ class Type(IntEnum):
     QUIT = 8
 
 
+_DOING = {
+    Type.HELLO: "the hello",
+    Type.RESET: "a reset",
+    Type.STEP: "a step",
+    Type.RENDER: "drawing",
+    Type.SAVE: "saving",
+    Type.LOAD: "loading",
+    Type.HASH: "the hash",
+    Type.QUIT: "the end",
+}
+
+
 class Status(IntEnum):
     """How a request, or one record of it, went."""
 
@@ -364,11 +376,11 @@ class Protocol2Connection:
     def _send(self, kind: Type, body: Sequence[bytes], count: int = 0) -> None:
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         header = HEADER.pack(MAGIC, VERSION, kind, self._sequence, count, 0, 0)
-        self.channel.send([header, *body], kind.name.lower())
+        self.channel.send([header, *body], _DOING[kind])
 
     def _receive(self, kind: Type, timeout_s: float | None = None) -> tuple[list[bytes], int, int]:
         """The frames after the header, count and flags; raises the server's errors."""
-        frames = self.channel.receive(kind.name.lower(), timeout_s)
+        frames = self.channel.receive(_DOING[kind], timeout_s)
         if len(frames[0]) != HEADER.size or frames[0][:4] != MAGIC:
             raise self._malformed(
                 f"{frames[0][:40]!r}, expected a header of protocol 2 (an app that only speaks "

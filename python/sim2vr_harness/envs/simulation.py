@@ -318,12 +318,12 @@ class Simulation:
     ) -> AppReply:
         """Starts a round, in a new app where the one before has failed."""
         for _ in range(RESET_ATTEMPTS):
-            chosen = options
-            if i in self._failed:
-                self.apps[i] = self._make_app(self.config, i, self._log_dir)
-                del self._failed[i]
-                chosen = {**self._options[i], **(options or {})}
             with self._noting_failure(i):
+                chosen = options
+                if i in self._failed:
+                    self.apps[i] = self._make_app(self.config, i, self._log_dir)
+                    del self._failed[i]
+                    chosen = {**self._options[i], **(options or {})}
                 reply = self.apps[i].reset(seed, poses, chosen)
                 self._options[i] |= options or {}
                 return reply

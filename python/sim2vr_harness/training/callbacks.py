@@ -101,7 +101,8 @@ class ProgressCallback(BaseCallback):
         self._display = display
         self._hook: Any = None
         self.failures: list[dict[str, Any]] = []
-        """Step, user and error of every app that failed in this session."""
+        """Every app that failed in this session: step of the training, user, step of its round and
+        error."""
 
     @property
     def _progress(self) -> Progress:
@@ -135,17 +136,24 @@ class ProgressCallback(BaseCallback):
         return True
 
     def _tell_failures(self) -> None:
-        """Say which apps failed in this step; their users go on with new ones."""
-        for user, info in enumerate(self.locals["infos"]):
-            if info.get("termination") != "app_failed":
-                continue
-            self._progress.app_failures += 1
-            what = str(info["app_error"])
-            self.failures.append({"step": self.model.num_timesteps, "user": user, "error": what})
-            self._display.say(
-                f"User {user}: {what.splitlines()[0]}\n"
-                "Its round ends here; the app is started again and the training goes on."
+        """Say which apps failed since the last step; their users go on with new ones."""
+        env = self.model.get_env()
+        assert isinstance(env, SimulationVecEnv)
+        failed = getattr(env.simulation, "app_failures", [])
+        for failure in failed[len(self.failures) :]:
+            self.failures.append(
+                {
+                    "training_step": self.model.num_timesteps,
+                    "user": failure.user,
+                    "round_step": failure.step,
+                    "error": failure.error,
+                }
             )
+            self._display.say(
+                f"User {failure.user}: {failure.error.splitlines()[0]}\n"
+                "Its round is over; the app is started again and the training goes on."
+            )
+        self._progress.app_failures = len(self.failures)
 
     def _on_rollout_end(self) -> None:
         if self._progress.app_failures:

@@ -37,7 +37,7 @@ CHANGEABLE = (
     *(
         f"env.app.{key}"
         for key in (
-            *("transport", "executable", "connect", "processes"),
+            *("transport", "executable", "arguments", "connect", "processes"),
             *("timeout_s", "start_timeout_s", "time_scale"),
         )
     ),

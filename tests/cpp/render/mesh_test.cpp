@@ -217,6 +217,20 @@ TEST_F(FileTest, PngComesBackAsWritten) {
   }
 }
 
+TEST(Png, InMemoryComesBackAsEncoded) {
+  std::vector<std::uint8_t> pixels;
+  for (int i = 0; i < 5 * 3 * 4; ++i) pixels.push_back(static_cast<std::uint8_t>(i * 7));
+  const std::string png = encodePng({5, 3}, pixels);
+  png_image image{};
+  image.version = PNG_IMAGE_VERSION;
+  ASSERT_NE(png_image_begin_read_from_memory(&image, png.data(), png.size()), 0);
+  EXPECT_EQ(image.format, static_cast<png_uint_32>(PNG_FORMAT_RGBA));
+  std::vector<std::uint8_t> read(PNG_IMAGE_SIZE(image));
+  ASSERT_NE(png_image_finish_read(&image, nullptr, read.data(), 0, nullptr), 0);
+  EXPECT_EQ(read, pixels);
+  EXPECT_THROW(encodePng({5, 4}, pixels), InvalidArgument);
+}
+
 TEST_F(FileTest, PngErrors) {
   const std::vector<std::uint8_t> pixels(12);
   EXPECT_EQ(messageOf([&] { writePng(path_, {2, 2}, pixels, 2); }),

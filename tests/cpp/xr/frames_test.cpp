@@ -1,4 +1,5 @@
 #include "sim2vr/xr/frames.hpp"
+#include "sim2vr/xr/pose_row.hpp"
 
 #include <gtest/gtest.h>
 
@@ -56,6 +57,28 @@ TEST(Frames, RoundTripIsExact) {
     const XrPosef back = toXr(fromXr(xr));
     EXPECT_EQ(std::memcmp(&back, &xr, sizeof(xr)), 0);
   }
+}
+
+TEST(Frames, DevicesFromRowsOfNumbers) {
+  constexpr double kHead[] = {1.0, 2.0, 3.0, 0.0, 0.0, 0.6, 0.8};
+  constexpr double kRight[] = {4.0, 5.0, 6.0, 0.6, 0.0, 0.0, 0.8};
+  std::array<ControllerState, 2> inputs;
+  inputs[0].trigger = 0.25F;
+  inputs[1].a = true;
+  const DeviceState state = devicesFromRows(kHead, nullptr, kRight, inputs);
+  EXPECT_EQ(state.head.position.z, -3.0F);
+  EXPECT_EQ(state.head.orientation.z, 0.6F);
+  EXPECT_EQ(state.head.orientation.w, 0.8F);
+  // A controller that is not tracked has no inputs either.
+  EXPECT_FALSE(state.hand(Hand::left).active);
+  EXPECT_EQ(state.hand(Hand::left).trigger, 0.0F);
+  const ControllerState& right = state.hand(Hand::right);
+  EXPECT_TRUE(right.active);
+  EXPECT_TRUE(right.a);
+  EXPECT_EQ(right.grip.position.x, 4.0F);
+  EXPECT_EQ(right.grip.orientation.x, -0.6F);
+  // The aim is turned by -60 degrees about x: -0.6 cos 30 - 0.8 sin 30.
+  EXPECT_NEAR(right.aim.orientation.x, -0.6 * std::cos(M_PI / 6) - 0.4, 1e-6);
 }
 
 TEST(Frames, DoublesAreRoundedOnce) {

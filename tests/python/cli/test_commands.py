@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from fake_simulation import FakeSimulation
 
 from sim2vr_harness import __version__
@@ -119,6 +120,24 @@ def test_evaluate_prints_one_json_object(capsys: Any, trained: Path) -> None:
     assert "Evaluated: " in out
 
 
+def test_an_app_of_ones_own(capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    given = ("--app", "build/Game.x86_64", "--app-arg", "-condition", "--app-arg", "easy")
+    assert train(capsys, tmp_path / "run", "--timesteps", "60", *given)[0] == 0
+    app = yaml.safe_load((tmp_path / "run/config.yaml").read_text())["env"]["app"]
+    assert app["transport"] == "protocol1"
+    assert app["executable"] == str(tmp_path / "build/Game.x86_64")
+    assert app["arguments"] == ["-condition", "easy"]
+    # Continued with an app that runs already, over the other protocol.
+    more = ("--resume", "--out", str(tmp_path / "run"), "--timesteps", "120")
+    given = ("--connect", "localhost:5555", "--protocol", "2")
+    status, _, err = call(capsys, "train", *more, *given)
+    assert status == 0, err
+    app = yaml.safe_load((tmp_path / "run/config.yaml").read_text())["env"]["app"]
+    assert (app["transport"], app["connect"]) == ("protocol2", "localhost:5555")
+    assert (app["executable"], app["arguments"]) == (None, [])
+
+
 def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
     file = tmp_path / "c.png"
     assert call(capsys, "curves", str(trained), "--out", str(file)) == (0, f"Written: {file}\n", "")
@@ -148,6 +167,19 @@ def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
         (["snapshot", "--size", "3"], "error: --size: got '3', expected WIDTHxHEIGHT"),
         (["snapshot", "--condition", "x", "--out", "{empty}"], "error: condition: got 'x'"),
         (["bench", "--n", "0"], "error: --n: got 0, expected at least 1"),
+        (["bench", "--transport", "all", "--n", "0"], "error: --n: got 0, expected at least 1"),
+        (["bench", "--transport", "protocol3"], "error: --transport: got 'protocol3', expected"),
+        (["train", "{config}", "--protocol", "3"], "error: --protocol: got 3, expected 1 or 2"),
+        (["train", "{config}", "--app", "a", "--connect", "b:1"], "error: --connect: got it toget"),
+        (
+            ["train", "{config}", "--connect", "5555"],
+            "error: env.app.connect: got '5555', expected",
+        ),
+        (["train", "{config}", "--app-arg", "-x"], "error: --app-arg: got it without --app"),
+        (
+            ["evaluate", "{run}", "--connect", "5555"],
+            "error: env.app.connect: got '5555', expected",
+        ),
         (["evaluat"], "error: command: got 'evaluat', expected one of bench, "),
     ],
 )

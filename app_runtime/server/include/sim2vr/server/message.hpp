@@ -60,7 +60,8 @@ struct PictureRequest {
   render::ImageSize size{120, 80};
 };
 
-/// Height x width x 4 bytes. Throws as runtime::viewFromName and App::renderView do.
+/// Height x width x 4 bytes. Throws as runtime::viewFromName and App::renderView do, and
+/// InvalidArgument for a picture above 64 MiB.
 std::vector<std::uint8_t> drawPicture(runtime::App& app, const PictureRequest& request);
 
 /// `text` with bytes that are not UTF-8 replaced.

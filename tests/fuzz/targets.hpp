@@ -1,0 +1,38 @@
+// What is fuzzed: everything that reads bytes from outside. A target takes any input; what it must
+// not do is crash, hang, run out of memory, or accept something and then contradict itself.
+#pragma once
+
+#include <array>
+#include <string_view>
+
+namespace sim2vr::fuzz {
+
+/// JSON of handshakes and states.
+void protocol1(std::string_view input);
+/// Messages of protocol 2: frames, each after its length (2 bytes, little-endian).
+void protocol2(std::string_view input);
+void base64(std::string_view input);
+/// states.csv.
+void stateLog(std::string_view input);
+/// States after a handshake, separated by a zero byte, answered by an app.
+void session1(std::string_view input);
+/// Messages after a hello, as in protocol2 and separated by a frame of length 0xFFFF, answered by
+/// two apps.
+void session2(std::string_view input);
+/// Saved states of an app.
+void savedState(std::string_view input);
+
+struct Target {
+  std::string_view name;
+  void (*run)(std::string_view input);
+};
+
+inline constexpr std::array<Target, 7> kTargets{{{"protocol1", &protocol1},
+                                                 {"protocol2", &protocol2},
+                                                 {"base64", &base64},
+                                                 {"state_log", &stateLog},
+                                                 {"session1", &session1},
+                                                 {"session2", &session2},
+                                                 {"saved_state", &savedState}}};
+
+}  // namespace sim2vr::fuzz

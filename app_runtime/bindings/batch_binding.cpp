@@ -154,7 +154,11 @@ class PyAppBatch {
   std::uint64_t stateHash(int app) const { return batch().app(app).stateHash(); }
   std::string rendererDescription() const { return batch().app(0).renderer().description(); }
   int threads() const { return batch().threads(); }
-  void close() { batch_.reset(); }
+  void close() {
+    // Arrays that are still held keep the batch's memory, but not its apps.
+    if (batch_ != nullptr) batch_->close();
+    batch_.reset();
+  }
 
  private:
   std::shared_ptr<runtime::AppBatch> batch_;

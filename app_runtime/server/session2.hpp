@@ -6,9 +6,9 @@
 
 #include "pacer.hpp"
 #include "shared_images.hpp"
+#include "sim2vr/runtime/thread_pool.hpp"
 #include "sim2vr/server/protocol2.hpp"
 #include "sim2vr/server/session.hpp"
-#include "sim2vr/runtime/thread_pool.hpp"
 
 namespace sim2vr::server {
 

@@ -32,6 +32,9 @@ class AppBatch {
   /// Throws as App, and InvalidArgument for fewer than one app or thread.
   explicit AppBatch(const BatchSettings& settings);
 
+  /// Ends the apps and closes their logs; the arrays of results stay. Nothing may be called then.
+  void close() { apps_.clear(); }
+
   int size() const { return static_cast<int>(apps_.size()); }
   int threads() const { return pool_.threads(); }
   const BatchSettings& settings() const { return settings_; }

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['App', 'EngineError', 'InvalidArgument', 'RenderError', 'StateError', 'frame_time_ns', 'gl_renderer', 'list_games', 'set_log_level']
+__all__: list[str] = ['App', 'AppBatch', 'EngineError', 'InvalidArgument', 'RenderError', 'StateError', 'frame_time_ns', 'gl_renderer', 'list_games', 'set_log_level']
 class EngineError(RuntimeError):
     pass
 class StateError(EngineError):
@@ -66,6 +66,80 @@ class App:
     @property
     def renderer_description(self) -> str:
         ...
+class AppBatch:
+    """
+    N apps of one game, stepped together on threads. Poses are float64 rows of 7 as of App; M apps are chosen by their indices. Arrays of results are read-only views without copies: calls overwrite the rows of the apps they move; they stay valid memory after close(). The GIL is released while the apps work.
+    """
+    def __init__(self, *, game: str, options: str = '{}', apps: typing.SupportsInt | typing.SupportsIndex, threads: typing.SupportsInt | typing.SupportsIndex = 1, width: typing.SupportsInt | typing.SupportsIndex = 120, height: typing.SupportsInt | typing.SupportsIndex = 80, renderer: str = 'automatic', log_dir: str = '', fixed_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.002) -> None:
+        """
+        options: JSON object. log_dir: app 7 logs to user007 below it; '' for no logs.
+        """
+    def close(self) -> None:
+        """
+        Frees the apps; later calls raise StateError.
+        """
+    def load(self, app: typing.SupportsInt | typing.SupportsIndex, state: bytes) -> None:
+        """
+        As App.load, of one app; its row of images is drawn, the others stay.
+        """
+    def render_view(self, app: typing.SupportsInt | typing.SupportsIndex, view: str, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        As App.render_view, of one app.
+        """
+    def reset(self, indices: typing.Annotated[numpy.typing.ArrayLike, numpy.int32], seeds: typing.Annotated[numpy.typing.ArrayLike, numpy.uint32], options: str, head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None) -> None:
+        """
+        Starts rounds: indices (M,), seeds (M,), poses (M, 7). Errors name the first app that refused; the others have started.
+        """
+    def save(self, app: typing.SupportsInt | typing.SupportsIndex) -> bytes:
+        """
+        As App.save, of one app.
+        """
+    def state_hash(self, app: typing.SupportsInt | typing.SupportsIndex) -> int:
+        """
+        As App.state_hash, of one app.
+        """
+    def step(self, indices: typing.Annotated[numpy.typing.ArrayLike, numpy.int32], times_ns: typing.Annotated[numpy.typing.ArrayLike, numpy.int64], head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None) -> None:
+        """
+        One user step of K frames: indices (M,), times_ns (M, K), poses (M, K, 7). Errors as in reset.
+        """
+    @property
+    def finished(self) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        (N,) uint8.
+        """
+    @property
+    def images(self) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        (N, height, width, 4) uint8 RGBA.
+        """
+    @property
+    def log_names(self) -> list[str]:
+        """
+        Names of the log's columns; empty before the first reset.
+        """
+    @property
+    def logs(self) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        (N, len(log_names)) float64.
+        """
+    @property
+    def renderer_description(self) -> str:
+        ...
+    @property
+    def rewards(self) -> numpy.typing.NDArray[numpy.float32]:
+        """
+        (N,) float32 of the last step.
+        """
+    @property
+    def threads(self) -> int:
+        """
+        Threads in use.
+        """
+    @property
+    def time_features(self) -> numpy.typing.NDArray[numpy.float32]:
+        """
+        (N,) float32.
+        """
 def frame_time_ns(frame: typing.SupportsInt | typing.SupportsIndex, frame_rate_hz: typing.SupportsInt | typing.SupportsIndex) -> int:
     """
     Time of a frame in lockstep, ns: n times the largest binary32 below the period.

@@ -83,14 +83,14 @@ class PyAppBatch {
 
   void reset(const Array<int>& indices, const Array<std::uint32_t>& seeds,
              const std::string& options, const Poses& head, const OptionalPoses& left,
-             const OptionalPoses& right) {
+             const OptionalPoses& right, std::int64_t time_ns) {
     const py::ssize_t count = indices.size();
     checkShape("seeds", seeds, {count});
     const DeviceRows rows(head, left, right, {count, xr::kPoseRowNumbers});
     std::vector<runtime::RoundStart> starts;
     std::vector<xr::DeviceState> devices;
     for (py::ssize_t i = 0; i < count; ++i) {
-      starts.push_back({.seed = seeds.at(i), .options_json = options});
+      starts.push_back({seeds.at(i), options, time_ns});
       devices.push_back(rows[i]);
     }
     const std::span<const int> apps(indices.data(), static_cast<std::size_t>(count));
@@ -184,8 +184,8 @@ void bindAppBatch(py::module_& module) {
            "options: JSON object. log_dir: app 7 logs to user007 below it; '' for no logs.")
       .def("reset", &PyAppBatch::reset, py::arg("indices"), py::arg("seeds"), py::arg("options"),
            py::arg("head"), py::arg("left_controller") = py::none(),
-           py::arg("right_controller") = py::none(),
-           "Starts rounds: indices (M,), seeds (M,), poses (M, 7). Errors name the first app that "
+           py::arg("right_controller") = py::none(), py::arg("time_ns") = 0,
+           "Starts rounds at time_ns: indices (M,), seeds (M,), poses (M, 7). Errors name the first app that "
            "refused; the others have started.")
       .def("step", &PyAppBatch::step, py::arg("indices"), py::arg("times_ns"), py::arg("head"),
            py::arg("left_controller") = py::none(), py::arg("right_controller") = py::none(),

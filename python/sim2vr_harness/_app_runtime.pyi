@@ -86,9 +86,9 @@ class AppBatch:
         """
         As App.render_view, of one app.
         """
-    def reset(self, indices: typing.Annotated[numpy.typing.ArrayLike, numpy.int32], seeds: typing.Annotated[numpy.typing.ArrayLike, numpy.uint32], options: str, head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None) -> None:
+    def reset(self, indices: typing.Annotated[numpy.typing.ArrayLike, numpy.int32], seeds: typing.Annotated[numpy.typing.ArrayLike, numpy.uint32], options: str, head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, time_ns: typing.SupportsInt | typing.SupportsIndex = 0) -> None:
         """
-        Starts rounds: indices (M,), seeds (M,), poses (M, 7). Errors name the first app that refused; the others have started.
+        Starts rounds at time_ns: indices (M,), seeds (M,), poses (M, 7). Errors name the first app that refused; the others have started.
         """
     def save(self, app: typing.SupportsInt | typing.SupportsIndex) -> bytes:
         """

@@ -8,6 +8,7 @@ from pathlib import Path
 from sim2vr_harness.client import (
     AppClient,
     InProcessApp,
+    InProcessBatch,
     OptionValue,
     Protocol1App,
     Protocol2Connection,
@@ -60,8 +61,34 @@ def over_protocol2(
     ).app(0)
 
 
+def in_a_batch(
+    game: str,
+    options: Mapping[str, OptionValue] | None = None,
+    *,
+    width: int = 120,
+    height: int = 80,
+    renderer: str = "automatic",
+    log_dir: Path | None = None,
+) -> AppClient:
+    """The last of three apps that are stepped together in this process, on two threads."""
+    batch = InProcessBatch(
+        3,
+        game,
+        options,
+        width=width,
+        height=height,
+        renderer=renderer,
+        log_dir=log_dir,
+        threads=2,
+    )
+    batch.app(0).close()
+    batch.app(1).close()
+    return batch.app(2)
+
+
 TRANSPORTS: dict[str, Callable[..., AppClient]] = {
     "in process": InProcessApp,
+    "in process, batch": in_a_batch,
     "protocol 1": over_protocol1,
     "protocol 2": over_protocol2,
 }

@@ -89,13 +89,18 @@ class InProcessBatch:
         return self._batch
 
     def reset(
-        self, index: int, seed: int, poses: DevicePoses, options: Mapping[str, OptionValue] | None
+        self,
+        index: int,
+        seed: int,
+        poses: DevicePoses,
+        options: Mapping[str, OptionValue] | None,
+        time_ns: int,
     ) -> AppReply:
         """See :meth:`AppClient.reset`."""
         devices = (_row(poses.head), _row(poses.left_controller), _row(poses.right_controller))
         one = np.array([index], dtype=np.int32)
         seeds = np.array([checked_seed(seed)], dtype=np.uint32)
-        self.native.reset(one, seeds, json.dumps(dict(options or {})), *devices)
+        self.native.reset(one, seeds, json.dumps(dict(options or {})), *devices, time_ns)
         self._started.pop(index, None)
         return self._reply(index)
 
@@ -185,10 +190,8 @@ class InProcessBatchApp:
         *,
         time_ns: int = 0,
     ) -> AppReply:
-        """See :class:`AppClient`; rounds start at 0."""
-        if time_ns != 0:
-            raise ValueError(f"time_ns: got {time_ns}, expected 0: apps of a batch start at 0")
-        return self._open().reset(self._index, seed, poses, options)
+        """See :class:`AppClient`."""
+        return self._open().reset(self._index, seed, poses, options, time_ns)
 
     def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
         """See :class:`AppClient`."""

@@ -55,6 +55,7 @@ server::ServerSettings serverSettings(const Arguments& arguments) {
   server::ServerSettings settings;
   settings.address = arguments.bind;
   settings.port = arguments.port;
+  settings.local_socket = arguments.local_socket;
   const double usual_s = arguments.port == kReferencePort ? kDebugTimeout_s : kTimeout_s;
   settings.timeout = std::chrono::milliseconds(
       static_cast<std::int64_t>(1000.0 * arguments.timeout_s.value_or(usual_s)));

@@ -57,7 +57,9 @@ void StopRequest::raise() const {
 class Server::Implementation {
  public:
   explicit Implementation(ServerSettings settings)
-      : settings_(std::move(settings)), transport_(settings_.endpoint()), host_(hostSettings()) {
+      : settings_(std::move(settings)),
+        transport_(settings_.endpoint(), settings_.local_socket),
+        host_(hostSettings()) {
     host_.renderer(settings_.host.renderer);  // now, not in the first client's time
   }
 

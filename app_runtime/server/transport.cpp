@@ -1,6 +1,5 @@
 #include "transport.hpp"
 
-#include <array>
 #include <cerrno>
 #include <cstring>
 #include <memory>
@@ -31,6 +30,17 @@ zmq::message_t toMessage(std::string&& text) {
   return message;
 }
 
+Envelope enveloped(const LocalSocket::Arrival& arrival) {
+  Envelope envelope;
+  envelope.client = arrival.client;
+  envelope.connection = arrival.connection;
+  envelope.local = true;
+  for (const std::string& frame : arrival.frames) {
+    envelope.frames.emplace_back(frame.data(), frame.size());
+  }
+  return envelope;
+}
+
 int connectionOf(zmq::message_t& message) { return zmq_msg_get(message.handle(), ZMQ_SRCFD); }
 
 }  // namespace
@@ -41,7 +51,7 @@ std::vector<std::string_view> Envelope::body() const {
   return views;
 }
 
-Transport::Transport(const std::string& endpoint)
+Transport::Transport(const std::string& endpoint, const std::string& local_socket)
     : router_(context_, zmq::socket_type::router), monitor_(context_, zmq::socket_type::pair) {
   router_.set(zmq::sockopt::maxmsgsize, kMaximumFrameBytes);
   router_.set(zmq::sockopt::rcvhwm, kQueuedMessages);
@@ -61,15 +71,23 @@ Transport::Transport(const std::string& endpoint)
         busy ? "a port that nobody listens on; 0 picks one" : "an address of this machine");
   }
   endpoint_ = router_.get(zmq::sockopt::last_endpoint);
+  if (!local_socket.empty()) local_.emplace(local_socket);
 }
 
 Transport::~Transport() { zmq_socket_monitor(router_.handle(), nullptr, 0); }
 
 Transport::Events Transport::wait(int stop_descriptor,
                                   std::optional<std::chrono::milliseconds> timeout) {
-  std::array<zmq::pollitem_t, 3> items{{{router_.handle(), 0, ZMQ_POLLIN, 0},
-                                        {monitor_.handle(), 0, ZMQ_POLLIN, 0},
-                                        {nullptr, stop_descriptor, ZMQ_POLLIN, 0}}};
+  std::vector<zmq::pollitem_t> items{{router_.handle(), 0, ZMQ_POLLIN, 0},
+                                     {monitor_.handle(), 0, ZMQ_POLLIN, 0},
+                                     {nullptr, stop_descriptor, ZMQ_POLLIN, 0}};
+  if (local_) {
+    for (const int descriptor : local_->descriptors()) {
+      items.push_back({nullptr, descriptor, ZMQ_POLLIN, 0});
+    }
+    // Of messages that came together, all but the first were read already.
+    if (local_->waiting()) timeout = std::chrono::milliseconds(0);
+  }
   try {
     zmq::poll(items.data(), items.size(), timeout.value_or(std::chrono::milliseconds(-1)));
   } catch (const zmq::error_t& error) {
@@ -78,13 +96,16 @@ Transport::Events Transport::wait(int stop_descriptor,
   Events events;
   events.stop = (items[2].revents & ZMQ_POLLIN) != 0;
   // Connections first: the number of one that is gone may be in use again by the message's.
-  events.closed = closedConnections();
-  if ((items[0].revents & ZMQ_POLLIN) != 0) events.message = receive();
+  closedConnections(events.closed);
+  if (local_) {
+    if (auto arrival = local_->receive(events.closed)) events.message = enveloped(*arrival);
+  }
+  // One of each would be too many for one wait; this one is still there at the next.
+  if (!events.message && (items[0].revents & ZMQ_POLLIN) != 0) events.message = receive();
   return events;
 }
 
-std::vector<int> Transport::closedConnections() {
-  std::vector<int> closed;
+void Transport::closedConnections(std::vector<int>& closed) {
   zmq::message_t event;
   while (monitor_.recv(event, zmq::recv_flags::dontwait)) {
     // uint16 event, int32 value (the socket); then a frame with the address.
@@ -94,7 +115,6 @@ std::vector<int> Transport::closedConnections() {
     while (event.more() && monitor_.recv(event, zmq::recv_flags::dontwait)) {
     }
   }
-  return closed;
 }
 
 std::optional<Envelope> Transport::receive() {
@@ -116,6 +136,10 @@ std::optional<Envelope> Transport::receive() {
 }
 
 void Transport::send(const Envelope& to, Reply reply) {
+  if (to.local) {
+    if (local_) local_->send(to.connection, reply);
+    return;
+  }
   router_.send(zmq::buffer(to.client), zmq::send_flags::sndmore);
   if (to.delimited) router_.send(zmq::message_t(), zmq::send_flags::sndmore);
   for (std::size_t i = 0; i < reply.size(); ++i) {

@@ -1,5 +1,6 @@
 // The server's socket: ROUTER, so that a second client can be told that it is the second, with a
-// monitor that notices when a client's connection goes away. The only user of ZeroMQ.
+// monitor that notices when a client's connection goes away. The only user of ZeroMQ. Beside it, if
+// wanted, a Unix stream socket for the same messages.
 #pragma once
 
 #include <chrono>
@@ -9,6 +10,7 @@
 #include <vector>
 #include <zmq.hpp>
 
+#include "local_socket.hpp"
 #include "sim2vr/server/message.hpp"
 
 namespace sim2vr::server {
@@ -20,6 +22,8 @@ struct Envelope {
   int connection = -1;
   /// False when the sender left out the empty frame before the body.
   bool delimited = true;
+  /// It came through the local socket.
+  bool local = false;
   std::vector<zmq::message_t> frames;
 
   std::vector<std::string_view> body() const;
@@ -27,8 +31,9 @@ struct Envelope {
 
 class Transport {
  public:
-  /// Throws InvalidArgument when the endpoint cannot be bound.
-  explicit Transport(const std::string& endpoint);
+  /// `local_socket`: name of the local socket; empty: none. Throws InvalidArgument when the
+  /// endpoint or the name cannot be bound.
+  Transport(const std::string& endpoint, const std::string& local_socket);
   ~Transport();
 
   const std::string& endpoint() const { return endpoint_; }
@@ -48,13 +53,14 @@ class Transport {
   void send(const Envelope& to, Reply reply);
 
  private:
-  std::vector<int> closedConnections();
+  void closedConnections(std::vector<int>& closed);
   std::optional<Envelope> receive();
 
   zmq::context_t context_;
   zmq::socket_t router_;
   zmq::socket_t monitor_;
   std::string endpoint_;
+  std::optional<LocalSocket> local_;
 };
 
 }  // namespace sim2vr::server

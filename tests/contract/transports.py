@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 
 from sim2vr_harness.client import (
@@ -35,9 +36,9 @@ def over_protocol1(
     return Protocol1App(channel, width=width, height=height)
 
 
-def connected(apps: int = 1, **settings: object) -> Protocol2Connection:
-    """A session with a server of its own."""
-    channel = start_sim2vr_app(app_executable(), []).channel(60.0, 60.0)
+def connected(apps: int = 1, local: bool = True, **settings: object) -> Protocol2Connection:
+    """A session with a server of its own, through its local socket or ZeroMQ."""
+    channel = start_sim2vr_app(app_executable(), []).channel(60.0, 60.0, local=local)
     return Protocol2Connection(channel, apps=apps, **settings)  # type: ignore[arg-type]
 
 
@@ -49,9 +50,11 @@ def over_protocol2(
     height: int = 80,
     renderer: str = "automatic",
     log_dir: Path | None = None,
+    local: bool = True,
 ) -> AppClient:
     """An app in a server of its own, its images in shared memory."""
     return connected(
+        local=local,
         game=game,
         options=options,
         width=width,
@@ -91,4 +94,5 @@ TRANSPORTS: dict[str, Callable[..., AppClient]] = {
     "in process, batch": in_a_batch,
     "protocol 1": over_protocol1,
     "protocol 2": over_protocol2,
+    "protocol 2 over ZeroMQ": partial(over_protocol2, local=False),
 }

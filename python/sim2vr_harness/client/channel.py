@@ -1,38 +1,37 @@
-"""One request, one answer, before a deadline: the ZeroMQ end of the app's conversation."""
+"""One request, one answer, before a deadline: the harness's end of the conversation with an app."""
 
 from __future__ import annotations
 
-import math
-import os
 import time
 from collections.abc import Sequence
-from typing import Any
 
-import zmq
-
+from sim2vr_harness.client.carriers import Carrier, LocalCarrier, ZmqCarrier
 from sim2vr_harness.client.errors import AppDied, AppError, AppTimeout
 from sim2vr_harness.client.process import AppProcess
 
 __all__ = ["Channel"]
 
-MAX_MESSAGE_BYTES = 256 * 2**20
-"""A longer answer is not read; the connection counts as lost then."""
-
 _SLICE_S = 0.25
-"""How often a process without a pollable descriptor is looked at."""
+"""How often a process is looked at whose end does not wake anybody."""
 
 
 class Channel:
-    """A REQ socket that never waits for ever and is given up after the first failure.
+    """A connection that never waits for ever and is given up after the first failure.
 
     While it waits for an answer it watches the connection and, where it knows it, the app's
-    process, so that a death is told at once and only silence takes the whole time. A REQ socket
-    cannot go on after a lost answer; neither does a channel: every later call repeats the failure.
+    process, so that a death is told at once and only silence takes the whole time. After a lost
+    answer nobody knows which answer comes next, so a channel that failed once does not go on: every
+    later call repeats the failure.
 
     Args:
         endpoint: ZeroMQ address, for example ``tcp://127.0.0.1:5555``.
         timeout_s: how long to wait for an answer.
         process: the app's process where this side has started it.
+        local_socket: name of the app's Unix socket (``@`` and a name, or a path) to use instead of
+            ZeroMQ.
+
+    Raises:
+        AppDied: nobody listens on the local socket.
     """
 
     def __init__(
@@ -41,24 +40,22 @@ class Channel:
         *,
         timeout_s: float = 60.0,
         process: AppProcess | None = None,
+        local_socket: str | None = None,
     ) -> None:
         self.endpoint = endpoint
         self.timeout_s = timeout_s
         self.process = process
         self.awaiting = False
         self._failure: str | None = None
-        context: zmq.Context[zmq.Socket[bytes]] = zmq.Context.instance()
-        self._socket: zmq.Socket[bytes] = context.socket(zmq.REQ)
-        self._socket.linger = 0
-        self._socket.maxmsgsize = MAX_MESSAGE_BYTES
-        self._monitor = self._socket.get_monitor_socket(zmq.EVENT_DISCONNECTED)
-        self._pidfd = None if process is None else process.open_pidfd()
-        self._poller = zmq.Poller()
-        self._poller.register(self._socket, zmq.POLLIN)
-        self._poller.register(self._monitor, zmq.POLLIN)
-        if self._pidfd is not None:
-            self._poller.register(self._pidfd, zmq.POLLIN)
-        self._socket.connect(endpoint)
+        self._carrier: Carrier
+        if local_socket is None:
+            pidfd = None if process is None else process.open_pidfd()
+            self._carrier = ZmqCarrier(endpoint, pidfd)
+            return
+        try:
+            self._carrier = LocalCarrier(local_socket, timeout_s)
+        except OSError as error:
+            raise AppDied(f"{self.app} does not listen on {local_socket}: {error}") from error
 
     @property
     def app(self) -> str:
@@ -76,29 +73,35 @@ class Channel:
         return self._failure is None and not self.awaiting
 
     def request(
-        self, frames: Sequence[Any], doing: str, timeout_s: float | None = None
+        self, frames: Sequence[bytes], doing: str, timeout_s: float | None = None
     ) -> list[bytes]:
         """:meth:`send` and :meth:`receive`."""
         self.send(frames, doing)
         return self.receive(doing, timeout_s)
 
-    def send(self, frames: Sequence[Any], doing: str) -> None:
-        """Sends a request; never blocks.
+    def send(self, frames: Sequence[bytes], doing: str) -> None:
+        """Sends a request.
 
         Args:
-            frames: bytes-like objects.
+            frames: of the message.
             doing: the request in words, for messages.
 
         Raises:
             AppDied: the app is known to be gone.
-            AppError: the channel was given up before.
+            AppTimeout: the app takes nothing.
+            AppError: the answer before was not received.
         """
         self._require_open()
         if self.awaiting:
             raise AppError(f"{self.app} has not answered the request before")
-        if self._monitor.poll(0) or (self.process is not None and not self.process.running):
+        if self.process is not None and not self.process.running:
             raise self.give_up(self._death(doing))
-        self._socket.send_multipart(frames, flags=zmq.NOBLOCK)
+        try:
+            self._carrier.send(frames, self.timeout_s)
+        except TimeoutError:
+            raise self.give_up(self._silence(doing, self.timeout_s)) from None
+        except ConnectionError:
+            raise self.give_up(self._death(doing)) from None
         self.awaiting = True
 
     def receive(self, doing: str, timeout_s: float | None = None) -> list[bytes]:
@@ -115,12 +118,14 @@ class Channel:
         deadline = time.monotonic() + limit
         while True:
             left = max(0.0, deadline - time.monotonic())
-            events = dict(self._poller.poll(math.ceil(1000.0 * min(left, _SLICE_S))))
-            if self._socket in events or self._socket.poll(0):
-                frames = self._socket.recv_multipart()
+            try:
+                frames = self._carrier.wait(min(left, _SLICE_S))
+            except ConnectionError:
+                raise self.give_up(self._death(doing)) from None
+            if frames is not None:
                 self.awaiting = False
                 return frames
-            if events or (self.process is not None and not self.process.running):
+            if self.process is not None and not self.process.running:
                 raise self.give_up(self._death(doing))
             if left == 0.0:
                 raise self.give_up(self._silence(doing, limit))
@@ -152,20 +157,14 @@ class Channel:
             raise AppDied(f"{self.app} was given up: {self._failure}")
 
     def give_up(self, error: Exception) -> Exception:
-        """Closes the socket because of ``error``, which later calls repeat; returns it."""
+        """Closes the connection because of ``error``, which later calls repeat; returns it."""
         if self._failure is None:
             self._failure = str(error)
         self.close()
         return error
 
     def close(self) -> None:
-        """Closes the socket; idempotent."""
+        """Closes the connection; idempotent."""
         if self._failure is None:
             self._failure = "it is closed; make a new one"
-        if not self._socket.closed:
-            self._socket.disable_monitor()
-            self._monitor.close(linger=0)
-            self._socket.close(linger=0)
-        if self._pidfd is not None:
-            os.close(self._pidfd)
-            self._pidfd = None
+        self._carrier.close()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import secrets
 import socket
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -50,18 +51,26 @@ class StartingApp:
     Args:
         process: the process.
         port: the port it was told to take, or None when it says itself which one it took.
+        local_socket: the Unix socket that it listens on as well, or None.
     """
 
-    def __init__(self, process: AppProcess, port: PortReservation | None = None) -> None:
+    def __init__(
+        self,
+        process: AppProcess,
+        port: PortReservation | None = None,
+        local_socket: str | None = None,
+    ) -> None:
         self.process = process
         self._port = port
+        self._local_socket = local_socket
 
-    def channel(self, timeout_s: float, start_timeout_s: float) -> Channel:
+    def channel(self, timeout_s: float, start_timeout_s: float, *, local: bool = False) -> Channel:
         """A channel to the app; waits until it listens where it says so.
 
         Args:
             timeout_s: deadline of every answer.
             start_timeout_s: deadline of the start.
+            local: go through the Unix socket, if there is one, instead of ZeroMQ.
 
         Raises:
             AppRefused: the app does not take its arguments; says its own words.
@@ -72,7 +81,12 @@ class StartingApp:
                 endpoint = f"tcp://127.0.0.1:{self._port.number}"
             else:
                 endpoint = self.process.wait_for_output(_LISTENING, start_timeout_s).group(1)
-            return Channel(endpoint, timeout_s=timeout_s, process=self.process)
+            return Channel(
+                endpoint,
+                timeout_s=timeout_s,
+                process=self.process,
+                local_socket=self._local_socket if local else None,
+            )
         except BaseException:
             self.process.kill()
             raise
@@ -84,13 +98,15 @@ class StartingApp:
 
 
 def start_sim2vr_app(executable: Path, arguments: Sequence[str]) -> StartingApp:
-    """Starts our server on a port that it picks itself.
+    """Starts our server on a port that it picks itself, and on a Unix socket of its own.
 
     Raises:
         AppRefused: there is no such program.
     """
-    command = [str(executable), "--port", "0", "--timeout", str(_SILENCE_S), *arguments]
-    return StartingApp(AppProcess(command))
+    local = f"@sim2vr-{secrets.token_hex(8)}"
+    command = [str(executable), "--port", "0", "--local-socket", local]
+    process = AppProcess([*command, "--timeout", str(_SILENCE_S), *arguments])
+    return StartingApp(process, local_socket=local)
 
 
 def sim2vr_arguments(

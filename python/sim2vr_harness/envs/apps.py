@@ -185,7 +185,11 @@ class RemoteApps:
             return make(channel, config, server, log_dir)
         starting = self._starting.pop(server, None) or self._start(config, server, log_dir)
         try:
-            channel = starting.channel(self._settings.timeout_s, self._settings.start_timeout_s)
+            channel = starting.channel(
+                self._settings.timeout_s,
+                self._settings.start_timeout_s,
+                local=self._settings.transport == "protocol2",
+            )
             return make(channel, config, server, log_dir)
         finally:
             starting.release_port()

@@ -9,7 +9,7 @@ CONFIG    ?= configs/whacamole_constrained.yaml
 TIMESTEPS ?= 80000
 RUN       ?= runs/$(basename $(notdir $(CONFIG)))
 
-CPP_FILES = $(shell find app_runtime tests/cpp tools -name '*.[ch]pp')
+CPP_FILES = $(shell find app_runtime tests/cpp tests/fuzz tools -name '*.[ch]pp')
 
 .PHONY: help setup train test test-all check lint types format stubs lock clean distclean
 

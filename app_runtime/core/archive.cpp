@@ -58,6 +58,16 @@ void Archive::raw(void* data, std::size_t size) {
   offset_ += size;
 }
 
+void Archive::transfer(bool& value) {
+  unsigned char byte = value ? 1 : 0;
+  raw(&byte, 1);
+  if (byte > 1) {
+    throw EngineError("saved state: got " + std::to_string(byte) + " at byte " +
+                      std::to_string(offset_ - 1) + ", expected true or false");
+  }
+  value = byte == 1;
+}
+
 std::uint64_t Archive::count(std::size_t size) {
   std::uint64_t value = size;
   raw(&value, sizeof(value));

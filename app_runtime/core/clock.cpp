@@ -1,7 +1,10 @@
 #include "sim2vr/core/clock.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <cmath>
+#include <cstdlib>
 #include <string>
 
 #include "sim2vr/core/errors.hpp"
@@ -10,6 +13,11 @@ namespace sim2vr {
 namespace {
 
 constexpr double kNsPerSecond = 1e9;
+// Beyond these a single frame would keep the app busy for minutes.
+constexpr double kShortestFixedStep_s = 1e-5;
+constexpr double kMaximumFixedSteps = 1e7;
+/// Some 30 years.
+constexpr std::int64_t kLatest_ns = 1'000'000'000'000'000'000;
 
 void requirePositive(const char* field, double value) {
   if (!(std::isfinite(value) && value > 0.0)) {
@@ -26,6 +34,14 @@ void TimeSettings::validate() const {
   requirePositive("maximum_delta_time_s", maximum_delta_time_s);
   requirePositive("time_scale", time_scale);
   requirePositive("target_frame_rate", target_frame_rate);
+  if (fixed_delta_time_s < kShortestFixedStep_s) {
+    throw InvalidArgument("fixed_delta_time_s", fmt::format("{}", fixed_delta_time_s),
+                          "1e-5 s or above");
+  }
+  if (maximum_delta_time_s > kMaximumFixedSteps * fixed_delta_time_s) {
+    throw InvalidArgument("maximum_delta_time_s", fmt::format("{}", maximum_delta_time_s),
+                          "1e7 fixed steps at most");
+  }
   if (!(fixed_step_tolerance_s >= 0.0 && fixed_step_tolerance_s < fixed_delta_time_s)) {
     throw InvalidArgument("fixed_step_tolerance_s", std::to_string(fixed_step_tolerance_s),
                           "a number from 0 to below fixed_delta_time_s");
@@ -54,9 +70,13 @@ void GameClock::restart(std::int64_t start_ns) {
   delta_ns_ = 0;
   frame_count_ = 0;
   in_fixed_step_ = false;
+  fixed_step_ = lastFixedStep();
+}
+
+std::int64_t GameClock::lastFixedStep() const {
   const double tolerance_ns = settings_.fixed_step_tolerance_s * kNsPerSecond;
-  fixed_step_ = static_cast<std::int64_t>(
-      std::floor((static_cast<double>(start_ns) + tolerance_ns) / fixedPeriodNs()));
+  return static_cast<std::int64_t>(
+      std::floor((static_cast<double>(time_ns_) + tolerance_ns) / fixedPeriodNs()));
 }
 
 void GameClock::beginFrame(std::int64_t frame_time_ns) {
@@ -103,6 +123,25 @@ void GameClock::fields(Archive& archive) {
   archive.field("caller_time_ns", caller_time_ns_);
   archive.field("fixed_step", fixed_step_);
   archive.field("frame_count", frame_count_);
+  if (archive.loading()) checkLoaded();
+}
+
+void GameClock::checkLoaded() const {
+  try {
+    settings_.validate();
+  } catch (const InvalidArgument& error) {
+    throw EngineError(std::string("saved state: ") + error.what());
+  }
+  for (const std::int64_t time : {time_ns_, delta_ns_, caller_time_ns_}) {
+    if (time < 0 || time > kLatest_ns) {
+      throw EngineError("saved state: a clock at " + std::to_string(time) + " ns");
+    }
+  }
+  // Between frames every fixed step that was due has been done.
+  if (std::abs(fixed_step_ - lastFixedStep()) > 1) {
+    throw EngineError("saved state: fixed step " + std::to_string(fixed_step_) + " at " +
+                      std::to_string(time_ns_) + " ns");
+  }
 }
 
 }  // namespace sim2vr

@@ -34,7 +34,8 @@ int runMode(const Arguments& arguments) {
 int runArguments(const std::vector<std::string>& words) {
   const Arguments arguments = parseArguments(words);
   setLogLevel(arguments.log_level);
-  if (!arguments.log_file.empty()) setLogFile(arguments.log_file);
+  // "-" is Unity's word for the standard output; ours is for the launcher's line.
+  if (!arguments.log_file.empty() && arguments.log_file != "-") setLogFile(arguments.log_file);
   for (const std::string& warning : arguments.warnings) logger().warn("{}", warning);
   return runMode(arguments);
 }

@@ -253,9 +253,13 @@ std::string App::save() {
 void App::load(const std::string& state) {
   const std::string options = settings_.options_json;
   try {
-    Archive archive = Archive::loader(state);
-    fields(archive);
-    archive.expectEnd();
+    try {
+      Archive archive = Archive::loader(state);
+      fields(archive);
+      archive.expectEnd();
+    } catch (const InvalidArgument& error) {
+      throw EngineError(std::string("saved state: ") + error.what());
+    }
   } catch (...) {
     round_.reset();
     settings_.options_json = options;

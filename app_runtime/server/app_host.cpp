@@ -10,7 +10,6 @@
 namespace sim2vr::server {
 namespace {
 
-constexpr double kShortestFixedStep_s = 1e-5;
 constexpr double kMaximumFixedSteps = 1e5;
 
 /// Counter-based generator (splitmix64): the n-th number of a key.
@@ -37,12 +36,9 @@ std::filesystem::path folderOf(const std::filesystem::path& root, int session, s
 
 /// No message may keep the app busy for minutes.
 void checkTime(const TimeSettings& time) {
-  if (!(time.fixed_delta_time_s >= kShortestFixedStep_s)) {
-    throw InvalidArgument("fixed_delta_time_s", std::to_string(time.fixed_delta_time_s),
-                          "1e-5 s or above");
-  }
-  if (!(time.maximum_delta_time_s <= kMaximumFixedSteps * time.fixed_delta_time_s)) {
-    throw InvalidArgument("maximum_delta_time_s", std::to_string(time.maximum_delta_time_s),
+  time.validate();
+  if (time.maximum_delta_time_s > kMaximumFixedSteps * time.fixed_delta_time_s) {
+    throw InvalidArgument("maximum_delta_time_s", fmt::format("{}", time.maximum_delta_time_s),
                           "100000 fixed steps at most");
   }
 }

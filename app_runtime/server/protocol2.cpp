@@ -6,6 +6,7 @@
 #include <cstring>
 #include <nlohmann/json.hpp>
 #include <type_traits>
+#include <utility>
 
 #include "json_reader.hpp"
 
@@ -304,18 +305,18 @@ Reply encodeResults(const Header& request, const std::vector<Result>& results, L
     append<std::uint32_t>(records, 0);
     for (const auto& entry : result.step.log) append<double>(values, entry.second);
   }
-  const std::string error_text =
-      errors.empty() ? "" : errors.dump(-1, ' ', false, Json::error_handler_t::replace);
-  Reply reply = encodeReply(request, {records, values, names.takeNew(), "", error_text});
   Header header = replyHeader(request);
   header.count = static_cast<std::uint32_t>(results.size());
-  reply[0] = encodeHeader(header);
-  return reply;
+  const std::string error_text =
+      errors.empty() ? "" : errors.dump(-1, ' ', false, Json::error_handler_t::replace);
+  return {
+      encodeHeader(header), std::move(records), std::move(values), names.takeNew(), "", error_text};
 }
 
-Reply encodeReply(const Header& request, std::vector<std::string> frames) {
-  frames.insert(frames.begin(), encodeHeader(replyHeader(request)));
-  return frames;
+Reply encodeReply(const Header& request) { return {encodeHeader(replyHeader(request))}; }
+
+Reply encodeReply(const Header& request, std::string frame) {
+  return {encodeHeader(replyHeader(request)), std::move(frame)};
 }
 
 Reply encodeError(const Header& request, Status status, std::string_view message) {

@@ -115,19 +115,25 @@ class Server::Implementation {
       transport_.send(message, session_->answer(body));
       last_message_ = Clock::now();
     } else {
-      logger().warn("a second client was refused");
-      transport_.send(message,
-                      errorReply(body, {protocol2::Status::busy,
-                                        "busy: another client owns the session; start another "
-                                        "sim2vr-app for this one"}));
+      refuse(message, body);
     }
+  }
+
+  void refuse(const Envelope& message, Frames body) {
+    // One line for each, however often it asks.
+    if (refused_ != message.client) logger().warn("a second client was refused");
+    refused_ = message.client;
+    transport_.send(message,
+                    errorReply(body, {protocol2::Status::busy,
+                                      "busy: another client owns the session; start another "
+                                      "sim2vr-app for this one"}));
   }
 
   void open(const Envelope& message, Frames body) {
     Opening opening = openSession(host_, body);
     session_ = std::move(opening.session);
     if (session_ == nullptr) {
-      logger().warn("a client's first message was refused");
+      logger().warn("a client was refused: {}", opening.refusal);
     } else {
       owner_ = message.client;
       owner_connection_ = message.connection;
@@ -163,6 +169,7 @@ class Server::Implementation {
   std::unique_ptr<Session> session_;
   std::string owner_;
   int owner_connection_ = -1;
+  std::string refused_;
   Clock::time_point last_message_;
 };
 

@@ -21,17 +21,19 @@ Opening openSession1(AppHost& host, Frames body) {
     }
     auto session = std::make_unique<Session1>(host, body[0]);
     Reply greeting = session->greeting();
-    return {std::move(session), std::move(greeting)};
+    return {std::move(session), std::move(greeting), ""};
   } catch (...) {
-    return {nullptr, errorReply(body, currentProblem())};
+    const Problem problem = currentProblem();
+    return {nullptr, errorReply(body, problem), problem.message};
   }
 }
 
 Opening openSession2(AppHost& host, Frames body) {
   auto session = std::make_unique<Session2>(host);
   Reply reply = session->answer(body);
-  if (!session->open()) session = nullptr;
-  return {std::move(session), std::move(reply)};
+  if (session->open()) return {std::move(session), std::move(reply), ""};
+  std::string refusal = reply.at(1);
+  return {nullptr, std::move(reply), std::move(refusal)};
 }
 
 }  // namespace

@@ -2,8 +2,8 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
-#include <type_traits>
 #include <utility>
+#include <variant>
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
@@ -67,34 +67,43 @@ Reply Session2::answer(Frames body) {
 }
 
 Reply Session2::answerRequest(const Header& header, const protocol2::Request& request) {
-  if (const auto* greeting = std::get_if<protocol2::Hello>(&request)) {
-    return hello(header, *greeting);
+  if (!open() && !std::holds_alternative<protocol2::Hello>(request)) {
+    throw StateError("message: got one before hello, expected hello first");
   }
-  if (!open()) throw StateError("message: got one before hello, expected hello first");
-  return std::visit(
-      [&](const auto& asked) -> Reply {
-        using T = std::decay_t<decltype(asked)>;
-        if constexpr (std::is_same_v<T, protocol2::Reset> || std::is_same_v<T, protocol2::Step>) {
-          return playAll(header, asked.records);
-        } else if constexpr (std::is_same_v<T, PictureRequest>) {
-          return protocol2::encodeReply(header,
-                                        {asString(drawPicture(app(asked.app).app(), asked))});
-        } else if constexpr (std::is_same_v<T, protocol2::Save>) {
-          return protocol2::encodeReply(header, {app(asked.app).app().save()});
-        } else if constexpr (std::is_same_v<T, protocol2::Load>) {
-          runtime::App& loaded = app(asked.app).app();
-          loaded.load(asked.state);
-          if (shared_ != nullptr) shared_->write(asked.app, loaded.image());
-          return protocol2::encodeReply(header, {asString(loaded.image())});
-        } else if constexpr (std::is_same_v<T, protocol2::Hash>) {
-          return protocol2::encodeReply(header,
-                                        {protocol2::encodeHash(app(asked.app).app().stateHash())});
-        } else {
-          over_ = true;
-          return protocol2::encodeReply(header);
-        }
-      },
-      request);
+  return std::visit([&](const auto& asked) { return respond(header, asked); }, request);
+}
+
+Reply Session2::respond(const Header& header, const protocol2::Reset& reset) {
+  return playAll(header, reset.records);
+}
+
+Reply Session2::respond(const Header& header, const protocol2::Step& step) {
+  return playAll(header, step.records);
+}
+
+Reply Session2::respond(const Header& header, const PictureRequest& picture) {
+  return protocol2::encodeReply(header, asString(drawPicture(app(picture.app).app(), picture)));
+}
+
+Reply Session2::respond(const Header& header, const protocol2::Save& save) {
+  return protocol2::encodeReply(header, app(save.app).app().save());
+}
+
+Reply Session2::respond(const Header& header, const protocol2::Load& load) {
+  runtime::App& loaded = app(load.app).app();
+  loaded.load(load.state);
+  if (shared_ != nullptr) shared_->write(load.app, loaded.image());
+  return protocol2::encodeReply(header, asString(loaded.image()));
+}
+
+Reply Session2::respond(const Header& header, const protocol2::Hash& hash) {
+  const std::uint64_t value = app(hash.app).app().stateHash();
+  return protocol2::encodeReply(header, protocol2::encodeHash(value));
+}
+
+Reply Session2::respond(const Header& header, const protocol2::Quit&) {
+  over_ = true;
+  return protocol2::encodeReply(header);
 }
 
 runtime::AppSettings Session2::appSettings(const protocol2::Hello& hello) const {
@@ -121,7 +130,7 @@ runtime::AppSettings Session2::appSettings(const protocol2::Hello& hello) const 
   return settings;
 }
 
-Reply Session2::hello(const Header& header, const protocol2::Hello& hello) {
+Reply Session2::respond(const Header& header, const protocol2::Hello& hello) {
   const runtime::AppSettings settings = appSettings(hello);
   const std::string kind = hello.renderer.value_or(host_.settings().renderer);
   checkMemory(settings.headset_size, hello.apps);
@@ -145,7 +154,7 @@ Reply Session2::hello(const Header& header, const protocol2::Hello& hello) {
       {"height", settings.headset_size.height},
       {"renderer_description", apps_.front()->app().renderer().description()},
       {"shared_memory", shared_ == nullptr ? nlohmann::json() : nlohmann::json(shared_->name())}};
-  return protocol2::encodeReply(header, {json.dump()});
+  return protocol2::encodeReply(header, json.dump());
 }
 
 HostedApp& Session2::app(std::uint32_t index) {

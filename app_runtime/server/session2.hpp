@@ -25,7 +25,14 @@ class Session2 final : public Session {
   using Header = protocol2::Header;
 
   Reply answerRequest(const Header& header, const protocol2::Request& request);
-  Reply hello(const Header& header, const protocol2::Hello& hello);
+  Reply respond(const Header& header, const protocol2::Hello& hello);
+  Reply respond(const Header& header, const protocol2::Reset& reset);
+  Reply respond(const Header& header, const protocol2::Step& step);
+  Reply respond(const Header& header, const PictureRequest& picture);
+  Reply respond(const Header& header, const protocol2::Save& save);
+  Reply respond(const Header& header, const protocol2::Load& load);
+  Reply respond(const Header& header, const protocol2::Hash& hash);
+  Reply respond(const Header& header, const protocol2::Quit& quit);
   runtime::AppSettings appSettings(const protocol2::Hello& hello) const;
   /// Plays the records, those of different workers at the same time. A record that fails leaves its
   /// app as it was.

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 #include <iterator>
+#include <ostream>
 #include <random>
 #include <string>
 #include <vector>
@@ -75,6 +76,12 @@ class Mutator {
   const std::vector<std::string>& corpus_;
   std::mt19937_64 bits_{1};
 };
+
+}  // namespace
+
+void PrintTo(const Target& target, std::ostream* out) { *out << target.name; }
+
+namespace {
 
 class CorpusTest : public ::testing::TestWithParam<Target> {};
 

@@ -165,7 +165,7 @@ void session1(std::string_view input) {
     input.remove_prefix(std::min(end + 1, input.size()));
     bool skipped = false;
     decoding([&] { skipped = costly(server::protocol1::decodeState(message)); });
-    if (!skipped) require(session->answer(Frames(&message, 1)).size() == 1, "an answer");
+    if (!skipped) require(!session->answer(Frames(&message, 1)).empty(), "an answer");
   }
 }
 
@@ -192,8 +192,15 @@ void savedState(std::string_view input) {
   runtime::App app(settings.app, renderer);
   try {
     app.load(std::string(input));
-  } catch (const std::exception&) {
+  } catch (const EngineError&) {
     return;
+  }
+  constexpr double kHead[] = {0.0, 1.17, 0.0, 0.0, 0.0, 0.0, 1.0};
+  constexpr std::int64_t kSecond_ns = 1'000'000'000;
+  try {
+    app.step({kSecond_ns, xr::devicesFromRows(kHead, nullptr, nullptr)});
+  } catch (const StateError&) {       // the round is over
+  } catch (const InvalidArgument&) {  // it is past that second
   }
   const std::string again = app.save();
   app.load(again);

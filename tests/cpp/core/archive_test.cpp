@@ -182,6 +182,18 @@ TEST(Archive, DamagedCountDoesNotAskForMemory) {
   EXPECT_NE(error.find("exceeds the bytes left"), std::string::npos) << error;
 }
 
+TEST(Archive, DamagedBoolIsRefused) {
+  struct Flag {
+    bool up = true;
+    void fields(Archive& a) { a.field("up", up); }
+  } flag;
+  Archive archive = Archive::saver();
+  flag.fields(archive);
+  std::string bytes = archive.bytes();
+  bytes.back() = 50;
+  EXPECT_EQ(loadError(bytes, flag), "saved state: got 50 at byte 3, expected true or false");
+}
+
 TEST(Archive, DamagedNameIsRefused) {
   Everything original = example();
   std::string bytes = save(original);

@@ -1,6 +1,7 @@
 #include "sim2vr/core/clock.hpp"
 
 #include <gtest/gtest.h>
+#include <cstring>
 
 #include <cstdint>
 #include <vector>
@@ -182,6 +183,38 @@ TEST(GameClock, SettingsAreChecked) {
   EXPECT_EQ(field_of([](TimeSettings& s) { s.target_frame_rate = 0; }), "target_frame_rate");
   EXPECT_EQ(field_of([](TimeSettings& s) { s.fixed_step_tolerance_s = 0.002; }),
             "fixed_step_tolerance_s");
+  // No frame takes minutes.
+  EXPECT_EQ(field_of([](TimeSettings& s) { s.fixed_delta_time_s = 9e-6; }), "fixed_delta_time_s");
+  EXPECT_EQ(field_of([](TimeSettings& s) { s.maximum_delta_time_s = 20'001.0; }),
+            "maximum_delta_time_s");
+}
+
+TEST(GameClock, DamagedStatesAreRefused) {
+  GameClock clock;
+  fixedTimes(clock, 49'999'997);
+  Archive saved = Archive::saver();
+  clock.fields(saved);
+  const auto refusal = [&saved](const std::string& field, auto value) {
+    std::string bytes = saved.bytes();
+    const std::size_t at = bytes.find(field) + field.size();
+    std::memcpy(bytes.data() + at, &value, sizeof(value));
+    Archive loader = Archive::loader(bytes);
+    try {
+      GameClock().fields(loader);
+    } catch (const EngineError& error) {
+      return std::string(error.what());
+    }
+    return std::string("accepted");
+  };
+  EXPECT_EQ(refusal("fixed_delta_time_s", 0.002), "accepted");
+  EXPECT_EQ(refusal("fixed_delta_time_s", 0.0),
+            "saved state: fixed_delta_time_s: got 0.000000, expected a finite number above 0");
+  EXPECT_EQ(refusal("caller_time_ns", std::int64_t{-1}), "saved state: a clock at -1 ns");
+  // 24 steps of 2 ms have been done by then.
+  EXPECT_EQ(refusal("\x0a"
+                    "fixed_step",
+                    std::int64_t{26}),
+            "saved state: fixed step 26 at 49999997 ns");
 }
 
 TEST(GameClock, ContinuesAfterLoad) {

@@ -208,5 +208,20 @@ TEST(App, LoadingADamagedStateLeavesAnAppThatCanBeReset) {
   EXPECT_EQ(play(app, 20), expected);
 }
 
+TEST(App, ASavedStateWithOptionsThatCannotBeIsADamagedOne) {
+  App app(settings(), nullRenderer());
+  play(app, 5);
+  std::string saved = app.save();
+  const std::size_t place = saved.find("medium");
+  ASSERT_NE(place, std::string::npos);
+  saved.replace(place, 6, "meduim");
+  try {
+    app.load(saved);
+    FAIL() << "no error";
+  } catch (const EngineError& error) {
+    EXPECT_EQ(std::string(error.what()).find("saved state: option 'condition': got 'meduim'"), 0U);
+  }
+}
+
 }  // namespace
 }  // namespace sim2vr::runtime

@@ -103,7 +103,7 @@ TEST(Session1, RefusesOtherFirstMessages) {
   Json quick = handshakeJson();
   quick["timestep"] = 1e-9;
   EXPECT_EQ(errorOf(Json::parse(openSession(host, testing::views({quick.dump()})).reply.at(0))),
-            "invalid_argument: fixed_delta_time_s: got 0.000000, expected 1e-5 s or above");
+            "invalid_argument: fixed_delta_time_s: got 1e-09, expected 1e-5 s or above");
 }
 
 TEST(Session1, UserInTheBoxPlaysRoundsOnOneClock) {

@@ -26,7 +26,7 @@ _SHORTEST_COUNTDOWN_S = 0.5
 # within 0.1 % from -2e-5 to 2e-5.
 _TOLERANCE_S = 1e-5
 # Log times are game times: what a hitch took from the game is not in them.
-_NO_MAXIMUM_S = 1e6
+_NO_MAXIMUM_S = 120.0
 
 
 @dataclass(frozen=True)

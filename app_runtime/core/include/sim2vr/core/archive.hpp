@@ -54,6 +54,7 @@ class Archive {
   void transfer(T& value) {
     raw(&value, sizeof(value));
   }
+  void transfer(bool& value);
   void transfer(std::string& value) {
     value.resize(count(value.size()));
     raw(value.data(), value.size());

@@ -22,7 +22,8 @@ struct TimeSettings {
   /// own clocks; a recording's rounded time stamps need 1e-5 s.
   double fixed_step_tolerance_s = 0.0;
 
-  /// Throws InvalidArgument naming the setting that is not positive and finite.
+  /// Throws InvalidArgument naming the setting that is not positive and finite, a fixed step below
+  /// 10 us, and a longest frame of more than 10^7 fixed steps.
   void validate() const;
 };
 
@@ -64,6 +65,9 @@ class GameClock {
   void fields(Archive& archive);
 
  private:
+  /// The last one at or before the present frame.
+  std::int64_t lastFixedStep() const;
+  void checkLoaded() const;
   double fixedPeriodNs() const { return static_cast<double>(fixedDeltaTime()) * 1e9; }
 
   TimeSettings settings_;

@@ -137,7 +137,8 @@ class LogNames {
 /// The reply to a reset or step; frame 4, the images, is left empty for the caller to fill.
 Reply encodeResults(const Header& request, const std::vector<Result>& results, LogNames& names);
 
-Reply encodeReply(const Header& request, std::vector<std::string> frames = {});
+Reply encodeReply(const Header& request);
+Reply encodeReply(const Header& request, std::string frame);
 Reply encodeError(const Header& request, Status status, std::string_view message);
 /// 8 bytes, little-endian.
 std::string encodeHash(std::uint64_t hash);

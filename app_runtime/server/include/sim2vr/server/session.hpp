@@ -22,9 +22,11 @@ class Session {
 };
 
 struct Opening {
-  /// Null when the client was refused; the reply says why.
+  /// Null when the client was refused.
   std::unique_ptr<Session> session;
   Reply reply;
+  /// Why it was.
+  std::string refusal;
 };
 
 /// Answers the first message of a client: a handshake of protocol 1 or a hello of protocol 2.

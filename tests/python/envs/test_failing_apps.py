@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim2vr_harness.client import AppDied, AppProcess, AppRefused, Protocol1App
+from sim2vr_harness.client import AppDied, AppProcess, AppRefused, Channel, Protocol1App
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
 
 N = 3
@@ -26,9 +26,14 @@ def config(**settings: Any) -> EnvConfig:
     return EnvConfig(app=AppConfig(options=OPTIONS, renderer="null", **settings), threads=1)
 
 
+def channel_of(app: Any) -> Channel:
+    return app._channel if isinstance(app, Protocol1App) else app._connection.channel
+
+
 def process_of(app: Any) -> AppProcess:
-    channel = app._channel if isinstance(app, Protocol1App) else app._connection.channel
-    return channel.process
+    process = channel_of(app).process
+    assert process is not None
+    return process
 
 
 def actions(step: int) -> np.ndarray:
@@ -45,7 +50,7 @@ def undisturbed(steps: int) -> list[np.ndarray]:
 
 @pytest.fixture(params=TRANSPORTS)
 def simulation(request: pytest.FixtureRequest) -> Iterator[Simulation]:
-    made = Simulation(config(timeout_s=1.0, **TRANSPORTS[request.param]), N)
+    made = Simulation(config(**TRANSPORTS[request.param]), N)
     made.reset(seeds=[1, 2, 3])
     first = [process_of(app) for app in made.apps]
     yield made
@@ -63,6 +68,8 @@ def test_the_users_round_ends_and_the_others_go_on(
         np.testing.assert_array_equal(simulation.step(actions(step)).reward, expected[step])
     before = simulation.observation()
     failed = process_of(simulation.apps[1])
+    if number == signal.SIGSTOP:
+        channel_of(simulation.apps[1]).timeout_s = 0.5
     os.kill(failed.pid, number)
     batch = simulation.step(actions(5))
     assert batch.truncated.tolist() == [False, True, False]

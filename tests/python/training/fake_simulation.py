@@ -21,6 +21,8 @@ class FakeStep:
 
 
 class FakeApp:
+    can_save = True
+
     def __init__(self, index: int) -> None:
         self.index = index
 

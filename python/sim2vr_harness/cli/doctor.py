@@ -94,6 +94,7 @@ def _python_checks() -> Iterator[Check]:
         ("gymnasium", "gymnasium>=1.4"),
         ("stable-baselines3", "stable-baselines3>=2.9"),
         ("torch", "torch>=2.4"),
+        ("pyzmq", "pyzmq>=25"),
     ]:
         try:
             yield Check(package, "ok", version(package))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -176,13 +175,13 @@ def test_another_image_size_names_the_setting(fake_app: Path) -> None:
 def test_faults_in_mid_step(
     fake_app: Path, fault: str, error: type[Exception], message: str
 ) -> None:
-    with started(fake_app, "-fault", f"{fault}@3", timeout_s=0.5) as app:
+    with started(fake_app, "-fault", f"{fault}@3") as app:
         app.reset(1, POSES)
         play(app, 1)
-        began = time.monotonic()
+        if error is AppTimeout:
+            app._channel.timeout_s = 0.5
         with pytest.raises(error, match=message):
             play(app, 1, start=2)
-        assert time.monotonic() - began < 10.0
         # It stays given up, whatever is asked.
         with pytest.raises(AppDied, match="was given up: "):
             play(app, 1, start=3)
@@ -203,15 +202,18 @@ def test_killed_and_stopped_from_outside(
     fake_app: Path, no_orphans: Callable[[], list[int]]
 ) -> None:
     for number, error in ((signal.SIGKILL, AppDied), (signal.SIGSTOP, AppTimeout)):
-        with started(fake_app, timeout_s=0.5) as app:
+        with started(fake_app) as app:
             app.reset(1, POSES)
             os.kill(no_orphans()[0], number)
+            if error is AppTimeout:
+                app._channel.timeout_s = 0.5
             with pytest.raises(error):
                 play(app, 5)
 
 
 def test_a_slow_start_is_waited_for(fake_app: Path) -> None:
     with started(fake_app, "-slow", "0.7", timeout_s=0.4) as app:
+        app._channel.timeout_s = 20.0
         app.reset(1, POSES)
 
 

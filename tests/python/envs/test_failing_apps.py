@@ -5,14 +5,23 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from sim2vr_harness.client import AppDied, AppProcess, AppRefused, Protocol1App
+from sim2vr_harness.client import (
+    AppDied,
+    AppProcess,
+    AppRefused,
+    Channel,
+    Protocol1App,
+    start_sim2vr_app,
+)
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
+from sim2vr_harness.paths import app_executable
 
 N = 3
 OPTIONS = {"condition": "medium", "round_seconds": 60.0}
@@ -26,9 +35,14 @@ def config(**settings: Any) -> EnvConfig:
     return EnvConfig(app=AppConfig(options=OPTIONS, renderer="null", **settings), threads=1)
 
 
+def channel_of(app: Any) -> Channel:
+    return app._channel if isinstance(app, Protocol1App) else app._connection.channel
+
+
 def process_of(app: Any) -> AppProcess:
-    channel = app._channel if isinstance(app, Protocol1App) else app._connection.channel
-    return channel.process
+    process = channel_of(app).process
+    assert process is not None
+    return process
 
 
 def actions(step: int) -> np.ndarray:
@@ -45,7 +59,7 @@ def undisturbed(steps: int) -> list[np.ndarray]:
 
 @pytest.fixture(params=TRANSPORTS)
 def simulation(request: pytest.FixtureRequest) -> Iterator[Simulation]:
-    made = Simulation(config(timeout_s=1.0, **TRANSPORTS[request.param]), N)
+    made = Simulation(config(**TRANSPORTS[request.param]), N)
     made.reset(seeds=[1, 2, 3])
     first = [process_of(app) for app in made.apps]
     yield made
@@ -63,6 +77,8 @@ def test_the_users_round_ends_and_the_others_go_on(
         np.testing.assert_array_equal(simulation.step(actions(step)).reward, expected[step])
     before = simulation.observation()
     failed = process_of(simulation.apps[1])
+    if number == signal.SIGSTOP:
+        channel_of(simulation.apps[1]).timeout_s = 0.5
     os.kill(failed.pid, number)
     batch = simulation.step(actions(5))
     assert batch.truncated.tolist() == [False, True, False]
@@ -142,6 +158,36 @@ def test_users_of_one_server_fail_and_return_together() -> None:
     process = process_of(simulation.apps[0])
     simulation.close()
     assert not process.running
+
+
+@pytest.mark.parametrize(("protocol", "users"), [(1, 1), (2, N)])
+def test_apps_that_run_already(protocol: int, users: int) -> None:
+    starting = start_sim2vr_app(app_executable(), ["--keep", "--renderer", "null"])
+    with closing(starting.channel(20.0, 20.0)) as channel:
+        address = channel.endpoint.removeprefix("tcp://")
+    settings = config(transport=f"protocol{protocol}", connect=address)
+    expected = Simulation(config(), users)
+    expected.reset(seeds=[1, 2, 3][:users], options=OPTIONS)
+    wanted = [expected.step(actions(step)[:users]).reward for step in range(5)]
+    expected.close()
+    for _ in range(2):  # the server waits for the next client
+        simulation = Simulation(settings, users)
+        simulation.reset(seeds=[1, 2, 3][:users], options=OPTIONS)
+        for step in range(5):
+            reward = simulation.step(actions(step)[:users]).reward
+            np.testing.assert_array_equal(reward, wanted[step])
+        simulation.close()
+        assert starting.process.running
+    # One that is gone cannot be started again from here.
+    simulation = Simulation(settings, users)
+    simulation.reset(seeds=[1, 2, 3][:users])
+    channel = channel_of(simulation.apps[0])
+    starting.process.kill()
+    batch = simulation.step(actions(0)[:users])
+    assert [info["termination"] for info in batch.infos] == ["app_failed"] * users
+    assert address in batch.infos[0]["app_error"]
+    assert not channel.usable
+    simulation.close()
 
 
 def broken(folder: Path) -> str:

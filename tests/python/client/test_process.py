@@ -140,7 +140,8 @@ def test_a_process_outlives_the_thread_that_started_it(tmp_path: Path) -> None:
 
 
 STARTER = """
-import re, sys, time
+import re, signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
 from sim2vr_harness.client import AppProcess
 process = AppProcess([sys.argv[1]])
 process.wait_for_output(re.compile("ready"), 10.0)

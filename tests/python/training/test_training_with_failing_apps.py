@@ -157,8 +157,9 @@ def test_evaluation_in_an_app_that_runs_already(tmp_path: Path, unity_settings: 
 
 
 TRAINING = """
-import sys
+import signal, sys
 from pathlib import Path
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
 from sim2vr_harness.training import trainer
 from sim2vr_harness.training.config import load_config
 trainer.train(load_config("whacamole_constrained", sys.argv[2:]), Path(sys.argv[1]))

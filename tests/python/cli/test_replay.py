@@ -82,6 +82,7 @@ def test_log_keeps_the_replayed_rounds_log(capsys: Any, tmp_path: Path) -> None:
     assert log.read_bytes() == (FIXTURE / "states.csv").read_bytes()
 
 
+@pytest.mark.filterwarnings("ignore::ResourceWarning")  # pipes of the decoder
 def test_video(capsys: Any, tmp_path: Path) -> None:
     film = tmp_path / "films" / "round.mp4"
     status, out, _ = call(

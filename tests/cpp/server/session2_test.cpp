@@ -90,7 +90,7 @@ TEST(Session2, RefusedHellosOpenNoSession) {
       {{{"renderer", "vulkan"}}, "1 renderer: got 'vulkan'"},
       {{{"width", 8192}, {"height", 8192}, {"apps", 3}}, "1 apps: got 3 of 8192 x 8192 pixels"},
       {{{"fixed_delta_time_s", 0.0}}, "1 fixed_delta_time_s: got 0"},
-      {{{"maximum_delta_time_s", 1e9}}, "1 maximum_delta_time_s: got 1e+09"},
+      {{{"maximum_delta_time_s", 1e9}}, "1 maximum_delta_time_s: got 1000000000"},
       {{{"fixed_step_tolerance_s", 1.0}}, "1 fixed_step_tolerance_s: got 1"},
       {{{"apps", "two"}}, "4 hello.apps: got \"two\""}};
   for (const auto& [hello, message] : hellos) {

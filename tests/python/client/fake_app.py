@@ -103,6 +103,15 @@ def misbehave(kind: str, socket: zmq.Socket, reply: dict) -> bytes:
     return json.dumps(reply).encode()
 
 
+def claimed(file: Path) -> bool:
+    """Makes the file; False when another of these programs was first."""
+    try:
+        file.open("x").close()
+    except FileExistsError:
+        return False
+    return True
+
+
 def main() -> None:
     given = values(sys.argv[1:])
     if "-refuse" in given:
@@ -130,9 +139,7 @@ def main() -> None:
             reply = game.answer(message)
         answer = json.dumps(reply).encode()
         once = Path(given["-once"]) if "-once" in given else None
-        if exchange == int(number) and not (once and once.exists()):
-            if once:
-                once.touch()
+        if exchange == int(number) and (once is None or claimed(once)):
             answer = misbehave(fault, socket, reply)
         exchange += 1
         socket.send(answer)

@@ -72,6 +72,7 @@ class FakeSimulation:
         self.fail_at: int | None = None
         self.total_steps = 0
         self.closed = False
+        self.max_steps = 8
 
     def reset(self, ids=None, seeds=None, options=None):
         rows = list(range(self.n)) if ids is None else list(ids)

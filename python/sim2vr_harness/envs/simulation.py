@@ -134,22 +134,9 @@ class Simulation:
             noise=_noise(config.user.noise),
             substeps=substeps,
         )
-        self.vision = HeadsetVision(
-            config.vision.channels,
-            config.vision.buffer_s,
-            n=n,
-            step_seconds=1.0 / config.action_frequency_hz,
-            height=config.vision.height,
-            width=config.vision.width,
-        )
+        self.vision = _vision(config, n)
         self.proprioception = Proprioception(self.user)
-        self.observation_space = spaces.Dict(
-            {
-                "vision": self.vision.observation_space,
-                "proprioception": self.proprioception.observation_space,
-                "stateful_information": spaces.Box(-1.0, 1.0, (1,), np.float32),
-            }
-        )
+        self.observation_space = _observation_space(self.vision, self.proprioception)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.user.muscles),), np.float32)
         self.max_steps = max(1, round(config.max_episode_seconds * config.action_frequency_hz))
         self._group = app_group(config, n, self.vision, log_dir, make_app)
@@ -407,6 +394,32 @@ class _PlainUnpickler(pickle.Unpickler):
         if (module, name) not in self._ALLOWED:
             raise ValueError(f"state: got an object of type {module}.{name}, expected plain data")
         return super().find_class(module, name)
+
+
+def observation_space_of(config: EnvConfig) -> spaces.Dict:
+    """What the users of a simulation with this configuration would observe."""
+    return _observation_space(_vision(config, 1), Proprioception(load_user(config.user.model)))
+
+
+def _vision(config: EnvConfig, n: int) -> HeadsetVision:
+    return HeadsetVision(
+        config.vision.channels,
+        config.vision.buffer_s,
+        n=n,
+        step_seconds=1.0 / config.action_frequency_hz,
+        height=config.vision.height,
+        width=config.vision.width,
+    )
+
+
+def _observation_space(vision: HeadsetVision, proprioception: Proprioception) -> spaces.Dict:
+    return spaces.Dict(
+        {
+            "vision": vision.observation_space,
+            "proprioception": proprioception.observation_space,
+            "stateful_information": spaces.Box(-1.0, 1.0, (1,), np.float32),
+        }
+    )
 
 
 def _pitch_down(degrees: float) -> tuple[float, float, float, float] | None:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import stable_baselines3
+import torch
 
 from sim2vr_harness.training.buffer import FrameRolloutBuffer
 from sim2vr_harness.training.config import LearningRateConfig, TrainingConfig
@@ -42,6 +43,7 @@ class PPO(stable_baselines3.PPO):
     followed it (Stable-Baselines3 logs the update before).
     """
 
+    policy: UserPolicy
     schedule_timesteps: int | None = None
     last_times: tuple[float, float] = (0.0, 0.0)
     """Seconds of the last rollout and of the update that followed it."""
@@ -65,7 +67,9 @@ class PPO(stable_baselines3.PPO):
 
     def train(self) -> None:
         """Update the networks, then write the iteration's log row."""
-        super().train()
+        # Shards have their own threads; those of torch's operations would only wait for each other.
+        with torch_threads(1 if self.policy.in_shards else torch.get_num_threads()):
+            super().train()
         now = time.monotonic()
         self.last_times = (self._rollout_ended - self._rollout_began, now - self._rollout_ended)
         self.logger.record("time/rollout_seconds", self.last_times[0])

@@ -66,11 +66,17 @@ class PlainEncoder(nn.Module):
         return self.linear(self.convolutions((image.float() / 255.0 - 0.5) * 2.0).flatten(1))
 
 
+class Whole(UserPolicy):
+    """Leaves the cores to torch instead of giving every one a shard."""
+
+    in_shards = False
+
+
 def plain(policy: UserPolicy) -> UserPolicy:
     """Turn a policy into what it would be without any of our optimisations."""
     encoders: Any = policy.features_extractor.encoders
     encoders["vision"] = PlainEncoder(encoders["vision"])
-    policy.workers = 1
+    policy.__class__ = Whole
     policy.optimizer = torch.optim.Adam(policy.parameters(), lr=5e-5, eps=1e-5)
     return policy
 
@@ -84,7 +90,7 @@ def network(rounds: int) -> Iterator[Row]:
         # Policy, its images, torch's threads: shards have threads of their own.
         variants = {
             "plain": (plain(_policy()), _observation, cores),
-            "channels last, torch's threads": (_policy(workers=1), _channels_last, cores),
+            "channels last, torch's threads": (_policy(kind=Whole), _channels_last, cores),
             "as shipped": (_policy(workers=cores), _channels_last, 1),
             "as shipped, bfloat16": (_policy("bfloat16", workers=cores), _channels_last, 1),
         }
@@ -117,9 +123,11 @@ def _with_threads(call: Callable[[], None], threads: int) -> Callable[[], None]:
     return limited
 
 
-def _policy(precision: Precision = "float32", workers: int = 1) -> UserPolicy:
+def _policy(
+    precision: Precision = "float32", workers: int = 1, kind: type[UserPolicy] = UserPolicy
+) -> UserPolicy:
     torch.manual_seed(1)
-    policy = UserPolicy(SPACE, ACTIONS, lambda _: 5e-5, PolicyConfig(vision_precision=precision))
+    policy = kind(SPACE, ACTIONS, lambda _: 5e-5, PolicyConfig(vision_precision=precision))
     policy.workers = workers
     return policy
 

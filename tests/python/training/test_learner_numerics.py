@@ -36,11 +36,17 @@ class PlainEncoder(nn.Module):
         return self.linear(self.convolutions(scaled).flatten(1))
 
 
+class Whole(UserPolicy):
+    """Takes batches as a whole."""
+
+    in_shards = False
+
+
 def make_plain(policy: UserPolicy) -> UserPolicy:
     """Take all that is ours out of a policy: layout, folding, shards, fused Adam."""
     encoders: Any = policy.features_extractor.encoders
     encoders["vision"] = PlainEncoder(encoders["vision"])
-    policy.workers = 1
+    policy.__class__ = Whole
     settings = policy.optimizer.defaults | {"fused": None}
     policy.optimizer = torch.optim.Adam(policy.parameters(), settings["lr"], eps=settings["eps"])
     return policy
@@ -237,6 +243,7 @@ def learn(plain: bool, monkeypatch: pytest.MonkeyPatch, iterations: int) -> dict
     assert model.policy.in_shards
     if plain:
         make_plain(model.policy)
+        assert not model.policy.in_shards
         assert type(model.rollout_buffer) is DictRolloutBuffer
     model.set_logger(Logger(folder=None, output_formats=[]))
     model.learn(iterations * 400)

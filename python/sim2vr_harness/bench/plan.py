@@ -13,7 +13,15 @@ import numpy as np
 from sim2vr_harness.bench.memory import memory_rows
 from sim2vr_harness.bench.processes import peak_memory_mb
 from sim2vr_harness.bench.rows import Row, circumstances
-from sim2vr_harness.bench.scenes import SCENES, TRANSPORTS, Scene, SceneName, Spec, open_scene
+from sim2vr_harness.bench.scenes import (
+    DRAWING,
+    SCENES,
+    TRANSPORTS,
+    Scene,
+    SceneName,
+    Spec,
+    open_scene,
+)
 from sim2vr_harness.bench.turns import Turn, in_turns, paired_ratio
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.errors import InputError, unknown_name
@@ -251,16 +259,17 @@ def run(plan: Plan, on_stage: Callable[[str], None] = lambda stage: None) -> lis
         ValueError: settings that cannot be used.
         RuntimeError: an app cannot be started or failed, or equal users did not play alike.
     """
-    common = circumstances(plan.config, "", plan.seconds)  # before our own load on the machine
+    chosen = specs(plan)
+    drawing = any(spec.scene in DRAWING for spec in chosen)
+    common = circumstances(plan.config, plan.seconds, drawing=drawing)
     rows: list[Row] = []
-    if chosen := specs(plan):
+    if chosen:
         with ExitStack() as stack:
             scenes: dict[str, Scene] = {}
             for spec in chosen:
                 on_stage(f"{_name(spec)}: setting up")
                 scene = scenes[_name(spec)] = open_scene(spec)
                 stack.callback(scene.close)
-                common["renderer"] = common["renderer"] or scene.renderer
             found = in_turns(scenes, plan.seconds, on_stage=on_stage)
             rows = [_row(spec, scenes[_name(spec)], found[_name(spec)]) for spec in chosen]
     check_hashes(rows)

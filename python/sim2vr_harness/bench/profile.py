@@ -58,14 +58,14 @@ def profile(
     Raises:
         ValueError, RuntimeError: as :func:`~sim2vr_harness.bench.plan.run`.
     """
-    common = circumstances(plan.config, "", plan.seconds)
+    common = circumstances(plan.config, plan.seconds, drawing=True)
     rows, lists = [], []
     usual: list[SceneName] = ["env", "train"]
     names = [name for name in usual if name in plan.scenes]
     for name in names:
         spec = Spec(name, plan.config, plan.n[0], plan.threads[0], train_steps=plan.train_steps)
         on_stage(f"{name}: setting up")
-        rows.append(_split(spec, plan.seconds, on_stage, common))
+        rows.append(_split(spec, plan.seconds, on_stage))
         on_stage(f"{name}: functions")
         lists.append(f"{name}: functions by their own time (cProfile)\n{_functions(spec)}")
     found = [row.as_json(common) for row in rows]
@@ -75,14 +75,11 @@ def profile(
     return found
 
 
-def _split(
-    spec: Spec, seconds: float, on_stage: Callable[[str], None], common: dict[str, Any]
-) -> Row:
+def _split(spec: Spec, seconds: float, on_stage: Callable[[str], None]) -> Row:
     clock, blind_clock = StageClock(), StageClock()
     runs, blind_runs = [], []
     turns = TURNS if spec.scene == "env" else 1
     with _opened(spec) as scene, _opened(_blind(spec)) as blind:
-        common["renderer"] = common["renderer"] or scene.renderer
         for turn in range(turns):
             on_stage(f"{spec.scene}: stages ({turn + 1} of {turns})")
             with timed_stages(clock) as missing:

@@ -62,7 +62,6 @@ class ReferenceWayScene(Scene):
         self._env = subprocess_vec_env([partial(_make_user, config) for _ in range(spec.n)])
         self._stack.callback(self._close_env)
         try:
-            self.renderer = str(self._env.env_method("renderer", indices=[0])[0])
             self._start(config)
         except (EOFError, ConnectionError) as error:
             self._env.waiting = False
@@ -122,9 +121,6 @@ class _User(gymnasium.Wrapper):
 
     def state(self) -> bytes:
         return user_state(self._inner.simulation, 0)
-
-    def renderer(self) -> str:
-        return str(self._inner.simulation.renderer_description).partition(" (proto")[0]
 
     @property
     def _inner(self) -> Sim2VREnv:

@@ -35,10 +35,11 @@ def print_rows(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
 def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
     table = Table(box=None, pad_edge=False, header_style="bold")
     table.add_column("scene", no_wrap=True)
-    for name in ("users", "threads", "per second", "spread", "us", "cpu us", "state"):
-        table.add_column(name, justify="right")
+    for name in ("users", "threads", "rate/s", "spread", "us", "cpu us", "state"):
+        table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
-        transport = "" if row["transport"] in (None, "in_process") else f" {row['transport']}"
+        usual = row["scene"] == "reference-way" or row["transport"] in (None, "in_process")
+        transport = "" if usual else f" {row['transport']}"
         name = f"{row['scene']}{transport} {row['variant']}".strip()
         table.add_row(name, str(row["n"]), str(row["threads"] or "-"), *_numbers(row))
         for part, rate in row["parts"].items():

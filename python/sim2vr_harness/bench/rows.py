@@ -16,6 +16,7 @@ import torch
 
 from sim2vr_harness import __version__
 from sim2vr_harness.bench.turns import spread
+from sim2vr_harness.client import gl_renderer
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import git_commit, versions
@@ -98,13 +99,13 @@ def _rounded(value: Any) -> Any:
     return value
 
 
-def circumstances(config: TrainingConfig, renderer: str, seconds: float) -> dict[str, Any]:
+def circumstances(config: TrainingConfig, seconds: float, *, drawing: bool) -> dict[str, Any]:
     """What all rows of a run share: code, machine and settings.
 
     Args:
         config: what was measured.
-        renderer: description of the GL renderer; empty where nothing was drawn.
         seconds: of measurement per scene.
+        drawing: whether anything is drawn: then the GL renderer is named.
     """
     commit = git_commit()
     vision = config.env.vision
@@ -113,7 +114,7 @@ def circumstances(config: TrainingConfig, renderer: str, seconds: float) -> dict
         "version": __version__,
         "commit": None if commit is None else commit.removesuffix("-dirty"),
         "dirty": None if commit is None else commit.endswith("-dirty"),
-        "renderer": renderer,
+        "renderer": gl_renderer(config.env.app.renderer) if drawing else None,
         "cpu": _cpu_model(),
         "cores": len(os.sched_getaffinity(0)),
         "memory_total_mb": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**20),

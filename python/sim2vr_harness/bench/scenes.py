@@ -22,13 +22,25 @@ from sim2vr_harness.envs.apps import app_factory
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.training.config import TrainingConfig
 
-__all__ = ["SCENES", "TRANSPORTS", "WARM_UP_STEPS", "Scene", "SceneName", "Spec", "open_scene"]
+__all__ = [
+    "DRAWING",
+    "SCENES",
+    "TRANSPORTS",
+    "WARM_UP_STEPS",
+    "Scene",
+    "SceneName",
+    "Spec",
+    "open_scene",
+]
 
 SceneName = Literal["physics", "game", "render", "env", "reference-way", "train"]
 SCENES: tuple[SceneName, ...] = get_args(SceneName)
 
 Transport = Literal["in_process", "protocol1", "protocol2"]
 TRANSPORTS: tuple[Transport, ...] = get_args(Transport)
+
+DRAWING: tuple[SceneName, ...] = ("render", "env", "reference-way", "train")
+"""The scenes whose apps draw."""
 
 WARM_UP_STEPS = 30
 """User steps before the hash: 1.5 s of play, so that targets are there."""
@@ -79,8 +91,6 @@ class Scene:
     """
 
     unit = "user steps/s"
-    renderer = ""
-    """Description of the GL renderer in use; empty where nothing is drawn."""
     state_hash: str | None = None
     observation_hash: str | None = None
     most_turns = TURNS
@@ -215,7 +225,6 @@ class AppScene(Scene):
             self.close()
             raise
         if not blind:
-            self.renderer = self._apps[0].renderer_description.partition(" (proto")[0]
             self.observation_hash = digest([app.image.tobytes() for app in self._apps])
         self.state_hash = digest([app.state_hash().to_bytes(8, "little") for app in self._apps])
 
@@ -287,7 +296,6 @@ class EnvScene(Scene):
         self._stack.callback(self.env.close)
         try:
             simulation: Any = self.env.simulation
-            self.renderer = simulation.renderer_description.partition(" (proto")[0]
             self.env.reset()
             simulation.reset(seeds=list(range(spec.n)))
             if short := short_rounds(config, spec.n):

@@ -35,7 +35,6 @@ class TrainScene(Scene):
         keep_freed_memory()
         env = SimulationVecEnv(Simulation(spec.env(), spec.n))
         self._stack.callback(env.close)
-        self.renderer = env.simulation.renderer_description  # type: ignore[attr-defined]
         self.model = ppo.build(small, env)
         self.model.set_logger(silent_logger())
 

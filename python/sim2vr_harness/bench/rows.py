@@ -12,7 +12,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
 from sim2vr_harness import __version__
 from sim2vr_harness.bench.turns import spread
@@ -107,6 +106,8 @@ def circumstances(config: TrainingConfig, seconds: float, *, drawing: bool) -> d
         seconds: of measurement per scene.
         drawing: whether anything is drawn: then the GL renderer is named.
     """
+    import torch
+
     commit = git_commit()
     vision = config.env.vision
     return {

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from sim2vr_harness.bench import plan as plans
@@ -123,8 +125,8 @@ def test_training_is_split(capsys: Any) -> None:
     assert status == 0, err
     (row,) = [json.loads(line) for line in out.splitlines()]
     assert row["extra"] == {"train_steps": 8, "batch_size": 8, "n_epochs": 10}
-    together = 1.0 / (1.0 / row["parts"]["rollout_steps_per_s"] + 1.0 / row["parts"]["update_steps_per_s"])
-    assert min(row["turns"]) * 0.5 < together < max(row["turns"]) * 2.0
+    # In every turn each part alone is faster than both together.
+    assert row["rate_per_s"] < min(row["parts"].values())
     assert row["state_hash"] is None
 
 
@@ -143,22 +145,22 @@ def test_scaling_takes_targets_once() -> None:
     assert ("render", "targets=27", 64) in variants
 
 
-def test_standing_targets_are_there() -> None:
-    plan = plans.Plan.from_options(config(), "usual", ["targets"], "1", "1")
-    nine = next(s for s in plans.specs(plan) if (s.scene, s.variant) == ("render", "targets=9"))
+def test_standing_targets_are_seen() -> None:
     from sim2vr_harness.envs.simulation import Simulation
 
-    simulation = Simulation(nine.env(), 1)
-    try:
-        simulation.reset(seeds=[0])
-        for _ in range(15):
-            info = simulation.step([[0.0] * 32]).infos[0]
-        spawned = info["log"]
-        assert spawned["Hits"] == 0 == spawned["Misses"]
-        picture = simulation.observation()["vision"]
-        assert picture.max() > 0
-    finally:
-        simulation.close()
+    plan = plans.Plan.from_options(config(), "usual", ["targets"], "1", "1")
+    pictures = []
+    for spec in plans.specs(plan):
+        if spec.scene != "render" or spec.variant == "targets=27":  # these share nine cells
+            continue
+        with closing(Simulation(spec.env(), 1)) as simulation:
+            simulation.reset(seeds=[0])
+            for _ in range(15):
+                simulation.step(np.zeros((1, 32)))
+            pictures.append(simulation.observation()["vision"][0, 0].astype(int))
+    changed = [int((np.abs(picture - pictures[0]) > 8).sum()) for picture in pictures]
+    assert changed[0] == 0
+    assert changed == sorted(set(changed))  # 0, 1, 3, 5, 9 targets: more and more pixels
 
 
 def test_threads_double_up_to_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -168,10 +170,18 @@ def test_threads_double_up_to_the_cores(monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_rows_that_must_play_alike_are_compared() -> None:
-    rows = [Row("env", "in_process", 2, 1, state_hash="a"), Row("env", "protocol1", 2, 1, state_hash="b")]
-    with pytest.raises(RuntimeError, match=r"hash a in 'env, in_process, N=2, .*', b in 'env, prot"):
+    rows = [
+        Row("env", "in_process", 2, 1, state_hash="a"),
+        Row("env", "protocol1", 2, 1, state_hash="b"),
+    ]
+    with pytest.raises(
+        RuntimeError, match=r"hash a in 'env, in_process, N=2, .*', b in 'env, prot"
+    ):
         plans.check_hashes(rows)
-    others = [Row("env", "in_process", 3, 1, state_hash="b"), Row("physics", None, 2, 1, state_hash="c")]
+    others = [
+        Row("env", "in_process", 3, 1, state_hash="b"),
+        Row("physics", None, 2, 1, state_hash="c"),
+    ]
     plans.check_hashes([rows[0], *others])
 
 

@@ -62,9 +62,7 @@ def test_a_slower_scene_fails(tmp_path: Path, capsys: Any) -> None:
     a = write(tmp_path / "a", row("env", 1000.0), row("game", 1000.0))
     b = write(tmp_path / "b", row("env", 899.0), row("game", 900.0))
     assert compare.main([a, b, "--fail-below", "0.9"]) == 1
-    assert capsys.readouterr().err == (
-        "FAILED: env N=64 threads=2: ratio 0.899 is below 0.9\n"
-    )
+    assert capsys.readouterr().err == ("FAILED: env N=64 threads=2: ratio 0.899 is below 0.9\n")
     assert compare.main([a, b, "--fail-below", "0.89"]) == 0
 
 
@@ -109,9 +107,7 @@ def test_memory_is_compared_but_never_fails(tmp_path: Path, capsys: Any) -> None
         (json.dumps(row("game", 1.0)), "got no scene that both have measured, expected one"),
     ],
 )
-def test_files_that_cannot_be_used(
-    tmp_path: Path, capsys: Any, content: str, message: str
-) -> None:
+def test_files_that_cannot_be_used(tmp_path: Path, capsys: Any, content: str, message: str) -> None:
     a, b = write(tmp_path / "a", row("env", 1.0)), tmp_path / "b"
     b.write_text(content)
     assert compare.main([a, str(b)]) == 2

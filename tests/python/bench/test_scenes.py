@@ -52,9 +52,7 @@ def states(config: TrainingConfig, n: int) -> Iterator[bytes]:
         yield from [user_state(simulation, i) for i in range(n)]
 
 
-def test_company_does_not_matter(
-    config: TrainingConfig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_company_does_not_matter(config: TrainingConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     # User 1 has short rounds of 0.3 s in both, so that an autoreset is part of the comparison.
     monkeypatch.setattr(scenes, "SHORT_ROUND_EVERY", 3)
     monkeypatch.setattr(scenes, "SHORT_ROUND_SECONDS", 0.3)

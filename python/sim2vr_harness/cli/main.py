@@ -19,6 +19,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from sim2vr_harness import __version__
+from sim2vr_harness.cli import users
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 
 if TYPE_CHECKING:
@@ -35,7 +36,12 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run's folder or a checkpoint.")]
+app.add_typer(users.app, name="users")
+
+RunArgument = Annotated[
+    str,
+    typer.Argument(metavar="RUN", help="A run's folder, a checkpoint, or pretrained:NAME."),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")]
 SetOption = Annotated[
     list[str] | None,

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.bench.turns import TURNS, Turn, timed_turn
 from sim2vr_harness.client import AppClient, DevicePoses, InProcessBatch, frame_time_ns
-from sim2vr_harness.envs.apps import app_factory
+from sim2vr_harness.envs.apps import app_factory, in_process_batch
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.perception import HeadsetVision
 from sim2vr_harness.training.config import TrainingConfig
 
 __all__ = [
@@ -207,6 +208,9 @@ class AppScene(Scene):
         super().__init__(spec.n)
         config = spec.env(blind=blind)
         self._frequency_hz = config.action_frequency_hz
+        self._vision = HeadsetVision(
+            config.vision.channels, height=config.vision.height, width=config.vision.width
+        )
         self._circle = _circling_poses(self._POSES)
         self._frame, self._over = 0, True
         self._batch: InProcessBatch | None = None
@@ -225,22 +229,20 @@ class AppScene(Scene):
             self.close()
             raise
         if not blind:
-            self.observation_hash = digest([app.image.tobytes() for app in self._apps])
+            self.observation_hash = digest([picture.tobytes() for picture in self._pictures()])
         self.state_hash = digest([app.state_hash().to_bytes(8, "little") for app in self._apps])
 
     def _open_batch(self, config: EnvConfig) -> None:
-        self._batch = InProcessBatch(
-            self.n,
-            config.app.game,
-            config.app.options,
-            width=config.vision.width,
-            height=config.vision.height,
-            renderer=config.app.renderer,
-            threads=config.threads,
-        )
+        self._batch = in_process_batch(config, self.n, None, self._vision.channel_indices)
         for index in range(self.n):
             self._apps.append(self._batch.app(index))
             self._stack.callback(self._apps[-1].close)
+
+    def _pictures(self) -> NDArray[np.uint8]:
+        """(N, C, H, W) the channels that the users see."""
+        if self._batch is not None:
+            return self._batch.vision
+        return np.stack([self._vision.pick(app.image) for app in self._apps])
 
     def step(self) -> None:
         """A step of every app, or a reset of all where a round is over."""
@@ -248,26 +250,24 @@ class AppScene(Scene):
         places = (self._frame + 7 * np.arange(self.n)) % self._POSES
         head, hand = self._circle[0][places], self._circle[1][places]
         if self._over:
-            for i, app in enumerate(self._apps):
-                app.reset(i, DevicePoses(head[i], hand[i]))
-            self._frame, self._over = 0, False
+            self._reset(head, hand)
             return
         self._frame += 1
         time_ns = frame_time_ns(self._frame, self._frequency_hz)
         if self._batch is not None:
-            self._over = self._step_batch(self._batch, time_ns, head, hand)
+            times = np.full((self.n, 1), time_ns, dtype=np.int64)
+            everyone = np.arange(self.n)
+            self._batch.step_frames(everyone, times, DevicePoses(head[:, None], hand[:, None]))
+            self._over = bool(self._batch.finished.any())
             return
         for i, app in enumerate(self._apps):
             app.start_step(np.array([time_ns]), DevicePoses(head[i, None], hand[i, None]))
         self._over = any([app.finish_step().finished for app in self._apps])
 
-    def _step_batch(
-        self, batch: InProcessBatch, time_ns: int, head: NDArray, hand: NDArray
-    ) -> bool:
-        times = np.full((self.n, 1), time_ns, dtype=np.int64)
-        everyone = np.arange(self.n, dtype=np.int32)
-        batch.native.step(everyone, times, head[:, None], None, hand[:, None])
-        return bool(batch.native.finished.any())
+    def _reset(self, head: NDArray[np.float64], hand: NDArray[np.float64]) -> None:
+        for i, app in enumerate(self._apps):
+            app.reset(i, DevicePoses(head[i], hand[i]))
+        self._frame, self._over = 0, False
 
 
 def _circling_poses(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -361,15 +361,19 @@ def bench(
             "repeated, or a list with commas. The first six by default.",
         ),
     ] = None,
-    n: Annotated[str | None, typer.Option(help="Numbers of users, such as 16,64; 64.")] = None,
+    n: Annotated[
+        str | None, typer.Option(metavar="LIST", help="Numbers of users, such as 16,64; 64.")
+    ] = None,
     threads: Annotated[
-        str | None, typer.Option(help="Numbers of threads, such as 1,2; one per core.")
+        str | None,
+        typer.Option(metavar="LIST", help="Numbers of threads, such as 1,2; one per core."),
     ] = None,
     transport: Annotated[
         list[str] | None,
         typer.Option(
+            metavar="NAME",
             help="How game, render and env reach their apps: in_process (default), protocol1, "
-            "protocol2 or all."
+            "protocol2 or all.",
         ),
     ] = None,
     scaling: Annotated[

@@ -160,12 +160,16 @@ def table_profile(run: Run) -> str | None:
         return None
     parts = []
     for row in rows:
-        stages = row["extra"]["stages_us"]
-        total_us = sum(stages.values())
-        lines = [[name, f"{v:,.0f}", percent(v / total_us)] for name, v in stages.items()]
+        stages, cpu = row["extra"]["stages_us"], row["extra"]["stages_cpu_us"]
+        total_us, total_cpu_us = sum(stages.values()), sum(cpu.values())
+        lines = [
+            [name, f"{us:,.0f}", percent(us / total_us), percent(cpu[name] / total_cpu_us)]
+            for name, us in stages.items()
+        ]
         scene = row["scene"].removeprefix("profile-")
-        parts.append(f"{scene}, N = {row['n']}, {row['threads']} threads:")
-        parts.append(markdown(["stage", "us per user step", "share"], lines))
+        parts.append(f"{scene}, N = {row['n']}, {row['threads']} threads. {machine(row)}")
+        head = ["stage", "us per user step", "share", "share of processor time"]
+        parts.append(markdown(head, lines))
     return "\n\n".join(parts)
 
 

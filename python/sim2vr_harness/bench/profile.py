@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 
 from sim2vr_harness.bench.plan import Plan
@@ -25,17 +26,18 @@ from sim2vr_harness.bench.turns import TURNS
 __all__ = ["profile"]
 
 REST = "not in a stage"
+APPS = "game and drawing"
 _FUNCTIONS = 40
 
 LIMITS = """\
 How to read it. Timers stand around the functions that make up a stage and book its wall time, each
 stage without the stages inside it. Physics and apps work on several threads while Python waits:
-their time is how long it waits, not what the cores do. 'cores busy' is the processor time of the
-whole process divided by wall time. 'drawing' is the difference between the apps' time with pictures
-and that of a second run without; the two take turns, but on a busy machine it is the least certain
-number here. A timer costs about a microsecond per call, which is felt where there are few users.
-The lists of functions come from cProfile in a run of their own, which makes Python slower than it
-is; they say which functions are called, not how much they cost in earnest.
+their wall time is how long it waits. 'cpu us' is the processor time of all threads meanwhile, which
+other programs disturb less. 'drawing' is the difference between the apps' time with pictures and
+that of a second run without; the two take turns, but on a busy machine it is the least certain
+number here. A timer costs one or two microseconds per call, which is felt with few users only. The
+lists of functions come from cProfile in a run of their own, which makes Python slower than it is;
+they say which functions are called, not how much they cost in earnest.
 """
 
 
@@ -52,8 +54,9 @@ def profile(
         on_stage: told what is measured now.
 
     Returns:
-        A JSON row per scene; ``extra`` holds ``stages_us`` (us of wall time per user step, by
-        stage), ``cores_busy`` and ``not_timed`` (functions that could not be found).
+        A JSON row per scene; ``extra`` holds ``stages_us`` and ``stages_cpu_us`` (wall time and
+        processor time per user step in us, by stage) and ``not_timed`` (functions that could not
+        be found).
 
     Raises:
         ValueError, RuntimeError: as :func:`~sim2vr_harness.bench.plan.run`.
@@ -86,30 +89,38 @@ def _split(spec: Spec, seconds: float, on_stage: Callable[[str], None]) -> Row:
                 runs.append(_run(scene, seconds / turns, clock))
             with timed_stages(blind_clock):
                 blind_runs.append(_run(blind, seconds / turns, blind_clock))
-    steps, wall_s, cpu_s = np.sum(runs, axis=0).tolist()
-    blind_steps = sum(run[0] for run in blind_runs)
-    stages = {name: 1e6 * s / steps for name, s in clock.seconds.items()}
-    stages[REST] = 1e6 * wall_s / steps - sum(stages.values())
-    apps_us = stages.pop("game and drawing", 0.0)
-    game_us = min(apps_us, 1e6 * blind_clock.seconds.get("game and drawing", 0.0) / blind_steps)
+    totals = np.sum(runs, axis=0)
+    steps, wall_s, cpu_s = totals.tolist()
+    stages = _per_step(clock, totals[0])
+    stages[REST] = 1e6 * totals[1:] / steps - sum(stages.values())
+    apps_us = stages.pop(APPS, np.zeros(2))
+    game_us = _per_step(blind_clock, np.sum(blind_runs, axis=0)[0]).get(APPS, np.zeros(2))
+    game_us = np.minimum(apps_us, game_us)
     stages |= {"game": game_us, "drawing": apps_us - game_us}
+    wall_us, stages_cpu_us = (
+        {name: round(float(us[k]), 2) for name, us in _longest_first(stages)} for k in (0, 1)
+    )
     return Row(
         f"profile-{spec.scene}",
         spec.transport,
         spec.n,
         spec.threads,
         rates=[steps / wall_s],
+        cpu_us=[1e6 * cpu_s / steps],
         state_hash=scene.state_hash,
-        extra={
-            "stages_us": {name: round(us, 2) for name, us in _sorted(stages)},
-            "cores_busy": round(cpu_s / wall_s, 2),
-            "not_timed": missing,
-        },
+        extra={"stages_us": wall_us, "stages_cpu_us": stages_cpu_us, "not_timed": missing},
     )
 
 
-def _sorted(stages: Mapping[str, float]) -> list[tuple[str, float]]:
-    return sorted(stages.items(), key=lambda item: -item[1])
+def _per_step(clock: StageClock, steps: float) -> dict[str, NDArray[np.float64]]:
+    """Wall and processor time of the stages in us per user step."""
+    return {name: 1e6 * np.array(times) / steps for name, times in clock.times.items()}
+
+
+def _longest_first(
+    stages: Mapping[str, NDArray[np.float64]],
+) -> list[tuple[str, NDArray[np.float64]]]:
+    return sorted(stages.items(), key=lambda item: -item[1][0])
 
 
 @contextmanager

@@ -95,18 +95,21 @@ def print_profile(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
     for row in rows:
         scene = row["scene"].removeprefix("profile-")
         extra = row["extra"]
-        total_us = sum(extra["stages_us"].values())
+        total_us, total_cpu_us = 1e6 / row["rate_per_s"], row["cpu_us_per_step"]
         console.print(
-            f"{scene}: {total_us:,.0f} us of wall time per user step "
-            f"(N={row['n']}, {threads(row['threads'])}, {extra['cores_busy']} cores busy)",
+            f"{scene}: {total_us:,.0f} us of wall time per user step, {total_cpu_us:,.0f} us of "
+            f"processor time (N={row['n']}, {threads(row['threads'])})",
             highlight=False,
+            soft_wrap=True,
         )
         table = Table(box=None, pad_edge=False, header_style="bold")
         table.add_column("stage")
-        table.add_column("us", justify="right")
-        table.add_column("share", justify="right")
+        for name in ("us", "share", "cpu us", "share"):
+            table.add_column(name, justify="right")
         for stage, us in extra["stages_us"].items():
-            table.add_row(stage, f"{us:,.1f}", f"{us / total_us:.1%}")
+            cpu_us = extra["stages_cpu_us"][stage]
+            shares = (f"{us / total_us:.1%}", f"{cpu_us / total_cpu_us:.1%}")
+            table.add_row(stage, f"{us:,.1f}", shares[0], f"{cpu_us:,.1f}", shares[1])
         console.print(table)
         if extra["not_timed"]:
             console.print(f"not timed, since not found: {', '.join(extra['not_timed'])}")

@@ -52,20 +52,30 @@ function does not count for it."""
 
 
 class StageClock:
-    """Seconds and calls of nested stages, each without the stages inside it."""
+    """Time of nested stages, each without the stages inside it.
 
-    def __init__(self, now: Callable[[], float] = time.perf_counter) -> None:
-        self._now = now
+    Args:
+        wall: seconds of wall time.
+        cpu: seconds of processor time of all threads of the process.
+    """
+
+    def __init__(
+        self,
+        wall: Callable[[], float] = time.perf_counter,
+        cpu: Callable[[], float] = time.process_time,
+    ) -> None:
+        self._clocks = (wall, cpu)
         self._open: list[str] = []
-        self._since = 0.0
-        self.seconds: dict[str, float] = {}
+        self._since = (0.0, 0.0)
+        self.times: dict[str, tuple[float, float]] = {}
+        """Wall and processor time by stage, s."""
 
     @contextmanager
     def paused(self) -> Iterator[None]:
         """What happens within the block is not booked."""
-        before = dict(self.seconds)
+        before = dict(self.times)
         yield
-        self.seconds = before
+        self.times = before
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
@@ -80,10 +90,11 @@ class StageClock:
 
     def _switch(self) -> None:
         """Books the time since the last switch for the innermost open stage."""
-        now = self._now()
+        now = (self._clocks[0](), self._clocks[1]())
         if self._open:
-            stage = self._open[-1]
-            self.seconds[stage] = self.seconds.get(stage, 0.0) + now - self._since
+            wall, cpu = self.times.get(self._open[-1], (0.0, 0.0))
+            spent = (wall + now[0] - self._since[0], cpu + now[1] - self._since[1])
+            self.times[self._open[-1]] = spent
         self._since = now
 
     def timed(self, function: Callable[..., Any], name: str) -> Callable[..., Any]:

@@ -14,6 +14,7 @@ from sim2vr_harness.bench import plan as plans
 from sim2vr_harness.bench import scenes
 from sim2vr_harness.bench.memory import memory_rows
 from sim2vr_harness.bench.rows import Row
+from sim2vr_harness.bench.stages import StageClock, timed_stages
 from sim2vr_harness.bench.turns import Turn, in_turns, paired_ratio, spread, timed_turn
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.training.config import TrainingConfig, parse_config
@@ -209,12 +210,40 @@ def test_profile_splits_the_step(capsys: Any, tmp_path: Path) -> None:
     for row in (env, train):
         stages = row["extra"]["stages_us"]
         assert sum(stages.values()) == pytest.approx(1e6 / row["rate_per_s"], rel=0.01)
+        cpu = row["extra"]["stages_cpu_us"]
+        assert sum(cpu.values()) == pytest.approx(row["cpu_us_per_step"], rel=0.01)
         assert {"physics", "game", "drawing", "effort", "perception"} <= set(stages)
         assert stages["physics"] > 0.0
     assert {"policy, acting", "buffer", "update, backward"} <= set(train["extra"]["stages_us"])
     text = file.read_text()
     for part in ("physics", "update, backward", "How to read it", "tottime"):
         assert part in text
+
+
+def test_stages_do_not_count_what_is_inside_them() -> None:
+    wall = iter([0.0, 1.0, 4.0, 6.0, 10.0, 13.0])
+    cpu = iter([0.0, 0.5, 1.0, 3.0, 3.0, 4.0])
+    clock = StageClock(lambda: next(wall), lambda: next(cpu))
+    with clock.stage("outer"), clock.stage("inner"):
+        pass
+    with clock.stage("outer"):
+        pass
+    # outer: 0 to 1, 4 to 6 and 10 to 13; inner: 1 to 4.
+    assert clock.times == {"outer": (1.0 + 2.0 + 3.0, 0.5 + 2.0 + 1.0), "inner": (3.0, 0.5)}
+
+
+def test_timers_are_taken_away_again() -> None:
+    from mujoco.batch import Batch
+
+    from sim2vr_harness.envs import simulation
+    from sim2vr_harness.users.effort import CumulativeFatigue3CCr, Zero
+
+    before = [Batch.step, CumulativeFatigue3CCr.update, Zero.update, simulation.pose_to_app]
+    with timed_stages(StageClock()):
+        during = [Batch.step, CumulativeFatigue3CCr.update, Zero.update, simulation.pose_to_app]
+        assert all(a is not b for a, b in zip(before, during, strict=True))
+    after = [Batch.step, CumulativeFatigue3CCr.update, Zero.update, simulation.pose_to_app]
+    assert all(a is b for a, b in zip(before, after, strict=True))
 
 
 @pytest.mark.parametrize(

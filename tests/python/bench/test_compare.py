@@ -171,3 +171,43 @@ def test_the_last_run_with_the_scenes_counts() -> None:
     assert (written, left) == (["memory"], [])
     with pytest.raises(ValueError, match="table: got 'x', expected one of key, "):
         tables.fill("<!-- table x -->\n<!-- end -->", [])
+
+
+def test_the_key_table_by_hand() -> None:
+    ratios = {"physics": 0.8, "physics, cpu": 0.75, "reference-way": 4.0, "reference-way, cpu": 5.0}
+    parts = {"rollout_steps_per_s": 1000.0, "update_steps_per_s": 250.0}
+    run = [
+        row("physics", 2500.0, transport=None),
+        row("env", 2000.0, ratios=ratios),
+        row("reference-way", 500.0, transport="protocol1"),
+        row("train", 200.0, parts=parts),
+    ]
+    assert tables.table_key(run[:2]) is None
+    text = tables.table_key(run)
+    for line in (
+        "N = 64, 2 threads. Z80, 2 cores; llvmpipe; load 0.1 at the start; 2026-01-01, c0ffee.",
+        "| env: users in apps, observations | 2,000 | 500 | 900 | 5.0% |",
+        "| train, update alone | 250 | 4,000 |  |  |",
+        "| env / physics | 0.80 | 0.75 |",
+        "| env / reference-way | 4.00 | 5.00 |",
+    ):
+        assert line in text.splitlines()
+
+
+def test_the_other_tables_by_hand() -> None:
+    targets = [
+        row("env", 1000.0, variant="condition=hard"),
+        row("game", 50_000.0, variant="targets=9"),  # 20 us
+        row("render", 4000.0, variant="targets=9"),  # 250 us
+    ]
+    text = tables.table_targets(targets)
+    assert "| hard | 1,000 | 1,000 | 900 |" in text
+    assert "| 9 | 20 | 250 | 230 | 900 |" in text
+    ways = [row("env", 100.0), row("env", 72.0, transport="protocol2")]
+    shares = "| 64 | env: users in apps, observations | 1.00 | 0.72 |  |"
+    assert shares in tables.table_transports(ways)
+    assert tables.table_transports(ways[:1]) is None
+    stages = {"stages_us": {"physics": 60.0, "game": 40.0}}
+    cpu = {"stages_cpu_us": {"physics": 90.0, "game": 10.0}}
+    text = tables.table_profile([row("profile-env", 1.0, extra=stages | cpu)])
+    assert "| physics | 60 | 60% | 90% |" in text

@@ -35,23 +35,22 @@ def memory_rows(
         on_stage: told what is measured now.
 
     Returns:
-        A row per number, with ``extra["memory_mb_per_user"]``: the growth since the smallest
-        number, divided by the users added. Python, MuJoCo and the GL driver themselves thus do not
+        A row per number, with ``extra["memory_mb_per_user"]``: the growth since the next
+        smaller number, divided by the users added. Python, MuJoCo and the GL driver themselves thus do not
         count.
 
     Raises:
         RuntimeError: a process failed.
     """
     rows: list[Row] = []
-    smallest: tuple[int, float] | None = None
+    before: tuple[int, float] | None = None
     for n in sorted(set(numbers)):
         on_stage(f"memory, N={n}")
         peak_mb = _peak_in_fresh_process(config.env, n, threads)
         extra = {}
-        if smallest is not None:
-            extra["memory_mb_per_user"] = round((peak_mb - smallest[1]) / (n - smallest[0]), 3)
-        else:
-            smallest = (n, peak_mb)
+        if before is not None:
+            extra["memory_mb_per_user"] = round((peak_mb - before[1]) / (n - before[0]), 3)
+        before = (n, peak_mb)
         rows.append(
             Row("memory", "in_process", n, threads, unit="MB", memory_mb=peak_mb, extra=extra)
         )

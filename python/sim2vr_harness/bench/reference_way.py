@@ -8,7 +8,7 @@ running them: bodies, game and pictures are the same to the bit.
 
 from __future__ import annotations
 
-import signal
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -34,6 +34,8 @@ from sim2vr_harness.envs.gym_env import Sim2VREnv
 from sim2vr_harness.training.errors import InputError
 
 __all__ = ["MOST_USERS", "ReferenceWayScene"]
+
+_CLOSE_S = 10.0
 
 MOST_USERS = 128
 """Two processes per user: 128 users take some 15 GB."""
@@ -64,7 +66,6 @@ class ReferenceWayScene(Scene):
         try:
             self._start(config)
         except (EOFError, ConnectionError) as error:
-            self._env.waiting = False
             self.close()
             raise RuntimeError("reference-way: a user's process has ended; see above") from error
         except BaseException:
@@ -100,7 +101,6 @@ class ReferenceWayScene(Scene):
         try:
             return super().measure(seconds)
         except (EOFError, ConnectionError) as error:
-            self._env.waiting = False
             raise RuntimeError("reference-way: a user's process has ended; see above") from error
 
     def extra(self) -> dict[str, Any]:
@@ -109,11 +109,16 @@ class ReferenceWayScene(Scene):
         return {} if memory_mb is None else {"processes_memory_mb": round(memory_mb, 1)}
 
     def _close_env(self) -> None:
-        try:
-            self._env.close()
-        except (EOFError, ConnectionError):  # processes that have ended already
-            for process in self._env.processes:
-                process.join(timeout=10.0)
+        # Not by the environment's own close: interrupted within a step it waits for answers that
+        # were taken already.
+        for remote in self._env.remotes:
+            with suppress(OSError):  # the process has ended
+                remote.send(("close", None))
+        for process in self._env.processes:
+            process.join(timeout=_CLOSE_S)
+            if process.is_alive():
+                process.kill()
+                process.join()
 
 
 class _User(gymnasium.Wrapper):
@@ -130,7 +135,5 @@ class _User(gymnasium.Wrapper):
 
 
 def _make_user(config: EnvConfig) -> gymnasium.Env:
-    # Ctrl-C goes to every process of the terminal; the parent alone shall answer it.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     app = config.app.model_copy(update={"transport": "protocol1"})
     return _User(Sim2VREnv(config=config.model_copy(update={"app": app, "threads": 1})))

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import multiprocessing
+import signal
 from collections.abc import Callable, Sequence
+from multiprocessing import forkserver
 
 import gymnasium
 from stable_baselines3.common.logger import Logger
@@ -30,4 +32,11 @@ def subprocess_vec_env(makers: Sequence[Callable[[], gymnasium.Env]]) -> Subproc
     """
     context = multiprocessing.get_context("forkserver")
     context.set_forkserver_preload(_PRELOADED)
+    # Ctrl-C goes to every process of the terminal, and the parent alone shall answer it: those
+    # that are started now inherit that it is ignored.
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        forkserver.ensure_running()
+    finally:
+        signal.signal(signal.SIGINT, before)
     return SubprocVecEnv(list(makers), start_method="forkserver")

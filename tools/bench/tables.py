@@ -228,6 +228,8 @@ def read_runs(path: Path) -> list[Run]:
     runs: dict[str, Run] = {}
     for line in path.read_text(encoding="utf-8").splitlines():
         row = json.loads(line)
+        if not isinstance(row, dict) or "run" not in row or "scene" not in row:
+            raise ValueError(f"{path}: got {line[:40]!r}, expected rows of sim2vr-harness bench")
         runs.setdefault(row["run"], []).append(row)
     return list(runs.values())
 
@@ -239,7 +241,7 @@ def fill(text: str, runs: Sequence[Run]) -> tuple[str, list[str], list[str]]:
         The page, the names of the tables that were replaced, and of those that no run is for.
 
     Raises:
-        ValueError: the page has a table of an unknown name.
+        ValueError: the page has a table of an unknown name, or rows are of another version.
     """
     written: list[str] = []
     left: list[str] = []
@@ -248,7 +250,13 @@ def fill(text: str, runs: Sequence[Run]) -> tuple[str, list[str], list[str]]:
         name = match.group(1)
         if name not in TABLES:
             raise ValueError(f"table: got {name!r}, expected one of {', '.join(TABLES)}")
-        found = [table for run in runs if (table := TABLES[name](run)) is not None]
+        try:
+            found = [table for run in runs if (table := TABLES[name](run)) is not None]
+        except KeyError as error:
+            raise ValueError(
+                f"table {name}: got rows without {error}, expected those of this version; "
+                "measure again"
+            ) from error
         (written if found else left).append(name)
         if not found:
             return match.group(0)
@@ -266,8 +274,8 @@ def main(arguments: Sequence[str]) -> int:
     rows, page = map(Path, arguments)
     try:
         text, written, left = fill(page.read_text(encoding="utf-8"), read_runs(rows))
-    except (OSError, ValueError, KeyError) as error:
-        print(f"error: {type(error).__name__}: {error}", file=sys.stderr)
+    except (OSError, ValueError) as error:
+        print(f"error: {error}", file=sys.stderr)
         return 2
     page.write_text(text, encoding="utf-8")
     print(f"{page}: wrote {', '.join(written) or 'no table'}")

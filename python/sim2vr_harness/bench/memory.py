@@ -36,8 +36,8 @@ def memory_rows(
 
     Returns:
         A row per number, with ``extra["memory_mb_per_user"]``: the growth since the next
-        smaller number, divided by the users added. Python, MuJoCo and the GL driver themselves thus do not
-        count.
+        smaller number, divided by the users added. Python, MuJoCo and the GL driver themselves thus
+        do not count.
 
     Raises:
         RuntimeError: a process failed.

@@ -211,3 +211,16 @@ def test_the_other_tables_by_hand() -> None:
     cpu = {"stages_cpu_us": {"physics": 90.0, "game": 10.0}}
     text = tables.table_profile([row("profile-env", 1.0, extra=stages | cpu)])
     assert "| physics | 60 | 60% | 90% |" in text
+
+
+def test_rows_that_no_table_can_be_made_of(tmp_path: Path, capsys: Any) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("<!-- table profile -->\nx\n<!-- end -->")
+    old = write(tmp_path / "old", row("profile-env", 1.0, extra={"stages_us": {"physics": 1.0}}))
+    assert tables.main([old, str(page)]) == 2
+    error = "error: table profile: got rows without 'stages_cpu_us', expected those of this version"
+    assert capsys.readouterr().err.startswith(error)
+    (tmp_path / "other").write_text('{"scene": "env"}\n')
+    assert tables.main([str(tmp_path / "other"), str(page)]) == 2
+    assert "expected rows of sim2vr-harness bench" in capsys.readouterr().err
+    assert page.read_text().splitlines()[1] == "x"

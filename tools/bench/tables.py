@@ -71,10 +71,11 @@ def table_scaling(run: Run) -> str | None:
     if len(numbers) < 3:
         return None
     head = ["users"]
-    head += [f"env steps/s, {t} thread{'s' * (t != 1)}" for t in threads]
+    words = [f"{t} thread{'s' * (t != 1)}" for t in threads]
+    head += [f"steps/s, {word}" for word in words]
     head += [f"{t} threads / 1" for t in threads if t != 1]
-    head += [f"cost per step, N=16 is 1, {t} thread{'s' * (t != 1)}" for t in threads]
-    head += [f"env / physics, {t} thread{'s' * (t != 1)}" for t in threads]
+    head += [f"cost, {word}" for word in words]
+    head += [f"env / physics, {word}" for word in words]
     lines = []
     for n in numbers:
         envs = [rows["env", n, t] for t in threads]
@@ -130,7 +131,7 @@ def table_targets(run: Run) -> str | None:
         for env in envs
     ]
     env_head = ["condition", "env steps/s", "us per step", "processor time, us"]
-    where = f"N = {envs[0]['n']}, {envs[0]['threads']} threads."
+    where = f"N = {envs[0]['n']}, {envs[0]['threads']} threads. {machine(envs[0])}"
     return "\n\n".join([where, markdown(env_head, env_lines), markdown(head, lines)])
 
 
@@ -140,7 +141,7 @@ def table_transports(run: Run) -> str | None:
     if not any(transport == "protocol2" for _, transport, _ in rows):
         return None
     numbers = sorted({n for _, _, n in rows})
-    head = ["N", "scene", *(name.replace("_", " ") for name in TRANSPORTS)]
+    head = ["scene", "N", *(name.replace("_", " ") for name in TRANSPORTS)]
     lines = []
     for n in numbers:
         for scene in ("game", "render", "env"):
@@ -149,8 +150,8 @@ def table_transports(run: Run) -> str | None:
             base = rows[scene, "in_process", n]["rate_per_s"]
             shares = [rows.get((scene, name, n)) for name in TRANSPORTS]
             cells = ["" if row is None else f"{row['rate_per_s'] / base:.2f}" for row in shares]
-            lines.append([str(n), WORDS[scene], *cells])
-    return markdown(head, lines)
+            lines.append([WORDS[scene], str(n), *cells])
+    return f"{machine(run[0])}\n\n{markdown(head, lines)}"
 
 
 def table_profile(run: Run) -> str | None:

@@ -204,7 +204,7 @@ def test_the_other_tables_by_hand() -> None:
     assert "| hard | 1,000 | 1,000 | 900 |" in text
     assert "| 9 | 20 | 250 | 230 | 900 |" in text
     ways = [row("env", 100.0), row("env", 72.0, transport="protocol2")]
-    shares = "| 64 | env: users in apps, observations | 1.00 | 0.72 |  |"
+    shares = "| env: users in apps, observations | 64 | 1.00 | 0.72 |  |"
     assert shares in tables.table_transports(ways)
     assert tables.table_transports(ways[:1]) is None
     stages = {"stages_us": {"physics": 60.0, "game": 40.0}}

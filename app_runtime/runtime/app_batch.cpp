@@ -56,6 +56,7 @@ AppBatch::AppBatch(const BatchSettings& settings)
     apps_.push_back(std::make_unique<App>(
         std::move(app), renderers_[static_cast<std::size_t>(workerOf(i))], image));
   }
+  privileged_.resize(count * privilegedNames().size());
 }
 
 App& AppBatch::app(int index) {
@@ -82,6 +83,7 @@ void AppBatch::run(std::span<const int> indices, const Move& move) {
       if (workerOf(indices[i]) != worker) continue;
       try {
         outcomes[i] = move(i);
+        fillPrivileged(indices[i]);
         views.push_back(apps_[static_cast<std::size_t>(indices[i])]->headsetView());
       } catch (...) {
         failures[i] = std::current_exception();
@@ -123,6 +125,13 @@ void AppBatch::step(std::span<const int> indices, std::span<const FrameInput> fr
   run(indices, [&](std::size_t i) {
     return apps_[static_cast<std::size_t>(indices[i])]->advance(frames.subspan(i * each, each));
   });
+}
+
+void AppBatch::fillPrivileged(int index) {
+  const std::size_t width = privilegedNames().size();
+  if (width == 0) return;
+  const auto row = static_cast<std::size_t>(index);
+  apps_[row]->fillPrivileged(std::span(privileged_).subspan(row * width, width));
 }
 
 void AppBatch::store(int index, const Outcome& outcome) {

@@ -60,11 +60,17 @@ class AppBatch {
   const std::vector<std::string>& logNames() const { return log_names_; }
   /// N x logNames().size().
   std::span<const double> logs() const { return logs_; }
+  /// Names of the privileged numbers; none for a game that does not help teachers.
+  const std::vector<std::string>& privilegedNames() const { return apps_.at(0)->privilegedNames(); }
+  /// N x privilegedNames().size().
+  std::span<const float> privileged() const { return privileged_; }
 
  private:
   template <class Move>
   void run(std::span<const int> indices, const Move& move);
   void store(int index, const Outcome& outcome);
+  /// On the app's own thread.
+  void fillPrivileged(int index);
   int workerOf(int index) const;
 
   BatchSettings settings_;
@@ -75,6 +81,7 @@ class AppBatch {
   std::vector<float> time_features_;
   std::vector<std::string> log_names_;
   std::vector<double> logs_;
+  std::vector<float> privileged_;
   std::vector<std::shared_ptr<render::Renderer>> renderers_;
   std::vector<std::unique_ptr<App>> apps_;
 };

@@ -155,7 +155,10 @@ class PyAppBatch {
   }
 
   py::bytes save(int app) const { return py::bytes(batch().app(app).save()); }
-  void load(int app, const py::bytes& state) { batch().app(app).load(std::string(state)); }
+  void load(int app, const py::bytes& state) {
+    batch().app(app).load(std::string(state));
+    batch().fillPrivileged(app);
+  }
   std::uint64_t stateHash(int app) const { return batch().app(app).stateHash(); }
   std::string rendererDescription() const { return batch().app(0).renderer().description(); }
   int threads() const { return batch().threads(); }

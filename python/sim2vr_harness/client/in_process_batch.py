@@ -12,6 +12,7 @@ import numpy as np
 from sim2vr_harness.client.base import (
     AppReply,
     DevicePoses,
+    Float32Array,
     Int64Array,
     OptionValue,
     ThirdPersonView,
@@ -69,6 +70,11 @@ class InProcessBatch:
         """(N, H, W, 4) the apps' headset images, overwritten by their steps; no copy."""
         self._rewards, self._finished = self._batch.rewards, self._batch.finished
         self._time_features = self._batch.time_features
+        self.privileged_names: tuple[str, ...] = tuple(self._batch.privileged_names)
+        """Names of the numbers behind the picture, for teachers; none for a game without."""
+        self.privileged: Float32Array = self._batch.privileged
+        """(N, len(privileged_names)) after the last frames, overwritten by the apps' steps; no
+        copy. Those named ``aid.*`` are not to be observed."""
         self._log_names: list[str] = []
         self._started: dict[int, tuple[Int64Array, DevicePoses]] = {}
         self._left = set(range(n))
@@ -165,6 +171,16 @@ class InProcessBatchApp:
     def __init__(self, batch: InProcessBatch, index: int) -> None:
         self._batch: InProcessBatch | None = batch
         self._index = index
+
+    @property
+    def batch(self) -> InProcessBatch:
+        """The apps that this one is stepped with; RuntimeError when it was closed."""
+        return self._open()
+
+    @property
+    def index(self) -> int:
+        """Its place in the batch, and its row in the batch's arrays."""
+        return self._index
 
     def _open(self) -> InProcessBatch:
         if self._batch is None:

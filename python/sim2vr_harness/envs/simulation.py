@@ -119,6 +119,7 @@ class Simulation:
         self.user: User = load_user(
             config.user.model,
             skull_rotation_wxyz=_pitch_down(config.user.skull_rotation_deg),
+            timestep_s=config.user.timestep_s,
         )
         substeps = _substeps(config.action_frequency_hz, self.user.timestep)
         _check_frames(config.frames_per_step, substeps)
@@ -183,6 +184,7 @@ class Simulation:
         ids: Sequence[int] | None = None,
         seeds: Sequence[int | None] | None = None,
         options: Mapping[str, OptionValue] | None = None,
+        postures: Sequence[NDArray[np.float64] | None] | None = None,
     ) -> list[dict[str, Any]]:
         """Starts new episodes.
 
@@ -191,6 +193,7 @@ class Simulation:
             seeds: K seeds; a seed restarts that user's stream of episodes, None goes on with it
                 (a user never seeded starts from entropy).
             options: game options for these users from this round on.
+            postures: K postures to start in (see `UserBatch.reset`); None draws all of them.
 
         Returns:
             K info dictionaries with ``seed`` (of the app's round) and ``log``.
@@ -210,7 +213,7 @@ class Simulation:
                     raise ValueError(f"seed: got {seed}, expected an integer of 0 or above")
                 self._seeds[i] = np.random.default_rng(seed)
         round_seeds = [int(self._seeds[i].integers(2**32)) for i in rows]
-        self.users.reset(rows, [self._seeds[i] for i in rows])
+        self.users.reset(rows, [self._seeds[i] for i in rows], postures)
         poses = self._device_poses()
         infos = []
         for i, round_seed in zip(rows, round_seeds, strict=True):

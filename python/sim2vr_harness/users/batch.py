@@ -132,6 +132,7 @@ class UserBatch:
         self,
         ids: Sequence[int] | NDArray[np.integer],
         rngs: Sequence[np.random.Generator],
+        postures: Sequence[FloatArray | None] | None = None,
     ) -> None:
         """Starts a new episode for some users.
 
@@ -143,25 +144,33 @@ class UserBatch:
         Args:
             ids: (K,) distinct user indices, in any order.
             rngs: K random generators, one per entry of `ids`.
+            postures: K postures to start in, (7,) angles of the independent joints in rad, to
+                which the dependent joints are fitted; None for a drawn one.
 
         Raises:
-            ValueError: an index out of range or given twice, or another number of generators.
+            ValueError: an index out of range or given twice, or another number of generators or
+                postures.
         """
         ids = self._checked_ids(ids)
         if len(rngs) != len(ids):
             raise ValueError(f"rngs: got {len(rngs)} generators, expected {len(ids)}, one per id")
+        chosen = [None] * len(ids) if postures is None else list(postures)
+        if len(chosen) != len(ids):
+            raise ValueError(f"postures: got {len(chosen)}, expected {len(ids)}, one per id")
         order = np.argsort(ids)
-        ids, rngs = ids[order], [rngs[k] for k in order]
+        ids, rngs, chosen = ids[order], [rngs[k] for k in order], [chosen[k] for k in order]
         if len(ids) == 0:
             return
         self._batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         joints, dofs = self.user.qpos_independent, self.user.qvel_independent
         noise_seeds = []
-        for i, rng in zip(ids, rngs, strict=True):
+        for i, rng, posture in zip(ids, rngs, chosen, strict=True):
             self._qpos[i, joints] = rng.uniform(-RESET_RANGE, RESET_RANGE, len(joints))
             self._qvel[i, dofs] = rng.uniform(-RESET_RANGE, RESET_RANGE, len(dofs))
             self._act[i] = rng.uniform(0.0, 1.0, self.muscle_count)
             noise_seeds.append(int(rng.integers(2**63)))
+            if posture is not None:
+                self._qpos[i] = self.user.coupled_qpos(posture)
         if self.noise is not None:
             self.noise.reset(ids, noise_seeds)
         self._diverged[ids] = False

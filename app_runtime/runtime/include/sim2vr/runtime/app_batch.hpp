@@ -64,13 +64,13 @@ class AppBatch {
   const std::vector<std::string>& privilegedNames() const { return apps_.at(0)->privilegedNames(); }
   /// N x privilegedNames().size().
   std::span<const float> privileged() const { return privileged_; }
+  /// Writes an app's row of them anew, after App::load.
+  void fillPrivileged(int index);
 
  private:
   template <class Move>
   void run(std::span<const int> indices, const Move& move);
   void store(int index, const Outcome& outcome);
-  /// On the app's own thread.
-  void fillPrivileged(int index);
   int workerOf(int index) const;
 
   BatchSettings settings_;

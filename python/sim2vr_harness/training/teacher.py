@@ -203,9 +203,9 @@ class _Stage:
                 checkpoint.restore(files[-1], self._model)
                 self.folder.drop_metrics_after(reached)
             until = min(phase.until, stop)
-            if self._model.num_timesteps < until:
-                if self._learn(until, checkpoint_every, keep):
-                    return True
+            left = until - self._model.num_timesteps
+            if left > 0 and self._learn(until, checkpoint_every, keep):
+                return True
             reached = self._model.num_timesteps
             if reached >= stop:
                 break

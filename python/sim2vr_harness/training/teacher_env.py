@@ -234,9 +234,9 @@ class TeacherSimulation:
         return StepBatch(reward, result.terminated, truncated, result.infos)
 
     def _aid_sums(self) -> NDArray[np.float64]:
-        return np.stack([self.senses.field("aid.progress_m"), self.senses.field("aid.strike")]).astype(
-            np.float64
-        )
+        return np.stack(
+            [self.senses.field("aid.progress_m"), self.senses.field("aid.strike")]
+        ).astype(np.float64)
 
     def _aid_reward(self) -> NDArray[np.float64]:
         aids, step = self.config.aids, self.step_count

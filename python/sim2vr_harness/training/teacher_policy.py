@@ -156,7 +156,7 @@ class TeacherPPO(ppo.PPO):
         assert isinstance(policy, TeacherPolicy)
         policy.set_training_mode(True)
         buffer = self.rollout_buffer
-        observations = torch.from_numpy(buffer.observations[OBSERVATION])  # type: ignore[index]
+        observations = torch.from_numpy(buffer.observations[OBSERVATION])
         if policy.normaliser.count == 0:
             policy.normaliser.update(observations.flatten(0, 1))
             self._finish_update({})

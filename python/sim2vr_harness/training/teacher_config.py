@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-__all__ = ["AidsConfig", "Ramp", "TeacherConfig", "TeacherPPOConfig"]
+__all__ = ["ActionsConfig", "AidsConfig", "Ramp", "TeacherConfig", "TeacherPPOConfig"]
 
 
 class _Settings(BaseModel):
@@ -41,6 +41,20 @@ class Ramp(_Settings):
 
 def _constant(value: float) -> Ramp:
     return Ramp(start=value, end=value)
+
+
+class ActionsConfig(_Settings):
+    """What the teacher decides; what reaches the muscles are changes of activation either way."""
+
+    kind: Literal["joints", "muscles"] = "joints"
+    """``muscles``: the changes themselves. ``joints``: accelerations of the independent joints, for
+    which the least activations are computed (users/joint_drive.py)."""
+    acceleration_radps2: tuple[float, ...] = (40.0, 40.0, 40.0, 60.0, 60.0, 60.0, 60.0)
+    """What 1 stands for, by joint."""
+    damping_per_s: float = Field(default=4.0, ge=0.0)
+    """Deceleration per velocity, so that no action means coming to rest."""
+    effort: float = Field(default=0.02, gt=0.0)
+    """Weight of the activations' squares against the acceleration's."""
 
 
 class AidsConfig(_Settings):
@@ -102,8 +116,8 @@ class TeacherPPOConfig(_Settings):
     """Hidden layers of actor and critic each, SiLU."""
     action_scale: float = Field(default=0.5, gt=0.0)
     """Means are the actor's outputs times this."""
-    log_std_init: float = -1.4
-    log_std_min: float = -3.7
+    log_std_init: float = -0.7
+    log_std_min: float = -3.0
     observation_clip: float = Field(default=8.0, gt=0.0)
     """Of the normalised observation."""
 
@@ -134,6 +148,7 @@ class TeacherConfig(_Settings):
     """Physics step at first, which makes user steps cheaper."""
     coarse_until_step: int = Field(default=2_000_000, ge=0)
     """From here on the physics is the true one."""
+    actions: ActionsConfig = ActionsConfig()
     ppo: TeacherPPOConfig = TeacherPPOConfig()
     aids: AidsConfig = AidsConfig()
     evaluate_every_steps: int = Field(default=250_000, ge=1)

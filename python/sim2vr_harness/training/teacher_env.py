@@ -19,6 +19,7 @@ from sim2vr_harness.training.start_postures import (
     find_start_postures,
     joint_box,
 )
+from sim2vr_harness.training.teacher_actions import TeacherActions
 from sim2vr_harness.training.teacher_config import TeacherConfig
 
 __all__ = ["OBSERVATION", "PrivilegedSenses", "TeacherSimulation", "blind_env"]
@@ -132,7 +133,8 @@ class TeacherSimulation:
         self.simulation = Simulation(blind, self.n)
         self.senses = PrivilegedSenses(self.simulation, config.hidden_fields)
         self.observation_space = self.senses.space
-        self.action_space = self.simulation.action_space
+        self.actions = TeacherActions(self.simulation, config.actions)
+        self.action_space = self.actions.space
         self._elbow = int(
             self.simulation.user.qpos_independent[
                 self.simulation.user.independent_joints.index(_ELBOW)
@@ -224,7 +226,7 @@ class TeacherSimulation:
 
     def step(self, actions: NDArray[Any]) -> StepBatch:
         """Advance everyone by one user step."""
-        result = self.simulation.step(actions)
+        result = self.simulation.step(self.actions.of_muscles(actions))
         self.step_count += self.n
         self._length += 1
         truncated = result.truncated | (~result.terminated & (self._length >= self._limit))

@@ -138,6 +138,33 @@ class User:
             )
         return full
 
+    def coupled_motion(self, qpos: NDArray[np.floating]) -> FloatArray:
+        """How all joints move with the independent ones, by the couplings' slopes.
+
+        Args:
+            qpos: (N, nq) postures in rad.
+
+        Returns:
+            (N, nv, J) velocity of every joint per velocity of an independent one.
+        """
+        motion = np.zeros((len(qpos), self.physics_model.nv, len(self.independent_joints)))
+        number = {name: j for j, name in enumerate(self.independent_joints)}
+        for name, j in number.items():
+            motion[:, self._qvel_address[name], j] = 1.0
+        for coupling in self._tables.couplings:
+            if coupling.driver:
+                slope = np.polynomial.polynomial.polyder(np.asarray(coupling.coefficients))
+                angle = qpos[:, self._qpos_address[coupling.driver]]
+                motion[:, self._qvel_address[coupling.dependent], number[coupling.driver]] = (
+                    np.polynomial.polynomial.polyval(angle, slope)
+                )
+        return motion
+
+    @cached_property
+    def _qvel_address(self) -> dict[str, int]:
+        names = self.independent_joints + self.dependent_joints
+        return {name: int(self.physics_model.joint(name).dofadr[0]) for name in names}
+
     @cached_property
     def _qpos_address(self) -> dict[str, int]:
         names = self.independent_joints + self.dependent_joints

@@ -66,6 +66,10 @@ class PPO(stable_baselines3.PPO):
     def train(self) -> None:
         """Update the networks, then write the iteration's log row."""
         super().train()
+        self._write_row()
+
+    def _write_row(self) -> None:
+        """Write the iteration's log row, after the update."""
         now = time.monotonic()
         self.last_times = (self._rollout_ended - self._rollout_began, now - self._rollout_ended)
         self.logger.record("time/rollout_seconds", self.last_times[0])

@@ -140,6 +140,11 @@ class PyAppBatch {
   py::array_t<std::uint8_t> finished() const { return view(batch().finished(), {batch().size()}); }
   py::array_t<float> timeFeatures() const { return view(batch().timeFeatures(), {batch().size()}); }
   std::vector<std::string> logNames() const { return batch().logNames(); }
+  std::vector<std::string> privilegedNames() const { return batch().privilegedNames(); }
+  py::array_t<float> privileged() const {
+    return view(batch().privileged(),
+                {batch().size(), static_cast<py::ssize_t>(batch().privilegedNames().size())});
+  }
   py::array_t<double> logs() const {
     return view(batch().logs(),
                 {batch().size(), static_cast<py::ssize_t>(batch().logNames().size())});
@@ -209,6 +214,10 @@ void bindAppBatch(py::module_& module) {
       .def_property_readonly("log_names", &PyAppBatch::logNames,
                              "Names of the log's columns; empty before the first reset.")
       .def_property_readonly("logs", &PyAppBatch::logs, "(N, len(log_names)) float64.")
+      .def_property_readonly("privileged_names", &PyAppBatch::privilegedNames,
+                             "Names of the privileged numbers' columns; none for a game without.")
+      .def_property_readonly("privileged", &PyAppBatch::privileged,
+                             "(N, len(privileged_names)) float32 after the last frame.")
       .def("render_view", &PyAppBatch::renderView, py::arg("app"), py::arg("view"),
            py::arg("width"), py::arg("height"), "As App.render_view, of one app.")
       .def("save", &PyAppBatch::save, py::arg("app"), "As App.save, of one app.")

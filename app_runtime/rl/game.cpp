@@ -13,10 +13,17 @@ void RLEnv::Update() {
   UpdateIsFinished();
 }
 
+void RLEnv::fillPrivileged(std::span<float>) const {}
+
 void RLEnv::fields(Archive& archive) {
   archive.field("reward", reward_);
   archive.field("finished", finished_);
   archive.field("log", log_);
+}
+
+const std::vector<std::string>& Game::privilegedNames() const {
+  static const std::vector<std::string> none;
+  return none;
 }
 
 }  // namespace sim2vr::rl

@@ -200,6 +200,14 @@ const std::map<std::string, double>& App::log() {
   return env.log();
 }
 
+void App::fillPrivileged(std::span<float> values) {
+  if (values.size() != privilegedNames().size()) {
+    throw InvalidArgument("values", std::to_string(values.size()) + " numbers",
+                          std::to_string(privilegedNames().size()));
+  }
+  round("fillPrivileged").env->fillPrivileged(values);
+}
+
 void App::renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba) {
   const render::ViewRequest request = viewRequest(view, size, rgba);
   renderer_->render(request.scene, request.camera, request.size, request.rgba);

@@ -70,6 +70,7 @@ AppBatch::AppBatch(const BatchSettings& settings)
     apps_.push_back(std::make_unique<App>(
         std::move(app), renderers_[static_cast<std::size_t>(workerOf(i))], image));
   }
+  privileged_.resize(count * privilegedNames().size());
 }
 
 App& AppBatch::app(int index) {
@@ -96,6 +97,7 @@ void AppBatch::run(std::span<const int> indices, const Move& move) {
       if (workerOf(indices[i]) != worker) continue;
       try {
         outcomes[i] = move(i);
+        fillPrivileged(indices[i]);
         views.push_back(apps_[static_cast<std::size_t>(indices[i])]->headsetView());
       } catch (...) {
         failures[i] = std::current_exception();
@@ -145,6 +147,7 @@ void AppBatch::step(std::span<const int> indices, std::span<const FrameInput> fr
 void AppBatch::load(int index, const std::string& state) {
   app(index).load(state);
   separateChannels(index);
+  fillPrivileged(index);
 }
 
 void AppBatch::separateChannels(int index) {
@@ -157,6 +160,13 @@ void AppBatch::separateChannels(int index) {
     std::uint8_t* out = &vision_[plane++ * pixels];
     for (std::size_t i = 0; i < pixels; ++i) out[i] = in[i * kImageChannels];
   }
+}
+
+void AppBatch::fillPrivileged(int index) {
+  const std::size_t width = privilegedNames().size();
+  if (width == 0) return;
+  const auto row = static_cast<std::size_t>(index);
+  apps_[row]->fillPrivileged(std::span(privileged_).subspan(row * width, width));
 }
 
 void AppBatch::store(int index, const Outcome& outcome) {

@@ -124,6 +124,16 @@ class AppBatch:
         (N, len(log_names)) float64.
         """
     @property
+    def privileged(self) -> numpy.typing.NDArray[numpy.float32]:
+        """
+        (N, len(privileged_names)) float32 after the last frame.
+        """
+    @property
+    def privileged_names(self) -> list[str]:
+        """
+        Names of the privileged numbers' columns; none for a game without.
+        """
+    @property
     def renderer_description(self) -> str:
         ...
     @property

@@ -160,6 +160,7 @@ std::string Settings::playOptionsJson() const {
   add("countdown_seconds", countdown_s, usual.countdown_s);
   add("fade_in_seconds", fade_in_s, usual.fade_in_s);
   add("life_seconds", life_s, usual.life_s);
+  add("strike_threshold_mps", strike_threshold_mps, usual.strike_threshold_mps);
   add("velocity_smoothing", velocity_smoothing, usual.velocity_smoothing);
   add("hammer_margin_m", hammer_margin_m, usual.hammer_margin_m);
   add("spawn_weights", spawn_weights, usual.spawn_weights);
@@ -191,6 +192,8 @@ Settings Settings::fromOptions(Options& options) {
   settings.spawn_weights = weightsFromOptions(options);
   settings.fade_in_s = static_cast<float>(options.getNumber("fade_in_seconds", 0.1, 0.0, 60.0));
   settings.life_s = static_cast<float>(options.getNumber("life_seconds", 1.0, 0.0, 3600.0));
+  settings.strike_threshold_mps =
+      static_cast<float>(options.getNumber("strike_threshold_mps", 0.8, 0.0, 10.0));
   settings.velocity_smoothing = options.getNumber("velocity_smoothing", 0.5, 0.01, 1.0);
   settings.velocity_point = options.getChoice("velocity_point", "root", kVelocityPoints) == "head"
                                 ? VelocityPoint::kHead

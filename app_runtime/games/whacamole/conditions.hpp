@@ -33,6 +33,7 @@ PlacementGeometry geometry(Placement placement);
 /// Component of the hammer's velocity that a constrained hit is judged by, m/s: downward speed for
 /// the low area, forward speed for the others.
 double strikeSpeed(Placement placement, const Vec3& velocity_mps);
+/// The study's; what a hit needs by default.
 inline constexpr float kStrikeThreshold_mps = 0.8F;
 /// Of the 3x3 grid, numbered row by row from the top left as the player sees them.
 inline constexpr int kCells = 9;
@@ -82,6 +83,8 @@ struct Settings {
   // How the hammer and the targets work; the defaults are the user study's.
   float fade_in_s = 0.1F;
   float life_s = 1.0F;
+  /// Strike speed that a constrained hit must exceed.
+  float strike_threshold_mps = kStrikeThreshold_mps;
   /// Share of a frame's raw velocity in the smoothed one; 1 is no smoothing.
   double velocity_smoothing = 0.5;
   VelocityPoint velocity_point = VelocityPoint::kRoot;

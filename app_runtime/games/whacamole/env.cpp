@@ -59,6 +59,7 @@ void Env::CalculateReward() {
   distance_reward_sum_ += distance;
   reward_ = static_cast<float>(reward);
   updateLog();
+  privileged_.look();
 }
 
 double Env::contactReward() const {
@@ -119,6 +120,7 @@ void Env::fields(Archive& archive) {
   archive.field("first_contacts", first_contacts_);
   archive.field("contact_reward_sum", contact_reward_sum_);
   archive.field("distance_reward_sum", distance_reward_sum_);
+  archive.field("privileged", privileged_);
 }
 
 }  // namespace sim2vr::games::whacamole

@@ -2,8 +2,11 @@
 #pragma once
 
 #include <optional>
+#include <span>
+#include <utility>
 
 #include "sim2vr/rl/game.hpp"
+#include "whacamole/privileged.hpp"
 #include "whacamole/round.hpp"
 
 namespace sim2vr::games::whacamole {
@@ -17,7 +20,8 @@ namespace sim2vr::games::whacamole {
 /// matter.
 class Env : public rl::RLEnv {
  public:
-  explicit Env(const Round& round) : round_(round) {}
+  Env(const Round& round, Privileged privileged)
+      : round_(round), privileged_(std::move(privileged)) {}
 
   std::string_view typeName() const override { return "whacamole.Env"; }
   void InitialiseGame() override;
@@ -25,6 +29,7 @@ class Env : public rl::RLEnv {
   void CalculateReward() override;
   void UpdateIsFinished() override;
   float GetTimeFeature() const override;
+  void fillPrivileged(std::span<float> values) const override { privileged_.fill(values); }
   std::optional<Quat> headRotationOverride() const override;
   void fields(Archive& archive) override;
 
@@ -34,6 +39,7 @@ class Env : public rl::RLEnv {
   void updateLog();
 
   const Round& round_;
+  Privileged privileged_;
   int points_ = 0;
   int first_contacts_ = 0;
   double contact_reward_sum_ = 0.0;

@@ -2,6 +2,7 @@
 
 #include "sim2vr/physics/world.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
+#include "sim2vr/xr/session.hpp"
 #include "whacamole/env.hpp"
 #include "whacamole/hammer.hpp"
 #include "whacamole/layers.hpp"
@@ -53,11 +54,15 @@ rl::RLEnv& WhacAMole::build(rl::GameContext& context) {
 
   auto& round = scene.create("Round").addComponent<Round>(setup);
   registerTargetPrefab(scene, round, hammer);
-  auto& env = scene.create("RL Environment").addComponent<Env>(round);
+  auto& env = scene.create("RL Environment")
+                  .addComponent<Env>(round, Privileged(round, *setup.rig.camera, *setup.area,
+                                                       context.xr.settings().aspect));
   rl::setHeadRotationSource(setup.rig, env);
   addRoomLooks(scene);
   return env;
 }
+
+const std::vector<std::string>& WhacAMole::privilegedNames() const { return Privileged::names(); }
 
 void WhacAMole::fields(Archive& archive) { archive.field("tally", tally_); }
 

@@ -136,7 +136,7 @@ void Round::measureDepth() {
 bool Round::isHit(const Vec3& velocity_mps) const {
   if (!setup_.condition.constrained) return true;
   const double strike = strikeSpeed(setup_.condition.placement, velocity_mps);
-  return static_cast<float>(strike) > kStrikeThreshold_mps;
+  return static_cast<float>(strike) > setup_.settings.strike_threshold_mps;
 }
 
 void Round::recordHit(const Target& target, const Vec3& velocity_mps) {

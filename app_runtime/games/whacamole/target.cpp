@@ -57,6 +57,10 @@ void Target::begin(const Spawn& spawn) {
   looks_->showAge(0.0);
 }
 
+Vec3 Target::hitCenter_m() const {
+  return transform().position() + transform().rotation() * (kTriggerCenter * kTargetRadius_m);
+}
+
 void Target::FixedUpdate() {
   if (state_ == State::kAlive && clock().fixedTime() >= expiry_) {
     endLife(/*was_hit=*/false);

@@ -41,6 +41,10 @@ class Target : public scene::Component {
   float spawnTime_s() const { return spawn_time_; }
   /// The time of the frame in which it appeared.
   float spawnFrameTime_s() const { return spawn_frame_time_; }
+  /// When it can no longer be hit.
+  float expiry_s() const { return expiry_; }
+  /// World position of the middle of its hit volume, full-grown.
+  Vec3 hitCenter_m() const;
 
  private:
   void fadeIn(float age_s);

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 OptionValue = bool | int | float | str | list[float]
 UInt8Array = NDArray[np.uint8]
+Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
 Int64Array = NDArray[np.int64]
 

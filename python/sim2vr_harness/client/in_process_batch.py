@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.client.base import (
     AppReply,
     DevicePoses,
+    Float32Array,
     Float64Array,
     Int64Array,
     OptionValue,
@@ -81,6 +82,11 @@ class InProcessBatch:
         """(N,) 1 where the round is over."""
         self.time_features: NDArray[np.float32] = self._batch.time_features
         """(N,)"""
+        self.privileged_names: tuple[str, ...] = tuple(self._batch.privileged_names)
+        """Names of the numbers behind the picture, for teachers; none for a game without."""
+        self.privileged: Float32Array = self._batch.privileged
+        """(N, len(privileged_names)) after the last frames, overwritten by the apps' steps; no
+        copy. Those named ``aid.*`` are not to be observed."""
         self.log_names: list[str] = []
         """Names of the columns of :attr:`logs`, from the first reset on."""
         self.logs: Float64Array = np.zeros((n, 0))
@@ -230,6 +236,16 @@ class InProcessBatchApp:
     def __init__(self, batch: InProcessBatch, index: int) -> None:
         self._batch: InProcessBatch | None = batch
         self._index = index
+
+    @property
+    def batch(self) -> InProcessBatch:
+        """The apps that this one is stepped with; RuntimeError when it was closed."""
+        return self._open()
+
+    @property
+    def index(self) -> int:
+        """Its place in the batch, and its row in the batch's arrays."""
+        return self._index
 
     def _open(self) -> InProcessBatch:
         if self._batch is None:

@@ -47,6 +47,8 @@ class UserConfig(_Settings):
     """Downward pitch of the skull and with it of the headset, degrees."""
     effort: EffortConfig = EffortConfig()
     noise: NoiseConfig = NoiseConfig()
+    timestep_s: float | None = Field(default=None, gt=0.0)
+    """Physics step; None takes the model's 2 ms. Coarser physics is for trainings only."""
 
 
 class VisionConfig(_Settings):

@@ -122,6 +122,7 @@ class Simulation:
         self.user: User = load_user(
             config.user.model,
             skull_rotation_wxyz=_pitch_down(config.user.skull_rotation_deg),
+            timestep_s=config.user.timestep_s,
         )
         substeps = _substeps(config.action_frequency_hz, self.user.timestep)
         _check_frames(config.frames_per_step, substeps)
@@ -169,6 +170,7 @@ class Simulation:
         ids: Sequence[int] | None = None,
         seeds: Sequence[int | None] | None = None,
         options: Mapping[str, OptionValue] | None = None,
+        postures: Sequence[NDArray[np.float64] | None] | None = None,
     ) -> list[dict[str, Any]]:
         """Starts new episodes.
 
@@ -177,6 +179,7 @@ class Simulation:
             seeds: K seeds; a seed restarts that user's stream of episodes, None goes on with it
                 (a user never seeded starts from entropy).
             options: game options for these users from this round on.
+            postures: K postures to start in (see `UserBatch.reset`); None draws all of them.
 
         Returns:
             K info dictionaries with ``seed`` (of the app's round) and ``log``.
@@ -198,7 +201,7 @@ class Simulation:
                     raise ValueError(f"seed: got {seed}, expected an integer of 0 or above")
                 self._seeds[i] = np.random.default_rng(seed)
         round_seeds = [int(self._seeds[i].integers(2**32)) for i in rows]
-        self.users.reset(rows, [self._seeds[i] for i in rows])
+        self.users.reset(rows, [self._seeds[i] for i in rows], postures)
         users = np.array(rows, dtype=np.int64)
         poses = self._poses(users, -1)
         self._group.reset(users, np.array(round_seeds, dtype=np.int64), poses, options)

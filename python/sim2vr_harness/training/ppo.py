@@ -43,7 +43,6 @@ class PPO(stable_baselines3.PPO):
     followed it (Stable-Baselines3 logs the update before).
     """
 
-    policy: UserPolicy
     schedule_timesteps: int | None = None
     last_times: tuple[float, float] = (0.0, 0.0)
     """Seconds of the last rollout and of the update that followed it."""
@@ -68,8 +67,13 @@ class PPO(stable_baselines3.PPO):
     def train(self) -> None:
         """Update the networks, then write the iteration's log row."""
         # Shards have their own threads; those of torch's operations would only wait for each other.
-        with torch_threads(1 if self.policy.in_shards else torch.get_num_threads()):
+        in_shards = isinstance(self.policy, UserPolicy) and self.policy.in_shards
+        with torch_threads(1 if in_shards else torch.get_num_threads()):
             super().train()
+        self._write_row()
+
+    def _write_row(self) -> None:
+        """Write the iteration's log row, after the update."""
         now = time.monotonic()
         self.last_times = (self._rollout_ended - self._rollout_began, now - self._rollout_ended)
         self.logger.record("time/rollout_seconds", self.last_times[0])

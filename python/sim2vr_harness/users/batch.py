@@ -25,6 +25,7 @@ RESET_RANGE = 0.05
 """Start angles (rad) and velocities (rad/s) are uniform in +-this (User-in-the-Box reference)."""
 
 _POS = mujoco.mjtStage.mjSTAGE_POS.value
+_VEL = mujoco.mjtStage.mjSTAGE_VEL.value
 _ACC = mujoco.mjtStage.mjSTAGE_ACC.value
 
 
@@ -104,6 +105,7 @@ class UserBatch:
         self._device_body = {name: int(model.body(name).id) for name in user.hardware}
         self._device_pos = {name: np.zeros((1, n, 3)) for name in user.hardware}
         self._device_quat = {name: np.zeros((1, n, 4)) for name in user.hardware}
+        self._end_stage = _POS  # what is computed anew at the end of a step
         self._cost = np.zeros(n)
         self._diverged = np.zeros(n, dtype=bool)
         self.reset(np.arange(n), [np.random.default_rng(i) for i in range(n)])
@@ -132,6 +134,7 @@ class UserBatch:
         self,
         ids: Sequence[int] | NDArray[np.integer],
         rngs: Sequence[np.random.Generator],
+        postures: Sequence[FloatArray | None] | None = None,
     ) -> None:
         """Starts a new episode for some users.
 
@@ -143,25 +146,33 @@ class UserBatch:
         Args:
             ids: (K,) distinct user indices, in any order.
             rngs: K random generators, one per entry of `ids`.
+            postures: K postures to start in, (7,) angles of the independent joints in rad, to
+                which the dependent joints are fitted; None for a drawn one.
 
         Raises:
-            ValueError: an index out of range or given twice, or another number of generators.
+            ValueError: an index out of range or given twice, or another number of generators or
+                postures.
         """
         ids = self._checked_ids(ids)
         if len(rngs) != len(ids):
             raise ValueError(f"rngs: got {len(rngs)} generators, expected {len(ids)}, one per id")
+        chosen = [None] * len(ids) if postures is None else list(postures)
+        if len(chosen) != len(ids):
+            raise ValueError(f"postures: got {len(chosen)}, expected {len(ids)}, one per id")
         order = np.argsort(ids)
-        ids, rngs = ids[order], [rngs[k] for k in order]
+        ids, rngs, chosen = ids[order], [rngs[k] for k in order], [chosen[k] for k in order]
         if len(ids) == 0:
             return
         self._batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
         joints, dofs = self.user.qpos_independent, self.user.qvel_independent
         noise_seeds = []
-        for i, rng in zip(ids, rngs, strict=True):
+        for i, rng, posture in zip(ids, rngs, chosen, strict=True):
             self._qpos[i, joints] = rng.uniform(-RESET_RANGE, RESET_RANGE, len(joints))
             self._qvel[i, dofs] = rng.uniform(-RESET_RANGE, RESET_RANGE, len(dofs))
             self._act[i] = rng.uniform(0.0, 1.0, self.muscle_count)
             noise_seeds.append(int(rng.integers(2**63)))
+            if posture is not None:
+                self._qpos[i] = self.user.coupled_qpos(posture)
         if self.noise is not None:
             self.noise.reset(ids, noise_seeds)
         self._diverged[ids] = False
@@ -211,7 +222,7 @@ class UserBatch:
             return
         warnings = self._batch.warning[ids].copy()
         try:
-            self._batch.step(ids, nstep=substeps, stage=_POS)
+            self._batch.step(ids, nstep=substeps, stage=self._end_stage)
         except SimulationError as error:
             self._diverged[error.ids] = True
         # Every warning that this contact-free model can raise means a broken simulation.
@@ -222,7 +233,7 @@ class UserBatch:
     def _freeze(self, ids: IntArray, states: FloatArray) -> None:
         """Puts diverged users back to the last finite state, where they stay until reset."""
         self._state[ids] = states
-        self._batch.forward(ids, _POS)
+        self._batch.forward(ids, self._end_stage)
         self._copy_poses(ids, slice(None))
 
     def _update_effort(self, ids: IntArray) -> None:
@@ -303,6 +314,20 @@ class UserBatch:
         """(N,) whether the simulation broke; such a user stays at its last finite state."""
         return self._diverged.copy()
 
+    def compute_velocities(self) -> None:
+        """Computes velocity-dependent quantities anew, now and at the end of every step."""
+        self._end_stage = _VEL
+        self._batch.forward(np.arange(self.n), _VEL)
+
+    def live(self, field: str) -> FloatArray:
+        """(N, ...) view of a field of MuJoCo's data, for reading between two steps.
+
+        Fields of positions belong to the end of the step, and so do those of velocities after
+        :meth:`compute_velocities`; others may be those of another user.
+        """
+        array: FloatArray = self._batch.bind(field)
+        return array
+
     # --- save and restore --------------------------------------------------------------------
 
     def get_state(self, i: int) -> dict[str, Any]:
@@ -344,7 +369,7 @@ class UserBatch:
             raise ValueError("state simulation: got NaN or infinity, expected finite numbers")
         ids = np.array([i])
         self._state[i] = state["simulation"]
-        self._batch.forward(ids, _POS)
+        self._batch.forward(ids, self._end_stage)
         self._copy_poses(ids, slice(None))
         self._qacc[i], self._force[i] = state["qacc"], state["force"]
         self._cost[i], self._diverged[i] = state["effort_cost"], bool(state["diverged"])

@@ -240,10 +240,12 @@ def learn(plain: bool, monkeypatch: pytest.MonkeyPatch, iterations: int) -> dict
         if plain:
             patch.setattr(ppo, "FrameRolloutBuffer", DictRolloutBuffer)
         model = ppo.build(config, env)
-    assert model.policy.in_shards
+    policy = model.policy
+    assert isinstance(policy, UserPolicy)
+    assert policy.in_shards
     if plain:
-        make_plain(model.policy)
-        assert not model.policy.in_shards
+        make_plain(policy)
+        assert not policy.in_shards
         assert type(model.rollout_buffer) is DictRolloutBuffer
     model.set_logger(Logger(folder=None, output_formats=[]))
     model.learn(iterations * 400)

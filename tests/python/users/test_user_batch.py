@@ -72,6 +72,35 @@ def test_reset_follows_the_reference() -> None:
     np.testing.assert_allclose(batch.effort_cost, expected, atol=1e-15)
 
 
+def test_reset_to_a_posture_draws_the_rest_as_ever() -> None:
+    drawn, posed = UserBatch(USER, 2, threads=1), UserBatch(USER, 2, threads=1)
+    posture = np.array([0.4, 1.1, -0.3, 1.2, 0.2, 0.1, -0.2])
+    drawn.reset([1, 0], _rngs(7, 8))
+    posed.reset([1, 0], _rngs(7, 8), [posture, None])
+    np.testing.assert_array_equal(posed.qpos[1], USER.coupled_qpos(posture))
+    np.testing.assert_array_equal(posed.qpos[0], drawn.qpos[0])
+    np.testing.assert_array_equal(posed.qvel, drawn.qvel)
+    np.testing.assert_array_equal(posed.act, drawn.act)
+    with pytest.raises(ValueError, match="postures: got 1, expected 2"):
+        posed.reset([0, 1], _rngs(7, 8), [None])
+
+
+def test_coarse_physics_stays_near() -> None:
+    """50 ms in 10 steps of 5 ms instead of 25 of 2 ms: millimetres apart after a second."""
+    actions = 0.3 * _actions(20, 4)
+    fine = _play(actions, [1, 2, 3, 4])
+    coarse = UserBatch(load_user("mobl_arms_wrist", timestep_s=0.005), 4, threads=1, substeps=10)
+    coarse.reset(range(4), _rngs(1, 2, 3, 4))
+    for action in actions:
+        coarse.step(action)
+    assert coarse.dt == fine.dt == pytest.approx(0.05)
+    np.testing.assert_allclose(coarse.time, fine.time)
+    apart = np.linalg.norm(coarse.end_effector_pos - fine.end_effector_pos, axis=1)
+    assert 1e-5 < np.median(apart) < 0.02
+    with pytest.raises(ValueError, match=r"timestep_s: got 0\.0, expected a number above 0"):
+        load_user("mobl_arms_wrist", timestep_s=0.0)
+
+
 def test_reset_leaves_the_others_alone() -> None:
     batch = _play(_actions(3, 3), [1, 2, 3])
     before = _snapshot(batch)

@@ -6,6 +6,7 @@
 #include <map>
 #include <memory>
 #include <optional>
+#include <span>
 #include <string>
 #include <string_view>
 #include <vector>
@@ -47,6 +48,10 @@ class RLEnv : public scene::Component {
   virtual void UpdateIsFinished() = 0;
   /// Position in the round as the policy sees it, from -1 (start) to 1 (end).
   virtual float GetTimeFeature() const = 0;
+  /// Writes the numbers named by Game::privilegedNames(), one for each, as they are after the
+  /// user step's last frame. Of what the head camera has to find, only what it shows or has shown
+  /// since it came into being may be told.
+  virtual void fillPrivileged(std::span<float> values) const;
   /// World rotation that the head camera shall have instead of the tracked one.
   virtual std::optional<Quat> headRotationOverride() const { return std::nullopt; }
 
@@ -107,6 +112,11 @@ class Game {
   /// head camera (kHeadCameraPath in xr_rig.hpp) and may hold kThirdPersonCameraPath and
   /// kSpectatorCameraPath.
   virtual RLEnv& build(GameContext& context) = 0;
+
+  /// Names, unit last, of the numbers behind the picture that a teacher learns from (RLEnv's
+  /// fillPrivileged); the same for every round. Those that begin with "aid." are not for its
+  /// observation but for its reward and its start. None: the game does not help teachers.
+  virtual const std::vector<std::string>& privilegedNames() const;
 
   /// What survives rounds (adaptive curricula). Settings from configure() are not part of it.
   virtual void fields(Archive&) {}

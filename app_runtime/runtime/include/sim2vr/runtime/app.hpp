@@ -101,6 +101,11 @@ class App {
   Outcome advance(std::span<const FrameInput> frames);
   /// The game's named numbers after the last frame. Throws StateError before the first reset.
   const std::map<std::string, double>& log();
+  /// Names of what fillPrivileged writes; none for a game that does not help teachers.
+  const std::vector<std::string>& privilegedNames() const { return game_->privilegedNames(); }
+  /// The game's numbers behind the picture after the last frame (rl::RLEnv::fillPrivileged). Throws
+  /// StateError before the first reset.
+  void fillPrivileged(std::span<float> values);
   /// What draws the last frame's headset image into the app's memory for it.
   render::ViewRequest headsetView() {
     return viewRequest(View::headset, settings_.headset_size, image_);

@@ -68,6 +68,12 @@ class AppBatch {
   const std::vector<std::string>& logNames() const { return log_names_; }
   /// N x logNames().size().
   std::span<const double> logs() const { return logs_; }
+  /// Names of the privileged numbers; none for a game that does not help teachers.
+  const std::vector<std::string>& privilegedNames() const { return apps_.at(0)->privilegedNames(); }
+  /// N x privilegedNames().size().
+  std::span<const float> privileged() const { return privileged_; }
+  /// Writes an app's row of them anew, after App::load.
+  void fillPrivileged(int index);
 
  private:
   template <class Move>
@@ -85,6 +91,7 @@ class AppBatch {
   std::vector<float> time_features_;
   std::vector<std::string> log_names_;
   std::vector<double> logs_;
+  std::vector<float> privileged_;
   std::vector<std::shared_ptr<render::Renderer>> renderers_;
   std::vector<std::unique_ptr<App>> apps_;
 };

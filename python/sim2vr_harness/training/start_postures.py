@@ -1,0 +1,137 @@
+"""Postures in which a user is about to strike: reference-state initialisation for a teacher."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.client import OptionValue
+from sim2vr_harness.envs.simulation import Simulation
+
+__all__ = ["StartPostures", "find_start_postures", "joint_box"]
+
+FloatArray = NDArray[np.float64]
+
+_SPREAD = 0.25
+"""Standard deviation of a changed posture, as a share of the joints' ranges."""
+
+
+class StartPostures:
+    """Postures by condition and cell.
+
+    Args:
+        postures: condition -> cell -> (K, J) angles of the independent joints in rad.
+    """
+
+    def __init__(self, postures: Mapping[str, Mapping[int, FloatArray]]) -> None:
+        self._postures = {name: dict(cells) for name, cells in postures.items()}
+
+    def counts(self, condition: str) -> dict[int, int]:
+        """How many postures there are for each cell."""
+        return {cell: len(found) for cell, found in self._postures[condition].items()}
+
+    def draw(
+        self, condition: str, weights: NDArray[np.floating], rng: np.random.Generator
+    ) -> FloatArray | None:
+        """A posture near a cell drawn by ``weights`` (by cell); None where there is none."""
+        cells = [cell for cell, found in self._postures[condition].items() if len(found)]
+        if not cells:
+            return None
+        chances = np.array([weights[cell] for cell in cells], dtype=np.float64)
+        cell = cells[int(rng.choice(len(cells), p=chances / chances.sum()))]
+        found = self._postures[condition][cell]
+        return found[int(rng.integers(len(found)))]
+
+
+def joint_box(
+    simulation: Simulation, limits: Mapping[str, tuple[float, float]]
+) -> tuple[FloatArray, FloatArray]:
+    """Lowest and highest angles of the independent joints, (J,) each, rad; ``limits`` by name."""
+    low, high = (side.copy() for side in simulation.user.joint_ranges.T)
+    for name, (least, most) in limits.items():
+        joint = simulation.user.independent_joints.index(name)
+        low[joint], high[joint] = max(low[joint], least), min(high[joint], most)
+    return low, high
+
+
+def find_start_postures(
+    simulation: Simulation,
+    conditions: Sequence[str],
+    *,
+    box: tuple[FloatArray, FloatArray],
+    near_m: float,
+    per_cell: int,
+    seed: int,
+    most_rounds: int = 400,
+    options: Mapping[str, OptionValue] | None = None,
+) -> StartPostures:
+    """Look for postures that hold the tool where a stroke may begin, by asking the game.
+
+    Half of the postures tried are drawn from the box of joint angles, half are neighbours of those
+    found already. The game says how far each is from a good start (``aid.start_distance_m``) and
+    for which cell (``aid.start_cell``).
+
+    Args:
+        simulation: users to try with; their rounds are lost.
+        conditions: of the game.
+        box: lowest and highest angles, (J,) each.
+        near_m: how near is near enough.
+        per_cell: how many to find for each cell.
+        seed: of the search.
+        most_rounds: resets of all users per condition after which the search gives up.
+        options: further options of the game.
+
+    Raises:
+        ValueError: the game does not say where strokes begin.
+    """
+    batch: Any = simulation.apps[0].batch  # type: ignore[attr-defined]
+    names = list(batch.privileged_names)
+    for name in ("aid.start_distance_m", "aid.start_cell"):
+        if name not in names:
+            raise ValueError(f"near starts: the game does not publish {name!r}, expected it to")
+    columns = [names.index("aid.start_distance_m"), names.index("aid.start_cell")]
+    rng = np.random.default_rng(seed)
+    low, high = box
+    found: dict[str, dict[int, FloatArray]] = {}
+    for condition in conditions:
+        kept: dict[int, list[FloatArray]] = {}
+        for _ in range(most_rounds):
+            tried = _candidates(kept, low, high, simulation.n, rng)
+            simulation.reset(
+                seeds=[0] * simulation.n,
+                options={**(options or {}), "condition": condition},
+                postures=list(tried),
+            )
+            distances, cells = batch.privileged[:, columns].T
+            for i in np.flatnonzero(distances <= near_m):
+                postures = kept.setdefault(int(cells[i]), [])
+                if len(postures) < per_cell:
+                    postures.append(tried[i])
+            if len(kept) == _GRID and all(len(k) == per_cell for k in kept.values()):
+                break
+        found[condition] = {cell: np.array(postures) for cell, postures in sorted(kept.items())}
+    return StartPostures(found)
+
+
+_GRID = 9
+
+
+def _candidates(
+    kept: Mapping[int, list[FloatArray]],
+    low: FloatArray,
+    high: FloatArray,
+    n: int,
+    rng: np.random.Generator,
+) -> FloatArray:
+    tried = rng.uniform(low, high, (n, len(low)))
+    if kept:
+        # Neighbours of the rarest cells' postures lead to more of them, and beyond.
+        cells = sorted(kept, key=lambda cell: len(kept[cell]))
+        for i in range(n // 2):
+            postures = kept[cells[i % min(3, len(cells))]]
+            near = postures[int(rng.integers(len(postures)))]
+            tried[i] = near + rng.normal(0.0, _SPREAD / 2, len(low)) * (high - low)
+    return np.clip(tried, low, high)

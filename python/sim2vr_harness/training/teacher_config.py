@@ -1,0 +1,156 @@
+"""How a teacher is trained: settings of its learner, and the aids on the way to the true task."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+__all__ = ["ActionsConfig", "AidsConfig", "Ramp", "TeacherConfig", "TeacherPPOConfig"]
+
+
+class _Settings(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Ramp(_Settings):
+    """A number that changes linearly with the user steps taken, between two constants."""
+
+    start: float
+    end: float
+    from_step: int = Field(default=0, ge=0)
+    to_step: int = Field(default=0, ge=0)
+
+    @model_validator(mode="after")
+    def _forwards(self) -> Self:
+        if self.to_step < self.from_step:
+            raise ValueError(
+                f"to_step: got {self.to_step}, expected from_step={self.from_step} or more"
+            )
+        return self
+
+    def at(self, step: int) -> float:
+        """The value after ``step`` user steps."""
+        if step >= self.to_step:
+            return self.end
+        if step <= self.from_step:
+            return self.start
+        share = (step - self.from_step) / (self.to_step - self.from_step)
+        return self.start + share * (self.end - self.start)
+
+
+def _constant(value: float) -> Ramp:
+    return Ramp(start=value, end=value)
+
+
+class ActionsConfig(_Settings):
+    """What the teacher decides; what reaches the muscles are changes of activation either way."""
+
+    kind: Literal["joints", "muscles"] = "joints"
+    """``muscles``: the changes themselves. ``joints``: accelerations of the independent joints, for
+    which the least activations are computed (users/joint_drive.py)."""
+    acceleration_radps2: tuple[float, ...] = (40.0, 40.0, 40.0, 60.0, 60.0, 60.0, 60.0)
+    """What 1 stands for, by joint."""
+    damping_per_s: float = Field(default=4.0, ge=0.0)
+    """Deceleration per velocity, so that no action means coming to rest."""
+    effort: float = Field(default=0.02, gt=0.0)
+    """Weight of the activations' squares against the acceleration's."""
+
+
+class AidsConfig(_Settings):
+    """What helps the teacher to find the strokes at all; all of it ends on the true task.
+
+    With either the starts and the elbow, or the shaping and the threshold left out, a prototype's
+    hit rate after 0.33 M steps was 0.02 to 0.18 instead of 0.54.
+    """
+
+    progress: Ramp = _constant(10.0)
+    """Reward per metre by which the hammer comes nearer to the target that expires first."""
+    strike: Ramp = _constant(20.0)
+    """Reward per metre of strike near a target: of speed (m/s, at most 1) over time (s)."""
+    straight_elbow: Ramp = _constant(0.3)
+    """Cost per rad by which the elbow is straighter than ``elbow_rad``, and user step."""
+    elbow_rad: float = 0.5
+    strike_threshold_mps: Ramp = Ramp(start=0.3, end=0.8, to_step=500_000)
+    """What the game asks of a hit; the true value is 0.8."""
+    life_seconds: Ramp = _constant(1.0)
+    """How long a target lives; the true value is 1."""
+    effort: Ramp = _constant(1.0)
+    """Share of the true cost of effort."""
+    near_starts: Ramp = _constant(0.7)
+    """Share of episodes that start with the hammer near a cell, instead of the true start."""
+    near_start_m: float = Field(default=0.08, gt=0.0)
+    """How near: the marker's distance from a point 10 cm in front of a cell."""
+    start_elbow_rad: tuple[float, float] = (0.5, 1.9)
+    starts_per_cell: int = Field(default=40, ge=1)
+    """Start postures that are looked for, for each cell and placement."""
+    failing_cells: Ramp = _constant(0.5)
+    """Share of spawns that go by the cells' fail rates; the others are uniform."""
+    episode_seconds: Ramp = _constant(5.0)
+    """Episodes are cut after this time; the value of the state stands for the rest."""
+
+
+class TeacherPPOConfig(_Settings):
+    """Proximal policy optimisation on numbers; names are Stable-Baselines3's where it has one."""
+
+    n_envs: int = Field(default=128, ge=1)
+    n_steps: int = Field(default=32, ge=1)
+    batch_size: int = Field(default=1024, ge=2)
+    n_epochs: int = Field(default=6, ge=1)
+    gamma: float = Field(default=0.96, ge=0.0, le=1.0)
+    gae_lambda: float = Field(default=0.93, ge=0.0, le=1.0)
+    clip_range: float = Field(default=0.2, gt=0.0)
+    ent_coef: float = 0.0
+    max_grad_norm: float = Field(default=1.0, gt=0.0)
+    """Of the actor's and of the critic's gradient, each."""
+    learning_rate: float = Field(default=3.0e-4, gt=0.0)
+    """At the start; it follows ``target_kl`` from there."""
+    learning_rate_range: tuple[float, float] = (5.0e-5, 2.0e-3)
+    target_kl: float | None = Field(default=0.05, gt=0.0)
+    """An update that moves the policy by more than twice this lowers the learning rate, one that
+    moves it by less than half of it raises it. None keeps the rate."""
+    mean_penalty: float = Field(default=1.0e-3, ge=0.0)
+    """Cost of means beyond the actions' range, squared."""
+    reward_scale: float = Field(default=0.2, gt=0.0)
+    net_arch: tuple[int, ...] = (256, 256)
+    """Hidden layers of actor and critic each, SiLU."""
+    action_scale: float = Field(default=0.5, gt=0.0)
+    """Means are the actor's outputs times this."""
+    log_std_init: float = -0.7
+    log_std_min: float = -3.0
+    observation_clip: float = Field(default=8.0, gt=0.0)
+    """Of the normalised observation."""
+
+    @property
+    def steps_per_iteration(self) -> int:
+        """User steps of all environments between two updates."""
+        return self.n_envs * self.n_steps
+
+    @model_validator(mode="after")
+    def _whole_minibatches(self) -> Self:
+        if self.steps_per_iteration % self.batch_size:
+            raise ValueError(
+                f"batch_size: got {self.batch_size}, expected a divisor of n_envs * n_steps = "
+                f"{self.steps_per_iteration}"
+            )
+        return self
+
+
+class TeacherConfig(_Settings):
+    """The first stage of a distilled training: a policy on privileged numbers, without pictures."""
+
+    total_timesteps: int = Field(default=3_000_000, ge=1)
+    conditions: tuple[str, ...] = ("low-medium", "medium", "high-medium")
+    """The game's conditions, in turn."""
+    hidden_fields: tuple[str, ...] = ("aid.*", "round.elapsed_s", "cell*.?_m")
+    """Patterns of privileged numbers that the teacher does not observe."""
+    coarse_physics_s: float | None = Field(default=0.005, gt=0.0)
+    """Physics step at first, which makes user steps cheaper."""
+    coarse_until_step: int = Field(default=2_000_000, ge=0)
+    """From here on the physics is the true one."""
+    actions: ActionsConfig = ActionsConfig()
+    ppo: TeacherPPOConfig = TeacherPPOConfig()
+    aids: AidsConfig = AidsConfig()
+    evaluate_every_steps: int = Field(default=250_000, ge=1)
+    evaluate_rounds: int = Field(default=4, ge=0)
+    """Rounds of 60 s per condition, true rules, uniform spawns, stochastic policy."""

@@ -1,0 +1,137 @@
+"""Wanted joint accelerations and the muscles that bring them about."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim2vr_harness.users import UserBatch, load_user
+from sim2vr_harness.users.joint_drive import JointDrive, _least_activations
+
+USER = load_user("mobl_arms_wrist")
+SCALE = np.array([40.0, 40.0, 40.0, 60.0, 60.0, 60.0, 60.0])
+
+
+def _batch(n: int, seed: int = 0) -> UserBatch:
+    """Users in postures well inside their joints' ranges."""
+    batch = UserBatch(USER, n, threads=1)
+    rng = np.random.default_rng(seed)
+    low, high = USER.joint_ranges.T
+    postures = list(rng.uniform(low + 0.25 * (high - low), high - 0.25 * (high - low), (n, 7)))
+    batch.reset(range(n), [np.random.default_rng(k) for k in range(n)], postures)
+    return batch
+
+
+def test_two_muscles_share_a_load_by_their_strength() -> None:
+    """Pulls of 3 and 4 want 1: y (9 + 16) + y e = 1, so that e -> 0 gives a = (3, 4) / 25."""
+    effect = np.array([[[3.0, 4.0]]])
+    np.testing.assert_allclose(
+        _least_activations(effect, np.array([[1.0]]), 1e-9), [[0.12, 0.16]], atol=1e-6
+    )
+    # Twice as much as both can: both give all they have.
+    np.testing.assert_allclose(_least_activations(effect, np.array([[14.0]]), 1e-3), [[1.0, 1.0]])
+    # Muscles do not push.
+    np.testing.assert_allclose(_least_activations(effect, np.array([[-1.0]]), 1e-3), [[0.0, 0.0]])
+    # Of two that pull against each other, one rests: (e + 4) y = 2, a = 2 y.
+    against = np.array([[[2.0, -2.0]]])
+    np.testing.assert_allclose(
+        _least_activations(against, np.array([[2.0 / 4]]), 0.5), [[2 * 0.5 / 4.5, 0.0]], atol=1e-9
+    )
+
+
+def test_the_muscles_forces_are_mujoco_s() -> None:
+    batch = _batch(20)
+    drive = JointDrive(batch, SCALE)
+    dense = np.zeros((20, 32, USER.physics_model.nv))
+    dense[:, drive._moment_rows, drive._moment_columns] = batch.live("actuator_moment")
+    for speed in (0.0, 3.0):
+        velocity = np.full((20, 32), speed) * np.linspace(-1, 1, 32)
+        gain, bias = drive._curves(batch.live("actuator_length"), velocity)
+        model = USER.physics_model
+        for i in range(20):
+            length = batch.live("actuator_length")[i]
+            for m in range(32):
+                parameters = model.actuator_gainprm[m, :9]
+                expected = mujoco.mju_muscleGain(
+                    length[m],
+                    velocity[i, m],
+                    model.actuator_lengthrange[m],
+                    model.actuator_acc0[m],
+                    parameters,
+                )
+                assert gain[i, m] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+                expected = mujoco.mju_muscleBias(
+                    length[m],
+                    model.actuator_lengthrange[m],
+                    model.actuator_acc0[m],
+                    model.actuator_biasprm[m, :9],
+                )
+                assert bias[i, m] == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+def test_activations_bring_about_what_is_wanted() -> None:
+    """MuJoCo's own accelerations with these activations: the predicted ones, up to the couplings'
+    softness, and in most postures the wanted ones (in some, muscles at their ends pull harder)."""
+    batch = _batch(12)
+    drive = JointDrive(batch, SCALE, effort=1e-4)
+    wanted = 0.1 * SCALE * np.random.default_rng(1).uniform(-1, 1, (12, 7))
+    activations = drive.activations(wanted)
+    assert ((activations >= 0.0) & (activations <= 1.0)).all()
+    effect, rest = drive._accelerations(USER.coupled_motion(batch.qpos))
+    predicted = np.einsum("njm,nm->nj", effect, activations) + rest
+    found = []
+    for i in range(12):
+        data = mujoco.MjData(USER.physics_model)
+        data.qpos, data.qvel, data.act = batch.qpos[i], batch.qvel[i], activations[i]
+        data.ctrl = activations[i]
+        mujoco.mj_forward(USER.physics_model, data)
+        found.append(data.qacc[USER.qvel_independent])
+    assert np.abs((predicted - found) / SCALE).max() < 0.1
+    assert np.median(np.abs((wanted - found) / SCALE)) < 0.05
+
+
+def test_an_arm_that_wants_nothing_stays_where_it_is() -> None:
+    """Gravity is held; a limp arm falls."""
+    held, limp = _batch(8), _batch(8)
+    drive = JointDrive(held, SCALE)
+    moved = []
+    for step in range(12):
+        before = (held.end_effector_pos, limp.end_effector_pos)
+        speeds = held.qvel[:, USER.qvel_independent]
+        held.step(drive.activations(-4.0 * speeds) - held.act)
+        limp.step(-limp.act)
+        if step >= 4:  # the drawn activations of the start are over
+            after = (held.end_effector_pos, limp.end_effector_pos)
+            moved.append(
+                [np.linalg.norm(a - b, axis=1) for a, b in zip(after, before, strict=True)]
+            )
+    of_held, of_limp = np.median(np.sum(moved, axis=0), axis=1)
+    assert of_held < 0.3 * of_limp
+
+
+def test_a_user_s_activations_are_its_own() -> None:
+    together, wanted = _batch(3), 10.0 * np.random.default_rng(2).uniform(-1, 1, (3, 7))
+    expected = JointDrive(together, SCALE).activations(wanted)
+    alone = UserBatch(USER, 1, threads=1)
+    drive = JointDrive(alone, SCALE)
+    alone.set_state(0, together.get_state(2))
+    np.testing.assert_array_equal(drive.activations(wanted[2:]), expected[2:])
+
+
+def test_wrong_shapes_are_named() -> None:
+    batch = _batch(2)
+    with pytest.raises(ValueError, match=r"scale_radps2: got shape \(3,\), expected \(7,\)"):
+        JointDrive(batch, np.ones(3))
+    with pytest.raises(ValueError, match=r"wanted: got shape \(1, 7\), expected \(2, 7\)"):
+        JointDrive(batch, SCALE).activations(np.zeros((1, 7)))
+
+
+def test_coupled_motion_is_the_slope_of_coupled_postures() -> None:
+    posture = np.array([0.4, 1.1, -0.3, 1.2, 0.2, 0.1, -0.2])
+    slopes = USER.coupled_motion(USER.coupled_qpos(posture)[None])[0]
+    for joint in range(7):
+        step = np.zeros(7)
+        step[joint] = 1e-6
+        apart = USER.coupled_qpos(posture + step) - USER.coupled_qpos(posture - step)
+        np.testing.assert_allclose(slopes[:, joint], apart / 2e-6, atol=1e-7)

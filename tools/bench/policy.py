@@ -271,6 +271,7 @@ def _model(overrides: tuple[str, ...], is_plain: bool) -> ppo.PPO:
     with mock.patch.object(ppo, "FrameRolloutBuffer", kind):
         model = ppo.build(config, env)
     if is_plain:
+        assert isinstance(model.policy, UserPolicy)
         plain(model.policy)
     model.set_logger(Logger(folder=None, output_formats=[]))
     return model

@@ -3,7 +3,8 @@
 Stable-Baselines3's :class:`DictRolloutBuffer` allocates the observations anew for every rollout
 and copies them into environment-major order before the first minibatch. For 40,000 images of
 2x80x120 bytes (768 MB) that doubles the memory; here the order is an index computation and the
-arrays are kept. Minibatches are the same to the bit.
+arrays are kept. Images lie channels last, as the network wants them: turned once when they come
+instead of in every epoch. Minibatches have the same values to the bit.
 """
 
 from __future__ import annotations
@@ -24,14 +25,17 @@ _SMALL = ("actions", "values", "log_probs", "advantages", "returns")
 
 
 class FrameRolloutBuffer(DictRolloutBuffer):
-    """A :class:`DictRolloutBuffer` whose observations are stored once; (n_steps, n_envs, ...)."""
+    """A :class:`DictRolloutBuffer` whose observations are stored once; (n_steps, n_envs, ...).
+
+    ``observations`` of images are (n_steps, n_envs, C, H, W) views of memory with C last.
+    """
 
     def reset(self) -> None:
         """Empty the buffer. The observations' memory is kept and written over."""
         spaces_by_key = self.observation_space.spaces
         if not hasattr(self, "observations") or not self.observations:
             self.observations = {
-                key: np.zeros((self.buffer_size, self.n_envs, *shape), spaces_by_key[key].dtype)
+                key: _zeros((self.buffer_size, self.n_envs, *shape), spaces_by_key[key].dtype)
                 for key, shape in self.obs_shape.items()
             }
         self.actions = np.zeros(
@@ -53,7 +57,7 @@ class FrameRolloutBuffer(DictRolloutBuffer):
     ) -> None:
         """Append one step of every environment; arrays are (n_envs, ...)."""
         for key, stored in self.observations.items():
-            stored[self.pos] = obs[key]
+            _copy(stored[self.pos], obs[key])
         self.actions[self.pos] = action.reshape((self.n_envs, self.action_dim))
         self.rewards[self.pos] = reward
         self.episode_starts[self.pos] = episode_start
@@ -91,7 +95,7 @@ class FrameRolloutBuffer(DictRolloutBuffer):
         envs, steps = np.divmod(batch_inds, self.buffer_size)
         return DictRolloutBufferSamples(
             observations={
-                key: torch.from_numpy(stored[steps, envs]).to(self.device)
+                key: _rows(stored, steps, envs).to(self.device)
                 for key, stored in self.observations.items()
             },
             actions=self.to_torch(self.actions[batch_inds].astype(np.float32, copy=False)),
@@ -100,6 +104,29 @@ class FrameRolloutBuffer(DictRolloutBuffer):
             advantages=self.to_torch(self.advantages[batch_inds].flatten()),
             returns=self.to_torch(self.returns[batch_inds].flatten()),
         )
+
+
+def _zeros(shape: tuple[int, ...], dtype: np.dtype | None) -> NDArray:
+    """Return zeros (n_steps, n_envs, ...); images are such a view of memory with C last."""
+    if len(shape) != 5 or dtype != np.uint8:
+        return np.zeros(shape, dtype)
+    steps, envs, channels, height, width = shape
+    return np.moveaxis(np.zeros((steps, envs, height, width, channels), dtype), -1, 2)
+
+
+def _copy(target: NDArray, source: NDArray) -> None:
+    if target.ndim == 4 and not target.flags.c_contiguous and source.flags.c_contiguous:
+        # Channel by channel: ten times as quick as NumPy's loop over pixels of a few bytes.
+        for channel in range(target.shape[1]):
+            target[:, channel] = source[:, channel]
+    else:
+        target[...] = source
+
+
+def _rows(stored: NDArray, steps: NDArray, envs: NDArray) -> torch.Tensor:
+    if stored.ndim != 5 or stored.dtype != np.uint8:
+        return torch.from_numpy(stored[steps, envs])
+    return torch.from_numpy(np.moveaxis(stored, 2, -1)[steps, envs]).permute(0, 3, 1, 2)
 
 
 def buffer_bytes(space: spaces.Dict, steps: int) -> int:

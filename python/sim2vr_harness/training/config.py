@@ -52,6 +52,12 @@ class PolicyConfig(_Settings):
     """True: actor and critic share ``net_arch``, as the paper says; False: two separate
     networks, as the reference runs."""
     log_std_init: float = 0.0
+    vision_precision: Literal["float32", "bfloat16"] = "float32"
+    """What the vision encoder computes in. Weights, optimiser and everything behind the image's
+    features are float32 either way. bfloat16 is quicker on CPUs with AVX-512 BF16 or AMX."""
+    scale_proprioception: bool = False
+    """True: proprioception is standardised with numbers kept beside the weights, which
+    ``UserPolicy.fit_scaling`` sets; False: taken as it is, as in the reference."""
 
 
 class LearningRateConfig(_Settings):

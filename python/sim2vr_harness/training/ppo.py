@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import stable_baselines3
+import torch
 
 from sim2vr_harness.training.buffer import FrameRolloutBuffer
 from sim2vr_harness.training.config import LearningRateConfig, TrainingConfig
@@ -65,7 +66,10 @@ class PPO(stable_baselines3.PPO):
 
     def train(self) -> None:
         """Update the networks, then write the iteration's log row."""
-        super().train()
+        # Shards have their own threads; those of torch's operations would only wait for each other.
+        in_shards = isinstance(self.policy, UserPolicy) and self.policy.in_shards
+        with torch_threads(1 if in_shards else torch.get_num_threads()):
+            super().train()
         self._write_row()
 
     def _write_row(self) -> None:

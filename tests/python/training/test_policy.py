@@ -156,3 +156,42 @@ def test_a_stacked_image_and_other_keys_fit() -> None:
         {"vision": torch.zeros((1, 4, 16, 24), dtype=torch.uint8), "proprioception":
          torch.zeros((1, 7))})  # fmt: skip
     assert actions.shape == (1, 32)
+
+
+def test_scaled_proprioception_by_hand() -> None:
+    plain, scaled = make(), make(scale_proprioception=True)
+    observation = batch(3)
+    with torch.no_grad():
+        assert torch.equal(plain.action_mean(observation), scaled.action_mean(observation))
+        mean = np.linspace(-2, 2, 56)
+        std = np.linspace(0.5, 4, 56)
+        std[7] = 0.0  # never changes: counts as 1
+        scaled.fit_scaling(mean, std)
+        divisor = np.where(std == 0.0, 1.0, std)
+        by_hand = (observation["proprioception"].double().numpy() - mean) / divisor
+        turned = observation | {"proprioception": torch.from_numpy(by_hand).float()}
+        np.testing.assert_allclose(
+            scaled.action_mean(observation), plain.action_mean(turned), atol=1e-6
+        )
+    other = make(scale_proprioception=True)
+    other.load_state_dict(scaled.state_dict())
+    with torch.no_grad():
+        assert torch.equal(other.action_mean(observation), scaled.action_mean(observation))
+    names = plain.state_dict().keys()
+    extra = [name for name in scaled.state_dict() if name not in names]
+    assert {name.rpartition("proprioception.")[2] for name in extra} == {
+        "scaling.mean",
+        "scaling.std",
+    }
+    count = sum(p.numel() for p in plain.parameters())
+    assert sum(p.numel() for p in scaled.parameters()) == count, "nothing more to learn"
+
+
+def test_scaling_refuses_what_it_cannot_use() -> None:
+    with pytest.raises(RuntimeError, match=r"policy\.scale_proprioception: got False"):
+        make().fit_scaling(np.zeros(56), np.ones(56))
+    policy = make(scale_proprioception=True)
+    with pytest.raises(ValueError, match=r"std: got shape \(3,\), expected \(56,\)"):
+        policy.fit_scaling(np.zeros(56), np.ones(3))
+    with pytest.raises(ValueError, match=r"(?s)std: got .*-1.*expected finite numbers, no"):
+        policy.fit_scaling(np.zeros(56), np.full(56, -1.0))

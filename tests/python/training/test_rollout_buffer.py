@@ -18,13 +18,13 @@ ACTIONS = spaces.Box(-1, 1, (3,), np.float32)
 STEPS, ENVS = 8, 3
 
 
-def fill(buffer: DictRolloutBuffer, seed: int) -> None:
+def fill(buffer: DictRolloutBuffer, seed: int, turned: bool = False) -> None:
     rng = np.random.default_rng(seed)
     buffer.reset()
     for _ in range(STEPS):
         buffer.add(
             {
-                "vision": rng.integers(0, 256, (ENVS, 2, 3, 4), dtype=np.uint8),
+                "vision": images(rng, turned),
                 "proprioception": rng.standard_normal((ENVS, 5), dtype=np.float32),
             },
             rng.standard_normal((ENVS, 3), dtype=np.float32),
@@ -36,12 +36,19 @@ def fill(buffer: DictRolloutBuffer, seed: int) -> None:
     buffer.compute_returns_and_advantage(torch.ones(ENVS), np.array([False, True, False]))
 
 
-def test_minibatches_equal_stable_baselines3_bit_for_bit() -> None:
+def images(rng: np.random.Generator, turned: bool) -> np.ndarray:
+    """(ENVS, 2, 3, 4); ``turned``: the same images, channels last in memory."""
+    drawn = rng.integers(0, 256, (ENVS, 2, 3, 4), dtype=np.uint8)
+    return np.moveaxis(np.moveaxis(drawn, 1, -1).copy(), -1, 1) if turned else drawn
+
+
+@pytest.mark.parametrize("turned", [False, True])
+def test_minibatches_equal_stable_baselines3_bit_for_bit(turned: bool) -> None:
     arguments = (STEPS, SPACE, ACTIONS, "cpu", 0.95, 0.99, ENVS)
     theirs, ours = DictRolloutBuffer(*arguments), FrameRolloutBuffer(*arguments)
     for seed in (1, 2):  # the second time over used memory
         fill(theirs, seed)
-        fill(ours, seed)
+        fill(ours, seed, turned)
         for epoch in (3, 4):
             np.random.seed(epoch)  # noqa: NPY002
             expected = list(theirs.get(5))
@@ -52,6 +59,8 @@ def test_minibatches_equal_stable_baselines3_bit_for_bit() -> None:
                 for key, value in theirs_batch.observations.items():
                     assert ours_batch.observations[key].dtype == value.dtype
                     assert torch.equal(ours_batch.observations[key], value)
+                vision = ours_batch.observations["vision"]
+                assert vision.is_contiguous(memory_format=torch.channels_last)
                 for name in ("actions", "old_values", "old_log_prob", "advantages", "returns"):
                     assert torch.equal(getattr(ours_batch, name), getattr(theirs_batch, name)), name
         assert np.array_equal(ours.values, theirs.values)

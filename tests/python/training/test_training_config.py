@@ -56,6 +56,10 @@ def test_written_configuration_reads_back_the_same() -> None:
         ("ppo=3", r"^ppo: got 3, expected a mapping"),
         ("ppo.batch_size=7", r"^ppo\.batch_size: got 7, expected a divisor of .* 40000"),
         ("policy.net_arch=[1,x]", r"^policy\.net_arch\.1: got 'x', expected a valid integer"),
+        (
+            "policy.vision_precision=half",
+            r"^policy\.vision_precision: got 'half', expected 'float32'",
+        ),
         ("env.vision.channels=[green,x]", r"^env\.vision\.channels\.1: got 'x', expected 'red'"),
         ("env.user.effort.model=neurl", r"^env\.user\.effort\.model: got 'neurl', expected"),
         ("name", r"^--set: got 'name', expected key=value"),

@@ -15,6 +15,10 @@ namespace {
 /// Part of the light that paint mirrors at normal incidence (Unity's dielectric specular colour).
 constexpr float kDielectricSpecular = 0.04F;
 
+/// Errors of a mesh below this do not count: without anti-aliasing a pixel shows what its middle
+/// hits, so that outlines are up to half a pixel off anyway.
+constexpr float kInvisible_px = 0.5F;
+
 Vec4f vec4(const Eigen::Vector3f& v, float w = 0.0F) { return {v.x(), v.y(), v.z(), w}; }
 
 void checkCamera(const Camera& camera) {
@@ -87,7 +91,8 @@ void FrameCollector::setCamera(const Camera& camera, ImageSize size) {
                  static_cast<float>(tan_x),
                  static_cast<float>(tan_y),
                  static_cast<float>(std::hypot(1.0, tan_x)),
-                 static_cast<float>(std::hypot(1.0, tan_y))};
+                 static_cast<float>(std::hypot(1.0, tan_y)),
+                 static_cast<float>(size.height / (2.0 * tan_y))};
   FrameUniforms& u = frame_.uniforms;
   u.projection = {static_cast<float>(1.0 / tan_x), static_cast<float>(1.0 / tan_y),
                   static_cast<float>((far + near) / (far - near)),
@@ -132,18 +137,19 @@ void FrameCollector::addMesh(const MeshRenderer& renderer) {
   const Eigen::Vector3f scale = transform.lossyScale().cast<float>();
   // Shown at size zero is not shown; its normals would be undefined too.
   if (!(scale.cwiseAbs().minCoeff() > 1e-9F)) return;
-  MeshSlot& slot = meshes_.slot(renderer.mesh);
+  const MeshSlot& slot = meshes_.slot(renderer.mesh);
   const Eigen::Matrix3f rotation =
       (eye_from_world_ * transform.rotation().toRotationMatrix()).cast<float>();
   const Eigen::Matrix3f linear = rotation * scale.asDiagonal();
   const Eigen::Vector3f origin =
       (eye_from_world_ * (transform.position() - eye_position_)).cast<float>();
   const Eigen::Vector3f centre = origin + linear * slot.centre;
-  if (!frame_.view.sees(centre, slot.radius * scale.cwiseAbs().maxCoeff())) return;
+  const float largest_scale = scale.cwiseAbs().maxCoeff();
+  if (!frame_.view.sees(centre, slot.radius * largest_scale)) return;
 
   const Material& material = renderer.material;
   DrawItem item;
-  item.mesh = &slot;
+  item.mesh = &meshes_.slot(detailFor(renderer.mesh, largest_scale, centre.z()));
   item.distance_m = centre.norm();
   item.state = {shadingOf(material), material.cull_back, scale.prod() < 0.0F};
   for (int row = 0; row < 3; ++row) {
@@ -154,6 +160,18 @@ void FrameCollector::addMesh(const MeshRenderer& renderer) {
       vec4(scale.cwiseAbs2().cwiseInverse(), material.sky_reflections ? 1.0F : 0.0F);
   setSurface(material, material.blend == Material::Blend::opaque, item.instance);
   addItem(std::move(item), material.blend);
+}
+
+/// The coarsest of the mesh's stand-ins whose error does not show. A function of the view alone:
+/// what was drawn before has no part in it.
+const MeshPtr& FrameCollector::detailFor(const MeshPtr& mesh, float scale, float distance_m) const {
+  const View& view = frame_.view;
+  const float pixels = view.pixels * scale / std::max(distance_m, view.near_m);
+  const MeshPtr* chosen = &mesh;
+  for (const CoarserMesh& each : mesh->coarser) {
+    if (each.error * pixels < kInvisible_px) chosen = &each.mesh;
+  }
+  return *chosen;
 }
 
 void FrameCollector::addBillboards(const Billboards& billboards) {

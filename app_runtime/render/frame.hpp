@@ -67,6 +67,8 @@ struct View {
   float far_m = 1.0F;
   /// Slopes of the side planes, and the lengths of their normals (slope, 1).
   float tan_x = 1.0F, tan_y = 1.0F, norm_x = 1.0F, norm_y = 1.0F;
+  /// Pixels per metre at a distance of 1 m.
+  float pixels = 1.0F;
 
   /// False only for a sphere that lies outside one of the planes.
   bool sees(const Eigen::Vector3f& centre, float radius) const {
@@ -106,6 +108,7 @@ class FrameCollector {
   void setCamera(const Camera& camera, ImageSize size);
   void visit(Renderable& renderable);
   void addMesh(const MeshRenderer& renderer);
+  const MeshPtr& detailFor(const MeshPtr& mesh, float scale, float distance_m) const;
   void addBillboards(const Billboards& billboards);
   void addItem(DrawItem&& item, Material::Blend blend);
   void setLights();

@@ -1,7 +1,8 @@
 // Developers' tool: the CPU time of small pictures of a round that is being played. JSON rows.
 //
 // Every view has an app of its own; between the pictures the apps move on, unmeasured. CPU time
-// instead of wall time, so that other programs on the machine hardly count; the median over batches.
+// instead of wall time, so that other programs on the machine hardly count; the median over
+// batches.
 #include <fmt/format.h>
 #include <time.h>
 
@@ -108,8 +109,7 @@ double processCpu_us() {
 
 class Bench {
  public:
-  explicit Bench(const Settings& settings)
-      : settings_(settings), pool_(settings.threads) {
+  explicit Bench(const Settings& settings) : settings_(settings), pool_(settings.threads) {
     const auto nothing = render::Renderer::create(render::RendererKind::null);
     runtime::AppSettings app;
     app.options_json = nlohmann::json{{"condition", settings.condition}}.dump();
@@ -242,13 +242,13 @@ class Bench {
     std::size_t indices = 0;
     for (int i = 0; i < settings_.views; ++i) {
       const render::ViewRequest view = request(i);
-      const render::Frame& frame = collector_.collect(view.scene, view.camera, view.size);
-      for (const auto* items : {&frame.opaque, &frame.alpha}) {
+      collector_.collect(view.scene, view.camera, view.size, frame_found_);
+      for (const auto* items : {&frame_found_.opaque, &frame_found_.alpha}) {
         for (const render::DrawItem& item : *items) {
           indices += item.mesh->index_count;
           if (by_mesh == nullptr) continue;
           const auto mesh = item.mesh->mesh.lock();
-          (*by_mesh)[mesh->name + (items == &frame.opaque ? "" : " (alpha)")] +=
+          (*by_mesh)[mesh->name + (items == &frame_found_.opaque ? "" : " (alpha)")] +=
               item.mesh->index_count / 3.0;
           (*by_mesh)["items"] += 1.0;
         }
@@ -274,6 +274,7 @@ class Bench {
   std::vector<Variant> variants_;
   render::MeshCache meshes_;
   render::FrameCollector collector_{meshes_};
+  render::Frame frame_found_;
   int frame_ = 0;
 };
 

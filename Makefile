@@ -8,10 +8,11 @@ VENV      := .venv
 CONFIG    ?= configs/whacamole_constrained.yaml
 TIMESTEPS ?= 80000
 RUN       ?= runs/$(basename $(notdir $(CONFIG)))
+ROWS      ?= build/bench/performance.jsonl
 
 CPP_FILES = $(shell find app_runtime tests/cpp tests/fuzz tools -name '*.[ch]pp')
 
-.PHONY: help setup train test test-all check lint types format stubs lock clean distclean
+.PHONY: help setup train test test-all check lint types format stubs lock bench clean distclean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -50,6 +51,15 @@ stubs: setup  ## Regenerate python/sim2vr_harness/_app_runtime.pyi
 
 lock: setup  ## Regenerate requirements.lock from pyproject.toml
 	$(VENV)/bin/python tools/dev/lock.py
+
+bench: setup  ## Measure this machine and write the tables of docs/performance.md (about ten minutes)
+	mkdir -p build/bench
+	rm -f $(ROWS)
+	$(VENV)/bin/sim2vr-harness bench --seconds 5 --train-steps 4000 --output $(ROWS)
+	$(VENV)/bin/sim2vr-harness bench --scaling --seconds 4 --output $(ROWS)
+	$(VENV)/bin/sim2vr-harness bench --scene game,render,env --transport all --n 1,8 --seconds 3 --output $(ROWS)
+	$(VENV)/bin/sim2vr-harness bench --profile --seconds 5 --train-steps 4000 --profile-file build/bench/profile.txt --output $(ROWS)
+	$(VENV)/bin/python tools/bench/tables.py $(ROWS) docs/performance.md
 
 clean:  ## Remove build outputs
 	rm -rf build dist python/sim2vr_harness/_app_runtime*.so .pytest_cache .mypy_cache .ruff_cache

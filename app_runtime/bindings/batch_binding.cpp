@@ -62,7 +62,7 @@ class PyAppBatch {
  public:
   PyAppBatch(const std::string& game, const std::string& options, int apps, int threads, int width,
              int height, const std::string& renderer, const std::string& log_dir,
-             double fixed_delta_time_s) {
+             double fixed_delta_time_s, const std::vector<int>& vision_channels) {
     runtime::BatchSettings settings;
     settings.app.game = game;
     settings.app.options_json = options;
@@ -72,6 +72,7 @@ class PyAppBatch {
     settings.apps = apps;
     settings.threads = threads;
     settings.renderer = render::rendererKindFromName(renderer);
+    settings.vision_channels = vision_channels;
     const py::gil_scoped_release release;
     batch_ = std::make_shared<runtime::AppBatch>(settings);
   }
@@ -130,6 +131,11 @@ class PyAppBatch {
     const auto [width, height] = batch().settings().app.headset_size;
     return view(batch().images(), {batch().size(), height, width, 4});
   }
+  py::array_t<std::uint8_t> vision() const {
+    const auto [width, height] = batch().settings().app.headset_size;
+    const auto channels = static_cast<py::ssize_t>(batch().settings().vision_channels.size());
+    return view(batch().vision(), {batch().size(), channels, height, width});
+  }
   py::array_t<float> rewards() const { return view(batch().rewards(), {batch().size()}); }
   py::array_t<std::uint8_t> finished() const { return view(batch().finished(), {batch().size()}); }
   py::array_t<float> timeFeatures() const { return view(batch().timeFeatures(), {batch().size()}); }
@@ -150,7 +156,7 @@ class PyAppBatch {
   }
 
   py::bytes save(int app) const { return py::bytes(batch().app(app).save()); }
-  void load(int app, const py::bytes& state) { batch().app(app).load(std::string(state)); }
+  void load(int app, const py::bytes& state) { batch().load(app, std::string(state)); }
   std::uint64_t stateHash(int app) const { return batch().app(app).stateHash(); }
   std::string rendererDescription() const { return batch().app(0).renderer().description(); }
   int threads() const { return batch().threads(); }
@@ -176,22 +182,27 @@ void bindAppBatch(py::module_& module) {
       "overwrite the rows of the apps they move; they stay valid memory after close(). The GIL is "
       "released while the apps work.")
       .def(py::init<const std::string&, const std::string&, int, int, int, int, const std::string&,
-                    const std::string&, double>(),
+                    const std::string&, double, const std::vector<int>&>(),
            py::kw_only(), py::arg("game"), py::arg("options") = "{}", py::arg("apps"),
            py::arg("threads") = 1, py::arg("width") = 120, py::arg("height") = 80,
            py::arg("renderer") = "automatic", py::arg("log_dir") = "",
            py::arg("fixed_delta_time_s") = TimeSettings{}.fixed_delta_time_s,
-           "options: JSON object. log_dir: app 7 logs to user007 below it; '' for no logs.")
+           py::arg("vision_channels") = std::vector<int>{},
+           "options: JSON object. log_dir: app 7 logs to user007 below it; '' for no logs. "
+           "vision_channels: what `vision` holds, 0 red, 1 green, 2 blue, 3 depth.")
       .def("reset", &PyAppBatch::reset, py::arg("indices"), py::arg("seeds"), py::arg("options"),
            py::arg("head"), py::arg("left_controller") = py::none(),
            py::arg("right_controller") = py::none(), py::arg("time_ns") = 0,
-           "Starts rounds at time_ns: indices (M,), seeds (M,), poses (M, 7). Errors name the first app that "
+           "Starts rounds at time_ns: indices (M,), seeds (M,), poses (M, 7). Errors name the "
+           "first app that "
            "refused; the others have started.")
       .def("step", &PyAppBatch::step, py::arg("indices"), py::arg("times_ns"), py::arg("head"),
            py::arg("left_controller") = py::none(), py::arg("right_controller") = py::none(),
            "One user step of K frames: indices (M,), times_ns (M, K), poses (M, K, 7). Errors as "
            "in reset.")
       .def_property_readonly("images", &PyAppBatch::images, "(N, height, width, 4) uint8 RGBA.")
+      .def_property_readonly("vision", &PyAppBatch::vision,
+                             "(N, channels, height, width) uint8: the vision_channels of images.")
       .def_property_readonly("rewards", &PyAppBatch::rewards, "(N,) float32 of the last step.")
       .def_property_readonly("finished", &PyAppBatch::finished, "(N,) uint8.")
       .def_property_readonly("time_features", &PyAppBatch::timeFeatures, "(N,) float32.")
@@ -202,7 +213,7 @@ void bindAppBatch(py::module_& module) {
            py::arg("width"), py::arg("height"), "As App.render_view, of one app.")
       .def("save", &PyAppBatch::save, py::arg("app"), "As App.save, of one app.")
       .def("load", &PyAppBatch::load, py::arg("app"), py::arg("state"),
-           "As App.load, of one app; its row of images is drawn, the others stay.")
+           "As App.load, of one app; its rows of images and vision are drawn.")
       .def("state_hash", &PyAppBatch::stateHash, py::arg("app"), "As App.state_hash, of one app.")
       .def_property_readonly("renderer_description", &PyAppBatch::rendererDescription)
       .def_property_readonly("threads", &PyAppBatch::threads, "Threads in use.")

@@ -1,4 +1,5 @@
 // The extension module: the one place where C++ errors become Python's.
+#include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
@@ -46,9 +47,9 @@ PYBIND11_MODULE(_app_runtime, module) {
   module.def("gl_renderer", &glRenderer, py::arg("kind") = "automatic",
              "Starts a renderer ('automatic', 'egl', 'osmesa', 'null') and returns its "
              "description. RenderError says what was tried.");
-  module.def("frame_time_ns", &sim2vr::lockstepFrameTimeNs, py::arg("frame"),
+  module.def("frame_time_ns", py::vectorize(sim2vr::lockstepFrameTimeNs), py::arg("frame"),
              py::arg("frame_rate_hz"),
-             "Time of a frame in lockstep, ns: n times the largest binary32 below the period.");
+             "Times of frames in lockstep, ns: n times the largest binary32 below the period.");
   module.def(
       "set_log_level", [](const std::string& level) { sim2vr::setLogLevel(level); },
       py::arg("level"), "'trace', 'debug', 'info', 'warning' (default), 'error' or 'off'.");

@@ -19,6 +19,17 @@ int checkedThreads(int threads, int apps) {
   return std::min(threads, apps);
 }
 
+constexpr std::size_t kImageChannels = 4;
+
+void checkChannels(const std::vector<int>& channels) {
+  for (const int channel : channels) {
+    if (channel < 0 || channel >= static_cast<int>(kImageChannels)) {
+      throw InvalidArgument("vision_channels", std::to_string(channel),
+                            "0 (red), 1 (green), 2 (blue) or 3 (depth)");
+    }
+  }
+}
+
 /// The failure with the app's index in front.
 [[noreturn]] void rethrowOfApp(int index) {
   const std::string app = fmt::format("app {}", index);
@@ -41,8 +52,11 @@ AppBatch::AppBatch(const BatchSettings& settings)
     : settings_(settings), pool_(checkedThreads(settings.threads, checkedApps(settings.apps))) {
   render::checkImageSize(settings_.app.headset_size);
   const auto count = static_cast<std::size_t>(settings_.apps);
-  const std::size_t bytes = settings_.app.headset_size.pixels() * 4;
+  checkChannels(settings_.vision_channels);
+  const std::size_t pixels = settings_.app.headset_size.pixels();
+  const std::size_t bytes = pixels * kImageChannels;
   images_.resize(count * bytes);
+  vision_.resize(count * pixels * settings_.vision_channels.size());
   rewards_.resize(count);
   finished_.resize(count);
   time_features_.resize(count);
@@ -88,6 +102,9 @@ void AppBatch::run(std::span<const int> indices, const Move& move) {
       }
     }
     renderers_[static_cast<std::size_t>(worker)]->renderBatch(views);
+    for (std::size_t i = 0; i < indices.size(); ++i) {
+      if (workerOf(indices[i]) == worker && !failures[i]) separateChannels(indices[i]);
+    }
   });
   for (std::size_t i = 0; i < indices.size(); ++i) {
     if (!failures[i]) store(indices[i], outcomes[i]);
@@ -123,6 +140,23 @@ void AppBatch::step(std::span<const int> indices, std::span<const FrameInput> fr
   run(indices, [&](std::size_t i) {
     return apps_[static_cast<std::size_t>(indices[i])]->advance(frames.subspan(i * each, each));
   });
+}
+
+void AppBatch::load(int index, const std::string& state) {
+  app(index).load(state);
+  separateChannels(index);
+}
+
+void AppBatch::separateChannels(int index) {
+  const auto row = static_cast<std::size_t>(index);
+  const std::size_t pixels = settings_.app.headset_size.pixels();
+  const std::uint8_t* image = &images_[row * pixels * kImageChannels];
+  std::size_t plane = row * settings_.vision_channels.size();
+  for (const int channel : settings_.vision_channels) {
+    const std::uint8_t* in = image + channel;
+    std::uint8_t* out = &vision_[plane++ * pixels];
+    for (std::size_t i = 0; i < pixels; ++i) out[i] = in[i * kImageChannels];
+  }
 }
 
 void AppBatch::store(int index, const Outcome& outcome) {

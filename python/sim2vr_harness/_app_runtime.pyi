@@ -2,6 +2,7 @@
 The sim2vr app runtime: headless VR apps in lockstep, in this process.
 """
 from __future__ import annotations
+import collections.abc
 import numpy
 import numpy.typing
 import typing
@@ -70,9 +71,9 @@ class AppBatch:
     """
     N apps of one game, stepped together on threads. Poses are float64 rows of 7 as of App; M apps are chosen by their indices. Arrays of results are read-only views without copies: calls overwrite the rows of the apps they move; they stay valid memory after close(). The GIL is released while the apps work.
     """
-    def __init__(self, *, game: str, options: str = '{}', apps: typing.SupportsInt | typing.SupportsIndex, threads: typing.SupportsInt | typing.SupportsIndex = 1, width: typing.SupportsInt | typing.SupportsIndex = 120, height: typing.SupportsInt | typing.SupportsIndex = 80, renderer: str = 'automatic', log_dir: str = '', fixed_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.002) -> None:
+    def __init__(self, *, game: str, options: str = '{}', apps: typing.SupportsInt | typing.SupportsIndex, threads: typing.SupportsInt | typing.SupportsIndex = 1, width: typing.SupportsInt | typing.SupportsIndex = 120, height: typing.SupportsInt | typing.SupportsIndex = 80, renderer: str = 'automatic', log_dir: str = '', fixed_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.002, vision_channels: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = []) -> None:
         """
-        options: JSON object. log_dir: app 7 logs to user007 below it; '' for no logs.
+        options: JSON object. log_dir: app 7 logs to user007 below it; '' for no logs. vision_channels: what `vision` holds, 0 red, 1 green, 2 blue, 3 depth.
         """
     def close(self) -> None:
         """
@@ -80,7 +81,7 @@ class AppBatch:
         """
     def load(self, app: typing.SupportsInt | typing.SupportsIndex, state: bytes) -> None:
         """
-        As App.load, of one app; its row of images is drawn, the others stay.
+        As App.load, of one app; its rows of images and vision are drawn.
         """
     def render_view(self, app: typing.SupportsInt | typing.SupportsIndex, view: str, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.uint8]:
         """
@@ -140,9 +141,14 @@ class AppBatch:
         """
         (N,) float32.
         """
-def frame_time_ns(frame: typing.SupportsInt | typing.SupportsIndex, frame_rate_hz: typing.SupportsInt | typing.SupportsIndex) -> int:
+    @property
+    def vision(self) -> numpy.typing.NDArray[numpy.uint8]:
+        """
+        (N, channels, height, width) uint8: the vision_channels of images.
+        """
+def frame_time_ns(frame: typing.Annotated[numpy.typing.ArrayLike, numpy.int64], frame_rate_hz: typing.Annotated[numpy.typing.ArrayLike, numpy.int32]) -> typing.Any:
     """
-    Time of a frame in lockstep, ns: n times the largest binary32 below the period.
+    Times of frames in lockstep, ns: n times the largest binary32 below the period.
     """
 def gl_renderer(kind: str = 'automatic') -> str:
     """

@@ -13,7 +13,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import NoReturn
 
-__all__ = ["app_executable", "checkout_dir", "config_path", "exec_app", "shader_dir", "share_dir"]
+__all__ = [
+    "app_executable",
+    "checkout_dir",
+    "config_path",
+    "exec_app",
+    "shader_dir",
+    "share_dir",
+    "trained_users_dir",
+]
 
 APP_VARIABLE = "SIM2VR_APP"
 """Environment variable naming the ``sim2vr-app`` executable to use."""
@@ -94,6 +102,11 @@ def config_path(name: str | os.PathLike[str]) -> Path:
         f"no configuration {str(name)!r}: it is neither a file nor one of the configurations "
         f"that ship with sim2vr-harness ({known})."
     )
+
+
+def trained_users_dir() -> Path:
+    """Return the folder of the trained users that ship with the package."""
+    return _PACKAGE / "trained_users"
 
 
 def app_executable() -> Path:

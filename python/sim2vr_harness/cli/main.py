@@ -19,12 +19,10 @@ from rich.console import Console
 from rich.markup import escape
 
 from sim2vr_harness import __version__
+from sim2vr_harness.cli import users
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from sim2vr_harness.training.config import TrainingConfig
     from sim2vr_harness.training.trainer import TrainResult
 
 __all__ = ["app", "main"]
@@ -38,7 +36,12 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-RunArgument = Annotated[str, typer.Argument(metavar="RUN", help="A run's folder or a checkpoint.")]
+app.add_typer(users.app, name="users")
+
+RunArgument = Annotated[
+    str,
+    typer.Argument(metavar="RUN", help="A run's folder, a checkpoint, or pretrained:NAME."),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")]
 SetOption = Annotated[
     list[str] | None,
@@ -343,68 +346,95 @@ def snapshot(
 @app.command()
 def bench(
     config: Annotated[
-        str, typer.Argument(metavar="[CONFIG]", help="What to measure.")
-    ] = "whacamole_constrained",
-    set_: SetOption = None,
-    n: Annotated[int | None, typer.Option(help="Number of users; ppo.n_envs by default.")] = None,
-    seconds: Annotated[float, typer.Option(help="Seconds per measurement.")] = 3.0,
-    train_steps: Annotated[
-        int, typer.Option(help="User steps of the measured training iteration; 0 skips it.")
-    ] = 4000,
-    transport: Annotated[
         str | None,
-        typer.Option(
-            help="Measure the way to the app instead: in_process, protocol1, protocol2, several "
-            "with commas, or all; 1 app unless --n says otherwise."
+        typer.Argument(
+            metavar="[CONFIG]",
+            help="What to measure; without, Whac-A-Mole medium and the reference's user.",
         ),
     ] = None,
-    json: JsonOption = False,
+    set_: SetOption = None,
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="physics, game, render, env, reference-way, train, targets, memory or all; may be "
+            "repeated, or a list with commas. The first six by default.",
+        ),
+    ] = None,
+    n: Annotated[
+        str | None, typer.Option(metavar="LIST", help="Numbers of users, such as 16,64; 64.")
+    ] = None,
+    threads: Annotated[
+        str | None,
+        typer.Option(metavar="LIST", help="Numbers of threads, such as 1,2; one per core."),
+    ] = None,
+    transport: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="How game, render and env reach their apps: in_process (default), protocol1, "
+            "protocol2 or all.",
+        ),
+    ] = None,
+    scaling: Annotated[
+        bool,
+        typer.Option("--scaling", help="Physics, env, targets and memory, 1 to 512 users."),
+    ] = False,
+    seconds: Annotated[float, typer.Option(help="Seconds per scene.")] = 2.0,
+    train_steps: Annotated[
+        int, typer.Option(help="User steps of a measured training iteration, at least.")
+    ] = 1000,
+    profile: Annotated[
+        bool, typer.Option("--profile", help="Where the time of an env and a train step goes.")
+    ] = False,
+    profile_file: Annotated[Path, typer.Option(help="What --profile writes.")] = Path(
+        "profile.txt"
+    ),
+    output: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Add the JSON rows to this file.")
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print JSON rows, one per line, nothing else.")
+    ] = False,
 ) -> None:
     """Measure how fast this machine simulates, draws and learns."""
-    from sim2vr_harness.training.bench import bench as measure
-    from sim2vr_harness.training.config import load_config
+    from sim2vr_harness.bench import plan as plans
+    from sim2vr_harness.bench.report import print_profile, print_rows
+    from sim2vr_harness.bench.rows import append_rows, check_output
+    from sim2vr_harness.training.config import defaults, load_config
+    from sim2vr_harness.training.errors import InputError
 
-    settings = load_config(config, set_ or [])
+    if profile and scaling:
+        raise InputError("--profile", "it together with --scaling", "one of them")
+    kind: plans.Kind = "scaling" if scaling else "profile" if profile else "usual"
+    settings = load_config(config, set_ or []) if config else defaults(set_ or [])
+    plan = plans.Plan.from_options(
+        settings, kind, scene, n, threads, transport, seconds=seconds, train_steps=train_steps
+    )
+    for file in (output, profile_file if profile else None):
+        if file is not None:
+            check_output(file, "--output" if file is output else "--profile-file")
     console = Console(stderr=True)
     with console.status("") as status:
 
         def on_stage(stage: str) -> None:
             status.update(f"Measuring {escape(stage)}")
 
-        if transport is None:
-            values = measure(
-                settings, n=n, seconds=seconds, train_steps=train_steps, on_stage=on_stage
-            )
+        if profile:
+            from sim2vr_harness.bench.profile import profile as split
+
+            rows = split(plan, profile_file, on_stage)
         else:
-            values = _bench_transports(settings, transport, n, seconds, on_stage)
+            rows = plans.run(plan, on_stage)
+    if output is not None:
+        append_rows(output, rows)
     if json:
-        _print_json(values)
+        sys.stdout.writelines(jsonlib.dumps(row) + "\n" for row in rows)
         return
-    for key, value in values.items():
-        if key != "versions":
-            typer.echo(f"{key:30}{value}")
-
-
-def _bench_transports(
-    settings: TrainingConfig,
-    transport: str,
-    n: int | None,
-    seconds: float,
-    on_stage: Callable[[str], None],
-) -> dict[str, Any]:
-    from sim2vr_harness.envs.transport_bench import TRANSPORTS, transport_bench
-    from sim2vr_harness.training.errors import InputError, unknown_name
-
-    names = transport.split(",")
-    for name in names:
-        if name not in ("all", *TRANSPORTS):
-            raise unknown_name("--transport", name, ["all", *TRANSPORTS])
-    chosen = [name for name in TRANSPORTS if name in names or "all" in names]
-    if n is not None and n < 1:
-        raise InputError("--n", str(n), "at least 1")
-    if seconds <= 0.0:
-        raise InputError("--seconds", str(seconds), "more than 0")
-    return transport_bench(settings.env, chosen, n=n or 1, seconds=seconds, on_stage=on_stage)
+    (print_profile if profile else print_rows)(rows, Console())
+    for file in (output, profile_file if profile else None):
+        if file is not None:
+            typer.echo(f"Written: {file}")
 
 
 @app.command()

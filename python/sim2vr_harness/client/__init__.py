@@ -23,6 +23,7 @@ from sim2vr_harness.client.errors import (
 from sim2vr_harness.client.in_process import (
     InProcessApp,
     frame_time_ns,
+    frame_times_ns,
     gl_renderer,
     list_games,
     runtime_version,
@@ -65,6 +66,7 @@ __all__ = [
     "StartingApp",
     "connect",
     "frame_time_ns",
+    "frame_times_ns",
     "gl_renderer",
     "is_sim2vr_app",
     "list_games",

@@ -65,6 +65,12 @@ def frame_time_ns(frame: int, frame_rate_hz: int) -> int:
     return int(load_runtime().frame_time_ns(frame, frame_rate_hz))
 
 
+def frame_times_ns(frames: Int64Array, frame_rate_hz: int) -> Int64Array:
+    """:func:`frame_time_ns` of many frames, of any shape."""
+    times: Int64Array = load_runtime().frame_time_ns(frames, frame_rate_hz)
+    return times
+
+
 class InProcessApp:
     """:class:`~sim2vr_harness.client.base.AppClient` over the extension module.
 

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim2vr_harness.client.base import (
     AppReply,
     DevicePoses,
+    Float64Array,
     Int64Array,
     OptionValue,
     ThirdPersonView,
@@ -37,6 +39,8 @@ class InProcessBatch:
         renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``; one per thread.
         log_dir: app 7 logs to ``user007`` below it; None for no logs.
         threads: 1 or more.
+        vision_channels: which channels of the images (0 red, 1 green, 2 blue, 3 depth)
+            :attr:`vision` holds.
 
     Raises:
         ValueError: unknown game or option, unusable size; names the field, got and expected.
@@ -54,6 +58,7 @@ class InProcessBatch:
         renderer: str = "automatic",
         log_dir: Path | None = None,
         threads: int = 1,
+        vision_channels: Sequence[int] = (),
     ) -> None:
         self._batch: Any = load_runtime().AppBatch(
             game=game,
@@ -64,12 +69,22 @@ class InProcessBatch:
             height=height,
             renderer=renderer,
             log_dir="" if log_dir is None else str(log_dir),
+            vision_channels=list(vision_channels),
         )
         self.images: UInt8Array = self._batch.images
         """(N, H, W, 4) the apps' headset images, overwritten by their steps; no copy."""
-        self._rewards, self._finished = self._batch.rewards, self._batch.finished
-        self._time_features = self._batch.time_features
-        self._log_names: list[str] = []
+        self.vision: UInt8Array = self._batch.vision
+        """(N, C, H, W) the chosen channels of the images; overwritten like them."""
+        self.rewards: NDArray[np.float32] = self._batch.rewards
+        """(N,) of every app's last step or reset; overwritten, as all results."""
+        self.finished: UInt8Array = self._batch.finished
+        """(N,) 1 where the round is over."""
+        self.time_features: NDArray[np.float32] = self._batch.time_features
+        """(N,)"""
+        self.log_names: list[str] = []
+        """Names of the columns of :attr:`logs`, from the first reset on."""
+        self.logs: Float64Array = np.zeros((n, 0))
+        """(N, L) the games' named numbers."""
         self._started: dict[int, tuple[Int64Array, DevicePoses]] = {}
         self._left = set(range(n))
 
@@ -97,12 +112,65 @@ class InProcessBatch:
         time_ns: int,
     ) -> AppReply:
         """See :meth:`AppClient.reset`."""
-        devices = (_row(poses.head), _row(poses.left_controller), _row(poses.right_controller))
-        one = np.array([index], dtype=np.int32)
-        seeds = np.array([checked_seed(seed)], dtype=np.uint32)
-        self.native.reset(one, seeds, json.dumps(dict(options or {})), *devices, time_ns)
-        self._started.pop(index, None)
+        one = DevicePoses(
+            _row(poses.head), _row(poses.right_controller), _row(poses.left_controller)
+        )
+        self.reset_rounds([index], [checked_seed(seed)], one, options, time_ns=time_ns)
         return self._reply(index)
+
+    def reset_rounds(
+        self,
+        indices: Sequence[int] | Int64Array,
+        seeds: Sequence[int] | Int64Array,
+        poses: DevicePoses,
+        options: Mapping[str, OptionValue] | None = None,
+        *,
+        time_ns: int = 0,
+    ) -> None:
+        """Starts rounds in M apps and draws their first frames; see :meth:`AppClient.reset`.
+
+        Args:
+            indices: (M,) which apps.
+            seeds: (M,) 32-bit seeds.
+            poses: (M, 7) per device.
+            options: of these apps from this round on.
+            time_ns: game time of the first frames.
+        """
+        self.native.reset(
+            np.asarray(indices, dtype=np.int32),
+            np.asarray(seeds, dtype=np.uint32),
+            json.dumps(dict(options or {})),
+            poses.head,
+            poses.left_controller,
+            poses.right_controller,
+            time_ns,
+        )
+        for index in indices:
+            self._started.pop(int(index), None)
+        self._find_logs()
+
+    def step_frames(
+        self, indices: Sequence[int] | Int64Array, times_ns: Int64Array, poses: DevicePoses
+    ) -> None:
+        """One user step of K frames in M apps; see :meth:`AppClient.step_frames`.
+
+        Args:
+            indices: (M,) which apps.
+            times_ns: (M, K) game times.
+            poses: (M, K, 7) per device.
+        """
+        self.native.step(
+            np.asarray(indices, dtype=np.int32),
+            times_ns,
+            poses.head,
+            poses.left_controller,
+            poses.right_controller,
+        )
+        self._find_logs()
+
+    def _find_logs(self) -> None:
+        if not self.log_names:  # the names are known from the first round on, a loaded one too
+            self.log_names, self.logs = self.native.log_names, self.native.logs
 
     def start(self, index: int, times_ns: Int64Array, poses: DevicePoses) -> None:
         """Keeps a step until :meth:`finish`."""
@@ -133,17 +201,14 @@ class InProcessBatch:
             left = np.stack([poses.left_controller for _, poses in steps])  # type: ignore[misc]
         if first.right_controller is not None:
             right = np.stack([poses.right_controller for _, poses in steps])  # type: ignore[misc]
-        self.native.step(np.array(indices, dtype=np.int32), times, head, left, right)
+        self.step_frames(indices, times, DevicePoses(head, right, left))
 
     def _reply(self, index: int) -> AppReply:
-        if not self._log_names:
-            self._log_names = self.native.log_names
-            self._logs = self.native.logs
         return AppReply(
-            float(self._rewards[index]),
-            bool(self._finished[index]),
-            float(self._time_features[index]),
-            dict(zip(self._log_names, self._logs[index].tolist(), strict=True)),
+            float(self.rewards[index]),
+            bool(self.finished[index]),
+            float(self.time_features[index]),
+            dict(zip(self.log_names, self.logs[index].tolist(), strict=True)),
         )
 
     def let_go(self, index: int) -> None:

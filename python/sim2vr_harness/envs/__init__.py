@@ -7,6 +7,10 @@ Importing this package registers the Gymnasium ids, so both of these work::
     gymnasium.make("sim2vr/WhacAMole-v0")
 
     gymnasium.make("sim2vr_harness.envs:sim2vr/WhacAMole-v0")
+
+and for 64 users on all cores::
+
+    gymnasium.make_vec("sim2vr/WhacAMole-v0", num_envs=64)
 """
 
 from sim2vr_harness.envs.config import (
@@ -20,6 +24,7 @@ from sim2vr_harness.envs.config import (
 from sim2vr_harness.envs.gym_env import Sim2VREnv
 from sim2vr_harness.envs.registration import register_envs
 from sim2vr_harness.envs.simulation import Simulation, StepBatch
+from sim2vr_harness.envs.vector_env import Sim2VRVectorEnv
 
 __all__ = [
     "AppConfig",
@@ -27,6 +32,7 @@ __all__ = [
     "EnvConfig",
     "NoiseConfig",
     "Sim2VREnv",
+    "Sim2VRVectorEnv",
     "Simulation",
     "StepBatch",
     "UserConfig",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TypeVar
 
@@ -27,7 +27,14 @@ from sim2vr_harness.client import (
 )
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 
-__all__ = ["AppFactory", "InProcessApps", "RemoteApps", "app_factory", "knows_options"]
+__all__ = [
+    "AppFactory",
+    "InProcessApps",
+    "RemoteApps",
+    "app_factory",
+    "in_process_batch",
+    "knows_options",
+]
 
 AppFactory = Callable[[EnvConfig, int, Path | None], AppClient]
 """Makes the app of user i: (config, i, log folder) -> client. Called again for a user whose app has
@@ -67,17 +74,25 @@ class InProcessApps:
     def __call__(self, config: EnvConfig, index: int, log_dir: Path | None) -> AppClient:
         """The app of user ``index``; see :data:`AppFactory`."""
         if self._batch is None:
-            self._batch = InProcessBatch(
-                self._n,
-                config.app.game,
-                config.app.options,
-                width=config.vision.width,
-                height=config.vision.height,
-                renderer=config.app.renderer,
-                log_dir=log_dir,
-                threads=config.threads or len(os.sched_getaffinity(0)),
-            )
+            self._batch = in_process_batch(config, self._n, log_dir)
         return self._batch.app(index)
+
+
+def in_process_batch(
+    config: EnvConfig, n: int, log_dir: Path | None, vision_channels: Sequence[int] = ()
+) -> InProcessBatch:
+    """The apps of ``n`` users in this process; errors as of :class:`InProcessBatch`."""
+    return InProcessBatch(
+        n,
+        config.app.game,
+        config.app.options,
+        width=config.vision.width,
+        height=config.vision.height,
+        renderer=config.app.renderer,
+        log_dir=log_dir,
+        threads=config.threads or len(os.sched_getaffinity(0)),
+        vision_channels=vision_channels,
+    )
 
 
 def knows_options(app: AppConfig) -> bool:

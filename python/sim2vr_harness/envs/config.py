@@ -123,3 +123,12 @@ class EnvConfig(_Settings):
     """An episode that the game has not ended by then is truncated."""
     threads: int = Field(default=0, ge=0)
     """Physics threads of a vector of users; 0 takes every core."""
+
+
+def with_condition(config: EnvConfig, condition: str | None) -> EnvConfig:
+    """The configuration with another condition of the game; None leaves it."""
+    if condition is None:
+        return config
+    options = {**config.app.options, "condition": condition}
+    app = AppConfig(**{**config.app.model_dump(), "options": options})
+    return config.model_copy(update={"app": app})

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.client import OptionValue
-from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.config import EnvConfig, with_condition
 from sim2vr_harness.envs.simulation import Observation, Simulation
 
 RenderMode = Literal["rgb_array", "headset", "body"]
@@ -51,11 +51,7 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
                 f"render_mode: got {render_mode!r}, expected one of "
                 f"{self.metadata['render_modes']} or None"
             )
-        config = EnvConfig() if config is None else config
-        if condition is not None:
-            options = {**config.app.options, "condition": condition}
-            app = AppConfig(**{**config.app.model_dump(), "options": options})
-            config = config.model_copy(update={"app": app})
+        config = with_condition(EnvConfig() if config is None else config, condition)
         self.render_mode = render_mode
         self.simulation = Simulation(config, 1, log_dir=None if log_dir is None else Path(log_dir))
         self.observation_space = self.simulation.observation_space  # type: ignore[assignment]

@@ -10,4 +10,8 @@ WHACAMOLE_ID = "sim2vr/WhacAMole-v0"
 def register_envs() -> None:
     """Registers every environment id; idempotent."""
     if WHACAMOLE_ID not in gymnasium.registry:
-        gymnasium.register(WHACAMOLE_ID, entry_point="sim2vr_harness.envs.gym_env:Sim2VREnv")
+        gymnasium.register(
+            WHACAMOLE_ID,
+            entry_point="sim2vr_harness.envs.gym_env:Sim2VREnv",
+            vector_entry_point="sim2vr_harness.envs.vector_env:Sim2VRVectorEnv",
+        )

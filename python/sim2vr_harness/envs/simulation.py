@@ -5,9 +5,9 @@ from __future__ import annotations
 import io
 import math
 import pickle
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -15,17 +15,10 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from sim2vr_harness.client import (
-    APP_FAILURES,
-    AppClient,
-    AppDied,
-    AppReply,
-    DevicePoses,
-    OptionValue,
-    frame_time_ns,
-)
+from sim2vr_harness.client import AppClient, DevicePoses, OptionValue, frame_times_ns
 from sim2vr_harness.client.frames import pose_to_app
-from sim2vr_harness.envs.apps import AppFactory, app_factory
+from sim2vr_harness.envs.app_group import AppFailure, Logs, app_group
+from sim2vr_harness.envs.apps import AppFactory
 from sim2vr_harness.envs.config import EnvConfig, NoiseConfig
 from sim2vr_harness.perception import HeadsetVision, Proprioception
 from sim2vr_harness.users import User, load_user
@@ -42,10 +35,7 @@ EFFORT_MODELS = {
     "zero": "Zero",
 }
 
-RESET_ATTEMPTS = 3
-"""Apps in a row that may fail before a user's round is given up."""
-
-_STATE_FORMAT = "sim2vr simulation state 1"
+_STATE_FORMAT = "sim2vr simulation state 2"
 
 
 @dataclass
@@ -56,31 +46,44 @@ class StepBatch:
         reward: (N,) float64, the game's reward minus the effort cost.
         terminated: (N,) bool, the game is over or the simulation diverged.
         truncated: (N,) bool, ``max_episode_seconds`` are over, or the app failed.
-        infos: N dictionaries: ``game_reward`` and ``effort_cost`` of the step, ``log`` (the game's
-            named numbers), ``condition`` when the game reports one; at the end of an episode also
-            ``termination`` (``finished``, ``diverged``, ``max_steps_reached`` or ``app_failed``)
-            and ``max_fatigued``; after ``app_failed`` ``app_error``, what happened.
+        game_reward: (N,) float64, 0 where the app was not asked or did not answer.
+        effort_cost: (N,) float64.
+        answered: (N,) bool, whose app played the step: not that of a user whose simulation
+            diverged, nor one that failed.
+        logs: the games' named numbers, ``logs[i]`` of user i.
+        ends: users whose episode ended here -> ``termination`` (``finished``, ``diverged``,
+            ``max_steps_reached`` or ``app_failed``) and ``max_fatigued``; after ``app_failed`` also
+            ``app_error``, what happened.
     """
 
     reward: NDArray[np.float64]
     terminated: NDArray[np.bool_]
     truncated: NDArray[np.bool_]
-    infos: list[dict[str, Any]]
+    game_reward: NDArray[np.float64]
+    effort_cost: NDArray[np.float64]
+    answered: NDArray[np.bool_]
+    logs: Logs
+    ends: dict[int, dict[str, Any]] = field(default_factory=dict)
 
+    def info(self, i: int) -> dict[str, Any]:
+        """User i's part of the step as a dictionary.
 
-@dataclass(frozen=True)
-class AppFailure:
-    """An app outside this process that died, hung or talked nonsense.
+        Returns:
+            ``game_reward``, ``effort_cost``, ``log`` if the app answered, and the user's entries of
+            :attr:`ends`.
+        """
+        info: dict[str, Any] = {
+            "game_reward": float(self.game_reward[i]),
+            "effort_cost": float(self.effort_cost[i]),
+        }
+        if self.answered[i]:
+            info["log"] = self.logs[i]
+        return info | self.ends.get(i, {})
 
-    Attributes:
-        user: whose app it was.
-        step: user steps of the round that it ended.
-        error: what happened, with the end of the app's log.
-    """
-
-    user: int
-    step: int
-    error: str
+    @cached_property
+    def infos(self) -> list[dict[str, Any]]:
+        """:meth:`info` of all users; made when first asked for."""
+        return [self.info(i) for i in range(len(self.reward))]
 
 
 class Simulation:
@@ -131,45 +134,28 @@ class Simulation:
             noise=_noise(config.user.noise),
             substeps=substeps,
         )
-        self.vision = HeadsetVision(
-            config.vision.channels,
-            config.vision.buffer_s,
-            n=n,
-            step_seconds=1.0 / config.action_frequency_hz,
-            height=config.vision.height,
-            width=config.vision.width,
-        )
+        self.vision = _vision(config, n)
         self.proprioception = Proprioception(self.user)
-        self.observation_space = spaces.Dict(
-            {
-                "vision": self.vision.observation_space,
-                "proprioception": self.proprioception.observation_space,
-                "stateful_information": spaces.Box(-1.0, 1.0, (1,), np.float32),
-            }
-        )
+        self.observation_space = _observation_space(self.vision, self.proprioception)
         self.action_space = spaces.Box(-1.0, 1.0, (len(self.user.muscles),), np.float32)
         self.max_steps = max(1, round(config.max_episode_seconds * config.action_frequency_hz))
-        self._log_dir = log_dir
-        self._make_app = app_factory(config, n) if make_app is None else make_app
-        self.apps: list[AppClient] = []
-        self.app_failures: list[AppFailure] = []
-        """Every app that failed so far, the oldest first."""
-        self._failed: dict[int, str] = {}  # users whose app is to be started anew
-        self._options: list[dict[str, OptionValue]] = [{} for _ in range(n)]
-        try:
-            for i in range(n):
-                self.apps.append(self._make_app(config, i, log_dir))
-        except BaseException:
-            self._close_apps()
-            raise
+        self._group = app_group(config, n, self.vision, log_dir, make_app)
         self._seeds = [np.random.default_rng() for _ in range(n)]
         self._steps = np.zeros(n, dtype=np.int64)
         self._over = np.ones(n, dtype=bool)
         self._time_feature = np.zeros(n, dtype=np.float32)
-        self._images = np.zeros((n, config.vision.height, config.vision.width, 4), dtype=np.uint8)
-        self._seen = np.zeros((n, *self.vision.observation_space.shape), dtype=np.uint8)
         self._proprioception = np.zeros((n, self.proprioception.size), dtype=np.float32)
         self._closed = False
+
+    @property
+    def apps(self) -> list[AppClient]:
+        """The app of each user."""
+        return self._group.apps
+
+    @property
+    def app_failures(self) -> list[AppFailure]:
+        """Every app that failed so far, the oldest first."""
+        return self._group.failures
 
     @property
     def renderer_description(self) -> str:
@@ -201,6 +187,8 @@ class Simulation:
         """
         self._require_open()
         rows = list(range(self.n)) if ids is None else [int(i) for i in ids]
+        if not rows:
+            return []
         given = [None] * len(rows) if seeds is None else list(seeds)
         if len(given) != len(rows):
             raise ValueError(f"seeds: got {len(given)} seeds, expected {len(rows)}, one per user")
@@ -211,17 +199,15 @@ class Simulation:
                 self._seeds[i] = np.random.default_rng(seed)
         round_seeds = [int(self._seeds[i].integers(2**32)) for i in rows]
         self.users.reset(rows, [self._seeds[i] for i in rows])
-        poses = self._device_poses()
-        infos = []
-        for i, round_seed in zip(rows, round_seeds, strict=True):
-            reply = self._reset_app(i, round_seed, poses[i], options)
-            self._take_reply(i, reply)
-            infos.append({"seed": round_seed, "log": reply.log})
-        self._steps[rows] = 0
-        self._over[rows] = False
-        self.vision.reset(rows)
-        self._perceive(rows)
-        return infos
+        users = np.array(rows, dtype=np.int64)
+        poses = self._poses(users, -1)
+        self._group.reset(users, np.array(round_seeds, dtype=np.int64), poses, options)
+        self._steps[users] = 0
+        self._over[users] = False
+        self.vision.reset(users)
+        self._perceive(users)
+        logs = self._group.logs()
+        return [{"seed": seed, "log": logs[i]} for i, seed in zip(rows, round_seeds, strict=True)]
 
     def observation(self) -> Observation:
         """The present observation of all users: fresh arrays, first axis N.
@@ -230,7 +216,7 @@ class Simulation:
         (N, 1) float32 (the game's time feature).
         """
         return {
-            "vision": self._seen.copy(),
+            "vision": self.vision.seen(),
             "proprioception": self._proprioception.copy(),
             "stateful_information": self._time_feature[:, None].copy(),
         }
@@ -249,136 +235,81 @@ class Simulation:
         if self._over.any():
             over = np.flatnonzero(self._over).tolist()
             raise RuntimeError(f"step: the episodes of users {over} are over; reset them first")
-        self.users.step(actions, pose_samples=self.config.frames_per_step)
+        frames = self.config.frames_per_step
+        self.users.step(actions, pose_samples=frames)
         diverged = self.users.diverged
         cost = np.where(diverged, 0.0, self.users.effort_cost)
         self._steps += 1
         # A diverged user's app stays where it was, as does its last finite observation.
-        playing = [int(i) for i in np.flatnonzero(~diverged)]
-        replies = self._step_apps(playing, self._step_poses())
-        reward = np.zeros(self.n)
-        terminated = diverged.copy()
-        infos: list[dict[str, Any]] = []
-        for i in range(self.n):
-            reply = replies.get(i)
-            game_reward = 0.0 if reply is None else reply.reward
-            reward[i] = game_reward - cost[i]
-            info: dict[str, Any] = {"game_reward": game_reward, "effort_cost": float(cost[i])}
-            if reply is not None:
-                self._take_reply(i, reply)
-                terminated[i] = reply.finished
-                info["log"] = reply.log
-            infos.append(info)
-        failed = np.array([i in self._failed for i in range(self.n)])
+        playing = np.flatnonzero(~diverged)
+        steps = self._steps[playing]
+        # From the step count, so that rounding never accumulates.
+        numbers = ((steps - 1) * frames + 1)[:, None] + np.arange(frames)
+        times_ns = frame_times_ns(numbers, self.config.action_frequency_hz * frames)
+        poses = self._step_poses(playing)
+        users = self._group.step(playing, times_ns, poses, steps, self.max_steps)
+        answered = np.zeros(self.n, dtype=bool)
+        answered[users] = True
+        game_reward = np.where(answered, self._group.reward, 0.0).astype(np.float64)
+        terminated = diverged | (answered & (self._group.finished != 0))
+        failed = np.zeros(self.n, dtype=bool)
+        failed[list(self._group.failed)] = True
         truncated = ~terminated & ((self._steps >= self.max_steps) | failed)
-        self._describe_ends(infos, terminated, truncated, diverged)
         self._over = terminated | truncated
-        self._perceive(list(replies))
-        return StepBatch(reward, terminated, truncated, infos)
-
-    def _describe_ends(
-        self,
-        infos: list[dict[str, Any]],
-        terminated: NDArray[np.bool_],
-        truncated: NDArray[np.bool_],
-        diverged: NDArray[np.bool_],
-    ) -> None:
-        fatigued = self.users.effort.max_fatigued()
-        for i in map(int, np.flatnonzero(terminated | truncated)):
-            end = "diverged" if diverged[i] else "finished"
-            infos[i]["termination"] = end if terminated[i] else "max_steps_reached"
-            infos[i]["max_fatigued"] = float(fatigued[i])
-            if i in self._failed:
-                infos[i] |= {"termination": "app_failed", "app_error": self._failed[i]}
-
-    # --- apps, which may fail when they run outside this process --------------------------------
-
-    def _step_apps(self, users: Sequence[int], poses: list[DevicePoses]) -> dict[int, AppReply]:
-        """The step's frames in the apps of ``users``, side by side; without apps that failed."""
-        replies: dict[int, AppReply] = {}
-        for i in users:
-            if i in self._failed:  # found out while the state was saved
-                continue
-            with self._noting_failure(i):
-                last = bool(self._steps[i] >= self.max_steps)
-                self.apps[i].start_step(self._times_ns(i), poses[i], last=last)
-        for i in users:
-            if i in self._failed:
-                continue
-            with self._noting_failure(i):
-                replies[i] = self.apps[i].finish_step()
-        return replies
-
-    def _reset_app(
-        self,
-        i: int,
-        seed: int,
-        poses: DevicePoses,
-        options: Mapping[str, OptionValue] | None,
-    ) -> AppReply:
-        """Starts a round, in a new app where the one before has failed."""
-        for _ in range(RESET_ATTEMPTS):
-            with self._noting_failure(i):
-                chosen = options
-                if i in self._failed:
-                    self.apps[i] = self._make_app(self.config, i, self._log_dir)
-                    del self._failed[i]
-                    chosen = {**self._options[i], **(options or {})}
-                reply = self.apps[i].reset(seed, poses, chosen)
-                self._options[i] |= options or {}
-                return reply
-        raise AppDied(
-            f"user {i}: {RESET_ATTEMPTS} apps in a row failed at the start of a round; the last "
-            f"one: {self._failed[i]}"
+        self._perceive(users)
+        return StepBatch(
+            game_reward - cost,
+            terminated,
+            truncated,
+            game_reward,
+            cost,
+            answered,
+            self._group.logs(),
+            self._ends(terminated, diverged),
         )
 
-    @contextmanager
-    def _noting_failure(self, i: int) -> Iterator[None]:
-        """Ends the app of user ``i``, and remembers why, when the block finds it failed."""
-        try:
-            yield
-        except APP_FAILURES as error:
-            self._failed[i] = str(error)
-            self.app_failures.append(AppFailure(i, int(self._steps[i]), str(error)))
-            self.apps[i].close()
+    def _ends(
+        self, terminated: NDArray[np.bool_], diverged: NDArray[np.bool_]
+    ) -> dict[int, dict[str, Any]]:
+        ends: dict[int, dict[str, Any]] = {}
+        if not self._over.any():
+            return ends
+        fatigued = self.users.effort.max_fatigued()
+        for i in np.flatnonzero(self._over).tolist():
+            end = "diverged" if diverged[i] else "finished"
+            ends[i] = {
+                "termination": end if terminated[i] else "max_steps_reached",
+                "max_fatigued": float(fatigued[i]),
+            }
+            if i in self._group.failed:
+                ends[i] |= {"termination": "app_failed", "app_error": self._group.failed[i]}
+        return ends
 
-    def _times_ns(self, i: int) -> NDArray[np.int64]:
-        # From the step count, so that rounding never accumulates.
-        frames = self.config.frames_per_step
-        first = (int(self._steps[i]) - 1) * frames + 1
-        rate_hz = self.config.action_frequency_hz * frames
-        return np.array([frame_time_ns(first + k, rate_hz) for k in range(frames)], dtype=np.int64)
-
-    def _device_poses(self) -> list[DevicePoses]:
-        """Where every user's devices are now, arrays of 7."""
-        head = pose_to_app(*self.users.device_poses("headset"))
-        right = pose_to_app(*self.users.device_poses("controller_right"))
-        return [DevicePoses(head[i], right[i]) for i in range(self.n)]
-
-    def _step_poses(self) -> list[DevicePoses]:
-        """Where every user's devices were in the K frames of the last step, arrays (K, 7)."""
+    def _poses(self, ids: NDArray[np.int64], sample: int) -> DevicePoses:
+        """Where these users' devices are, (K, 7); see :meth:`UserBatch.device_poses`."""
         head, right = (
-            np.stack(
-                [
-                    pose_to_app(*self.users.device_poses(name, k))
-                    for k in range(self.config.frames_per_step)
-                ],
-                axis=1,
-            )
+            pose_to_app(*(part[ids] for part in self.users.device_poses(name, sample)))
             for name in ("headset", "controller_right")
         )
-        return [DevicePoses(head[i], right[i]) for i in range(self.n)]
+        return DevicePoses(head, right)
 
-    def _take_reply(self, i: int, reply: AppReply) -> None:
-        self._images[i] = self.apps[i].image
-        self._time_feature[i] = min(1.0, max(-1.0, reply.time_feature))
+    def _step_poses(self, ids: NDArray[np.int64]) -> DevicePoses:
+        """Where these users' devices were in the F frames of the last step, (K, F, 7)."""
+        frames = [self._poses(ids, k) for k in range(self.config.frames_per_step)]
+        head = np.stack([poses.head for poses in frames], axis=1)
+        right = np.stack([poses.right_controller for poses in frames], axis=1)  # type: ignore[misc]
+        return DevicePoses(head, right)
 
-    def _perceive(self, ids: Sequence[int] | NDArray[np.int64]) -> None:
-        rows = np.asarray(ids, dtype=np.int64)
-        if len(rows) == 0:
+    def _perceive(self, ids: NDArray[np.int64]) -> None:
+        """Takes in what the apps of these users have shown."""
+        if len(ids) == 0:
             return
-        self._seen[rows] = self.vision.observe(self._images[rows], rows)
-        self._proprioception[rows] = self.proprioception.observe(self.users)[rows]
+        if len(ids) == self.n:
+            self.vision.take(self._group.pictures)
+        else:
+            self.vision.take(self._group.pictures[ids], ids)
+        self._proprioception[ids] = self.proprioception.observe(self.users)[ids]
+        self._time_feature[ids] = np.clip(self._group.time_feature[ids], -1.0, 1.0)
 
     # --- saved states ------------------------------------------------------------------------
 
@@ -395,7 +326,7 @@ class Simulation:
             "seeds": [generator.bit_generator.state for generator in self._seeds],
             "users": [self.users.get_state(i) for i in range(self.n)],
             "vision": [self.vision.get_state(i) for i in range(self.n)],
-            "apps": [self._app_state(i) for i in range(self.n)],
+            "apps": [self._group.save(i, int(self._steps[i])) for i in range(self.n)],
             "arrays": {name: getattr(self, name).copy() for name in self._STATE_ARRAYS},
         }
         return pickle.dumps(state)
@@ -404,15 +335,6 @@ class Simulation:
     def exact_states(self) -> bool:
         """Whether :meth:`save_state` holds the rounds; SIM2VR apps of others cannot save theirs."""
         return all(app.can_save for app in self.apps)
-
-    def _app_state(self, i: int) -> bytes | None:
-        """What the app saves; None if it cannot, or has failed."""
-        if i in self._failed or not self.apps[i].can_save:
-            return None
-        state: bytes | None = None
-        with self._noting_failure(i):
-            state = self.apps[i].save()
-        return state
 
     def load_state(self, state: bytes) -> list[int]:
         """Goes on from :meth:`save_state` of a simulation with the same configuration and N.
@@ -443,17 +365,12 @@ class Simulation:
             self.reset(ids=anew)
         return anew
 
-    _STATE_ARRAYS = ("_steps", "_over", "_time_feature", "_images", "_seen", "_proprioception")
+    _STATE_ARRAYS = ("_steps", "_over", "_time_feature", "_proprioception")
 
     def close(self) -> None:
         """Ends the apps; idempotent. Later calls raise RuntimeError."""
         self._closed = True
-        self._close_apps()
-
-    def _close_apps(self) -> None:
-        with ExitStack() as stack:  # each one, whatever happens to the others
-            for app in self.apps:
-                stack.callback(app.close)
+        self._group.close()
 
     def _require_open(self) -> None:
         if self._closed:
@@ -477,6 +394,32 @@ class _PlainUnpickler(pickle.Unpickler):
         if (module, name) not in self._ALLOWED:
             raise ValueError(f"state: got an object of type {module}.{name}, expected plain data")
         return super().find_class(module, name)
+
+
+def observation_space_of(config: EnvConfig) -> spaces.Dict:
+    """What the users of a simulation with this configuration would observe."""
+    return _observation_space(_vision(config, 1), Proprioception(load_user(config.user.model)))
+
+
+def _vision(config: EnvConfig, n: int) -> HeadsetVision:
+    return HeadsetVision(
+        config.vision.channels,
+        config.vision.buffer_s,
+        n=n,
+        step_seconds=1.0 / config.action_frequency_hz,
+        height=config.vision.height,
+        width=config.vision.width,
+    )
+
+
+def _observation_space(vision: HeadsetVision, proprioception: Proprioception) -> spaces.Dict:
+    return spaces.Dict(
+        {
+            "vision": vision.observation_space,
+            "proprioception": proprioception.observation_space,
+            "stateful_information": spaces.Box(-1.0, 1.0, (1,), np.float32),
+        }
+    )
 
 
 def _pitch_down(degrees: float) -> tuple[float, float, float, float] | None:

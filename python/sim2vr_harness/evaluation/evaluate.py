@@ -14,12 +14,13 @@ from typing import Any
 from sim2vr_harness.envs.apps import knows_options
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
-from sim2vr_harness.evaluation.player import Player, find_checkpoint
+from sim2vr_harness.evaluation.player import Player
 from sim2vr_harness.evaluation.rollouts import jobs_for, play
 from sim2vr_harness.evaluation.video import RoundFilmer
 from sim2vr_harness.training.config import TrainingConfig, parse_config
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import write_atomically
+from sim2vr_harness.training.trained_users import find_user, require_contract
 
 __all__ = ["Evaluation", "Request", "evaluate"]
 
@@ -61,7 +62,7 @@ class Evaluation:
     Attributes:
         summaries: condition -> means over its rounds, and ``rounds``, one entry each.
         step: User steps that the evaluated checkpoint was trained for.
-        checkpoint: The evaluated checkpoint.
+        checkpoint: The evaluated checkpoint or packed weights.
         files: Results, videos and logs that were written.
         rounds: Every round.
     """
@@ -89,7 +90,7 @@ def evaluate(
     """Let a trained user play and measure it.
 
     Args:
-        run: A run's folder, or one of its checkpoints.
+        run: A run's folder, one of its checkpoints, or ``pretrained:NAME``.
         request: What to play.
         on_progress: Told the share of the work done, from 0 to 1.
         simulation: How to make the users.
@@ -99,8 +100,8 @@ def evaluate(
         ValueError: The game does not know a condition.
     """
     request = request or Request()
-    folder, checkpoint = find_checkpoint(run)
-    config = folder.load_config()
+    user = find_user(run)
+    config = user.config
     conditions = list(request.conditions or config.evaluation.conditions)
     episodes = config.evaluation.episodes if request.episodes is None else request.episodes
     seed = config.evaluation.seed if request.seed is None else request.seed
@@ -109,10 +110,11 @@ def evaluate(
     if deterministic is None:
         deterministic = config.evaluation.deterministic
     env = evaluation_env(config, request.app)
+    require_contract(user, env)
     batch = _batch_for(env, request.batch)
     if knows_options(env.app):
         _check_conditions(env, conditions, simulation)
-    out = request.out or folder.evaluation_dir / checkpoint.stem
+    out = request.out or user.evaluation_dir
     log_dir = out / "logs" if request.log else None
     if log_dir is not None:
         for older in log_dir.glob("user*"):
@@ -121,7 +123,7 @@ def evaluate(
 
     def make_act(users: Any) -> Callable[..., Any]:
         nonlocal step
-        player = Player(config, checkpoint, users.observation_space, users.action_space)
+        player = Player(user, users.observation_space, users.action_space)
         step = player.step
         return player.act
 
@@ -156,7 +158,7 @@ def evaluate(
     files = [_store(out, summaries), *(filmer.files if filmer else [])]
     if log_dir is not None:
         files.append(log_dir)
-    return Evaluation(summaries, step, checkpoint, files, rounds)
+    return Evaluation(summaries, step, user.source, files, rounds)
 
 
 def evaluation_env(config: TrainingConfig, app: Mapping[str, Any] | None = None) -> EnvConfig:

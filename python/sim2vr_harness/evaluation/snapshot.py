@@ -13,8 +13,9 @@ from PIL import Image
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.evaluation.evaluate import evaluation_env
 from sim2vr_harness.evaluation.pictures import BodyPainter, compose, score_text
-from sim2vr_harness.evaluation.player import Player, find_checkpoint
+from sim2vr_harness.evaluation.player import Player
 from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.training.trained_users import find_user
 
 __all__ = ["parse_size", "snapshot"]
 
@@ -74,16 +75,14 @@ def snapshot(
 
         simulation = Simulation
     config = EnvConfig(app=AppConfig(game=game, options={}))
-    folder = checkpoint = None
-    if run is not None:
-        folder, checkpoint = find_checkpoint(run)
-        config = evaluation_env(folder.load_config())
+    user = None if run is None else find_user(run)
+    if user is not None:
+        config = evaluation_env(user.config)
     with closing(simulation(config, 1)) as users:
         users.reset(seeds=[seed], options={"condition": condition})
         act: Callable[..., Any] = _gentle
-        if folder is not None and checkpoint is not None:
-            training = folder.load_config()
-            act = Player(training, checkpoint, users.observation_space, users.action_space).act
+        if user is not None:
+            act = Player(user, users.observation_space, users.action_space).act
         log, total, steps = _play(users, act, seconds, seed)
         pictures = _draw(users, size)
         text = score_text(log, steps / users.config.action_frequency_hz, total)

@@ -54,7 +54,7 @@ class HeadsetVision:
                 raise ValueError(f"{field}: got {value}, expected a whole number, at least 1")
         self.n, self.height, self.width = n, height, width
         self.channels = _checked_channels(channels)
-        self._indices = [CHANNELS.index(name) for name in self.channels]
+        self.channel_indices = [CHANNELS.index(name) for name in self.channels]
         self.frames = _frame_count(buffer_seconds, step_seconds)
         self._buffer = np.zeros((n, self.frames, len(channels), height, width), dtype=np.uint8)
         self._newest = np.zeros(n, dtype=np.int64)
@@ -95,16 +95,41 @@ class HeadsetVision:
             raise ValueError(
                 f"images: got {images.dtype} {images.shape}, expected uint8 {shape} (RGBA rows)"
             )
-        picked = images[..., self._indices].transpose(0, 3, 1, 2)
-        if self.frames == 1:
-            return np.ascontiguousarray(picked)
+        self.take(self.pick(images), rows)
+        return self.seen(rows)
+
+    def pick(self, images: ImageArray) -> ImageArray:
+        """The channels of pictures, (..., H, W, 4) -> (..., C, H, W), a copy."""
+        return np.moveaxis(images, -1, -3)[..., self.channel_indices, :, :]
+
+    def take(self, pictures: ImageArray, ids: NDArray[np.integer] | None = None) -> None:
+        """Takes new pictures in, their channels picked already.
+
+        Args:
+            pictures: (K, C, H, W) uint8; copied.
+            ids: (K,) whose pictures these are, each user once; None for all N.
+        """
+        rows = np.arange(self.n) if ids is None else ids
         self._newest[rows] = (self._newest[rows] + 1) % self.frames
-        self._buffer[rows, self._newest[rows]] = picked
+        if ids is None and self.frames == 1:
+            self._buffer[:, 0] = pictures  # several times as fast as an index list
+        else:
+            self._buffer[rows, self._newest[rows]] = pictures
         first = self._fresh[rows]
-        self._buffer[rows[first]] = picked[first][:, None]
-        self._fresh[rows] = False
-        oldest = (self._newest[rows] + 1) % self.frames
-        return np.concatenate([picked, self._buffer[rows, oldest]], axis=1)
+        if first.any():
+            self._buffer[rows[first]] = pictures[first][:, None]
+            self._fresh[rows] = False
+
+    def seen(self, ids: NDArray[np.integer] | None = None) -> ImageArray:
+        """What the users see now: (K, C, H, W) uint8, owned by the caller; None for all N."""
+        rows = np.arange(self.n) if ids is None else ids
+        if self.frames == 1:
+            return self._buffer[:, 0].copy() if ids is None else self._buffer[rows, 0]
+        count = len(self.channels)
+        picture = np.empty((len(rows), 2 * count, self.height, self.width), dtype=np.uint8)
+        picture[:, :count] = self._buffer[rows, self._newest[rows]]
+        picture[:, count:] = self._buffer[rows, (self._newest[rows] + 1) % self.frames]
+        return picture
 
     def get_state(self, i: int) -> dict[str, NDArray[np.generic]]:
         """Returns copies of what is remembered of user i."""

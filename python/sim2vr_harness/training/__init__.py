@@ -5,5 +5,5 @@
 - :mod:`.vec_env`, :mod:`.buffer`, :mod:`.ppo`: the pieces PPO runs on
 - :mod:`.checkpoint`, :mod:`.run_folder`: what is kept of a run, and exact resumption
 - :mod:`.trainer`: one training session from start to table
-- :mod:`.bench`: how fast physics, rendering, environment and training are here
+- :mod:`.measuring`: what the benchmark needs of Stable-Baselines3
 """

@@ -123,9 +123,9 @@ class ProgressCallback(BaseCallback):
         progress.step = self.model.num_timesteps
         progress.phase_done += self.model.n_envs
         env = self.model.get_env()
-        if isinstance(env, SimulationVecEnv):
-            progress.hits_now = sum(log.get("Points", 0.0) for log in env.last_log)
-            progress.misses_now = sum(log.get("Misses", 0.0) for log in env.last_log)
+        if isinstance(env, SimulationVecEnv) and env.last_logs is not None:
+            progress.hits_now = env.last_logs.total("Points")
+            progress.misses_now = env.last_logs.total("Misses")
         self._tell_failures()
         ended = sum("episode" in info for info in self.locals["infos"])
         progress.episodes += ended

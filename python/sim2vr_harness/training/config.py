@@ -27,6 +27,7 @@ __all__ = [
     "TrainingConfig",
     "WandbConfig",
     "apply_overrides",
+    "defaults",
     "first_difference",
     "load_config",
     "parse_config",
@@ -167,6 +168,11 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainingConf
     if not isinstance(tree, dict):
         raise InputError(str(file), f"a {type(tree).__name__}", "a mapping of keys to values")
     return parse_config(apply_overrides(tree, overrides))
+
+
+def defaults(overrides: Sequence[str] = ()) -> TrainingConfig:
+    """Return the reference's Whac-A-Mole training, medium; overrides as in :func:`load_config`."""
+    return parse_config(apply_overrides({}, overrides))
 
 
 def parse_config(tree: Mapping[str, Any]) -> TrainingConfig:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -39,7 +39,7 @@ class SimulationLike(Protocol):
         """Return fresh arrays (N, ...)."""
 
     def step(self, actions: NDArray) -> Any:
-        """Advance every user by one step; returns reward, terminated, truncated, infos."""
+        """Advance every user by one step; returns a ``StepBatch``."""
 
     def save_state(self) -> bytes:
         """Return the exact state."""
@@ -54,13 +54,13 @@ class SimulationLike(Protocol):
 class SimulationVecEnv(VecEnv):
     """N simulated users with autoreset, as Stable-Baselines3 expects them.
 
-    When an episode ends, its user is reset at once; the last observation is in
-    ``info["terminal_observation"]`` and ``info["episode"]`` holds, like SB3's Monitor, the return
-    ``r``, the length ``l`` (steps) and the wall time ``t`` (s), the sums ``game_reward`` and
-    ``effort_cost``, ``max_fatigued`` if the effort model knows it, and under ``log`` the game's
-    final log. ``info["TimeLimit.truncated"]`` is set where the episode was cut by a time limit or
-    by an app that failed; an episode of the latter kind has no ``info["episode"]``: its numbers are
-    not those of a round.
+    The infos of users who play on are empty. When an episode ends, its user is reset at once; the
+    last observation is in ``info["terminal_observation"]`` and ``info["episode"]`` holds, like
+    SB3's Monitor, the return ``r``, the length ``l`` (steps) and the wall time ``t`` (s), the sums
+    ``game_reward`` and ``effort_cost``, ``max_fatigued`` if the effort model knows it, and under
+    ``log`` the game's final log. ``info["TimeLimit.truncated"]`` is set where the episode was cut
+    by a time limit or by an app that failed; an episode of the latter kind has no
+    ``info["episode"]``: its numbers are not those of a round.
 
     Args:
         simulation: The users; owned by the adapter from now on.
@@ -74,8 +74,8 @@ class SimulationVecEnv(VecEnv):
         self._returns = np.zeros(self.num_envs)
         self._lengths = np.zeros(self.num_envs, dtype=np.int64)
         self._sums = {name: np.zeros(self.num_envs) for name in _SUMS}
-        self.last_log: list[dict[str, float]] = [{} for _ in range(self.num_envs)]
-        """The game's log of every user's last step, for displays."""
+        self.last_logs: Any = None
+        """The games' logs after the last step (``StepBatch.logs``), for displays; None before."""
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Set the seeds of the next :meth:`reset`.
@@ -105,51 +105,40 @@ class SimulationVecEnv(VecEnv):
             raise RuntimeError("step_wait was called without step_async")
         result = self.simulation.step(self._actions)
         self._actions = None
-        infos: list[dict[str, Any]] = result.infos
-        self._count(result.reward, infos)
+        self._returns += result.reward
+        self._lengths += 1
+        for name, sums in self._sums.items():
+            sums += getattr(result, name)
+        self.last_logs = result.logs
         dones = np.asarray(result.terminated | result.truncated, dtype=bool)
+        infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         observation = self.simulation.observation()
-        ended = [int(i) for i in np.flatnonzero(dones)]
+        ended = np.flatnonzero(dones).tolist()
         if ended:
-            self._finish(ended, observation, result.terminated, infos)
+            for i in ended:
+                infos[i] = self._end(i, observation, result)
             self.simulation.reset(ids=ended)
             observation = self.simulation.observation()
         return observation, result.reward.astype(np.float32), dones, infos
 
-    def _count(self, reward: NDArray, infos: list[dict[str, Any]]) -> None:
-        self._returns += reward
-        self._lengths += 1
-        for name, sums in self._sums.items():
-            sums += [info.get(name, 0.0) for info in infos]
-        # A diverged user's app is not asked, so its last log stands.
-        self.last_log = [
-            info.get("log", last) for info, last in zip(infos, self.last_log, strict=True)
-        ]
-
-    def _finish(
-        self,
-        ended: Iterable[int],
-        observation: dict[str, NDArray],
-        terminated: NDArray,
-        infos: list[dict[str, Any]],
-    ) -> None:
-        for i in ended:
-            info = infos[i]
-            info["terminal_observation"] = {key: value[i] for key, value in observation.items()}
-            info["TimeLimit.truncated"] = not bool(terminated[i])
-            if info.get("termination") == "app_failed":
-                self._clear(i)
-                continue
+    def _end(self, i: int, observation: dict[str, NDArray], result: Any) -> dict[str, Any]:
+        """The info of user i, whose episode is over."""
+        info: dict[str, Any] = result.info(i)
+        info["terminal_observation"] = {key: value[i] for key, value in observation.items()}
+        info["TimeLimit.truncated"] = not bool(result.terminated[i])
+        if info.get("termination") != "app_failed":
             info["episode"] = {
                 "r": float(self._returns[i]),
                 "l": int(self._lengths[i]),
                 "t": round(time.monotonic() - self._started, 3),
                 **{name: float(sums[i]) for name, sums in self._sums.items()},
-                "log": {key: float(value) for key, value in self.last_log[i].items()},
+                # A diverged user's app was not asked in the last step: the log before stands.
+                "log": {key: float(value) for key, value in result.logs[i].items()},
             }
             if "max_fatigued" in info:
                 info["episode"]["max_fatigued"] = float(info["max_fatigued"])
-            self._clear(i)
+        self._clear(i)
+        return info
 
     def _clear(self, which: int | slice | list[int]) -> None:
         self._returns[which] = 0.0

@@ -106,6 +106,37 @@ TEST(AppBatch, EveryAppPlaysAsAloneWhateverTheCompanyAndThreads) {
   }
 }
 
+TEST(AppBatch, VisionHoldsTheChosenChannelsOfTheImages) {
+  BatchSettings values = settings(3, 2, render::RendererKind::automatic);
+  values.vision_channels = {3, 1};
+  AppBatch batch(values);
+  const auto expectSeparated = [&batch](int app) {
+    const std::size_t pixels = batch.images().size() / 3 / 4;
+    const auto image = batch.images().subspan(app * pixels * 4, pixels * 4);
+    const auto planes = batch.vision().subspan(app * pixels * 2, pixels * 2);
+    for (std::size_t i = 0; i < pixels; ++i) {
+      ASSERT_EQ(planes[i], image[4 * i + 3]);
+      ASSERT_EQ(planes[pixels + i], image[4 * i + 1]);
+    }
+  };
+  const std::vector<int> all{0, 1, 2};
+  batch.reset(all, std::vector<RoundStart>(3), std::vector<xr::DeviceState>(3, player(0, 0)));
+  const std::string start = batch.app(1).save();
+  const std::vector<std::uint8_t> first(batch.vision().begin(), batch.vision().end());
+  std::vector<FrameInput> frames;
+  for (int app = 0; app < 3; ++app) frames.push_back({50'000'000, player(app, 1)});
+  batch.step(all, frames);
+  for (const int app : all) expectSeparated(app);
+  EXPECT_FALSE(std::equal(first.begin(), first.end(), batch.vision().begin()));
+  batch.load(1, start);
+  expectSeparated(1);
+  const std::size_t bytes = first.size() / 3;
+  EXPECT_TRUE(std::equal(first.begin() + bytes, first.begin() + 2 * bytes,
+                         batch.vision().subspan(bytes).begin()));
+  values.vision_channels = {4};
+  EXPECT_THROW(AppBatch{values}, InvalidArgument);
+}
+
 TEST(AppBatch, OnlyTheGivenAppsMove) {
   AppBatch batch(settings(3, 2));
   const std::vector<int> all{0, 1, 2};

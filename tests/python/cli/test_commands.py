@@ -167,7 +167,6 @@ def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
         (["snapshot", "--size", "3"], "error: --size: got '3', expected WIDTHxHEIGHT"),
         (["snapshot", "--condition", "x", "--out", "{empty}"], "error: condition: got 'x'"),
         (["bench", "--n", "0"], "error: --n: got 0, expected at least 1"),
-        (["bench", "--transport", "all", "--n", "0"], "error: --n: got 0, expected at least 1"),
         (["bench", "--transport", "protocol3"], "error: --transport: got 'protocol3', expected"),
         (["train", "{config}", "--protocol", "3"], "error: --protocol: got 3, expected 1 or 2"),
         (["train", "{config}", "--app", "a", "--connect", "b:1"], "error: --connect: got it toget"),

@@ -194,3 +194,24 @@ def test_nan_action_and_closed_simulation() -> None:
     simulation.close()
     with pytest.raises(RuntimeError, match="closed"):
         simulation.step(np.zeros((1, 32)))
+
+
+def test_a_diverged_user_keeps_its_last_log_and_picture() -> None:
+    simulation = Simulation(CONFIG, 2)
+    simulation.reset(seeds=[1, 2])
+    trace(simulation, 10)
+    before, log = simulation.observation(), simulation.step(actions(2, 10)).logs[0]
+    before = simulation.observation()
+    simulation.users._qvel[0] = 1e9
+    batch = simulation.step(actions(2, 11))
+    assert batch.terminated.tolist() == [True, False]
+    assert batch.answered.tolist() == [False, True]
+    assert batch.infos[0]["termination"] == "diverged"
+    assert "log" not in batch.infos[0]
+    assert batch.reward[0] == 0.0
+    assert batch.logs[0] == log
+    after = simulation.observation()
+    for key in ("vision", "stateful_information"):
+        np.testing.assert_array_equal(after[key][0], before[key][0])
+        assert key == "stateful_information" or not np.array_equal(after[key][1], before[key][1])
+    simulation.close()

@@ -12,10 +12,11 @@ from fake_simulation import FakeSimulation
 from sim2vr_harness.evaluation import evaluate as module
 from sim2vr_harness.evaluation.evaluate import Request, evaluate, evaluation_env
 from sim2vr_harness.evaluation.metrics import METRICS, RoundResult, round_result, summarise
-from sim2vr_harness.evaluation.player import Player, find_checkpoint
+from sim2vr_harness.evaluation.player import Player
 from sim2vr_harness.evaluation.rollouts import Job, jobs_for, play
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder
+from sim2vr_harness.training.trained_users import find_user
 
 
 def play_with(trained: Path, request: Request, **how: Any) -> module.Evaluation:
@@ -100,8 +101,8 @@ def test_defaults_come_from_the_run_and_results_are_stored(trained: Path) -> Non
 
 
 def test_a_checkpoint_can_be_named(trained: Path) -> None:
-    _, checkpoint = find_checkpoint(trained)
-    assert find_checkpoint(checkpoint)[1] == checkpoint
+    checkpoint = find_user(trained).source
+    assert find_user(checkpoint).source == checkpoint
     assert play_with(checkpoint, Request(episodes=1)).step == 120
 
 
@@ -127,7 +128,7 @@ def test_bad_requests(trained: Path, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"holds no config\.yaml"):
         play_with(tmp_path, Request())
     (tmp_path / "x.zip").write_text("")
-    with pytest.raises(InputError, match="a run's folder, or a file in its checkpoints folder"):
+    with pytest.raises(InputError, match="a file in its checkpoints folder, or pretrained:"):
         play_with(tmp_path / "x.zip", Request())
     shutil.copytree(trained, tmp_path / "run")
     for file in (tmp_path / "run" / "checkpoints").iterdir():
@@ -158,10 +159,7 @@ def test_progress_and_logs(trained: Path, tmp_path: Path) -> None:
 def test_player_is_the_mean_plus_its_own_noise(trained: Path) -> None:
     simulation = FakeSimulation(n=2)
     simulation.reset(seeds=[1, 2])
-    folder, checkpoint = find_checkpoint(trained)
-    player = Player(
-        folder.load_config(), checkpoint, simulation.observation_space, simulation.action_space
-    )
+    player = Player(find_user(trained), simulation.observation_space, simulation.action_space)
     own = {key: value[1] for key, value in simulation.observation().items()}
     mean = player.act(own, None)
     assert mean.dtype == np.float32

@@ -12,12 +12,23 @@ import numpy as np
 from gymnasium import spaces
 
 
+class FakeLogs(list):
+    def total(self, name: str) -> float:
+        return sum(log[name] for log in self)
+
+
 @dataclass
 class FakeStep:
     reward: np.ndarray
     terminated: np.ndarray
     truncated: np.ndarray
+    game_reward: np.ndarray
+    effort_cost: np.ndarray
+    logs: FakeLogs
     infos: list[dict[str, Any]]
+
+    def info(self, i: int) -> dict[str, Any]:
+        return dict(self.infos[i])
 
 
 class FakeApp:
@@ -61,6 +72,7 @@ class FakeSimulation:
         self.fail_at: int | None = None
         self.total_steps = 0
         self.closed = False
+        self.max_steps = 8
 
     def reset(self, ids=None, seeds=None, options=None):
         rows = list(range(self.n)) if ids is None else list(ids)
@@ -116,7 +128,9 @@ class FakeSimulation:
             if over[i]:
                 info |= {"termination": "finished", "max_fatigued": 0.25}
             infos.append(info)
-        return FakeStep(-distance - effort, over & ~truncated, truncated, infos)
+        logs = FakeLogs(self._log(i) for i in range(self.n))
+        over_only = over & ~truncated
+        return FakeStep(-distance - effort, over_only, truncated, -distance, effort, logs, infos)
 
     _ARRAYS = ("place", "goal", "steps", "length", "hits", "images")
 

@@ -94,23 +94,3 @@ def test_questions_to_single_environments() -> None:
         env.get_attr("nothing")
     env.close()
     assert env.simulation.closed
-
-
-def test_a_diverged_user_keeps_its_last_log() -> None:
-    env = make(n=1)
-    env.reset()
-    env.step(np.zeros((1, 3)))
-    log = env.last_log[0]
-    simulation = env.simulation
-    step = simulation.step
-
-    def diverging(actions):
-        outcome = step(actions)
-        outcome.terminated[:] = True
-        outcome.infos[0].pop("log")
-        return outcome
-
-    simulation.step = diverging
-    _, _, dones, infos = env.step(np.zeros((1, 3)))
-    assert dones[0]
-    assert infos[0]["episode"]["log"] == log

@@ -19,6 +19,8 @@ struct BatchSettings {
   /// 1 or more; more than apps are not started.
   int threads = 1;
   render::RendererKind renderer = render::RendererKind::automatic;
+  /// Channels of the pictures (0 red, 1 green, 2 blue, 3 depth) that vision() holds, in this order.
+  std::vector<int> vision_channels;
 };
 
 /// N apps. Each thread owns a renderer and a contiguous share of the apps, and draws their pictures
@@ -29,7 +31,8 @@ struct BatchSettings {
 /// of the apps it moves. Not thread-safe.
 class AppBatch {
  public:
-  /// Throws as App, and InvalidArgument for fewer than one app or thread.
+  /// Throws as App, and InvalidArgument for fewer than one app or thread, or a channel that is
+  /// none.
   explicit AppBatch(const BatchSettings& settings);
 
   /// Ends the apps and closes their logs; the arrays of results stay. Nothing may be called then.
@@ -40,6 +43,8 @@ class AppBatch {
   const BatchSettings& settings() const { return settings_; }
   /// For everything that concerns one app only. Throws InvalidArgument("app") outside 0 .. N-1.
   App& app(int index);
+  /// App::load of one app; its rows of images() and vision() are drawn, the others stay.
+  void load(int index, const std::string& state);
 
   /// Starts rounds: starts[i] and devices[i] are of app indices[i]. When something is refused, what
   /// the exception names is the first app that refused it; the others have started.
@@ -52,6 +57,9 @@ class AppBatch {
 
   /// N x height x width x 4 bytes (renderer.hpp).
   std::span<const std::uint8_t> images() const { return images_; }
+  /// N x channels x height x width bytes: what a policy looks at, separated by the threads that
+  /// drew.
+  std::span<const std::uint8_t> vision() const { return vision_; }
   std::span<const float> rewards() const { return rewards_; }
   /// 1 where the round is over.
   std::span<const std::uint8_t> finished() const { return finished_; }
@@ -64,12 +72,14 @@ class AppBatch {
  private:
   template <class Move>
   void run(std::span<const int> indices, const Move& move);
+  void separateChannels(int index);
   void store(int index, const Outcome& outcome);
   int workerOf(int index) const;
 
   BatchSettings settings_;
   ThreadPool pool_;
   std::vector<std::uint8_t> images_;
+  std::vector<std::uint8_t> vision_;
   std::vector<float> rewards_;
   std::vector<std::uint8_t> finished_;
   std::vector<float> time_features_;

@@ -1,0 +1,57 @@
+"""What a policy relies on: who its body is, what it senses and what its actions mean."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import Any
+
+from gymnasium import spaces
+
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.simulation import observation_space_of
+from sim2vr_harness.users import load_user
+
+__all__ = ["contract", "contract_hash", "differences"]
+
+
+def contract(config: EnvConfig) -> dict[str, Any]:
+    """The environment's side of a trained user's agreement, as plain values.
+
+    Two environments with equal contracts can be played by the same policy. Effort, noise and the
+    game's options are no part of it: they decide how well a user does, not whether it can act.
+    """
+    user = load_user(config.user.model)
+    space = observation_space_of(config)
+    return {
+        "game": config.app.game,
+        "user": config.user.model,
+        "skull_rotation_deg": config.user.skull_rotation_deg,
+        "muscles": list(user.muscles),
+        "action": "change of activation, -1 to 1",
+        "action_frequency_hz": config.action_frequency_hz,
+        "frames_per_step": config.frames_per_step,
+        "image": [config.vision.width, config.vision.height],
+        "channels": list(config.vision.channels),
+        "buffer_s": config.vision.buffer_s,
+        "observation": {key: _box(box) for key, box in sorted(space.spaces.items())},
+    }
+
+
+def _box(box: spaces.Space[Any]) -> list[Any]:
+    return [list(box.shape or ()), str(box.dtype)]
+
+
+def contract_hash(terms: dict[str, Any]) -> str:
+    """16 hexadecimal digits; equal contracts have equal ones."""
+    text = json.dumps(terms, sort_keys=True, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def differences(one: dict[str, Any], other: dict[str, Any]) -> list[tuple[str, Any, Any]]:
+    """The terms in which two contracts differ: (name, of the one, of the other)."""
+    return [
+        (key, one.get(key), other.get(key))
+        for key in [*one, *(key for key in other if key not in one)]
+        if one.get(key) != other.get(key)
+    ]

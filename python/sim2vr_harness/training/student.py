@@ -1,0 +1,367 @@
+"""A policy that sees learns from a teacher who knows (DAgger, on the app's real pictures).
+
+The student acts, so that it meets the situations its own mistakes lead to, and the teacher says in
+each of them what it would have done. The student's network learns the teacher's mean action; heads
+on its image features, which are dropped afterwards, learn facts that the picture shows, such as
+which targets are there. Ross, Gordon & Bagnell (2011), "A Reduction of Imitation Learning and
+Structured Prediction to No-Regret Online Learning".
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from collections import deque
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from sim2vr_harness.training.policy import UserPolicy
+from sim2vr_harness.training.ppo import episode_means
+from sim2vr_harness.training.recipe_config import StudentConfig
+from sim2vr_harness.training.run_folder import write_atomically
+from sim2vr_harness.training.threads import torch_threads
+
+__all__ = ["Guide", "Student", "StudentProgress"]
+
+STATE_FORMAT = 1
+
+
+class Guide(Protocol):
+    """Who knows what the student should do, from more than the student sees."""
+
+    def actions(self, simulation: Any) -> NDArray[np.float32]:
+        """(N, A) what the teacher would do now, in [-1, 1]."""
+
+    def facts(self, simulation: Any) -> NDArray[np.float32]:
+        """(N, F) numbers in [0, 1] that the picture shows; F may be 0."""
+
+
+@dataclass
+class StudentProgress:
+    """The numbers of one round of collecting and learning.
+
+    Attributes:
+        frames: user steps collected so far.
+        imitation_error: root mean square difference to the teacher's action, per muscle.
+        facts_error: mean cross entropy of the facts, NaN without any.
+        teacher_share: share of users on whom the teacher acted.
+        episodes: episodes that ended, on which the student alone acted.
+        means: means over the last of those, as :func:`episode_means` gives them.
+        collect_seconds: wall time.
+        learn_seconds: wall time.
+    """
+
+    frames: int
+    imitation_error: float
+    facts_error: float
+    teacher_share: float
+    episodes: int
+    means: dict[str, float]
+    collect_seconds: float
+    learn_seconds: float
+
+
+class FrameStore:
+    """Every collected user step, in the order of collection, images in a file.
+
+    The file is only ever appended to, so that a stage which is resumed sees just the frames that
+    the stopped one saw.
+
+    Args:
+        file: where images go; made or reused.
+        capacity: number of frames.
+        shapes: key -> (shape, dtype) of what a frame holds.
+    """
+
+    def __init__(
+        self, file: Path, capacity: int, shapes: Mapping[str, tuple[tuple[int, ...], Any]]
+    ) -> None:
+        self.count = 0
+        self.capacity = capacity
+        self._arrays: dict[str, NDArray[Any]] = {}
+        for key, (shape, dtype) in shapes.items():
+            if key == "vision":
+                self._arrays[key] = np.memmap(
+                    file, dtype, "r+" if file.is_file() else "w+", shape=(capacity, *shape)
+                )
+            else:
+                self._arrays[key] = np.zeros((capacity, *shape), dtype)
+
+    def append(self, frame: Mapping[str, NDArray[Any]]) -> None:
+        """Takes (N, ...) of every key."""
+        rows = len(next(iter(frame.values())))
+        for key, array in self._arrays.items():
+            array[self.count : self.count + rows] = frame[key]
+        self.count += rows
+
+    def rows(self, indices: NDArray[np.integer]) -> dict[str, Tensor]:
+        """Copies of these frames."""
+        return {key: torch.from_numpy(array[indices]) for key, array in self._arrays.items()}
+
+    def state(self) -> dict[str, NDArray[Any]]:
+        """All but the images, which are made sure to be in the file."""
+        vision = self._arrays.get("vision")
+        if isinstance(vision, np.memmap):
+            vision.flush()
+        return {key: array[: self.count] for key, array in self._arrays.items() if key != "vision"}
+
+    def restore(self, count: int, state: Mapping[str, NDArray[Any]]) -> None:
+        """Goes back to the first ``count`` frames."""
+        self.count = count
+        for key, values in state.items():
+            self._arrays[key][:count] = values
+
+
+class Student:
+    """DAgger on N users.
+
+    Args:
+        config: of the stage.
+        policy: the network to train; its critic is left alone.
+        simulation: N users who see; owned by the caller.
+        guide: the teacher.
+        folder: for the collected frames and the stage's state.
+        seed: of everything drawn here.
+        device: torch device of the network.
+    """
+
+    def __init__(
+        self,
+        config: StudentConfig,
+        policy: UserPolicy,
+        simulation: Any,
+        guide: Guide,
+        folder: Path,
+        *,
+        seed: int,
+        device: str = "cpu",
+    ) -> None:
+        self.config, self.policy, self.simulation, self.guide = config, policy, simulation, guide
+        self.folder, self._device = folder, torch.device(device)
+        self.n: int = simulation.n
+        self._rng = np.random.default_rng([seed, 77])
+        seeds = np.random.SeedSequence([seed, 78]).generate_state(self.n, np.uint32)
+        simulation.reset(seeds=[int(value) for value in seeds])
+        self._facts = guide.facts(simulation).shape[1]
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            encoders: Any = policy.features_extractor.encoders
+            width = encoders["vision"].linear[0].out_features
+            self._heads = nn.Linear(width, self._facts).to(self._device) if self._facts else None
+        mlp: Any = policy.mlp_extractor
+        self._parameters = [
+            *policy.features_extractor.parameters(),
+            *mlp.actor.parameters(),
+            *policy.action_net.parameters(),
+            *(self._heads.parameters() if self._heads else ()),
+        ]
+        self._optimizer = torch.optim.AdamW(
+            self._parameters, lr=config.learning_rate, weight_decay=config.weight_decay
+        )
+        folder.mkdir(parents=True, exist_ok=True)
+        shapes = {
+            key: (value.shape[1:], value.dtype) for key, value in simulation.observation().items()
+        }
+        actions = simulation.action_space.shape[0]
+        self.store = FrameStore(
+            folder / "frames.bin",
+            -(-config.frames // (self.n * config.rollout_steps)) * self.n * config.rollout_steps,
+            shapes | {"label": ((actions,), np.float32), "facts": ((self._facts,), np.float32)},
+        )
+        self.round = 0
+        # Rounds end at different times, so that every minibatch has all phases of a round in it.
+        longest = min(simulation.max_steps, config.stagger_steps)
+        self._cut = self._rng.integers(1, longest + 1, self.n)
+        self._pure = np.zeros(self.n, dtype=bool)
+        self._acted = np.zeros(self.n)
+        self._episodes: deque[dict[str, Any]] = deque(maxlen=config.statistics_episodes)
+        self._ended = 0
+
+    @property
+    def finished(self) -> bool:
+        """Whether all frames are collected and learned from."""
+        return self.store.count >= self.config.frames
+
+    # --- a round -----------------------------------------------------------------------------
+
+    def step(self) -> StudentProgress:
+        """One round: collects ``rollout_steps`` of every user, then learns."""
+        began = time.monotonic()
+        with torch_threads(1):
+            share = self._collect()
+        collected = time.monotonic()
+        error, facts_error = self._learn()
+        self.round += 1
+        return StudentProgress(
+            frames=self.store.count,
+            imitation_error=error,
+            facts_error=facts_error,
+            teacher_share=share,
+            episodes=self._ended,
+            means=episode_means(list(self._episodes)),
+            collect_seconds=collected - began,
+            learn_seconds=time.monotonic() - collected,
+        )
+
+    def _collect(self) -> float:
+        config = self.config
+        late = self.round - config.teacher_rounds
+        share = 1.0 if late < 0 else config.teacher_share * config.teacher_share_decay**late
+        noisy = np.arange(self.n) < config.noisy_users * self.n
+        shown = 0
+        for _ in range(config.rollout_steps):
+            observation = self.simulation.observation()
+            label = np.clip(self.guide.actions(self.simulation), -1.0, 1.0)
+            facts = self.guide.facts(self.simulation)
+            self.store.append({**observation, "label": label, "facts": facts})
+            # Whole stretches by one of the two would show fewer of the student's mistakes.
+            by_teacher = self._rng.random(self.n) < share
+            noise = self._rng.standard_normal(label.shape).astype(np.float32)
+            action = np.where(by_teacher[:, None], label, self.act(observation))
+            action = action + noise * (config.noise_std * noisy[:, None])
+            outcome = self.simulation.step(np.clip(action, -1.0, 1.0))
+            self._count(outcome, by_teacher)
+            shown += int(by_teacher.sum())
+        return shown / (config.rollout_steps * self.n)
+
+    def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
+        """(N, A) the student's mean actions."""
+        batch = {
+            key: torch.from_numpy(value).to(self._device) for key, value in observation.items()
+        }
+        with torch.inference_mode():
+            action: NDArray[np.float32] = self.policy.action_mean(batch).float().cpu().numpy()
+        return action
+
+    def _count(self, outcome: Any, by_teacher: NDArray[np.bool_]) -> None:
+        self._acted += by_teacher
+        self._cut -= 1
+        over = outcome.terminated | outcome.truncated
+        for i in np.flatnonzero(over).tolist():
+            info = outcome.info(i)
+            if self._cut[i] < 0 and info["termination"] == "finished" and self._acted[i] == 0:
+                self._ended += 1
+                self._episodes.append({"r": 0.0, "l": 0, "log": dict(outcome.logs[i])})
+        again = np.flatnonzero(over | (self._cut == 0)).tolist()
+        if again:
+            self.simulation.reset(ids=again)
+            self._acted[again] = 0
+
+    def _learn(self) -> tuple[float, float]:
+        config = self.config
+        samples = round(config.samples_per_frame * self.n * config.rollout_steps)
+        minibatches = max(1, round(samples / config.batch_size))
+        done = min(1.0, self.store.count / config.frames)
+        fall = min(1.0, 2.0 * (1.0 - done))  # constant in the first half, then linear to 0
+        for group in self._optimizer.param_groups:
+            group["lr"] = config.learning_rate * max(fall, 0.02)
+        self.policy.train()
+        errors, facts_errors = [], []
+        for _ in range(minibatches):
+            rows = np.sort(self._rng.integers(0, self.store.count, config.batch_size))
+            batch = {key: value.to(self._device) for key, value in self.store.rows(rows).items()}
+            error, facts_error = self._losses(batch)
+            loss = config.imitation_weight * error + config.facts_weight * facts_error
+            self._optimizer.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            nn.utils.clip_grad_norm_(self._parameters, config.max_grad_norm)
+            self._optimizer.step()
+            errors.append(float(error.detach()))
+            facts_errors.append(float(facts_error.detach()))
+        self.policy.eval()
+        return float(np.sqrt(np.mean(errors))), float(np.mean(facts_errors))
+
+    def _losses(self, batch: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        with torch.autocast(self._device.type, torch.bfloat16, enabled=self.config.bfloat16):
+            if self.config.image_noise > 0.0:
+                batch["vision"] = _noisy(batch["vision"], self.config.image_noise)
+            features = self.policy.extract_features(batch)
+            latent = self.policy.mlp_extractor.forward_actor(features)
+            mean = torch.tanh(self.policy.action_net(latent)).float()
+            error = nn.functional.mse_loss(mean, batch["label"])
+            if self._heads is None:
+                return error, torch.zeros(())
+            shown = self._heads(features[:, : self._heads.in_features]).float()
+        facts_error = nn.functional.binary_cross_entropy_with_logits(shown, batch["facts"])
+        return error, facts_error
+
+    # --- exact resume ------------------------------------------------------------------------
+
+    def save(self) -> None:
+        """Writes everything that the next round depends on."""
+        header = {
+            "format": STATE_FORMAT,
+            "round": self.round,
+            "count": self.store.count,
+            "ended": self._ended,
+            "episodes": list(self._episodes),
+            "rng": self._rng.bit_generator.state,
+        }
+        tensors = {
+            "policy": self.policy.state_dict(),
+            "heads": None if self._heads is None else self._heads.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "torch_rng": torch.get_rng_state(),
+            "arrays": {
+                "simulation": torch.frombuffer(
+                    bytearray(self.simulation.save_state()), dtype=torch.uint8
+                ),
+                "cut": torch.from_numpy(self._cut),
+                "acted": torch.from_numpy(self._acted),
+                **{
+                    f"store.{key}": torch.from_numpy(value)
+                    for key, value in self.store.state().items()
+                },
+            },
+            "header": json.dumps(header),
+        }
+        content = io.BytesIO()
+        torch.save(tensors, content)
+        write_atomically(self.folder / "state.pt", content.getvalue())
+
+    def restore(self) -> bool:
+        """Goes on from :meth:`save`; False if nothing was saved."""
+        file = self.folder / "state.pt"
+        if not file.is_file():
+            return False
+        tensors = torch.load(file, weights_only=True, map_location=self._device)
+        header = json.loads(tensors["header"])
+        if header["format"] != STATE_FORMAT:
+            raise RuntimeError(f"{file}: got format {header['format']}, expected {STATE_FORMAT}")
+        arrays = {key: value.cpu().numpy() for key, value in tensors["arrays"].items()}
+        self.policy.load_state_dict(tensors["policy"])
+        if self._heads is not None:
+            self._heads.load_state_dict(tensors["heads"])
+        self._optimizer.load_state_dict(tensors["optimizer"])
+        torch.set_rng_state(tensors["torch_rng"].cpu())
+        self.simulation.load_state(arrays["simulation"].tobytes())
+        self._cut, self._acted = arrays["cut"].copy(), arrays["acted"].copy()
+        self.store.restore(
+            header["count"],
+            {
+                key.removeprefix("store."): value
+                for key, value in arrays.items()
+                if key.startswith("store.")
+            },
+        )
+        self.round, self._ended = header["round"], header["ended"]
+        self._episodes.extend(header["episodes"])
+        self._rng.bit_generator.state = header["rng"]
+        return True
+
+    def discard_frames(self) -> None:
+        """Deletes the collected images, which nobody needs once the stage is over."""
+        (self.folder / "frames.bin").unlink(missing_ok=True)
+
+
+def _noisy(images: Tensor, std: float) -> Tensor:
+    noise = torch.randn(images.shape, device=images.device) * std
+    return (images + noise).round().clamp(0, 255).to(torch.uint8)

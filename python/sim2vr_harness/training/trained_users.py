@@ -1,0 +1,221 @@
+"""Trained users: of a run's folder, or packed small enough to ship with the package.
+
+A packed user is a folder with ``card.json`` (who it is, what it was measured to do),
+``config.yaml`` (how it was trained) and ``policy.pt`` (weights as binary16, read without pickle).
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import pickle
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import torch
+import yaml
+from torch import nn
+
+from sim2vr_harness import __version__, paths
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.contract import contract, contract_hash, differences
+from sim2vr_harness.training.checkpoint import load_policy_weights
+from sim2vr_harness.training.config import TrainingConfig, parse_config, to_yaml
+from sim2vr_harness.training.errors import InputError, closest
+from sim2vr_harness.training.run_folder import RunFolder, write_atomically
+
+__all__ = ["TrainedUser", "find_user", "list_cards", "open_packed", "pack", "require_contract"]
+
+PREFIX = "pretrained:"
+_CARD, _CONFIG, _WEIGHTS = "card.json", "config.yaml", "policy.pt"
+
+
+@dataclass(frozen=True)
+class TrainedUser:
+    """A policy and the settings it was trained with.
+
+    Attributes:
+        source: the checkpoint or packed weights.
+        config: the configuration of the training.
+        card: what is known of it; empty for a run's checkpoint.
+        evaluation_dir: where its evaluations go, unless told otherwise.
+        load: puts the weights into a policy and returns the user steps of the training.
+    """
+
+    source: Path
+    config: TrainingConfig
+    card: Mapping[str, Any]
+    evaluation_dir: Path
+    load: Callable[[nn.Module], int]
+
+
+def find_user(run: str | Path) -> TrainedUser:
+    """Return the trained user that is meant.
+
+    Args:
+        run: ``pretrained:NAME``, the folder of a packed user, a run's folder (its newest
+            checkpoint is used) or a checkpoint in one.
+
+    Raises:
+        InputError: It is none of them.
+    """
+    text = str(run)
+    if text.startswith(PREFIX):
+        return _shipped(text.removeprefix(PREFIX))
+    path = Path(run)
+    if (path / _CARD).is_file():
+        return open_packed(path)
+    folder, checkpoint = _run_checkpoint(path)
+    return TrainedUser(
+        source=checkpoint,
+        config=folder.load_config(),
+        card={},
+        evaluation_dir=folder.evaluation_dir / checkpoint.stem,
+        load=lambda policy: load_policy_weights(checkpoint, policy),
+    )
+
+
+def _run_checkpoint(path: Path) -> tuple[RunFolder, Path]:
+    if path.is_dir() or not path.exists():
+        folder = RunFolder.open(path)
+        return folder, folder.latest_checkpoint()
+    folder = RunFolder(path.resolve().parent.parent)
+    if not folder.exists:
+        raise InputError(
+            "RUN",
+            f"the file {str(path)!r}",
+            "a run's folder, a file in its checkpoints folder, or pretrained:NAME",
+        )
+    return folder, path
+
+
+def _shipped_dir() -> Path:
+    return paths.trained_users_dir()
+
+
+def _shipped(name: str) -> TrainedUser:
+    names = [card["name"] for card in list_cards()]
+    if name not in names:
+        near = closest(name, names)
+        raise InputError(
+            "RUN",
+            f"'{PREFIX}{name}'",
+            f"one of {', '.join(PREFIX + known for known in names) or 'none: no users are shipped'}"
+            + (f" (did you mean {PREFIX + near!r}?)" if near else ""),
+        )
+    return open_packed(_shipped_dir() / name, evaluation_dir=Path("evaluation") / name)
+
+
+def list_cards() -> list[dict[str, Any]]:
+    """The cards of the users that ship with the package, by name."""
+    root = _shipped_dir()
+    files = sorted(root.glob(f"*/{_CARD}")) if root.is_dir() else []
+    return [json.loads(file.read_text(encoding="utf-8")) for file in files]
+
+
+def open_packed(folder: Path, *, evaluation_dir: Path | None = None) -> TrainedUser:
+    """Return a packed user.
+
+    Raises:
+        InputError: A file is missing or cannot be read, or the card is not of this configuration.
+    """
+    expected = "the folder of a packed user: card.json, config.yaml, policy.pt"
+    try:
+        card = json.loads((folder / _CARD).read_text(encoding="utf-8"))
+        config = parse_config(yaml.safe_load((folder / _CONFIG).read_text(encoding="utf-8")))
+    except (OSError, ValueError, yaml.YAMLError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError("RUN", f"{str(folder)!r} ({error})", expected) from error
+    user = TrainedUser(
+        source=folder / _WEIGHTS,
+        config=config,
+        card=card,
+        evaluation_dir=evaluation_dir or folder / "evaluation",
+        load=lambda policy: _load_packed(folder / _WEIGHTS, int(card["steps"]), policy),
+    )
+    require_contract(user, config.env)
+    return user
+
+
+def require_contract(user: TrainedUser, env: EnvConfig) -> None:
+    """Check that a user can play in an environment.
+
+    Raises:
+        InputError: Names every term of the contract that differs.
+    """
+    agreed = user.card.get("contract") or contract(user.config.env)
+    found = differences(contract(env), agreed)
+    if found:
+        raise InputError(
+            "environment",
+            "; ".join(f"{key} {_short(have)}" for key, have, _ in found),
+            "; ".join(f"{key} {_short(want)}" for key, _, want in found)
+            + f", which the user in {user.source.parent.name!r} was trained with",
+        )
+
+
+def _short(value: Any) -> str:
+    text = json.dumps(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+def _load_packed(file: Path, steps: int, policy: nn.Module) -> int:
+    try:
+        weights = torch.load(file, weights_only=True, map_location="cpu")
+        first = _first_names(policy)
+        policy.load_state_dict({key: weights[first[key]].float() for key in first})
+    except (OSError, KeyError, RuntimeError, ValueError, pickle.UnpicklingError) as error:
+        reason = " ".join(str(error).split())
+        raise InputError("RUN", f"{str(file)!r} ({reason})", "weights of this network") from error
+    return steps
+
+
+def _first_names(policy: nn.Module) -> dict[str, str]:
+    """Every weight's name -> the first name of the same memory: actor and critic share some."""
+    names: dict[int, str] = {}
+    return {
+        key: names.setdefault(value.data_ptr(), key) for key, value in policy.state_dict().items()
+    }
+
+
+def pack(
+    user: TrainedUser, policy: nn.Module, folder: Path, name: str, details: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write a trained user into ``folder``; its weights are rounded to binary16.
+
+    Measure what was packed, not what it was packed from: the rounding is small, but it is there.
+
+    Args:
+        user: whose settings count.
+        policy: the network; its weights are loaded here.
+        folder: made if needed.
+        name: what it will be called.
+        details: further entries of the card: description, recipe, minutes, machine, seeds, results.
+
+    Returns:
+        The card.
+    """
+    steps = user.load(policy)
+    state, kept = policy.state_dict(), set(_first_names(policy).values())
+    weights = {key: state[key].detach().cpu().half() for key in state if key in kept}
+    content = io.BytesIO()
+    torch.save(weights, content)
+    terms = contract(user.config.env)
+    card = {
+        "name": name,
+        "steps": steps,
+        **details,
+        "contract": terms,
+        "contract_hash": contract_hash(terms),
+        "sim2vr_harness": __version__,
+        "packed": datetime.now(UTC).date().isoformat(),
+    }
+    folder.mkdir(parents=True, exist_ok=True)
+    write_atomically(folder / _WEIGHTS, content.getvalue())
+    write_atomically(folder / _CONFIG, to_yaml(user.config).encode())
+    write_atomically(folder / _CARD, (json.dumps(card, indent=2) + "\n").encode())
+    return card

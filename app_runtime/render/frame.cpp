@@ -15,6 +15,10 @@ namespace {
 /// Part of the light that paint mirrors at normal incidence (Unity's dielectric specular colour).
 constexpr float kDielectricSpecular = 0.04F;
 
+/// Errors of a mesh below this do not count: without anti-aliasing a pixel shows what its middle
+/// hits, so that outlines are up to half a pixel off anyway.
+constexpr float kInvisible_px = 0.5F;
+
 Vec4f vec4(const Eigen::Vector3f& v, float w = 0.0F) { return {v.x(), v.y(), v.z(), w}; }
 
 void checkCamera(const Camera& camera) {
@@ -58,11 +62,14 @@ void setSurface(const Material& material, bool opaque, InstanceData& instance) {
 
 }  // namespace
 
-Frame& FrameCollector::collect(const scene::Scene& scene, const Camera& camera, ImageSize size) {
+void FrameCollector::collect(const scene::Scene& scene, const Camera& camera, ImageSize size,
+                             Frame& frame) {
   checkCamera(camera);
-  frame_.opaque.clear();
-  frame_.alpha.clear();
-  frame_.has_sky = false;
+  frame_ = &frame;
+  frame_->instances.clear();
+  frame_->opaque.clear();
+  frame_->alpha.clear();
+  frame_->has_sky = false;
   lights_.clear();
   meshes_.beginFrame();
   setCamera(camera, size);
@@ -71,7 +78,6 @@ Frame& FrameCollector::collect(const scene::Scene& scene, const Camera& camera, 
   });
   setLights();
   sort();
-  return frame_;
 }
 
 void FrameCollector::setCamera(const Camera& camera, ImageSize size) {
@@ -82,13 +88,14 @@ void FrameCollector::setCamera(const Camera& camera, ImageSize size) {
   const double far = camera.far_m;
   const double tan_y = std::tan(camera.vertical_fov_deg * std::numbers::pi / 360.0);
   const double tan_x = tan_y * size.width / size.height;
-  frame_.view = {static_cast<float>(near),
-                 static_cast<float>(far),
-                 static_cast<float>(tan_x),
-                 static_cast<float>(tan_y),
-                 static_cast<float>(std::hypot(1.0, tan_x)),
-                 static_cast<float>(std::hypot(1.0, tan_y))};
-  FrameUniforms& u = frame_.uniforms;
+  frame_->view = {static_cast<float>(near),
+                  static_cast<float>(far),
+                  static_cast<float>(tan_x),
+                  static_cast<float>(tan_y),
+                  static_cast<float>(std::hypot(1.0, tan_x)),
+                  static_cast<float>(std::hypot(1.0, tan_y)),
+                  static_cast<float>(size.height / (2.0 * tan_y))};
+  FrameUniforms& u = frame_->uniforms;
   u.projection = {static_cast<float>(1.0 / tan_x), static_cast<float>(1.0 / tan_y),
                   static_cast<float>((far + near) / (far - near)),
                   static_cast<float>(-2.0 * far * near / (far - near))};
@@ -100,7 +107,7 @@ void FrameCollector::setCamera(const Camera& camera, ImageSize size) {
   u.up = vec4(eye_from_world_.col(1).cast<float>());
   u.sky_high = u.sky_horizon = u.sky_ground = {};
   const Eigen::Vector3f background = linearRgb(camera.background);
-  frame_.background = {background.x(), background.y(), background.z()};
+  frame_->background = {background.x(), background.y(), background.z()};
 }
 
 void FrameCollector::visit(Renderable& renderable) {
@@ -113,14 +120,14 @@ void FrameCollector::visit(Renderable& renderable) {
       break;
     case Renderable::Kind::light: {
       const auto& light = static_cast<const DirectionalLight&>(renderable);
-      lights_.push_back({-light.transform().forward(), linearRgb(light.color) * light.intensity});
+      addLight({-light.transform().forward(), linearRgb(light.color) * light.intensity});
       break;
     }
     case Renderable::Kind::skybox: {
       const auto& sky = static_cast<const Skybox&>(renderable);
-      frame_.has_sky = true;
-      frame_.sky = {sky.atmosphere_thickness, sky.exposure, sky.sky_tint, sky.ground,
-                    Vec3::UnitY()};
+      frame_->has_sky = true;
+      frame_->sky = {sky.atmosphere_thickness, sky.exposure, sky.sky_tint, sky.ground,
+                     Vec3::UnitY()};
       break;
     }
   }
@@ -132,62 +139,83 @@ void FrameCollector::addMesh(const MeshRenderer& renderer) {
   const Eigen::Vector3f scale = transform.lossyScale().cast<float>();
   // Shown at size zero is not shown; its normals would be undefined too.
   if (!(scale.cwiseAbs().minCoeff() > 1e-9F)) return;
-  MeshSlot& slot = meshes_.slot(renderer.mesh);
+  const MeshSlot& slot = meshes_.slot(renderer.mesh);
   const Eigen::Matrix3f rotation =
       (eye_from_world_ * transform.rotation().toRotationMatrix()).cast<float>();
   const Eigen::Matrix3f linear = rotation * scale.asDiagonal();
   const Eigen::Vector3f origin =
       (eye_from_world_ * (transform.position() - eye_position_)).cast<float>();
   const Eigen::Vector3f centre = origin + linear * slot.centre;
-  if (!frame_.view.sees(centre, slot.radius * scale.cwiseAbs().maxCoeff())) return;
+  const float largest_scale = scale.cwiseAbs().maxCoeff();
+  if (!frame_->view.sees(centre, slot.radius * largest_scale)) return;
 
   const Material& material = renderer.material;
   DrawItem item;
-  item.mesh = &slot;
   item.distance_m = centre.norm();
   item.state = {shadingOf(material), material.cull_back, scale.prod() < 0.0F};
+  InstanceData instance;
   for (int row = 0; row < 3; ++row) {
-    item.instance.eye_from_mesh[static_cast<std::size_t>(row)] =
+    instance.eye_from_mesh[static_cast<std::size_t>(row)] =
         vec4(linear.row(row).transpose(), origin[row]);
   }
-  item.instance.normal_scale =
+  instance.normal_scale =
       vec4(scale.cwiseAbs2().cwiseInverse(), material.sky_reflections ? 1.0F : 0.0F);
-  setSurface(material, material.blend == Material::Blend::opaque, item.instance);
-  addItem(std::move(item), material.blend);
+  setSurface(material, material.blend == Material::Blend::opaque, instance);
+  addItem(item, meshes_.slot(detailFor(renderer.mesh, largest_scale, centre.z())), instance,
+          material.blend);
+}
+
+/// The coarsest of the mesh's stand-ins whose error does not show. A function of the view alone:
+/// what was drawn before has no part in it.
+const MeshPtr& FrameCollector::detailFor(const MeshPtr& mesh, float scale, float distance_m) const {
+  const View& view = frame_->view;
+  const float pixels = view.pixels * scale / std::max(distance_m, view.near_m);
+  const MeshPtr* chosen = &mesh;
+  for (const CoarserMesh& each : mesh->coarser) {
+    if (each.error * pixels < kInvisible_px) chosen = &each.mesh;
+  }
+  return *chosen;
 }
 
 void FrameCollector::addBillboards(const Billboards& billboards) {
   if (billboards.billboards.empty()) return;
   MeshSlot& slot = meshes_.slot(quad());
+  InstanceData instance{};
+  instance.diffuse = vec4(linearRgb(billboards.color), billboards.color.a);
   for (const Billboard& billboard : billboards.billboards) {
     const auto size = static_cast<float>(billboard.size_m);
     const Eigen::Vector3f centre =
         (eye_from_world_ * (billboard.position_world - eye_position_)).cast<float>();
-    if (!(size > 1e-9F) || !frame_.view.sees(centre, size * slot.radius)) continue;
+    if (!(size > 1e-9F) || !frame_->view.sees(centre, size * slot.radius)) continue;
     DrawItem item;
-    item.mesh = &slot;
     item.distance_m = centre.norm();
     item.state = {Shading::unlit, true, false};
-    item.instance.eye_from_mesh = {Vec4f{size, 0.0F, 0.0F, centre.x()},
-                                   Vec4f{0.0F, size, 0.0F, centre.y()},
-                                   Vec4f{0.0F, 0.0F, size, centre.z()}};
-    item.instance.normal_scale = {};
-    item.instance.diffuse = vec4(linearRgb(billboards.color), billboards.color.a);
-    item.instance.specular = {};
-    addItem(std::move(item), Material::Blend::alpha);
+    instance.eye_from_mesh = {Vec4f{size, 0.0F, 0.0F, centre.x()},
+                              Vec4f{0.0F, size, 0.0F, centre.y()},
+                              Vec4f{0.0F, 0.0F, size, centre.z()}};
+    addItem(item, slot, instance, Material::Blend::alpha);
   }
 }
 
-void FrameCollector::addItem(DrawItem&& item, Material::Blend blend) {
-  meshes_.rank(*item.mesh);
-  (blend == Material::Blend::opaque ? frame_.opaque : frame_.alpha).push_back(item);
+void FrameCollector::addItem(DrawItem item, MeshSlot& mesh, const InstanceData& instance,
+                             Material::Blend blend) {
+  meshes_.rank(mesh);
+  item.mesh = &mesh;
+  item.instance = static_cast<std::uint32_t>(frame_->instances.size());
+  frame_->instances.push_back(instance);
+  (blend == Material::Blend::opaque ? frame_->opaque : frame_->alpha).push_back(item);
+}
+
+/// Lights of one brightness stay in the scene's order.
+void FrameCollector::addLight(const Light& light) {
+  const auto place = std::upper_bound(
+      lights_.begin(), lights_.end(), light,
+      [](const Light& a, const Light& b) { return a.brightness() > b.brightness(); });
+  lights_.insert(place, light);
 }
 
 void FrameCollector::setLights() {
-  const auto brightness = [](const Light& light) { return light.radiance.sum(); };
-  std::stable_sort(lights_.begin(), lights_.end(),
-                   [&](const Light& a, const Light& b) { return brightness(a) > brightness(b); });
-  FrameUniforms& u = frame_.uniforms;
+  FrameUniforms& u = frame_->uniforms;
   u.main_direction = vec4((eye_from_world_ * Vec3::UnitY()).cast<float>());
   u.main_color = {};
   u.side_direction = {};
@@ -198,18 +226,20 @@ void FrameCollector::setLights() {
     (i == 0 ? u.main_direction : u.side_direction[i - 1]) = direction;
     (i == 0 ? u.main_color : u.side_color[i - 1]) = color;
   }
-  if (!lights_.empty()) frame_.sky.sun = lights_.front().towards_world;
+  if (!lights_.empty()) frame_->sky.sun = lights_.front().towards_world;
 }
 
 void FrameCollector::sort() {
   // Ranks follow the scene's order, not addresses or upload history, so that equal scenes give
   // equal pictures even where surfaces coincide.
-  const auto batch = [](const DrawItem& item) { return std::tuple(item.state, item.mesh->rank); };
-  std::stable_sort(frame_.opaque.begin(), frame_.opaque.end(),
-                   [&](const DrawItem& a, const DrawItem& b) { return batch(a) < batch(b); });
-  std::stable_sort(
-      frame_.alpha.begin(), frame_.alpha.end(),
-      [](const DrawItem& a, const DrawItem& b) { return a.distance_m > b.distance_m; });
+  const auto draw = [](const DrawItem& item) {
+    return std::tuple(item.state, item.mesh->rank, item.instance);
+  };
+  std::sort(frame_->opaque.begin(), frame_->opaque.end(),
+            [&](const DrawItem& a, const DrawItem& b) { return draw(a) < draw(b); });
+  std::sort(frame_->alpha.begin(), frame_->alpha.end(), [](const DrawItem& a, const DrawItem& b) {
+    return std::tuple(-a.distance_m, a.instance) < std::tuple(-b.distance_m, b.instance);
+  });
 }
 
 }  // namespace sim2vr::render

@@ -56,9 +56,10 @@ struct DrawState {
 
 struct DrawItem {
   DrawState state;
-  MeshSlot* mesh = nullptr;
+  const MeshSlot* mesh = nullptr;
   float distance_m = 0.0F;
-  InstanceData instance;
+  /// In Frame::instances; also the item's place in the scene's order.
+  std::uint32_t instance = 0;
 };
 
 /// The part of eye space that a picture shows.
@@ -67,6 +68,8 @@ struct View {
   float far_m = 1.0F;
   /// Slopes of the side planes, and the lengths of their normals (slope, 1).
   float tan_x = 1.0F, tan_y = 1.0F, norm_x = 1.0F, norm_y = 1.0F;
+  /// Pixels per metre at a distance of 1 m.
+  float pixels = 1.0F;
 
   /// False only for a sphere that lies outside one of the planes.
   bool sees(const Eigen::Vector3f& centre, float radius) const {
@@ -80,6 +83,7 @@ struct View {
 struct Frame {
   FrameUniforms uniforms;
   View view;
+  std::vector<InstanceData> instances;
   /// Sorted by state, then mesh, in the scene's order of first appearance.
   std::vector<DrawItem> opaque;
   /// Far to near.
@@ -93,26 +97,32 @@ class FrameCollector {
  public:
   explicit FrameCollector(MeshCache& meshes) : meshes_(meshes) {}
 
-  /// Fills the frame, sky reflections excepted. Throws InvalidArgument for an impossible camera.
-  /// The reference is valid until the next call.
-  Frame& collect(const scene::Scene& scene, const Camera& camera, ImageSize size);
+  /// Fills the frame, sky reflections excepted; what it held before has no part in it. Throws
+  /// InvalidArgument for an impossible camera.
+  void collect(const scene::Scene& scene, const Camera& camera, ImageSize size, Frame& frame);
 
  private:
   struct Light {
     Vec3 towards_world;
     Eigen::Vector3f radiance;
+
+    float brightness() const { return radiance.sum(); }
   };
 
   void setCamera(const Camera& camera, ImageSize size);
   void visit(Renderable& renderable);
   void addMesh(const MeshRenderer& renderer);
+  const MeshPtr& detailFor(const MeshPtr& mesh, float scale, float distance_m) const;
+  void addLight(const Light& light);
   void addBillboards(const Billboards& billboards);
-  void addItem(DrawItem&& item, Material::Blend blend);
+  void addItem(DrawItem item, MeshSlot& mesh, const InstanceData& instance, Material::Blend blend);
   void setLights();
   void sort();
 
   MeshCache& meshes_;
-  Frame frame_;
+  /// The frame that is being filled.
+  Frame* frame_ = nullptr;
+  /// Bright to dim.
   std::vector<Light> lights_;
   Vec3 eye_position_ = Vec3::Zero();
   Eigen::Matrix3d eye_from_world_ = Eigen::Matrix3d::Identity();

@@ -9,7 +9,7 @@
 #define SIM2VR_GL_FUNCTIONS(X)                                 \
   X(PFNGLATTACHSHADERPROC, AttachShader)                       \
   X(PFNGLBINDBUFFERPROC, BindBuffer)                           \
-  X(PFNGLBINDBUFFERBASEPROC, BindBufferBase)                   \
+  X(PFNGLBINDBUFFERRANGEPROC, BindBufferRange)                 \
   X(PFNGLBINDFRAMEBUFFERPROC, BindFramebuffer)                 \
   X(PFNGLBINDRENDERBUFFERPROC, BindRenderbuffer)               \
   X(PFNGLBINDVERTEXARRAYPROC, BindVertexArray)                 \
@@ -52,10 +52,12 @@
   X(PFNGLGETSTRINGPROC, GetString)                             \
   X(PFNGLGETUNIFORMBLOCKINDEXPROC, GetUniformBlockIndex)       \
   X(PFNGLLINKPROGRAMPROC, LinkProgram)                         \
+  X(PFNGLMAPBUFFERRANGEPROC, MapBufferRange)                   \
   X(PFNGLREADPIXELSPROC, ReadPixels)                           \
   X(PFNGLRENDERBUFFERSTORAGEPROC, RenderbufferStorage)         \
   X(PFNGLSHADERSOURCEPROC, ShaderSource)                       \
   X(PFNGLUNIFORMBLOCKBINDINGPROC, UniformBlockBinding)         \
+  X(PFNGLUNMAPBUFFERPROC, UnmapBuffer)                         \
   X(PFNGLUSEPROGRAMPROC, UseProgram)                           \
   X(PFNGLVERTEXATTRIBDIVISORPROC, VertexAttribDivisor)         \
   X(PFNGLVERTEXATTRIBPOINTERPROC, VertexAttribPointer)         \

@@ -7,6 +7,7 @@
 #include <atomic>
 #include <cstddef>
 #include <cstdlib>
+#include <cstring>
 
 #include "shaders.hpp"
 #include "sim2vr/core/errors.hpp"
@@ -17,6 +18,9 @@ namespace {
 
 /// Pictures of different sizes that stay allocated.
 constexpr std::size_t kMaxTargets = 4;
+
+/// Views whose data is uploaded together; bounds the memory of large batches.
+constexpr std::size_t kMostTogether = 64;
 
 /// Set when the process exits, before the drivers take themselves down. A renderer in a static
 /// variable may outlive its driver and must then let everything lie.
@@ -61,6 +65,7 @@ GlRenderer::~GlRenderer() {
     gl_->DeleteBuffers(static_cast<GLsizei>(buffers_.size()), buffers_.data());
     gl_->DeleteVertexArrays(1, &surface_array_);
     sky_->release();
+    readback_->release();
     for (const GLuint program : surface_programs_) gl_->DeleteProgram(program);
   } catch (const RenderError& error) {
     logger().warn("renderer: not cleaned up: {}", error.what());
@@ -80,10 +85,12 @@ void GlRenderer::setUp() {
                        buildProgram(*gl_, "surface", "SHADING_SPECULAR")};
   setUpSurfaceArrays();
   sky_.emplace(*gl_);
+  readback_.emplace(*gl_, description_);
   uniform_buffer_ = makeBuffer();
-  gl_->BindBuffer(GL_UNIFORM_BUFFER, uniform_buffer_);
-  gl_->BufferData(GL_UNIFORM_BUFFER, sizeof(FrameUniforms), nullptr, GL_DYNAMIC_DRAW);
-  gl_->BindBufferBase(GL_UNIFORM_BUFFER, 0, uniform_buffer_);
+  GLint alignment = 1;
+  gl_->GetIntegerv(GL_UNIFORM_BUFFER_OFFSET_ALIGNMENT, &alignment);
+  const auto unit = static_cast<std::size_t>(std::max(alignment, 1));
+  uniforms_stride_ = (sizeof(FrameUniforms) + unit - 1) / unit * unit;
   // The context is this renderer's own: what is set here stays.
   gl_->Enable(GL_FRAMEBUFFER_SRGB);
   gl_->Enable(GL_DEPTH_TEST);
@@ -163,23 +170,60 @@ void GlRenderer::dropTarget(const Target& target) {
 
 void GlRenderer::render(const scene::Scene& scene, const Camera& camera, ImageSize size,
                         std::span<std::uint8_t> rgba) {
-  checkRenderArguments(size, rgba);
+  const ViewRequest request{scene, camera, size, rgba};
+  renderBatch(std::span(&request, 1));
+}
+
+// One view at a time: an atlas of all views makes the CPU's caches overflow, and shifted viewports
+// round differently. What the views share is the turn of the context and the uploads.
+void GlRenderer::renderBatch(std::span<const ViewRequest> requests) {
+  for (const ViewRequest& each : requests) checkRenderArguments(each.size, each.rgba);
+  if (requests.empty()) return;
   const std::lock_guard lock(mutex_);
-  Frame& frame = collector_.collect(scene, camera, size);
   const auto turn = context_->makeCurrent();
-  ++frame_number_;
-  if (frame.has_sky) sky_->prepare(frame);
-  upload(frame);
-  const GLuint sky = frame.has_sky ? sky_->picture(frame, size) : 0;
-  gl_->BindFramebuffer(GL_FRAMEBUFFER, target(size).framebuffer);
-  gl_->Viewport(0, 0, size.width, size.height);
-  gl_->BindVertexArray(surface_array_);
-  draw(frame, size, sky);
-  gl_->ReadPixels(0, 0, size.width, size.height, GL_RGBA, GL_UNSIGNED_BYTE, rgba.data());
+  readback_->begin();
+  for (std::size_t i = 0; i < requests.size(); i += kMostTogether) {
+    renderSome(requests.subspan(i, std::min(kMostTogether, requests.size() - i)));
+  }
+  readback_->finish();
   checkErrors();
 }
 
-void GlRenderer::upload(const Frame& frame) {
+void GlRenderer::renderSome(std::span<const ViewRequest> requests) {
+  if (prepared_.size() < requests.size()) prepared_.resize(requests.size());
+  instances_.clear();
+  uniforms_.clear();
+  for (std::size_t i = 0; i < requests.size(); ++i) prepare(requests[i], prepared_[i]);
+  upload();
+  for (std::size_t i = 0; i < requests.size(); ++i) {
+    draw(prepared_[i], requests[i].size);
+    readback_->read(requests[i].size, requests[i].rgba);
+  }
+}
+
+void GlRenderer::prepare(const ViewRequest& request, Prepared& prepared) {
+  Frame& frame = prepared.frame;
+  collector_.collect(request.scene, request.camera, request.size, frame);
+  if (frame.has_sky) sky_->prepare(frame);
+  prepared.first_instance = instances_.size();
+  for (const auto* items : {&frame.opaque, &frame.alpha}) {
+    for (const DrawItem& item : *items) instances_.push_back(frame.instances[item.instance]);
+  }
+  prepared.uniforms_offset = addUniforms(frame.uniforms);
+}
+
+/// Views of players who look the same way share their uniforms.
+std::size_t GlRenderer::addUniforms(const FrameUniforms& uniforms) {
+  const std::size_t end = uniforms_.size();
+  if (end > 0 && std::memcmp(&uniforms_[end - uniforms_stride_], &uniforms, sizeof uniforms) == 0) {
+    return end - uniforms_stride_;
+  }
+  uniforms_.resize(end + uniforms_stride_);
+  std::memcpy(&uniforms_[end], &uniforms, sizeof uniforms);
+  return end;
+}
+
+void GlRenderer::upload() {
   gl_->BindVertexArray(surface_array_);
   if (meshes_.takeChanged()) {
     const auto& vertices = meshes_.vertices();
@@ -192,33 +236,32 @@ void GlRenderer::upload(const Frame& frame) {
                     static_cast<GLsizeiptr>(indices.size() * sizeof(std::uint32_t)), indices.data(),
                     GL_STATIC_DRAW);
   }
-  instances_.clear();
-  for (const DrawItem& item : frame.opaque) instances_.push_back(item.instance);
-  for (const DrawItem& item : frame.alpha) instances_.push_back(item.instance);
   gl_->BindBuffer(GL_ARRAY_BUFFER, instance_buffer_);
   gl_->BufferData(GL_ARRAY_BUFFER,
                   static_cast<GLsizeiptr>(instances_.size() * sizeof(InstanceData)),
                   instances_.data(), GL_STREAM_DRAW);
   gl_->BindBuffer(GL_UNIFORM_BUFFER, uniform_buffer_);
-  gl_->BufferSubData(GL_UNIFORM_BUFFER, 0, sizeof(FrameUniforms), &frame.uniforms);
+  gl_->BufferData(GL_UNIFORM_BUFFER, static_cast<GLsizeiptr>(uniforms_.size()), uniforms_.data(),
+                  GL_STREAM_DRAW);
 }
 
-void GlRenderer::draw(const Frame& frame, ImageSize size, GLuint sky) {
-  applied_.reset();
-  gl_->Disable(GL_BLEND);
-  gl_->DepthMask(GL_TRUE);
-  gl_->DepthFunc(GL_LESS);
-  if (sky != 0) {
-    gl_->BindFramebuffer(GL_READ_FRAMEBUFFER, sky);
-    gl_->BlitFramebuffer(0, 0, size.width, size.height, 0, 0, size.width, size.height,
-                         GL_COLOR_BUFFER_BIT, GL_NEAREST);
-    gl_->BindFramebuffer(GL_READ_FRAMEBUFFER, target(size).framebuffer);
-    gl_->Clear(GL_DEPTH_BUFFER_BIT);
-  } else {
-    gl_->ClearColor(frame.background[0], frame.background[1], frame.background[2], 1.0F);
-    gl_->Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+void GlRenderer::draw(Prepared& prepared, ImageSize size) {
+  Frame& frame = prepared.frame;
+  ++frame_number_;
+  gl_->BindBufferRange(GL_UNIFORM_BUFFER, 0, uniform_buffer_,
+                       static_cast<GLintptr>(prepared.uniforms_offset), sizeof(FrameUniforms));
+  GLuint sky = 0;
+  if (frame.has_sky) {
+    sky_->prepare(frame);  // another view of the batch may have had another sky
+    sky = sky_->picture(frame, size);
   }
-  drawItems(frame.opaque, 0);
+  const GLuint framebuffer = target(size).framebuffer;
+  gl_->BindFramebuffer(GL_FRAMEBUFFER, framebuffer);
+  gl_->Viewport(0, 0, size.width, size.height);
+  gl_->BindVertexArray(surface_array_);
+  applied_.reset();
+  clear(frame, framebuffer, size, sky);
+  drawItems(frame.opaque, prepared.first_instance);
   gl_->DepthMask(GL_FALSE);
   gl_->DepthFunc(GL_LEQUAL);
   if (frame.has_sky && sky == 0) {
@@ -228,7 +271,24 @@ void GlRenderer::draw(const Frame& frame, ImageSize size, GLuint sky) {
   if (frame.alpha.empty()) return;
   gl_->Enable(GL_BLEND);
   gl_->BindVertexArray(surface_array_);
-  drawItems(frame.alpha, frame.opaque.size());
+  drawItems(frame.alpha, prepared.first_instance + frame.opaque.size());
+}
+
+/// Ready for opaque items. `sky`: a framebuffer to copy the sky from; 0: it is drawn later.
+void GlRenderer::clear(const Frame& frame, GLuint framebuffer, ImageSize size, GLuint sky) {
+  gl_->Disable(GL_BLEND);
+  gl_->DepthMask(GL_TRUE);
+  gl_->DepthFunc(GL_LESS);
+  if (sky == 0) {
+    gl_->ClearColor(frame.background[0], frame.background[1], frame.background[2], 1.0F);
+    gl_->Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+    return;
+  }
+  gl_->BindFramebuffer(GL_READ_FRAMEBUFFER, sky);
+  gl_->BlitFramebuffer(0, 0, size.width, size.height, 0, 0, size.width, size.height,
+                       GL_COLOR_BUFFER_BIT, GL_NEAREST);
+  gl_->BindFramebuffer(GL_READ_FRAMEBUFFER, framebuffer);
+  gl_->Clear(GL_DEPTH_BUFFER_BIT);
 }
 
 void GlRenderer::drawItems(const std::vector<DrawItem>& items, std::size_t first_instance) {

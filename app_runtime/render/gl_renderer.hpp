@@ -2,6 +2,7 @@
 #pragma once
 
 #include <array>
+#include <cstddef>
 #include <memory>
 #include <mutex>
 #include <optional>
@@ -12,6 +13,7 @@
 #include "gl_api.hpp"
 #include "gl_context.hpp"
 #include "mesh_cache.hpp"
+#include "readback.hpp"
 #include "sim2vr/render/renderer.hpp"
 #include "sky_painter.hpp"
 
@@ -26,8 +28,15 @@ class GlRenderer final : public Renderer {
   const std::string& description() const override { return description_; }
   void render(const scene::Scene& scene, const Camera& camera, ImageSize size,
               std::span<std::uint8_t> rgba) override;
+  void renderBatch(std::span<const ViewRequest> requests) override;
 
  private:
+  /// A frame and its places in the buffers.
+  struct Prepared {
+    Frame frame;
+    std::size_t first_instance = 0;
+    std::size_t uniforms_offset = 0;
+  };
   /// A picture to draw into.
   struct Target {
     ImageSize size;
@@ -43,9 +52,12 @@ class GlRenderer final : public Renderer {
   Target& target(ImageSize size);
   Target makeTarget(ImageSize size);
   void dropTarget(const Target& target);
-  void upload(const Frame& frame);
-  /// `sky`: a framebuffer to copy the sky from; 0 draws it, where there is one.
-  void draw(const Frame& frame, ImageSize size, GLuint sky);
+  void renderSome(std::span<const ViewRequest> requests);
+  void prepare(const ViewRequest& request, Prepared& prepared);
+  std::size_t addUniforms(const FrameUniforms& uniforms);
+  void upload();
+  void draw(Prepared& prepared, ImageSize size);
+  void clear(const Frame& frame, GLuint framebuffer, ImageSize size, GLuint sky);
   void drawItems(const std::vector<DrawItem>& items, std::size_t first_instance);
   void applyState(const DrawState& state);
   void checkErrors();
@@ -58,10 +70,14 @@ class GlRenderer final : public Renderer {
 
   MeshCache meshes_;
   FrameCollector collector_{meshes_};
+  std::vector<Prepared> prepared_;
   std::vector<InstanceData> instances_;
+  std::vector<std::byte> uniforms_;
+  std::size_t uniforms_stride_ = 0;
   std::vector<Target> targets_;
   std::uint64_t frame_number_ = 0;
   std::optional<SkyPainter> sky_;
+  std::optional<Readback> readback_;
   std::optional<DrawState> applied_;
 
   std::array<GLuint, kShadingCount> surface_programs_{};

@@ -24,6 +24,15 @@ MeshPtr share(Mesh mesh) {
                             "finite positions, normals and texture coordinates");
     }
   }
+  float error = 0.0F;
+  for (const CoarserMesh& coarser : mesh.coarser) {
+    if (coarser.mesh == nullptr || !(coarser.error > error)) {
+      throw InvalidArgument(fmt::format("mesh '{}' coarser", mesh.name),
+                            fmt::format("an error of {} after {}", coarser.error, error),
+                            "meshes with growing errors above 0");
+    }
+    error = coarser.error;
+  }
   return std::make_shared<const Mesh>(std::move(mesh));
 }
 

@@ -290,6 +290,11 @@ MeshPtr lathe(std::span<const LathePoint> profile, int segments, const std::stri
   return share(std::move(mesh));
 }
 
+double equalAreaRadius(int segments, int finer) {
+  const auto area = [](int corners) { return corners * std::sin(2.0 * kPi / corners); };
+  return std::sqrt(area(finer) / area(segments));
+}
+
 MeshPtr strip(std::span<const Vec3> points, double width_m, const Vec3& normal,
               const std::string& name) {
   if (points.size() < 2) {

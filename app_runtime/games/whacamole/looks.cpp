@@ -3,8 +3,10 @@
 #include <array>
 #include <cstdint>
 #include <numbers>
+#include <span>
 #include <string>
 #include <utility>
+#include <vector>
 
 #include "sim2vr/render/components.hpp"
 #include "sim2vr/render/mesh.hpp"
@@ -47,7 +49,23 @@ scene::GameObject& addPart(scene::GameObject& parent, const std::string& name, c
   return part;
 }
 
-// Outlines in metres.
+// Outlines in metres. A shape has coarse stand-ins for small pictures, in which it is a few pixels
+// wide; they enclose the same area.
+render::CoarserMesh coarser(std::span<const LathePoint> outline, int segments, int fine_segments,
+                            float error_m, const std::string& name) {
+  std::vector<LathePoint> points(outline.begin(), outline.end());
+  const double factor = render::equalAreaRadius(segments, fine_segments);
+  for (LathePoint& point : points) point.radius_m *= factor;
+  return {render::lathe(points, segments, name), error_m};
+}
+
+MeshPtr turned(std::span<const LathePoint> outline, int segments, const std::string& name,
+               std::vector<render::CoarserMesh> coarse) {
+  render::Mesh mesh = *render::lathe(outline, segments, name);
+  mesh.coarser = std::move(coarse);
+  return render::share(std::move(mesh));
+}
+
 MeshPtr hammerHead() {
   static const std::array<LathePoint, 9> outline{{{0.0, -0.0486},
                                                   {0.0279, -0.0486},
@@ -58,7 +76,11 @@ MeshPtr hammerHead() {
                                                   {0.0300, 0.0462},
                                                   {0.0279, 0.0486},
                                                   {0.0, 0.0486}}};
-  static const MeshPtr mesh = render::lathe(outline, 12, "hammer head");
+  static const std::array<LathePoint, 5> coarse{
+      {{0.0, -0.0486}, {0.0295, -0.0480}, {0.0244, 0.0}, {0.0295, 0.0480}, {0.0, 0.0486}}};
+  static const MeshPtr mesh = turned(outline, 12, "hammer head",
+                                     {coarser(coarse, 12, 12, 0.0012F, "hammer head (12 segments)"),
+                                      coarser(coarse, 8, 12, 0.0024F, "hammer head (8 segments)")});
   return mesh;
 }
 
@@ -73,12 +95,45 @@ MeshPtr hammerHandle() {
                                                    {0.0204, 0.169},
                                                    {0.0204, 0.1740},
                                                    {0.0, 0.1747}}};
-  static const MeshPtr mesh = render::lathe(outline, 8, "hammer handle");
+  static const std::array<LathePoint, 7> middle{{{0.0, 0.0},
+                                                 {0.0147, 0.0},
+                                                 {0.0080, 0.040},
+                                                 {0.0116, 0.163},
+                                                 {0.0204, 0.1695},
+                                                 {0.0204, 0.1740},
+                                                 {0.0, 0.1747}}};
+  static const std::array<LathePoint, 6> coarse{{{0.0, 0.0},
+                                                 {0.0147, 0.0},
+                                                 {0.0080, 0.040},
+                                                 {0.0116, 0.163},
+                                                 {0.0204, 0.172},
+                                                 {0.0, 0.1747}}};
+  static const MeshPtr mesh =
+      turned(outline, 8, "hammer handle",
+             {coarser(middle, 8, 8, 0.0013F, "hammer handle (8 segments)"),
+              coarser(coarse, 6, 8, 0.0035F, "hammer handle (6 segments)")});
   return mesh;
 }
 
 // A grip around the y axis with the trigger in front of its upper end (+z). One mesh, so that it
 // costs one draw call.
+render::Mesh gripWithTrigger(std::span<const LathePoint> outline, int segments,
+                             const std::string& name) {
+  render::Mesh body = *render::lathe(outline, segments, name);
+  const Eigen::AngleAxisf tilt(-0.58F, Eigen::Vector3f::UnitX());
+  const Eigen::Vector3f center(0.0F, 0.0802F, 0.0197F);
+  const Eigen::Vector3f size(0.018F, 0.037F, 0.022F);
+  const auto first = static_cast<std::uint32_t>(body.vertices.size());
+  const MeshPtr trigger = render::box();
+  for (render::Vertex vertex : trigger->vertices) {
+    vertex.position = center + tilt * vertex.position.cwiseProduct(size);
+    vertex.normal = tilt * vertex.normal;
+    body.vertices.push_back(vertex);
+  }
+  for (const std::uint32_t index : trigger->indices) body.indices.push_back(first + index);
+  return body;
+}
+
 MeshPtr controllerBody() {
   static const std::array<LathePoint, 6> outline{{{0.0, -0.0185},
                                                   {0.0135, -0.0135},
@@ -86,19 +141,11 @@ MeshPtr controllerBody() {
                                                   {0.0205, 0.040},
                                                   {0.0090, 0.064},
                                                   {0.0, 0.068}}};
+  static const std::array<LathePoint, 5> coarse{
+      {{0.0, -0.0185}, {0.0182, -0.0080}, {0.0213, 0.040}, {0.0090, 0.065}, {0.0, 0.068}}};
   static const MeshPtr mesh = [] {
-    render::Mesh body = *render::lathe(outline, 8, "controller body");
-    const Eigen::AngleAxisf tilt(-0.58F, Eigen::Vector3f::UnitX());
-    const Eigen::Vector3f center(0.0F, 0.0802F, 0.0197F);
-    const Eigen::Vector3f size(0.018F, 0.037F, 0.022F);
-    const auto first = static_cast<std::uint32_t>(body.vertices.size());
-    const MeshPtr trigger = render::box();
-    for (render::Vertex vertex : trigger->vertices) {
-      vertex.position = center + tilt * vertex.position.cwiseProduct(size);
-      vertex.normal = tilt * vertex.normal;
-      body.vertices.push_back(vertex);
-    }
-    for (const std::uint32_t index : trigger->indices) body.indices.push_back(first + index);
+    render::Mesh body = gripWithTrigger(outline, 8, "controller body");
+    body.coarser = {{render::share(gripWithTrigger(coarse, 6, "coarse controller body")), 0.0034F}};
     return render::share(std::move(body));
   }();
   return mesh;
@@ -106,7 +153,9 @@ MeshPtr controllerBody() {
 
 MeshPtr controllerRing() {
   static const std::array<LathePoint, 2> outline{{{0.034, -0.012}, {0.034, 0.012}}};
-  static const MeshPtr mesh = render::lathe(outline, 12, "controller ring");
+  static const MeshPtr mesh =
+      turned(outline, 12, "controller ring",
+             {coarser(outline, 8, 12, 0.0022F, "controller ring (8 segments)")});
   return mesh;
 }
 

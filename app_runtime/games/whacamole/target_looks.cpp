@@ -1,10 +1,14 @@
 #include "whacamole/target_looks.hpp"
 
+#include <fmt/format.h>
+
 #include <array>
 #include <cmath>
 #include <cstdint>
 #include <numbers>
+#include <string>
 #include <utility>
+#include <vector>
 
 #include "sim2vr/render/mesh.hpp"
 #include "sim2vr/scene/scene.hpp"
@@ -23,6 +27,9 @@ constexpr Color kSpark{0.018F, 1.0F, 0.0F, 1.0F};
 // In target units (radii); z runs from the player into the depth.
 constexpr float kDisc_z = -1.0585F;
 constexpr float kRings_z = -1.1F;
+
+// Around the axis, of body and outer ring.
+constexpr int kSegments = 16;
 
 constexpr int kSparks = 50;
 constexpr double kSparkLife_s = 0.3;
@@ -50,6 +57,28 @@ void roundDome(render::Mesh& mesh) {
   }
 }
 
+// Without the bevel; the disc's edge keeps the mean of the normals that a bevel gives it.
+void bendDisc(render::Mesh& mesh) {
+  for (render::Vertex& vertex : mesh.vertices) {
+    const bool on_disc = vertex.normal.z() < -0.99F;
+    const Eigen::Vector3f outwards(vertex.position.x(), vertex.position.y(), 0.0F);
+    if (on_disc) vertex.normal = (vertex.normal + 0.26F * outwards).normalized();
+  }
+}
+
+// A body for distances at which it measures a few pixels, of equal area.
+MeshPtr coarseBody(int segments) {
+  const double rim = render::equalAreaRadius(segments, kSegments);
+  const double row = rim * 1.04 * std::numbers::sqrt2 / 2.0;
+  const std::array<render::LathePoint, 4> outline{
+      {{0.0, kDisc_z}, {rim, kDisc_z}, {row, kRim_z + row}, {0.0, kRim_z + 1.0}}};
+  render::Mesh body = *facingPlayer(
+      render::lathe(outline, segments, fmt::format("target ({} segments)", segments)));
+  roundDome(body);
+  bendDisc(body);
+  return render::share(std::move(body));
+}
+
 // Flat disc with a bevel, and a dome behind it. The one row of corners between the dome's rim and
 // its pole lies a little outside, so that the outline is as far inside the half circle as outside.
 MeshPtr bodyMesh() {
@@ -60,24 +89,46 @@ MeshPtr bodyMesh() {
                                                             {1.0, kRim_z},
                                                             {kRow, kRim_z + kRow},
                                                             {0.0, kRim_z + 1.0}}};
-    render::Mesh body = *facingPlayer(render::lathe(outline, 16, "target"));
+    render::Mesh body = *facingPlayer(render::lathe(outline, kSegments, "target"));
     roundDome(body);
+    body.coarser = {{coarseBody(8), 0.06F}, {coarseBody(6), 0.11F}};
     return render::share(std::move(body));
   }();
   return mesh;
 }
 
+void append(render::Mesh& mesh, const render::Mesh& other) {
+  const auto first = static_cast<std::uint32_t>(mesh.vertices.size());
+  mesh.vertices.insert(mesh.vertices.end(), other.vertices.begin(), other.vertices.end());
+  for (const std::uint32_t index : other.indices) mesh.indices.push_back(first + index);
+}
+
+// Both rings in one mesh; an inner one of 0 segments is a dot of the same area.
+MeshPtr ringsOf(int outer_segments, int inner_segments, const std::string& name,
+                std::vector<render::CoarserMesh> coarser = {}) {
+  constexpr double kInner = 0.147, kOuter = 0.176;
+  const double grown = render::equalAreaRadius(outer_segments, kSegments);
+  render::Mesh both = *render::annulus(0.80 * grown, 0.88 * grown, outer_segments);
+  if (inner_segments == 0) {
+    render::Mesh dot = *render::disc(3);
+    const double radius =
+        std::sqrt(kOuter * kOuter - kInner * kInner) * render::equalAreaRadius(3, kSegments / 2);
+    for (render::Vertex& vertex : dot.vertices) vertex.position *= static_cast<float>(radius);
+    append(both, dot);
+  } else {
+    const double inner_grown = render::equalAreaRadius(inner_segments, kSegments / 2);
+    append(both, *render::annulus(kInner * inner_grown, kOuter * inner_grown, inner_segments));
+  }
+  for (render::Vertex& vertex : both.vertices) vertex.position.z() += kRings_z;
+  both.name = name;
+  both.coarser = std::move(coarser);
+  return render::share(std::move(both));
+}
+
 MeshPtr ringsMesh() {
-  static const MeshPtr mesh = [] {
-    render::Mesh both = *render::annulus(0.80, 0.88, 16);
-    const MeshPtr inner = render::annulus(0.147, 0.176, 8);
-    const auto offset = static_cast<std::uint32_t>(both.vertices.size());
-    both.vertices.insert(both.vertices.end(), inner->vertices.begin(), inner->vertices.end());
-    for (const std::uint32_t index : inner->indices) both.indices.push_back(offset + index);
-    for (render::Vertex& vertex : both.vertices) vertex.position.z() += kRings_z;
-    both.name = "target rings";
-    return render::share(std::move(both));
-  }();
+  static const MeshPtr mesh = ringsOf(kSegments, kSegments / 2, "target rings",
+                                      {{ringsOf(8, 4, "target rings (8 segments)"), 0.06F},
+                                       {ringsOf(6, 0, "target rings (6 segments)"), 0.11F}});
   return mesh;
 }
 

@@ -1,6 +1,7 @@
 // What Whac-A-Mole shows to whom: the spectators' camera, the player's headset, the burst of a hit.
 #include <gtest/gtest.h>
 
+#include <algorithm>
 #include <cmath>
 #include <numbers>
 #include <string>
@@ -93,6 +94,71 @@ TEST(Looks, SparksFlyAwayFromThePlayer) {
     EXPECT_GE(spark.size_m, 0.0075 * 0.9333 - 1e-6);
     EXPECT_LE(spark.size_m, 0.0300 * 0.9334);
   }
+}
+
+float distanceToSegment(const Eigen::Vector3f& p, const Eigen::Vector3f& a,
+                        const Eigen::Vector3f& b) {
+  const Eigen::Vector3f along = b - a;
+  const float t = std::clamp((p - a).dot(along) / along.squaredNorm(), 0.0F, 1.0F);
+  return (p - a - t * along).norm();
+}
+
+float distanceToTriangle(const Eigen::Vector3f& p, const Eigen::Vector3f& a,
+                         const Eigen::Vector3f& b, const Eigen::Vector3f& c) {
+  const Eigen::Vector3f normal = (b - a).cross(c - a).normalized();
+  const auto inside = [&](const Eigen::Vector3f& from, const Eigen::Vector3f& to) {
+    return (to - from).cross(p - from).dot(normal) >= 0.0F;
+  };
+  if (inside(a, b) && inside(b, c) && inside(c, a)) return std::abs((p - a).dot(normal));
+  return std::min(
+      {distanceToSegment(p, a, b), distanceToSegment(p, b, c), distanceToSegment(p, c, a)});
+}
+
+/// Calls `visit` with the corners of each triangle.
+template <class Visit>
+void forEachTriangle(const render::Mesh& mesh, const Visit& visit) {
+  for (std::size_t i = 0; i < mesh.indices.size(); i += 3) {
+    const auto corner = [&](std::size_t k) -> const Eigen::Vector3f& {
+      return mesh.vertices[mesh.indices[i + k]].position;
+    };
+    visit(corner(0), corner(1), corner(2));
+  }
+}
+
+/// Largest distance of the points of one surface (a grid on each triangle) from the other surface.
+float largestDistance(const render::Mesh& from, const render::Mesh& to) {
+  constexpr int kSteps = 4;
+  float largest = 0.0F;
+  forEachTriangle(from, [&](const auto& a, const auto& b, const auto& c) {
+    for (int i = 0; i <= kSteps; ++i) {
+      for (int j = 0; i + j <= kSteps; ++j) {
+        const Eigen::Vector3f p = a + (i * (b - a) + j * (c - a)) / static_cast<float>(kSteps);
+        float nearest = 1e9F;
+        forEachTriangle(to, [&](const auto& d, const auto& e, const auto& f) {
+          nearest = std::min(nearest, distanceToTriangle(p, d, e, f));
+        });
+        largest = std::max(largest, nearest);
+      }
+    }
+  });
+  return largest;
+}
+
+TEST(Looks, CoarseShapesAreAsCloseAsTheySay) {
+  WhacAMoleRound round(R"({"condition": "mid"})");
+  round.waitFor(Target::State::kAlive);
+  int checked = 0;
+  round.harness.scene().forEach<render::MeshRenderer>([&](const render::MeshRenderer& shown) {
+    for (const render::CoarserMesh& coarser : shown.mesh->coarser) {
+      const float outside = largestDistance(*coarser.mesh, *shown.mesh);
+      const float inside = largestDistance(*shown.mesh, *coarser.mesh);
+      EXPECT_LE(std::max(outside, inside), coarser.error)
+          << coarser.mesh->name << ": " << outside << ", " << inside;
+      EXPECT_LT(coarser.mesh->triangleCount(), shown.mesh->triangleCount() * 4 / 5);
+      ++checked;
+    }
+  });
+  EXPECT_GE(checked, 10);  // target 2, rings 2, hammer head 2, handle 2, controller 2
 }
 
 }  // namespace

@@ -142,6 +142,37 @@ TEST_P(GeometryTest, HiddenThingsAreNotDrawn) {
   EXPECT_FALSE(shown());
 }
 
+// A square, and for an error of 0.1 m one that lies 1 m further to the right, to tell them apart.
+MeshPtr squareWithStandIn() {
+  Mesh coarse = *quad();
+  for (Vertex& vertex : coarse.vertices) vertex.position.x() += 1.0F;
+  Mesh fine = *quad();
+  fine.coarser = {{share(std::move(coarse)), 0.1F}};
+  return share(std::move(fine));
+}
+
+TEST_P(GeometryTest, StandInsAreDrawnWhereTheirErrorIsBelowHalfAPixel) {
+  MeshRenderer& shape = world_.add(squareWithStandIn(), unlit(kWhite), {0, 0, 3.9});
+  const auto fine = [&](ImageSize size) {
+    return draw(size).at(size.width / 2, size.height / 2)[0] == 255;
+  };
+  // 40 rows over 2 * tan 45 deg: 20 pixels per metre at 1 m. 0.1 m * 20 / 3.9 = 0.51 pixels.
+  EXPECT_TRUE(fine(kSmall));
+  shape.transform().setLocalPosition({0, 0, 4.1});
+  const Picture coarse = draw(kSmall);
+  EXPECT_EQ(coarse.at(30, 20)[0], 0);
+  EXPECT_EQ(coarse.at(35, 20)[0], 255);  // 1 m * 20 / 4.1 = 4.9 pixels to the right
+  // Twice the pixels, a narrower view or a larger object: the error shows again.
+  EXPECT_TRUE(fine({120, 80}));
+  world_.camera.vertical_fov_deg = 60.0;
+  EXPECT_TRUE(fine(kSmall));
+  world_.camera.vertical_fov_deg = 90.0;
+  shape.transform().setLocalScale({1.0, 2.0, 1.0});
+  EXPECT_TRUE(fine(kSmall));
+  shape.transform().setLocalScale(0.9);
+  EXPECT_FALSE(fine(kSmall));
+}
+
 TEST_P(GeometryTest, ObjectsAtTheEdgeOfTheViewAreDrawn) {
   // Centres outside the view, a corner inside: must survive the collector's frustum test.
   world_.add(box(), unlit(kRed), {1.9, 0, 1.5}, Vec3::Constant(1.0));

@@ -125,6 +125,14 @@ TEST(MeshTest, LatheShadesSmoothlyExceptAtEdges) {
   EXPECT_NEAR(mesh->vertices[9].normal.y(), 0.0F, 1e-6);
 }
 
+// A square of area 2 r^2 against a disc of area pi: r = sqrt(pi / 2).
+TEST(MeshTest, EqualAreaRadius) {
+  EXPECT_EQ(equalAreaRadius(8, 8), 1.0);
+  EXPECT_NEAR(equalAreaRadius(4, 100000), std::sqrt(kPi / 2.0), 1e-6);
+  EXPECT_NEAR(measure(*disc(6)).area * std::pow(equalAreaRadius(6, 16), 2), measure(*disc(16)).area,
+              1e-6);
+}
+
 TEST(MeshTest, StripIsAsWideAsAskedAndTurnsCorners) {
   const std::array points = {Vec3(-1, 0, 0), Vec3(0, 0, 1), Vec3(1, 0, 0)};
   const MeshPtr mesh = strip(points, 0.2);
@@ -145,6 +153,14 @@ TEST(MeshTest, RefusesImpossibleShapes) {
   EXPECT_EQ(messageOf([] { strip({}, 1.0); }), "points: got 0 points, expected at least 2 points");
   EXPECT_EQ(messageOf([] { share(Mesh{{}, {}, "nothing"}); }),
             "mesh 'nothing' indices: got 0, expected a positive multiple of three");
+  EXPECT_EQ(messageOf([] {
+              Mesh mesh = *quad();
+              mesh.name = "sheet";
+              mesh.coarser = {{quad(), 0.5F}, {quad(), 0.5F}};
+              share(std::move(mesh));
+            }),
+            "mesh 'sheet' coarser: got an error of 0.5 after 0.5, expected meshes with growing "
+            "errors above 0");
   EXPECT_EQ(messageOf([] { share(Mesh{{Vertex{}}, {0, 0, 1}, "far"}); }),
             "mesh 'far' index: got 1, expected less than 1 (the vertex count)");
 }

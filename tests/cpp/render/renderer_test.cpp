@@ -177,6 +177,89 @@ TEST_P(RendererTest, ABatchIsTheSinglePictures) {
   EXPECT_EQ(pictures[2].rgba, world.draw(*renderer_, {64, 48}).rgba);
 }
 
+/// Demo worlds whose heads look about.
+std::vector<std::unique_ptr<DemoWorld>> worldsLookingAbout(int count) {
+  std::vector<std::unique_ptr<DemoWorld>> worlds;
+  for (int i = 0; i < count; ++i) {
+    worlds.push_back(std::make_unique<DemoWorld>());
+    worlds.back()->camera->transform().setLocalRotation(
+        Quat(Eigen::AngleAxisd(0.05 * (i % 3), Vec3::UnitY())));
+    worlds.back()->scene.forEach<Skybox>([&](Skybox& sky) { sky.exposure += i % 2 == 0 ? 0.0F : 0.1F; });
+  }
+  return worlds;
+}
+
+std::vector<Picture> drawTogether(Renderer& renderer,
+                                  const std::vector<std::unique_ptr<DemoWorld>>& worlds) {
+  const ImageSize other{64, 48};
+  std::vector<Picture> pictures;
+  for (std::size_t i = 0; i < worlds.size(); ++i) {
+    const ImageSize size = i % 5 == 4 ? other : kHeadset;
+    pictures.push_back({size, std::vector<std::uint8_t>(4 * size.pixels())});
+  }
+  std::vector<ViewRequest> requests;
+  for (std::size_t i = 0; i < worlds.size(); ++i) {
+    requests.push_back({worlds[i]->scene, *worlds[i]->camera, pictures[i].size, pictures[i].rgba});
+  }
+  renderer.renderBatch(requests);
+  return pictures;
+}
+
+// More views than are uploaded together, of several looks, skies and sizes, in any order.
+TEST_P(RendererTest, ALargeBatchIsTheSinglePictures) {
+  const auto worlds = worldsLookingAbout(70);
+  const std::vector<Picture> pictures = drawTogether(*renderer_, worlds);
+  const auto fresh = Renderer::create(GetParam());
+  for (std::size_t i = 0; i < worlds.size(); ++i) {
+    const std::size_t backwards = worlds.size() - 1 - i;
+    EXPECT_EQ(pictures[backwards].rgba,
+              worlds[backwards]->draw(*fresh, pictures[backwards].size).rgba)
+        << backwards;
+  }
+}
+
+TEST_P(RendererTest, AnEmptyBatchDrawsNothing) { EXPECT_NO_THROW(renderer_->renderBatch({})); }
+
+// As on a GPU: pictures come through buffers, several on their way at once.
+TEST_P(RendererTest, TheRingOfBuffersBringsTheSamePictures) {
+  const Environment ring("SIM2VR_READBACK", "ring");
+  const auto renderer = Renderer::create(GetParam());
+  for (const int count : {1, 2, 4, 5, 11}) {
+    const auto worlds = worldsLookingAbout(count);
+    const std::vector<Picture> expected = drawTogether(*renderer_, worlds);
+    const std::vector<Picture> pictures = drawTogether(*renderer, worlds);
+    for (std::size_t i = 0; i < worlds.size(); ++i) {
+      EXPECT_EQ(pictures[i].rgba, expected[i].rgba) << i << " of " << count;
+    }
+  }
+}
+
+TEST_P(RendererTest, AFailedBatchLeavesNothingBehind) {
+  for (const char* readback : {"direct", "ring"}) {
+    const Environment choice("SIM2VR_READBACK", readback);
+    const auto renderer = Renderer::create(GetParam());
+    const auto worlds = worldsLookingAbout(66);
+    const std::vector<Picture> expected = drawTogether(*renderer, worlds);
+    worlds.back()->camera->near_m = -1.0;
+    EXPECT_THROW(drawTogether(*renderer, worlds), InvalidArgument);
+    worlds.back()->camera->near_m = 0.01;
+    const std::vector<Picture> pictures = drawTogether(*renderer, worlds);
+    for (std::size_t i = 0; i < worlds.size(); ++i) {
+      EXPECT_EQ(pictures[i].rgba, expected[i].rgba) << i;
+    }
+  }
+}
+
+TEST(RendererCreateTest, RefusesAnotherReadback) {
+  std::string reason;
+  if (rendererOrNull(RendererKind::automatic, reason) == nullptr) GTEST_SKIP() << reason;
+  const Environment readback("SIM2VR_READBACK", "pipe");
+  const std::string message = messageOf<RenderError>([] { Renderer::create(); });
+  EXPECT_NE(message.find("SIM2VR_READBACK is 'pipe', expected 'direct' or 'ring'"),
+            std::string::npos)
+      << message;
+}
+
 TEST_P(RendererTest, ThreadsMayShareARenderer) {
   const DemoWorld world;
   const Picture expected = world.draw(*renderer_);

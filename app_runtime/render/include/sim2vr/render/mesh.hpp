@@ -26,20 +26,32 @@ struct Vertex {
   Eigen::Vector2f uv = Eigen::Vector2f::Zero();
 };
 
+struct Mesh;
+using MeshPtr = std::shared_ptr<const Mesh>;
+
+/// A simpler stand-in for a mesh.
+struct CoarserMesh {
+  MeshPtr mesh;
+  /// Largest distance between the two surfaces, in mesh coordinates. The stand-in is drawn where
+  /// this is less than half a pixel: in small pictures and far away.
+  float error = 0.0F;
+};
+
 /// Indexed triangles. Immutable once shared: make a new Mesh instead of changing one.
 struct Mesh {
   std::vector<Vertex> vertices;
   /// Three per triangle.
   std::vector<std::uint32_t> indices;
   std::string name;
+  /// From fine to coarse; their own `coarser` are not looked at.
+  std::vector<CoarserMesh> coarser = {};
 
   std::size_t triangleCount() const { return indices.size() / 3; }
 };
 
-using MeshPtr = std::shared_ptr<const Mesh>;
-
 /// Checks the mesh and shares it. Throws InvalidArgument when it has no triangle, when the indices
-/// are no multiple of three or point past the vertices, or when a coordinate is not finite.
+/// are no multiple of three or point past the vertices, when a coordinate is not finite, or when
+/// the errors of coarser meshes do not grow.
 MeshPtr share(Mesh mesh);
 
 /// Cube of edge 1 around the origin; 12 triangles.
@@ -72,6 +84,10 @@ struct LathePoint {
 /// an edge. An outline that ends at radius 0 is closed there, else it is open.
 MeshPtr lathe(std::span<const LathePoint> profile, int segments = 16,
               const std::string& name = "lathe");
+
+/// Radius of a regular polygon of `segments` corners with the area of one of `finer` corners and
+/// radius 1: a coarser surface of revolution of that radius lies as far outside as inside.
+double equalAreaRadius(int segments, int finer);
 
 /// Flat band of constant width along a polyline of at least two points, with mitred corners. Lies
 /// across `normal` and shows its front to where the normal points.

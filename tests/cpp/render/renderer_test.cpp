@@ -184,7 +184,8 @@ std::vector<std::unique_ptr<DemoWorld>> worldsLookingAbout(int count) {
     worlds.push_back(std::make_unique<DemoWorld>());
     worlds.back()->camera->transform().setLocalRotation(
         Quat(Eigen::AngleAxisd(0.05 * (i % 3), Vec3::UnitY())));
-    worlds.back()->scene.forEach<Skybox>([&](Skybox& sky) { sky.exposure += i % 2 == 0 ? 0.0F : 0.1F; });
+    worlds.back()->scene.forEach<Skybox>(
+        [&](Skybox& sky) { sky.exposure += i % 2 == 0 ? 0.0F : 0.1F; });
   }
   return worlds;
 }

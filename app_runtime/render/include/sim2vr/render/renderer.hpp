@@ -64,16 +64,16 @@ class Renderer {
   /// into `rgba`: uint8, height x width x 4, row 0 = top, no padding. R, G, B: lit scene,
   /// sRGB-encoded, without anti-aliasing. A: depth along the view axis (not along the ray) over
   /// camera.far_m, rounded to the nearest of 255 steps; 255 = sky or beyond far_m. Items with
-  /// Material::Blend::alpha and Billboards colour the picture but are absent from A. Meshes give way
-  /// to coarser ones where that moves outlines by less than half a pixel (mesh.hpp). Equal scenes
-  /// give equal bytes on the same driver. Thread-safe: calls on one renderer take turns, the GL
-  /// context is current only during the call, and one that was current before is current again
+  /// Material::Blend::alpha and Billboards colour the picture but are absent from A. Meshes give
+  /// way to coarser ones where that moves outlines by less than half a pixel (mesh.hpp). Equal
+  /// scenes give equal bytes on the same driver. Thread-safe: calls on one renderer take turns, the
+  /// GL context is current only during the call, and one that was current before is current again
   /// after. Throws InvalidArgument ("image size", "rgba buffer", "camera...") and RenderError.
   virtual void render(const scene::Scene& scene, const Camera& camera, ImageSize size,
                       std::span<std::uint8_t> rgba) = 0;
 
-  /// Draws several pictures in one turn; each is the one that render would draw, to the bit. When it
-  /// throws, some of the pictures may be missing.
+  /// Draws several pictures in one turn; each is the one that render would draw, to the bit. When
+  /// it throws, some of the pictures may be missing.
   virtual void renderBatch(std::span<const ViewRequest> requests);
 
  protected:

@@ -2,6 +2,7 @@
 
 #include <fmt/format.h>
 #include <algorithm>
+#include <atomic>
 #include <exception>
 
 #include "sim2vr/core/errors.hpp"
@@ -28,6 +29,15 @@ void checkChannels(const std::vector<int>& channels) {
                             "0 (red), 1 (green), 2 (blue) or 3 (depth)");
     }
   }
+}
+
+/// Apps that a thread takes at a time: enough for a good batch of pictures, few enough that the
+/// threads finish together.
+std::size_t portionSize(std::size_t apps, int threads) {
+  constexpr std::size_t kMost = 8;
+  constexpr std::size_t kPortionsPerThread = 4;
+  const std::size_t fair = apps / (static_cast<std::size_t>(threads) * kPortionsPerThread);
+  return std::clamp<std::size_t>(fair, 1, kMost);
 }
 
 /// The failure with the app's index in front.
@@ -68,7 +78,7 @@ AppBatch::AppBatch(const BatchSettings& settings)
     if (!app.log_dir.empty()) app.log_dir /= fmt::format("user{:03d}", i);
     const auto image = std::span(images_).subspan(static_cast<std::size_t>(i) * bytes, bytes);
     apps_.push_back(std::make_unique<App>(
-        std::move(app), renderers_[static_cast<std::size_t>(workerOf(i))], image));
+        std::move(app), renderers_[static_cast<std::size_t>(i % pool_.threads())], image));
   }
   privileged_.resize(count * privilegedNames().size());
 }
@@ -80,32 +90,37 @@ App& AppBatch::app(int index) {
   return *apps_[static_cast<std::size_t>(index)];
 }
 
-int AppBatch::workerOf(int index) const {
-  return static_cast<int>(static_cast<std::int64_t>(index) * pool_.threads() / settings_.apps);
-}
-
-/// Moves the apps at `indices`, each on its own thread, and draws those of a thread together.
-/// `move(i)` moves the app at indices[i].
+/// Moves the apps at `indices` on all threads: `move(i)` moves the app at indices[i]. A thread
+/// takes a handful of apps at a time, draws them together, and comes back for more, so that one
+/// that is held up by other programs does not hold up the others.
 template <class Move>
 void AppBatch::run(std::span<const int> indices, const Move& move) {
   for (const int index : indices) static_cast<void>(app(index));
   std::vector<Outcome> outcomes(indices.size());
   std::vector<std::exception_ptr> failures(indices.size());
+  const std::size_t portion = portionSize(indices.size(), pool_.threads());
+  std::atomic<std::size_t> next = 0;
   pool_.run([&](int worker) {
+    render::Renderer& renderer = *renderers_[static_cast<std::size_t>(worker)];
     std::vector<render::ViewRequest> views;
-    for (std::size_t i = 0; i < indices.size(); ++i) {
-      if (workerOf(indices[i]) != worker) continue;
-      try {
-        outcomes[i] = move(i);
-        fillPrivileged(indices[i]);
-        views.push_back(apps_[static_cast<std::size_t>(indices[i])]->headsetView());
-      } catch (...) {
-        failures[i] = std::current_exception();
+    while (true) {
+      const std::size_t begin = next.fetch_add(portion);
+      if (begin >= indices.size()) return;
+      const std::size_t end = std::min(begin + portion, indices.size());
+      views.clear();
+      for (std::size_t i = begin; i < end; ++i) {
+        try {
+          outcomes[i] = move(i);
+          fillPrivileged(indices[i]);
+          views.push_back(apps_[static_cast<std::size_t>(indices[i])]->headsetView());
+        } catch (...) {
+          failures[i] = std::current_exception();
+        }
       }
-    }
-    renderers_[static_cast<std::size_t>(worker)]->renderBatch(views);
-    for (std::size_t i = 0; i < indices.size(); ++i) {
-      if (workerOf(indices[i]) == worker && !failures[i]) separateChannels(indices[i]);
+      renderer.renderBatch(views);
+      for (std::size_t i = begin; i < end; ++i) {
+        if (!failures[i]) separateChannels(indices[i]);
+      }
     }
   });
   for (std::size_t i = 0; i < indices.size(); ++i) {

@@ -23,9 +23,9 @@ struct BatchSettings {
   std::vector<int> vision_channels;
 };
 
-/// N apps. Each thread owns a renderer and a contiguous share of the apps, and draws their pictures
-/// together. What an app does depends on its own input alone, to the bit: not on N, on its index or
-/// on the number of threads.
+/// N apps. Each thread owns a renderer; the threads take the apps of a call a few at a time and
+/// draw their pictures together. What an app does depends on its own input alone, to the bit: not
+/// on N, on its index, on the thread that took it or on the number of threads.
 ///
 /// Results lie in arrays of N that keep their address for the batch's life; a call writes the rows
 /// of the apps it moves. Not thread-safe.
@@ -80,7 +80,6 @@ class AppBatch {
   void run(std::span<const int> indices, const Move& move);
   void separateChannels(int index);
   void store(int index, const Outcome& outcome);
-  int workerOf(int index) const;
 
   BatchSettings settings_;
   ThreadPool pool_;

@@ -46,9 +46,14 @@ def _constant(value: float) -> Ramp:
 class ActionsConfig(_Settings):
     """What the teacher decides; what reaches the muscles are changes of activation either way."""
 
-    kind: Literal["joints", "muscles"] = "joints"
+    kind: Literal["hand", "joints", "muscles"] = "hand"
     """``muscles``: the changes themselves. ``joints``: accelerations of the independent joints, for
-    which the least activations are computed (users/joint_drive.py)."""
+    which the least activations are computed (users/joint_drive.py). ``hand``: the controller's
+    acceleration along the app's axes, then what the joints do beside that."""
+    hand_mps2: float = Field(default=12.0, gt=0.0)
+    """What 1 stands for, of the controller's acceleration."""
+    beside: float = Field(default=0.5, gt=0.0)
+    """What 1 stands for beside it, as a share of ``acceleration_radps2``."""
     acceleration_radps2: tuple[float, ...] = (40.0, 40.0, 40.0, 60.0, 60.0, 60.0, 60.0)
     """What 1 stands for, by joint."""
     damping_per_s: float = Field(default=4.0, ge=0.0)

@@ -20,6 +20,8 @@ __all__ = ["JointDrive"]
 FloatArray = NDArray[np.float64]
 
 _NEWTON_STEPS = 8
+_SINGULAR_MPS2 = 2.0
+"""Where the scaled joints move the device by less than this, it is not forced to follow."""
 
 
 class JointDrive:
@@ -50,6 +52,7 @@ class JointDrive:
         self._inertia = batch.live("M")
         self._bias, self._passive = batch.live("qfrc_bias"), batch.live("qfrc_passive")
         self._length = batch.live("actuator_length")
+        self._axis, self._anchor = batch.live("xaxis"), batch.live("xanchor")
         batch.compute_velocities()  # fills what was bound above
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
@@ -80,6 +83,35 @@ class JointDrive:
         effect, rest = self._accelerations(free)
         target = (wanted - rest) / self.scale_radps2
         return _least_activations(effect / self.scale_radps2[:, None], target, self._effort)
+
+    def joint_accelerations(
+        self, device: str, wanted_mps2: ArrayLike, joints_radps2: ArrayLike
+    ) -> FloatArray:
+        """Return joint accelerations that move a device as wanted.
+
+        Of all that do, those nearest to `joints_radps2` in units of ``scale``.
+
+        Args:
+            device: worn by the user, for example ``controller_right``.
+            wanted_mps2: (N, 3) acceleration of the device, m/s^2, MuJoCo world frame.
+            joints_radps2: (N, J) what the joints do where the device does not care.
+
+        Returns:
+            (N, J) rad/s^2.
+        """
+        batch = self._batch
+        joints = np.asarray(joints_radps2, dtype=np.float64) / self.scale_radps2
+        point, _ = batch.device_poses(device)
+        # Every joint of the model carries the hand: velocity of the point per joint velocity.
+        levers = np.cross(self._axis, point[:, None, :] - self._anchor)  # (N, nv, 3)
+        free = batch.user.coupled_motion(batch.qpos)
+        moves = (levers.transpose(0, 2, 1) @ free) * self.scale_radps2  # (N, 3, J)
+        missing = np.asarray(wanted_mps2) - np.einsum("nxj,nj->nx", moves, joints)
+        across = moves @ moves.transpose(0, 2, 1) + _SINGULAR_MPS2**2 * np.eye(3)
+        pushed = np.linalg.solve(across, missing[..., None])
+        joints = joints + np.einsum("nxj,nx->nj", moves, pushed[..., 0])
+        accelerations: FloatArray = joints * self.scale_radps2
+        return accelerations
 
     def _accelerations(self, free: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(N, J, M) acceleration per activation, and (N, J) without any."""

@@ -119,6 +119,31 @@ def test_a_user_s_activations_are_its_own() -> None:
     np.testing.assert_array_equal(drive.activations(wanted[2:]), expected[2:])
 
 
+def test_the_hand_accelerates_as_wanted_beside_what_the_joints_do() -> None:
+    """By MuJoCo's Jacobian of the controller's site; the bit that is missing is the price of not
+    forcing an arm near its limits."""
+    batch = _batch(10)
+    drive = JointDrive(batch, SCALE)
+    rng = np.random.default_rng(3)
+    wanted, beside = rng.uniform(-8, 8, (10, 3)), rng.uniform(-20, 20, (10, 7))
+    joints = drive.joint_accelerations("controller_right", wanted, beside)
+    model = USER.physics_model
+    site = model.site("controller_right").id
+    free = USER.coupled_motion(batch.qpos)
+    for i in range(10):
+        data = mujoco.MjData(model)
+        data.qpos = batch.qpos[i]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        jacobian = np.zeros((3, model.nv))
+        mujoco.mj_jacSite(model, data, jacobian, None, site)
+        np.testing.assert_allclose(jacobian @ free[i] @ joints[i], wanted[i], atol=1.0)
+        # Turned about the point, the joints do what they are told: the change is a push of it.
+        change = (joints[i] - beside[i]) / SCALE
+        push = np.linalg.lstsq(((jacobian @ free[i]) * SCALE).T, change, rcond=None)[0]
+        np.testing.assert_allclose(((jacobian @ free[i]) * SCALE).T @ push, change, atol=1e-9)
+
+
 def test_wrong_shapes_are_named() -> None:
     batch = _batch(2)
     with pytest.raises(ValueError, match=r"scale_radps2: got shape \(3,\), expected \(7,\)"):

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from sim2vr_harness.client.frames import position_to_mujoco
+from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.training.teacher_config import ActionsConfig
 from sim2vr_harness.users.joint_drive import JointDrive
@@ -16,6 +16,11 @@ from sim2vr_harness.users.joint_drive import JointDrive
 __all__ = ["TeacherActions"]
 
 _HAND = "controller_right"
+_HOME = ("aid.home_x_m", "aid.home_y_m", "aid.home_z_m")
+
+
+class _Fields(Protocol):
+    def field(self, name: str) -> NDArray[np.float32]: ...
 
 
 class TeacherActions:
@@ -23,16 +28,17 @@ class TeacherActions:
 
     Args:
         simulation: the users who act.
+        fields: the game's privileged numbers.
         config: what the actions stand for.
     """
 
-    def __init__(self, simulation: Simulation, config: ActionsConfig) -> None:
+    def __init__(self, simulation: Simulation, fields: _Fields, config: ActionsConfig) -> None:
         self._users = simulation.users
-        self._damping_per_s = config.damping_per_s
+        self._fields = fields
+        self._config = config
         self._drive: JointDrive | None = None
         self.space: spaces.Box = simulation.action_space
         """Box(-1, 1) of the teacher's own actions."""
-        self._config = config
         if config.kind != "muscles":
             self._drive = JointDrive(self._users, config.acceleration_radps2, effort=config.effort)
             size = self._drive.size + (3 if config.kind == "hand" else 0)
@@ -47,14 +53,30 @@ class TeacherActions:
         clipped = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
         if self._drive is None:
             return clipped
-        speeds = self._users.qvel[:, self._users.user.qvel_independent]
-        rest = -self._damping_per_s * speeds
-        if self._config.kind == "joints":
+        config, joints = self._config, self._users.user.qvel_independent
+        speeds = self._users.qvel[:, joints]
+        if config.kind == "joints":
             wanted = clipped * self._drive.scale_radps2
         else:
+            angles = self._users.qpos[:, self._users.user.qpos_independent]
+            drawn = config.posture_stiffness_per_s2 * (np.array(config.posture_rad) - angles)
+            beside = config.beside * clipped[:, 3:] * self._drive.scale_radps2 + drawn
             wanted = self._drive.joint_accelerations(
-                _HAND,
-                position_to_mujoco(self._config.hand_mps2 * clipped[:, :3]),
-                self._config.beside * clipped[:, 3:] * self._drive.scale_radps2,
+                _HAND, self._pull(clipped[:, :3], speeds), beside
             )
-        return self._drive.activations(wanted + rest) - self._users.act
+        wanted = wanted - config.damping_per_s * speeds
+        device = _HAND if config.kind == "hand" else None
+        controls = self._drive.controls_for(wanted, device, config.hand_scale_mps2)
+        return controls - self._users.act
+
+    def _pull(
+        self, places: NDArray[np.float64], speeds: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(N, 3) acceleration of the hand, m/s^2, MuJoCo world frame."""
+        assert self._drive is not None
+        config = self._config
+        home = np.stack([self._fields.field(name) for name in _HOME], axis=1)
+        velocity = position_to_app(self._drive.device_velocities(_HAND, speeds))
+        pull = config.hand_stiffness_per_s2 * (home + config.reach_m * places)
+        pull = pull - config.hand_damping_per_s * velocity
+        return position_to_mujoco(np.clip(pull, -config.hand_mps2, config.hand_mps2))

@@ -48,10 +48,22 @@ class ActionsConfig(_Settings):
 
     kind: Literal["hand", "joints", "muscles"] = "hand"
     """``muscles``: the changes themselves. ``joints``: accelerations of the independent joints, for
-    which the least activations are computed (users/joint_drive.py). ``hand``: the controller's
-    acceleration along the app's axes, then what the joints do beside that."""
-    hand_mps2: float = Field(default=12.0, gt=0.0)
-    """What 1 stands for, of the controller's acceleration."""
+    which the least activations are computed (users/joint_drive.py). ``hand``: where the hand is
+    pulled to, along the app's axes from where the game says it may wait (``aid.home_*``), then what
+    the joints do beside that, around a posture."""
+    reach_m: float = Field(default=0.4, gt=0.0)
+    """What 1 stands for, of the place that the hand is pulled to."""
+    hand_stiffness_per_s2: float = Field(default=200.0, ge=0.0)
+    """Acceleration of the hand per distance from that place."""
+    hand_damping_per_s: float = Field(default=16.0, ge=0.0)
+    """Deceleration of the hand per velocity, beside that of the joints."""
+    hand_mps2: float = Field(default=40.0, gt=0.0)
+    """The greatest acceleration wanted of the hand, along each axis."""
+    hand_scale_mps2: float = Field(default=4.0, gt=0.0)
+    """Errors of the hand's acceleration count in this unit, those of the joints in their own."""
+    posture_rad: tuple[float, ...] = (1.0, 0.9, 0.1, 1.4, 0.0, 0.1, -0.1)
+    """Where the joints are drawn to beside what the hand does."""
+    posture_stiffness_per_s2: float = Field(default=15.0, ge=0.0)
     beside: float = Field(default=0.5, gt=0.0)
     """What 1 stands for beside it, as a share of ``acceleration_radps2``."""
     acceleration_radps2: tuple[float, ...] = (40.0, 40.0, 40.0, 60.0, 60.0, 60.0, 60.0)

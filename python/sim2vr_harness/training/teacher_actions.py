@@ -53,21 +53,28 @@ class TeacherActions:
         clipped = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
         if self._drive is None:
             return clipped
-        config, joints = self._config, self._users.user.qvel_independent
-        speeds = self._users.qvel[:, joints]
+        config, user = self._config, self._users.user
+        speeds = self._users.qvel[:, user.qvel_independent]
+        braked = -config.damping_per_s * speeds
         if config.kind == "joints":
-            wanted = clipped * self._drive.scale_radps2
-        else:
-            angles = self._users.qpos[:, self._users.user.qpos_independent]
-            drawn = config.posture_stiffness_per_s2 * (np.array(config.posture_rad) - angles)
-            beside = config.beside * clipped[:, 3:] * self._drive.scale_radps2 + drawn
-            wanted = self._drive.joint_accelerations(
-                _HAND, self._pull(clipped[:, :3], speeds), beside
-            )
-        wanted = wanted - config.damping_per_s * speeds
-        device = _HAND if config.kind == "hand" else None
-        controls = self._drive.controls_for(wanted, device, config.hand_scale_mps2)
+            wanted = clipped * self._drive.scale_radps2 + braked
+            return self._drive.controls_for(wanted) - self._users.act
+        angles = self._users.qpos[:, user.qpos_independent]
+        drawn = config.posture_stiffness_per_s2 * (self._posture() - angles)
+        controls = self._drive.controls_for(
+            config.beside * clipped[:, 3:] * self._drive.scale_radps2 + drawn + braked,
+            _HAND,
+            self._pull(clipped[:, :3], speeds),
+            config.hand_scale_mps2,
+        )
         return controls - self._users.act
+
+    def _posture(self) -> NDArray[np.float64]:
+        """(N, J) where the joints are drawn to, rad."""
+        postures = np.zeros((self._users.n, len(self._users.user.independent_joints)))
+        for field, angles in self._config.postures_rad.items():
+            postures += self._fields.field(field)[:, None] * np.array(angles)
+        return postures
 
     def _pull(
         self, places: NDArray[np.float64], speeds: NDArray[np.float64]

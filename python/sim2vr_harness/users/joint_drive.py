@@ -22,8 +22,6 @@ FloatArray = NDArray[np.float64]
 _STEPS = 40
 _WEIGHT = 0.3
 _OVERSHOOT = 1.6
-_SINGULAR_MPS2 = 2.0
-"""Where the scaled joints move the device by less than this, it is not forced to follow."""
 
 
 class JointDrive:
@@ -71,37 +69,42 @@ class JointDrive:
 
     def controls_for(
         self,
-        wanted_radps2: ArrayLike,
+        joints_radps2: ArrayLike,
         device: str | None = None,
-        device_scale_mps2: float = 4.0,
+        device_mps2: ArrayLike | None = None,
+        device_scale_mps2: float = 2.0,
     ) -> FloatArray:
         """Return the controls for wanted accelerations in the present state.
 
         Args:
-            wanted_radps2: (N, J), in the order of ``user.independent_joints``.
-            device: a worn device whose acceleration counts too, so that muscles which cannot do
-                everything rather move it as wanted.
-            device_scale_mps2: unit of acceleration of that device, m/s^2.
+            joints_radps2: (N, J), in the order of ``user.independent_joints``.
+            device: a worn device whose acceleration is wanted as well, for example
+                ``controller_right``; what it needs and the joints want are weighed by their units.
+            device_mps2: (N, 3) that acceleration, MuJoCo world frame.
+            device_scale_mps2: its unit.
 
         Returns:
             (N, M) controls in [0, 1]: with them, activations are what they should be in the mean
             over a step, as far as they can rise and fall so fast.
         """
-        wanted = np.asarray(wanted_radps2, dtype=np.float64)
+        wanted = np.asarray(joints_radps2, dtype=np.float64)
         n = self._batch.n
         if wanted.shape != (n, self.size):
-            raise ValueError(f"wanted: got shape {wanted.shape}, expected ({n}, {self.size})")
+            raise ValueError(f"joints: got shape {wanted.shape}, expected ({n}, {self.size})")
         free = self._batch.user.coupled_motion(self._batch.qpos)  # (N, nv, J)
         effect, rest = self._accelerations(free)
-        missing = (wanted - rest)[..., None]
-        rows = np.broadcast_to(np.diag(1.0 / self.scale_radps2), (n, self.size, self.size))
+        effects = [effect / self.scale_radps2[:, None]]
+        targets = [(wanted - rest) / self.scale_radps2]
         if device is not None:
-            rows = np.concatenate([rows, self._levers(device) / device_scale_mps2], axis=1)
+            levers = self._levers(device) / device_scale_mps2
+            moved = np.asarray(device_mps2, dtype=np.float64) / device_scale_mps2
+            effects.append(levers @ effect)
+            targets.append(moved - np.einsum("nxj,nj->nx", levers, rest))
         act = self._batch.act
         falling, rising = self._lag.shares(act)
         means = _least_activations(
-            rows @ effect,
-            (rows @ missing)[..., 0],
+            np.concatenate(effects, axis=1),
+            np.concatenate(targets, axis=1),
             self._effort,
             falling * act,
             rising * act + (1.0 - rising),
@@ -117,30 +120,6 @@ class JointDrive:
         share = np.where(means < act, falling, rising)
         cut: FloatArray = np.clip((means - share * act) / (1.0 - share), 0.0, 1.0)
         return cut
-
-    def joint_accelerations(
-        self, device: str, wanted_mps2: ArrayLike, joints_radps2: ArrayLike
-    ) -> FloatArray:
-        """Return joint accelerations that move a device as wanted.
-
-        Of all that do, those nearest to `joints_radps2` in units of ``scale``.
-
-        Args:
-            device: worn by the user, for example ``controller_right``.
-            wanted_mps2: (N, 3) acceleration of the device, m/s^2, MuJoCo world frame.
-            joints_radps2: (N, J) what the joints do where the device does not care.
-
-        Returns:
-            (N, J) rad/s^2.
-        """
-        joints = np.asarray(joints_radps2, dtype=np.float64) / self.scale_radps2
-        moves = self._levers(device) * self.scale_radps2
-        missing = np.asarray(wanted_mps2) - np.einsum("nxj,nj->nx", moves, joints)
-        across = moves @ moves.transpose(0, 2, 1) + _SINGULAR_MPS2**2 * np.eye(3)
-        pushed = np.linalg.solve(across, missing[..., None])
-        joints = joints + np.einsum("nxj,nx->nj", moves, pushed[..., 0])
-        accelerations: FloatArray = joints * self.scale_radps2
-        return accelerations
 
     def device_velocities(self, device: str, joints_radps: ArrayLike) -> FloatArray:
         """(N, 3) velocity of a device, m/s, MuJoCo world frame, for joint velocities (N, J)."""

@@ -46,6 +46,7 @@ std::vector<std::string> allNames() {
   for (const char* aid : {"progress_m", "strike", "start_distance_m", "start_cell"}) {
     names.push_back(std::string("aid.") + aid);
   }
+  addVector(names, "aid.home_", "_m");
   return names;
 }
 
@@ -221,6 +222,8 @@ void Privileged::writeAids(Writer& out) const {
   }
   out.number(least_m);
   out.number(start_cell);
+  out.vector(area.transformPoint(Vec3(0.0, 0.0, -kStrokeStart_m)) -
+             round_->hammer().markerPosition());
 }
 
 void Privileged::fields(Archive& archive) {

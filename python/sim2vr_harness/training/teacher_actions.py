@@ -2,17 +2,25 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.training.teacher_config import ActionsConfig
 from sim2vr_harness.users.joint_drive import JointDrive
 
 __all__ = ["TeacherActions"]
+
+_HAND = "controller_right"
+_HOME = ("aid.home_x_m", "aid.home_y_m", "aid.home_z_m")
+
+
+class _Fields(Protocol):
+    def field(self, name: str) -> NDArray[np.float32]: ...
 
 
 class TeacherActions:
@@ -20,18 +28,21 @@ class TeacherActions:
 
     Args:
         simulation: the users who act.
+        fields: the game's privileged numbers.
         config: what the actions stand for.
     """
 
-    def __init__(self, simulation: Simulation, config: ActionsConfig) -> None:
+    def __init__(self, simulation: Simulation, fields: _Fields, config: ActionsConfig) -> None:
         self._users = simulation.users
-        self._damping_per_s = config.damping_per_s
+        self._fields = fields
+        self._config = config
         self._drive: JointDrive | None = None
         self.space: spaces.Box = simulation.action_space
         """Box(-1, 1) of the teacher's own actions."""
-        if config.kind == "joints":
+        if config.kind != "muscles":
             self._drive = JointDrive(self._users, config.acceleration_radps2, effort=config.effort)
-            self.space = spaces.Box(-1.0, 1.0, (self._drive.size,), np.float32)
+            size = self._drive.size + (3 if config.kind == "hand" else 0)
+            self.space = spaces.Box(-1.0, 1.0, (size,), np.float32)
 
     def of_muscles(self, actions: NDArray[Any]) -> NDArray[np.float64]:
         """The changes of activation, (N, M) in [-1, 1], that the users' present state asks for.
@@ -42,6 +53,37 @@ class TeacherActions:
         clipped = np.clip(np.asarray(actions, dtype=np.float64), -1.0, 1.0)
         if self._drive is None:
             return clipped
-        speeds = self._users.qvel[:, self._users.user.qvel_independent]
-        wanted = clipped * self._drive.scale_radps2 - self._damping_per_s * speeds
-        return self._drive.activations(wanted) - self._users.act
+        config, user = self._config, self._users.user
+        speeds = self._users.qvel[:, user.qvel_independent]
+        braked = -config.damping_per_s * speeds
+        if config.kind == "joints":
+            wanted = clipped * self._drive.scale_radps2 + braked
+            return self._drive.controls_for(wanted) - self._users.act
+        angles = self._users.qpos[:, user.qpos_independent]
+        drawn = config.posture_stiffness_per_s2 * (self._posture() - angles)
+        controls = self._drive.controls_for(
+            config.beside * clipped[:, 3:] * self._drive.scale_radps2 + drawn + braked,
+            _HAND,
+            self._pull(clipped[:, :3], speeds),
+            config.hand_scale_mps2,
+        )
+        return controls - self._users.act
+
+    def _posture(self) -> NDArray[np.float64]:
+        """(N, J) where the joints are drawn to, rad."""
+        postures = np.zeros((self._users.n, len(self._users.user.independent_joints)))
+        for field, angles in self._config.postures_rad.items():
+            postures += self._fields.field(field)[:, None] * np.array(angles)
+        return postures
+
+    def _pull(
+        self, places: NDArray[np.float64], speeds: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(N, 3) acceleration of the hand, m/s^2, MuJoCo world frame."""
+        assert self._drive is not None
+        config = self._config
+        home = np.stack([self._fields.field(name) for name in _HOME], axis=1)
+        velocity = position_to_app(self._drive.device_velocities(_HAND, speeds))
+        pull = config.hand_stiffness_per_s2 * (home + config.reach_m * places)
+        pull = pull - config.hand_damping_per_s * velocity
+        return position_to_mujoco(np.clip(pull, -config.hand_mps2, config.hand_mps2))

@@ -46,10 +46,32 @@ def _constant(value: float) -> Ramp:
 class ActionsConfig(_Settings):
     """What the teacher decides; what reaches the muscles are changes of activation either way."""
 
-    kind: Literal["joints", "muscles"] = "joints"
+    kind: Literal["hand", "joints", "muscles"] = "hand"
     """``muscles``: the changes themselves. ``joints``: accelerations of the independent joints, for
-    which the least activations are computed (users/joint_drive.py)."""
-    acceleration_radps2: tuple[float, ...] = (40.0, 40.0, 40.0, 60.0, 60.0, 60.0, 60.0)
+    which the least activations are computed (users/joint_drive.py). ``hand``: where the hand is
+    pulled to, along the app's axes from where the game says it may wait (``aid.home_*``), then what
+    the joints do beside that, around a posture."""
+    reach_m: float = Field(default=0.4, gt=0.0)
+    """What 1 stands for, of the place that the hand is pulled to."""
+    hand_stiffness_per_s2: float = Field(default=200.0, ge=0.0)
+    """Acceleration of the hand per distance from that place."""
+    hand_damping_per_s: float = Field(default=16.0, ge=0.0)
+    """Deceleration of the hand per velocity, beside that of the joints."""
+    hand_mps2: float = Field(default=40.0, gt=0.0)
+    """The greatest acceleration wanted of the hand, along each axis."""
+    hand_scale_mps2: float = Field(default=4.0, gt=0.0)
+    """Errors of the hand's acceleration count in this unit, those of the joints in their own."""
+    postures_rad: dict[str, tuple[float, ...]] = {
+        "round.low": (0.35, 1.1, 0.2, 1.5, 0.5, 0.2, 0.1),
+        "round.mid": (1.7, 0.8, 0.2, 1.2, 0.0, 0.3, 0.4),
+        "round.high": (1.3, 1.1, -0.1, 1.6, 0.3, 0.35, 0.2),
+    }
+    """Where the joints are drawn to beside what the hand does, by the privileged number that is 1
+    then; from here the muscles move the hand to and fro fastest."""
+    posture_stiffness_per_s2: float = Field(default=15.0, ge=0.0)
+    beside: float = Field(default=0.25, gt=0.0)
+    """What 1 stands for beside it, as a share of ``acceleration_radps2``."""
+    acceleration_radps2: tuple[float, ...] = (40.0, 60.0, 120.0, 120.0, 100.0, 60.0, 100.0)
     """What 1 stands for, by joint."""
     damping_per_s: float = Field(default=4.0, ge=0.0)
     """Deceleration per velocity, so that no action means coming to rest."""
@@ -116,7 +138,7 @@ class TeacherPPOConfig(_Settings):
     """Hidden layers of actor and critic each, SiLU."""
     action_scale: float = Field(default=0.5, gt=0.0)
     """Means are the actor's outputs times this."""
-    log_std_init: float = -0.7
+    log_std_init: float = -1.7
     log_std_min: float = -3.0
     observation_clip: float = Field(default=8.0, gt=0.0)
     """Of the normalised observation."""

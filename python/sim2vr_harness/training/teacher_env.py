@@ -134,7 +134,7 @@ class TeacherSimulation:
         self.simulation = Simulation(blind, self.n)
         self.senses = PrivilegedSenses(self.simulation, config.hidden_fields)
         self.observation_space = self.senses.space
-        self.actions = TeacherActions(self.simulation, config.actions)
+        self.actions = TeacherActions(self.simulation, self.senses, config.actions)
         self.action_space = self.actions.space
         self._elbow = int(
             self.simulation.user.qpos_independent[

@@ -76,7 +76,7 @@ def evaluate_teacher(
     simulation = Simulation(blind_env(env), len(jobs))
     try:
         senses = PrivilegedSenses(simulation, config.hidden_fields)
-        actions = TeacherActions(simulation, config.actions)
+        actions = TeacherActions(simulation, senses, config.actions)
         for i, (name, round_seed) in enumerate(jobs):
             simulation.reset([i], [round_seed], {"condition": name})
         rng = None if deterministic else np.random.default_rng(seed)

@@ -19,11 +19,13 @@ __all__ = ["JointDrive"]
 
 FloatArray = NDArray[np.float64]
 
-_NEWTON_STEPS = 8
+_STEPS = 40
+_WEIGHT = 0.3
+_OVERSHOOT = 1.6
 
 
 class JointDrive:
-    """Turns wanted joint accelerations into activations, for every user of a batch.
+    """Turns wanted joint accelerations into muscle controls, for every user of a batch.
 
     Minimises ``effort * |a|^2 + |acceleration(a) - wanted|^2`` over activations a in [0, 1], both
     accelerations in units of ``scale``. What the muscles cannot do stays undone.
@@ -50,6 +52,7 @@ class JointDrive:
         self._inertia = batch.live("M")
         self._bias, self._passive = batch.live("qfrc_bias"), batch.live("qfrc_passive")
         self._length = batch.live("actuator_length")
+        self._axis, self._anchor = batch.live("xaxis"), batch.live("xanchor")
         batch.compute_velocities()  # fills what was bound above
         data = mujoco.MjData(model)
         mujoco.mj_forward(model, data)
@@ -57,29 +60,81 @@ class JointDrive:
         self._moment_columns = data.moment_colind.copy()
         self._triangle = np.tril_indices(model.nv)
         self._curves = _Curves(model)
+        self._lag = _Lag(model, batch.dt)
 
     @property
     def size(self) -> int:
         """Number of independent joints J."""
         return len(self._joints)
 
-    def activations(self, wanted_radps2: ArrayLike) -> FloatArray:
-        """Return the activations for wanted accelerations in the present state.
+    def controls_for(
+        self,
+        joints_radps2: ArrayLike,
+        device: str | None = None,
+        device_mps2: ArrayLike | None = None,
+        device_scale_mps2: float = 2.0,
+    ) -> FloatArray:
+        """Return the controls for wanted accelerations in the present state.
 
         Args:
-            wanted_radps2: (N, J), in the order of ``user.independent_joints``.
+            joints_radps2: (N, J), in the order of ``user.independent_joints``.
+            device: a worn device whose acceleration is wanted as well, for example
+                ``controller_right``; what it needs and the joints want are weighed by their units.
+            device_mps2: (N, 3) that acceleration, MuJoCo world frame.
+            device_scale_mps2: its unit.
 
         Returns:
-            (N, M) in [0, 1].
+            (N, M) controls in [0, 1]: with them, activations are what they should be in the mean
+            over a step, as far as they can rise and fall so fast.
         """
-        wanted = np.asarray(wanted_radps2, dtype=np.float64)
+        wanted = np.asarray(joints_radps2, dtype=np.float64)
         n = self._batch.n
         if wanted.shape != (n, self.size):
-            raise ValueError(f"wanted: got shape {wanted.shape}, expected ({n}, {self.size})")
+            raise ValueError(f"joints: got shape {wanted.shape}, expected ({n}, {self.size})")
         free = self._batch.user.coupled_motion(self._batch.qpos)  # (N, nv, J)
         effect, rest = self._accelerations(free)
-        target = (wanted - rest) / self.scale_radps2
-        return _least_activations(effect / self.scale_radps2[:, None], target, self._effort)
+        effects = [effect / self.scale_radps2[:, None]]
+        targets = [(wanted - rest) / self.scale_radps2]
+        if device is not None:
+            levers = self._levers(device) / device_scale_mps2
+            moved = np.asarray(device_mps2, dtype=np.float64) / device_scale_mps2
+            effects.append(levers @ effect)
+            targets.append(moved - np.einsum("nxj,nj->nx", levers, rest))
+        act = self._batch.act
+        falling, rising = self._lag.shares(act)
+        means = _least_activations(
+            np.concatenate(effects, axis=1),
+            np.concatenate(targets, axis=1),
+            self._effort,
+            falling * act,
+            rising * act + (1.0 - rising),
+        )
+        return self.controls_over_a_step(act, means)
+
+    def controls_over_a_step(self, act: FloatArray, means: FloatArray) -> FloatArray:
+        """(N, M) controls with which activations ``act`` become ``means`` on average over a step.
+
+        A control beyond [0, 1] is cut: activations rise and fall as fast as they can.
+        """
+        falling, rising = self._lag.shares(act)
+        share = np.where(means < act, falling, rising)
+        cut: FloatArray = np.clip((means - share * act) / (1.0 - share), 0.0, 1.0)
+        return cut
+
+    def device_velocities(self, device: str, joints_radps: ArrayLike) -> FloatArray:
+        """(N, 3) velocity of a device, m/s, MuJoCo world frame, for joint velocities (N, J)."""
+        velocities: FloatArray = np.einsum(
+            "nxj,nj->nx", self._levers(device), np.asarray(joints_radps, dtype=np.float64)
+        )
+        return velocities
+
+    def _levers(self, device: str) -> FloatArray:
+        """(N, 3, J) motion of a device per motion of the independent joints, m."""
+        batch = self._batch
+        point, _ = batch.device_poses(device)
+        # Every joint of the model carries the hand.
+        levers = np.cross(self._axis, point[:, None, :] - self._anchor)  # (N, nv, 3)
+        return levers.transpose(0, 2, 1) @ batch.user.coupled_motion(batch.qpos)
 
     def _accelerations(self, free: FloatArray) -> tuple[FloatArray, FloatArray]:
         """(N, J, M) acceleration per activation, and (N, J) without any."""
@@ -100,34 +155,64 @@ class JointDrive:
         return both[..., :-1], both[..., -1]
 
 
-def _least_activations(effect: FloatArray, target: FloatArray, effort: float) -> FloatArray:
-    """Minimise effort |a|^2 + |effect a - target|^2 over 0 <= a <= 1, for each of N problems.
+def _least_activations(
+    effect: FloatArray,
+    target: FloatArray,
+    effort: float,
+    low: FloatArray,
+    high: FloatArray,
+) -> FloatArray:
+    """Minimise effort |a|^2 + |effect a - target|^2 over low <= a <= high, N problems at once.
 
-    With y = (target - effect a) / effort the minimum is at a = clip(effect' y, 0, 1), which leaves
-    J equations in y: Newton's method on them, whose active set settles within a few steps.
+    By the alternating direction method of multipliers, which never strays far: after so few steps
+    the sum is within some hundredths of the least (Newton's method on the active set finds it to
+    the last digit, or misses it by far).
 
     Args:
-        effect: (N, J, M).
-        target: (N, J).
+        effect: (N, K, M).
+        target: (N, K).
         effort: above 0.
+        low: (N, M), the least that is possible.
+        high: (N, M), the most.
     """
-    n, joints, _ = effect.shape
-    identity = effort * np.eye(joints)
     back = effect.transpose(0, 2, 1)
-    y = np.linalg.solve(0.5 * effect @ back + identity, target[..., None])[..., 0]
-    best = np.full(n, np.inf)
-    chosen = y.copy()
-    for _ in range(_NEWTON_STEPS):
-        raw = np.einsum("nmj,nj->nm", back, y)
-        a = np.clip(raw, 0.0, 1.0)
-        residual = np.einsum("njm,nm->nj", effect, a) + effort * y - target
-        size = np.abs(residual).max(axis=1)
-        better = size < best
-        best[better], chosen[better] = size[better], y[better]
-        moving = ((raw > 0.0) & (raw < 1.0)).astype(np.float64)
-        slope = (effect * moving[:, None, :]) @ back + identity
-        y = y - np.linalg.solve(slope, residual[..., None])[..., 0]
-    return np.clip(np.einsum("nmj,nj->nm", back, chosen), 0.0, 1.0)
+    muscles = effect.shape[2]
+    square = back @ effect
+    weight = (_WEIGHT * np.trace(square, axis1=1, axis2=2) / muscles + 1e-9)[:, None]
+    inverse = np.linalg.inv(square + (effort + weight)[..., None] * np.eye(muscles))
+    free = inverse @ (back @ target[..., None])
+    pulled = inverse * weight[..., None]
+    bounded = low.copy()
+    excess = np.zeros_like(bounded)
+    for _ in range(_STEPS):
+        a = (free + pulled @ (bounded - excess)[..., None])[..., 0]
+        excess = excess + _OVERSHOOT * a + (1.0 - _OVERSHOOT) * bounded
+        bounded = np.clip(excess, low, high)
+        excess = excess - bounded
+    return bounded
+
+
+class _Lag:
+    """How much of a muscle's activation stays while its control is another one.
+
+    MuJoCo's activation follows the control with a time constant that grows with the activation
+    when it rises, and shrinks with it when it falls.
+    """
+
+    def __init__(self, model: mujoco.MjModel, step_s: float) -> None:
+        self._rise_s, self._fall_s = model.actuator_dynprm[:, :2].T.copy()
+        self._step_s = step_s
+
+    def shares(self, act: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(N, M) share of the present activation in the mean over a step, falling and rising."""
+        falling_s = self._fall_s / (0.5 + 1.5 * act)
+        rising_s = self._rise_s * (0.5 + 1.5 * act)
+        return self._share(falling_s), self._share(rising_s)
+
+    def _share(self, time_constant_s: FloatArray) -> FloatArray:
+        ratio = time_constant_s / self._step_s
+        share: FloatArray = ratio * -np.expm1(-1.0 / ratio)
+        return share
 
 
 class _Curves:

@@ -48,11 +48,11 @@ constexpr double kFloat = 1e-5;
 TEST(Privileged, NamesAreUniqueAndAidsComeLast) {
   const WhacAMole game;
   const auto& names = game.privilegedNames();
-  // 7 of the round, 17 of the hammer, 7 for each of 9 cells, 3 next and 1 nearest target, 4 aids.
-  ASSERT_EQ(names.size(), 7U + 17U + 7U * 13U + 4U);
+  // 7 of the round, 17 of the hammer, 7 for each of 9 cells, 3 next and 1 nearest target, 7 aids.
+  ASSERT_EQ(names.size(), 7U + 17U + 7U * 13U + 7U);
   EXPECT_EQ(std::set<std::string>(names.begin(), names.end()).size(), names.size());
   for (std::size_t i = 0; i < names.size(); ++i) {
-    EXPECT_EQ(names[i].starts_with("aid."), i + 4 >= names.size()) << names[i];
+    EXPECT_EQ(names[i].starts_with("aid."), i + 7 >= names.size()) << names[i];
   }
 }
 
@@ -222,6 +222,7 @@ TEST(Privileged, WhereAStrokeBegins) {
   EXPECT_NEAR(Told(round)("aid.start_distance_m"), 0.0, kFloat);
   round.frameWithMarker({0.15 - 0.125, 1.1 + 0.125 + 0.03, 0.26});
   EXPECT_EQ(Told(round)("aid.start_cell"), 0.0);
+  EXPECT_TRUE(Told(round).vector("aid.home_", "_m").isApprox(Vec3(0.125, -0.155, 0.04), kFloat));
   EXPECT_NEAR(Told(round)("aid.start_distance_m"), 0.05, kFloat);
 
   WhacAMoleRound low(R"({"condition": "low"})");
@@ -229,6 +230,7 @@ TEST(Privileged, WhereAStrokeBegins) {
   low.frameWithMarker(Vec3(0.15, 0.9, 0.35) - 0.10 * Vec3(0.0, -half, half));
   EXPECT_EQ(Told(low)("aid.start_cell"), 4.0);
   EXPECT_NEAR(Told(low)("aid.start_distance_m"), 0.0, 1e-6);
+  EXPECT_NEAR(Told(low).vector("aid.home_", "_m").norm(), 0.0, 1e-6);
 }
 
 TEST(Privileged, NothingIsLeftAfterTheRound) {

@@ -163,6 +163,7 @@ def _evaluate_after_training(result: TrainResult, episodes: int) -> None:
     from sim2vr_harness.evaluation.evaluate import Request, evaluate
     from sim2vr_harness.evaluation.tables import results_table
 
+    assert result.checkpoint is not None
     with _Share("Evaluating") as share:
         found = evaluate(result.checkpoint, Request(episodes=episodes), on_progress=share.show)
     title = f"After {found.step:,} user steps (mean ± SD)"
@@ -171,6 +172,10 @@ def _evaluate_after_training(result: TrainResult, episodes: int) -> None:
 
 def _print_where_next(result: TrainResult, resumable: bool) -> None:
     run = shlex.quote(str(result.folder.path))
+    if result.checkpoint is None:
+        typer.echo("Stopped in a stage before the first trained user; nothing of it is lost.")
+        typer.echo(f"  go on             sim2vr-harness train --resume --out {run}")
+        return
     if result.interrupted:
         lost = f" ({result.lost_steps:,} steps of an unfinished iteration will be repeated)"
         typer.echo(f"Stopped at step {result.step:,}{lost if result.lost_steps else ''}.")

@@ -17,6 +17,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from sim2vr_harness import paths
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.training.errors import InputError, closest
+from sim2vr_harness.training.student_config import StudentConfig
+from sim2vr_harness.training.teacher_config import TeacherConfig
 
 __all__ = [
     "CheckpointConfig",
@@ -84,6 +86,9 @@ class PPOConfig(_Settings):
     vf_coef: float = 0.5
     max_grad_norm: float = Field(default=0.5, gt=0.0)
     target_kl: float | None = Field(default=1.0, gt=0.0)
+    value_warmup_iterations: int = Field(default=0, ge=0)
+    """Iterations at the start in which the critic alone learns: a policy that can play already is
+    not to be judged by a critic that knows nothing."""
     learning_rate: LearningRateConfig = LearningRateConfig()
 
     @property
@@ -143,6 +148,11 @@ class TrainingConfig(_Settings):
     total_timesteps: int = Field(default=100_000_000, ge=1)
     """User steps of the complete training, over which the learning-rate schedule runs."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
+    recipe: Literal["ppo", "distill"] = "ppo"
+    """``ppo``: from pixels alone, as the reference. ``distill``: first a teacher and a student,
+    whose weights PPO begins with; for games that publish privileged numbers (docs/training.md)."""
+    teacher: TeacherConfig = TeacherConfig()
+    student: StudentConfig = StudentConfig()
     env: EnvConfig = EnvConfig()
     policy: PolicyConfig = PolicyConfig()
     ppo: PPOConfig = PPOConfig()

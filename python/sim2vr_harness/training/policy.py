@@ -325,6 +325,12 @@ class UserPolicy(ActorCriticPolicy):
             return in_shards(self._actor, (), obs, self.workers)[0]
         return self._actor(obs)[0]
 
+    def critic_parameters(self) -> list[Tensor]:
+        """Return the weights that only the values depend on."""
+        mlp: Any = self.mlp_extractor
+        hidden = [] if mlp.critic is mlp.actor else list(mlp.critic.parameters())
+        return [*hidden, *self.value_net.parameters()]
+
     def fit_scaling(self, mean: NDArray, std: NDArray) -> None:
         """Set with what proprioception is standardised (``policy.scale_proprioception``).
 

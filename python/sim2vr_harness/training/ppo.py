@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -44,6 +46,7 @@ class PPO(stable_baselines3.PPO):
     """
 
     schedule_timesteps: int | None = None
+    value_warmup_iterations: int = 0
     last_times: tuple[float, float] = (0.0, 0.0)
     """Seconds of the last rollout and of the update that followed it."""
     _rollout_began = _rollout_ended = 0.0
@@ -68,9 +71,27 @@ class PPO(stable_baselines3.PPO):
         """Update the networks, then write the iteration's log row."""
         # Shards have their own threads; those of torch's operations would only wait for each other.
         in_shards = isinstance(self.policy, UserPolicy) and self.policy.in_shards
-        with torch_threads(1 if in_shards else torch.get_num_threads()):
+        with torch_threads(1 if in_shards else torch.get_num_threads()), self._critic_alone():
             super().train()
         self._write_row()
+
+    @contextmanager
+    def _critic_alone(self) -> Iterator[None]:
+        """Keep the actor, and what it shares with the critic, as it is in the first iterations."""
+        iteration = self.num_timesteps // (self.n_steps * self.n_envs)
+        if iteration > self.value_warmup_iterations or not isinstance(self.policy, UserPolicy):
+            yield
+            return
+        critic = {id(weight) for weight in self.policy.critic_parameters()}
+        kept = [weight for weight in self.policy.parameters() if id(weight) not in critic]
+        asked = [weight.requires_grad for weight in kept]
+        for weight in kept:
+            weight.requires_grad_(False)
+        try:
+            yield
+        finally:
+            for weight, wanted in zip(kept, asked, strict=True):
+                weight.requires_grad_(wanted)
 
     def _write_row(self) -> None:
         """Write the iteration's log row, after the update."""
@@ -132,4 +153,5 @@ def build(config: TrainingConfig, env: SimulationVecEnv) -> PPO:
         device=config.device,
     )
     model.schedule_timesteps = config.total_timesteps
+    model.value_warmup_iterations = ppo.value_warmup_iterations
     return model

@@ -5,6 +5,7 @@
     config.yaml        the complete configuration
     run.json           versions, git commit, and every session that worked on the run
     metrics.jsonl      one JSON object per iteration
+    teacher/, student/ the first two stages of ``recipe: distill``
     checkpoints/       step_000080000.zip, ...: also readable by stable_baselines3
     tensorboard/       the same metrics for TensorBoard
     evaluation/        what ``sim2vr-harness evaluate`` writes
@@ -143,7 +144,8 @@ class RunFolder:
         self.config_file.unlink()
         for file in (self.run_file, self.metrics_file):
             file.unlink(missing_ok=True)
-        for folder in (self.checkpoint_dir, self.tensorboard_dir, self.evaluation_dir):
+        stages = (self.path / "teacher", self.path / "student")
+        for folder in (self.checkpoint_dir, self.tensorboard_dir, self.evaluation_dir, *stages):
             shutil.rmtree(folder, ignore_errors=True)
 
     def load_config(self) -> TrainingConfig:

@@ -89,7 +89,11 @@ class _InShards(torch.autograd.Function):
         columns = zip(*(torch.split(gradient, sizes) for gradient in gradients), strict=True)
 
         def differentiate(output: tuple[Tensor, ...], gradient: tuple[Tensor, ...]) -> Any:
-            return torch.autograd.grad(output, ctx.parameters, gradient)
+            # Some outputs may depend on frozen weights alone.
+            live = [k for k, part in enumerate(output) if part.requires_grad]
+            return torch.autograd.grad(
+                [output[k] for k in live], ctx.parameters, [gradient[k] for k in live]
+            )
 
         results = ctx.pool.map(differentiate, ctx.outputs, columns)
         total = list(next(results))

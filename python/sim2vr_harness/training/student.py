@@ -25,13 +25,16 @@ from torch import Tensor, nn
 
 from sim2vr_harness.training.policy import UserPolicy
 from sim2vr_harness.training.ppo import episode_means
-from sim2vr_harness.training.recipe_config import StudentConfig
 from sim2vr_harness.training.run_folder import write_atomically
+from sim2vr_harness.training.sharding import in_shards
+from sim2vr_harness.training.student_config import StudentConfig
 from sim2vr_harness.training.threads import torch_threads
 
 __all__ = ["Guide", "Student", "StudentProgress"]
 
 STATE_FORMAT = 1
+_TARGETS = ("label", "facts")
+"""What a stored frame holds beside the observation."""
 
 
 class Guide(Protocol):
@@ -198,7 +201,8 @@ class Student:
         with torch_threads(1):
             share = self._collect()
         collected = time.monotonic()
-        error, facts_error = self._learn()
+        with torch_threads(1 if self.policy.in_shards else torch.get_num_threads()):
+            error, facts_error = self._learn()
         self.round += 1
         return StudentProgress(
             frames=self.store.count,
@@ -280,18 +284,27 @@ class Student:
         return float(np.sqrt(np.mean(errors))), float(np.mean(facts_errors))
 
     def _losses(self, batch: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
-        with torch.autocast(self._device.type, torch.bfloat16, enabled=self.config.bfloat16):
-            if self.config.image_noise > 0.0:
-                batch["vision"] = _noisy(batch["vision"], self.config.image_noise)
-            features = self.policy.extract_features(batch)
-            latent = self.policy.mlp_extractor.forward_actor(features)
-            mean = torch.tanh(self.policy.action_net(latent)).float()
-            error = nn.functional.mse_loss(mean, batch["label"])
-            if self._heads is None:
-                return error, torch.zeros(())
-            shown = self._heads(features[:, : self._heads.in_features]).float()
-        facts_error = nn.functional.binary_cross_entropy_with_logits(shown, batch["facts"])
-        return error, facts_error
+        if self.config.image_noise > 0.0:
+            batch["vision"] = _noisy(batch["vision"], self.config.image_noise)
+        observation = {key: value for key, value in batch.items() if key not in _TARGETS}
+        if self.policy.in_shards:
+            weights = [weight for weight in self._parameters if weight.requires_grad]
+            answers = in_shards(self._network, weights, observation, self.policy.workers)
+        else:
+            answers = self._network(observation)
+        error = nn.functional.mse_loss(answers[0], batch["label"])
+        if self._heads is None:
+            return error, torch.zeros(())
+        return error, nn.functional.binary_cross_entropy_with_logits(answers[1], batch["facts"])
+
+    def _network(self, batch: dict[str, Tensor]) -> tuple[Tensor, ...]:
+        """Mean actions (B, A), and the facts' logits (B, F) if there are any facts."""
+        features = self.policy.extract_features(batch)
+        latent = self.policy.mlp_extractor.forward_actor(features)
+        mean = torch.tanh(self.policy.action_net(latent))
+        if self._heads is None:
+            return (mean,)
+        return mean, self._heads(features[:, : self._heads.in_features])
 
     # --- exact resume ------------------------------------------------------------------------
 

@@ -15,8 +15,10 @@ from torch import Tensor, nn
 
 from sim2vr_harness.training import ppo
 from sim2vr_harness.training.buffer import FrameRolloutBuffer
+from sim2vr_harness.training.sharding import in_shards
 from sim2vr_harness.training.teacher_config import TeacherPPOConfig
 from sim2vr_harness.training.teacher_env import OBSERVATION
+from sim2vr_harness.training.threads import torch_threads
 from sim2vr_harness.training.vec_env import SimulationVecEnv
 
 __all__ = ["TeacherPPO", "TeacherPolicy", "build_teacher"]
@@ -90,7 +92,11 @@ class TeacherPolicy(ActorCriticPolicy):
             "features_extractor_kwargs": {"clip": self._config.observation_clip},
             "normalize_images": False,
         }
-        super().__init__(observation_space, action_space, lr_schedule, **kwargs)
+        self.workers = torch.get_num_threads()
+        """Threads that share a minibatch; the results do not depend on it."""
+        # The last bits of orthogonal weights depend on the number of threads.
+        with torch_threads(1):
+            super().__init__(observation_space, action_space, lr_schedule, **kwargs)
 
     @property
     def normaliser(self) -> _Normalised:
@@ -110,6 +116,16 @@ class TeacherPolicy(ActorCriticPolicy):
         """The mean of the actions, (B, A), not clipped."""
         latent = self.mlp_extractor.forward_actor(self.normaliser(observations))
         return self._config.action_scale * self.action_net(latent)
+
+    def mean_and_value(self, observations: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        """The mean of the actions (B, A) and the values (B, 1), computed in shards."""
+        weights = [weight for weight in self.parameters() if weight is not self.log_std]
+        mean, values = in_shards(self._actor_and_critic, weights, observations, self.workers)
+        return mean, values
+
+    def _actor_and_critic(self, observations: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        latent_pi, latent_vf = self.mlp_extractor(self.normaliser(observations))
+        return self._config.action_scale * self.action_net(latent_pi), self.value_net(latent_vf)
 
     def act(
         self, observations: dict[str, np.ndarray], rng: np.random.Generator | None
@@ -151,6 +167,10 @@ class TeacherPPO(ppo.PPO):
 
     def train(self) -> None:
         """Update the networks, then write the iteration's log row."""
+        with torch_threads(1):  # shards have threads of their own
+            self._update()
+
+    def _update(self) -> None:
         config = self.teacher
         policy = self.policy
         assert isinstance(policy, TeacherPolicy)
@@ -187,18 +207,16 @@ class TeacherPPO(ppo.PPO):
         config = self.teacher
         policy = self.policy
         assert isinstance(policy, TeacherPolicy)
-        features = policy.normaliser(batch.observations)
-        latent_pi, latent_vf = policy.mlp_extractor(features)
-        distribution = policy._get_action_dist_from_latent(latent_pi)
+        mean, values = policy.mean_and_value(batch.observations)
+        distribution = policy.action_dist.proba_distribution(mean, policy.standard_log())
         log_prob = distribution.log_prob(batch.actions)
-        values = policy.value_net(latent_vf).flatten()
+        values = values.flatten()
         advantages = batch.advantages
         advantages = (advantages - advantages.mean()) / (advantages.std() + 1e-8)
         log_ratio = log_prob - batch.old_log_prob
         ratio = torch.exp(log_ratio)
         clipped = torch.clamp(ratio, 1.0 - config.clip_range, 1.0 + config.clip_range)
         surrogate = -torch.min(advantages * ratio, advantages * clipped).mean()
-        mean = distribution.distribution.mean  # type: ignore[union-attr]
         beyond = torch.relu(mean.abs() - 1.0).square().sum(1).mean()
         entropy = distribution.entropy()
         assert entropy is not None

@@ -20,6 +20,7 @@ from sim2vr_harness.training import checkpoint, ppo
 from sim2vr_harness.training.buffer import buffer_bytes
 from sim2vr_harness.training.callbacks import CheckpointCallback, ProgressCallback
 from sim2vr_harness.training.config import TrainingConfig, first_difference
+from sim2vr_harness.training.distill import distill
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.memory import keep_freed_memory
 from sim2vr_harness.training.metrics_log import make_logger, require_wandb
@@ -53,7 +54,8 @@ class TrainResult:
 
     Attributes:
         folder: The run's folder.
-        checkpoint: The newest checkpoint: the trained user.
+        checkpoint: The newest checkpoint: the trained user; None if the session was stopped in a
+            stage before there is one.
         step: User steps taken in all sessions, as far as saved.
         interrupted: Whether it was stopped by Ctrl-C or SIGTERM.
         lost_steps: User steps of the unfinished iteration, which resuming takes again.
@@ -61,7 +63,7 @@ class TrainResult:
     """
 
     folder: RunFolder
-    checkpoint: Path
+    checkpoint: Path | None
     step: int
     interrupted: bool
     lost_steps: int
@@ -111,25 +113,42 @@ def train(
     if config.device == "cuda" and not torch.cuda.is_available():
         raise InputError("device", "'cuda', but torch finds no GPU", "'cpu' or 'auto'")
     folder = RunFolder(out)
+    ready = False
     if resume:
         _check_resumable(folder, config)
         if not folder.checkpoints():
-            # Stopped before the first checkpoint: from the start is exactly the same.
-            resume, overwrite = False, True
+            # Stopped before the first checkpoint: from the start is exactly the same, but the
+            # stages before it are not lost.
+            resume, ready = False, config.recipe == "distill"
+            overwrite = not ready
         elif (reached := _step_of(folder.latest_checkpoint())) >= stop:
             console.print(f"Nothing to train: {folder.path} has reached step {reached:,}.")
             return TrainResult(folder, folder.latest_checkpoint(), reached, False, 0, 0.0)
     elif folder.exists and not overwrite:
         folder.create(config)  # raises, before anything expensive is made
     keep_freed_memory()
+    student = None
+    if config.recipe == "distill" and not resume:
+        if not ready:
+            folder.create(config, overwrite)
+            ready = True
+        began = time.monotonic()
+        with _sigterm_interrupts():
+            student = distill(config, folder, console)
+        if student is None:
+            seconds = time.monotonic() - began
+            return TrainResult(folder, None, 0, True, 0, seconds)
+        console.print("Stage 3 of 3: the student goes on by itself, from what the user sees.")
     env = SimulationVecEnv(simulation(config))
     try:
         model = ppo.build(config, env)
+        if student is not None:
+            model.policy.load_state_dict(student)
         if resume:
             checkpoint.restore(folder.latest_checkpoint(), model)
             folder.drop_metrics_after(model.num_timesteps)
             folder.store_config(config)
-        else:
+        elif not ready:
             folder.create(config, overwrite)
         return _run(model, config, folder, stop, console)
     finally:

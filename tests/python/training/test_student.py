@@ -11,8 +11,8 @@ from fake_simulation import FakeSimulation
 
 from sim2vr_harness.training.config import PolicyConfig
 from sim2vr_harness.training.policy import UserPolicy
-from sim2vr_harness.training.recipe_config import StudentConfig
 from sim2vr_harness.training.student import Student
+from sim2vr_harness.training.student_config import StudentConfig
 
 CONFIG = StudentConfig(
     n_envs=8,

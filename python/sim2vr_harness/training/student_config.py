@@ -1,4 +1,4 @@
-"""Settings of the stages of ``recipe: distill``; docs/training.md says why each is what it is."""
+"""How a student is trained: the second stage of a distilled training."""
 
 from __future__ import annotations
 
@@ -39,7 +39,8 @@ class StudentConfig(_Settings):
     noisy_users: float = Field(default=0.25, ge=0.0, le=1.0)
     image_noise: float = Field(default=0.0, ge=0.0)
     """Standard deviation of noise on the pictures that are learned from, of 255."""
-    bfloat16: bool = False
+    log_std: float = -1.5
+    """Logarithm of the actions' standard deviation with which the student goes on to PPO."""
     stagger_steps: int = Field(default=1200, ge=1)
     """Users' first rounds are cut at random within so many steps, so that rounds do not run in
     phase."""

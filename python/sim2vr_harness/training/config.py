@@ -311,9 +311,11 @@ def _unknown_key(location: Sequence[str]) -> InputError:
 
 
 def _elsewhere(name: str) -> str | None:
-    """Return the dotted key of the field called ``name`` anywhere in the configuration."""
+    """Return the dotted key of the field called ``name``, if one is nearer to the top than others."""
     matches = [key for key in _all_keys(TrainingConfig) if key.rpartition(".")[2] == name]
-    return matches[0] if len(matches) == 1 else None
+    depth = min((key.count(".") for key in matches), default=0)
+    nearest = [key for key in matches if key.count(".") == depth]
+    return nearest[0] if len(nearest) == 1 else None
 
 
 def _all_keys(model: type[BaseModel], prefix: str = "") -> list[str]:

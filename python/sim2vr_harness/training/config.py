@@ -311,7 +311,7 @@ def _unknown_key(location: Sequence[str]) -> InputError:
 
 
 def _elsewhere(name: str) -> str | None:
-    """Return the dotted key of the field called ``name``, if one is nearer to the top than others."""
+    """Return the dotted key of the field called ``name`` that is nearest to the top, if one is."""
     matches = [key for key in _all_keys(TrainingConfig) if key.rpartition(".")[2] == name]
     depth = min((key.count(".") for key in matches), default=0)
     nearest = [key for key in matches if key.count(".") == depth]

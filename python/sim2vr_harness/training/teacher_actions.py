@@ -16,7 +16,6 @@ from sim2vr_harness.users.joint_drive import JointDrive
 __all__ = ["TeacherActions"]
 
 _HAND = "controller_right"
-_HOME = ("aid.home_x_m", "aid.home_y_m", "aid.home_z_m")
 
 
 class _Fields(Protocol):
@@ -41,7 +40,7 @@ class TeacherActions:
         """Box(-1, 1) of the teacher's own actions."""
         if config.kind != "muscles":
             self._drive = JointDrive(self._users, config.acceleration_radps2, effort=config.effort)
-            size = self._drive.size + (3 if config.kind == "hand" else 0)
+            size = 3 if config.kind == "hand" else self._drive.size
             self.space = spaces.Box(-1.0, 1.0, (size,), np.float32)
 
     def of_muscles(self, actions: NDArray[Any]) -> NDArray[np.float64]:
@@ -62,9 +61,9 @@ class TeacherActions:
         angles = self._users.qpos[:, user.qpos_independent]
         drawn = config.posture_stiffness_per_s2 * (self._posture() - angles)
         controls = self._drive.controls_for(
-            config.beside * clipped[:, 3:] * self._drive.scale_radps2 + drawn + braked,
+            drawn + braked,
             _HAND,
-            self._pull(clipped[:, :3], speeds),
+            self._pull(clipped, speeds),
             config.hand_scale_mps2,
         )
         return controls - self._users.act
@@ -76,14 +75,21 @@ class TeacherActions:
             postures += self._fields.field(field)[:, None] * np.array(angles)
         return postures
 
+    def _place(self, name: str) -> NDArray[np.float32]:
+        """(N, 3) a place relative to the tool, m, the app's axes."""
+        return np.stack([self._fields.field(f"{name}{axis}_m") for axis in "xyz"], axis=1)
+
     def _pull(
         self, places: NDArray[np.float64], speeds: NDArray[np.float64]
     ) -> NDArray[np.float64]:
         """(N, 3) acceleration of the hand, m/s^2, MuJoCo world frame."""
         assert self._drive is not None
         config = self._config
-        home = np.stack([self._fields.field(name) for name in _HOME], axis=1)
+        aim = self._place("aid.home_")
+        if config.aim is not None:
+            there = self._fields.field(f"{config.aim}.present")[:, None] > 0.0
+            aim = np.where(there, self._place(f"{config.aim}."), aim)
         velocity = position_to_app(self._drive.device_velocities(_HAND, speeds))
-        pull = config.hand_stiffness_per_s2 * (home + config.reach_m * places)
+        pull = config.hand_stiffness_per_s2 * (aim + config.reach_m * places)
         pull = pull - config.hand_damping_per_s * velocity
         return position_to_mujoco(np.clip(pull, -config.hand_mps2, config.hand_mps2))

@@ -49,8 +49,10 @@ class ActionsConfig(_Settings):
     kind: Literal["hand", "joints", "muscles"] = "hand"
     """``muscles``: the changes themselves. ``joints``: accelerations of the independent joints, for
     which the least activations are computed (users/joint_drive.py). ``hand``: where the hand is
-    pulled to, along the app's axes from where the game says it may wait (``aid.home_*``), then what
-    the joints do beside that, around a posture."""
+    pulled to, along the app's axes from its aim."""
+    aim: str | None = "next0"
+    """The aim: the target of this name among the privileged numbers while there is one, otherwise,
+    and always with None, where the game says the hand may wait (``aid.home_*``)."""
     reach_m: float = Field(default=0.4, gt=0.0)
     """What 1 stands for, of the place that the hand is pulled to."""
     hand_stiffness_per_s2: float = Field(default=200.0, ge=0.0)
@@ -69,8 +71,6 @@ class ActionsConfig(_Settings):
     """Where the joints are drawn to beside what the hand does, by the privileged number that is 1
     then; from here the muscles move the hand to and fro fastest."""
     posture_stiffness_per_s2: float = Field(default=15.0, ge=0.0)
-    beside: float = Field(default=0.25, gt=0.0)
-    """What 1 stands for beside it, as a share of ``acceleration_radps2``."""
     acceleration_radps2: tuple[float, ...] = (40.0, 60.0, 120.0, 120.0, 100.0, 60.0, 100.0)
     """What 1 stands for, by joint."""
     damping_per_s: float = Field(default=4.0, ge=0.0)

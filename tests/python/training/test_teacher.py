@@ -127,14 +127,14 @@ def test_the_reward_is_the_task_s_plus_the_aids() -> None:
     off = [f"aids.{name}={{start: 0, end: 0}}" for name in ("progress", "strike", "straight_elbow")]
     users = simulation(*off, "aids.effort={start: 0, end: 0}", "ppo.reward_scale=0.5")
     users.reset(seeds=[1, 2, 3, 4])
-    result = users.step(np.full((4, 10), 0.1, np.float32))
+    result = users.step(np.full((4, 3), 0.1, np.float32))
     game = [info["game_reward"] for info in result.infos]
     np.testing.assert_allclose(result.reward, 0.5 * np.array(game), atol=1e-12)
     users.close()
 
     users = simulation(*off[:2], "ppo.reward_scale=1.0", "aids.near_starts={start: 0, end: 0}")
     users.reset(seeds=[1, 2, 3, 4])
-    result = users.step(np.zeros((4, 10), np.float32))
+    result = users.step(np.zeros((4, 3), np.float32))
     elbow = users.simulation.user.independent_joints.index("elbow_flexion")
     angles = users.simulation.users.qpos[:, users.simulation.user.qpos_independent[elbow]]
     for i, info in enumerate(result.infos):
@@ -156,7 +156,7 @@ def test_progress_is_paid_by_the_metre() -> None:
     for step in range(12):
         before = users.senses.field("aid.progress_m")
         # The first episodes end at different times; only those that go on are compared.
-        result = users.step(np.full((4, 10), 0.5 if step % 2 else -0.5, np.float32))
+        result = users.step(np.full((4, 3), 0.5 if step % 2 else -0.5, np.float32))
         after = users.senses.field("aid.progress_m")
         task = np.array([info["game_reward"] - info["effort_cost"] for info in result.infos])
         np.testing.assert_allclose(result.reward - task, 10.0 * (after - before), atol=1e-4)
@@ -191,7 +191,7 @@ def test_the_rules_follow_the_ramps() -> None:
     column = users.senses.field("round.strike_threshold_mps")
     np.testing.assert_allclose(column, 0.2)
     for _ in range(10):
-        result = users.step(np.zeros((4, 10), np.float32))
+        result = users.step(np.zeros((4, 3), np.float32))
         ended = np.flatnonzero(result.truncated | result.terminated)
         if len(ended):
             users.reset(ids=[int(i) for i in ended])
@@ -200,7 +200,7 @@ def test_the_rules_follow_the_ramps() -> None:
     users.close()
 
 
-@pytest.mark.parametrize(("kind", "size"), [("joints", 7), ("hand", 10)])
+@pytest.mark.parametrize(("kind", "size"), [("joints", 7), ("hand", 3)])
 def test_actions_reach_the_muscles_as_changes_of_activation(kind: str, size: int) -> None:
     joints = simulation(f"actions.kind={kind}")
     joints.reset(seeds=[1, 2, 3, 4])

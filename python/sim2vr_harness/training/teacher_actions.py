@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.client.frames import position_to_app, position_to_mujoco
 from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.training.strokes import Strokes
 from sim2vr_harness.training.teacher_config import ActionsConfig
 from sim2vr_harness.users.joint_drive import JointDrive
 
@@ -36,11 +37,12 @@ class TeacherActions:
         self._fields = fields
         self._config = config
         self._drive: JointDrive | None = None
+        self._strokes = Strokes(fields, config.strokes)
         self.space: spaces.Box = simulation.action_space
         """Box(-1, 1) of the teacher's own actions."""
         if config.kind != "muscles":
             self._drive = JointDrive(self._users, config.acceleration_radps2, effort=config.effort)
-            size = 3 if config.kind == "hand" else self._drive.size
+            size = self._drive.size if config.kind == "joints" else 3
             self.space = spaces.Box(-1.0, 1.0, (size,), np.float32)
 
     def of_muscles(self, actions: NDArray[Any]) -> NDArray[np.float64]:
@@ -59,6 +61,15 @@ class TeacherActions:
             wanted = clipped * self._drive.scale_radps2 + braked
             return self._drive.controls_for(wanted) - self._users.act
         angles = self._users.qpos[:, user.qpos_independent]
+        if config.kind == "strokes":
+            hand = self._strokes.hand_mps2() + config.correction_mps2 * clipped
+            controls = self._drive.controls_for(
+                self._strokes.joints_radps2(angles, speeds),
+                _HAND,
+                position_to_mujoco(hand),
+                config.hand_scale_mps2,
+            )
+            return controls - self._users.act
         drawn = config.posture_stiffness_per_s2 * (self._posture() - angles)
         controls = self._drive.controls_for(
             drawn + braked,

@@ -43,13 +43,122 @@ def _constant(value: float) -> Ramp:
     return Ramp(start=value, end=value)
 
 
+class StrokeConfig(_Settings):
+    """Numbers of the script that strikes (training/strokes.py), for one placement."""
+
+    run_up_m: float
+    """How far in front of a target a stroke begins."""
+    lateral_m: float
+    """How far beside a target's middle a stroke may begin."""
+    lateral_under_way_m: float
+    """How much more is allowed once it is under way."""
+    begin_m: float
+    """Least distance in front of a target at which a stroke begins."""
+    follow_through_m: float
+    """How far behind a target's middle a stroke goes on."""
+    approach_per_s2: float
+    approach_damping_per_s: float
+    stroke_mps: float
+    """Wanted strike speed."""
+    stroke_per_s: float
+    steering_per_s2: float
+    """Towards the target's middle during a stroke."""
+    greatest_mps2: float
+    """Of the hand's acceleration, along each axis."""
+    cost_per_m: float
+    """Of a target's distance, by which one is chosen."""
+    cost_per_s: float
+    """Of the time a target has left."""
+    cost_per_mps: float
+    """What moving towards a target is worth."""
+    least_life_s: float
+    """Targets with less time left come last."""
+    life_s_per_m: float
+    """How much more time a distant target needs."""
+    posture_rad: tuple[float, ...]
+    posture_stiffness_per_s2: float
+    joint_damping_per_s: float
+
+
+STROKES = {
+    "round.low": StrokeConfig(
+        run_up_m=0.185,
+        lateral_m=0.0356,
+        lateral_under_way_m=0.0562,
+        begin_m=0.0463,
+        follow_through_m=0.0305,
+        approach_per_s2=107.8864,
+        approach_damping_per_s=12.8766,
+        stroke_mps=1.4835,
+        stroke_per_s=25.9588,
+        steering_per_s2=112.6578,
+        greatest_mps2=45.0605,
+        cost_per_m=1.8518,
+        cost_per_s=0.5298,
+        least_life_s=0.1979,
+        life_s_per_m=0.1273,
+        posture_stiffness_per_s2=8.4919,
+        joint_damping_per_s=6.001,
+        cost_per_mps=0.392,
+        posture_rad=(0.846, 1.045, 0.258, 1.573, 0.37, 0.298, -0.027),
+    ),
+    "round.mid": StrokeConfig(
+        run_up_m=0.1826,
+        lateral_m=0.0253,
+        lateral_under_way_m=0.0886,
+        begin_m=0.0344,
+        follow_through_m=0.062,
+        approach_per_s2=102.6978,
+        approach_damping_per_s=13.4225,
+        stroke_mps=1.9445,
+        stroke_per_s=12.9331,
+        steering_per_s2=157.3874,
+        greatest_mps2=36.8833,
+        cost_per_m=2.1177,
+        cost_per_s=0.6739,
+        least_life_s=0.1413,
+        life_s_per_m=0.3478,
+        posture_stiffness_per_s2=14.6258,
+        joint_damping_per_s=3.2337,
+        cost_per_mps=0.46,
+        posture_rad=(1.703, 0.854, -0.089, 1.27, -0.038, 0.093, -0.009),
+    ),
+    "round.high": StrokeConfig(
+        run_up_m=0.1426,
+        lateral_m=0.0252,
+        lateral_under_way_m=0.0037,
+        begin_m=0.0231,
+        follow_through_m=0.0767,
+        approach_per_s2=82.4337,
+        approach_damping_per_s=11.2708,
+        stroke_mps=1.8581,
+        stroke_per_s=22.1864,
+        steering_per_s2=129.8725,
+        greatest_mps2=40.3401,
+        cost_per_m=1.8167,
+        cost_per_s=0.3501,
+        least_life_s=0.117,
+        life_s_per_m=0.4338,
+        posture_stiffness_per_s2=16.0144,
+        joint_damping_per_s=4.1842,
+        cost_per_mps=0.345,
+        posture_rad=(1.393, 0.872, -0.229, 1.754, 0.485, 0.601, 0.545),
+    ),
+}
+"""By the privileged number that is 1 at the placement."""
+
+
 class ActionsConfig(_Settings):
     """What the teacher decides; what reaches the muscles are changes of activation either way."""
 
-    kind: Literal["hand", "joints", "muscles"] = "hand"
+    kind: Literal["strokes", "hand", "joints", "muscles"] = "strokes"
     """``muscles``: the changes themselves. ``joints``: accelerations of the independent joints, for
     which the least activations are computed (users/joint_drive.py). ``hand``: where the hand is
-    pulled to, along the app's axes from its aim."""
+    pulled to, along the app's axes from its aim. ``strokes``: what the hand's acceleration has more
+    than the script of training/strokes.py wants."""
+    strokes: dict[str, StrokeConfig] = STROKES
+    correction_mps2: float = Field(default=15.0, gt=0.0)
+    """What 1 stands for, of ``strokes``."""
     aim: str | None = "next0"
     """The aim: the target of this name among the privileged numbers while there is one, otherwise,
     and always with None, where the game says the hand may wait (``aid.home_*``)."""

@@ -200,7 +200,7 @@ def test_the_rules_follow_the_ramps() -> None:
     users.close()
 
 
-@pytest.mark.parametrize(("kind", "size"), [("joints", 7), ("hand", 3)])
+@pytest.mark.parametrize(("kind", "size"), [("joints", 7), ("hand", 3), ("strokes", 3)])
 def test_actions_reach_the_muscles_as_changes_of_activation(kind: str, size: int) -> None:
     joints = simulation(f"actions.kind={kind}")
     joints.reset(seeds=[1, 2, 3, 4])

@@ -112,5 +112,5 @@ def test_the_script_alone_plays_every_placement() -> None:
     scores = evaluate_teacher(Idle(), env, TeacherConfig(), rounds=3)  # type: ignore[arg-type]
     assert {score.condition for score in scores} == {"low-medium", "medium", "high-medium"}
     for score in scores:
-        assert score.hit_rate > 0.25, score
+        assert score.hit_rate > 0.3, score
     assert set(STROKES) == {"round.low", "round.mid", "round.high"}

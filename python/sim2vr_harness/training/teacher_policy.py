@@ -183,12 +183,15 @@ class TeacherPPO(ppo.PPO):
             return
         sums: dict[str, list[float]] = {}
         kl = 0.0
+        iteration = self.num_timesteps // (self.n_steps * self.n_envs)
+        learning = iteration > config.critic_first_iterations
         for _ in range(self.n_epochs):
             kls = []
             for batch in buffer.get(self.batch_size):
                 losses, divergence = self._losses(batch)
                 policy.optimizer.zero_grad()
-                (losses["actor"] + losses["critic"]).backward()  # type: ignore[no-untyped-call]
+                loss = losses["critic"] + (losses["actor"] if learning else 0.0)
+                loss.backward()  # type: ignore[no-untyped-call]
                 for part in self._parts():
                     nn.utils.clip_grad_norm_(part, config.max_grad_norm)
                 policy.optimizer.step()
@@ -198,7 +201,8 @@ class TeacherPPO(ppo.PPO):
             kl = float(np.mean(kls))
             self._n_updates += 1
         # The divergence of the last pass, from where the rollout was played.
-        self._follow(kl)
+        if learning:
+            self._follow(kl)
         policy.normaliser.update(observations.flatten(0, 1))
         means = {f"train/{name}": float(np.mean(values)) for name, values in sums.items()}
         self._finish_update({**means, "train/approx_kl": kl})

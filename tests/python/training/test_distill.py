@@ -31,6 +31,7 @@ SETTINGS = [
     "teacher.ppo.n_steps=8",
     "teacher.ppo.batch_size=16",
     "teacher.ppo.n_epochs=1",
+    "teacher.ppo.critic_first_iterations=1",
     "teacher.aids.near_starts={start: 0.0, end: 0.0}",
     "teacher.evaluate_rounds=0",
     "student.n_envs=2",

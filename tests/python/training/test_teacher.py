@@ -16,6 +16,7 @@ from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.training import teacher
 from sim2vr_harness.training.config import apply_overrides
 from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.training.run_folder import RunFolder
 from sim2vr_harness.training.start_postures import StartPostures
 from sim2vr_harness.training.teacher_config import Ramp, TeacherConfig
 from sim2vr_harness.training.teacher_env import OBSERVATION, TeacherSimulation, blind_env
@@ -26,7 +27,8 @@ pytest.importorskip("sim2vr_harness._app_runtime")
 ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), threads=1)
 SMALL = (
     *("ppo.n_envs=4", "ppo.n_steps=10", "ppo.batch_size=20", "ppo.n_epochs=2"),
-    *("ppo.net_arch=[16]", "total_timesteps=160", "coarse_until_step=80"),
+    *("ppo.critic_first_iterations=1", "ppo.net_arch=[16]"),
+    *("total_timesteps=160", "coarse_until_step=80"),
     *("aids.episode_seconds={start: 0.4, end: 0.4}", "aids.starts_per_cell=1"),
     *("evaluate_every_steps=1000000", "evaluate_rounds=0"),
 )
@@ -279,6 +281,26 @@ def test_a_resumed_teacher_is_bit_identical(tmp_path: Path, stop: int) -> None:
     assert all(torch.equal(one[key], other[key]) for key in one)
     assert not all(torch.equal(one[key], value) for key, value in weights(first.checkpoint).items())
     assert train(tmp_path / "parts").step == 160  # nothing left to do
+
+
+def test_the_critic_learns_first(tmp_path: Path) -> None:
+    # The first rollout fills the statistics; iterations 2 and 3 are the critic's.
+    settings = "ppo.critic_first_iterations=3"
+    train(tmp_path / "run", 40, settings)
+    first = _newest(tmp_path / "run")
+    train(tmp_path / "run", 120, settings)
+    third = _newest(tmp_path / "run")
+    moved = {key for key in first if not torch.equal(first[key], third[key])}
+    actor = {key for key in first if "policy_net" in key or key.startswith(("action_net", "log"))}
+    assert any("value_net" in key for key in moved)
+    assert not moved & actor
+    train(tmp_path / "run", 160, settings)
+    fourth = _newest(tmp_path / "run")
+    assert not torch.equal(fourth["action_net.weight"], third["action_net.weight"])
+
+
+def _newest(folder: Path) -> dict[str, torch.Tensor]:
+    return weights(RunFolder(folder).latest_checkpoint())
 
 
 def test_a_folder_keeps_its_teacher_s_settings(tmp_path: Path) -> None:

@@ -241,8 +241,8 @@ class TeacherPPOConfig(_Settings):
     """An update that moves the policy by more than twice this lowers the learning rate, one that
     moves it by less than half of it raises it. None keeps the rate."""
     critic_first_iterations: int = Field(default=10, ge=0)
-    """Iterations at the start in which the critic alone learns; with one that knows nothing, what
-    the script can do already is unlearned first (hit rate at high .72 -> .46)."""
+    """Iterations at the start in which the critic alone learns: the script plays already, and is
+    not to be judged by a critic that knows nothing."""
     mean_penalty: float = Field(default=1.0e-3, ge=0.0)
     """Cost of means beyond the actions' range, squared."""
     reward_scale: float = Field(default=0.2, gt=0.0)

@@ -250,7 +250,7 @@ class TeacherPPOConfig(_Settings):
     """Hidden layers of actor and critic each, SiLU."""
     action_scale: float = Field(default=0.5, gt=0.0)
     """Means are the actor's outputs times this."""
-    log_std_init: float = -1.7
+    log_std_init: float = -2.6
     log_std_min: float = -3.0
     observation_clip: float = Field(default=8.0, gt=0.0)
     """Of the normalised observation."""

@@ -15,7 +15,6 @@ from pathlib import Path
 
 import numpy as np
 
-from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, UserConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.training.strokes import Strokes
@@ -63,28 +62,22 @@ class Rig:
         env = EnvConfig(app=app, threads=threads, user=UserConfig(timestep_s=0.005))
         self.simulation = Simulation(blind_env(env), self.n)
         self.senses = PrivilegedSenses(self.simulation, ())
-        self.actions = TeacherActions(self.simulation, self.senses, ActionsConfig())
         self.strokes = CandidateStrokes(self.senses, STROKES)
+        config = ActionsConfig()
+        self.actions = TeacherActions(self.simulation, self.senses, config, self.strokes)
 
     def hit_rates(self, numbers: np.ndarray, seed: int) -> np.ndarray:
         """(placements, candidates); numbers: (placements, candidates, P)."""
-        simulation, users = self.simulation, self.simulation.users
+        simulation = self.simulation
         self.strokes.take(np.repeat(numbers.reshape(-1, numbers.shape[-1]), self.rounds, axis=0))
         each = self.candidates * self.rounds
         for k, condition in enumerate(CONDITIONS.values()):
             seeds = [seed + i % self.rounds for i in range(each)]
             ids = list(range(k * each, (k + 1) * each))
             simulation.reset(ids, seeds, {"condition": condition})
-        drive, user = self.actions._drive, users.user
-        assert drive is not None
+        uncorrected = np.zeros((self.n, *self.actions.space.shape))
         while True:
-            joints = self.strokes.joints_radps2(
-                users.qpos[:, user.qpos_independent], users.qvel[:, user.qvel_independent]
-            )
-            hand = position_to_mujoco(self.strokes.hand_mps2())
-            scale = self.actions._config.hand_scale_mps2
-            controls = drive.controls_for(joints, "controller_right", hand, scale)
-            result = simulation.step(controls - users.act)
+            result = simulation.step(self.actions.of_muscles(uncorrected))
             ended = np.flatnonzero(result.terminated | result.truncated)
             if len(ended) == self.n:  # rounds are equally long
                 break

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.training.teacher_config import StrokeConfig
 
-__all__ = ["Strokes"]
+__all__ = ["Fields", "Strokes", "vectors"]
 
 FloatArray = NDArray[np.float64]
 
@@ -27,8 +27,17 @@ _UNDER_WAY_MPS = 0.3
 """Strike speed from which a stroke is under way, and is not given up lightly."""
 
 
-class _Fields(Protocol):
-    def field(self, name: str) -> NDArray[np.float32]: ...
+class Fields(Protocol):
+    """A game's privileged numbers."""
+
+    def field(self, name: str) -> NDArray[np.float32]:
+        """(N,) the present values of one."""
+
+
+def vectors(fields: Fields, name: str, unit: str = "_m") -> FloatArray:
+    """(N, 3) three privileged numbers, along the app's axes."""
+    axes = [fields.field(f"{name}{axis}{unit}") for axis in "xyz"]
+    return np.stack(axes, axis=1).astype(float)
 
 
 class Strokes:
@@ -39,7 +48,7 @@ class Strokes:
         config: privileged number that is 1 at a placement -> the script's numbers there.
     """
 
-    def __init__(self, fields: _Fields, config: Mapping[str, StrokeConfig]) -> None:
+    def __init__(self, fields: Fields, config: Mapping[str, StrokeConfig]) -> None:
         self._fields = fields
         self._flags = tuple(config)
         names = [name for name in StrokeConfig.model_fields if name != "posture_rad"]
@@ -51,11 +60,6 @@ class Strokes:
     def _placements(self) -> FloatArray:
         """(N, placements) 1 where a user plays."""
         return np.stack([self._fields.field(flag) for flag in self._flags], axis=1).astype(float)
-
-    def _vectors(self, name: str, unit: str = "_m") -> FloatArray:
-        """(N, 3) along the app's axes."""
-        axes = [self._fields.field(f"{name}{axis}{unit}") for axis in "xyz"]
-        return np.stack(axes, axis=1).astype(float)
 
     def joints_radps2(self, angles: FloatArray, speeds: FloatArray) -> FloatArray:
         """(N, J) what the independent joints shall do beside: be drawn to the posture, and be slow.
@@ -75,7 +79,7 @@ class Strokes:
         where = self._placements()
         p = {name: (where @ table)[:, None] for name, table in self._tables.items()}
         forward = np.where(self._fields.field("round.low")[:, None] > 0.0, [0, -1, 0], [0, 0, 1])
-        velocity = self._vectors("hammer.v", "_mps")
+        velocity = vectors(self._fields, "hammer.v", "_mps")
         strike = (velocity * forward).sum(axis=1, keepdims=True)
         there, target = self._chosen(p, velocity)
         along = (target * forward).sum(axis=1, keepdims=True)
@@ -93,7 +97,7 @@ class Strokes:
             + p["steering_per_s2"] * beside
             - p["approach_damping_per_s"] * (velocity - strike * forward)
         )
-        home = 0.5 * p["approach_per_s2"] * self._vectors("aid.home_")
+        home = 0.5 * p["approach_per_s2"] * vectors(self._fields, "aid.home_")
         waiting = home - p["approach_damping_per_s"] * velocity
         wanted = np.where(there[:, None], np.where(striking, stroke, approach), waiting)
         return np.clip(wanted, -p["greatest_mps2"], p["greatest_mps2"])
@@ -102,7 +106,7 @@ class Strokes:
         self, p: Mapping[str, FloatArray], velocity: FloatArray
     ) -> tuple[NDArray[np.bool_], FloatArray]:
         """Whether there is a target to go for, (N,), and where from the marker, (N, 3) m."""
-        places = np.stack([self._vectors(f"cell{cell}.") for cell in range(_CELLS)], axis=1)
+        places = np.stack([vectors(self._fields, f"cell{cell}.") for cell in range(_CELLS)], axis=1)
         present, life = (
             np.stack([self._fields.field(f"cell{cell}.{name}") for cell in range(_CELLS)], axis=1)
             for name in ("present", "life_s")

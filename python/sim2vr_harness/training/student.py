@@ -183,7 +183,6 @@ class Student:
         # Rounds end at different times, so that every minibatch has all phases of a round in it.
         longest = min(simulation.max_steps, config.stagger_steps)
         self._cut = self._rng.integers(1, longest + 1, self.n)
-        self._pure = np.zeros(self.n, dtype=bool)
         self._acted = np.zeros(self.n)
         self._episodes: deque[dict[str, Any]] = deque(maxlen=config.statistics_episodes)
         self._ended = 0

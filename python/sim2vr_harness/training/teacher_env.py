@@ -231,7 +231,9 @@ class TeacherSimulation:
         self.step_count += self.n
         self._length += 1
         truncated = result.truncated | (~result.terminated & (self._length >= self._limit))
-        reward = (result.reward + self._aid_reward()) * self.config.ppo.reward_scale
+        reward = (
+            result.reward + self._aid_reward(result.effort_cost)
+        ) * self.config.ppo.reward_scale
         for i in map(int, np.flatnonzero(truncated | result.terminated)):
             self._remember_failures(i, result.logs[i])
         return dataclasses.replace(result, reward=reward, truncated=truncated)
@@ -241,14 +243,13 @@ class TeacherSimulation:
             [self.senses.field("aid.progress_m"), self.senses.field("aid.strike")]
         ).astype(np.float64)
 
-    def _aid_reward(self) -> NDArray[np.float64]:
+    def _aid_reward(self, effort: NDArray[np.float64]) -> NDArray[np.float64]:
         aids, step = self.config.aids, self.step_count
         sums = self._aid_sums()
         progress, strike = sums - self._aids
         self._aids = sums
         users = self.simulation.users
         straightness = np.maximum(0.0, aids.elbow_rad - users.qpos[:, self._elbow])
-        effort = np.where(users.diverged, 0.0, users.effort_cost)
         return (
             aids.progress.at(step) * progress
             + aids.strike.at(step) * strike

@@ -88,9 +88,8 @@ def evaluate_teacher(
             result = simulation.step(actions.of_muscles(decided))
             ended = np.flatnonzero(result.terminated | result.truncated)
             playing = np.array([log is None for log in logs])
-            costs = np.where(simulation.users.diverged, 0.0, simulation.users.effort_cost)
-            effort += playing * costs
-            returns += playing * (result.reward + costs)
+            effort += playing * result.effort_cost
+            returns += playing * result.game_reward
             steps += playing
             for i in map(int, ended):
                 if logs[i] is None:

@@ -8,6 +8,7 @@ the transport.
 from __future__ import annotations
 
 import hashlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -84,7 +85,7 @@ class Spec:
         return config.model_copy(update={"app": app, "threads": threads})
 
 
-class Scene:
+class Scene(ABC):
     """Something to measure: :meth:`step` moves all users on by one step.
 
     Args:
@@ -100,9 +101,9 @@ class Scene:
         self.n = n
         self._stack = ExitStack()
 
+    @abstractmethod
     def step(self) -> None:
         """One step of every user."""
-        raise NotImplementedError
 
     def measure(self, seconds: float) -> Turn:
         """One turn of about ``seconds``."""

@@ -212,6 +212,11 @@ class Simulation:
         logs = self._group.logs()
         return [{"seed": seed, "log": logs[i]} for i, seed in zip(rows, round_seeds, strict=True)]
 
+    @property
+    def logs(self) -> Logs:
+        """The games' named numbers now."""
+        return self._group.logs()
+
     def observation(self) -> Observation:
         """The present observation of all users: fresh arrays, first axis N.
 

@@ -33,7 +33,6 @@ from sim2vr_harness.training.policy import UserPolicy
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
 from sim2vr_harness.training.student import Student, StudentProgress
 from sim2vr_harness.training.teacher import load_teacher, train_teacher
-from sim2vr_harness.training.teacher_actions import TeacherActions
 from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher_env import OBSERVATION, PrivilegedSenses
 
@@ -43,6 +42,8 @@ TEACHER, STUDENT = "teacher", "student"
 """Folders of the first two stages in a run's folder."""
 
 REPORT_SECONDS = 15.0
+SCALE_STEPS, SCALE_EVERY = 120, 4
+"""User steps in which the teacher shows what a body goes through."""
 _POLICY = "policy.pt"
 
 Weights = dict[str, Tensor]
@@ -60,16 +61,13 @@ class TeacherGuide:
     def __init__(self, file: Path, config: TeacherConfig, simulation: Simulation) -> None:
         self._policy = load_teacher(file, config, simulation.config)
         self._senses = PrivilegedSenses(simulation, config.hidden_fields)
-        self._actions = TeacherActions(simulation, self._senses, config.actions)
-        self._body = simulation.proprioception.size
         self._facts = [
             name for name in self._senses.names if fnmatch.fnmatchcase(name, "cell*.present")
         ]
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:
         """See :class:`~sim2vr_harness.training.student.Guide`."""
-        decided = self._policy.act({OBSERVATION: self._senses.observe()}, None)
-        return self._actions.of_muscles(decided).astype(np.float32)
+        return self._policy.act({OBSERVATION: self._senses.observe()}, None)
 
     def facts(self, simulation: Any) -> NDArray[np.float32]:
         """See :class:`~sim2vr_harness.training.student.Guide`: which cells have a target."""
@@ -78,11 +76,24 @@ class TeacherGuide:
             return np.zeros((simulation.n, 0), np.float32)
         return np.clip(np.stack(columns, axis=1), 0.0, 1.0)
 
-    def proprioception_scale(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean and standard deviation of the proprioception that the teacher has met."""
-        seen = self._policy.normaliser
-        mean, variance = seen.mean[: self._body].numpy(), seen.variance[: self._body].numpy()
-        return mean, np.sqrt(variance)
+    def proprioception_scale(
+        self, simulation: Simulation
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean and standard deviation of the proprioception while the teacher plays, (P,) each.
+
+        The users' present rounds are lost.
+        """
+        simulation.reset(seeds=list(range(simulation.n)))
+        seen = []
+        for step in range(SCALE_STEPS):
+            if step % SCALE_EVERY == 0:
+                seen.append(simulation.proprioception.observe(simulation.users))
+            result = simulation.step(self.actions(simulation))
+            ended = np.flatnonzero(result.terminated | result.truncated)
+            if len(ended):
+                simulation.reset([int(i) for i in ended])
+        values = np.concatenate(seen).astype(np.float64)
+        return values.mean(0), values.std(0)
 
 
 def distill(config: TrainingConfig, folder: RunFolder, console: Console) -> Weights | None:
@@ -165,7 +176,7 @@ def _new_policy(config: TrainingConfig, simulation: Simulation, guide: TeacherGu
         )
     if config.policy.scale_proprioception:
         # What the teacher has met is what the student will meet.
-        policy.fit_scaling(*guide.proprioception_scale())
+        policy.fit_scaling(*guide.proprioception_scale(simulation))
     with torch.no_grad():
         policy.log_std.fill_(config.student.log_std)
     return policy

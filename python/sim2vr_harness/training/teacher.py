@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import io
 import json
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -10,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 import yaml
 from rich.console import Console
 from stable_baselines3.common.callbacks import BaseCallback
@@ -19,6 +22,7 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.training import checkpoint
 from sim2vr_harness.training.callbacks import CheckpointCallback, ProgressCallback
 from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.training.imagination import Practice, PracticeReport
 from sim2vr_harness.training.metrics_log import JsonLines
 from sim2vr_harness.training.progress import Progress, ProgressDisplay
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
@@ -32,6 +36,8 @@ __all__ = ["TeacherResult", "load_teacher", "train_teacher"]
 
 _CONFIG_FILE = "teacher.yaml"
 _SCORES_FILE = "scores.jsonl"
+_PRACTICE_FILE = "practice.jsonl"
+_PRACTISED = "practised.pt"
 
 
 @dataclass(frozen=True)
@@ -123,8 +129,6 @@ def load_teacher(file: Path, config: TeacherConfig, env: EnvConfig) -> TeacherPo
         config: the teacher's.
         env: the environment it was trained for.
     """
-    import torch
-
     small = config.model_copy(
         update={
             "ppo": config.ppo.model_copy(update={"n_envs": 1}),
@@ -194,11 +198,16 @@ class _Stage:
             reached = _step_of(files[-1])
             if reached >= stop:
                 return False
+        practised = self._practised()
+        if practised is None:
+            return True
         for phase in _phases(self.config):
             if phase.until < reached or (phase.until == reached and self._model is not None):
                 continue
             self._enter(phase)
             assert self._model is not None
+            if practised and self._model.num_timesteps == 0:
+                self._model.policy.load_state_dict(practised)
             if files and self._model.num_timesteps == 0:
                 checkpoint.restore(files[-1], self._model)
                 self.folder.drop_metrics_after(reached)
@@ -210,6 +219,43 @@ class _Stage:
             if reached >= stop:
                 break
         return False
+
+    def _practised(self) -> dict[str, torch.Tensor] | None:
+        """The policy's weights after practice in the mind; None if it was interrupted."""
+        if self.config.imagination.cycles == 0:
+            return {}
+        file = self.folder.path / _PRACTISED
+        if not file.is_file():
+            simulation = TeacherSimulation(self.env, self.config, self.seed)
+            try:
+                model = build_teacher(self.config.ppo, SimulationVecEnv(simulation), seed=self.seed)
+                policy = model.policy
+                assert isinstance(policy, TeacherPolicy)
+                practice = Practice(self.config.imagination, policy, simulation, seed=self.seed)
+                self._practise(practice)
+                content = io.BytesIO()
+                torch.save(policy.state_dict(), content)
+                write_atomically(file, content.getvalue())
+                practice.discard(self.folder.path)
+            except KeyboardInterrupt:
+                return None
+            finally:
+                simulation.close()
+        weights: dict[str, torch.Tensor] = torch.load(file, weights_only=True)
+        return weights
+
+    def _practise(self, practice: Practice) -> None:
+        practice.restore(self.folder.path)
+        log = self.folder.path / _PRACTICE_FILE
+        rows = log.read_text(encoding="utf-8").splitlines() if log.is_file() else []
+        write_atomically(log, "".join(f"{row}\n" for row in rows[: practice.cycle]).encode())
+        while not practice.finished:
+            report = practice.step()
+            with log.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(asdict(report)) + "\n")
+            practice.save(self.folder.path)
+            text = describe_practice(report, self.config.imagination.cycles)
+            self.console.print(text, highlight=False, soft_wrap=True)
 
     def _enter(self, phase: _Phase) -> None:
         """Make the users of a phase; the learner and what it remembers of the task go on."""
@@ -301,6 +347,21 @@ def describe(scores: Sequence[TeacherScore]) -> str:
         f"{score.condition} {score.hit_rate:.3f} ({score.hits:.0f} hits, "
         f"worst cell {int(np.nanargmin(score.cell_rates))} {score.worst_cell:.2f})"
         for score in scores
+    )
+
+
+def describe_practice(report: PracticeReport, cycles: int) -> str:
+    """One line for people: where a cycle of practice has led to."""
+
+    def rates(values: Sequence[float]) -> str:
+        return ", ".join(f"{value:.2f}" for value in values)
+
+    known = any(not math.isnan(rate) for rate in report.played)
+    played = f", {rates(report.played)} in the app" if known else ""
+    return (
+        f"Practice {report.cycle}/{cycles}: hit rates {rates(report.imagined)} in the mind "
+        f"(worst cell {report.worst_cell:.2f}){played}; "
+        f"its hand goes {1000.0 * report.place_error_m:.1f} mm astray in a step"
     )
 
 

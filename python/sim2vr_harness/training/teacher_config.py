@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-__all__ = ["ActionsConfig", "AidsConfig", "Ramp", "TeacherConfig", "TeacherPPOConfig"]
+__all__ = ["AidsConfig", "ImaginationConfig", "Ramp", "TeacherConfig", "TeacherPPOConfig"]
 
 
 class _Settings(BaseModel):
@@ -43,181 +43,96 @@ def _constant(value: float) -> Ramp:
     return Ramp(start=value, end=value)
 
 
-class StrokeConfig(_Settings):
-    """Numbers of the script that strikes (training/strokes.py), for one placement."""
+class ImaginationConfig(_Settings):
+    """Practice in the mind, before the teacher learns in the true game (training/imagination).
 
-    run_up_m: float
-    """How far in front of a target a stroke begins."""
-    lateral_m: float
-    """How far beside a target's middle a stroke may begin."""
-    lateral_under_way_m: float
-    """How much more is allowed once it is under way."""
-    begin_m: float
-    """Least distance in front of a target at which a stroke begins."""
-    follow_through_m: float
-    """How far behind a target's middle a stroke goes on."""
-    approach_per_s2: float
-    approach_damping_per_s: float
-    stroke_mps: float
-    """Wanted strike speed."""
-    stroke_per_s: float
-    steering_per_s2: float
-    """Towards the target's middle during a stroke."""
-    greatest_mps2: float
-    """Of the hand's acceleration, along each axis."""
-    cost_per_m: float
-    """Of a target's distance, by which one is chosen."""
-    cost_per_s: float
-    """Of the time a target has left."""
-    cost_per_mps: float
-    """What moving towards a target is worth."""
-    least_life_s: float
-    """Targets with less time left come last."""
-    life_s_per_m: float
-    """How much more time a distant target needs."""
-    posture_rad: tuple[float, ...]
-    posture_stiffness_per_s2: float
-    joint_damping_per_s: float
+    A cycle: users of the true game play (``teacher.ppo.n_envs`` of them), a differentiable model of
+    the body is fitted to what they did, and the policy practises with it.
+    """
 
-
-STROKES = {
-    "round.low": StrokeConfig(
-        run_up_m=0.1916,
-        lateral_m=0.0347,
-        lateral_under_way_m=0.0633,
-        begin_m=0.0506,
-        follow_through_m=0.0312,
-        approach_per_s2=107.0662,
-        approach_damping_per_s=13.7162,
-        stroke_mps=1.3675,
-        stroke_per_s=34.3243,
-        steering_per_s2=146.884,
-        greatest_mps2=42.522,
-        cost_per_m=1.7382,
-        cost_per_s=0.5428,
-        cost_per_mps=0.3184,
-        least_life_s=0.156,
-        life_s_per_m=0.1191,
-        posture_stiffness_per_s2=8.6018,
-        joint_damping_per_s=7.0596,
-        posture_rad=(0.896, 1.009, 0.27, 1.721, 0.345, 0.319, 0.044),
-    ),
-    "round.mid": StrokeConfig(
-        run_up_m=0.195,
-        lateral_m=0.0255,
-        lateral_under_way_m=0.1035,
-        begin_m=0.0314,
-        follow_through_m=0.0645,
-        approach_per_s2=92.7982,
-        approach_damping_per_s=13.9529,
-        stroke_mps=1.994,
-        stroke_per_s=13.4715,
-        steering_per_s2=145.4915,
-        greatest_mps2=42.7867,
-        cost_per_m=2.0615,
-        cost_per_s=0.6263,
-        cost_per_mps=0.4063,
-        least_life_s=0.133,
-        life_s_per_m=0.3081,
-        posture_stiffness_per_s2=11.5967,
-        joint_damping_per_s=4.7107,
-        posture_rad=(1.605, 0.902, -0.15, 1.18, -0.05, -0.062, -0.082),
-    ),
-    "round.high": StrokeConfig(
-        run_up_m=0.1442,
-        lateral_m=0.0231,
-        lateral_under_way_m=0.0043,
-        begin_m=0.0237,
-        follow_through_m=0.0634,
-        approach_per_s2=77.94,
-        approach_damping_per_s=11.4244,
-        stroke_mps=2.0612,
-        stroke_per_s=22.4519,
-        steering_per_s2=166.0479,
-        greatest_mps2=34.2847,
-        cost_per_m=2.1355,
-        cost_per_s=0.245,
-        cost_per_mps=0.3911,
-        least_life_s=0.133,
-        life_s_per_m=0.4657,
-        posture_stiffness_per_s2=17.7764,
-        joint_damping_per_s=4.1004,
-        posture_rad=(1.426, 0.847, -0.239, 1.72, 0.465, 0.582, 0.548),
-    ),
-}
-"""By the privileged number that is 1 at the placement."""
-
-
-class ActionsConfig(_Settings):
-    """What the teacher decides; what reaches the muscles are changes of activation either way."""
-
-    kind: Literal["strokes", "hand", "joints", "muscles"] = "strokes"
-    """``muscles``: the changes themselves. ``joints``: accelerations of the independent joints, for
-    which the least activations are computed (users/joint_drive.py). ``hand``: where the hand is
-    pulled to, along the app's axes from its aim. ``strokes``: what the hand's acceleration has more
-    than the script of training/strokes.py wants."""
-    strokes: dict[str, StrokeConfig] = STROKES
-    correction_mps2: float = Field(default=15.0, gt=0.0)
-    """What 1 stands for, of ``strokes``."""
-    aim: str | None = "next0"
-    """The aim: the target of this name among the privileged numbers while there is one, otherwise,
-    and always with None, where the game says the hand may wait (``aid.home_*``)."""
-    reach_m: float = Field(default=0.4, gt=0.0)
-    """What 1 stands for, of the place that the hand is pulled to."""
-    hand_stiffness_per_s2: float = Field(default=200.0, ge=0.0)
-    """Acceleration of the hand per distance from that place."""
-    hand_damping_per_s: float = Field(default=16.0, ge=0.0)
-    """Deceleration of the hand per velocity, beside that of the joints."""
-    hand_mps2: float = Field(default=40.0, gt=0.0)
-    """The greatest acceleration wanted of the hand, along each axis."""
-    hand_scale_mps2: float = Field(default=4.0, gt=0.0)
-    """Errors of the hand's acceleration count in this unit, those of the joints in their own."""
-    postures_rad: dict[str, tuple[float, ...]] = {
-        "round.low": (0.35, 1.1, 0.2, 1.5, 0.5, 0.2, 0.1),
-        "round.mid": (1.7, 0.8, 0.2, 1.2, 0.0, 0.3, 0.4),
-        "round.high": (1.3, 1.1, -0.1, 1.6, 0.3, 0.35, 0.2),
-    }
-    """Where the joints are drawn to beside what the hand does, by the privileged number that is 1
-    then; from here the muscles move the hand to and fro fastest."""
-    posture_stiffness_per_s2: float = Field(default=15.0, ge=0.0)
-    acceleration_radps2: tuple[float, ...] = (40.0, 60.0, 120.0, 120.0, 100.0, 60.0, 100.0)
-    """What 1 stands for, by joint."""
-    damping_per_s: float = Field(default=4.0, ge=0.0)
-    """Deceleration per velocity, so that no action means coming to rest."""
-    effort: float = Field(default=0.02, gt=0.0)
-    """Weight of the activations' squares against the acceleration's."""
+    cycles: int = Field(default=20, ge=0)
+    """0: no practice, the teacher begins with nothing."""
+    first_play_steps: int = Field(default=600, ge=1)
+    """User steps of every user in the first cycle, in which they move about at random."""
+    wild_seconds: float = Field(default=1.0, gt=0.0)
+    """Their episodes last so long, and begin with the hammer near a cell."""
+    play_steps: int = Field(default=100, ge=1)
+    """User steps of every user in a later cycle."""
+    kept_cycles: int = Field(default=12, ge=1)
+    """Cycles whose user steps are kept, beside the first."""
+    first_fit_minibatches: int = Field(default=1500, ge=20)
+    fit_minibatches: int = Field(default=215, ge=20)
+    """Minibatches of 1024 user steps that the body model is fitted to."""
+    body_width: int = Field(default=256, ge=1)
+    critic_width: int = Field(default=256, ge=1)
+    users: int = Field(default=512, ge=1)
+    """Imagined ones."""
+    updates: int = Field(default=90, ge=1)
+    """Of the policy in a cycle."""
+    window_steps: int = Field(default=16, ge=1)
+    """User steps through which gradients go."""
+    gamma: float = Field(default=0.96, ge=0.0, le=1.0)
+    lam: float = Field(default=0.9, ge=0.0, le=1.0)
+    """Of the critic's returns."""
+    learning_rate: float = Field(default=1e-3, gt=0.0)
+    """Constant for the first half of the updates, then linear to almost nothing."""
+    critic_learning_rate: float = Field(default=1e-3, gt=0.0)
+    critic_first_updates: int = Field(default=30, ge=0)
+    action_noise: float = Field(default=0.12, ge=0.0)
+    """Standard deviation on the actions, in play and in practice, so that what is learned bears
+    the noise of a policy that explores."""
+    error_share: float = Field(default=0.3, ge=0.0)
+    """Noise on the imagined motion, in units of the body model's error."""
+    restart_share: float = Field(default=0.2, ge=0.0, le=1.0)
+    """Users who go on from a state of the true game after a window."""
+    near_starts: float = Field(default=0.5, ge=0.0, le=1.0)
+    """Share of those who begin near a living target."""
+    near_m: float = Field(default=0.12, gt=0.0)
+    """How near: the marker's distance from a point 10 cm in front of it."""
+    single_targets: float = Field(default=0.5, ge=0.0, le=1.0)
+    """Share of users who never have more than one target at a time. With several, the policy went
+    for the near ones only, and never learned to reach the far corner."""
+    failing_cells: float = Field(default=0.5, ge=0.0, le=1.0)
+    """Share of spawns that go by the cells' fail rates; the others are uniform."""
+    overlap_m: float = Field(default=0.015, gt=0.0)
+    speed_mps: float = Field(default=0.3, gt=0.0)
+    near_reward: float = Field(default=3.0, ge=0.0)
+    distance_reward: float = Field(default=7.0, ge=0.0)
+    """How soft hits are and what helps to find them, at first; by the middle of the practice they
+    are 0.004, 0.08, 0.2 and 1 (the game's own)."""
+    effort: float = Field(default=0.1, ge=0.0)
+    """Cost of the mean square of activations per user step."""
 
 
 class AidsConfig(_Settings):
-    """What helps the teacher to find the strokes at all; all of it ends on the true task.
+    """What may help a teacher to find the strokes at all; all of it ends on the true task.
 
-    With either the starts and the elbow, or the shaping and the threshold left out, a prototype's
-    hit rate after 0.33 M steps was 0.02 to 0.18 instead of 0.54.
+    After practice in the mind there is little to help with: rewards are the true ones.
     """
 
-    progress: Ramp = _constant(10.0)
+    progress: Ramp = _constant(0.0)
     """Reward per metre by which the hammer comes nearer to the target that expires first."""
-    strike: Ramp = _constant(20.0)
+    strike: Ramp = _constant(0.0)
     """Reward per metre of strike near a target: of speed (m/s, at most 1) over time (s)."""
-    straight_elbow: Ramp = _constant(0.3)
+    straight_elbow: Ramp = _constant(0.0)
     """Cost per rad by which the elbow is straighter than ``elbow_rad``, and user step."""
     elbow_rad: float = 0.5
-    strike_threshold_mps: Ramp = Ramp(start=0.3, end=0.8, to_step=500_000)
+    strike_threshold_mps: Ramp = _constant(0.8)
     """What the game asks of a hit; the true value is 0.8."""
     life_seconds: Ramp = _constant(1.0)
     """How long a target lives; the true value is 1."""
     effort: Ramp = _constant(1.0)
     """Share of the true cost of effort."""
-    near_starts: Ramp = _constant(0.7)
+    near_starts: Ramp = _constant(0.3)
     """Share of episodes that start with the hammer near a cell, instead of the true start."""
     near_start_m: float = Field(default=0.08, gt=0.0)
     """How near: the marker's distance from a point 10 cm in front of a cell."""
     start_elbow_rad: tuple[float, float] = (0.5, 1.9)
     starts_per_cell: int = Field(default=40, ge=1)
     """Start postures that are looked for, for each cell and placement."""
-    failing_cells: Ramp = _constant(0.5)
+    failing_cells: Ramp = _constant(0.3)
     """Share of spawns that go by the cells' fail rates; the others are uniform."""
-    episode_seconds: Ramp = _constant(5.0)
+    episode_seconds: Ramp = _constant(12.0)
     """Episodes are cut after this time; the value of the state stands for the rest."""
 
 
@@ -241,7 +156,7 @@ class TeacherPPOConfig(_Settings):
     """An update that moves the policy by more than twice this lowers the learning rate, one that
     moves it by less than half of it raises it. None keeps the rate."""
     critic_first_iterations: int = Field(default=10, ge=0)
-    """Iterations at the start in which the critic alone learns: the script plays already, and is
+    """Iterations at the start in which the critic alone learns: the policy plays already, and is
     not to be judged by a critic that knows nothing."""
     mean_penalty: float = Field(default=1.0e-3, ge=0.0)
     """Cost of means beyond the actions' range, squared."""
@@ -250,7 +165,7 @@ class TeacherPPOConfig(_Settings):
     """Hidden layers of actor and critic each, SiLU."""
     action_scale: float = Field(default=0.5, gt=0.0)
     """Means are the actor's outputs times this."""
-    log_std_init: float = -2.6
+    log_std_init: float = -2.1
     log_std_min: float = -3.0
     observation_clip: float = Field(default=8.0, gt=0.0)
     """Of the normalised observation."""
@@ -276,13 +191,16 @@ class TeacherConfig(_Settings):
     total_timesteps: int = Field(default=3_000_000, ge=1)
     conditions: tuple[str, ...] = ("low-medium", "medium", "high-medium")
     """The game's conditions, in turn."""
-    hidden_fields: tuple[str, ...] = ("aid.*", "round.elapsed_s", "cell*.?_m")
-    """Patterns of privileged numbers that the teacher does not observe."""
+    hidden_fields: tuple[str, ...] = (
+        *("aid.*", "round.elapsed_s", "cell*.?_m", "*.overlap", "nearest.*", "hammer.v?_mps"),
+        *("* qacc", "fingertip *"),
+    )
+    """Patterns of privileged numbers, and of the own body's, that the teacher does not observe."""
     coarse_physics_s: float | None = Field(default=0.005, gt=0.0)
     """Physics step at first, which makes user steps cheaper."""
     coarse_until_step: int = Field(default=2_000_000, ge=0)
     """From here on the physics is the true one."""
-    actions: ActionsConfig = ActionsConfig()
+    imagination: ImaginationConfig = ImaginationConfig()
     ppo: TeacherPPOConfig = TeacherPPOConfig()
     aids: AidsConfig = AidsConfig()
     evaluate_every_steps: int = Field(default=250_000, ge=1)

@@ -20,7 +20,6 @@ from sim2vr_harness.training.start_postures import (
     find_start_postures,
     joint_box,
 )
-from sim2vr_harness.training.teacher_actions import TeacherActions
 from sim2vr_harness.training.teacher_config import TeacherConfig
 
 __all__ = ["OBSERVATION", "PrivilegedSenses", "TeacherSimulation", "blind_env"]
@@ -29,6 +28,7 @@ OBSERVATION = "teacher"
 _CELLS = 9
 _FAIL_RATE_MEMORY = 0.97
 _ELBOW = "elbow_flexion"
+_EXPLORING_NEAR = 0.9
 
 
 def blind_env(env: EnvConfig, timestep_s: float | None = None) -> EnvConfig:
@@ -53,7 +53,7 @@ class PrivilegedSenses:
 
     Args:
         simulation: users whose apps run in this process.
-        hidden: patterns of privileged numbers that are left out.
+        hidden: patterns of names that are left out.
 
     Raises:
         InputError: the game publishes none.
@@ -70,14 +70,9 @@ class PrivilegedSenses:
                 f"'distill' for the game {app.game!r} ({app.transport})",
                 "a game in this process that publishes privileged numbers, or recipe: ppo",
             )
-        self._columns = np.array(
-            [
-                i
-                for i, name in enumerate(self.names)
-                if not any(fnmatch.fnmatchcase(name, pattern) for pattern in hidden)
-            ]
-        )
-        self.size = simulation.proprioception.size + len(self._columns)
+        self._body = _shown(simulation.proprioception.names, hidden)
+        self._columns = _shown(self.names, hidden)
+        self.size = len(self._body) + len(self._columns)
 
     @property
     def space(self) -> spaces.Dict:
@@ -89,7 +84,12 @@ class PrivilegedSenses:
     def observed_names(self) -> tuple[str, ...]:
         """A name for every entry of an observation."""
         body = self._simulation.proprioception.names
-        return (*body, *(self.names[i] for i in self._columns))
+        return (*(body[i] for i in self._body), *(self.names[i] for i in self._columns))
+
+    def values(self) -> NDArray[np.float32]:
+        """(N, F) all present privileged numbers, a copy."""
+        values: NDArray[np.float32] = self._batch.privileged.copy()
+        return values
 
     def field(self, name: str) -> NDArray[np.float32]:
         """(N,) the present values of one privileged number, a copy."""
@@ -100,7 +100,19 @@ class PrivilegedSenses:
         """(N, size) float32, fresh."""
         body = self._simulation.proprioception.observe(self._simulation.users)
         fields = self._batch.privileged[:, self._columns]
-        return np.concatenate([body, fields], axis=1, dtype=np.float32)
+        return np.concatenate([body[:, self._body], fields], axis=1, dtype=np.float32)
+
+
+def _shown(names: Sequence[str], hidden: Sequence[str]) -> NDArray[np.int64]:
+    """Where the names are that match none of the patterns."""
+    return np.array(
+        [
+            i
+            for i, name in enumerate(names)
+            if not any(fnmatch.fnmatchcase(name, pattern) for pattern in hidden)
+        ],
+        dtype=np.int64,
+    )
 
 
 class TeacherSimulation:
@@ -134,15 +146,15 @@ class TeacherSimulation:
         self.simulation = Simulation(blind, self.n)
         self.senses = PrivilegedSenses(self.simulation, config.hidden_fields)
         self.observation_space = self.senses.space
-        self.actions = TeacherActions(self.simulation, self.senses, config.actions)
-        self.action_space = self.actions.space
+        self.action_space = self.simulation.action_space
         self._elbow = int(
             self.simulation.user.qpos_independent[
                 self.simulation.user.independent_joints.index(_ELBOW)
             ]
         )
-        self._step_s = 1.0 / env.action_frequency_hz
-        self._frequency_hz = env.action_frequency_hz
+        self.step_s = 1.0 / env.action_frequency_hz
+        """Duration of a user step."""
+        self._exploring_s: float | None = None
         self._rng = np.random.default_rng(seed)
         self._condition = np.zeros(self.n, dtype=np.int64)
         self._next_condition = 0
@@ -165,6 +177,27 @@ class TeacherSimulation:
             per_cell=aids.starts_per_cell,
             seed=seed,
         )
+
+    def explore(self, seconds: float | None) -> None:
+        """Let episodes be so short and begin near a cell, from the next ones on; None ends it."""
+        self._exploring_s = seconds
+
+    def condition_of(self, user: int) -> int:
+        """Which of the configured conditions a user plays."""
+        return int(self._condition[user])
+
+    def told_of(self, number: int) -> dict[str, float]:
+        """What the game says of a condition (``round.*``), by the true rules.
+
+        The first user's episode is lost.
+        """
+        self.simulation.reset([0], [0], {"condition": self.config.conditions[number]})
+        first = self.senses.values()[0]
+        return {
+            name: float(value)
+            for name, value in zip(self.senses.names, first, strict=True)
+            if name.startswith("round.")
+        }
 
     # --- SimulationLike ------------------------------------------------------------------------
 
@@ -194,7 +227,8 @@ class TeacherSimulation:
                 [self._posture(number) for _ in group],
             )
             infos |= dict(zip(group, told, strict=True))
-        limit = max(1, round(self.config.aids.episode_seconds.at(self.step_count) / self._step_s))
+        seconds = self._exploring_s or self.config.aids.episode_seconds.at(self.step_count)
+        limit = max(1, round(seconds / self.step_s))
         self._length[rows] = 0
         self._limit[rows] = limit
         if first:  # spread the ends over time
@@ -215,7 +249,8 @@ class TeacherSimulation:
         }
 
     def _posture(self, number: int) -> NDArray[np.float64] | None:
-        near = self._rng.random() < self.config.aids.near_starts.at(self.step_count)
+        share = self.config.aids.near_starts.at(self.step_count)
+        near = self._rng.random() < (share if self._exploring_s is None else _EXPLORING_NEAR)
         if not near or self.postures is None:
             return None
         weights = self.fail_rates[number] + 0.1
@@ -227,7 +262,7 @@ class TeacherSimulation:
 
     def step(self, actions: NDArray[Any]) -> StepBatch:
         """Advance everyone by one user step."""
-        result = self.simulation.step(self.actions.of_muscles(actions))
+        result = self.simulation.step(np.clip(actions, -1.0, 1.0))
         self.step_count += self.n
         self._length += 1
         truncated = result.truncated | (~result.terminated & (self._length >= self._limit))

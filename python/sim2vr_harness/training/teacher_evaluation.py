@@ -10,7 +10,6 @@ import numpy as np
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.training.teacher_actions import TeacherActions
 from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher_env import OBSERVATION, PrivilegedSenses, blind_env
 from sim2vr_harness.training.teacher_policy import TeacherPolicy
@@ -76,7 +75,6 @@ def evaluate_teacher(
     simulation = Simulation(blind_env(env), len(jobs))
     try:
         senses = PrivilegedSenses(simulation, config.hidden_fields)
-        actions = TeacherActions(simulation, senses, config.actions)
         for i, (name, round_seed) in enumerate(jobs):
             simulation.reset([i], [round_seed], {"condition": name})
         rng = None if deterministic else np.random.default_rng(seed)
@@ -85,7 +83,7 @@ def evaluate_teacher(
         steps = np.zeros(len(jobs))
         while any(log is None for log in logs):
             decided = policy.act({OBSERVATION: senses.observe()}, rng)
-            result = simulation.step(actions.of_muscles(decided))
+            result = simulation.step(decided)
             ended = np.flatnonzero(result.terminated | result.truncated)
             playing = np.array([log is None for log in logs])
             effort += playing * result.effort_cost

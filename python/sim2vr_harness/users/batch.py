@@ -25,7 +25,6 @@ RESET_RANGE = 0.05
 """Start angles (rad) and velocities (rad/s) are uniform in +-this (User-in-the-Box reference)."""
 
 _POS = mujoco.mjtStage.mjSTAGE_POS.value
-_VEL = mujoco.mjtStage.mjSTAGE_VEL.value
 _ACC = mujoco.mjtStage.mjSTAGE_ACC.value
 
 
@@ -105,7 +104,6 @@ class UserBatch:
         self._device_body = {name: int(model.body(name).id) for name in user.hardware}
         self._device_pos = {name: np.zeros((1, n, 3)) for name in user.hardware}
         self._device_quat = {name: np.zeros((1, n, 4)) for name in user.hardware}
-        self._end_stage = _POS  # what is computed anew at the end of a step
         self._cost = np.zeros(n)
         self._diverged = np.zeros(n, dtype=bool)
         self.reset(np.arange(n), [np.random.default_rng(i) for i in range(n)])
@@ -222,7 +220,7 @@ class UserBatch:
             return
         warnings = self._batch.warning[ids].copy()
         try:
-            self._batch.step(ids, nstep=substeps, stage=self._end_stage)
+            self._batch.step(ids, nstep=substeps, stage=_POS)
         except SimulationError as error:
             self._diverged[error.ids] = True
         # Every warning that this contact-free model can raise means a broken simulation.
@@ -233,7 +231,7 @@ class UserBatch:
     def _freeze(self, ids: IntArray, states: FloatArray) -> None:
         """Puts diverged users back to the last finite state, where they stay until reset."""
         self._state[ids] = states
-        self._batch.forward(ids, self._end_stage)
+        self._batch.forward(ids, _POS)
         self._copy_poses(ids, slice(None))
 
     def _update_effort(self, ids: IntArray) -> None:
@@ -314,20 +312,6 @@ class UserBatch:
         """(N,) whether the simulation broke; such a user stays at its last finite state."""
         return self._diverged.copy()
 
-    def compute_velocities(self) -> None:
-        """Computes velocity-dependent quantities anew, now and at the end of every step."""
-        self._end_stage = _VEL
-        self._batch.forward(np.arange(self.n), _VEL)
-
-    def live(self, field: str) -> FloatArray:
-        """(N, ...) view of a field of MuJoCo's data, for reading between two steps.
-
-        Fields of positions belong to the end of the step, and so do those of velocities after
-        :meth:`compute_velocities`; others may be those of another user.
-        """
-        array: FloatArray = self._batch.bind(field)
-        return array
-
     # --- save and restore --------------------------------------------------------------------
 
     def get_state(self, i: int) -> dict[str, Any]:
@@ -369,7 +353,7 @@ class UserBatch:
             raise ValueError("state simulation: got NaN or infinity, expected finite numbers")
         ids = np.array([i])
         self._state[i] = state["simulation"]
-        self._batch.forward(ids, self._end_stage)
+        self._batch.forward(ids, _POS)
         self._copy_poses(ids, slice(None))
         self._qacc[i], self._force[i] = state["qacc"], state["force"]
         self._cost[i], self._diverged[i] = state["effort_cost"], bool(state["diverged"])

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.users import appearance as looks
 from sim2vr_harness.users.model import build_spec
 from sim2vr_harness.users.tables import (
+    CouplingRow,
     DeviceRow,
     ModelTables,
     load_device_rows,
@@ -104,6 +105,11 @@ class User:
         """(14,) addresses of the dependent joints in qvel and qacc."""
         return self._addresses(self.dependent_joints, "dofadr")
 
+    @property
+    def couplings(self) -> tuple[CouplingRow, ...]:
+        """How the dependent joints follow, drivers before what they drive."""
+        return tuple(self._tables.couplings)
+
     @cached_property
     def joint_ranges(self) -> FloatArray:
         """(7, 2) lower and upper limits of the independent joints in rad."""
@@ -137,28 +143,6 @@ class User:
                 driver, coupling.coefficients
             )
         return full
-
-    def coupled_motion(self, qpos: NDArray[np.floating]) -> FloatArray:
-        """How all joints move with the independent ones, by the couplings' slopes.
-
-        Args:
-            qpos: (N, nq) postures in rad.
-
-        Returns:
-            (N, nv, J) velocity of every joint per velocity of an independent one.
-        """
-        motion = np.zeros((len(qpos), self.physics_model.nv, len(self.independent_joints)))
-        number = {name: j for j, name in enumerate(self.independent_joints)}
-        for name, j in number.items():
-            motion[:, self._qvel_address[name], j] = 1.0
-        for coupling in self._tables.couplings:
-            if coupling.driver:
-                slope = np.polynomial.polynomial.polyder(np.asarray(coupling.coefficients))
-                angle = qpos[:, self._qpos_address[coupling.driver]]
-                motion[:, self._qvel_address[coupling.dependent], number[coupling.driver]] = (
-                    np.polynomial.polynomial.polyval(angle, slope)
-                )
-        return motion
 
     @cached_property
     def _qvel_address(self) -> dict[str, int]:

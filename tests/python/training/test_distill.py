@@ -27,6 +27,12 @@ SETTINGS = [
     "policy.scale_proprioception=true",
     "teacher.total_timesteps=64",
     "teacher.coarse_until_step=0",
+    "teacher.imagination.cycles=1",
+    "teacher.imagination.first_play_steps=30",
+    "teacher.imagination.first_fit_minibatches=20",
+    "teacher.imagination.users=8",
+    "teacher.imagination.updates=2",
+    "teacher.imagination.critic_first_updates=0",
     "teacher.ppo.n_envs=4",
     "teacher.ppo.n_steps=8",
     "teacher.ppo.batch_size=16",
@@ -144,7 +150,7 @@ def test_a_guide_says_what_muscles_shall_do_and_which_cells_have_targets(whole: 
         seen |= set(np.unique(facts))
         with_pictures.step(actions)
     assert seen == {0.0, 1.0}
-    mean, std = guide.proprioception_scale()
+    mean, std = guide.proprioception_scale(with_pictures)
     assert mean.shape == std.shape == (56,)
     with_pictures.close()
 

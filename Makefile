@@ -5,8 +5,8 @@ SHELL       := /bin/bash
 .DEFAULT_GOAL := help
 
 VENV      := .venv
-CONFIG    ?= configs/whacamole_constrained.yaml
-TIMESTEPS ?= 80000
+CONFIG    ?= configs/whacamole_constrained_distill.yaml
+TIMESTEPS ?=
 RUN       ?= runs/$(basename $(notdir $(CONFIG)))
 ROWS      ?= build/bench/performance.jsonl
 
@@ -21,7 +21,7 @@ setup:  ## Install everything: system packages, .venv, Python packages, C++ buil
 	@tools/dev/setup.sh
 
 train: setup  ## Train and evaluate a simulated user (CONFIG=, TIMESTEPS=, RUN=); goes on with a run that is there
-	$(VENV)/bin/sim2vr-harness train $(if $(wildcard $(RUN)/config.yaml),--resume,$(CONFIG)) --timesteps $(TIMESTEPS) --out $(RUN)
+	$(VENV)/bin/sim2vr-harness train $(if $(wildcard $(RUN)/config.yaml),--resume,$(CONFIG)) $(if $(TIMESTEPS),--timesteps $(TIMESTEPS)) --out $(RUN)
 
 test: setup  ## Run the C++ and Python tests (PYTEST_ARGS=...)
 	@tools/dev/test.sh $(PYTEST_ARGS)

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import shutil
 import subprocess
 from pathlib import Path
 from types import SimpleNamespace
@@ -147,6 +148,24 @@ def test_table() -> None:
     assert "0.500" in text
     assert "Diverged" in text
     assert max(len(line) for line in text.splitlines()) <= 80
+
+
+def test_curves_of_a_distilled_run_show_its_stages(trained: Path, tmp_path: Path) -> None:
+    run = tmp_path / "run"
+    shutil.copytree(trained, run)
+    (run / "teacher").mkdir()
+    (run / "teacher" / "practice.jsonl").write_text(
+        '{"step": 10, "imagined": [0.1, 0.3], "played": [NaN, NaN]}\n'
+        '{"step": 20, "imagined": [0.5, 0.7], "played": [0.4, NaN]}\n'
+    )
+    (run / "student").mkdir()
+    (run / "student" / "metrics.jsonl").write_text(
+        '{"step": 5, "student/imitation_error": 0.4, "rollout/ep_hit_rate": 0.2}\n'
+    )
+    assert size_of(plot([trained, run], tmp_path / "curves.png")) == (1440, 1260)
+    # A run that has not come to pixels yet has curves as well.
+    (run / "metrics.jsonl").unlink()
+    plot([run], tmp_path / "early.png")
 
 
 def test_curves(trained: Path, tmp_path: Path) -> None:

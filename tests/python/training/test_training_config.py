@@ -39,6 +39,20 @@ def test_shipped_configurations_are_the_reference(group: str, adaptive: bool) ->
     assert first_difference(config, TrainingConfig(), ignore=ignored) is None
 
 
+@pytest.mark.parametrize("group", ["constrained", "unconstrained", "adaptive_constrained"])
+def test_the_fast_recipe_s_users_live_in_the_reference_s_environment(group: str) -> None:
+    fast = load_config(f"whacamole_{group}_distill")
+    reference = load_config(f"whacamole_{group}")
+    assert fast.recipe == "distill"
+    options = {"adaptive": False} | fast.env.app.options
+    app = fast.env.app.model_copy(update={"options": options})
+    assert fast.env.model_copy(update={"app": app}) == reference.env
+    assert fast.evaluation.conditions == reference.evaluation.conditions
+    assert fast.teacher.conditions == reference.evaluation.conditions
+    aids, end = fast.teacher.aids, fast.teacher.total_timesteps
+    assert (aids.strike_threshold_mps.at(end), aids.life_seconds.at(end)) == (0.8, 1.0)
+
+
 def test_written_configuration_reads_back_the_same() -> None:
     config = load_config("whacamole_adaptive_unconstrained", ["seed=7", "ppo.n_envs=5"])
     assert parse_config(yaml.safe_load(to_yaml(config))) == config

@@ -129,6 +129,9 @@ def summarise(rounds: Sequence[RoundResult]) -> dict[str, Any]:
 
     ``hit_rate`` is the mean of the rounds' rates, as in the study; ``hit_rate_pooled`` divides the
     sums. Rounds without a number (no hit, no hit speed) are left out of its mean.
+    ``return_terms`` splits the mean return: every number of the game's log that is called a reward,
+    the rest of the game's return (Whac-A-Mole: hits), and effort as a cost. ``cell_hit_rates`` is
+    pooled, by cell, for games that count ``hitsTarget0`` and so on; None where nothing came up.
 
     Args:
         rounds: At least one round.
@@ -142,9 +145,39 @@ def summarise(rounds: Sequence[RoundResult]) -> dict[str, Any]:
     hits = sum(result.values["hits"] or 0.0 for result in rounds)
     misses = sum(result.values["misses"] or 0.0 for result in rounds)
     summary["hit_rate_pooled"] = hits / (hits + misses) if hits + misses else None
+    summary["return_terms"] = _return_terms(rounds)
+    summary["cell_hit_rates"] = _cell_hit_rates(rounds)
     for end in ("diverged", "app_failed"):
         summary[end] = sum(result.ended == end for result in rounds)
     return summary
+
+
+def _return_terms(rounds: Sequence[RoundResult]) -> dict[str, float]:
+    played = [result for result in rounds if result.values["return"] is not None]
+    if not played:
+        return {}
+    named = sorted({key for result in played for key in result.log if "Reward" in key})
+    terms = {key: float(np.mean([result.log.get(key, 0.0) for result in played])) for key in named}
+    game = float(np.mean([result.values["game_return"] or 0.0 for result in played]))
+    effort = float(np.mean([result.values["effort"] or 0.0 for result in played]))
+    return {"hits and others": game - sum(terms.values()), **terms, "effort": -effort}
+
+
+def _cell_hit_rates(rounds: Sequence[RoundResult]) -> list[float | None]:
+    def total(name: str, cell: int) -> float:
+        return sum(result.log.get(f"{name}Target{cell}", 0.0) for result in rounds)
+
+    cells = {
+        int(key.removeprefix("hitsTarget"))
+        for result in rounds
+        for key in result.log
+        if key.startswith("hitsTarget")
+    }
+    rates: list[float | None] = []
+    for cell in range(max(cells, default=-1) + 1):
+        hits, misses = total("hits", cell), total("misses", cell)
+        rates.append(hits / (hits + misses) if hits + misses else None)
+    return rates
 
 
 def _finite(value: float | None) -> float | None:

@@ -19,6 +19,7 @@ __all__ = ["pack_measured"]
 MEASURED: tuple[str, ...] = (
     *("episodes", "hits", "misses", "contacts", "hit_rate", "hit_speed_mps", "hammer_depth_m"),
     *("max_fatigued", "effort", "game_return", "return", "seed"),
+    *("return_terms", "cell_hit_rates"),
 )
 """What of an evaluation's summary goes on the card."""
 
@@ -63,4 +64,8 @@ def pack_measured(
 
 
 def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [_rounded(each) for each in value]
     return round(value, 4) if isinstance(value, float) else value

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich import box
@@ -42,11 +43,34 @@ def results_table(summaries: Mapping[str, Mapping[str, Any]], title: str) -> Tab
             for summary in summaries.values()
         ]
         table.add_row(heading, *cells)
+    terms = list(
+        dict.fromkeys(term for s in summaries.values() for term in s.get("return_terms", {}))
+    )
+    for term in terms if len(terms) > 2 else ():
+        values = (summary.get("return_terms", {}).get(term) for summary in summaries.values())
+        table.add_row(f"  of it {_words(term)}", *(_cell(value, None, 1) for value in values))
+    if any(summary.get("cell_hit_rates", []) for summary in summaries.values()):
+        rows = [_lowest(summary.get("cell_hit_rates", [])) for summary in summaries.values()]
+        table.add_row("Lowest cell's hit rate", *rows)
     for key, heading in (("diverged", "Diverged"), ("app_failed", "App failed (not counted)")):
         counts = [summary.get(key, 0) for summary in summaries.values()]
         if any(counts):
             table.add_row(heading, *map(str, counts))
     return table
+
+
+def _words(name: str) -> str:
+    """DistanceReward -> distance."""
+    parts = re.findall(r"[A-Z][a-z]+", name)
+    return " ".join(part.lower() for part in parts if part != "Reward") or name
+
+
+def _lowest(rates: Sequence[float | None]) -> str:
+    known = [(rate, cell) for cell, rate in enumerate(rates) if rate is not None]
+    if not known:
+        return "-"
+    rate, cell = min(known)
+    return f"{rate:.2f} (cell {cell})"
 
 
 def _cell(value: float | None, deviation: float | None, digits: int) -> str:

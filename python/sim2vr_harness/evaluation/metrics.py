@@ -160,7 +160,7 @@ def _return_terms(rounds: Sequence[RoundResult]) -> dict[str, float]:
     terms = {key: float(np.mean([result.log.get(key, 0.0) for result in played])) for key in named}
     game = float(np.mean([result.values["game_return"] or 0.0 for result in played]))
     effort = float(np.mean([result.values["effort"] or 0.0 for result in played]))
-    return {"hits and others": game - sum(terms.values()), **terms, "effort": -effort}
+    return {"hits and the rest": game - sum(terms.values()), **terms, "effort": -effort}
 
 
 def _cell_hit_rates(rounds: Sequence[RoundResult]) -> list[float | None]:

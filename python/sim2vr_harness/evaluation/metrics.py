@@ -10,6 +10,8 @@ compare with people's:
 - ``hammer_depth_m``: mean over the round of the striking face's position minus the target plane's
   origin, along the world's z; negative is in front of the plane, towards the player.
 - ``max_fatigued``: mean over the muscles of the largest share of fatigued motor units.
+- ``action_change``: mean over muscles and user steps of the absolute difference between an action
+  and the one before it; 0 is smooth, 2 the most there is.
 - ``effort``: summed cost of effort; ``return`` = ``game_return`` - ``effort``.
 """
 
@@ -32,6 +34,7 @@ METRICS = (
     "hit_speed_mps",
     "hammer_depth_m",
     "max_fatigued",
+    "action_change",
     "effort",
     "game_return",
     "return",
@@ -77,6 +80,7 @@ def round_result(
     steps: int,
     game_return: float,
     effort: float,
+    action_change: float | None = None,
     info: Mapping[str, Any],
     log: Mapping[str, float],
 ) -> RoundResult:
@@ -91,6 +95,7 @@ def round_result(
         steps: User steps taken.
         game_return: Sum of the game's rewards.
         effort: Sum of the costs of effort.
+        action_change: Mean absolute difference of successive actions, if known.
         info: The last step's info.
         log: The game's last log.
     """
@@ -106,6 +111,7 @@ def round_result(
         "hit_speed_mps": log.get("HitSpeed") if hits else None,
         "hammer_depth_m": log.get("HammerDepthZ"),
         "max_fatigued": info.get("max_fatigued"),
+        "action_change": action_change,
         "effort": effort,
         "game_return": game_return,
         "return": game_return - effort,

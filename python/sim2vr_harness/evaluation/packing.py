@@ -18,7 +18,7 @@ __all__ = ["pack_measured"]
 
 MEASURED: tuple[str, ...] = (
     *("episodes", "hits", "misses", "contacts", "hit_rate", "hit_speed_mps", "hammer_depth_m"),
-    *("max_fatigued", "effort", "game_return", "return", "seed"),
+    *("max_fatigued", "action_change", "effort", "game_return", "return", "seed"),
     *("return_terms", "cell_hit_rates"),
 )
 """What of an evaluation's summary goes on the card."""

@@ -127,6 +127,8 @@ class _Wave:
         self._steps = 0
         self._game_returns = np.zeros(len(jobs))
         self._efforts = np.zeros(len(jobs))
+        self._changes = np.zeros(len(jobs))
+        self._before: NDArray[np.float32] | None = None
         self._logs: list[Mapping[str, float]] = [{} for _ in jobs]
         self._results: list[RoundResult | None] = [None for _ in jobs]
 
@@ -150,6 +152,10 @@ class _Wave:
     def _step(self, actions: NDArray[np.float32]) -> None:
         outcome = self._simulation.step(actions)
         self._steps += 1
+        if self._before is not None:
+            playing = np.array([result is None for result in self._results])
+            self._changes += playing * np.abs(actions - self._before).mean(axis=1)
+        self._before = actions
         over = outcome.terminated | outcome.truncated
         for i, info in enumerate(outcome.infos):
             if self._results[i] is None:
@@ -175,6 +181,9 @@ class _Wave:
                 steps=self._steps,
                 game_return=float(self._game_returns[i]),
                 effort=float(self._efforts[i]),
+                action_change=float(self._changes[i] / (self._steps - 1))
+                if self._steps > 1
+                else None,
                 info=info,
                 log=self._logs[i],
             )

@@ -19,6 +19,7 @@ _ROWS: tuple[tuple[str, str, int], ...] = (
     ("hit_speed_mps", "Hitting speed (m/s)", 2),
     ("hammer_depth_m", "Hammer depth (m)", 3),
     ("max_fatigued", "Fatigue (max. MUs)", 3),
+    ("action_change", "Change of actions", 3),
     ("effort", "Effort", 1),
     ("game_return", "Game return", 1),
     ("return", "Return", 1),

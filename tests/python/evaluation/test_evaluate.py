@@ -50,6 +50,31 @@ def test_numbers_of_a_round_by_hand() -> None:
     assert result(0.0, 5.0).values["hit_rate"] == 0.0
 
 
+def test_the_return_s_terms_add_up_and_cells_are_pooled() -> None:
+    one = result(
+        3.0, 1.0, DistanceReward=-30.0, hitsTarget0=1.0, missesTarget0=3.0, hitsTarget2=2.0
+    )
+    other = result(3.0, 1.0, DistanceReward=-50.0, hitsTarget0=2.0, missesTarget0=0.0)
+    summary = summarise([one, other])
+    terms = summary["return_terms"]
+    assert terms == {"hits and the rest": 140.0, "DistanceReward": -40.0, "effort": -20.0}
+    assert sum(terms.values()) == summary["return"]
+    assert summary["cell_hit_rates"] == [0.5, None, 1.0]
+
+
+@pytest.mark.parametrize(("low", "expected"), [(-1.0, 1.5), (0.5, 0.0)])
+def test_the_change_of_actions(low: float, expected: float) -> None:
+    """A user who swings between two actions, and one who holds still."""
+    turn = iter(range(10_000))
+    results = play(
+        lambda n: FakeSimulation(n=n),
+        lambda _: lambda observation, rng: np.full(3, (low, 0.5)[next(turn) % 2], np.float32),
+        [Job("easy", 0, 0)],
+        deterministic=True,
+    )
+    assert results[0].values["action_change"] == pytest.approx(expected)
+
+
 def test_summary_by_hand() -> None:
     summary = summarise([result(30.0, 10.0, HitSpeed=1.5), result(0.0, 10.0, HitSpeed=0.0)])
     assert summary["episodes"] == 2

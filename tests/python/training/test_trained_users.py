@@ -29,6 +29,18 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = RunFolder(tmp_path_factory.mktemp("runs") / "run")
     folder.create(CONFIG)
     folder.checkpoint_file(7).write_bytes(b"")
+    folder.note(
+        stage_seconds={"teacher": 600.0, "student": 90.0},
+        sessions=[
+            {"started": "2026-01-01T10:00:00+00:00", "cores": 2, "device": "cpu"},
+            {
+                "started": "2026-01-01T11:00:00+00:00",
+                "ended": "2026-01-01T11:03:00+00:00",
+                "cores": 4,
+                "device": "cpu",
+            },
+        ],
+    )
     return folder.path
 
 
@@ -44,7 +56,7 @@ def packed(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("users") / "tester"
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(trained_users, "load_policy_weights", load)
-        details = {"recipe": "none", "minutes": 0.0}
+        details = {"recipe": "none"}
         pack_measured(run, "tester", folder, conditions=None, episodes=2, details=details)
     return folder
 
@@ -52,6 +64,9 @@ def packed(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_packed_user_plays_and_its_card_says_how(packed: Path) -> None:
     card = json.loads((packed / "card.json").read_text())
     assert (card["name"], card["steps"], card["recipe"]) == ("tester", 7, "none")
+    assert card["minutes"] == 14.5
+    assert card["stage_minutes"] == {"teacher": 10.0, "student": 1.5, "from pixels": 3.0}
+    assert (card["seeds"], card["machine"]) == ([1], "4 processor cores, cpu")
     assert card["results"]["easy"]["episodes"] == 2
     assert card["results"]["easy"]["effort"] > 0
     assert card["contract_hash"] == contract_hash(contract(CONFIG.env))

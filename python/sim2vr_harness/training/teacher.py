@@ -198,7 +198,7 @@ class _Stage:
             reached = _step_of(files[-1])
             if reached >= stop:
                 return False
-        practised = self._practised()
+        practised = {} if files else self._practised()
         if practised is None:
             return True
         for phase in _phases(self.config):
@@ -206,9 +206,10 @@ class _Stage:
                 continue
             self._enter(phase)
             assert self._model is not None
-            if practised and self._model.num_timesteps == 0:
+            fresh = self._model.num_timesteps == 0
+            if practised and fresh:
                 self._model.policy.load_state_dict(practised)
-            if files and self._model.num_timesteps == 0:
+            elif files and fresh:
                 checkpoint.restore(files[-1], self._model)
                 self.folder.drop_metrics_after(reached)
             until = min(phase.until, stop)

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from sim2vr_harness.users.user import User
 
-__all__ = ["BodyModel", "Experience", "Motion", "fit_body"]
+__all__ = ["BodyModel", "Experience", "Motion", "fit_body", "mlp"]
 
 _LIMIT_RAD = 0.02
 """Over which a joint's limit is felt: its sharp stop, as a network can learn it."""
@@ -92,7 +92,8 @@ class Experience:
         )
 
 
-def _mlp(*widths: int) -> nn.Sequential:
+def mlp(*widths: int) -> nn.Sequential:
+    """Linear layers of these widths, SiLU between them."""
     layers: list[nn.Module] = []
     for into, out in pairwise(widths):
         layers += [nn.Linear(into, out), nn.SiLU()]
@@ -104,7 +105,7 @@ class _Activation(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self._share = _mlp(2, 16, 16, 1)
+        self._share = mlp(2, 16, 16, 1)
 
     def forward(self, act: Tensor, control: Tensor) -> Tensor:
         share = torch.sigmoid(self._share(torch.stack([act, control], -1)).squeeze(-1))
@@ -136,8 +137,8 @@ class _Acceleration(nn.Module):
         low, high = torch.tensor(user.joint_ranges.T.copy(), dtype=torch.float32)
         self.register_buffer("low", low)
         self.register_buffer("high", high)
-        self._linear = _mlp(6 * joints, width, width, joints * (2 * self._muscles + 1))
-        self._rest = _mlp(8 * joints + 2 * self._muscles, width, width, 2 * joints)
+        self._linear = mlp(6 * joints, width, width, joints * (2 * self._muscles + 1))
+        self._rest = mlp(8 * joints + 2 * self._muscles, width, width, 2 * joints)
 
     def scale_by(self, steps: Experience) -> None:
         """Take the units of inputs and outputs from what happened."""

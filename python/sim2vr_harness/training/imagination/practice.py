@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from sim2vr_harness.training.errors import InputError
-from sim2vr_harness.training.imagination.body import BodyModel, Experience, Motion, fit_body
+from sim2vr_harness.training.imagination.body import BodyModel, Experience, Motion, fit_body, mlp
 from sim2vr_harness.training.imagination.whacamole import (
     CONTROLLER,
     FIELDS,
@@ -31,6 +31,7 @@ from sim2vr_harness.training.teacher_policy import TeacherPolicy
 __all__ = ["Practice", "PracticeReport"]
 
 STATE_FORMAT = 1
+_STATE = "imagination.pt"
 _WILD_KEEP = (0.0, 0.6, 0.9)
 """Of the noise from one user step to the next, in the first cycle; by user."""
 _WILD_LEAST, _WILD_MOST = 0.05, 0.8
@@ -68,13 +69,7 @@ class _Critic(nn.Module):
     def __init__(self, policy: TeacherPolicy, size: int, width: int) -> None:
         super().__init__()
         self._normalise = [policy.normaliser]  # not a part of this module
-        self._net = nn.Sequential(
-            nn.Linear(size, width),
-            nn.SiLU(),
-            nn.Linear(width, width),
-            nn.SiLU(),
-            nn.Linear(width, 1),
-        )
+        self._net = mlp(size, width, width, 1)
 
     def forward(self, observation: Tensor) -> Tensor:
         value: Tensor = 10.0 * self._net(self._normalise[0]({OBSERVATION: observation}))[:, 0]
@@ -495,9 +490,6 @@ class Practice:
     def discard(folder: Path) -> None:
         """Delete what :meth:`save` wrote."""
         (folder / _STATE).unlink(missing_ok=True)
-
-
-_STATE = "imagination.pt"
 
 
 def _packed(steps: Experience) -> list[Tensor]:

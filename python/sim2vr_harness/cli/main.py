@@ -483,6 +483,7 @@ def main(arguments: list[str] | None = None) -> None:
     # Torch's threads wait asleep: awake, they slow an update down to a quarter as soon as another
     # program wants a core. Read when torch is loaded, hence here.
     os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+    os.environ.setdefault("GOMP_SPINCOUNT", "30000")
     given = sys.argv[1:] if arguments is None else arguments
     debug = "--debug" in given
     given = [argument for argument in given if argument != "--debug"] or ["--help"]

@@ -7,6 +7,7 @@ Every model forbids unknown keys and is immutable; the training configuration ne
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -131,6 +132,11 @@ def with_condition(config: EnvConfig, condition: str | None) -> EnvConfig:
     """The configuration with another condition of the game; None leaves it."""
     if condition is None:
         return config
-    options = {**config.app.options, "condition": condition}
-    app = AppConfig(**{**config.app.model_dump(), "options": options})
+    return with_options(config, {"condition": condition})
+
+
+def with_options(config: EnvConfig, options: Mapping[str, OptionValue]) -> EnvConfig:
+    """The configuration with other options of the game; those not named stay."""
+    merged = {**config.app.options, **options}
+    app = AppConfig(**{**config.app.model_dump(), "options": merged})
     return config.model_copy(update={"app": app})

@@ -14,7 +14,7 @@ import json
 import random
 import zipfile
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -30,10 +30,24 @@ from sim2vr_harness.training.ppo import PPO
 from sim2vr_harness.training.run_folder import write_atomically
 from sim2vr_harness.training.vec_env import SimulationVecEnv
 
-__all__ = ["Snapshot", "load_policy_weights", "preserved_random_state", "restore", "take"]
+__all__ = [
+    "Snapshot",
+    "load_policy_weights",
+    "preserved_random_state",
+    "restore",
+    "take",
+    "write_tensors",
+]
 
 FORMAT = 1
 _RESUME = "resume.npz"
+
+
+def write_tensors(path: Path, content: Mapping[str, Any]) -> None:
+    """Write tensors so that the file is either complete or not there; ``torch.load`` reads it."""
+    stream = io.BytesIO()
+    torch.save(dict(content), stream)
+    write_atomically(path, stream.getvalue())
 
 
 @dataclass(frozen=True)

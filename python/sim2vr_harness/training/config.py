@@ -90,6 +90,9 @@ class PPOConfig(_Settings):
     """Iterations at the start in which the critic alone learns: a policy that can play already is
     not to be judged by a critic that knows nothing."""
     learning_rate: LearningRateConfig = LearningRateConfig()
+    critic_learning_rate_factor: float = Field(default=1.0, gt=0.0)
+    """Of the weights that only the values depend on: a critic that begins with nothing beside an
+    actor that can play needs a higher rate than the actor bears."""
 
     @property
     def steps_per_iteration(self) -> int:

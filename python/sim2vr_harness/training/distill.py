@@ -13,7 +13,6 @@ exactly where its last checkpoint was.
 from __future__ import annotations
 
 import fnmatch
-import io
 import json
 import time
 from collections.abc import Iterator
@@ -27,10 +26,12 @@ from numpy.typing import NDArray
 from rich.console import Console
 from torch import Tensor
 
+from sim2vr_harness.envs.config import with_options
 from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.training import checkpoint
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.policy import UserPolicy
-from sim2vr_harness.training.run_folder import RunFolder, write_atomically
+from sim2vr_harness.training.run_folder import RunFolder, keep_rows
 from sim2vr_harness.training.student import Student, StudentProgress
 from sim2vr_harness.training.teacher import load_teacher, train_teacher
 from sim2vr_harness.training.teacher_config import TeacherConfig
@@ -145,7 +146,8 @@ def _teach(
     config: TrainingConfig, folder: RunFolder, teacher: Path, console: Console
 ) -> Weights | None:
     place = folder.path / STUDENT
-    with closing(Simulation(config.env, config.student.n_envs)) as simulation:
+    env = with_options(config.env, config.student.app_options)
+    with closing(Simulation(env, config.student.n_envs)) as simulation:
         guide = TeacherGuide(teacher, config.teacher, simulation)
         policy = _new_policy(config, simulation, guide)
         student = Student(
@@ -158,10 +160,8 @@ def _teach(
         except KeyboardInterrupt:
             return None
         weights = {key: value.clone() for key, value in policy.state_dict().items()}
-        content = io.BytesIO()
-        torch.save(weights, content)
-        write_atomically(place / _POLICY, content.getvalue())
-        student.discard_frames()
+        checkpoint.write_tensors(place / _POLICY, weights)
+        student.discard()
     return weights
 
 
@@ -184,9 +184,7 @@ def _new_policy(config: TrainingConfig, simulation: Simulation, guide: TeacherGu
 
 def _learn(student: Student, metrics: Path, console: Console) -> None:
     config = student.config
-    rows = metrics.read_text(encoding="utf-8").splitlines() if metrics.is_file() else []
-    kept = [row for row in rows if json.loads(row)["step"] <= student.store.count]
-    write_atomically(metrics, "".join(f"{row}\n" for row in kept).encode())
+    keep_rows(metrics, lambda row: row["step"] <= student.store.count)
     began, first = time.monotonic(), student.store.count
     told = began
     while not student.finished:

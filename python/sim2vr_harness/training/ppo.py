@@ -47,6 +47,7 @@ class PPO(stable_baselines3.PPO):
 
     schedule_timesteps: int | None = None
     value_warmup_iterations: int = 0
+    critic_learning_rate_factor: float = 1.0
     last_times: tuple[float, float] = (0.0, 0.0)
     """Seconds of the last rollout and of the update that followed it."""
     _rollout_began = _rollout_ended = 0.0
@@ -60,6 +61,21 @@ class PPO(stable_baselines3.PPO):
     def _update_current_progress_remaining(self, num_timesteps: int, total_timesteps: int) -> None:
         total = self.schedule_timesteps or total_timesteps
         self._current_progress_remaining = max(0.0, 1.0 - num_timesteps / total)
+
+    def _update_learning_rate(self, optimizers: Any) -> None:
+        super()._update_learning_rate(optimizers)
+        for group in self.policy.optimizer.param_groups[1:]:
+            group["lr"] *= self.critic_learning_rate_factor
+
+    def critic_apart(self, factor: float) -> None:
+        """Give the weights that only the values depend on a learning rate of their own."""
+        assert isinstance(self.policy, UserPolicy)
+        critic = self.policy.critic_parameters()
+        known = {id(weight) for weight in critic}
+        both = self.policy.optimizer.param_groups[0]
+        both["params"] = [weight for weight in both["params"] if id(weight) not in known]
+        self.policy.optimizer.add_param_group({"params": critic})
+        self.critic_learning_rate_factor = factor
 
     def dump_logs(self, iteration: int = 0) -> None:
         """Record the rollout's values; they are written after the update."""
@@ -154,4 +170,6 @@ def build(config: TrainingConfig, env: SimulationVecEnv) -> PPO:
     )
     model.schedule_timesteps = config.total_timesteps
     model.value_warmup_iterations = ppo.value_warmup_iterations
+    if ppo.critic_learning_rate_factor != 1.0:
+        model.critic_apart(ppo.critic_learning_rate_factor)
     return model

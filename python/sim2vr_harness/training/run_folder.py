@@ -19,6 +19,7 @@ import platform
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -31,7 +32,7 @@ from sim2vr_harness import __version__, paths
 from sim2vr_harness.training.config import TrainingConfig, parse_config, to_yaml
 from sim2vr_harness.training.errors import InputError
 
-__all__ = ["RunFolder", "versions", "write_atomically"]
+__all__ = ["RunFolder", "keep_rows", "read_rows", "versions", "write_atomically"]
 
 _PACKAGES = ("mujoco", "stable-baselines3", "torch", "gymnasium", "numpy", "scipy")
 
@@ -47,6 +48,22 @@ def write_atomically(path: Path, content: bytes) -> None:
         temporary.replace(path)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def read_rows(file: Path) -> list[dict[str, Any]]:
+    """Return the rows of a log, one JSON object a line; one cut off by a crash is left out."""
+    rows: list[dict[str, Any]] = []
+    if file.is_file():
+        for line in file.read_text(encoding="utf-8").splitlines():
+            with suppress(json.JSONDecodeError):
+                rows.append(json.loads(line))
+    return rows
+
+
+def keep_rows(file: Path, wanted: Callable[[dict[str, Any]], bool]) -> None:
+    """Forget the other rows of a log: of what a resumed run will do again."""
+    text = "".join(json.dumps(row) + "\n" for row in read_rows(file) if wanted(row))
+    write_atomically(file, text.encode())
 
 
 def versions() -> dict[str, str]:
@@ -228,15 +245,8 @@ class RunFolder:
 
     def metrics(self) -> list[dict[str, Any]]:
         """Return the rows of metrics.jsonl; a last line cut off by a crash is left out."""
-        rows: list[dict[str, Any]] = []
-        if self.metrics_file.is_file():
-            for line in self.metrics_file.read_text(encoding="utf-8").splitlines():
-                with suppress(json.JSONDecodeError):
-                    rows.append(json.loads(line))
-        return rows
+        return read_rows(self.metrics_file)
 
     def drop_metrics_after(self, step: int) -> None:
         """Forget rows of steps that a resumed run will take again."""
-        kept = [row for row in self.metrics() if row.get("step", 0) <= step]
-        text = "".join(json.dumps(row) + "\n" for row in kept)
-        write_atomically(self.metrics_file, text.encode())
+        keep_rows(self.metrics_file, lambda row: row.get("step", 0) <= step)

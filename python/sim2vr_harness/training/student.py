@@ -9,7 +9,6 @@ Structured Prediction to No-Regret Online Learning".
 
 from __future__ import annotations
 
-import io
 import json
 import time
 from collections import deque
@@ -23,9 +22,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from sim2vr_harness.training.checkpoint import write_tensors
 from sim2vr_harness.training.policy import UserPolicy
 from sim2vr_harness.training.ppo import episode_means
-from sim2vr_harness.training.run_folder import write_atomically
 from sim2vr_harness.training.sharding import in_shards
 from sim2vr_harness.training.student_config import StudentConfig
 from sim2vr_harness.training.threads import torch_threads
@@ -33,6 +32,7 @@ from sim2vr_harness.training.threads import torch_threads
 __all__ = ["Guide", "Student", "StudentProgress"]
 
 STATE_FORMAT = 1
+_STATE, _FRAMES = "state.pt", "frames.bin"
 _TARGETS = ("label", "facts")
 """What a stored frame holds beside the observation."""
 
@@ -175,7 +175,7 @@ class Student:
         }
         actions = simulation.action_space.shape[0]
         self.store = FrameStore(
-            folder / "frames.bin",
+            folder / _FRAMES,
             -(-config.frames // (self.n * config.rollout_steps)) * self.n * config.rollout_steps,
             shapes | {"label": ((actions,), np.float32), "facts": ((self._facts,), np.float32)},
         )
@@ -335,13 +335,11 @@ class Student:
             },
             "header": json.dumps(header),
         }
-        content = io.BytesIO()
-        torch.save(tensors, content)
-        write_atomically(self.folder / "state.pt", content.getvalue())
+        write_tensors(self.folder / _STATE, tensors)
 
     def restore(self) -> bool:
         """Goes on from :meth:`save`; False if nothing was saved."""
-        file = self.folder / "state.pt"
+        file = self.folder / _STATE
         if not file.is_file():
             return False
         tensors = torch.load(file, weights_only=True, map_location=self._device)
@@ -369,9 +367,10 @@ class Student:
         self._rng.bit_generator.state = header["rng"]
         return True
 
-    def discard_frames(self) -> None:
-        """Deletes the collected images, which nobody needs once the stage is over."""
-        (self.folder / "frames.bin").unlink(missing_ok=True)
+    def discard(self) -> None:
+        """Deletes the collected frames and the state: nobody needs them once the stage is over."""
+        for name in (_FRAMES, _STATE):
+            (self.folder / name).unlink(missing_ok=True)
 
 
 def _noisy(images: Tensor, std: float) -> Tensor:

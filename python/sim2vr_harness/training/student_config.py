@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from sim2vr_harness.client.base import OptionValue
+
 __all__ = ["StudentConfig"]
 
 
@@ -17,6 +19,8 @@ class StudentConfig(_Settings):
     n_envs: int = Field(default=64, ge=1)
     frames: int = Field(default=200_000, ge=1)
     """User steps that are collected, all of which are kept until the stage is over."""
+    app_options: dict[str, OptionValue] = {}
+    """Options of the game in this stage that differ from ``env.app.options``."""
     rollout_steps: int = Field(default=32, ge=1)
     """User steps per user between two times of learning."""
     samples_per_frame: float = Field(default=3.0, gt=0.0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import time
@@ -25,7 +24,7 @@ from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.imagination import Practice, PracticeReport
 from sim2vr_harness.training.metrics_log import JsonLines
 from sim2vr_harness.training.progress import Progress, ProgressDisplay
-from sim2vr_harness.training.run_folder import RunFolder, write_atomically
+from sim2vr_harness.training.run_folder import RunFolder, keep_rows, write_atomically
 from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher_env import TeacherSimulation
 from sim2vr_harness.training.teacher_evaluation import TeacherScore, evaluate_teacher
@@ -234,9 +233,7 @@ class _Stage:
                 assert isinstance(policy, TeacherPolicy)
                 practice = Practice(self.config.imagination, policy, simulation, seed=self.seed)
                 self._practise(practice)
-                content = io.BytesIO()
-                torch.save(policy.state_dict(), content)
-                write_atomically(file, content.getvalue())
+                checkpoint.write_tensors(file, policy.state_dict())
                 practice.discard(self.folder.path)
             except KeyboardInterrupt:
                 return None
@@ -248,8 +245,7 @@ class _Stage:
     def _practise(self, practice: Practice) -> None:
         practice.restore(self.folder.path)
         log = self.folder.path / _PRACTICE_FILE
-        rows = log.read_text(encoding="utf-8").splitlines() if log.is_file() else []
-        write_atomically(log, "".join(f"{row}\n" for row in rows[: practice.cycle]).encode())
+        keep_rows(log, lambda row: row["cycle"] <= practice.cycle)
         while not practice.finished:
             report = practice.step()
             with log.open("a", encoding="utf-8") as stream:

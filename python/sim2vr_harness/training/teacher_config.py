@@ -50,7 +50,7 @@ class ImaginationConfig(_Settings):
     the body is fitted to what they did, and the policy practises with it.
     """
 
-    cycles: int = Field(default=20, ge=0)
+    cycles: int = Field(default=22, ge=0)
     """0: no practice, the teacher begins with nothing."""
     first_play_steps: int = Field(default=600, ge=1)
     """User steps of every user in the first cycle, in which they move about at random."""
@@ -89,11 +89,14 @@ class ImaginationConfig(_Settings):
     """Share of those who begin near a living target."""
     near_m: float = Field(default=0.12, gt=0.0)
     """How near: the marker's distance from a point 10 cm in front of it."""
-    single_targets: float = Field(default=0.5, ge=0.0, le=1.0)
+    single_targets: float = Field(default=0.4, ge=0.0, le=1.0)
     """Share of users who never have more than one target at a time. With several, the policy went
     for the near ones only, and never learned to reach the far corner."""
     failing_cells: float = Field(default=0.5, ge=0.0, le=1.0)
     """Share of spawns that go by the cells' fail rates; the others are uniform."""
+    failing_value: float = Field(default=1.0, ge=0.0)
+    """A hit in a cell that fails k times as often as the mean, at most 3 times, is worth this times
+    k - 1 hits more: with several targets at once the far cells are given up otherwise."""
     overlap_m: float = Field(default=0.015, gt=0.0)
     speed_mps: float = Field(default=0.3, gt=0.0)
     near_reward: float = Field(default=3.0, ge=0.0)

@@ -215,7 +215,7 @@ def test_only_coming_in_fast_enough_is_a_hit() -> None:
         game.hammer.fixed[12, :3] = game._cells[1, 4]
         game.hammer.fixed[12, 3:6] = torch.tensor([0.0, 0.0, 1.0])
         game.hammer.fixed[12, 6:] = torch.tensor([0.0, 1.0, 0.0])
-    _, root, _, _ = game._all_points(game.motion.angles)
+    root, _ = game._points(*game.hammer(game.motion.angles))
     game._age[:], game._fading[:] = -1, 0
     game._age[:, 4] = torch.tensor([5, 5, 5, 0])
     game._ban_s[:] = 9.0

@@ -64,7 +64,7 @@ def test_the_student_learns_what_the_teacher_would_do(tmp_path: Path) -> None:
     # Episodes count only where nobody helped.
     assert 0 < rows[-1].episodes < CONFIG.frames / 6
     assert rows[-1].means["ep_Points_mean"] > 0
-    student.discard_frames()
+    student.discard()
     assert not list(tmp_path.glob("*.bin"))
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import copy
-import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from sim2vr_harness.training.checkpoint import write_tensors
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.imagination.body import BodyModel, Experience, Motion, fit_body, mlp
 from sim2vr_harness.training.imagination.whacamole import (
@@ -23,7 +23,6 @@ from sim2vr_harness.training.imagination.whacamole import (
     ImaginedWhacAMole,
     Relaxation,
 )
-from sim2vr_harness.training.run_folder import write_atomically
 from sim2vr_harness.training.teacher_config import ImaginationConfig
 from sim2vr_harness.training.teacher_env import OBSERVATION, TeacherSimulation
 from sim2vr_harness.training.teacher_policy import TeacherPolicy
@@ -417,13 +416,16 @@ class Practice:
         return tuple(float(rate) for rate in rates.mean(1)), float(rates.min())
 
     def _learn_weights(self) -> None:
-        """Cells that are missed come up more often."""
+        """Cells that are missed come up more often, and are worth more."""
         counts, share = self.game.counts, self.config.failing_cells
         total = counts.sum(0)
         fails = torch.where(total > 0, counts[1] / total.clamp(min=1.0), torch.ones(())) + 0.02
         uniform = 1.0 / fails.shape[1]
         weights = (1.0 - share) * uniform + share * fails / fails.sum(1, keepdim=True)
         self.game.spawn_weights.lerp_(weights, 0.5)
+        often = fails / fails.mean(1, keepdim=True)
+        values = 1.0 + self.config.failing_value * (often.clamp(1.0, 3.0) - 1.0)
+        self.game.hit_values.lerp_(values, 0.5)
 
     # --- exact resume ------------------------------------------------------------------------
 
@@ -435,8 +437,9 @@ class Practice:
             "updates": self.updates,
             "rng": self._rng.bit_generator.state,
         }
-        content = io.BytesIO()
-        torch.save(
+        folder.mkdir(parents=True, exist_ok=True)
+        write_tensors(
+            folder / _STATE,
             {
                 "header": json.dumps(header),
                 "policy": self.policy.state_dict(),
@@ -452,10 +455,7 @@ class Practice:
                     bytearray(self.simulation.save_state()), dtype=torch.uint8
                 ),
             },
-            content,
         )
-        folder.mkdir(parents=True, exist_ok=True)
-        write_atomically(folder / _STATE, content.getvalue())
 
     def restore(self, folder: Path) -> bool:
         """Go on from :meth:`save`; False if nothing was saved."""

@@ -163,6 +163,8 @@ class ImaginedWhacAMole:
         )
         self.spawn_weights = torch.full((len(conditions), _CELLS), 1.0 / _CELLS)
         """By condition and cell."""
+        self.hit_values = torch.ones(len(conditions), _CELLS)
+        """What a hit is worth, in the game's points, by condition and cell."""
         self.counts = torch.zeros(2, len(conditions), _CELLS)
         """Hits and misses since :meth:`clear_counts`, by condition and cell."""
         self.condition = torch.zeros(n, dtype=torch.long)
@@ -177,6 +179,7 @@ class ImaginedWhacAMole:
         self._inside = torch.zeros(n, _CELLS, dtype=torch.bool)
         self._hit = torch.zeros(n, _CELLS, dtype=torch.bool)
         self._left = torch.ones(n, _CELLS)
+        self._posed: tuple[Motion, Tensor, Tensor] | None = None
 
     # --- rounds ------------------------------------------------------------------------------
 
@@ -192,11 +195,12 @@ class ImaginedWhacAMole:
             condition: (K,) which of the conditions.
             cell: (K,) where a target lives; -1 leaves all to chance.
         """
+        self._posed = None
         with torch.no_grad():
             for name in ("angles", "speeds", "act"):
                 getattr(self.motion, name)[ids] = getattr(motion, name)
             self._velocity[ids], self.condition[ids] = velocity, condition
-            self._root[ids] = self._all_points(motion.angles)[1]
+            self._root[ids] = self._points(*self.hammer(motion.angles))[0]
             self._age[ids] = self._first_ages(ids, condition, cell)
             count = len(ids)
             self._fading[ids] = 0
@@ -251,12 +255,15 @@ class ImaginedWhacAMole:
         """Count hits and misses anew."""
         self.counts.zero_()
 
-    _STATE = ("_velocity", "_root", "_age", "_fading", "_ban_s", "_inside", "_hit", "_left")
+    _STATE = (
+        *("_velocity", "_root", "_age", "_fading", "_ban_s", "_inside", "_hit", "_left"),
+        *("condition", "spawn_weights", "hit_values"),
+    )
 
     def state(self) -> dict[str, Tensor]:
         """Everything that the rounds' future depends on, but for the body model."""
-        own = {name: getattr(self, name) for name in (*self._STATE, "condition", "spawn_weights")}
-        return {name: value.clone() for name, value in own.items()} | {
+        own = {name: getattr(self, name).clone() for name in self._STATE}
+        return own | {
             "angles": self.motion.angles.clone(),
             "speeds": self.motion.speeds.clone(),
             "act": self.motion.act.clone(),
@@ -265,7 +272,8 @@ class ImaginedWhacAMole:
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
         """Go on from :meth:`state`."""
-        for name in (*self._STATE, "condition", "spawn_weights"):
+        self._posed = None
+        for name in self._STATE:
             setattr(self, name, state[name].clone())
         self.motion = Motion(*(state[name].clone() for name in ("angles", "speeds", "act")))
         self.generator.set_state(state["generator"])
@@ -287,7 +295,7 @@ class ImaginedWhacAMole:
     def observe(self) -> Tensor:
         """(B, F) in the order of :attr:`names`, differentiable by the motion."""
         motion, condition = self.motion, self.condition
-        marker, axes = self.hammer(motion.angles)
+        marker, axes = self._pose()
         strike = (self._velocity * self._strike[condition]).sum(1, keepdim=True)
         behind = self._axes[condition, 2]
         depth = ((marker - self._area[condition]) * behind).sum(1, keepdim=True)
@@ -334,7 +342,8 @@ class ImaginedWhacAMole:
         after = self.body(self.motion, control)
         self.motion = self.body.disturbed(after, error_share) if error_share > 0.0 else after
         self._next_frame()
-        marker, root, box, axes = self._all_points(self.motion.angles)
+        marker, axes = self._pose()
+        root, box = self._points(marker, axes)
         self._velocity = self._velocity + 0.5 * ((root - self._root) / _FRAME_S - self._velocity)
         self._root = root
         return self._judge(marker, box, axes, soft)
@@ -365,12 +374,18 @@ class ImaginedWhacAMole:
         left[rows, cell[wanted]] = 1.0
         self._left = left
 
-    def _all_points(self, angles: Tensor) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Marker, root and middle of the hammer's collider, (B, 3) m each, and its axes."""
-        marker, axes = self.hammer(angles)
+    def _pose(self) -> tuple[Tensor, Tensor]:
+        """Marker and axes of the hammer now; what is observed after a step is the step's own."""
+        if self._posed is None or self._posed[0] is not self.motion:
+            self._posed = (self.motion, *self.hammer(self.motion.angles))
+        return self._posed[1:]
+
+    @staticmethod
+    def _points(marker: Tensor, axes: Tensor) -> tuple[Tensor, Tensor]:
+        """Root of the hammer and middle of its collider, (B, 3) m each."""
         root = marker - torch.einsum("k,bkx->bx", torch.tensor(_MARKER_M), axes)
         box = root + torch.einsum("k,bkx->bx", torch.tensor(_BOX_M), axes)
-        return marker, root, box, axes
+        return root, box
 
     def _judge(self, marker: Tensor, box: Tensor, axes: Tensor, soft: Relaxation) -> Tensor:
         condition = self.condition
@@ -387,7 +402,7 @@ class ImaginedWhacAMole:
         speed = torch.where(constrained, speed, torch.ones(()))[:, None]
         overlap = torch.sigmoid((depth - _OVERLAP_MARGIN_M) / soft.overlap_m).prod(2)
         chance = counts * overlap * speed
-        hits = (self._left * chance).sum(1)
+        hits = (self.hit_values[condition] * self._left * chance).sum(1)
         still = self._left
         self._left = still * (1.0 - chance)
         self._inside = inside

@@ -31,6 +31,7 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.training import checkpoint
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.policy import UserPolicy
+from sim2vr_harness.training.progress import StageDisplay
 from sim2vr_harness.training.run_folder import RunFolder, keep_rows
 from sim2vr_harness.training.student import Student, StudentProgress
 from sim2vr_harness.training.teacher import load_teacher, train_teacher
@@ -42,7 +43,6 @@ __all__ = ["STUDENT", "TEACHER", "TeacherGuide", "distill"]
 TEACHER, STUDENT = "teacher", "student"
 """Folders of the first two stages in a run's folder."""
 
-REPORT_SECONDS = 15.0
 SCALE_STEPS, SCALE_EVERY = 120, 4
 """User steps in which the teacher shows what a body goes through."""
 _POLICY = "policy.pt"
@@ -186,18 +186,20 @@ def _learn(student: Student, metrics: Path, console: Console) -> None:
     config = student.config
     keep_rows(metrics, lambda row: row["step"] <= student.store.count)
     began, first = time.monotonic(), student.store.count
-    told = began
-    while not student.finished:
-        progress = student.step()
-        with metrics.open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps(_row(progress)) + "\n")
-        now = time.monotonic()
-        if now - told >= REPORT_SECONDS or student.finished:
-            told = now
-            rate = (progress.frames - first) / (now - began)
-            _say(console, _line(progress, config.frames, rate))
-        if student.round % config.checkpoint_rounds == 0 or student.finished:
-            student.save()
+    with StageDisplay("Student", config.frames, console) as display:
+        over = student.finished
+        while not over:
+            progress = student.step()
+            over = student.finished
+            with metrics.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(_row(progress)) + "\n")
+            rate = (progress.frames - first) / (time.monotonic() - began)
+            left = max(0.0, config.frames - progress.frames) / rate
+            display.update(progress.frames, _line(progress, rate), left)
+            if over or student.round % config.checkpoint_rounds == 0:
+                student.save()
+            if over:
+                display.say("Student: " + _line(progress, rate))
 
 
 def _row(progress: StudentProgress) -> dict[str, Any]:
@@ -212,14 +214,12 @@ def _row(progress: StudentProgress) -> dict[str, Any]:
     }
 
 
-def _line(progress: StudentProgress, total: int, rate: float) -> str:
-    left = (total - progress.frames) / rate / 60.0
-    rate_text = f"{rate:,.0f} frames/s, {left:.0f} min left"
+def _line(progress: StudentProgress, rate: float) -> str:
     hits = progress.means.get("ep_hit_rate")
-    played = "" if hits is None else f", hit rate {hits:.2f} in its last rounds"
+    played = "" if hits is None else f"hit rate {hits:.2f} in its last rounds, "
     return (
-        f"Student: {progress.frames:,} of {total:,} frames, differs from the teacher by "
-        f"{progress.imitation_error:.3f}{played} ({rate_text})"
+        f"{progress.frames:,} frames, {played}differs from the teacher by "
+        f"{progress.imitation_error:.3f} ({rate:,.0f} frames/s)"
     )
 
 

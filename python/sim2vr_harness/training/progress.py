@@ -12,7 +12,7 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["Phase", "Progress", "ProgressDisplay", "duration"]
+__all__ = ["Phase", "Progress", "ProgressDisplay", "StageDisplay", "duration"]
 
 PLAIN_INTERVAL_S = 15.0
 
@@ -273,3 +273,67 @@ class ProgressDisplay:
             f"First rounds: {_number(p.hits_now)} hits, {_number(p.misses_now)} misses so far",
             style="dim",
         )
+
+
+class StageDisplay:
+    """Shows how far a stage of a training is: a bar, or plain lines outside a terminal.
+
+    Use it in a ``with`` block.
+
+    Args:
+        name: Of the stage.
+        total: What ``done`` counts up to.
+        console: Where to show it. Outside a terminal a line is printed at most every ``interval``
+            seconds, whenever :meth:`update` is called.
+        interval: Seconds between plain lines.
+    """
+
+    def __init__(
+        self, name: str, total: float, console: Console, interval: float = PLAIN_INTERVAL_S
+    ) -> None:
+        self._name, self._total, self._console, self._interval = name, total, console, interval
+        self._done, self._doing = 0.0, ""
+        self._left: float | None = None
+        self._began = self._last_line = time.monotonic()
+        self._live: Live | None = None
+        if console.is_terminal:
+            self._live = Live(
+                console=console, get_renderable=self._panel, refresh_per_second=4, transient=True
+            )
+
+    def __enter__(self) -> StageDisplay:
+        if self._live is not None:
+            self._live.start()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if self._live is not None:
+            self._live.stop()
+
+    def update(self, done: float, doing: str, seconds_left: float | None) -> None:
+        """Show that the stage is so far, what it does now, and how long it will take still."""
+        self._done, self._doing, self._left = done, doing, seconds_left
+        now = time.monotonic()
+        if self._live is None and now - self._last_line >= self._interval:
+            self._last_line = now
+            self.say(f"{self._name} {self._share():.0%} | {doing} | left {duration(seconds_left)}")
+
+    def say(self, text: str) -> None:
+        """Print a line that stays, above the bar if there is one."""
+        self._last_line = time.monotonic()
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    def _share(self) -> float:
+        return self._done / self._total
+
+    def _panel(self) -> RenderableType:
+        grid = Table.grid(padding=(0, 2))
+        bar = ProgressBar(total=self._total, completed=self._done, width=36)
+        grid.add_row(self._name, bar, f"{self._share():.0%}", self._doing)
+        elapsed = duration(time.monotonic() - self._began)
+        return Group(grid, Text(f"elapsed {elapsed}   left {duration(self._left)}", style="dim"))

@@ -23,7 +23,7 @@ from sim2vr_harness.training.callbacks import CheckpointCallback, ProgressCallba
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.imagination import Practice, PracticeReport
 from sim2vr_harness.training.metrics_log import JsonLines
-from sim2vr_harness.training.progress import Progress, ProgressDisplay
+from sim2vr_harness.training.progress import Progress, ProgressDisplay, StageDisplay
 from sim2vr_harness.training.run_folder import RunFolder, keep_rows, write_atomically
 from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher_env import TeacherSimulation
@@ -246,13 +246,27 @@ class _Stage:
         practice.restore(self.folder.path)
         log = self.folder.path / _PRACTICE_FILE
         keep_rows(log, lambda row: row["cycle"] <= practice.cycle)
-        while not practice.finished:
-            report = practice.step()
-            with log.open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps(asdict(report)) + "\n")
-            practice.save(self.folder.path)
-            text = describe_practice(report, self.config.imagination.cycles)
-            self.console.print(text, highlight=False, soft_wrap=True)
+        cycles = self.config.imagination.cycles
+        cycle_s: float | None = None
+        with StageDisplay("Practice", cycles, self.console) as display:
+
+            def tell(doing: str, share: float) -> None:
+                text = f"cycle {practice.cycle + 1} of {cycles}, {doing} {share:.0%}"
+                left = None
+                if cycle_s is not None:
+                    spent = min(time.monotonic() - began, cycle_s)
+                    left = (cycles - practice.cycle) * cycle_s - spent
+                display.update(practice.cycle, text, left)
+
+            while not practice.finished:
+                began, first = time.monotonic(), practice.cycle == 0
+                report = practice.step(tell)
+                with log.open("a", encoding="utf-8") as stream:
+                    stream.write(json.dumps(asdict(report)) + "\n")
+                practice.save(self.folder.path)
+                display.say(describe_practice(report, cycles))
+                if not first:  # which takes longer
+                    cycle_s = time.monotonic() - began
 
     def _enter(self, phase: _Phase) -> None:
         """Make the users of a phase; the learner and what it remembers of the task go on."""

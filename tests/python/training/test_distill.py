@@ -90,7 +90,8 @@ def test_all_stages_leave_their_traces(whole: Path) -> None:
     ]
     assert [row["step"] for row in rows] == [16, 32, 48, 64, 80, 96]
     assert all(np.isfinite(row["student/imitation_error"]) for row in rows)
-    assert not (whole / "student" / "frames.bin").exists()
+    left = sorted(file.name for file in (whole / "student").iterdir())
+    assert left == ["metrics.jsonl", "policy.pt"]
     assert list((whole / "teacher" / "checkpoints").glob("*.zip"))
 
 
@@ -105,6 +106,22 @@ def test_fine_tuning_begins_with_the_student_and_with_its_critic(whole: Path) ->
     scaling = [key for key in student if key.endswith("scaling.std")]
     assert scaling
     assert (student[scaling[0]] != 1.0).any()
+
+
+@pytest.mark.parametrize(("options", "most"), [({}, 3), ({"condition": "easy"}, 1)])
+def test_a_student_may_have_game_options_of_its_own(
+    options: dict[str, str], most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    seen = []
+    discard = Student.discard
+
+    def noting(self: Student) -> None:
+        seen.append(self.store.rows(np.arange(self.store.count))["facts"].sum(1))
+        discard(self)
+
+    monkeypatch.setattr(Student, "discard", noting)
+    train(tmp_path / "run", f"student.app_options={json.dumps(options)}")
+    assert seen[0].max() == most
 
 
 def test_a_stopped_student_goes_on_to_the_same_end(

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -263,6 +265,48 @@ def test_the_reward_s_gradient_is_that_of_finite_differences(practice: Practice)
     assert float(slope) == pytest.approx(expected, rel=0.05)
 
 
+def test_hits_are_worth_what_their_cells_say(practice: Practice) -> None:
+    game, steps = practice._new_game(40), experience(practice)
+    begin = steps.rows(torch.arange(40))
+    rewards = []
+    for value in (0.0, 1.0, 3.0):
+        condition = game.condition_of(begin)
+        game.start(
+            torch.arange(40),
+            begin.after,
+            game.velocity_of(begin),
+            condition,
+            torch.zeros(40).long(),
+        )
+        game._age[:] = 5  # a target in every cell
+        game._velocity = game._strike[condition]  # at 1 m/s
+        game.hit_values.fill_(value)
+        rewards.append(game._judge(*judged(game), replace(SOFT, overlap_m=0.1)))
+    assert (rewards[1] - rewards[0] > 1e-3).any()
+    torch.testing.assert_close(
+        rewards[2] - rewards[0], 3.0 * (rewards[1] - rewards[0]), atol=1e-4, rtol=1e-4
+    )
+
+
+def judged(game: ImaginedWhacAMole) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+    marker, axes = game._pose()
+    return marker, game._points(marker, axes)[1], axes
+
+
+def test_the_hammer_is_seen_where_a_user_goes_on(practice: Practice) -> None:
+    game, steps = practice._new_game(2), experience(practice)
+    place = [game.names.index(f"hammer.{axis}_m") for axis in "xyz"]
+    game.observe()
+    begin = steps.rows(torch.tensor([3, 50]))
+    condition = game.condition_of(begin)
+    game.start(
+        torch.arange(2), begin.after, game.velocity_of(begin), condition, torch.full((2,), -1)
+    )
+    torch.testing.assert_close(
+        game.observe()[:, place], practice.hammer(begin.after.angles)[0], atol=1e-6, rtol=0.0
+    )
+
+
 # --- practice ----------------------------------------------------------------------------------
 
 
@@ -275,14 +319,20 @@ def test_practice_moves_the_actor_alone(practice: Practice) -> None:
     assert all("policy_net" in key or key.startswith("action_net") for key in moved)
 
 
-def test_missed_cells_come_up_more_often(practice: Practice) -> None:
+def test_missed_cells_come_up_more_often_and_are_worth_more(practice: Practice) -> None:
     game = practice.game
     game.spawn_weights.fill_(1.0 / 9.0)
+    game.hit_values.fill_(1.0)
     game.counts[0], game.counts[1] = 10.0, 0.0
     game.counts[:, 2, 6] = torch.tensor([0.0, 10.0])
     practice._learn_weights()
     assert game.spawn_weights[2, 6] > 2.0 * game.spawn_weights[2, 0]
     torch.testing.assert_close(game.spawn_weights.sum(1), torch.ones(3))
+    # It fails 7.8 times as often as the mean, of which 3 count: worth 2 hits more, half of it now.
+    expected = torch.ones(3, 9)
+    expected[2, 6] = 2.0
+    torch.testing.assert_close(game.hit_values, expected)
+    game.hit_values.fill_(1.0)
 
 
 def test_only_what_the_mind_knows_may_be_observed() -> None:
@@ -302,10 +352,10 @@ def test_practice_that_was_stopped_ends_in_the_same_bits(
     train(tmp_path / "whole")
     step = Practice.step
 
-    def stopping(self: Practice) -> object:
+    def stopping(self: Practice, tell: Callable[[str, float], None]) -> object:
         if self.cycle == stop:
             raise KeyboardInterrupt
-        return step(self)
+        return step(self, tell)
 
     with monkeypatch.context() as patch:
         patch.setattr(Practice, "step", stopping)

@@ -276,10 +276,33 @@ def test_a_training_has_the_same_bits_for_any_number_of_threads(tmp_path: Path) 
         assert rows_without_times(results[0].folder.path) == rows
 
 
+def test_a_critic_learns_at_a_rate_of_its_own() -> None:
+    rates = {"learning_rate": {"initial": 1e-3, "final": 1e-3}, "critic_learning_rate_factor": 5.0}
+    config = tiny(ppo=BIG | rates)
+    model = ppo.build(config, SimulationVecEnv(FakeSimulation(config.env, 40)))
+    model.set_logger(Logger(folder=None, output_formats=[]))
+    before = {key: value.clone() for key, value in model.policy.state_dict().items()}
+    model.learn(400)
+    moved = {
+        key: float((value - before[key]).abs().max())
+        for key, value in model.policy.state_dict().items()
+    }
+    # Adam's first steps are near the rate itself; there are 2 minibatches in 3 epochs.
+    critic = {key for key in moved if "critic" in key or key.startswith("value_net")}
+    assert 3e-3 < max(moved[key] for key in moved.keys() - critic) < 6.5e-3
+    assert 15e-3 < max(moved[key] for key in critic) < 32e-3
+
+
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-def test_resuming_is_exact_in_shards(tmp_path: Path, two_threads: None, precision: str) -> None:
+@pytest.mark.parametrize("factor", [1.0, 5.0])
+def test_resuming_is_exact_in_shards(
+    tmp_path: Path, two_threads: None, precision: str, factor: float
+) -> None:
     policy = {"net_arch": [16], "vision_features": 8, "proprioception_features": 8}
-    config = tiny(ppo=BIG, policy=policy | {"vision_precision": precision})
+    config = tiny(
+        ppo=BIG | {"critic_learning_rate_factor": factor},
+        policy=policy | {"vision_precision": precision},
+    )
     whole = run(tmp_path / "whole", 3 * 400, config)
     run(tmp_path / "parts", 400, config)
     parts = run(tmp_path / "parts", 3 * 400, config, resume=True)

@@ -6,7 +6,13 @@ import time
 import pytest
 from rich.console import Console
 
-from sim2vr_harness.training.progress import Phase, Progress, ProgressDisplay, duration
+from sim2vr_harness.training.progress import (
+    Phase,
+    Progress,
+    ProgressDisplay,
+    StageDisplay,
+    duration,
+)
 
 
 @pytest.mark.parametrize(
@@ -69,4 +75,28 @@ def test_live_panel_in_a_terminal() -> None:
         pass
     text = output.getvalue()
     for part in ("4 / 10 minibatches", "effort 120.0", "Saved x.zip", "steps/s"):
+        assert part in text
+
+
+def test_stage_in_plain_lines() -> None:
+    output = io.StringIO()
+    with StageDisplay("Practice", 20, Console(file=output), interval=1000.0) as display:
+        display.update(5, "playing", 61.0)  # too soon
+        display.say("Cycle done.")
+    with StageDisplay("Practice", 20, Console(file=output), interval=0.0) as display:
+        display.update(5, "playing", 61.0)
+    assert output.getvalue().splitlines() == [
+        "Cycle done.",
+        "Practice 25% | playing | left 1 min 01 s",
+    ]
+
+
+def test_stage_in_a_terminal() -> None:
+    output = io.StringIO()
+    console = Console(file=output, force_terminal=True, width=100)
+    with StageDisplay("Practice", 20, console) as display:
+        display.update(5, "cycle 6 of 20, playing 40%", None)
+        display.say("Cycle done.")
+    text = output.getvalue()
+    for part in ("Practice", "25%", "cycle 6 of 20, playing 40%", "Cycle done.", "left -"):
         assert part in text

@@ -7,6 +7,7 @@ how joint angles place the hand is exact, from the body model's chain of joints.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -319,6 +320,7 @@ def fit_body(
     learning_rate: float,
     batch_size: int = 1024,
     held_out: int = 4096,
+    tell: Callable[[float], None] = lambda share: None,
 ) -> dict[str, float]:
     """Fit a body model to user steps; the learning rate rises and falls once.
 
@@ -329,6 +331,7 @@ def fit_body(
         learning_rate: the highest.
         batch_size: steps in a minibatch.
         held_out: at most so many, and at most a tenth, are not learned from.
+        tell: is told which share of the minibatches is done.
 
     Returns:
         ``speed``: root mean square error of the speeds after a step, in units of their change's
@@ -345,7 +348,8 @@ def fit_body(
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimizer, learning_rate, total_steps=minibatches, pct_start=0.1
     )
-    for _ in range(minibatches):
+    for done in range(minibatches):
+        tell(done / minibatches)
         batch = steps.rows(known[torch.randint(len(known), (batch_size,))])
         loss = _loss(body, batch)
         optimizer.zero_grad()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -36,6 +37,10 @@ _WILD_KEEP = (0.0, 0.6, 0.9)
 _WILD_LEAST, _WILD_MOST = 0.05, 0.8
 _REST_ACT, _RETURN = 0.15, 0.3
 """Activations drift back to this, by this share a user step."""
+
+
+Tell = Callable[[str, float], None]
+"""Is told what is being done, and which share of that is done."""
 
 
 @dataclass(frozen=True)
@@ -136,6 +141,7 @@ class Practice:
         self._near: dict[tuple[int, int], Tensor] = {}
         self._torch_state: Tensor | None = None
         self._started = False
+        self._tell: Tell = lambda doing, share: None
 
     @property
     def finished(self) -> bool:
@@ -144,9 +150,10 @@ class Practice:
 
     # --- a cycle -----------------------------------------------------------------------------
 
-    def step(self) -> PracticeReport:
-        """Play, learn the body from it, and practise."""
+    def step(self, tell: Tell = lambda doing, share: None) -> PracticeReport:
+        """Play, learn the body from it, and practise; ``tell`` is told what, and how far it is."""
         config = self.config
+        self._tell = tell
         with torch.random.fork_rng(devices=[]):
             if self._torch_state is None:
                 torch.manual_seed(self._torch_seed + 2)
@@ -165,6 +172,7 @@ class Practice:
                 self._to_learn(),
                 minibatches=config.first_fit_minibatches if first else config.fit_minibatches,
                 learning_rate=4e-3 if first else 1.5e-3,
+                tell=lambda share: tell("learning its body", share),
             )
             self._choose_pool()
             if first:
@@ -172,7 +180,8 @@ class Practice:
                 everyone = torch.arange(self.game.n)
                 self._restart(everyone)
             self.game.clear_counts()
-            for _ in range(config.updates):
+            for update in range(config.updates):
+                tell("practising", update / config.updates)
                 self._update()
             imagined, worst = self._rates()
             self._learn_weights()
@@ -219,7 +228,8 @@ class Practice:
         def motion() -> tuple[NDArray[Any], ...]:
             return users.qpos[:, joints], users.qvel[:, dofs], users.act
 
-        for _ in range(steps):
+        for step in range(steps):
+            self._tell("playing", step / steps)
             before = motion()
             if wildly:
                 wild = keep * wild + np.sqrt(1.0 - keep**2) * rng.standard_normal(wild.shape)

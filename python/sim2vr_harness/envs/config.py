@@ -10,18 +10,19 @@ import re
 from collections.abc import Mapping
 from typing import Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
 
 from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.settings import Settings
 
 _ADDRESS = re.compile(r"[^\s:/]+:([0-9]{1,5})")
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
+def _medium() -> dict[str, OptionValue]:
+    return {"condition": "medium"}
 
 
-class EffortConfig(_Settings):
+class EffortConfig(Settings):
     """Cost of muscular effort, subtracted from the game's reward in every user step."""
 
     model: Literal[
@@ -31,7 +32,7 @@ class EffortConfig(_Settings):
     """Reward per unit of the model's cost; 0.1 is the reference's value for Whac-A-Mole."""
 
 
-class NoiseConfig(_Settings):
+class NoiseConfig(Settings):
     """Motor noise on the muscle controls (off in the reference)."""
 
     signal_dependent: Literal["white", "red"] | None = None
@@ -40,7 +41,7 @@ class NoiseConfig(_Settings):
     """Noise shared by all muscles, whatever their control."""
 
 
-class UserConfig(_Settings):
+class UserConfig(Settings):
     """The simulated person."""
 
     model: str = "mobl_arms_wrist"
@@ -52,7 +53,7 @@ class UserConfig(_Settings):
     """Physics step; None takes the model's 2 ms. Coarser physics is for trainings only."""
 
 
-class VisionConfig(_Settings):
+class VisionConfig(Settings):
     """The headset image as the user sees it."""
 
     width: int = Field(default=120, ge=8, le=4096)
@@ -62,11 +63,11 @@ class VisionConfig(_Settings):
     """With a buffer, the image of this many seconds ago is stacked behind the newest one."""
 
 
-class AppConfig(_Settings):
+class AppConfig(Settings):
     """The VR application in the loop."""
 
     game: str = "whacamole"
-    options: dict[str, OptionValue] = {"condition": "medium"}
+    options: dict[str, OptionValue] = Field(default_factory=_medium)
     """The game's options; each game validates its own (docs/games/)."""
     renderer: Literal["automatic", "egl", "osmesa", "null"] = "automatic"
     transport: Literal["in_process", "protocol1", "protocol2"] = "in_process"
@@ -110,7 +111,7 @@ class AppConfig(_Settings):
         return self
 
 
-class EnvConfig(_Settings):
+class EnvConfig(Settings):
     """One simulated user in one app."""
 
     app: AppConfig = AppConfig()

@@ -12,10 +12,11 @@ from typing import Any, Literal, get_args
 
 import pydantic
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, Field, model_validator
 
 from sim2vr_harness import paths
 from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.settings import Settings, check_whole_minibatches
 from sim2vr_harness.training.errors import InputError, closest
 from sim2vr_harness.training.student_config import StudentConfig
 from sim2vr_harness.training.teacher_config import TeacherConfig
@@ -37,11 +38,7 @@ __all__ = [
 ]
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class PolicyConfig(_Settings):
+class PolicyConfig(Settings):
     """The network; defaults are the reference's."""
 
     vision_channels: tuple[int, ...] = (8, 16, 32)
@@ -62,7 +59,7 @@ class PolicyConfig(_Settings):
     ``UserPolicy.fit_scaling`` sets; False: taken as it is, as in the reference."""
 
 
-class LearningRateConfig(_Settings):
+class LearningRateConfig(Settings):
     """Constant at first, then linear in the steps taken, over ``total_timesteps``."""
 
     initial: float = Field(default=5.0e-5, ge=0.0)
@@ -71,7 +68,7 @@ class LearningRateConfig(_Settings):
     """Share of ``total_timesteps`` during which ``initial`` holds."""
 
 
-class PPOConfig(_Settings):
+class PPOConfig(Settings):
     """Proximal policy optimisation; names are Stable-Baselines3's."""
 
     n_envs: int = Field(default=10, ge=1)
@@ -101,15 +98,11 @@ class PPOConfig(_Settings):
 
     @model_validator(mode="after")
     def _whole_minibatches(self) -> PPOConfig:
-        if self.steps_per_iteration % self.batch_size:
-            raise ValueError(
-                f"batch_size: got {self.batch_size}, expected a divisor of n_envs * n_steps = "
-                f"{self.steps_per_iteration}"
-            )
+        check_whole_minibatches(self.steps_per_iteration, self.batch_size)
         return self
 
 
-class CheckpointConfig(_Settings):
+class CheckpointConfig(Settings):
     """What is kept of the run, and how often."""
 
     every_steps: int = Field(default=1_000_000, ge=1)
@@ -119,7 +112,7 @@ class CheckpointConfig(_Settings):
     """Keep only this many newest checkpoints; None keeps all."""
 
 
-class EvaluationConfig(_Settings):
+class EvaluationConfig(Settings):
     """Rounds played with a trained user."""
 
     conditions: tuple[str, ...] = ("low-medium", "medium", "high-medium")
@@ -134,7 +127,7 @@ class EvaluationConfig(_Settings):
     """False: actions are sampled, as in the reference."""
 
 
-class WandbConfig(_Settings):
+class WandbConfig(Settings):
     """Weights & Biases (needs the extra ``sim2vr-harness[wandb]``)."""
 
     enabled: bool = False
@@ -143,7 +136,7 @@ class WandbConfig(_Settings):
     mode: Literal["online", "offline"] = "online"
 
 
-class TrainingConfig(_Settings):
+class TrainingConfig(Settings):
     """Everything that a training run is made of."""
 
     name: str = Field(default="whacamole", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")

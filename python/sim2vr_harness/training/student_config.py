@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.settings import Settings
 
 __all__ = ["StudentConfig"]
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class StudentConfig(_Settings):
+class StudentConfig(Settings):
     """The second stage: a policy that sees imitates the teacher (DAgger)."""
 
     n_envs: int = Field(default=64, ge=1)
     frames: int = Field(default=200_000, ge=1)
     """User steps that are collected, all of which are kept until the stage is over."""
-    app_options: dict[str, OptionValue] = {}
+    app_options: dict[str, OptionValue] = Field(default_factory=dict)
     """Options of the game in this stage that differ from ``env.app.options``."""
     rollout_steps: int = Field(default=32, ge=1)
     """User steps per user between two times of learning."""

@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from typing import Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field, model_validator
+
+from sim2vr_harness.settings import Settings, check_whole_minibatches
 
 __all__ = ["AidsConfig", "ImaginationConfig", "Ramp", "TeacherConfig", "TeacherPPOConfig"]
 
 
-class _Settings(BaseModel):
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-
-class Ramp(_Settings):
+class Ramp(Settings):
     """A number that changes linearly with the user steps taken, between two constants."""
 
     start: float
@@ -43,7 +41,7 @@ def _constant(value: float) -> Ramp:
     return Ramp(start=value, end=value)
 
 
-class ImaginationConfig(_Settings):
+class ImaginationConfig(Settings):
     """Practice in the mind, before the teacher learns in the true game (training/imagination).
 
     A cycle: users of the true game play (``teacher.ppo.n_envs`` of them), a differentiable model of
@@ -107,7 +105,7 @@ class ImaginationConfig(_Settings):
     """Cost of the mean square of activations per user step."""
 
 
-class AidsConfig(_Settings):
+class AidsConfig(Settings):
     """What may help a teacher to find the strokes at all; all of it ends on the true task.
 
     After practice in the mind there is little to help with: rewards are the true ones.
@@ -139,7 +137,7 @@ class AidsConfig(_Settings):
     """Episodes are cut after this time; the value of the state stands for the rest."""
 
 
-class TeacherPPOConfig(_Settings):
+class TeacherPPOConfig(Settings):
     """Proximal policy optimisation on numbers; names are Stable-Baselines3's where it has one."""
 
     n_envs: int = Field(default=128, ge=1)
@@ -180,15 +178,11 @@ class TeacherPPOConfig(_Settings):
 
     @model_validator(mode="after")
     def _whole_minibatches(self) -> Self:
-        if self.steps_per_iteration % self.batch_size:
-            raise ValueError(
-                f"batch_size: got {self.batch_size}, expected a divisor of n_envs * n_steps = "
-                f"{self.steps_per_iteration}"
-            )
+        check_whole_minibatches(self.steps_per_iteration, self.batch_size)
         return self
 
 
-class TeacherConfig(_Settings):
+class TeacherConfig(Settings):
     """The first stage of a distilled training: a policy on privileged numbers, without pictures."""
 
     total_timesteps: int = Field(default=3_000_000, ge=1)

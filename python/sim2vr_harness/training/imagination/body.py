@@ -7,7 +7,7 @@ how joint angles place the hand is exact, from the body model's chain of joints.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -67,30 +67,28 @@ class Experience:
     def __len__(self) -> int:
         return len(self.control)
 
-    def rows(self, ids: Tensor) -> Experience:
-        """Some of the steps."""
-        return Experience(
-            self.before.rows(ids), self.control[ids], self.after.rows(ids), self.fields[ids]
-        )
+    def tensors(self) -> list[Tensor]:
+        """Everything, in the order that :meth:`of` takes."""
+        before, after = self.before, self.after
+        return [
+            *(before.angles, before.speeds, before.act, self.control),
+            *(after.angles, after.speeds, after.act, self.fields),
+        ]
 
     @staticmethod
-    def joined(parts: list[Experience]) -> Experience:
+    def of(tensors: Sequence[Tensor]) -> Experience:
+        """Of what :meth:`tensors` gave."""
+        return Experience(Motion(*tensors[:3]), tensors[3], Motion(*tensors[4:7]), tensors[7])
+
+    def rows(self, ids: Tensor) -> Experience:
+        """Some of the steps."""
+        return Experience.of([values[ids] for values in self.tensors()])
+
+    @staticmethod
+    def joined(parts: Sequence[Experience]) -> Experience:
         """All steps of all parts."""
-
-        def motion(name: str) -> Motion:
-            each = [getattr(part, name) for part in parts]
-            return Motion(
-                torch.cat([m.angles for m in each]),
-                torch.cat([m.speeds for m in each]),
-                torch.cat([m.act for m in each]),
-            )
-
-        return Experience(
-            motion("before"),
-            torch.cat([part.control for part in parts]),
-            motion("after"),
-            torch.cat([part.fields for part in parts]),
-        )
+        columns = zip(*(part.tensors() for part in parts), strict=True)
+        return Experience.of([torch.cat(column) for column in columns])
 
 
 def mlp(*widths: int) -> nn.Sequential:

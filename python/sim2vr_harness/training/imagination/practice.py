@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from sim2vr_harness.training.checkpoint import write_tensors
 from sim2vr_harness.training.errors import InputError
-from sim2vr_harness.training.imagination.body import BodyModel, Experience, Motion, fit_body, mlp
+from sim2vr_harness.training.imagination.body import BodyModel, Experience, fit_body, mlp
 from sim2vr_harness.training.imagination.whacamole import (
     CONTROLLER,
     FIELDS,
@@ -256,7 +256,7 @@ class Practice:
             torch.tensor(np.concatenate(column), dtype=torch.float32)
             for column in zip(*rows, strict=True)
         ]
-        taken = Experience(Motion(*parts[:3]), parts[3], Motion(*parts[4:7]), parts[7])
+        taken = Experience.of(parts)
         shown = counts.sum(0)
         rates = np.where(shown > 0.0, counts[0] / np.maximum(shown, 1.0), np.nan)
         return taken, tuple(map(float, rates))
@@ -460,7 +460,7 @@ class Practice:
                 "optimizers": [o.state_dict() for o in (self._optimizer, self._critic_optimizer)],
                 "torch": self._torch_state,
                 "game": self.game.state(),
-                "seen": [_packed(part) for part in self._seen],
+                "seen": [part.tensors() for part in self._seen],
                 "simulation": torch.frombuffer(
                     bytearray(self.simulation.save_state()), dtype=torch.uint8
                 ),
@@ -491,7 +491,7 @@ class Practice:
             optimizer.load_state_dict(values)
         self._torch_state = state["torch"]
         self.game.load_state(state["game"])
-        self._seen = [_unpacked(part) for part in state["seen"]]
+        self._seen = [Experience.of(tensors) for tensors in state["seen"]]
         self.simulation.load_state(state["simulation"].numpy().tobytes())
         self._started = True
         return True
@@ -500,15 +500,3 @@ class Practice:
     def discard(folder: Path) -> None:
         """Delete what :meth:`save` wrote."""
         (folder / _STATE).unlink(missing_ok=True)
-
-
-def _packed(steps: Experience) -> list[Tensor]:
-    before, after = steps.before, steps.after
-    return [
-        *(before.angles, before.speeds, before.act, steps.control),
-        *(after.angles, after.speeds, after.act, steps.fields),
-    ]
-
-
-def _unpacked(parts: list[Tensor]) -> Experience:
-    return Experience(Motion(*parts[:3]), parts[3], Motion(*parts[4:7]), parts[7])

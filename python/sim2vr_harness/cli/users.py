@@ -38,13 +38,20 @@ def list_users(json: JsonOption = False) -> None:
             str(card.get("recipe", "")),
             f"{card['steps']:,}",
             f"{card['minutes']:.0f}" if "minutes" in card else "",
-            "\n".join(_result(name, row) for name, row in card.get("results", {}).items()),
+            "\n".join(_result(card, name) for name in card.get("results", {})),
         )
     Console().print(table)
 
 
-def _result(condition: str, row: dict[str, Any]) -> str:
-    return f"{condition}: {row['hit_rate']:.2f} ({row['hits']:.0f}), {row['episodes']} rounds"
+def _result(card: dict[str, Any], condition: str) -> str:
+    row = card["results"][condition]
+    if row["hit_rate"] is None:
+        return f"{condition}: no targets in {row['episodes']} rounds"
+    text = f"{condition}: {row['hit_rate']:.2f} ({row['hits']:.0f}), {row['episodes']} rounds"
+    rates = [rows[condition]["hit_rate"] for rows in card.get("seed_results", {}).values()]
+    if rates:
+        text += f"; {len(rates)} seeds {min(rates):.2f}-{max(rates):.2f}"
+    return text
 
 
 @app.command()
@@ -66,6 +73,14 @@ def pack(
         list[str] | None, typer.Option(help="A condition to measure; may be repeated.")
     ] = None,
     episodes: Annotated[int, typer.Option(help="Rounds per condition.")] = 12,
+    other_seed: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="RUN",
+            help="The same training with another seed; may be repeated. The one in the middle is "
+            "packed, the card shows all.",
+        ),
+    ] = None,
     details: Annotated[
         Path | None, typer.Option(help="JSON object with further entries of the card.")
     ] = None,
@@ -83,7 +98,10 @@ def pack(
             **({} if details is None else jsonlib.loads(details.read_text(encoding="utf-8"))),
             **({"description": description} if description else {}),
         },
+        other_seeds=other_seed or (),
     )
-    for condition_name, row in card["results"].items():
-        typer.echo(_result(condition_name, row))
+    if other_seed:
+        typer.echo(f"Seed {card['seed']} of {', '.join(map(str, card['seeds']))}:")
+    for condition_name in card["results"]:
+        typer.echo(_result(card, condition_name))
     typer.echo(f"Written: {out / name}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
@@ -12,6 +13,8 @@ from typing import Any
 from sim2vr_harness.envs.simulation import observation_space_of
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.player import new_policy
+from sim2vr_harness.training.config import first_difference
+from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
 from sim2vr_harness.training.trained_users import TrainedUser, find_user, pack
 
@@ -33,8 +36,12 @@ def pack_measured(
     conditions: Sequence[str] | None,
     episodes: int,
     details: Mapping[str, Any],
+    other_seeds: Sequence[str | Path] = (),
 ) -> dict[str, Any]:
     """Write the user of a run into ``folder`` and its card with measured results.
+
+    With runs of other seeds, all are measured, the one in the middle is packed (of an even number
+    the lower of the two), by the mean of the conditions' hit rates, and the card shows all.
 
     Args:
         run: as of :func:`~sim2vr_harness.training.trained_users.find_user`.
@@ -43,26 +50,67 @@ def pack_measured(
         conditions: to measure; None takes those of the run's configuration.
         episodes: rounds per condition.
         details: further entries of the card; what the run says of itself need not be given.
+        other_seeds: runs that differ from ``run`` in their seed alone.
 
     Returns:
         The card.
 
     Raises:
-        InputError: The run or a number cannot be used.
+        InputError: A run or a number cannot be used, or runs differ in more than their seed.
     """
-    user = find_user(run)
-    details = {**_of_the_run(user), **details}
-    policy = new_policy(user, observation_space_of(user.config.env))
-    card = pack(user, policy, folder, name, details)
+    users = [find_user(each) for each in (run, *other_seeds)]
+    _check_seeds(users)
     with TemporaryDirectory() as scratch:
-        request = Request(conditions=conditions, episodes=episodes, out=Path(scratch))
-        found = evaluate(folder, request)
-    card["results"] = {
-        condition: {key: _rounded(summary.get(key)) for key in MEASURED}
-        for condition, summary in found.summaries.items()
-    }
-    write_atomically(folder / "card.json", (json.dumps(card, indent=2) + "\n").encode())
+        cards = {}
+        for user in users:
+            place = Path(scratch) / str(user.config.seed)
+            policy = new_policy(user, observation_space_of(user.config.env))
+            card = pack(user, policy, place, name, {**_of_the_run(user), **details})
+            request = Request(conditions=conditions, episodes=episodes, out=place / "measured")
+            found = evaluate(place, request)
+            card["results"] = {
+                condition: {key: _rounded(summary.get(key)) for key in MEASURED}
+                for condition, summary in found.summaries.items()
+            }
+            shutil.rmtree(place / "measured", ignore_errors=True)
+            cards[user.config.seed] = card
+        seeds = sorted(cards, key=lambda seed: _mean_hit_rate(cards[seed]))
+        middle = seeds[(len(seeds) - 1) // 2]
+        card = cards[middle]
+        if other_seeds:
+            card["seed"] = middle
+            card["seeds"] = sorted(cards)
+            card["seed_results"] = {
+                str(seed): {
+                    condition: {key: row[key] for key in ("hits", "hit_rate", "cell_hit_rates")}
+                    for condition, row in cards[seed]["results"].items()
+                }
+                for seed in sorted(cards)
+            }
+        text = json.dumps(card, indent=2) + "\n"
+        write_atomically(Path(scratch) / str(middle) / "card.json", text.encode())
+        shutil.copytree(Path(scratch) / str(middle), folder, dirs_exist_ok=True)
     return card
+
+
+def _check_seeds(users: Sequence[TrainedUser]) -> None:
+    first = users[0].config
+    for user in users[1:]:
+        difference = first_difference(first, user.config, ignore=("seed",))
+        if difference is not None:
+            key, ours, theirs = difference
+            raise InputError(f"--other-seed {user.source}", f"{key}: {theirs}", f"{key}: {ours}")
+    seeds = [user.config.seed for user in users]
+    for user in users[1:]:
+        if seeds.count(user.config.seed) > 1:
+            raise InputError(
+                f"--other-seed {user.source}", f"seed {user.config.seed} twice", "another seed"
+            )
+
+
+def _mean_hit_rate(card: Mapping[str, Any]) -> float:
+    rates = [row["hit_rate"] or 0.0 for row in card["results"].values()]
+    return sum(rates) / len(rates)
 
 
 def _of_the_run(user: TrainedUser) -> dict[str, Any]:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 import torch
 
+from sim2vr_harness.cli.main import main
 from sim2vr_harness.envs.contract import contract, contract_hash, differences
 from sim2vr_harness.envs.simulation import observation_space_of
+from sim2vr_harness.evaluation import packing
+from sim2vr_harness.evaluation.evaluate import Request
 from sim2vr_harness.evaluation.packing import pack_measured
 from sim2vr_harness.evaluation.player import new_policy
 from sim2vr_harness.training import trained_users
@@ -80,6 +84,46 @@ def test_a_packed_user_plays_and_its_card_says_how(packed: Path) -> None:
         assert stored.dtype == torch.float16
         assert torch.equal(value, stored.float())
     assert (packed / "policy.pt").stat().st_size < 4e6
+
+
+def test_of_several_seeds_the_middle_one_is_packed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = []
+    for seed in (1, 2, 3):
+        folder = RunFolder(tmp_path / f"run{seed}")
+        folder.create(CONFIG.model_copy(update={"seed": seed}))
+        folder.checkpoint_file(7).write_bytes(b"")
+        folder.note(sessions=[])
+        runs.append(str(folder.path))
+    other = RunFolder(tmp_path / "other")
+    other.create(CONFIG.model_copy(update={"seed": 4, "total_timesteps": 99}))
+    other.checkpoint_file(7).write_bytes(b"")
+
+    def measure(folder: Path, request: Request) -> SimpleNamespace:
+        rate = {1: 0.9, 2: 0.7, 3: 0.8}[int(folder.name)]
+        row = {"hits": 100 * rate, "hit_rate": rate, "cell_hit_rates": [rate] * 9, "episodes": 2}
+        return SimpleNamespace(summaries={"easy": row})
+
+    monkeypatch.setattr(trained_users, "load_policy_weights", lambda path, policy: 7)
+    monkeypatch.setattr(packing, "evaluate", measure)
+    seeds = [f"--other-seed={run}" for run in runs[1:]]
+    arguments = ["users", "pack", runs[0], "tester", "--out", str(tmp_path), *seeds]
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 0
+    assert "Seed 3 of 1, 2, 3:\neasy: 0.80 (80), 2 rounds; 3 seeds 0.70-0.90" in (
+        capsys.readouterr().out
+    )
+    assert open_packed(tmp_path / "tester").config.seed == 3
+    card = json.loads((tmp_path / "tester" / "card.json").read_text())
+    assert (card["seed"], card["seeds"]) == (3, [1, 2, 3])
+    assert [card["seed_results"][str(k)]["easy"]["hit_rate"] for k in (1, 2, 3)] == [0.9, 0.7, 0.8]
+    for wrong, message in ((runs[0], "seed 1 twice"), (str(other.path), "total_timesteps: 99")):
+        with pytest.raises(SystemExit) as ended:
+            main([*arguments, f"--other-seed={wrong}"])
+        assert ended.value.code == 2
+        assert message in capsys.readouterr().err
 
 
 def test_shipped_users_are_listed_and_found(packed: Path, monkeypatch: pytest.MonkeyPatch) -> None:

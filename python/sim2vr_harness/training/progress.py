@@ -334,6 +334,7 @@ class StageDisplay:
     def _panel(self) -> RenderableType:
         grid = Table.grid(padding=(0, 2))
         bar = ProgressBar(total=self._total, completed=self._done, width=36)
-        grid.add_row(self._name, bar, f"{self._share():.0%}", self._doing)
         elapsed = duration(time.monotonic() - self._began)
-        return Group(grid, Text(f"elapsed {elapsed}   left {duration(self._left)}", style="dim"))
+        times = f"elapsed {elapsed}   left {duration(self._left)}"
+        grid.add_row(self._name, bar, f"{self._share():.0%}", times)
+        return Group(grid, Text(self._doing, style="dim"))

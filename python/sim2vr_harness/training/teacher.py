@@ -251,12 +251,12 @@ class _Stage:
         with StageDisplay("Practice", cycles, self.console) as display:
 
             def tell(doing: str, share: float) -> None:
-                text = f"cycle {practice.cycle + 1} of {cycles}, {doing} {share:.0%}"
                 left = None
                 if cycle_s is not None:
                     spent = min(time.monotonic() - began, cycle_s)
                     left = (cycles - practice.cycle) * cycle_s - spent
-                display.update(practice.cycle, text, left)
+                text = f"cycle {practice.cycle + 1} of {cycles}: {doing}"
+                display.update(practice.cycle + share, text, left)
 
             while not practice.finished:
                 began, first = time.monotonic(), practice.cycle == 0

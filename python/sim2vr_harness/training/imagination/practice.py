@@ -40,7 +40,9 @@ _REST_ACT, _RETURN = 0.15, 0.3
 
 
 Tell = Callable[[str, float], None]
-"""Is told what is being done, and which share of that is done."""
+"""Is told what is being done, and which share of the cycle's time is over, more or less."""
+_PLAYED, _LEARNED = 0.2, 0.4
+"""Shares of a cycle's time that are over after playing, and after learning the body."""
 
 
 @dataclass(frozen=True)
@@ -151,7 +153,7 @@ class Practice:
     # --- a cycle -----------------------------------------------------------------------------
 
     def step(self, tell: Tell = lambda doing, share: None) -> PracticeReport:
-        """Play, learn the body from it, and practise; ``tell`` is told what, and how far it is."""
+        """Play, learn the body from it, and practise; ``tell`` is told how far it is."""
         config = self.config
         self._tell = tell
         with torch.random.fork_rng(devices=[]):
@@ -172,7 +174,9 @@ class Practice:
                 self._to_learn(),
                 minibatches=config.first_fit_minibatches if first else config.fit_minibatches,
                 learning_rate=4e-3 if first else 1.5e-3,
-                tell=lambda share: tell("learning its body", share),
+                tell=lambda share: tell(
+                    "learning its body", _PLAYED + share * (_LEARNED - _PLAYED)
+                ),
             )
             self._choose_pool()
             if first:
@@ -181,7 +185,7 @@ class Practice:
                 self._restart(everyone)
             self.game.clear_counts()
             for update in range(config.updates):
-                tell("practising", update / config.updates)
+                tell("practising", _LEARNED + (1.0 - _LEARNED) * update / config.updates)
                 self._update()
             imagined, worst = self._rates()
             self._learn_weights()
@@ -229,7 +233,7 @@ class Practice:
             return users.qpos[:, joints], users.qvel[:, dofs], users.act
 
         for step in range(steps):
-            self._tell("playing", step / steps)
+            self._tell("playing", _PLAYED * step / steps)
             before = motion()
             if wildly:
                 wild = keep * wild + np.sqrt(1.0 - keep**2) * rng.standard_normal(wild.shape)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import TracebackType
+from typing import Self
 
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -159,30 +161,23 @@ def _number(value: float | None, digits: int = 0) -> str:
     return "-" if value is None else f"{value:,.{digits}f}"
 
 
-class ProgressDisplay:
-    """Shows a :class:`Progress` while it changes. Use it in a ``with`` block.
+class _Display:
+    """A live panel in a terminal, plain lines elsewhere. Use it in a ``with`` block."""
 
-    Args:
-        progress: The numbers; whoever trains changes them.
-        console: Where to show them. Outside a terminal a line is printed at most every
-            ``interval`` seconds, whenever :meth:`update` is called.
-        interval: Seconds between plain lines.
-    """
-
-    def __init__(
-        self, progress: Progress, console: Console, interval: float = PLAIN_INTERVAL_S
-    ) -> None:
-        self.progress = progress
-        self._console = console
-        self._interval = interval
+    def __init__(self, console: Console, interval: float, *, transient: bool) -> None:
+        self._console, self._interval = console, interval
         self._last_line = -float("inf")
         self._live: Live | None = None
+        # It asks for the panel at once.
         if console.is_terminal:
             self._live = Live(
-                console=console, get_renderable=self._panel, refresh_per_second=4, transient=False
+                console=console,
+                get_renderable=self._panel,
+                refresh_per_second=4,
+                transient=transient,
             )
 
-    def __enter__(self) -> ProgressDisplay:
+    def __enter__(self) -> Self:
         if self._live is not None:
             self._live.start()
         return self
@@ -196,16 +191,44 @@ class ProgressDisplay:
         if self._live is not None:
             self._live.stop()
 
-    def update(self, force: bool = False) -> None:
-        """Print a plain line if one is due; the live panel refreshes itself."""
+    def say(self, text: str) -> None:
+        """Print a line that stays, above the panel if there is one."""
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+    def _print_if_due(self, line: Callable[[], str], force: bool = False) -> None:
+        """Print a plain line, unless there is a panel or the last one is too recent."""
         now = time.monotonic()
         if self._live is None and (force or now - self._last_line >= self._interval):
             self._last_line = now
-            self._console.print(self.line(), highlight=False, markup=False, soft_wrap=True)
+            self.say(line())
 
-    def say(self, text: str) -> None:
-        """Print something that is not to be overlooked, above the panel if there is one."""
-        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+    def _panel(self) -> RenderableType:
+        raise NotImplementedError
+
+    @staticmethod
+    def _bar(done: float, total: float) -> ProgressBar:
+        return ProgressBar(total=max(total, 1), completed=done, width=36)
+
+
+class ProgressDisplay(_Display):
+    """Shows a :class:`Progress` while it changes.
+
+    Args:
+        progress: The numbers; whoever trains changes them.
+        console: Where to show them. Outside a terminal a line is printed at most every
+            ``interval`` seconds, whenever :meth:`update` is called.
+        interval: Seconds between plain lines.
+    """
+
+    def __init__(
+        self, progress: Progress, console: Console, interval: float = PLAIN_INTERVAL_S
+    ) -> None:
+        self.progress = progress
+        super().__init__(console, interval, transient=False)
+
+    def update(self, force: bool = False) -> None:
+        """Print a plain line if one is due; the live panel refreshes itself."""
+        self._print_if_due(self.line, force)
 
     def line(self) -> str:
         """Return the numbers in one line."""
@@ -249,10 +272,6 @@ class ProgressDisplay:
             lines.append(Text(p.note, style="dim"))
         return Group(*lines)
 
-    @staticmethod
-    def _bar(done: int, total: int) -> ProgressBar:
-        return ProgressBar(total=max(total, 1), completed=done, width=36)
-
     def _speed_line(self) -> Text:
         p = self.progress
         elapsed = time.monotonic() - p.started
@@ -275,10 +294,8 @@ class ProgressDisplay:
         )
 
 
-class StageDisplay:
-    """Shows how far a stage of a training is: a bar, or plain lines outside a terminal.
-
-    Use it in a ``with`` block.
+class StageDisplay(_Display):
+    """Shows how far a stage of a training is.
 
     Args:
         name: Of the stage.
@@ -291,50 +308,31 @@ class StageDisplay:
     def __init__(
         self, name: str, total: float, console: Console, interval: float = PLAIN_INTERVAL_S
     ) -> None:
-        self._name, self._total, self._console, self._interval = name, total, console, interval
+        self._name, self._total = name, total
         self._done, self._doing = 0.0, ""
         self._left: float | None = None
-        self._began = self._last_line = time.monotonic()
-        self._live: Live | None = None
-        if console.is_terminal:
-            self._live = Live(
-                console=console, get_renderable=self._panel, refresh_per_second=4, transient=True
-            )
-
-    def __enter__(self) -> StageDisplay:
-        if self._live is not None:
-            self._live.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        if self._live is not None:
-            self._live.stop()
+        self._began = time.monotonic()
+        super().__init__(console, interval, transient=True)
+        self._last_line = self._began
 
     def update(self, done: float, doing: str, seconds_left: float | None) -> None:
         """Show that the stage is so far, what it does now, and how long it will take still."""
         self._done, self._doing, self._left = done, doing, seconds_left
-        now = time.monotonic()
-        if self._live is None and now - self._last_line >= self._interval:
-            self._last_line = now
-            self.say(f"{self._name} {self._share():.0%} | {doing} | left {duration(seconds_left)}")
+        self._print_if_due(
+            lambda: f"{self._name} {self._share():.0%} | {doing} | left {duration(seconds_left)}"
+        )
 
     def say(self, text: str) -> None:
-        """Print a line that stays, above the bar if there is one."""
+        """Print a line that stays, above the bar if there is one; the next one is due later."""
         self._last_line = time.monotonic()
-        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+        super().say(text)
 
     def _share(self) -> float:
         return self._done / self._total
 
     def _panel(self) -> RenderableType:
-        grid = Table.grid(padding=(0, 2))
-        bar = ProgressBar(total=self._total, completed=self._done, width=36)
         elapsed = duration(time.monotonic() - self._began)
         times = f"elapsed {elapsed}   left {duration(self._left)}"
-        grid.add_row(self._name, bar, f"{self._share():.0%}", times)
+        grid = Table.grid(padding=(0, 2))
+        grid.add_row(self._name, self._bar(self._done, self._total), f"{self._share():.0%}", times)
         return Group(grid, Text(self._doing, style="dim"))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.training.errors import InputError
-from sim2vr_harness.training.run_folder import RunFolder
+from sim2vr_harness.training.run_folder import RunFolder, read_rows
 
 __all__ = ["curve", "plot"]
 
@@ -68,16 +67,10 @@ def plot(runs: Sequence[Path], out: Path) -> Path:
 def _read(folder: RunFolder) -> _Run:
     return _Run(
         name=folder.path.name,
-        practice=_lines(folder.path / "teacher" / "practice.jsonl"),
-        student=_lines(folder.path / "student" / "metrics.jsonl"),
+        practice=read_rows(folder.path / "teacher" / "practice.jsonl"),
+        student=read_rows(folder.path / "student" / "metrics.jsonl"),
         rows=folder.metrics(),
     )
-
-
-def _lines(file: Path) -> Rows:
-    if not file.is_file():
-        return []
-    return [json.loads(line) for line in file.read_text(encoding="utf-8").splitlines()]
 
 
 def _draw(runs: Sequence[_Run], out: Path) -> None:
@@ -134,3 +127,4 @@ def _dress(axes: Any, title: str) -> None:
     axes.set_xlabel("user steps (million)", fontsize=8)
     axes.grid(alpha=0.3)
     axes.tick_params(labelsize=8)
+    axes.ticklabel_format(useOffset=False)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from rich import box
 from rich.console import Console
 from rich.table import Table
 
@@ -29,29 +30,52 @@ def list_users(json: JsonOption = False) -> None:
     if not cards:
         typer.echo("No trained users are installed.")
         return
-    table = Table(title="Trained users", title_justify="left", title_style="bold")
-    for heading in ("Name", "Recipe", "User steps", "Minutes", "Hit rate (hits) per condition"):
-        table.add_column(heading, overflow="fold")
+    console = Console()
     for card in cards:
-        table.add_row(
-            f"pretrained:{card['name']}",
-            str(card.get("recipe", "")),
-            f"{card['steps']:,}",
-            f"{card['minutes']:.0f}" if "minutes" in card else "",
-            "\n".join(_result(card, name) for name in card.get("results", {})),
-        )
-    Console().print(table)
+        console.print(f"[bold]pretrained:{card['name']}[/bold]", highlight=False)
+        if card.get("description"):
+            console.print(card["description"], highlight=False, markup=False)
+        console.print(_training(card), style="dim", highlight=False, markup=False)
+        console.print(_results(card))
 
 
-def _result(card: dict[str, Any], condition: str) -> str:
-    row = card["results"][condition]
-    if row["hit_rate"] is None:
-        return f"{condition}: no targets in {row['episodes']} rounds"
-    text = f"{condition}: {row['hit_rate']:.2f} ({row['hits']:.0f}), {row['episodes']} rounds"
-    rates = [rows[condition]["hit_rate"] for rows in card.get("seed_results", {}).values()]
-    if rates:
-        text += f"; {len(rates)} seeds {min(rates):.2f}-{max(rates):.2f}"
-    return text
+def _training(card: dict[str, Any]) -> str:
+    """How a user was trained, and for what environment, in a line."""
+    parts = [f"{card['steps']:,} user steps from pixels"]
+    if "recipe" in card:
+        parts.insert(0, f"recipe {card['recipe']}")
+    if "minutes" in card:
+        parts.append(f"{card['minutes']:.0f} minutes in all")
+    if "machine" in card:
+        parts.append(card["machine"])
+    if "seed" in card:
+        parts.append(f"seed {card['seed']} of {', '.join(map(str, card['seeds']))}")
+    elif "seeds" in card:
+        parts.append(f"seed {', '.join(map(str, card['seeds']))}")
+    parts.append(f"environment contract {card['contract_hash']}")
+    return "; ".join(parts)
+
+
+def _results(card: dict[str, Any]) -> Table:
+    seeds = card.get("seed_results", {})
+    table = Table("Condition", box=box.SIMPLE)
+    for heading in ("Hit rate", "Hits", "Rounds", *([f"{len(seeds)} seeds"] if seeds else ())):
+        table.add_column(heading, justify="right")
+    for condition, row in card.get("results", {}).items():
+        cells = [_number(row["hit_rate"], 2), _number(row["hits"], 0), str(row["episodes"])]
+        table.add_row(condition, *cells, _spread(card, condition) if seeds else None)
+    return table
+
+
+def _number(value: float | None, digits: int) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+def _spread(card: dict[str, Any], condition: str) -> str:
+    """The least and the highest of all seeds' hit rates."""
+    rates = [rows[condition]["hit_rate"] for rows in card["seed_results"].values()]
+    known = [rate for rate in rates if rate is not None]
+    return f"{min(known):.2f}-{max(known):.2f}" if known else "-"
 
 
 @app.command()
@@ -102,6 +126,5 @@ def pack(
     )
     if other_seed:
         typer.echo(f"Seed {card['seed']} of {', '.join(map(str, card['seeds']))}:")
-    for condition_name in card["results"]:
-        typer.echo(_result(card, condition_name))
+    Console().print(_results(card))
     typer.echo(f"Written: {out / name}")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -112,9 +113,9 @@ def test_of_several_seeds_the_middle_one_is_packed(
     with pytest.raises(SystemExit) as ended:
         main(arguments)
     assert ended.value.code == 0
-    assert "Seed 3 of 1, 2, 3:\neasy: 0.80 (80), 2 rounds; 3 seeds 0.70-0.90" in (
-        capsys.readouterr().out
-    )
+    printed = capsys.readouterr().out
+    assert "Seed 3 of 1, 2, 3:" in printed
+    assert re.search(r"easy +0.80 +80 +2 +0.70-0.90", printed)
     assert open_packed(tmp_path / "tester").config.seed == 3
     card = json.loads((tmp_path / "tester" / "card.json").read_text())
     assert (card["seed"], card["seeds"]) == (3, [1, 2, 3])
@@ -126,9 +127,17 @@ def test_of_several_seeds_the_middle_one_is_packed(
         assert message in capsys.readouterr().err
 
 
-def test_shipped_users_are_listed_and_found(packed: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_shipped_users_are_listed_and_found(
+    packed: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     monkeypatch.setattr(trained_users, "_shipped_dir", lambda: packed.parent)
     assert [card["name"] for card in list_cards()] == ["tester"]
+    with pytest.raises(SystemExit):
+        main(["users", "list"])
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "recipe none; 7 user steps from pixels; 14 minutes in all; 4 processor cores" in printed
+    contract_text = f"environment contract {contract_hash(contract(CONFIG.env))}"
+    assert f"seed 1; {contract_text}" in printed
     user = find_user("pretrained:tester")
     assert user.evaluation_dir == Path("evaluation") / "tester"
     with pytest.raises(InputError, match=r"pretrained:tester \(did you mean 'pretrained:tester'"):

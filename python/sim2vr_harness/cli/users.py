@@ -48,12 +48,15 @@ def _training(card: dict[str, Any]) -> str:
         parts.append(f"{card['minutes']:.0f} minutes in all")
     if "machine" in card:
         parts.append(card["machine"])
-    if "seed" in card:
-        parts.append(f"seed {card['seed']} of {', '.join(map(str, card['seeds']))}")
-    elif "seeds" in card:
-        parts.append(f"seed {', '.join(map(str, card['seeds']))}")
+    if "seeds" in card:
+        parts.append(_seed(card))
     parts.append(f"environment contract {card['contract_hash']}")
     return "; ".join(parts)
+
+
+def _seed(card: dict[str, Any]) -> str:
+    seeds = ", ".join(map(str, card["seeds"]))
+    return f"seed {card['seed']} of {seeds}" if "seed" in card else f"seed {seeds}"
 
 
 def _results(card: dict[str, Any]) -> Table:
@@ -125,6 +128,6 @@ def pack(
         other_seeds=other_seed or (),
     )
     if other_seed:
-        typer.echo(f"Seed {card['seed']} of {', '.join(map(str, card['seeds']))}:")
+        typer.echo(f"{_seed(card).capitalize()}:")
     Console().print(_results(card))
     typer.echo(f"Written: {out / name}")

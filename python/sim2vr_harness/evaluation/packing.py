@@ -66,13 +66,13 @@ def pack_measured(
             place = Path(scratch) / str(user.config.seed)
             policy = new_policy(user, observation_space_of(user.config.env))
             card = pack(user, policy, place, name, {**_of_the_run(user), **details})
-            request = Request(conditions=conditions, episodes=episodes, out=place / "measured")
+            measured = Path(scratch) / f"measured_{user.config.seed}"
+            request = Request(conditions=conditions, episodes=episodes, out=measured)
             found = evaluate(place, request)
             card["results"] = {
                 condition: {key: _rounded(summary.get(key)) for key in MEASURED}
                 for condition, summary in found.summaries.items()
             }
-            shutil.rmtree(place / "measured", ignore_errors=True)
             cards[user.config.seed] = card
         seeds = sorted(cards, key=lambda seed: _mean_hit_rate(cards[seed]))
         middle = seeds[(len(seeds) - 1) // 2]
@@ -95,17 +95,16 @@ def pack_measured(
 
 def _check_seeds(users: Sequence[TrainedUser]) -> None:
     first = users[0].config
+    known = {first.seed}
     for user in users[1:]:
+        option, seed = f"--other-seed {user.source}", user.config.seed
         difference = first_difference(first, user.config, ignore=("seed",))
         if difference is not None:
             key, ours, theirs = difference
-            raise InputError(f"--other-seed {user.source}", f"{key}: {theirs}", f"{key}: {ours}")
-    seeds = [user.config.seed for user in users]
-    for user in users[1:]:
-        if seeds.count(user.config.seed) > 1:
-            raise InputError(
-                f"--other-seed {user.source}", f"seed {user.config.seed} twice", "another seed"
-            )
+            raise InputError(option, f"{key}: {theirs}", f"{key}: {ours}")
+        if seed in known:
+            raise InputError(option, f"seed {seed} twice", "another seed")
+        known.add(seed)
 
 
 def _mean_hit_rate(card: Mapping[str, Any]) -> float:

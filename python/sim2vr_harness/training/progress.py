@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -161,7 +162,7 @@ def _number(value: float | None, digits: int = 0) -> str:
     return "-" if value is None else f"{value:,.{digits}f}"
 
 
-class _Display:
+class _Display(ABC):
     """A live panel in a terminal, plain lines elsewhere. Use it in a ``with`` block."""
 
     def __init__(self, console: Console, interval: float, *, transient: bool) -> None:
@@ -202,8 +203,9 @@ class _Display:
             self._last_line = now
             self.say(line())
 
+    @abstractmethod
     def _panel(self) -> RenderableType:
-        raise NotImplementedError
+        """What the terminal shows now."""
 
     @staticmethod
     def _bar(done: float, total: float) -> ProgressBar:

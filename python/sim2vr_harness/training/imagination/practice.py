@@ -143,7 +143,6 @@ class Practice:
         self._near: dict[tuple[int, int], Tensor] = {}
         self._torch_state: Tensor | None = None
         self._started = False
-        self._tell: Tell = lambda doing, share: None
 
     @property
     def finished(self) -> bool:
@@ -155,14 +154,14 @@ class Practice:
     def step(self, tell: Tell = lambda doing, share: None) -> PracticeReport:
         """Play, learn the body from it, and practise; ``tell`` is told how far it is."""
         config = self.config
-        self._tell = tell
         with torch.random.fork_rng(devices=[]):
             if self._torch_state is None:
                 torch.manual_seed(self._torch_seed + 2)
             else:
                 torch.set_rng_state(self._torch_state)
             first = self.cycle == 0
-            new, played = self._play(config.first_play_steps if first else config.play_steps, first)
+            steps = config.first_play_steps if first else config.play_steps
+            new, played = self._play(steps, first, tell)
             self._seen.append(new)
             if len(self._seen) > 1 + config.kept_cycles:
                 del self._seen[1]
@@ -203,7 +202,7 @@ class Practice:
 
     # --- playing -----------------------------------------------------------------------------
 
-    def _play(self, steps: int, wildly: bool) -> tuple[Experience, tuple[float, ...]]:
+    def _play(self, steps: int, wildly: bool, tell: Tell) -> tuple[Experience, tuple[float, ...]]:
         """Let the users of the true game act, and note what happens."""
         sim, rng = self.simulation, self._rng
         users = sim.simulation.users
@@ -233,7 +232,7 @@ class Practice:
             return users.qpos[:, joints], users.qvel[:, dofs], users.act
 
         for step in range(steps):
-            self._tell("playing", _PLAYED * step / steps)
+            tell("playing", _PLAYED * step / steps)
             before = motion()
             if wildly:
                 wild = keep * wild + np.sqrt(1.0 - keep**2) * rng.standard_normal(wild.shape)

@@ -164,7 +164,7 @@ class ImaginedWhacAMole:
         self.spawn_weights = torch.full((len(conditions), _CELLS), 1.0 / _CELLS)
         """By condition and cell."""
         self.hit_values = torch.ones(len(conditions), _CELLS)
-        """What a hit is worth, in the game's points, by condition and cell."""
+        """How many ordinary hits a hit is worth, by condition and cell."""
         self.counts = torch.zeros(2, len(conditions), _CELLS)
         """Hits and misses since :meth:`clear_counts`, by condition and cell."""
         self.condition = torch.zeros(n, dtype=torch.long)

@@ -103,6 +103,9 @@ class ImaginationConfig(Settings):
     are 0.004, 0.08, 0.2 and 1 (the game's own)."""
     effort: float = Field(default=0.1, ge=0.0)
     """Cost of the mean square of activations per user step."""
+    stuck_cost: float = Field(default=0.0, ge=0.0)
+    """Cost per user step of the hammer staying in a target that it is in and has not hit. A user
+    who may hit at any speed waits where targets grow into the hammer otherwise."""
 
 
 class AidsConfig(Settings):

@@ -207,9 +207,14 @@ def test_targets_live_as_long_and_come_as_often_as_in_the_game() -> None:
     assert 30 * 300 / 31 < len(lives) < 60 * 300 / 10
 
 
-def test_only_coming_in_fast_enough_is_a_hit() -> None:
+def game_at_a_target() -> ImaginedWhacAMole:
+    """Four users whose hammers are in the middle target of the middle placement.
+
+    The first comes in at 0.9 m/s, the second at 0.7 m/s, the third was inside already, and the
+    fourth one's target is still growing.
+    """
     game = resting_game(4)
-    # The marker is where the controller is told to be: at a target of the middle placement.
+    # The marker is where the controller is told to be.
     game.condition[:] = 1
     with torch.no_grad():
         game.hammer.fixed.zero_()
@@ -226,13 +231,31 @@ def test_only_coming_in_fast_enough_is_a_hit() -> None:
     game._velocity = torch.zeros(4, 3)
     game._root = root.clone()
     game._root[:, 2] -= speeds * 2.0 * 0.049999997
-    game._inside[2, 4] = True  # was inside already
+    game._inside[2, 4] = True
+    return game
+
+
+def test_only_coming_in_fast_enough_is_a_hit() -> None:
+    game = game_at_a_target()
     game.step(torch.zeros(4, 32), SOFT, error_share=0.0)
     assert game._inside[:, 4].tolist() == [True, True, True, True]
     assert game._hit[:, 4].tolist() == [True, False, False, False]
     game.step(torch.zeros(4, 32), SOFT, error_share=0.0)
     assert game._age[:, 4].tolist() == [-1, 7, 7, 2]
     assert game.counts[0, 1].tolist() == [0, 0, 0, 0, 1, 0, 0, 0, 0]
+
+
+def test_staying_in_a_target_costs_by_how_deep_the_hammer_is() -> None:
+    rewards = []
+    for stuck in (0.0, 1.0):
+        game = game_at_a_target()
+        soft = replace(SOFT, stuck=stuck)
+        steps = [game.step(torch.zeros(4, 32), soft, error_share=0.0) for _ in range(2)]
+        rewards.append(torch.stack(steps))
+    # Half sizes of 12.5 mm (target) and 50 mm (hammer), middles 47.8 mm apart: 14.7 mm deep, of 40.
+    cost = 1.0 + (0.0125 + 0.050 - (0.0482 - 0.000401)) / 0.04
+    expected = torch.tensor([[0.0, 0.0, cost, 0.0], [0.0, cost, cost, cost]])
+    torch.testing.assert_close(rewards[0] - rewards[1], expected, atol=1e-4, rtol=0.0)
 
 
 def test_the_reward_s_gradient_is_that_of_finite_differences(practice: Practice) -> None:

@@ -365,6 +365,7 @@ class Practice:
             near=towards(0.2, config.near_reward),
             distance=towards(1.0, config.distance_reward),
             effort=config.effort,
+            stuck=config.stuck_cost,
         )
         return soft, config.learning_rate * min(1.0, 2.0 * (1.0 - done)) + 2e-5
 

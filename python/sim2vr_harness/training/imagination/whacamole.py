@@ -103,6 +103,8 @@ class Relaxation:
         near: reward for being near a living target at speed.
         distance: reward for the game's own term of distance to living targets, times this.
         effort: cost of the mean square of activations.
+        stuck: cost of staying in a target, which must be left before it can be hit: a hit has no
+            gradient that says so.
     """
 
     overlap_m: float
@@ -110,6 +112,7 @@ class Relaxation:
     near: float
     distance: float
     effort: float
+    stuck: float = 0.0
 
 
 class ImaginedWhacAMole:
@@ -398,6 +401,8 @@ class ImaginedWhacAMole:
         threshold, constrained = self._threshold[condition], self._constrained[condition] > 0.0
         fast = (strike > threshold) | ~constrained
         self._hit = inside & counts & fast[:, None]
+        stuck = inside & self._inside
+        within = (stuck * (1.0 + depth.amin(2) / _NEAR_M)).sum(1)
         speed = torch.sigmoid((strike - threshold - _SPEED_MARGIN_MPS) / soft.speed_mps)
         speed = torch.where(constrained, speed, torch.ones(()))[:, None]
         overlap = torch.sigmoid((depth - _OVERLAP_MARGIN_M) / soft.overlap_m).prod(2)
@@ -420,6 +425,7 @@ class ImaginedWhacAMole:
             10.0 * hits
             + soft.near * near
             + soft.distance * far
+            - soft.stuck * within
             - soft.effort * motion.act.square().mean(1)
             - 0.5 * beyond
             - 0.02 * wild

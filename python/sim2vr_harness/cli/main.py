@@ -47,6 +47,14 @@ SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Change a value: --set ppo.n_envs=4."),
 ]
+EnvSetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change the environment: --set env.user.noise.constant=white.",
+    ),
+]
 AppOption = Annotated[
     str | None,
     typer.Option(
@@ -218,6 +226,7 @@ def evaluate(
     app_arg: AppArgOption = None,
     connect: ConnectOption = None,
     protocol: ProtocolOption = None,
+    overrides: EnvSetOption = None,
     json: JsonOption = False,
 ) -> None:
     """Let a trained user play, and measure what it does."""
@@ -226,14 +235,26 @@ def evaluate(
     from sim2vr_harness.evaluation.tables import results_table
 
     remote = _app_settings(app, app_arg, connect, protocol)
-    request = Request(condition, episodes, seed, deterministic, record, log, out, batch, remote)
+    request = Request(
+        condition,
+        episodes,
+        seed,
+        deterministic,
+        record,
+        log,
+        out,
+        batch,
+        remote,
+        overrides or (),
+    )
     with _Share("Playing") as share:
         found = evaluate_run(run, request, on_progress=share.show)
     if json:
         _print_json(found.summaries)
         return
     how = "deterministic" if _first(found.summaries)["deterministic"] else "stochastic"
-    title = f"After {found.step:,} user steps, {how} (mean ± SD)"
+    changed = f", {', '.join(overrides)}" if overrides else ""
+    title = f"After {found.step:,} user steps, {how}{changed} (mean ± SD)"
     Console().print(results_table(found.summaries, title))
     typer.echo(f"Evaluated: {found.checkpoint}")
     for file in found.files:

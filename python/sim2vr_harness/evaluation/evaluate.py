@@ -17,7 +17,7 @@ from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.player import Player
 from sim2vr_harness.evaluation.rollouts import jobs_for, play
 from sim2vr_harness.evaluation.video import RoundFilmer
-from sim2vr_harness.training.config import TrainingConfig, parse_config
+from sim2vr_harness.training.config import TrainingConfig, apply_overrides, parse_config
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import write_atomically
 from sim2vr_harness.training.trained_users import find_user, require_contract
@@ -42,6 +42,7 @@ class Request:
         out: Where files go; None takes the run's ``evaluation/step_<N>``.
         batch: Rounds played side by side at most.
         app: Settings that replace those of ``env.app``, for example another executable.
+        overrides: ``env.key=value``, what else is different from the training's environment.
     """
 
     conditions: Sequence[str] | None = None
@@ -53,6 +54,7 @@ class Request:
     out: Path | None = None
     batch: int = 10
     app: Mapping[str, Any] = field(default_factory=dict)
+    overrides: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -109,7 +111,7 @@ def evaluate(
     deterministic = request.deterministic
     if deterministic is None:
         deterministic = config.evaluation.deterministic
-    env = evaluation_env(config, request.app)
+    env = evaluation_env(config, request.app, request.overrides)
     require_contract(user, env)
     batch = _batch_for(env, request.batch)
     if knows_options(env.app):
@@ -153,6 +155,7 @@ def evaluate(
             "seed": seed,
             "deterministic": deterministic,
             "trained_steps": step,
+            "overrides": list(request.overrides),
             "rounds": [result.as_dict() for result in own],
         }
     files = [_store(out, summaries), *(filmer.files if filmer else [])]
@@ -161,7 +164,11 @@ def evaluate(
     return Evaluation(summaries, step, user.source, files, rounds)
 
 
-def evaluation_env(config: TrainingConfig, app: Mapping[str, Any] | None = None) -> EnvConfig:
+def evaluation_env(
+    config: TrainingConfig,
+    app: Mapping[str, Any] | None = None,
+    overrides: Sequence[str] = (),
+) -> EnvConfig:
     """Return the environment to evaluate in: the training's, its curriculum switched off.
 
     As in the reference's evaluator; an adaptive game favours the targets that a user fails at, so
@@ -170,9 +177,10 @@ def evaluation_env(config: TrainingConfig, app: Mapping[str, Any] | None = None)
     Args:
         config: The run's configuration.
         app: Settings that replace those of ``env.app``.
+        overrides: ``env.key=value``, what else is different.
 
     Raises:
-        InputError: They do not go together.
+        InputError: They do not go together, or an override is not of the environment.
     """
     settings = {**config.env.app.model_dump(), **(app or {})}
     options = dict(settings["options"])
@@ -180,7 +188,10 @@ def evaluation_env(config: TrainingConfig, app: Mapping[str, Any] | None = None)
         options["adaptive"] = False
     tree = config.model_dump()
     tree["env"]["app"] = {**settings, "options": options}
-    return parse_config(tree).env
+    for override in overrides:
+        if not override.lstrip().startswith("env."):
+            raise InputError("--set", repr(override), "env.KEY=VALUE: an evaluation trains nothing")
+    return parse_config(apply_overrides(tree, overrides)).env
 
 
 def _groups(env: EnvConfig, conditions: Sequence[str]) -> list[tuple[EnvConfig, Sequence[str]]]:

@@ -137,12 +137,30 @@ def test_the_curriculum_is_switched_off(trained: Path) -> None:
     assert evaluation_env(config).app.options == {"condition": "medium", "adaptive": False}
 
 
+def test_the_environment_can_be_another_than_the_training_s(trained: Path) -> None:
+    config = RunFolder(trained).load_config()
+    overrides = ["env.user.noise.constant=white", "env.app.options.adaptive=true"]
+    changed = evaluation_env(config, overrides=overrides)
+    assert changed.user.noise.constant == "white"
+    assert changed.app.options == {"condition": "medium", "adaptive": True}
+    kept = changed.model_copy(update={"app": config.env.app, "user": config.env.user})
+    assert kept == config.env
+    found = play_with(trained, Request(episodes=1, overrides=overrides))
+    assert found.summaries["medium"]["overrides"] == overrides
+
+
 def test_bad_requests(trained: Path, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match="condition: got 'impossible', expected easy"):
         play_with(trained, Request(conditions=["easy", "impossible"]))
     for request, message in [
         (Request(episodes=0), r"^--episodes: got 0, expected at least 1"),
         (Request(seed=-1), r"^--seed: got -1"),
+        (Request(overrides=["ppo.n_envs=4"]), r"^--set: got 'ppo.n_envs=4', expected env.KEY"),
+        (Request(overrides=["env.users.noise=1"]), r"env.users"),
+        (
+            Request(overrides=["env.action_frequency_hz=10"]),
+            r"^environment: got .*trained with",
+        ),
         (Request(batch=0), r"^--batch: got 0"),
         (Request(conditions=["easy", "easy"]), r"^--condition: .* every condition once"),
     ]:

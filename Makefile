@@ -1,4 +1,4 @@
-# sim2vr: everything a newcomer needs is `make setup` and `make train`.
+# sim2vr: everything a newcomer needs is `make train`, `make play` and `make test`.
 
 SHELL       := /bin/bash
 .SHELLFLAGS := -eu -o pipefail -c
@@ -7,12 +7,14 @@ SHELL       := /bin/bash
 VENV      := .venv
 CONFIG    ?= configs/whacamole_constrained_distill.yaml
 TIMESTEPS ?=
+PLAYER    ?= whacamole_constrained
+CONDITION ?= medium
 RUN       ?= runs/$(basename $(notdir $(CONFIG)))
 ROWS      ?= build/bench/performance.jsonl
 
 CPP_FILES = $(shell find app_runtime tests/cpp tests/fuzz tools -name '*.[ch]pp')
 
-.PHONY: help setup train test test-all check lint types format stubs lock bench clean distclean
+.PHONY: help setup train play test test-all check lint types format stubs lock bench clean distclean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -22,6 +24,9 @@ setup:  ## Install everything: system packages, .venv, Python packages, C++ buil
 
 train: setup  ## Train and evaluate a simulated user (CONFIG=, TIMESTEPS=, RUN=); goes on with a run that is there
 	$(VENV)/bin/sim2vr-harness train $(if $(wildcard $(RUN)/config.yaml),--resume,$(CONFIG)) $(if $(TIMESTEPS),--timesteps $(TIMESTEPS)) --out $(RUN)
+
+play: setup  ## Let a trained user that ships play a round, and film it (PLAYER=, CONDITION=)
+	$(VENV)/bin/sim2vr-harness evaluate pretrained:$(PLAYER) --condition $(CONDITION) --episodes 1 --record
 
 test: setup  ## Run the C++ and Python tests (PYTEST_ARGS=...)
 	@tools/dev/test.sh $(PYTEST_ARGS)

@@ -38,7 +38,11 @@ _PACKAGES = ("mujoco", "stable-baselines3", "torch", "gymnasium", "numpy", "scip
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that it is either complete or not there, whatever happens meanwhile."""
+    """Write a file so that it is either complete or not there, whatever happens meanwhile.
+
+    Folders that are missing are made: what took minutes is not lost for want of one.
+    """
+    path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with temporary.open("wb") as stream:

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pydantic
 import torch
 import yaml
 from rich.console import Console
@@ -150,6 +151,18 @@ def load_teacher(file: Path, config: TeacherConfig, env: EnvConfig) -> TeacherPo
     return policy
 
 
+def _filled(tree: Any) -> Any:
+    """What a teacher's file says, with today's defaults for settings that are younger than it."""
+    try:
+        return {
+            "seed": tree["seed"],
+            "env": EnvConfig.model_validate(tree["env"]).model_dump(mode="json"),
+            "teacher": TeacherConfig.model_validate(tree["teacher"]).model_dump(mode="json"),
+        }
+    except (KeyError, TypeError, pydantic.ValidationError):
+        return None
+
+
 def _step_of(file: Path) -> int:
     return int(file.stem.removeprefix("step_"))
 
@@ -181,7 +194,7 @@ class _Stage:
         }
         text = yaml.safe_dump(tree, sort_keys=False)
         if file.is_file():
-            if yaml.safe_load(file.read_text(encoding="utf-8")) != tree:
+            if _filled(yaml.safe_load(file.read_text(encoding="utf-8"))) != tree:
                 raise InputError(
                     str(self.folder.path), "a teacher of other settings", f"those of {file}"
                 )

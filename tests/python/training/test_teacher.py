@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+import yaml
 from rich.console import Console
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
@@ -331,6 +332,15 @@ def test_a_folder_keeps_its_teacher_s_settings(tmp_path: Path) -> None:
     train(tmp_path / "run", 40)
     with pytest.raises(InputError, match="a teacher of other settings"):
         train(tmp_path / "run", 80, "ppo.gamma=0.9")
+    file = tmp_path / "run" / "teacher.yaml"
+    settings = yaml.safe_load(file.read_text())
+    del settings["teacher"]["imagination"]["stuck_cost"]  # as if it were younger than the run
+    file.write_text(yaml.safe_dump(settings))
+    assert train(tmp_path / "run", 80).step == 80
+    settings["teacher"]["unheard_of"] = 1
+    file.write_text(yaml.safe_dump(settings))
+    with pytest.raises(InputError, match="a teacher of other settings"):
+        train(tmp_path / "run", 80)
 
 
 def test_a_loaded_teacher_acts_as_it_was_saved(tmp_path: Path) -> None:

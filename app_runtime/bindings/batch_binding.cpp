@@ -222,7 +222,8 @@ void bindAppBatch(py::module_& module) {
            py::arg("width"), py::arg("height"), "As App.render_view, of one app.")
       .def("save", &PyAppBatch::save, py::arg("app"), "As App.save, of one app.")
       .def("load", &PyAppBatch::load, py::arg("app"), py::arg("state"),
-           "As App.load, of one app; its rows of images and vision are drawn.")
+           "As App.load, of one app; its rows of images, vision, privileged and logs are its own "
+           "again.")
       .def("state_hash", &PyAppBatch::stateHash, py::arg("app"), "As App.state_hash, of one app.")
       .def_property_readonly("renderer_description", &PyAppBatch::rendererDescription)
       .def_property_readonly("threads", &PyAppBatch::threads, "Threads in use.")

@@ -163,6 +163,7 @@ void AppBatch::load(int index, const std::string& state) {
   app(index).load(state);
   separateChannels(index);
   fillPrivileged(index);
+  fillLog(index);
 }
 
 void AppBatch::separateChannels(int index) {
@@ -189,6 +190,11 @@ void AppBatch::store(int index, const Outcome& outcome) {
   rewards_[row] = outcome.reward;
   finished_[row] = outcome.finished ? 1 : 0;
   time_features_[row] = outcome.time_feature;
+  fillLog(index);
+}
+
+void AppBatch::fillLog(int index) {
+  const auto row = static_cast<std::size_t>(index);
   const std::map<std::string, double>& log = apps_[row]->log();
   if (log_names_.empty()) {
     for (const auto& entry : log) log_names_.push_back(entry.first);

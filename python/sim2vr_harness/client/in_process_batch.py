@@ -153,7 +153,7 @@ class InProcessBatch:
         )
         for index in indices:
             self._started.pop(int(index), None)
-        self._find_logs()
+        self.find_logs()
 
     def step_frames(
         self, indices: Sequence[int] | Int64Array, times_ns: Int64Array, poses: DevicePoses
@@ -172,10 +172,11 @@ class InProcessBatch:
             poses.left_controller,
             poses.right_controller,
         )
-        self._find_logs()
+        self.find_logs()
 
-    def _find_logs(self) -> None:
-        if not self.log_names:  # the names are known from the first round on, a loaded one too
+    def find_logs(self) -> None:
+        """Looks at the rounds' logs, which have names from the first round on, begun or loaded."""
+        if not self.log_names:
             self.log_names, self.logs = self.native.log_names, self.native.logs
 
     def start(self, index: int, times_ns: Int64Array, poses: DevicePoses) -> None:
@@ -317,7 +318,9 @@ class InProcessBatchApp:
 
     def load(self, state: bytes) -> None:
         """See :class:`AppClient`."""
-        self._open().native.load(self._index, state)
+        batch = self._open()
+        batch.native.load(self._index, state)
+        batch.find_logs()
 
     def state_hash(self) -> int:
         """See :class:`AppClient`."""

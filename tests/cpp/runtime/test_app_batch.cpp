@@ -123,6 +123,7 @@ TEST(AppBatch, VisionHoldsTheChosenChannelsOfTheImages) {
   batch.reset(all, std::vector<RoundStart>(3), std::vector<xr::DeviceState>(3, player(0, 0)));
   const std::string start = batch.app(1).save();
   const std::vector<std::uint8_t> first(batch.vision().begin(), batch.vision().end());
+  const std::vector<double> logs(batch.logs().begin(), batch.logs().end());
   std::vector<FrameInput> frames;
   for (int app = 0; app < 3; ++app) frames.push_back({50'000'000, player(app, 1)});
   batch.step(all, frames);
@@ -133,6 +134,13 @@ TEST(AppBatch, VisionHoldsTheChosenChannelsOfTheImages) {
   const std::size_t bytes = first.size() / 3;
   EXPECT_TRUE(std::equal(first.begin() + bytes, first.begin() + 2 * bytes,
                          batch.vision().subspan(bytes).begin()));
+  const std::size_t numbers = batch.logNames().size();
+  const auto expectLog = [&](int app, bool as_at_the_start) {
+    const auto row = batch.logs().subspan(app * numbers, numbers);
+    EXPECT_EQ(std::equal(row.begin(), row.end(), logs.begin() + app * numbers), as_at_the_start);
+  };
+  expectLog(0, false);
+  expectLog(1, true);
   values.vision_channels = {4};
   EXPECT_THROW(AppBatch{values}, InvalidArgument);
 }

@@ -71,9 +71,11 @@ def test_save_and_load_mid_episode() -> None:
     one, two = Simulation(CONFIG, 2), Simulation(CONFIG, 2)
     one.reset(seeds=[1, 2])
     trace(one, 10)
-    saved = one.save_state()
+    saved, logs = one.save_state(), [one.logs[i] for i in range(2)]
     rest = trace(one, 15, start=10)
     two.load_state(saved)
+    assert logs[0] != logs[1]
+    assert [two.logs[i] for i in range(2)] == logs
     assert trace(two, 15, start=10) == rest
     one.reset()
     with pytest.raises(ValueError, match="2 users, expected 1"):

@@ -6,6 +6,7 @@ import io
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -14,12 +15,13 @@ import torch
 from rich.console import Console
 
 from sim2vr_harness.client.frames import position_to_app
-from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.config import AppConfig, EnvConfig, NoiseConfig, UserConfig
 from sim2vr_harness.training import teacher
 from sim2vr_harness.training.config import apply_overrides
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.imagination import Practice
 from sim2vr_harness.training.imagination.body import BodyModel, Experience, Motion, fit_body
+from sim2vr_harness.training.imagination.noise import ImaginedNoise
 from sim2vr_harness.training.imagination.whacamole import (
     CONTROLLER,
     FIELDS,
@@ -30,6 +32,7 @@ from sim2vr_harness.training.imagination.whacamole import (
 from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher_env import OBSERVATION, TeacherSimulation
 from sim2vr_harness.training.teacher_policy import TeacherPolicy
+from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 
@@ -57,9 +60,9 @@ def practice() -> Practice:
     return made
 
 
-def new_practice(*overrides: str) -> Practice:
+def new_practice(*overrides: str, env: EnvConfig = ENV) -> Practice:
     settings = config(*overrides)
-    simulation = TeacherSimulation(ENV, settings, seed=4)
+    simulation = TeacherSimulation(env, settings, seed=4)
     policy = TeacherPolicy(
         simulation.observation_space,
         simulation.action_space,
@@ -328,6 +331,53 @@ def test_the_hammer_is_seen_where_a_user_goes_on(practice: Practice) -> None:
     torch.testing.assert_close(
         game.observe()[:, place], practice.hammer(begin.after.angles)[0], atol=1e-6, rtol=0.0
     )
+
+
+@pytest.mark.parametrize("colour", ["white", "red"])
+def test_imagined_motor_noise_is_as_large_as_the_users(colour: Any) -> None:
+    """Of 0.3: 0.103 of it for each muscle apart, 0.185 for all alike; red adds up."""
+    settings = MotorNoiseSettings(signal_dependent=colour, constant=colour)
+    settings = replace(settings, constant_level=0.02)  # so that nothing is cut off
+    n, steps = 4000, 2
+    mind, true = ImaginedNoise(settings, n, 3), MotorNoise(settings, n, 3)
+    control = torch.full((n, 3), 0.3, requires_grad=True)
+    torch.manual_seed(1)
+    for _ in range(steps):
+        imagined = mind.apply(control)
+        noisy = true.apply(np.full((n, 3), 0.3), range(n))
+    often = steps if colour == "red" else 1
+    shared = often * 0.02**2
+    expected = np.full((3, 3), shared) + np.eye(3) * often * (0.103 * 0.3) ** 2
+    for got in (imagined.detach().numpy(), noisy):
+        np.testing.assert_allclose(np.cov(got.T), expected, atol=0.08 * expected[0, 0])
+        np.testing.assert_allclose(got.mean(0), 0.3, atol=0.003)
+    (imagined.sum() / n).backward()
+    assert control.grad is not None
+    assert float(control.grad.sum()) == pytest.approx(3.0, abs=0.01)  # more control is more
+    mind.forget(torch.arange(n))
+    assert not any(float(value.abs().max()) for value in mind.state().values())
+
+
+def test_users_with_motor_noise_practise_with_it(tmp_path: Path) -> None:
+    """The mind's users have the noise of the true ones, and the body model knows it is there."""
+    noise = NoiseConfig(signal_dependent="white", constant="red")
+    env = ENV.model_copy(update={"user": UserConfig(noise=noise)})
+    made = new_practice(env=env)
+    told = made.step()
+    quiet = new_practice()
+    assert told.place_error_m != quiet.step().place_error_m
+    controls, without = experience(made).control, experience(quiet).control
+    assert controls.shape == without.shape
+    assert not torch.equal(controls, without)
+    made.save(tmp_path)
+    after = made.step()
+    again = new_practice(env=env)
+    assert again.restore(tmp_path)
+    assert again.step() == after
+    assert float(made.game.state()["constant_red"].abs().max()) > 0.0
+    made.simulation.close()
+    again.simulation.close()
+    quiet.simulation.close()
 
 
 # --- practice ----------------------------------------------------------------------------------

@@ -240,8 +240,8 @@ class Practice:
             else:
                 mean = self.policy.act(sim.observation(), None)
                 actions = mean + self.config.action_noise * rng.standard_normal(mean.shape)
-            control = np.clip(users.act + np.clip(actions, -1.0, 1.0), 0.0, 1.0)
             result = sim.step(actions)
+            control = users.ctrl  # what the muscles were told, motor noise included
             ended = result.terminated | result.truncated
             fields = sim.senses.values()[:, columns]
             kept = ~ended & ~users.diverged
@@ -320,15 +320,16 @@ class Practice:
         return [sim.told_of(number) for number in range(len(sim.config.conditions))]
 
     def _new_game(self, n: int) -> ImaginedWhacAMole:
-        user = self.simulation.simulation.user
+        users = self.simulation.simulation.users
         return ImaginedWhacAMole(
-            user,
+            users.user,
             self.body,
             self.hammer,
             self._conditions,
             n,
             single=self.config.single_targets,
             seed=self._torch_seed + 3,
+            noise=None if users.noise is None else users.noise.settings,
         )
 
     # --- practice ----------------------------------------------------------------------------

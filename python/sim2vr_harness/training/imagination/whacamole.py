@@ -16,6 +16,8 @@ import torch
 from torch import Tensor, nn
 
 from sim2vr_harness.training.imagination.body import BodyModel, Experience, Motion
+from sim2vr_harness.training.imagination.noise import ImaginedNoise
+from sim2vr_harness.users.noise import MotorNoiseSettings
 from sim2vr_harness.users.user import User
 
 __all__ = ["CONTROLLER", "FIELDS", "HammerModel", "ImaginedWhacAMole", "Relaxation"]
@@ -127,6 +129,7 @@ class ImaginedWhacAMole:
         single: share of them that never have more than one target, so that far cells are
             practised too: while there is another target, those are left aside.
         seed: of spawns.
+        noise: of the muscles' controls; None for none.
     """
 
     def __init__(
@@ -139,6 +142,7 @@ class ImaginedWhacAMole:
         *,
         single: float,
         seed: int,
+        noise: MotorNoiseSettings | None = None,
     ) -> None:
         self.n, self.body, self.hammer = n, body, hammer
         self._muscle_names = [f"{muscle} act" for muscle in user.muscles]
@@ -182,6 +186,7 @@ class ImaginedWhacAMole:
         self._inside = torch.zeros(n, _CELLS, dtype=torch.bool)
         self._hit = torch.zeros(n, _CELLS, dtype=torch.bool)
         self._left = torch.ones(n, _CELLS)
+        self._noise = None if noise is None else ImaginedNoise(noise, n, muscles)
         self._posed: tuple[Motion, Tensor, Tensor] | None = None
 
     # --- rounds ------------------------------------------------------------------------------
@@ -209,6 +214,8 @@ class ImaginedWhacAMole:
             self._fading[ids] = 0
             self._ban_s[ids] = _BAN_S * torch.rand(count, generator=self.generator)
             self._inside[ids], self._hit[ids], self._left[ids] = False, False, 1.0
+            if self._noise is not None:
+                self._noise.forget(ids)
 
     def _first_ages(self, ids: Tensor, condition: Tensor, cell: Tensor) -> Tensor:
         """(K, cells) ages of the targets that some users begin with, in frames."""
@@ -266,12 +273,17 @@ class ImaginedWhacAMole:
     def state(self) -> dict[str, Tensor]:
         """Everything that the rounds' future depends on, but for the body model."""
         own = {name: getattr(self, name).clone() for name in self._STATE}
-        return own | {
-            "angles": self.motion.angles.clone(),
-            "speeds": self.motion.speeds.clone(),
-            "act": self.motion.act.clone(),
-            "generator": self.generator.get_state(),
-        }
+        noise = {} if self._noise is None else self._noise.state()
+        return (
+            own
+            | noise
+            | {
+                "angles": self.motion.angles.clone(),
+                "speeds": self.motion.speeds.clone(),
+                "act": self.motion.act.clone(),
+                "generator": self.generator.get_state(),
+            }
+        )
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
         """Go on from :meth:`state`."""
@@ -280,6 +292,8 @@ class ImaginedWhacAMole:
             setattr(self, name, state[name].clone())
         self.motion = Motion(*(state[name].clone() for name in ("angles", "speeds", "act")))
         self.generator.set_state(state["generator"])
+        if self._noise is not None:
+            self._noise.load_state(state)
 
     # --- what is observed --------------------------------------------------------------------
 
@@ -342,6 +356,8 @@ class ImaginedWhacAMole:
             (B,) rewards, differentiable by all actions since :meth:`cut`.
         """
         control = (self.motion.act + actions.clamp(-1.0, 1.0)).clamp(0.0, 1.0)
+        if self._noise is not None:
+            control = self._noise.apply(control)
         after = self.body(self.motion, control)
         self.motion = self.body.disturbed(after, error_share) if error_share > 0.0 else after
         self._next_frame()

@@ -43,7 +43,8 @@ class AppBatch {
   const BatchSettings& settings() const { return settings_; }
   /// For everything that concerns one app only. Throws InvalidArgument("app") outside 0 .. N-1.
   App& app(int index);
-  /// App::load of one app; its rows of images() and vision() are drawn, the others stay.
+  /// App::load of one app; its rows of images(), vision(), privileged() and logs() are its own
+  /// again, the other results stay.
   void load(int index, const std::string& state);
 
   /// Starts rounds: starts[i] and devices[i] are of app indices[i]. When something is refused, what
@@ -79,6 +80,7 @@ class AppBatch {
   template <class Move>
   void run(std::span<const int> indices, const Move& move);
   void separateChannels(int index);
+  void fillLog(int index);
   void store(int index, const Outcome& outcome);
 
   BatchSettings settings_;

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, nullcontext
@@ -24,6 +25,9 @@ from sim2vr_harness.training.trained_users import find_user, require_contract
 
 __all__ = ["Evaluation", "Request", "evaluate"]
 
+_LONGEST_NAME = 120
+"""Of a folder, in characters."""
+
 SimulationFactory = Callable[..., Any]
 """(EnvConfig, n, log_dir=Path | None) -> simulation."""
 
@@ -39,7 +43,8 @@ class Request:
         deterministic: Whether actions are the policy's mean.
         record: Whether to film the first round of every condition.
         log: Whether to write the game's CSV logs.
-        out: Where files go; None takes the run's ``evaluation/step_<N>``.
+        out: Where files go; None takes the run's ``evaluation/step_<N>``, and in it a folder named
+            after ``overrides`` if there are any.
         batch: Rounds played side by side at most.
         app: Settings that replace those of ``env.app``, for example another executable.
         overrides: ``env.key=value``, what else is different from the training's environment.
@@ -116,7 +121,7 @@ def evaluate(
     batch = _batch_for(env, request.batch)
     if knows_options(env.app):
         _check_conditions(env, conditions, simulation)
-    out = request.out or user.evaluation_dir
+    out = request.out or user.evaluation_dir / _folder_of(request.overrides)
     log_dir = out / "logs" if request.log else None
     if log_dir is not None:
         for older in log_dir.glob("user*"):
@@ -162,6 +167,12 @@ def evaluate(
     if log_dir is not None:
         files.append(log_dir)
     return Evaluation(summaries, step, user.source, files, rounds)
+
+
+def _folder_of(overrides: Sequence[str]) -> str:
+    """A folder's name that says what is different; empty if nothing is."""
+    told = ",".join(override.strip().removeprefix("env.") for override in overrides)
+    return re.sub(r"[^\w.,=-]+", "_", told)[:_LONGEST_NAME]
 
 
 def evaluation_env(

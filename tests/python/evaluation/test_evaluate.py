@@ -147,6 +147,9 @@ def test_the_environment_can_be_another_than_the_training_s(trained: Path) -> No
     assert kept == config.env
     found = play_with(trained, Request(episodes=1, overrides=overrides))
     assert found.summaries["medium"]["overrides"] == overrides
+    folder = "user.noise.constant=white,app.options.adaptive=true"
+    place = trained / "evaluation" / "step_000000120" / folder
+    assert found.files == [place / "results.json"]  # beside the results without changes
 
 
 def test_bad_requests(trained: Path, tmp_path: Path) -> None:

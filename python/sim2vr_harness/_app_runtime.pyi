@@ -81,7 +81,7 @@ class AppBatch:
         """
     def load(self, app: typing.SupportsInt | typing.SupportsIndex, state: bytes) -> None:
         """
-        As App.load, of one app; its rows of images and vision are drawn.
+        As App.load, of one app; its rows of images, vision, privileged and logs are its own again.
         """
     def render_view(self, app: typing.SupportsInt | typing.SupportsIndex, view: str, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.uint8]:
         """

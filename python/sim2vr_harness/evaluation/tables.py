@@ -49,7 +49,7 @@ def results_table(summaries: Mapping[str, Mapping[str, Any]], title: str) -> Tab
     )
     for term in terms if len(terms) > 2 else ():
         values = (summary.get("return_terms", {}).get(term) for summary in summaries.values())
-        table.add_row(f"  of it {_words(term)}", *(_cell(value, None, 1) for value in values))
+        table.add_row(f"  + {_words(term)}", *(_cell(value, None, 1) for value in values))
     if any(summary.get("cell_hit_rates", []) for summary in summaries.values()):
         rows = [_lowest(summary.get("cell_hit_rates", [])) for summary in summaries.values()]
         table.add_row("Lowest cell's hit rate", *rows)

@@ -236,16 +236,16 @@ def evaluate(
 
     remote = _app_settings(app, app_arg, connect, protocol)
     request = Request(
-        condition,
-        episodes,
-        seed,
-        deterministic,
-        record,
-        log,
-        out,
-        batch,
-        remote,
-        overrides or (),
+        conditions=condition,
+        episodes=episodes,
+        seed=seed,
+        deterministic=deterministic,
+        record=record,
+        log=log,
+        out=out,
+        batch=batch,
+        app=remote,
+        overrides=overrides or (),
     )
     with _Share("Playing") as share:
         found = evaluate_run(run, request, on_progress=share.show)

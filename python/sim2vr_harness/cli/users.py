@@ -11,6 +11,8 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from sim2vr_harness.evaluation.tables import cell
+
 app = typer.Typer(
     help="Trained users: list them, look at one, pack one of a run.", no_args_is_help=True
 )
@@ -65,13 +67,11 @@ def _results(card: dict[str, Any]) -> Table:
     for heading in ("Hit rate", "Hits", "Rounds", *([f"{len(seeds)} seeds"] if seeds else ())):
         table.add_column(heading, justify="right")
     for condition, row in card.get("results", {}).items():
-        cells = [_number(row["hit_rate"], 2), _number(row["hits"], 0), str(row["episodes"])]
-        table.add_row(condition, *cells, _spread(card, condition) if seeds else None)
+        cells = [cell(row["hit_rate"], None, 2), cell(row["hits"], None, 0), str(row["episodes"])]
+        if seeds:
+            cells.append(_spread(card, condition))
+        table.add_row(condition, *cells)
     return table
-
-
-def _number(value: float | None, digits: int) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def _spread(card: dict[str, Any], condition: str) -> str:

@@ -247,7 +247,6 @@ def _check_conditions(
 
 
 def _store(out: Path, summaries: dict[str, dict[str, Any]]) -> Path:
-    out.mkdir(parents=True, exist_ok=True)
     file = out / "results.json"
     write_atomically(file, (json.dumps(summaries, indent=2) + "\n").encode())
     return file

@@ -9,7 +9,7 @@ from typing import Any
 from rich import box
 from rich.table import Table
 
-__all__ = ["results_table"]
+__all__ = ["cell", "results_table"]
 
 _ROWS: tuple[tuple[str, str, int], ...] = (
     ("hits", "Hits", 1),
@@ -40,7 +40,7 @@ def results_table(summaries: Mapping[str, Mapping[str, Any]], title: str) -> Tab
     table.add_row("Rounds", *(str(summary["episodes"]) for summary in summaries.values()))
     for key, heading, digits in _ROWS:
         cells = [
-            _cell(summary.get(key), summary.get(f"{key}_sd"), digits)
+            cell(summary.get(key), summary.get(f"{key}_sd"), digits)
             for summary in summaries.values()
         ]
         table.add_row(heading, *cells)
@@ -49,7 +49,7 @@ def results_table(summaries: Mapping[str, Mapping[str, Any]], title: str) -> Tab
     )
     for term in terms if len(terms) > 2 else ():
         values = (summary.get("return_terms", {}).get(term) for summary in summaries.values())
-        table.add_row(f"  + {_words(term)}", *(_cell(value, None, 1) for value in values))
+        table.add_row(f"  + {_words(term)}", *(cell(value, None, 1) for value in values))
     if any(summary.get("cell_hit_rates", []) for summary in summaries.values()):
         rows = [_lowest(summary.get("cell_hit_rates", [])) for summary in summaries.values()]
         table.add_row("Lowest cell's hit rate", *rows)
@@ -74,7 +74,8 @@ def _lowest(rates: Sequence[float | None]) -> str:
     return f"{rate:.2f} (cell {cell})"
 
 
-def _cell(value: float | None, deviation: float | None, digits: int) -> str:
+def cell(value: float | None, deviation: float | None, digits: int) -> str:
+    """A number, with its deviation where there is one; "-" for none."""
     if value is None:
         return "-"
     spread = "" if deviation is None else f" ± {deviation:.{digits}f}"

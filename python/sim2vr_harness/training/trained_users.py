@@ -214,7 +214,6 @@ def pack(
         "sim2vr_harness": __version__,
         "packed": datetime.now(UTC).date().isoformat(),
     }
-    folder.mkdir(parents=True, exist_ok=True)
     write_atomically(folder / _WEIGHTS, content.getvalue())
     write_atomically(folder / _CONFIG, to_yaml(user.config).encode())
     write_atomically(folder / _CARD, (json.dumps(card, indent=2) + "\n").encode())

@@ -335,7 +335,7 @@ def test_the_hammer_is_seen_where_a_user_goes_on(practice: Practice) -> None:
 
 @pytest.mark.parametrize("colour", ["white", "red"])
 def test_imagined_motor_noise_is_as_large_as_the_users(colour: Any) -> None:
-    """Of 0.3: 0.103 of it for each muscle apart, 0.185 for all alike; red adds up."""
+    """Of 0.3: 0.103 of it for each muscle apart, 0.02 for all alike; red adds up."""
     settings = MotorNoiseSettings(signal_dependent=colour, constant=colour)
     settings = replace(settings, constant_level=0.02)  # so that nothing is cut off
     n, steps = 4000, 2

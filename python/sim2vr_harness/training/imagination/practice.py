@@ -452,7 +452,6 @@ class Practice:
             "updates": self.updates,
             "rng": self._rng.bit_generator.state,
         }
-        folder.mkdir(parents=True, exist_ok=True)
         write_tensors(
             folder / _STATE,
             {

@@ -273,17 +273,14 @@ class ImaginedWhacAMole:
     def state(self) -> dict[str, Tensor]:
         """Everything that the rounds' future depends on, but for the body model."""
         own = {name: getattr(self, name).clone() for name in self._STATE}
-        noise = {} if self._noise is None else self._noise.state()
-        return (
-            own
-            | noise
-            | {
-                "angles": self.motion.angles.clone(),
-                "speeds": self.motion.speeds.clone(),
-                "act": self.motion.act.clone(),
-                "generator": self.generator.get_state(),
-            }
-        )
+        if self._noise is not None:
+            own |= self._noise.state()
+        return own | {
+            "angles": self.motion.angles.clone(),
+            "speeds": self.motion.speeds.clone(),
+            "act": self.motion.act.clone(),
+            "generator": self.generator.get_state(),
+        }
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
         """Go on from :meth:`state`."""
@@ -417,8 +414,10 @@ class ImaginedWhacAMole:
         threshold, constrained = self._threshold[condition], self._constrained[condition] > 0.0
         fast = (strike > threshold) | ~constrained
         self._hit = inside & counts & fast[:, None]
-        stuck = inside & self._inside
-        within = (stuck * (1.0 + depth.amin(2) / _NEAR_M)).sum(1)
+        within: Tensor | float = 0.0
+        if soft.stuck > 0.0:  # few practices pay for it
+            stuck = inside & self._inside
+            within = (stuck * (1.0 + depth.amin(2) / _NEAR_M)).sum(1)
         speed = torch.sigmoid((strike - threshold - _SPEED_MARGIN_MPS) / soft.speed_mps)
         speed = torch.where(constrained, speed, torch.ones(()))[:, None]
         overlap = torch.sigmoid((depth - _OVERLAP_MARGIN_M) / soft.overlap_m).prod(2)

@@ -21,6 +21,8 @@ void RLEnv::fields(Archive& archive) {
   archive.field("log", log_);
 }
 
+std::optional<double> Game::headRequest(std::uint32_t) const { return std::nullopt; }
+
 const std::vector<std::string>& Game::privilegedNames() const {
   static const std::vector<std::string> none;
   return none;

@@ -69,6 +69,7 @@ struct App::Round {
   xr::Session session;
   scene::Scene scene;
   physics::PhysicsWorld physics;
+  rl::SoundLog sounds;
   rl::RLEnv* env = nullptr;
 };
 
@@ -113,7 +114,8 @@ void App::beginRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogge
                           .xr = fresh->session,
                           .physics = fresh->physics,
                           .seed = seed,
-                          .logger = logger};
+                          .logger = logger,
+                          .sounds = fresh->sounds};
   fresh->env = &game_->build(context);
   if (!fresh->session.attached()) fresh->session.attachActionSets();
   round_ = std::move(fresh);
@@ -185,14 +187,21 @@ void App::runFrame(std::int64_t time_ns, const xr::DeviceState& devices) {
   if (logger_ != nullptr && current.env->finished()) logger_->endRound();
 }
 
-Outcome App::outcome(float reward) const {
+Outcome App::outcome(float reward) {
+  events_ = {round_->device.takePulses(), round_->sounds.take()};
   const rl::RLEnv& env = *round_->env;
   return {reward, env.finished(), env.GetTimeFeature()};
 }
 
 StepResult App::shown(const Outcome& outcome) {
   renderView(View::headset, settings_.headset_size, image_);
-  return {outcome.reward, outcome.finished, outcome.time_feature, log()};
+  return {outcome.reward, outcome.finished, outcome.time_feature, log(), events_};
+}
+
+std::optional<double> App::headRequest(const RoundStart& start) const {
+  const std::unique_ptr<rl::Game> game = games::createGame(settings_.game);
+  configureGame(*game, mergedOptions(settings_.options_json, start.options_json));
+  return game->headRequest(start.seed);
 }
 
 const std::map<std::string, double>& App::log() {

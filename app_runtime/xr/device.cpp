@@ -78,14 +78,21 @@ void ControllerState::fields(Archive& archive) {
   archive.field("trigger", trigger);
   archive.field("squeeze", squeeze);
   vectorField(archive, "thumbstick", thumbstick);
-  std::array<bool, 6> buttons{thumbstick_click, a, b, x, y, menu};
-  archive.field("buttons", buttons);
-  thumbstick_click = buttons[0];
-  a = buttons[1];
-  b = buttons[2];
-  x = buttons[3];
-  y = buttons[4];
-  menu = buttons[5];
+  const std::array<bool*, 11> buttons{&thumbstick_click,
+                                      &a,
+                                      &b,
+                                      &x,
+                                      &y,
+                                      &menu,
+                                      &trigger_touch,
+                                      &thumbstick_touch,
+                                      &lower_touch,
+                                      &upper_touch,
+                                      &thumbrest_touch};
+  std::array<bool, 11> pressed{};
+  for (std::size_t i = 0; i < buttons.size(); ++i) pressed[i] = *buttons[i];
+  archive.field("buttons", pressed);
+  for (std::size_t i = 0; i < buttons.size(); ++i) *buttons[i] = pressed[i];
 }
 
 void DeviceState::fields(Archive& archive) {

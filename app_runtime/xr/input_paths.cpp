@@ -28,13 +28,25 @@ void addHand(std::vector<InputPath>& paths, Hand hand) {
       [](const State& s) { return XrVector2f{s.thumbstick.y, 0}; });
   add("input/thumbstick/click", InputKind::button,
       [](const State& s) { return asValue(s.thumbstick_click); });
+  add("input/thumbstick/touch", InputKind::button,
+      [](const State& s) { return asValue(s.thumbstick_touch); });
+  add("input/trigger/touch", InputKind::button,
+      [](const State& s) { return asValue(s.trigger_touch); });
+  add("input/thumbrest/touch", InputKind::button,
+      [](const State& s) { return asValue(s.thumbrest_touch); });
+  const auto lower_touch = [](const State& s) { return asValue(s.lower_touch); };
+  const auto upper_touch = [](const State& s) { return asValue(s.upper_touch); };
   if (hand == Hand::left) {
     add("input/x/click", InputKind::button, [](const State& s) { return asValue(s.x); });
     add("input/y/click", InputKind::button, [](const State& s) { return asValue(s.y); });
     add("input/menu/click", InputKind::button, [](const State& s) { return asValue(s.menu); });
+    add("input/x/touch", InputKind::button, lower_touch);
+    add("input/y/touch", InputKind::button, upper_touch);
   } else {
     add("input/a/click", InputKind::button, [](const State& s) { return asValue(s.a); });
     add("input/b/click", InputKind::button, [](const State& s) { return asValue(s.b); });
+    add("input/a/touch", InputKind::button, lower_touch);
+    add("input/b/touch", InputKind::button, upper_touch);
   }
   add("output/haptic", InputKind::haptic, noValue);
 }

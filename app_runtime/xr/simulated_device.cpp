@@ -1,5 +1,7 @@
 #include "sim2vr/xr/simulated_device.hpp"
 
+#include <utility>
+
 namespace sim2vr::xr {
 
 void SimulatedDevice::set(const DeviceState& state) { state_ = validated(state); }
@@ -21,7 +23,10 @@ void SimulatedDevice::haptic(Hand hand, const XrHapticVibration& vibration) {
   channel.last = vibration;
   channel.last.next = nullptr;
   if (vibration.amplitude > 0.0F) ++channel.count;
+  pulses_.push_back({hand, vibration.amplitude, vibration.frequency, vibration.duration});
 }
+
+std::vector<HapticPulse> SimulatedDevice::takePulses() { return std::exchange(pulses_, {}); }
 
 const XrHapticVibration& SimulatedDevice::lastHaptic(Hand hand) const {
   return haptics_[static_cast<std::size_t>(hand)].last;

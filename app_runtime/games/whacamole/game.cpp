@@ -1,5 +1,8 @@
 #include "whacamole/game.hpp"
 
+#include <cmath>
+#include <numbers>
+
 #include "sim2vr/physics/world.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 #include "sim2vr/xr/session.hpp"
@@ -60,6 +63,13 @@ rl::RLEnv& WhacAMole::build(rl::GameContext& context) {
   rl::setHeadRotationSource(setup.rig, env);
   addRoomLooks(scene);
   return env;
+}
+
+std::optional<double> WhacAMole::headRequest(std::uint32_t seed) const {
+  if (!settings_.override_head_rotation) return std::nullopt;
+  const Placement placement = resolveCondition(settings_.condition, seed).placement;
+  const Vec3 gaze = geometry(placement).simulated_head_rotation * Vec3::UnitZ();
+  return std::atan2(gaze.y(), gaze.z()) * 180.0 / std::numbers::pi;
 }
 
 const std::vector<std::string>& WhacAMole::privilegedNames() const { return Privileged::names(); }

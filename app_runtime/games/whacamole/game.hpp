@@ -16,6 +16,7 @@ class WhacAMole : public rl::Game {
   }
   void configure(Options& options) override;
   rl::RLEnv& build(rl::GameContext& context) override;
+  std::optional<double> headRequest(std::uint32_t seed) const override;
   const std::vector<std::string>& privilegedNames() const override;
   void fields(Archive& archive) override;
 

@@ -4,13 +4,23 @@ The only importer of the extension module and of ZeroMQ.
 """
 
 from sim2vr_harness.client.base import (
+    CAPABILITIES,
     AppClient,
     AppReply,
     ClockSettings,
-    DevicePoses,
     OptionValue,
 )
 from sim2vr_harness.client.channel import Channel
+from sim2vr_harness.client.devices import (
+    INPUT_COUNT,
+    INPUT_NAMES,
+    INPUTS,
+    DevicePoses,
+    HapticPulse,
+    Input,
+    SoundEvent,
+    input_named,
+)
 from sim2vr_harness.client.errors import (
     APP_FAILURES,
     AppDied,
@@ -44,6 +54,10 @@ from sim2vr_harness.client.protocol2 import Protocol2App, Protocol2Connection
 
 __all__ = [
     "APP_FAILURES",
+    "CAPABILITIES",
+    "INPUTS",
+    "INPUT_COUNT",
+    "INPUT_NAMES",
     "AppClient",
     "AppDied",
     "AppError",
@@ -55,19 +69,23 @@ __all__ = [
     "Channel",
     "ClockSettings",
     "DevicePoses",
+    "HapticPulse",
     "InProcessApp",
     "InProcessBatch",
     "InProcessBatchApp",
+    "Input",
     "OptionValue",
     "Protocol1App",
     "Protocol2App",
     "Protocol2Connection",
     "ProtocolError",
+    "SoundEvent",
     "StartingApp",
     "connect",
     "frame_time_ns",
     "frame_times_ns",
     "gl_renderer",
+    "input_named",
     "is_sim2vr_app",
     "list_games",
     "runtime_version",

@@ -9,6 +9,8 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.client.devices import DevicePoses, HapticPulse, SoundEvent
+
 OptionValue = bool | int | float | str | list[float]
 UInt8Array = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
@@ -32,18 +34,6 @@ class ClockSettings:
 
 
 @dataclass(frozen=True)
-class DevicePoses:
-    """Tracked poses: position x y z (m) and rotation x y z w, app frame.
-
-    Arrays of 7 for one moment, (K, 7) for K frames.
-    """
-
-    head: Float64Array
-    right_controller: Float64Array | None = None
-    left_controller: Float64Array | None = None
-
-
-@dataclass(frozen=True)
 class AppReply:
     """The app's answer to one frame."""
 
@@ -52,6 +42,25 @@ class AppReply:
     time_feature: float
     """Game-defined, Whac-A-Mole: 2 * elapsed / round length - 1."""
     log: dict[str, float]
+    haptics: tuple[HapticPulse, ...] = ()
+    """What the frames of this step or reset asked the controllers for, in order."""
+    sounds: tuple[SoundEvent, ...] = ()
+    """Sounds that began in them, in order."""
+
+
+CAPABILITIES: dict[str, str] = {
+    "save": "save, load and state_hash",
+    "views": "pictures of the last frame in any size, from outside too",
+    "frames": "several frames in a step, of which any one is drawn",
+    "inputs": "triggers, thumbsticks and buttons of the controllers",
+    "left_controller": "a left controller",
+    "haptics": "vibrations of the controllers come back",
+    "sounds": "sounds come back",
+    "head_request": "says before a round how the head shall be held",
+    "two_eyes": "a picture for each eye",
+    "privileged": "numbers behind the picture, for teachers",
+}
+"""What an app may be able to do, and what that is; see :attr:`AppClient.capabilities`."""
 
 
 class AppClient(Protocol):
@@ -128,6 +137,29 @@ class AppClient(Protocol):
 
     def finish_step(self) -> AppReply:
         """Second half: the reply to :meth:`start_step`; then :attr:`image` is the new one."""
+
+    @property
+    def capabilities(self) -> frozenset[str]:
+        """Names of :data:`CAPABILITIES` that the app has.
+
+        What needs one that is missing raises AppUnsupported, which names it.
+        """
+
+    def head_request(
+        self, seed: int, options: Mapping[str, OptionValue] | None = None
+    ) -> float | None:
+        """The head's pitch, degrees up, that the app wishes for in a round; None: no wish.
+
+        Starts and moves nothing: it is asked before :meth:`reset`, so that the user's body can
+        answer with the poses given there.
+
+        Args:
+            seed: of the round that would begin.
+            options: as in :meth:`reset`.
+
+        Raises:
+            ValueError: an option that cannot be used.
+        """
 
     @property
     def can_save(self) -> bool:

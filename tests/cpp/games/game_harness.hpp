@@ -11,6 +11,7 @@
 #include "sim2vr/physics/world.hpp"
 #include "sim2vr/rl/episode_logger.hpp"
 #include "sim2vr/rl/game.hpp"
+#include "sim2vr/rl/sound.hpp"
 #include "sim2vr/scene/scene.hpp"
 #include "sim2vr/xr/frames.hpp"
 #include "sim2vr/xr/session.hpp"
@@ -42,7 +43,7 @@ class GameHarness {
     game.configure(options);
     options.expectAllRead();
     scene_.clock().restart(start_ns);
-    rl::GameContext context{scene_, session_, physics_, seed, logger};
+    rl::GameContext context{scene_, session_, physics_, seed, logger, sounds_};
     env_ = &game.build(context);
     session_.begin();
   }
@@ -104,6 +105,7 @@ class GameHarness {
 
   scene::Scene scene_;
   physics::PhysicsWorld physics_;
+  rl::SoundLog sounds_;
   xr::SimulatedDevice device_;
   xr::Session session_;
   rl::RLEnv* env_ = nullptr;

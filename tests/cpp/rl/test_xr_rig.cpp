@@ -6,6 +6,7 @@
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/physics/world.hpp"
 #include "sim2vr/render/components.hpp"
+#include "sim2vr/rl/sound.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 #include "sim2vr/scene/scene.hpp"
 #include "sim2vr/xr/frames.hpp"
@@ -31,7 +32,10 @@ class CountingEnv : public RLEnv {
 
 class XrRigTest : public ::testing::Test {
  protected:
-  XrRigTest() : physics_(scene_), session_(device_), context_{scene_, session_, physics_} {}
+  XrRigTest()
+      : physics_(scene_),
+        session_(device_),
+        context_{scene_, session_, physics_, 0, nullptr, sounds_} {}
 
   void frame(std::int64_t time_ns, const xr::DeviceState& state) {
     if (session_.state() == XR_SESSION_STATE_READY) session_.begin();
@@ -56,6 +60,7 @@ class XrRigTest : public ::testing::Test {
   physics::PhysicsWorld physics_;
   xr::SimulatedDevice device_;
   xr::Session session_;
+  SoundLog sounds_;
   GameContext context_;
 };
 
@@ -129,7 +134,7 @@ TEST_F(XrRigTest, WorksAgainWithTheSameSession) {
   frame(0, someState());
   scene::Scene next;
   physics::PhysicsWorld physics(next);
-  GameContext context{next, session_, physics};
+  GameContext context{next, session_, physics, 0, nullptr, sounds_};
   const XrRig rig = buildXrRig(context);
   EXPECT_NE(next.find(kHeadCameraPath), nullptr);
   EXPECT_NE(rig.root, scene_.find("XR Rig"));

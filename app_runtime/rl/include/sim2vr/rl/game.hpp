@@ -27,6 +27,7 @@ class PhysicsWorld;
 namespace sim2vr::rl {
 
 class EpisodeLogger;
+class SoundLog;
 
 /// Base of a game's learning interface; one per round, on an object of the scene. It runs after the
 /// game's own components, so that it sees the frame's final state.
@@ -90,6 +91,8 @@ struct GameContext {
   std::uint32_t seed = 0;
   /// Null when no logs are written.
   EpisodeLogger* logger = nullptr;
+  /// Where the round's sounds go (sound.hpp).
+  SoundLog& sounds;
 };
 
 /// One game of one app; lives as long as the app.
@@ -112,6 +115,11 @@ class Game {
   /// head camera (kHeadCameraPath in xr_rig.hpp) and may hold kThirdPersonCameraPath and
   /// kSpectatorCameraPath.
   virtual RLEnv& build(GameContext& context) = 0;
+
+  /// How the head shall be held in the round that `seed` and the present options would start: pitch
+  /// in degrees, up positive. Asked before the round, answered by the player's body; none: as the
+  /// player likes.
+  virtual std::optional<double> headRequest(std::uint32_t seed) const;
 
   /// Names, unit last, of the numbers behind the picture that a teacher learns from (RLEnv's
   /// fillPrivileged); the same for every round. Those that begin with "aid." are not for its

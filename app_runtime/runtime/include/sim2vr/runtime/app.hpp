@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <map>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -13,6 +14,7 @@
 #include "sim2vr/core/clock.hpp"
 #include "sim2vr/render/renderer.hpp"
 #include "sim2vr/rl/game.hpp"
+#include "sim2vr/rl/sound.hpp"
 #include "sim2vr/xr/device.hpp"
 
 namespace sim2vr::runtime {
@@ -36,6 +38,12 @@ struct FrameInput {
   xr::DeviceState devices;
 };
 
+/// What the frames of a step or reset asked the user's devices for, in order.
+struct Events {
+  std::vector<xr::HapticPulse> haptics;
+  std::vector<rl::SoundEvent> sounds;
+};
+
 /// What a step came to, without the game's named numbers.
 struct Outcome {
   float reward = 0.0F;
@@ -48,6 +56,7 @@ struct StepResult {
   bool finished = false;
   float time_feature = 0.0F;
   std::map<std::string, double> log;
+  Events events;
 };
 
 /// Which camera renderView uses.
@@ -101,6 +110,11 @@ class App {
   Outcome advance(std::span<const FrameInput> frames);
   /// The game's named numbers after the last frame. Throws StateError before the first reset.
   const std::map<std::string, double>& log();
+  /// What the latest begin or advance asked the devices for; empty before the first reset.
+  const Events& events() const { return events_; }
+  /// The head's pitch, degrees up, that the game wishes for in the round that `start` would begin
+  /// (rl::Game::headRequest). Starts nothing. Throws InvalidArgument for options that are refused.
+  std::optional<double> headRequest(const RoundStart& start) const;
   /// Names of what fillPrivileged writes; none for a game that does not help teachers.
   const std::vector<std::string>& privilegedNames() const { return game_->privilegedNames(); }
   /// The game's numbers behind the picture after the last frame (rl::RLEnv::fillPrivileged). Throws
@@ -135,7 +149,7 @@ class App {
   void beginRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogger* logger);
   Round& round(std::string_view call);
   void runFrame(std::int64_t time_ns, const xr::DeviceState& devices);
-  Outcome outcome(float reward) const;
+  Outcome outcome(float reward);
   StepResult shown(const Outcome& outcome);
   render::ViewRequest viewRequest(View view, render::ImageSize size, std::span<std::uint8_t> rgba);
 
@@ -146,6 +160,7 @@ class App {
   std::unique_ptr<rl::Game> game_;
   std::unique_ptr<rl::EpisodeLogger> logger_;
   std::uint32_t seed_ = 0;
+  Events events_;
   std::vector<std::uint8_t> own_image_;
   std::span<std::uint8_t> image_;
   std::unique_ptr<Round> round_;

@@ -36,6 +36,12 @@ struct ControllerState {
   bool x = false;     // left controller only
   bool y = false;     // left controller only
   bool menu = false;  // left controller only
+  // Capacitive sensors: a finger rests on it.
+  bool trigger_touch = false;
+  bool thumbstick_touch = false;
+  bool lower_touch = false;  // on X (left) or A (right)
+  bool upper_touch = false;  // on Y (left) or B (right)
+  bool thumbrest_touch = false;
 
   void fields(Archive& archive);
 };
@@ -48,6 +54,14 @@ struct DeviceState {
   const ControllerState& hand(Hand hand) const { return hands[static_cast<std::size_t>(hand)]; }
 
   void fields(Archive& archive);
+};
+
+/// A vibration that the app asked for.
+struct HapticPulse {
+  Hand hand = Hand::right;
+  float amplitude = 0.0F;       // 0 .. 1; 0 stops the hand's vibration
+  float frequency_hz = 0.0F;    // 0 (XR_FREQUENCY_UNSPECIFIED): the device's own choice
+  XrDuration duration_ns = -1;  // -1 (XR_MIN_HAPTIC_DURATION): the shortest the device can
 };
 
 /// `a * b`: the pose of `b`, given in the frame that has pose `a`.

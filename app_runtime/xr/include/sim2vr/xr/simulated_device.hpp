@@ -3,6 +3,7 @@
 
 #include <array>
 #include <cstdint>
+#include <vector>
 
 #include "sim2vr/xr/device.hpp"
 
@@ -25,6 +26,8 @@ class SimulatedDevice final : public Device {
   const XrHapticVibration& lastHaptic(Hand hand) const;
   /// Vibrations asked for so far.
   std::uint64_t hapticCount(Hand hand) const;
+  /// The vibrations asked for since the last call, in order. Not part of saved states.
+  std::vector<HapticPulse> takePulses();
 
   void fields(Archive& archive) override;
 
@@ -37,6 +40,7 @@ class SimulatedDevice final : public Device {
 
   DeviceState state_;
   std::array<HapticChannel, 2> haptics_;
+  std::vector<HapticPulse> pulses_;
 };
 
 }  // namespace sim2vr::xr

@@ -172,7 +172,7 @@ class PyApp {
     return app().stateHash();
   }
 
-  std::string rendererDescription() const { return app().renderer().description(); }
+  std::string rendererDescription() const { return app().rendererDescription(); }
 
   void close() { app_.reset(); }
 

@@ -163,7 +163,7 @@ class PyAppBatch {
   py::bytes save(int app) const { return py::bytes(batch().app(app).save()); }
   void load(int app, const py::bytes& state) { batch().load(app, std::string(state)); }
   std::uint64_t stateHash(int app) const { return batch().app(app).stateHash(); }
-  std::string rendererDescription() const { return batch().app(0).renderer().description(); }
+  std::string rendererDescription() const { return batch().app(0).rendererDescription(); }
   int threads() const { return batch().threads(); }
   void close() {
     // Arrays that are still held keep the batch's memory, but not its apps.

@@ -22,10 +22,20 @@ namespace {
 constexpr std::string_view kStateFormat = "sim2vr app state 1";
 constexpr double kNsPerSecond = 1e9;
 
-xr::SessionSettings sessionSettings(render::ImageSize size) {
+xr::SessionSettings sessionSettings(const AppSettings& app) {
+  const render::ImageSize size = app.headset_size;
   xr::SessionSettings settings;
+  settings.ipd_m = app.ipd_m;
   settings.aspect = static_cast<float>(size.width) / static_cast<float>(size.height);
   return settings;
+}
+
+Capabilities capabilitiesOf(const rl::Game& game) {
+  Capabilities all{Capability::save,   Capability::views,           Capability::frames,
+                   Capability::inputs, Capability::left_controller, Capability::haptics,
+                   Capability::sounds, Capability::head_request,    Capability::two_eyes};
+  if (!game.privilegedNames().empty()) all.insert(Capability::privileged);
+  return all;
 }
 
 std::string mergedOptions(const std::string& current, std::string_view changes) {
@@ -47,21 +57,11 @@ void configureGame(rl::Game& game, const std::string& options_json) {
 
 }  // namespace
 
-View viewFromName(std::string_view name) {
-  static const std::array<std::string, 3> kNames{"headset", "recorder", "spectator"};
-  const auto found = std::find(kNames.begin(), kNames.end(), name);
-  if (found == kNames.end()) {
-    throw InvalidArgument("view", "'" + std::string(name) + "'",
-                          "one of " + listChoices(kNames) + didYouMean(name, kNames));
-  }
-  return static_cast<View>(found - kNames.begin());
-}
-
 /// What lives as long as a round. Members are destroyed in reverse order: the scene's components
 /// hold references to the world and the session.
 struct App::Round {
-  Round(const TimeSettings& time, std::int64_t start_ns, render::ImageSize size)
-      : session(device, sessionSettings(size)), scene(time), physics(scene) {
+  Round(const AppSettings& app, std::int64_t start_ns)
+      : session(device, sessionSettings(app)), scene(app.time), physics(scene) {
     scene.clock().restart(start_ns);
   }
 
@@ -73,43 +73,51 @@ struct App::Round {
   rl::RLEnv* env = nullptr;
 };
 
+AppFactory gameApps() {
+  return [](const AppSettings& settings, std::shared_ptr<render::Renderer> renderer,
+            std::span<std::uint8_t> image) {
+    return std::make_unique<App>(settings, std::move(renderer), image);
+  };
+}
+
 App::App(AppSettings settings, std::shared_ptr<render::Renderer> renderer,
          std::span<std::uint8_t> image)
     : settings_(std::move(settings)),
       renderer_(std::move(renderer)),
       game_(games::createGame(settings_.game)),
+      capabilities_(capabilitiesOf(*game_)),
       image_(image) {
-  render::checkImageSize(settings_.headset_size);
-  settings_.time.validate();
+  settings_.validate();
+  sessionSettings(settings_).validate();
   settings_.options_json = mergedOptions("{}", settings_.options_json);
   configureGame(*game_, settings_.options_json);
   if (!settings_.log_dir.empty()) {
     logger_ = std::make_unique<rl::EpisodeLogger>(settings_.log_dir);
   }
-  const std::size_t bytes = settings_.headset_size.pixels() * 4;
+  const std::size_t bytes = settings_.imageBytes();
   if (image_.empty()) {
     own_image_.resize(bytes);
     image_ = own_image_;
   }
   if (image_.size() != bytes) {
     throw InvalidArgument("image", std::to_string(image_.size()) + " bytes",
-                          std::to_string(bytes) + ", height x width x 4");
+                          std::to_string(bytes) + ", eyes x height x width x 4");
   }
 }
 
 App::~App() = default;
 
-App::Round& App::round(std::string_view call) {
+App::Round& App::round(std::string_view call) const {
   if (round_ == nullptr) {
     throw StateError(std::string(call) + ": no round was started; call reset first");
   }
   return *round_;
 }
 
-void App::beginRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogger* logger) {
+void App::buildRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogger* logger) {
   seed_ = seed;
   round_.reset();
-  auto fresh = std::make_unique<Round>(settings_.time, start_ns, settings_.headset_size);
+  auto fresh = std::make_unique<Round>(settings_, start_ns);
   rl::GameContext context{.scene = fresh->scene,
                           .xr = fresh->session,
                           .physics = fresh->physics,
@@ -121,13 +129,7 @@ void App::beginRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogge
   round_ = std::move(fresh);
 }
 
-StepResult App::reset(const RoundStart& start, const xr::DeviceState& devices) {
-  return shown(begin(start, devices));
-}
-
-StepResult App::step(std::span<const FrameInput> frames) { return shown(advance(frames)); }
-
-Outcome App::begin(const RoundStart& start, const xr::DeviceState& devices) {
+Outcome App::doBegin(const RoundStart& start, const xr::DeviceState& devices) {
   if (start.time_ns < 0) {
     throw InvalidArgument("time_ns", std::to_string(start.time_ns), "0 or above");
   }
@@ -142,23 +144,23 @@ Outcome App::begin(const RoundStart& start, const xr::DeviceState& devices) {
     }
     settings_.options_json = merged;
   }
-  beginRound(start.seed, start.time_ns, logger_.get());
+  buildRound(start.seed, start.time_ns, logger_.get());
   round_->session.begin();
-  runFrame(start.time_ns, checked);
+  step_.open = false;
+  runFrame({start.time_ns, checked});
   return outcome(round_->env->reward());
 }
 
-Outcome App::advance(std::span<const FrameInput> frames) {
+void App::doStartStep(std::span<const FrameInput> frames, std::size_t drawn) {
   Round& current = round("step");
+  if (step_.open) throw StateError("step: one was started already; finish it first");
   if (current.env->finished()) {
     throw StateError("step: the round is over; call reset to start the next one");
   }
-  if (frames.empty()) throw InvalidArgument("frames", "none", "at least one frame");
-  std::vector<xr::DeviceState> checked;
-  checked.reserve(frames.size());
+  step_.frames.clear();
   std::int64_t previous_ns = current.session.frameTime();
   for (const FrameInput& frame : frames) {
-    checked.push_back(xr::validated(frame.devices));
+    step_.frames.push_back({frame.time_ns, xr::validated(frame.devices)});
     if (frame.time_ns < previous_ns) {
       throw InvalidArgument("time_ns", std::to_string(frame.time_ns),
                             "a time not before the previous frame's " +
@@ -167,22 +169,36 @@ Outcome App::advance(std::span<const FrameInput> frames) {
     previous_ns = frame.time_ns;
   }
   current.env->setFramesPerStep(static_cast<int>(frames.size()));
-  float reward = 0.0F;
-  for (std::size_t i = 0; i < frames.size() && !current.env->finished(); ++i) {
-    runFrame(frames[i].time_ns, checked[i]);
-    reward += current.env->reward();
-  }
-  return outcome(reward);
+  step_.run = 0;
+  step_.reward = 0.0F;
+  step_.open = true;
+  runFramesTo(drawn + 1);
 }
 
-void App::runFrame(std::int64_t time_ns, const xr::DeviceState& devices) {
+Outcome App::finishStep() {
+  round("finishStep");
+  if (!step_.open) throw StateError("finishStep: no step was started; call startStep first");
+  runFramesTo(step_.frames.size());
+  step_.open = false;
+  return outcome(step_.reward);
+}
+
+void App::runFramesTo(std::size_t end) {
+  const rl::RLEnv& env = *round_->env;
+  for (; step_.run < end && !env.finished(); ++step_.run) {
+    runFrame(step_.frames[step_.run]);
+    step_.reward += env.reward();
+  }
+}
+
+void App::runFrame(const FrameInput& frame) {
   Round& current = *round_;
   const auto period = static_cast<XrDuration>(kNsPerSecond / settings_.time.target_frame_rate);
-  current.device.set(devices);
-  current.session.waitFrame(time_ns, period);
+  current.device.set(frame.devices);
+  current.session.waitFrame(frame.time_ns, period);
   current.session.beginFrame();
   current.session.syncActions();
-  current.scene.runFrame(time_ns, [&current] { current.physics.step(); });
+  current.scene.runFrame(frame.time_ns, [&current] { current.physics.step(); });
   current.session.endFrame();
   if (logger_ != nullptr && current.env->finished()) logger_->endRound();
 }
@@ -193,23 +209,21 @@ Outcome App::outcome(float reward) {
   return {reward, env.finished(), env.GetTimeFeature()};
 }
 
-StepResult App::shown(const Outcome& outcome) {
-  renderView(View::headset, settings_.headset_size, image_);
-  return {outcome.reward, outcome.finished, outcome.time_feature, log(), events_};
-}
-
-std::optional<double> App::headRequest(const RoundStart& start) const {
-  const std::unique_ptr<rl::Game> game = games::createGame(settings_.game);
-  configureGame(*game, mergedOptions(settings_.options_json, start.options_json));
-  return game->headRequest(start.seed);
-}
-
-const std::map<std::string, double>& App::log() {
+const std::map<std::string, double>& App::log() const {
   const rl::RLEnv& env = *round("log").env;
   return env.log();
 }
 
-void App::fillPrivileged(std::span<float> values) {
+std::optional<double> App::headRequest(const RoundStart& start) const {
+  const std::string merged = mergedOptions(settings_.options_json, start.options_json);
+  if (merged == settings_.options_json) return game_->headRequest(start.seed);
+  const std::unique_ptr<rl::Game> game = games::createGame(settings_.game);
+  configureGame(*game, merged);
+  return game->headRequest(start.seed);
+}
+
+void App::fillPrivileged(std::span<float> values) const {
+  if (!can(Capability::privileged)) throw Unsupported(Capability::privileged);
   if (values.size() != privilegedNames().size()) {
     throw InvalidArgument("values", std::to_string(values.size()) + " numbers",
                           std::to_string(privilegedNames().size()));
@@ -217,24 +231,38 @@ void App::fillPrivileged(std::span<float> values) {
   round("fillPrivileged").env->fillPrivileged(values);
 }
 
-void App::renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba) {
-  const render::ViewRequest request = viewRequest(view, size, rgba);
-  renderer_->render(request.scene, request.camera, request.size, request.rgba);
-}
-
-render::ViewRequest App::viewRequest(View view, render::ImageSize size,
-                                     std::span<std::uint8_t> rgba) {
+const render::Camera& App::camera(View view) const {
   static constexpr std::array<std::string_view, 3> kPaths{
       rl::kHeadCameraPath, rl::kThirdPersonCameraPath, rl::kSpectatorCameraPath};
-  Round& current = round("renderView");
+  const Round& current = round("renderView");
   const std::string_view path = kPaths.at(static_cast<std::size_t>(view));
   const scene::GameObject* object = current.scene.find(path);
-  const auto* camera = object == nullptr ? nullptr : object->getComponent<render::Camera>();
-  if (camera == nullptr) {
+  const auto* found = object == nullptr ? nullptr : object->getComponent<render::Camera>();
+  if (found == nullptr) {
     throw InvalidArgument("view", "one without a camera",
                           "a camera at '" + std::string(path) + "' in the game's scene");
   }
-  return {current.scene, *camera, size, rgba};
+  return *found;
+}
+
+void App::renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba) {
+  renderer_->render(round("renderView").scene, camera(view), size, rgba);
+}
+
+void App::addViews(std::vector<render::ViewRequest>& views) {
+  views.push_back(
+      {round("draw").scene, camera(View::headset), settings_.headset_size, eyeImage(0)});
+}
+
+void App::draw() {
+  std::vector<render::ViewRequest> views;
+  addViews(views);
+  renderer_->renderBatch(views);
+}
+
+std::span<std::uint8_t> App::eyeImage(int eye) const {
+  const std::size_t bytes = settings_.headset_size.pixels() * 4;
+  return image_.subspan(static_cast<std::size_t>(eye) * bytes, bytes);
 }
 
 void App::fields(Archive& archive) {
@@ -252,7 +280,7 @@ void App::fields(Archive& archive) {
   if (archive.loading()) {
     configureGame(*game_, settings_.options_json);
     // A loaded round writes no log: its first part went to another app's files.
-    beginRound(seed_, 0, nullptr);
+    buildRound(seed_, 0, nullptr);
   }
   archive.field("carried", *game_);
   archive.field("scene", round_->scene);
@@ -283,7 +311,9 @@ void App::load(const std::string& state) {
     configureGame(*game_, options);
     throw;
   }
-  renderView(View::headset, settings_.headset_size, image_);
+  events_ = {};
+  step_.open = false;
+  draw();
 }
 
 std::uint64_t App::stateHash() {

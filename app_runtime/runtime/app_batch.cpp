@@ -60,13 +60,12 @@ std::size_t portionSize(std::size_t apps, int threads) {
 
 AppBatch::AppBatch(const BatchSettings& settings)
     : settings_(settings), pool_(checkedThreads(settings.threads, checkedApps(settings.apps))) {
-  render::checkImageSize(settings_.app.headset_size);
+  settings_.app.validate();
   const auto count = static_cast<std::size_t>(settings_.apps);
   checkChannels(settings_.vision_channels);
-  const std::size_t pixels = settings_.app.headset_size.pixels();
-  const std::size_t bytes = pixels * kImageChannels;
+  const std::size_t bytes = settings_.app.imageBytes();
   images_.resize(count * bytes);
-  vision_.resize(count * pixels * settings_.vision_channels.size());
+  vision_.resize(count * bytes / kImageChannels * settings_.vision_channels.size());
   rewards_.resize(count);
   finished_.resize(count);
   time_features_.resize(count);
@@ -77,27 +76,36 @@ AppBatch::AppBatch(const BatchSettings& settings)
     AppSettings app = settings_.app;
     if (!app.log_dir.empty()) app.log_dir /= fmt::format("user{:03d}", i);
     const auto image = std::span(images_).subspan(static_cast<std::size_t>(i) * bytes, bytes);
-    apps_.push_back(std::make_unique<App>(
-        std::move(app), renderers_[static_cast<std::size_t>(i % pool_.threads())], image));
+    apps_.push_back(
+        settings_.make(app, renderers_[static_cast<std::size_t>(i % pool_.threads())], image));
   }
   privileged_.resize(count * privilegedNames().size());
 }
 
-App& AppBatch::app(int index) {
+LockstepApp& AppBatch::app(int index) {
   if (index < 0 || index >= size()) {
     throw InvalidArgument("app", std::to_string(index), fmt::format("0 to {}", size() - 1));
   }
   return *apps_[static_cast<std::size_t>(index)];
 }
 
-/// Moves the apps at `indices` on all threads: `move(i)` moves the app at indices[i]. A thread
-/// takes a handful of apps at a time, draws them together, and comes back for more, so that one
-/// that is held up by other programs does not hold up the others.
-template <class Move>
-void AppBatch::run(std::span<const int> indices, const Move& move) {
+/// Moves the apps at `indices` on all threads: `start(i)` moves the app at indices[i] to the frame
+/// that is drawn, `finish(i)` to the end. A thread takes a handful of apps at a time, draws them
+/// together, and comes back for more, so that one that is held up by other programs does not hold
+/// up the others.
+template <class Start, class Finish>
+void AppBatch::run(std::span<const int> indices, const Start& start, const Finish& finish) {
   for (const int index : indices) static_cast<void>(app(index));
   std::vector<Outcome> outcomes(indices.size());
   std::vector<std::exception_ptr> failures(indices.size());
+  const auto guarded = [&failures](std::size_t i, const auto& work) {
+    if (failures[i]) return;
+    try {
+      work();
+    } catch (...) {
+      failures[i] = std::current_exception();
+    }
+  };
   const std::size_t portion = portionSize(indices.size(), pool_.threads());
   std::atomic<std::size_t> next = 0;
   pool_.run([&](int worker) {
@@ -109,17 +117,18 @@ void AppBatch::run(std::span<const int> indices, const Move& move) {
       const std::size_t end = std::min(begin + portion, indices.size());
       views.clear();
       for (std::size_t i = begin; i < end; ++i) {
-        try {
-          outcomes[i] = move(i);
-          fillPrivileged(indices[i]);
-          views.push_back(apps_[static_cast<std::size_t>(indices[i])]->headsetView());
-        } catch (...) {
-          failures[i] = std::current_exception();
-        }
+        guarded(i, [&] {
+          start(i);
+          at(indices, i).addViews(views);
+        });
       }
       renderer.renderBatch(views);
       for (std::size_t i = begin; i < end; ++i) {
-        if (!failures[i]) separateChannels(indices[i]);
+        guarded(i, [&] {
+          separateChannels(indices[i]);
+          outcomes[i] = finish(i);
+          fillPrivileged(indices[i]);
+        });
       }
     }
   });
@@ -142,21 +151,23 @@ void AppBatch::reset(std::span<const int> indices, std::span<const RoundStart> s
     throw InvalidArgument("starts", fmt::format("{} and {} devices", starts.size(), devices.size()),
                           fmt::format("{}, one for each app", indices.size()));
   }
-  run(indices, [&](std::size_t i) {
-    return apps_[static_cast<std::size_t>(indices[i])]->begin(starts[i], devices[i]);
-  });
+  std::vector<Outcome> begun(indices.size());
+  run(
+      indices, [&](std::size_t i) { begun[i] = at(indices, i).begin(starts[i], devices[i]); },
+      [&](std::size_t i) { return begun[i]; });
 }
 
-void AppBatch::step(std::span<const int> indices, std::span<const FrameInput> frames) {
+void AppBatch::step(std::span<const int> indices, std::span<const FrameInput> frames, int drawn) {
   if (indices.empty()) return;
   const std::size_t each = frames.size() / indices.size();
   if (each == 0 || each * indices.size() != frames.size()) {
     throw InvalidArgument("frames", std::to_string(frames.size()),
                           fmt::format("a multiple of the {} apps", indices.size()));
   }
-  run(indices, [&](std::size_t i) {
-    return apps_[static_cast<std::size_t>(indices[i])]->advance(frames.subspan(i * each, each));
-  });
+  run(
+      indices,
+      [&](std::size_t i) { at(indices, i).startStep(frames.subspan(i * each, each), drawn); },
+      [&](std::size_t i) { return at(indices, i).finishStep(); });
 }
 
 void AppBatch::load(int index, const std::string& state) {
@@ -169,12 +180,15 @@ void AppBatch::load(int index, const std::string& state) {
 void AppBatch::separateChannels(int index) {
   const auto row = static_cast<std::size_t>(index);
   const std::size_t pixels = settings_.app.headset_size.pixels();
-  const std::uint8_t* image = &images_[row * pixels * kImageChannels];
-  std::size_t plane = row * settings_.vision_channels.size();
-  for (const int channel : settings_.vision_channels) {
-    const std::uint8_t* in = image + channel;
-    std::uint8_t* out = &vision_[plane++ * pixels];
-    for (std::size_t i = 0; i < pixels; ++i) out[i] = in[i * kImageChannels];
+  const auto eyes = static_cast<std::size_t>(settings_.app.eyes);
+  std::size_t plane = row * eyes * settings_.vision_channels.size();
+  for (std::size_t eye = 0; eye < eyes; ++eye) {
+    const std::uint8_t* image = &images_[(row * eyes + eye) * pixels * kImageChannels];
+    for (const int channel : settings_.vision_channels) {
+      const std::uint8_t* in = image + channel;
+      std::uint8_t* out = &vision_[plane++ * pixels];
+      for (std::size_t i = 0; i < pixels; ++i) out[i] = in[i * kImageChannels];
+    }
   }
 }
 

@@ -128,7 +128,7 @@ std::unique_ptr<Recorder::Sink> Recorder::makeSink(const char* camera) const {
                                      settings_.size, settings_.frame_rate);
 }
 
-void Recorder::write(App& app) {
+void Recorder::write(LockstepApp& app) {
   writeView(app, View::headset, *headset_);
   if (third_person_ == nullptr) return;
   try {
@@ -139,7 +139,7 @@ void Recorder::write(App& app) {
   }
 }
 
-void Recorder::writeView(App& app, View view, Sink& sink) {
+void Recorder::writeView(LockstepApp& app, View view, Sink& sink) {
   app.renderView(view, settings_.size, rgba_);
   // Without the depth that the alpha channel carries.
   for (std::size_t i = 0; i < settings_.size.pixels(); ++i) {

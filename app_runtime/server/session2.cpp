@@ -152,7 +152,7 @@ Reply Session2::respond(const Header& header, const protocol2::Hello& hello) {
       {"apps", apps_.size()},
       {"width", settings.headset_size.width},
       {"height", settings.headset_size.height},
-      {"renderer_description", apps_.front()->app().renderer().description()},
+      {"renderer_description", apps_.front()->app().rendererDescription()},
       {"shared_memory", shared_ == nullptr ? nlohmann::json() : nlohmann::json(shared_->name())}};
   return protocol2::encodeReply(header, json.dump());
 }

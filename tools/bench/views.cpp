@@ -168,7 +168,9 @@ class Bench {
     ++frame_;
     for (int i = 0; i < settings_.views; ++i) {
       const runtime::FrameInput input{lockstepFrameTimeNs(frame_, kRate_hz), player(i, frame_)};
-      if (apps_[static_cast<std::size_t>(i)]->advance(std::span(&input, 1)).finished) {
+      runtime::App& app = *apps_[static_cast<std::size_t>(i)];
+      app.startStep(std::span(&input, 1));
+      if (app.finishStep().finished) {
         throw std::runtime_error("the round is over: fewer batches");
       }
     }
@@ -235,7 +237,9 @@ class Bench {
   }
 
   render::ViewRequest request(int index) {
-    return apps_[static_cast<std::size_t>(index)]->headsetView();
+    std::vector<render::ViewRequest> views;
+    apps_[static_cast<std::size_t>(index)]->addViews(views);
+    return views.front();
   }
 
   double countTriangles(std::map<std::string, double>* by_mesh = nullptr) {

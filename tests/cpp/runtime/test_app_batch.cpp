@@ -8,6 +8,7 @@
 #include <vector>
 
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/runtime/app.hpp"
 #include "sim2vr/runtime/app_batch.hpp"
 #include "sim2vr/xr/pose_row.hpp"
 

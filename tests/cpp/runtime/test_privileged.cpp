@@ -6,6 +6,7 @@
 #include <vector>
 
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/runtime/app.hpp"
 #include "sim2vr/runtime/app_batch.hpp"
 #include "sim2vr/xr/pose_row.hpp"
 
@@ -27,7 +28,7 @@ xr::DeviceState player(int number, int frame) {
   return xr::devicesFromRows(head, nullptr, right);
 }
 
-std::vector<float> told(App& app) {
+std::vector<float> told(LockstepApp& app) {
   std::vector<float> values(app.privilegedNames().size());
   app.fillPrivileged(values);
   return values;

@@ -6,6 +6,7 @@
 #include <fstream>
 
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/runtime/app.hpp"
 #include "sim2vr/runtime/recorder.hpp"
 #include "sim2vr/xr/pose_row.hpp"
 

@@ -1,4 +1,4 @@
-// Many apps of one game, stepped together on a pool of threads.
+// Many apps of one kind, stepped together on a pool of threads.
 #pragma once
 
 #include <cstdint>
@@ -7,7 +7,7 @@
 #include <string>
 #include <vector>
 
-#include "sim2vr/runtime/app.hpp"
+#include "sim2vr/runtime/lockstep_app.hpp"
 #include "sim2vr/runtime/thread_pool.hpp"
 
 namespace sim2vr::runtime {
@@ -21,6 +21,7 @@ struct BatchSettings {
   render::RendererKind renderer = render::RendererKind::automatic;
   /// Channels of the pictures (0 red, 1 green, 2 blue, 3 depth) that vision() holds, in this order.
   std::vector<int> vision_channels;
+  AppFactory make = gameApps();
 };
 
 /// N apps. Each thread owns a renderer; the threads take the apps of a call a few at a time and
@@ -31,8 +32,8 @@ struct BatchSettings {
 /// of the apps it moves. Not thread-safe.
 class AppBatch {
  public:
-  /// Throws as App, and InvalidArgument for fewer than one app or thread, or a channel that is
-  /// none.
+  /// Throws as the factory, and InvalidArgument for fewer than one app or thread, or a channel that
+  /// is none.
   explicit AppBatch(const BatchSettings& settings);
 
   /// Ends the apps and closes their logs; the arrays of results stay. Nothing may be called then.
@@ -42,9 +43,9 @@ class AppBatch {
   int threads() const { return pool_.threads(); }
   const BatchSettings& settings() const { return settings_; }
   /// For everything that concerns one app only. Throws InvalidArgument("app") outside 0 .. N-1.
-  App& app(int index);
-  /// App::load of one app; its rows of images(), vision(), privileged() and logs() are its own
-  /// again, the other results stay.
+  LockstepApp& app(int index);
+  /// LockstepApp::load of one app; its rows of images(), vision(), privileged() and logs() are its
+  /// own again, the other results stay.
   void load(int index, const std::string& state);
 
   /// Starts rounds: starts[i] and devices[i] are of app indices[i]. When something is refused, what
@@ -53,13 +54,14 @@ class AppBatch {
              std::span<const xr::DeviceState> devices);
 
   /// One user step of the given apps: frames[i * K] .. frames[i * K + K - 1] are those of app
-  /// indices[i]. Failures as in reset.
-  void step(std::span<const int> indices, std::span<const FrameInput> frames);
+  /// indices[i], and frame `drawn` of them is drawn. Failures as in reset.
+  void step(std::span<const int> indices, std::span<const FrameInput> frames,
+            int drawn = kLastFrame);
 
-  /// N x height x width x 4 bytes (renderer.hpp).
+  /// N x eyes x height x width x 4 bytes (renderer.hpp).
   std::span<const std::uint8_t> images() const { return images_; }
-  /// N x channels x height x width bytes: what a policy looks at, separated by the threads that
-  /// drew.
+  /// N x (eyes * channels) x height x width bytes, the left eye's channels first: what a policy
+  /// looks at, separated by the threads that drew.
   std::span<const std::uint8_t> vision() const { return vision_; }
   std::span<const float> rewards() const { return rewards_; }
   /// 1 where the round is over.
@@ -73,12 +75,15 @@ class AppBatch {
   const std::vector<std::string>& privilegedNames() const { return apps_.at(0)->privilegedNames(); }
   /// N x privilegedNames().size().
   std::span<const float> privileged() const { return privileged_; }
-  /// Writes an app's row of them anew, after App::load.
+  /// Writes an app's row of them anew, after LockstepApp::load.
   void fillPrivileged(int index);
 
  private:
-  template <class Move>
-  void run(std::span<const int> indices, const Move& move);
+  template <class Start, class Finish>
+  void run(std::span<const int> indices, const Start& start, const Finish& finish);
+  LockstepApp& at(std::span<const int> indices, std::size_t i) {
+    return *apps_[static_cast<std::size_t>(indices[i])];
+  }
   void separateChannels(int index);
   void fillLog(int index);
   void store(int index, const Outcome& outcome);
@@ -94,7 +99,7 @@ class AppBatch {
   std::vector<double> logs_;
   std::vector<float> privileged_;
   std::vector<std::shared_ptr<render::Renderer>> renderers_;
-  std::vector<std::unique_ptr<App>> apps_;
+  std::vector<std::unique_ptr<LockstepApp>> apps_;
 };
 
 }  // namespace sim2vr::runtime

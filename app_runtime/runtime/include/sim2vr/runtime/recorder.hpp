@@ -7,7 +7,7 @@
 #include <memory>
 #include <vector>
 
-#include "sim2vr/runtime/app.hpp"
+#include "sim2vr/runtime/lockstep_app.hpp"
 
 namespace sim2vr::runtime {
 
@@ -39,7 +39,7 @@ class Recorder {
 
   /// Writes the app's last frame. A game without a third-person camera is recorded through the
   /// headset alone. Throws EngineError when a file cannot be written.
-  void write(App& app);
+  void write(LockstepApp& app);
 
  private:
   class Sink;
@@ -47,7 +47,7 @@ class Recorder {
   class VideoSink;
 
   std::unique_ptr<Sink> makeSink(const char* camera) const;
-  void writeView(App& app, View view, Sink& sink);
+  void writeView(LockstepApp& app, View view, Sink& sink);
 
   RecorderSettings settings_;
   std::unique_ptr<Sink> third_person_;

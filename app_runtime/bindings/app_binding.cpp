@@ -172,6 +172,9 @@ class PyApp {
     return app().stateHash();
   }
 
+  std::vector<std::string> capabilities() const {
+    return runtime::capabilityNames(app().capabilities());
+  }
   std::string rendererDescription() const { return app().rendererDescription(); }
 
   void close() { app_.reset(); }
@@ -240,6 +243,7 @@ void bindApp(py::module_& module) {
       .def("load", &PyApp::load, py::arg("state"),
            "Goes on from saved bytes; EngineError for damaged or foreign ones.")
       .def("state_hash", &PyApp::stateHash, "64-bit hash of what save() would return.")
+      .def_property_readonly("capabilities", &PyApp::capabilities, "Names of what it can do.")
       .def_property_readonly("renderer_description", &PyApp::rendererDescription)
       .def("close", &PyApp::close, "Frees the app; later calls raise StateError.");
 }

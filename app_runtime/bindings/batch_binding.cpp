@@ -163,6 +163,9 @@ class PyAppBatch {
   py::bytes save(int app) const { return py::bytes(batch().app(app).save()); }
   void load(int app, const py::bytes& state) { batch().load(app, std::string(state)); }
   std::uint64_t stateHash(int app) const { return batch().app(app).stateHash(); }
+  std::vector<std::string> capabilities() const {
+    return runtime::capabilityNames(batch().app(0).capabilities());
+  }
   std::string rendererDescription() const { return batch().app(0).rendererDescription(); }
   int threads() const { return batch().threads(); }
   void close() {
@@ -225,6 +228,8 @@ void bindAppBatch(py::module_& module) {
            "As App.load, of one app; its rows of images, vision, privileged and logs are its own "
            "again.")
       .def("state_hash", &PyAppBatch::stateHash, py::arg("app"), "As App.state_hash, of one app.")
+      .def_property_readonly("capabilities", &PyAppBatch::capabilities,
+                             "Names of what the apps can do.")
       .def_property_readonly("renderer_description", &PyAppBatch::rendererDescription)
       .def_property_readonly("threads", &PyAppBatch::threads, "Threads in use.")
       .def("close", &PyAppBatch::close, "Frees the apps; later calls raise StateError.");

@@ -39,6 +39,12 @@ std::string_view capabilityName(Capability capability) {
   return kCapabilityNames.at(static_cast<std::size_t>(capability));
 }
 
+std::vector<std::string> capabilityNames(const Capabilities& capabilities) {
+  std::vector<std::string> names;
+  for (const Capability each : capabilities) names.emplace_back(capabilityName(each));
+  return names;
+}
+
 Unsupported::Unsupported(Capability capability)
     : EngineError(std::string(capabilityName(capability)) +
                   ": the app does not have this capability"),

@@ -60,6 +60,11 @@ class App:
         One user step of K frames, the last one rendered: times_ns (K,) int64, poses (K, 7); returns (summed reward, finished, time feature, log).
         """
     @property
+    def capabilities(self) -> list[str]:
+        """
+        Names of what it can do.
+        """
+    @property
     def image(self) -> numpy.typing.NDArray[numpy.uint8]:
         """
         (height, width, 4) uint8 RGBA headset image of the last frame, row 0 = top, alpha = linear depth / far plane. A read-only view of the app's buffer without a copy: it is overwritten by reset, step and load, and stays valid memory after close().
@@ -102,6 +107,11 @@ class AppBatch:
     def step(self, indices: typing.Annotated[numpy.typing.ArrayLike, numpy.int32], times_ns: typing.Annotated[numpy.typing.ArrayLike, numpy.int64], head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None) -> None:
         """
         One user step of K frames: indices (M,), times_ns (M, K), poses (M, K, 7). Errors as in reset.
+        """
+    @property
+    def capabilities(self) -> list[str]:
+        """
+        Names of what the apps can do.
         """
     @property
     def finished(self) -> numpy.typing.NDArray[numpy.uint8]:

@@ -161,13 +161,6 @@ class AppClient(Protocol):
             ValueError: an option that cannot be used.
         """
 
-    @property
-    def can_save(self) -> bool:
-        """Whether the app has :meth:`save`, :meth:`load`, :meth:`state_hash` and the views.
-
-        An app that only speaks the reference's protocol has not: they raise AppUnsupported.
-        """
-
     def render_headset(self, width: int, height: int) -> UInt8Array:
         """The headset view of the last frame at another size, (height, width, 4) RGBA."""
 

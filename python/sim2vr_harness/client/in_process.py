@@ -172,9 +172,9 @@ class InProcessApp:
         return reply
 
     @property
-    def can_save(self) -> bool:
-        """See :class:`AppClient`; True."""
-        return True
+    def capabilities(self) -> frozenset[str]:
+        """See :class:`AppClient`; all that the game has."""
+        return frozenset(self._open().capabilities)
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
         """See :class:`AppClient`."""

@@ -296,9 +296,9 @@ class InProcessBatchApp:
         return self._open().finish(self._index)
 
     @property
-    def can_save(self) -> bool:
-        """See :class:`AppClient`; True."""
-        return True
+    def capabilities(self) -> frozenset[str]:
+        """See :class:`AppClient`; all that the game has."""
+        return frozenset(self._open().native.capabilities)
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
         """See :class:`AppClient`."""

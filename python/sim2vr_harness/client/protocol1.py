@@ -37,6 +37,7 @@ __all__ = ["Protocol1App", "decode_reply"]
 QUIT_S = 2.0
 """How long an app may take to acknowledge the end of the session."""
 
+_OUR_CAPABILITIES = frozenset({"save", "views", "frames", "left_controller"})
 _IMAGE = re.compile(rb'"image"\s*:\s*\[')
 _NAMES = (
     ("headsetPosition", "headsetRotation"),
@@ -122,8 +123,13 @@ class Protocol1App:
         return f"{self._channel.app} (protocol 1)"
 
     @property
-    def can_save(self) -> bool:
-        """See :class:`AppClient`; True for our own server only."""
+    def capabilities(self) -> frozenset[str]:
+        """See :class:`AppClient`; none in an app of the reference."""
+        return _OUR_CAPABILITIES if self._is_ours else frozenset()
+
+    @property
+    def _is_ours(self) -> bool:
+        """Whether the app is our own server, with its extensions of the protocol."""
         return self._server is not None
 
     @property
@@ -149,7 +155,7 @@ class Protocol1App:
         if not 0 <= seed < 2**32:
             raise ValueError(f"seed: got {seed}, expected an integer from 0 to 2**32 - 1")
         rows = pose_rows(poses)
-        if self.can_save:
+        if self._is_ours:
             state = self._state(time_ns, rows[-1]) | {"seed": seed, "options": dict(options or {})}
         else:
             self._require_same_options(options or {})
@@ -160,7 +166,7 @@ class Protocol1App:
         reply = self._finish()
         self._in_round = True
         # The reference drops these two of a reset's reply: a round begins with nothing earned.
-        return reply if self.can_save else AppReply(0.0, False, reply.time_feature, reply.log)
+        return reply if self._is_ours else AppReply(0.0, False, reply.time_feature, reply.log)
 
     def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
         """See :class:`AppClient`."""
@@ -196,9 +202,9 @@ class Protocol1App:
         return AppReply(reply.reward, False, reply.time_feature, reply.log)
 
     def _start(self, times: Int64Array, rows: NDArray[np.float64], last: bool) -> None:
-        if not self._in_round and not self.can_save:
+        if not self._in_round and not self._is_ours:
             raise AppError("step: no round was started; call reset first")
-        if not self.can_save:
+        if not self._is_ours:
             state = self._reference_state(int(times[-1]) * 1e-9, rows[-1])
             state["isFinished"] = self._ending = last
         else:
@@ -257,7 +263,7 @@ class Protocol1App:
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
         """See :class:`AppClient`; an app of the reference has its own size only."""
-        if not self.can_save and (height, width, 4) == self._shape:
+        if not self._is_ours and (height, width, 4) == self._shape:
             return self._image.copy()
         return self._render("headset", width, height)
 
@@ -274,7 +280,7 @@ class Protocol1App:
         return self._checked(_decode_png(png), (height, width, 4))
 
     def _extra(self, doing: str, fields: dict[str, Any], image: bool = False) -> dict[str, Any]:
-        if not self.can_save:
+        if not self._is_ours:
             raise AppUnsupported(
                 f"{self._channel.app} speaks the reference's protocol, which has no word for "
                 f"{doing}; sim2vr-app can do it"

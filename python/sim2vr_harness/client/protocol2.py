@@ -43,6 +43,7 @@ HEADER = struct.Struct("<4sHHIIII")
 REPLY = 0x8000
 IN_SHARED_MEMORY = 1
 MAX_EDGE = 8192
+_CAPABILITIES = frozenset({"save", "views", "frames", "left_controller"})
 QUIT_S = 2.0
 """How long the server may take to acknowledge the end of the session."""
 
@@ -465,9 +466,9 @@ class Protocol2App:
         return f"{connection.renderer_description} (protocol 2, {connection.channel.app})"
 
     @property
-    def can_save(self) -> bool:
-        """See :class:`AppClient`; True."""
-        return True
+    def capabilities(self) -> frozenset[str]:
+        """See :class:`AppClient`."""
+        return _CAPABILITIES
 
     @property
     def image(self) -> UInt8Array:

@@ -331,7 +331,7 @@ class ClientGroup:
 
     def save(self, i: int, step: int) -> bytes | None:
         """See :class:`AppGroup`."""
-        if i in self.failed or not self.apps[i].can_save:
+        if i in self.failed or "save" not in self.apps[i].capabilities:
             return None
         state: bytes | None = None
         with self._noting_failure(i, step):

@@ -342,7 +342,7 @@ class Simulation:
     @property
     def exact_states(self) -> bool:
         """Whether :meth:`save_state` holds the rounds; SIM2VR apps of others cannot save theirs."""
-        return all(app.can_save for app in self.apps)
+        return all("save" in app.capabilities for app in self.apps)
 
     def load_state(self, state: bytes) -> list[int]:
         """Goes on from :meth:`save_state` of a simulation with the same configuration and N.

@@ -87,7 +87,7 @@ class Panels:
             "headset": (round(height * vision.width / vision.height / 2) * 2, height),
             "game": (round(height * 4 / 3 / 2) * 2, height),
         }
-        self._app_draws = all(app.can_save for app in simulation.apps)
+        self._app_draws = all("views" in app.capabilities for app in simulation.apps)
         if not self._app_draws:
             del self.sizes["game"]
         self._body = BodyPainter(simulation, *self.sizes["body"], fast=True)

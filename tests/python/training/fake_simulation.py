@@ -32,7 +32,7 @@ class FakeStep:
 
 
 class FakeApp:
-    can_save = True
+    capabilities = frozenset({"save", "views"})
 
     def __init__(self, index: int) -> None:
         self.index = index

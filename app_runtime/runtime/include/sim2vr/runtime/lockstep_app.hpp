@@ -107,6 +107,7 @@ using Capabilities = std::set<Capability>;
 
 /// As people and clients write it: "save", "left_controller".
 std::string_view capabilityName(Capability capability);
+std::vector<std::string> capabilityNames(const Capabilities& capabilities);
 
 /// Something was asked of an app that it cannot do.
 class Unsupported : public EngineError {

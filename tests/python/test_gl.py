@@ -14,9 +14,9 @@ app = InProcessApp("sample", renderer="egl")
 app.reset(1, DevicePoses(np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.0, 1.0])))
 """
 _BODY = """
-from sim2vr_harness.users import load_user
+from sim2vr_harness.users import load_body
 from sim2vr_harness.users.rendering import UserRenderer
-user = load_user("mobl_arms_wrist")
+user = load_body("mobl_arms_wrist")
 UserRenderer(user, 64, 64).render(user.coupled_qpos([0.0] * 7))
 """
 _LEARN = """

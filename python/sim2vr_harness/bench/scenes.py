@@ -167,8 +167,8 @@ class PhysicsScene(Scene):
         one = Simulation(spec.env(blind=True).model_copy(update={"app": _silent(spec)}), 1)
         self._stack.callback(one.close)
         self._substeps = one.users.substeps
-        start = UserBatch(one.user, spec.n, threads=1, effort="Zero")  # draws the start postures
-        self._batch = Batch(one.user.physics_model, spec.n, spec.threads or 1)
+        start = UserBatch(one.body, spec.n, threads=1, effort="zero")  # draws the start postures
+        self._batch = Batch(one.body.physics_model, spec.n, spec.threads or 1)
         self._act, self._ctrl = self._batch.bind("act"), self._batch.bind("ctrl")
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
         self._qpos[:], self._qvel[:], self._act[:] = start.qpos, start.qvel, start.act

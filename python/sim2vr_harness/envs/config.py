@@ -14,6 +14,7 @@ from pydantic import Field, model_validator
 
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.settings import Settings
+from sim2vr_harness.users import Body, EffortName, Person, effort_options, load_body
 
 _ADDRESS = re.compile(r"[^\s:/]+:([0-9]{1,5})")
 
@@ -25,11 +26,44 @@ def _medium() -> dict[str, OptionValue]:
 class EffortConfig(Settings):
     """Cost of muscular effort, subtracted from the game's reward in every user step."""
 
-    model: Literal[
-        "cumulative_fatigue_3ccr", "neural", "muscle_state", "consumed_endurance", "zero"
-    ] = "cumulative_fatigue_3ccr"
-    weight: float = Field(default=0.1, ge=0.0)
-    """Reward per unit of the model's cost; 0.1 is the reference's value for Whac-A-Mole."""
+    model: EffortName = "cumulative_fatigue_3ccr"
+    weight: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    """Reward per unit of the model's cost; None takes the model's own: 0.1 for
+    cumulative_fatigue_3ccr, the reference's value for Whac-A-Mole."""
+    r: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    """cumulative_fatigue_3ccr: how many times faster units recover while the load is met; 7.5."""
+    fatigue: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    """The same model: rate at which active units tire, 1/s; 0.0146."""
+    recovery: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    """The same model: rate at which tired units recover, 1/s; 0.0022."""
+    development: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    """The same model: gain with which force is built up, 1/s; 10."""
+    relaxation: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    """The same model: gain with which force is released, 1/s; 10."""
+
+    @model_validator(mode="after")
+    def _options_of_the_model(self) -> EffortConfig:
+        known = effort_options(self.model)
+        # A weight beside zero is that of the configuration before the model was changed.
+        wrong = [name for name in self._given() if name not in (*known, "weight")]
+        if wrong:
+            raise ValueError(
+                f"{wrong[0]}: got {getattr(self, wrong[0])} for {self.model}, expected "
+                f"{'one of ' + ', '.join(known) if known else 'no options'}"
+            )
+        return self
+
+    def _given(self) -> dict[str, float]:
+        return {
+            name: value
+            for name, value in self.model_dump(exclude={"model"}).items()
+            if value is not None
+        }
+
+    def options(self) -> dict[str, float]:
+        """What is set, as `make_effort` takes it."""
+        known = effort_options(self.model)
+        return {name: value for name, value in self._given().items() if name in known}
 
 
 class NoiseConfig(Settings):
@@ -45,12 +79,34 @@ class UserConfig(Settings):
     """The simulated person."""
 
     model: str = "mobl_arms_wrist"
+    """The body: a name (`sim2vr_harness.users.list_bodies()`) or a YAML file (docs/bodies.md)."""
+    person: Person = Person()
+    """How the person differs from the one that the body was measured on."""
     skull_rotation_deg: float = Field(default=10.0, ge=-90.0, le=90.0)
     """Downward pitch of the skull and with it of the headset, degrees."""
     effort: EffortConfig = EffortConfig()
     noise: NoiseConfig = NoiseConfig()
     timestep_s: float | None = Field(default=None, gt=0.0)
     """Physics step; None takes the model's 2 ms. Coarser physics is for trainings only."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _file_alone(cls, value: object) -> object:
+        return {"model": value} if isinstance(value, str) else value
+
+
+def body_of(config: UserConfig) -> Body:
+    """Loads the body of a configuration, undrawn parts and all.
+
+    Raises:
+        ValueError: it cannot be used; see `load_body`.
+    """
+    return load_body(
+        config.model,
+        skull_rotation_deg=config.skull_rotation_deg,
+        person=config.person,
+        timestep_s=config.timestep_s,
+    )
 
 
 class VisionConfig(Settings):

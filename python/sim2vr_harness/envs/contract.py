@@ -8,9 +8,9 @@ from typing import Any
 
 from gymnasium import spaces
 
-from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.simulation import observation_space_of
-from sim2vr_harness.users import load_user
+from sim2vr_harness.users import Body
 
 __all__ = ["contract", "contract_hash", "differences"]
 
@@ -21,13 +21,15 @@ def contract(config: EnvConfig) -> dict[str, Any]:
     Two environments with equal contracts can be played by the same policy. Effort, noise and the
     game's options are no part of it: they decide how well a user does, not whether it can act.
     """
-    user = load_user(config.user.model)
+    body = body_of(config.user)
     space = observation_space_of(config)
     return {
         "game": config.app.game,
-        "user": config.user.model,
+        "user": body.name,
         "skull_rotation_deg": config.user.skull_rotation_deg,
-        "muscles": list(user.muscles),
+        "muscles": list(body.muscles),
+        **_beyond_muscles(body),
+        **_person(config),
         "action": "change of activation, -1 to 1",
         "action_frequency_hz": config.action_frequency_hz,
         "frames_per_step": config.frames_per_step,
@@ -36,6 +38,22 @@ def contract(config: EnvConfig) -> dict[str, Any]:
         "buffer_s": config.vision.buffer_s,
         "observation": {key: _box(box) for key, box in sorted(space.spaces.items())},
     }
+
+
+def _beyond_muscles(body: Body) -> dict[str, Any]:
+    """What a body has besides muscles, a headset and a right controller."""
+    terms: dict[str, Any] = {}
+    if body.action_names != body.muscles:
+        terms["actuators"] = [[group.rule, *group.actuators] for group in body.actuator_groups]
+    if sorted(body.devices) != ["controller_right", "headset"]:
+        terms["devices"] = sorted(body.devices)
+    return terms
+
+
+def _person(config: EnvConfig) -> dict[str, Any]:
+    """How the person differs, where it does."""
+    person = config.user.person.model_dump(exclude_defaults=True)
+    return {"person": person} if person else {}
 
 
 def _box(box: spaces.Space[Any]) -> list[Any]:

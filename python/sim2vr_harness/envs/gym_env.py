@@ -97,7 +97,7 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         if self._body_renderer is None:
             from sim2vr_harness.users.rendering import UserRenderer
 
-            self._body_renderer = UserRenderer(self.simulation.user, *self.render_size)
+            self._body_renderer = UserRenderer(self.simulation.body, *self.render_size)
         users = self.simulation.users
         picture: NDArray[np.uint8] = self._body_renderer.render(
             users.qpos[0], activations=users.act[0]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import io
-import math
 import pickle
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -19,23 +18,16 @@ from sim2vr_harness.client import AppClient, DevicePoses, OptionValue, frame_tim
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.app_group import AppFailure, Logs, app_group
 from sim2vr_harness.envs.apps import AppFactory
-from sim2vr_harness.envs.config import EnvConfig, NoiseConfig
+from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, body_of
 from sim2vr_harness.perception import HeadsetVision, Proprioception
-from sim2vr_harness.users import User, load_user
+from sim2vr_harness.users import Body
 from sim2vr_harness.users.batch import UserBatch
+from sim2vr_harness.users.bodies import DEVICES
 from sim2vr_harness.users.noise import MotorNoiseSettings
 
 Observation = dict[str, NDArray[Any]]
 
-EFFORT_MODELS = {
-    "cumulative_fatigue_3ccr": "CumulativeFatigue3CCr",
-    "neural": "Neural",
-    "muscle_state": "MuscleState",
-    "consumed_endurance": "ConsumedEndurance",
-    "zero": "Zero",
-}
-
-_STATE_FORMAT = "sim2vr simulation state 2"
+_STATE_FORMAT = "sim2vr simulation state 3"
 
 
 @dataclass
@@ -53,7 +45,8 @@ class StepBatch:
         logs: the games' named numbers, ``logs[i]`` of user i.
         ends: users whose episode ended here -> ``termination`` (``finished``, ``diverged``,
             ``max_steps_reached`` or ``app_failed``) and ``max_fatigued``; after ``app_failed`` also
-            ``app_error``, what happened.
+            ``app_error``, what happened; where MuJoCo warned in the episode, ``warnings``, how
+            often by kind (see :attr:`UserBatch.warnings`).
     """
 
     reward: NDArray[np.float64]
@@ -119,26 +112,22 @@ class Simulation:
     ) -> None:
         self.config = config
         self.n = n
-        self.user: User = load_user(
-            config.user.model,
-            skull_rotation_wxyz=_pitch_down(config.user.skull_rotation_deg),
-            timestep_s=config.user.timestep_s,
-        )
-        substeps = _substeps(config.action_frequency_hz, self.user.timestep)
+        self.body: Body = body_of(config.user)
+        substeps = _substeps(config.action_frequency_hz, self.body.timestep)
         _check_frames(config.frames_per_step, substeps)
         self.users = UserBatch(
-            self.user,
+            self.body,
             n,
             threads=config.threads,
-            effort=EFFORT_MODELS[config.user.effort.model],
-            effort_weight=None if config.user.effort.model == "zero" else config.user.effort.weight,
+            effort=config.user.effort.model,
+            effort_params=config.user.effort.options(),
             noise=_noise(config.user.noise),
             substeps=substeps,
         )
         self.vision = _vision(config, n)
-        self.proprioception = Proprioception(self.user)
+        self.proprioception = Proprioception(self.body)
         self.observation_space = _observation_space(self.vision, self.proprioception)
-        self.action_space = spaces.Box(-1.0, 1.0, (len(self.user.muscles),), np.float32)
+        self.action_space = spaces.Box(-1.0, 1.0, (self.body.action_size,), np.float32)
         self.max_steps = max(1, round(config.max_episode_seconds * config.action_frequency_hz))
         self._group = app_group(config, n, self.vision, log_dir, make_app)
         self._seeds = [np.random.default_rng() for _ in range(n)]
@@ -220,7 +209,7 @@ class Simulation:
     def observation(self) -> Observation:
         """The present observation of all users: fresh arrays, first axis N.
 
-        ``vision`` (N, C, H, W) uint8, ``proprioception`` (N, 56) float32, ``stateful_information``
+        ``vision`` (N, C, H, W) uint8, ``proprioception`` (N, P) float32, ``stateful_information``
         (N, 1) float32 (the game's time feature).
         """
         return {
@@ -233,7 +222,7 @@ class Simulation:
         """Advances every user and app by one user step.
 
         Args:
-            actions: (N, M) changes of muscle activation in [-1, 1].
+            actions: (N, A) in [-1, 1]: of muscles, changes of activation.
 
         Raises:
             ValueError: actions of another shape or not finite.
@@ -283,30 +272,42 @@ class Simulation:
         if not self._over.any():
             return ends
         fatigued = self.users.effort.max_fatigued()
+        warnings = {name: counts for name, counts in self.users.warnings.items() if counts.any()}
         for i in np.flatnonzero(self._over).tolist():
             end = "diverged" if diverged[i] else "finished"
             ends[i] = {
                 "termination": end if terminated[i] else "max_steps_reached",
                 "max_fatigued": float(fatigued[i]),
             }
+            warned = {name: int(counts[i]) for name, counts in warnings.items() if counts[i]}
+            if warned:
+                ends[i]["warnings"] = warned
             if i in self._group.failed:
                 ends[i] |= {"termination": "app_failed", "app_error": self._group.failed[i]}
         return ends
 
     def _poses(self, ids: NDArray[np.int64], sample: int) -> DevicePoses:
         """Where these users' devices are, (K, 7); see :meth:`UserBatch.device_poses`."""
-        head, right = (
+        head, right, left = (
             pose_to_app(*(part[ids] for part in self.users.device_poses(name, sample)))
-            for name in ("headset", "controller_right")
+            if name in self.body.devices
+            else None
+            for name in DEVICES
         )
-        return DevicePoses(head, right)
+        assert head is not None  # every body wears a headset
+        return DevicePoses(head, right, left)
 
     def _step_poses(self, ids: NDArray[np.int64]) -> DevicePoses:
         """Where these users' devices were in the F frames of the last step, (K, F, 7)."""
         frames = [self._poses(ids, k) for k in range(self.config.frames_per_step)]
-        head = np.stack([poses.head for poses in frames], axis=1)
-        right = np.stack([poses.right_controller for poses in frames], axis=1)  # type: ignore[misc]
-        return DevicePoses(head, right)
+        head, right, left = (
+            None if parts[0] is None else np.stack(parts, axis=1)
+            for parts in zip(
+                *((p.head, p.right_controller, p.left_controller) for p in frames), strict=True
+            )
+        )
+        assert head is not None
+        return DevicePoses(head, right, left)
 
     def _perceive(self, ids: NDArray[np.int64]) -> None:
         """Takes in what the apps of these users have shown."""
@@ -406,7 +407,7 @@ class _PlainUnpickler(pickle.Unpickler):
 
 def observation_space_of(config: EnvConfig) -> spaces.Dict:
     """What the users of a simulation with this configuration would observe."""
-    return _observation_space(_vision(config, 1), Proprioception(load_user(config.user.model)))
+    return _observation_space(_vision(config, 1), Proprioception(body_of(config.user)))
 
 
 def _vision(config: EnvConfig, n: int) -> HeadsetVision:
@@ -428,14 +429,6 @@ def _observation_space(vision: HeadsetVision, proprioception: Proprioception) ->
             "stateful_information": spaces.Box(-1.0, 1.0, (1,), np.float32),
         }
     )
-
-
-def _pitch_down(degrees: float) -> tuple[float, float, float, float] | None:
-    """Rotation of the skull (thorax frame: y up, x forward, z right) that looks down."""
-    if degrees == 0.0:
-        return None
-    half = math.radians(degrees) / 2.0
-    return (math.cos(half), 0.0, 0.0, -math.sin(half))
 
 
 def _noise(config: NoiseConfig) -> MotorNoiseSettings | None:

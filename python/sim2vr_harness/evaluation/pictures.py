@@ -25,15 +25,16 @@ _LABELS = {"body": "Simulated user", "headset": "Headset view", "game": "Game, t
 
 
 class _PlainLooks:
-    """A user drawn without shadows and antialiasing: 7 times as fast without a GPU."""
+    """A body drawn without shadows and antialiasing: 7 times as fast without a GPU."""
 
     appearance = True
 
-    def __init__(self, user: Any) -> None:
-        self._user = user
+    def __init__(self, body: Any) -> None:
+        self._body = body
+        self.muscles = body.muscles
 
     def spec(self) -> Any:
-        spec = self._user.spec()
+        spec = self._body.spec()
         spec.visual.quality.shadowsize = 0
         spec.visual.quality.offsamples = 0
         return spec
@@ -53,8 +54,8 @@ class BodyPainter:
         from sim2vr_harness.users.rendering import UserRenderer
 
         self._simulation = simulation
-        user: Any = _PlainLooks(simulation.user) if fast else simulation.user
-        self._renderer = UserRenderer(user, width, height)
+        body: Any = _PlainLooks(simulation.body) if fast else simulation.body
+        self._renderer = UserRenderer(body, width, height)
 
     def draw(self, index: int) -> Picture:
         """Return user ``index``, (height, width, 3); colours show the muscles' activation."""

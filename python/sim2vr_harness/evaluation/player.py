@@ -7,9 +7,9 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from sim2vr_harness.envs.config import body_of
 from sim2vr_harness.training.policy import UserPolicy
 from sim2vr_harness.training.trained_users import TrainedUser
-from sim2vr_harness.users import load_user
 
 __all__ = ["Player", "new_policy"]
 
@@ -19,8 +19,8 @@ def new_policy(
 ) -> UserPolicy:
     """A network as the user's, with weights that mean nothing yet; on the CPU."""
     if action_space is None:
-        muscles = len(load_user(user.config.env.user.model).muscles)
-        action_space = spaces.Box(-1.0, 1.0, (muscles,), np.float32)
+        size = body_of(user.config.env.user).action_size
+        action_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
     # The weights drawn here are replaced at once; a training's random numbers are not touched.
     with torch.random.fork_rng(devices=[]):
         return UserPolicy(observation_space, action_space, lambda _: 0.0, config=user.config.policy)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -80,7 +81,7 @@ def snapshot(
         config = evaluation_env(user.config)
     with closing(simulation(config, 1)) as users:
         users.reset(seeds=[seed], options={"condition": condition})
-        act: Callable[..., Any] = _gentle
+        act: Callable[..., Any] = partial(_gentle, users.action_space.shape[0])
         if user is not None:
             act = Player(user, users.observation_space, users.action_space).act
         log, total, steps = _play(users, act, seconds, seed)
@@ -92,8 +93,8 @@ def snapshot(
     return _write(out, pictures)
 
 
-def _gentle(observation: Mapping[str, Any], rng: np.random.Generator) -> Any:
-    return 0.2 * rng.standard_normal(32).clip(-1.0, 1.0)
+def _gentle(size: int, observation: Mapping[str, Any], rng: np.random.Generator) -> Any:
+    return 0.2 * rng.standard_normal(size).clip(-1.0, 1.0)
 
 
 def _play(

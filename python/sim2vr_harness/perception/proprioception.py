@@ -1,4 +1,4 @@
-"""The sense of the own body: joints, fingertip and muscles."""
+"""The sense of the own body: joints, end effectors, muscles and motors."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from sim2vr_harness.users.batch import UserBatch
-from sim2vr_harness.users.user import User
+from sim2vr_harness.users.bodies import Body
+from sim2vr_harness.users.bodies.rules import RULES
 
 
 class Proprioception:
@@ -15,24 +16,37 @@ class Proprioception:
 
     Order of the entries (56 for the wrist model), all unfiltered:
 
-    1. angles of the independent joints, scaled from their range to [-1, 1] (a little outside where
-       a joint yields at its limit);
+    1. angles of the observed joints, scaled from their range to [-1, 1] (a little outside where a
+       joint yields at its limit);
     2. their velocities in rad/s;
     3. their accelerations of the last substep in rad/s^2;
-    4. position of the fingertip in m, MuJoCo world frame (x forward, y left, z up);
-    5. muscle activations, scaled from [0, 1] to [-1, 1].
+    4. positions of the end effectors in m, MuJoCo world frame (x forward, y left, z up): of the
+       wrist model the fingertip;
+    5. muscle activations, scaled from [0, 1] to [-1, 1];
+    6. smoothed targets of the motors, scaled from [0, 1] to [-1, 1].
 
-    Unlike in the reference, entries 1, 2, 4 and 5 all belong to the end of the step.
+    Unlike in the reference, entries 1, 2, 4, 5 and 6 all belong to the end of the step.
 
     Args:
-        user: the user to observe.
+        body: the body to observe.
     """
 
-    def __init__(self, user: User) -> None:
-        self.user = user
-        self._low, high = user.joint_ranges.T
+    def __init__(self, body: Body) -> None:
+        self.body = body
+        self._low, high = body.observed_ranges.T
         self._span = high - self._low
-        self.size = 3 * len(user.independent_joints) + 3 + len(user.muscles)
+        self._motors = tuple(
+            name
+            for group in body.actuator_groups
+            if RULES[group.rule].remembers
+            for name in group.actuators
+        )
+        self.size = (
+            3 * len(body.observed_joints)
+            + 3 * len(body.end_effectors)
+            + len(body.muscles)
+            + len(self._motors)
+        )
 
     @property
     def observation_space(self) -> spaces.Box:
@@ -45,10 +59,11 @@ class Proprioception:
     @property
     def names(self) -> tuple[str, ...]:
         """A name for every entry, e.g. "elbow_flexion qvel"."""
-        joints = self.user.independent_joints
+        joints = self.body.observed_joints
         motion = [f"{joint} {kind}" for kind in ("qpos", "qvel", "qacc") for joint in joints]
-        tip = [f"{self.user.end_effector} {axis}" for axis in "xyz"]
-        return (*motion, *tip, *(f"{muscle} act" for muscle in self.user.muscles))
+        tips = [f"{tip} {axis}" for tip in self.body.end_effectors for axis in "xyz"]
+        muscles = [f"{muscle} act" for muscle in self.body.muscles]
+        return (*motion, *tips, *muscles, *(f"{motor} target" for motor in self._motors))
 
     def observe(self, batch: UserBatch) -> NDArray[np.float32]:
         """Returns (N, size) float32, owned by the caller.
@@ -56,18 +71,19 @@ class Proprioception:
         Raises:
             ValueError: the batch is made of another user model.
         """
-        if batch.user.muscles != self.user.muscles:
+        if batch.body.action_names != self.body.action_names:
             raise ValueError(
-                f"batch: got users {batch.user.name!r}, expected {self.user.name!r}, the model "
+                f"batch: got bodies {batch.body.name!r}, expected {self.body.name!r}, the body "
                 "this proprioception was made for"
             )
-        dofs = self.user.qvel_independent
-        angles = batch.qpos[:, self.user.qpos_independent]
+        dofs = self.body.qvel_observed
+        angles = batch.qpos[:, self.body.qpos_observed]
         parts = (
             (angles - self._low) / self._span * 2.0 - 1.0,
             batch.qvel[:, dofs],
             batch.qacc[:, dofs],
             batch.end_effector_pos,
             (batch.act - 0.5) * 2.0,
+            (batch.motor - 0.5) * 2.0,
         )
         return np.concatenate(parts, axis=1, dtype=np.float32, casting="same_kind")

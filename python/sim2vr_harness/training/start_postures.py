@@ -50,9 +50,9 @@ def joint_box(
     simulation: Simulation, limits: Mapping[str, tuple[float, float]]
 ) -> tuple[FloatArray, FloatArray]:
     """Lowest and highest angles of the independent joints, (J,) each, rad; ``limits`` by name."""
-    low, high = (side.copy() for side in simulation.user.joint_ranges.T)
+    low, high = (side.copy() for side in simulation.body.joint_ranges.T)
     for name, (least, most) in limits.items():
-        joint = simulation.user.independent_joints.index(name)
+        joint = simulation.body.independent_joints.index(name)
         low[joint], high[joint] = max(low[joint], least), min(high[joint], most)
     return low, high
 

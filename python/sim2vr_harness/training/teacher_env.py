@@ -148,8 +148,8 @@ class TeacherSimulation:
         self.observation_space = self.senses.space
         self.action_space = self.simulation.action_space
         self._elbow = int(
-            self.simulation.user.qpos_independent[
-                self.simulation.user.independent_joints.index(_ELBOW)
+            self.simulation.body.qpos_independent[
+                self.simulation.body.independent_joints.index(_ELBOW)
             ]
         )
         self.step_s = 1.0 / env.action_frequency_hz

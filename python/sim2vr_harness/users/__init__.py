@@ -1,33 +1,54 @@
-"""Simulated users: body models with muscles, VR hardware, effort and motor noise."""
+"""Simulated users: bodies with muscles and motors, VR hardware, effort and motor noise."""
 
 from sim2vr_harness.users.batch import UserBatch
+from sim2vr_harness.users.bodies import (
+    ActuatorGroup,
+    Body,
+    Coupling,
+    EffortInputs,
+    Person,
+    Plan,
+    ResetRule,
+    SpecBody,
+    list_bodies,
+    load_body,
+)
 from sim2vr_harness.users.effort import (
     ConsumedEndurance,
     CumulativeFatigue3CCr,
     EffortModel,
+    EffortName,
     MuscleState,
     Neural,
     Zero,
+    effort_options,
     list_efforts,
     make_effort,
 )
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
-from sim2vr_harness.users.user import HEAD_10_DEG_DOWN_WXYZ, User, list_users, load_user
 
 __all__ = [
-    "HEAD_10_DEG_DOWN_WXYZ",
+    "ActuatorGroup",
+    "Body",
     "ConsumedEndurance",
+    "Coupling",
     "CumulativeFatigue3CCr",
+    "EffortInputs",
     "EffortModel",
+    "EffortName",
     "MotorNoise",
     "MotorNoiseSettings",
     "MuscleState",
     "Neural",
-    "User",
+    "Person",
+    "Plan",
+    "ResetRule",
+    "SpecBody",
     "UserBatch",
     "Zero",
+    "effort_options",
+    "list_bodies",
     "list_efforts",
-    "list_users",
-    "load_user",
+    "load_body",
     "make_effort",
 ]

@@ -16,7 +16,7 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.users.tables import DeviceRow, ModelTables
+from sim2vr_harness.users.bodies.tables import ModelTables
 
 Point = Sequence[float]
 Colour = tuple[float, float, float, float]
@@ -63,44 +63,55 @@ _HAND_FLESH_M = 0.0045
 _MUSCLE_WIDTH_M = 0.0052  # drawn radius of a muscle with 500 N peak force
 
 
-def dress(spec: mujoco.MjSpec, tables: ModelTables, devices: Sequence[DeviceRow]) -> None:
-    """Adds everything drawn to `spec` in place."""
+def dress(spec: mujoco.MjSpec, tables: ModelTables, devices: Sequence[str]) -> None:
+    """Adds everything drawn to `spec` in place; `devices` names those that it wears."""
     pen = _Pen(spec)
-    _draw_room(spec)
+    draw_room(spec)
     _draw_torso(pen)
     _draw_left_arm(pen)
     _draw_legs_and_stool(pen)
     _draw_head(pen)
     _draw_right_arm(pen, tables)
-    worn = {device.name for device in devices}
-    if "headset" in worn:
-        _draw_headset(pen)
-    if "controller_right" in worn:
-        _draw_controller(pen)
+    draw_devices(spec, devices)
     for row in tables.muscles:
         tendon = spec.tendon(f"{row.name}_tendon")
         # Thickness shows strength: cross-section area grows with peak force.
         tendon.width = float(np.clip(_MUSCLE_WIDTH_M * np.sqrt(row.peak_force / 500), 0.003, 0.009))
         tendon.rgba = _RELAXED
         tendon.group = MUSCLE_GROUP
-    _add_cameras(spec)
+    add_cameras(spec)
 
 
-def colour_muscles(model: mujoco.MjModel, activations: NDArray[np.floating]) -> None:
-    """Colours the muscles from blue (relaxed) to red (fully active), in place.
+def draw_devices(spec: mujoco.MjSpec, devices: Sequence[str]) -> None:
+    """Draws worn devices on the bodies of their names."""
+    pen = _Pen(spec)
+    if "headset" in devices:
+        _draw_headset(pen)
+    for name, side in (("controller_right", 1.0), ("controller_left", -1.0)):
+        if name in devices:
+            _draw_controller(pen, name, side)
+
+
+def colour_muscles(
+    model: mujoco.MjModel, muscles: Sequence[str], activations: NDArray[np.floating]
+) -> None:
+    """Colours the tendons of muscles from blue (relaxed) to red (fully active), in place.
 
     Args:
-        model: a model the caller owns (not the shared `User.model`).
-        activations: (M,) muscle activations in [0, 1], in actuator order.
+        model: a model the caller owns (not the shared `Body.model`).
+        muscles: names of M muscles.
+        activations: (M,) their activations in [0, 1].
 
     Raises:
         ValueError: not one activation per muscle.
     """
     level = np.clip(np.asarray(activations, dtype=np.float64), 0.0, 1.0)
-    if level.shape != (model.nu,):
-        raise ValueError(f"activations: got shape {level.shape}, expected ({model.nu},)")
-    tendons = model.actuator_trnid[:, 0]
-    model.tendon_rgba[tendons] = _RELAXED + level[:, None] * (_ACTIVE - _RELAXED)
+    if level.shape != (len(muscles),):
+        raise ValueError(f"activations: got shape {level.shape}, expected ({len(muscles)},)")
+    ids = np.array([model.actuator(name).id for name in muscles], dtype=np.int64)
+    drawn = model.actuator_trntype[ids] == mujoco.mjtTrn.mjTRN_TENDON
+    tendons = model.actuator_trnid[ids[drawn], 0]
+    model.tendon_rgba[tendons] = _RELAXED + level[drawn, None] * (_ACTIVE - _RELAXED)
 
 
 class _Pen:
@@ -188,7 +199,8 @@ class _Pen:
             geom.fromto = fromto
 
 
-def _draw_room(spec: mujoco.MjSpec) -> None:
+def draw_room(spec: mujoco.MjSpec) -> None:
+    """Adds sky, floor and light, and the settings of pictures."""
     spec.add_texture(
         name="sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
@@ -225,12 +237,17 @@ def _draw_room(spec: mujoco.MjSpec) -> None:
     spec.worldbody.add_light(
         type=sun, pos=[1.0, 2.0, 2.0], dir=[-0.4, -0.8, -0.4], diffuse=[0.22] * 3, castshadow=False
     )
-    # Lights and clipping planes scale with these; without them, with the floor's size.
-    spec.stat.extent = 1.6
-    spec.stat.center = [0.1, 0.0, 0.6]
+    picture_settings(spec)
     spec.visual.headlight.ambient = [0.32] * 3
     spec.visual.headlight.diffuse = [0.25] * 3
     spec.visual.headlight.specular = [0.05] * 3
+
+
+def picture_settings(spec: mujoco.MjSpec) -> None:
+    """Sets what pictures of the size of a person need."""
+    # Lights and clipping planes scale with these; without them, with the floor's size.
+    spec.stat.extent = 1.6
+    spec.stat.center = [0.1, 0.0, 0.6]
     spec.visual.quality.shadowsize = 2048
     spec.visual.global_.offwidth = 1280
     spec.visual.global_.offheight = 960
@@ -260,9 +277,10 @@ def _draw_legs_and_stool(pen: _Pen) -> None:
         pen.capsule("thorax", hip, knee, 0.068, _TROUSERS)
         pen.capsule("thorax", knee, ankle, 0.047, _TROUSERS)
         pen.capsule("thorax", [0.31, -0.963, side * 0.115], toe, 0.034, _SHOES)
-    pen.cylinder("world", [-0.03, 0, 0.40], [-0.03, 0, 0.44], 0.19, _WOOD)
-    pen.cylinder("world", [-0.03, 0, 0.02], [-0.03, 0, 0.40], 0.025, _SHOES)
-    pen.cylinder("world", [-0.03, 0, 0.0], [-0.03, 0, 0.02], 0.20, _SHOES)
+    # The thorax is 1 m above the ground with its y upwards; the stool grows with who sits on it.
+    pen.cylinder("thorax", [-0.03, -0.60, 0], [-0.03, -0.56, 0], 0.19, _WOOD)
+    pen.cylinder("thorax", [-0.03, -0.98, 0], [-0.03, -0.60, 0], 0.025, _SHOES)
+    pen.cylinder("thorax", [-0.03, -1.0, 0], [-0.03, -0.98, 0], 0.20, _SHOES)
 
 
 def _draw_head(pen: _Pen) -> None:
@@ -308,18 +326,28 @@ def _draw_headset(pen: _Pen) -> None:
     pen.line("headset", top, 0.008, _STRAP)
 
 
-def _draw_controller(pen: _Pen) -> None:
-    """A handle through the fist, a head with a thumb stick and a tracking ring."""
-    grip, head = np.array([-0.045, 0.008, -0.066]), np.array([0.018, 0.002, -0.030])
-    pen.capsule("controller_right", grip.tolist(), head.tolist(), 0.014, _DEVICE)
-    pen.ellipsoid("controller_right", [0.020, 0.000, -0.022], [0.020, 0.024, 0.018], _DEVICE)
-    pen.capsule("controller_right", [0.022, 0.0, -0.01], [0.024, 0.0, 0.004], 0.006, _LENS)
+def _draw_controller(pen: _Pen, name: str, side: float) -> None:
+    """A handle through the fist, a head with a thumb stick and a tracking ring.
+
+    Args:
+        pen: draws.
+        name: the device's body.
+        side: 1 for the right hand, -1 for the left one, which is mirrored along y.
+    """
+    pen.capsule(name, [-0.045, 0.008 * side, -0.066], [0.018, 0.002 * side, -0.030], 0.014, _DEVICE)
+    pen.ellipsoid(name, [0.020, 0.000, -0.022], [0.020, 0.024, 0.018], _DEVICE)
+    pen.capsule(name, [0.022, 0.0, -0.01], [0.024, 0.0, 0.004], 0.006, _LENS)
     angles = np.linspace(0, 2 * np.pi, 15)
-    ring = [[0.024, -0.006 + 0.048 * np.sin(a), 0.018 - 0.046 * np.cos(a)] for a in angles]
-    pen.line("controller_right", ring, 0.0055, _DEVICE)
+    ring = [[0.024, side * (-0.006 + 0.048 * np.sin(a)), 0.018 - 0.046 * np.cos(a)] for a in angles]
+    pen.line(name, ring, 0.0055, _DEVICE)
 
 
-def _add_cameras(spec: mujoco.MjSpec) -> None:
+CAMERAS = ("front", "side", "arm", "third_person")
+"""What `add_cameras` adds."""
+
+
+def add_cameras(spec: mujoco.MjSpec) -> None:
+    """Adds the cameras `front`, `side`, `arm` and `third_person`, which look at a seated user."""
     views = {
         "front": ([2.35, -0.85, 1.30], [0.12, -0.03, 0.64], 40.0),
         "side": ([0.20, -2.45, 1.00], [0.18, 0.0, 0.68], 40.0),

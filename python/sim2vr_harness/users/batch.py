@@ -6,7 +6,7 @@ other users of the batch change a single bit of it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import mujoco
@@ -14,25 +14,34 @@ import numpy as np
 from mujoco.batch import Batch, SimulationError
 from numpy.typing import ArrayLike, NDArray
 
+from sim2vr_harness.users.actuation import Actuation
+from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.effort import EffortModel, make_effort
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
-from sim2vr_harness.users.user import User, unknown_name
+from sim2vr_harness.users.worn import WornDevices
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-RESET_RANGE = 0.05
-"""Start angles (rad) and velocities (rad/s) are uniform in +-this (User-in-the-Box reference)."""
+_WARNINGS = {
+    warning.name.removeprefix("mjWARN_").lower(): int(warning)
+    for warning in mujoco.mjtWarning.__members__.values()
+    if warning != mujoco.mjtWarning.mjNWARNING
+}
+_BROKEN = [_WARNINGS[name] for name in ("badqpos", "badqvel", "badqacc", "badctrl")]
+"""Warnings after which the motion means nothing; the others (a nearly singular inertia, a full
+list of contacts or constraints) make it wrong, and are counted."""
 
 _POS = mujoco.mjtStage.mjSTAGE_POS.value
 _ACC = mujoco.mjtStage.mjSTAGE_ACC.value
 
 
 class UserBatch:
-    """N copies of one user, each a simulation of its own.
+    """N copies of one body, each a simulation of its own.
 
     All arrays are float64, user first, in MuJoCo's world frame (z up, x forward, y left).
-    Properties return copies that stay valid after the next call.
+    Properties return copies that stay valid after the next call. M muscles, A actuators (muscles
+    and motors) in the order of the actions.
 
     Poses, `qpos`, `qvel`, `act` and `end_effector_pos` describe the end of the last step. `qacc`
     and the forces of the effort model are those of the last 2 ms substep, the accelerations that
@@ -40,30 +49,32 @@ class UserBatch:
     which computing the kinematics once more per step avoids, at 2 % of the step's time; recomputing
     the accelerations too would cost 3.5 % and describe controls that will not be applied.
 
-    A user whose simulation breaks is flagged in `diverged`; MuJoCo also notes its warning in
-    MUJOCO_LOG.TXT in the working directory.
+    A user whose simulation breaks is flagged in `diverged`, and every warning of MuJoCo's is
+    counted in `warnings`; MuJoCo also notes the first one in MUJOCO_LOG.TXT in the working
+    directory.
 
     Args:
-        user: the body model.
+        body: the body.
         n: number of users N.
         threads: worker threads, 0 for one per CPU.
         effort: name for `make_effort`, or a ready model for N users.
         effort_weight: factor on the effort cost; None takes the model's default.
-        effort_params: further parameters of the effort model.
-        noise: motor noise settings; None for none.
-        substeps: simulation steps of `user.timestep` per `step`: 25 make 0.05 s (20 Hz).
+        effort_params: parameters of the effort model, `weight` too.
+        noise: motor noise settings of the muscles; None for none.
+        substeps: simulation steps of `body.timestep` per `step`: 25 make 0.05 s (20 Hz).
 
     Raises:
-        ValueError: a number out of range, or an unknown effort model.
+        ValueError: a number out of range, an unknown effort model, or one that the body lacks
+            something for.
     """
 
     def __init__(
         self,
-        user: User,
+        body: Body,
         n: int,
         *,
         threads: int = 0,
-        effort: str | EffortModel = "CumulativeFatigue3CCr",
+        effort: str | EffortModel = "cumulative_fatigue_3ccr",
         effort_weight: float | None = None,
         effort_params: Mapping[str, Any] | None = None,
         noise: MotorNoiseSettings | None = None,
@@ -76,15 +87,17 @@ class UserBatch:
         ):
             if int(value) != value or value < least:
                 raise ValueError(f"{field}: got {value}, expected a whole number, at least {least}")
-        self.user = user
+        self.body = body
         self.n = n
         self.substeps = substeps
-        self.dt = substeps * user.timestep
-        self.muscle_count = len(user.muscles)
+        self.dt = substeps * body.timestep
+        self.muscle_count = len(body.muscles)
+        self.action_size = body.action_size
         self.effort = self._make_effort(effort, effort_weight, effort_params)
         self.noise = MotorNoise(noise, n, self.muscle_count) if noise else None
+        self._actuation = Actuation(body)
 
-        model = user.physics_model
+        model = body.physics_model
         self._batch = Batch(model, n, threads)
         self._state = self._batch.state
         self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
@@ -94,16 +107,10 @@ class UserBatch:
         # field is copied out right after the call that computed it.
         self._live_qacc = self._batch.bind("qacc")
         self._live_force = self._batch.bind("actuator_force")
-        self._live_site_pos = self._batch.bind("site_xpos")
-        self._live_body_quat = self._batch.bind("xquat")
         self._qacc = np.zeros((n, model.nv))
         self._force = np.zeros((n, model.nu))
-        self._tip_site = int(model.site(user.end_effector).id)
-        self._tip_pos = np.zeros((n, 3))
-        self._device_site = {name: int(model.site(name).id) for name in user.hardware}
-        self._device_body = {name: int(model.body(name).id) for name in user.hardware}
-        self._device_pos = {name: np.zeros((1, n, 3)) for name in user.hardware}
-        self._device_quat = {name: np.zeros((1, n, 4)) for name in user.hardware}
+        self._worn = WornDevices(body, self._batch)
+        self._motor = np.zeros((n, len(self._actuation.motors)))
         self._cost = np.zeros(n)
         self._diverged = np.zeros(n, dtype=bool)
         self.reset(np.arange(n), [np.random.default_rng(i) for i in range(n)])
@@ -112,17 +119,21 @@ class UserBatch:
         self, effort: str | EffortModel, weight: float | None, params: Mapping[str, Any] | None
     ) -> EffortModel:
         if isinstance(effort, str):
-            settings = {"dt": self.dt, **(params or {})}
-            return make_effort(effort, self.n, self.user, weight=weight, **settings)
+            weighted = {} if weight is None else {"weight": weight}
+            return make_effort(
+                effort, self.n, self.body, **{"dt": self.dt, **(params or {}), **weighted}
+            )
         if weight is not None or params:
             raise ValueError(
                 "effort_weight, effort_params: got values next to a ready effort model, expected "
                 "None; give them to the model instead"
             )
-        if (effort.n, effort.muscle_count) != (self.n, self.muscle_count):
+        given = (effort.n, effort.muscle_count, effort.actuator_count)
+        if given != (self.n, self.muscle_count, self.action_size):
             raise ValueError(
-                f"effort: got a model of {effort.n} users with {effort.muscle_count} muscles, "
-                f"expected {self.n} users with {self.muscle_count}"
+                f"effort: got a model of {effort.n} users with {effort.muscle_count} muscles of "
+                f"{effort.actuator_count} actuators, expected {self.n} users with "
+                f"{self.muscle_count} of {self.action_size}"
             )
         return effort
 
@@ -134,17 +145,18 @@ class UserBatch:
         rngs: Sequence[np.random.Generator],
         postures: Sequence[FloatArray | None] | None = None,
     ) -> None:
-        """Starts a new episode for some users.
+        """Starts a new episode for some users, looking ahead as their bodies hold their heads.
 
-        Independent joint angles and velocities are uniform in +-0.05 rad (rad/s), dependent ones 0,
-        and activations uniform in [0, 1]. Each generator is asked in this order: angles,
-        velocities, activations, seed of the motor noise (also when there is none, so that noise
-        does not change the start).
+        Independent joint angles and velocities are uniform about the body's reset posture
+        (`Body.reset_rule`; +-0.05 rad and rad/s about 0 in the reference), activations and motors
+        uniform in [0, 1]. Each generator is asked in this order: angles, velocities, activations,
+        motors, seed of the motor noise (also when there is none, so that noise does not change the
+        start).
 
         Args:
             ids: (K,) distinct user indices, in any order.
             rngs: K random generators, one per entry of `ids`.
-            postures: K postures to start in, (7,) angles of the independent joints in rad, to
+            postures: K postures to start in, (J,) angles of the independent joints in rad, to
                 which the dependent joints are fitted; None for a drawn one.
 
         Raises:
@@ -162,82 +174,171 @@ class UserBatch:
         if len(ids) == 0:
             return
         self._batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
-        joints, dofs = self.user.qpos_independent, self.user.qvel_independent
         noise_seeds = []
         for i, rng, posture in zip(ids, rngs, chosen, strict=True):
-            self._qpos[i, joints] = rng.uniform(-RESET_RANGE, RESET_RANGE, len(joints))
-            self._qvel[i, dofs] = rng.uniform(-RESET_RANGE, RESET_RANGE, len(dofs))
-            self._act[i] = rng.uniform(0.0, 1.0, self.muscle_count)
+            self._draw_start(int(i), rng)
             noise_seeds.append(int(rng.integers(2**63)))
             if posture is not None:
-                self._qpos[i] = self.user.coupled_qpos(posture)
+                self._qpos[i] = self.body.coupled_qpos(posture)
         if self.noise is not None:
             self.noise.reset(ids, noise_seeds)
         self._diverged[ids] = False
+        self._worn.head_pitch_deg[ids] = np.nan
         self._batch.forward(ids, _ACC)
         self._copy_forces(ids)
-        self._copy_poses(ids, slice(None))
+        self._worn.copy(ids, slice(None))
         self.effort.reset(ids)
         self._update_effort(ids)
 
-    def step(self, action: ArrayLike, *, pose_samples: int = 1) -> None:
-        """Advances every user by one step of `dt` seconds.
+    def _draw_start(self, i: int, rng: np.random.Generator) -> None:
+        body, rule = self.body, self.body.reset_rule
+        joints, dofs = body.qpos_independent, body.qvel_independent
+        angles = rng.uniform(-rule.position_range, rule.position_range, len(joints))
+        if rule.posture:
+            angles += [rule.posture.get(name, 0.0) for name in body.independent_joints]
+        self._qpos[i, joints] = angles
+        if rule.fit_couplings:
+            self._qpos[i] = body.coupled_qpos(angles)
+        self._qvel[i, dofs] = rng.uniform(-rule.velocity_range, rule.velocity_range, len(dofs))
+        self._act[i, self._actuation.activations] = rng.uniform(0.0, 1.0, self.muscle_count)
+        self._motor[i] = rng.uniform(0.0, 1.0, self._motor.shape[1])
 
-        The control is clip(act + action, 0, 1): an action changes the current activation.
+    def turn_head(
+        self,
+        ids: Sequence[int] | NDArray[np.integer],
+        pitch_deg: float | Sequence[float | None] | None,
+    ) -> None:
+        """Has these users' headsets look up or down until their next reset.
+
+        These bodies have no neck, so what is answered is the reported rotation alone: a pure pitch
+        of the headset about where it is, as in the reference (SIM2VR paper's release).
 
         Args:
-            action: (N, M) numbers; values outside [-1, 1] are clipped to it.
-            pose_samples: how many device poses to keep, evenly spread over the step, the last one
-                at its end. Must divide `substeps`; the motion is the same to the bit.
+            ids: (K,) distinct user indices.
+            pitch_deg: degrees, up positive, for all of them or (K,); None: as the body holds it.
 
         Raises:
-            ValueError: the action has another shape or is not finite, or a wrong `pose_samples`.
+            ValueError: an index out of range, another number of pitches, a pitch beyond +-90
+                degrees, or a body without a headset.
+        """
+        ids = self._checked_ids(ids)
+        given = [pitch_deg] * len(ids) if pitch_deg is None or np.isscalar(pitch_deg) else pitch_deg
+        pitches = np.array([np.nan if p is None else p for p in given], dtype=np.float64)  # type: ignore[union-attr]
+        if pitches.shape != ids.shape:
+            raise ValueError(f"pitch_deg: got {len(pitches)}, expected {len(ids)}, one per id")
+        wrong = np.abs(pitches) > 90.0
+        if wrong.any():
+            raise ValueError(f"pitch_deg: got {pitches[wrong][0]}, expected -90 to 90 degrees")
+        if "headset" not in self.body.devices and not np.isnan(pitches).all():
+            raise ValueError(f"pitch_deg: got {pitch_deg} for a body without a headset")
+        self._worn.head_pitch_deg[ids] = pitches
+
+    def step(
+        self,
+        action: ArrayLike,
+        *,
+        pose_samples: int = 1,
+        pauses: Mapping[int, Callable[[], None]] | None = None,
+    ) -> None:
+        """Advances every user by one step of `dt` seconds.
+
+        What an action does to its actuator is the rule of its group (`bodies/rules.py`): of a
+        muscle it changes the current activation, ctrl = clip(act + action, 0, 1).
+
+        Args:
+            action: (N, A) numbers; values outside [-1, 1] are clipped to it.
+            pose_samples: how many device poses to keep, evenly spread over the step, the last one
+                at its end. Must divide `substeps`; the motion is the same to the bit.
+            pauses: substep (1 to `substeps`) -> what to call when all users are at its end. Every
+                property then describes that moment, and `device_poses` too (sample -1), but the
+                effort, which is of the last whole step. Changes no bit of the motion.
+
+        Raises:
+            ValueError: the action has another shape or is not finite, a wrong `pose_samples`, or
+                a pause at no substep.
         """
         action = self._checked_action(action)
+        stops = self._checked_stops(pose_samples, pauses or {})
+        ids = np.flatnonzero(~self._diverged)
+        before = self._state[ids].copy(), self._qacc[ids], self._force[ids], self._motor[ids]
+        self._apply(np.clip(action[ids], -1.0, 1.0), ids)
+        self._worn.resize(pose_samples)
+        done = sample = 0
+        for stop in stops:
+            alive = ids[~self._diverged[ids]]
+            self._advance(alive, stop - done)
+            done, alive = stop, alive[~self._diverged[alive]]
+            self._worn.copy(alive, slice(sample, None))
+            if pauses and stop in pauses:
+                self._copy_forces(alive)
+                pauses[stop]()
+            sample += (stop * pose_samples) % self.substeps == 0
+        lost = self._diverged[ids]
+        if lost.any():
+            self._freeze(ids[lost], *(part[lost] for part in before))
+        survivors = ids[~lost]
+        self._copy_forces(survivors)
+        self._update_effort(survivors)
+
+    def _checked_stops(
+        self, pose_samples: int, pauses: Mapping[int, Callable[[], None]]
+    ) -> list[int]:
+        """The substeps, in order, at whose ends something is to be done."""
         if pose_samples < 1 or self.substeps % pose_samples:
             raise ValueError(
                 f"pose_samples: got {pose_samples}, expected a divisor of substeps={self.substeps}"
             )
-        ids = np.flatnonzero(~self._diverged)
-        before = self._state[ids].copy()
-        ctrl = np.clip(self._act[ids] + np.clip(action[ids], -1.0, 1.0), 0.0, 1.0)
-        self._ctrl[ids] = ctrl if self.noise is None else self.noise.apply(ctrl, ids)
-        self._resize_poses(pose_samples)
-        for sample in range(pose_samples):
-            alive = ids[~self._diverged[ids]]
-            self._advance(alive, self.substeps // pose_samples)
-            self._copy_poses(alive[~self._diverged[alive]], sample)
-        lost = self._diverged[ids]
-        if lost.any():
-            self._freeze(ids[lost], before[lost])
-        survivors = ids[~lost]
-        self._copy_forces(survivors)
-        self._update_effort(survivors)
+        wrong = [stop for stop in pauses if stop not in range(1, self.substeps + 1)]
+        if wrong:
+            raise ValueError(f"pauses: got substep {wrong[0]}, expected 1 to {self.substeps}")
+        every = self.substeps // pose_samples
+        return sorted({*range(every, self.substeps + 1, every), *pauses})
+
+    def _apply(self, action: FloatArray, ids: IntArray) -> None:
+        """Sets the controls of these users."""
+        memory = self._motor[ids]
+        ctrl = self._actuation.controls(action, self._act[ids], memory)
+        self._motor[ids] = memory
+        if self.noise is not None:
+            muscles = self._actuation.muscles
+            ctrl[:, muscles] = self.noise.apply(ctrl[:, muscles], ids)
+        self._ctrl[np.ix_(ids, self._actuation.actuators)] = ctrl
 
     def _advance(self, ids: IntArray, substeps: int) -> None:
         """Steps these users and flags those whose simulation broke."""
         if len(ids) == 0:
             return
-        warnings = self._batch.warning[ids].copy()
+        counts = self._batch.warning[ids][:, _BROKEN, 1].copy()
         try:
             self._batch.step(ids, nstep=substeps, stage=_POS)
         except SimulationError as error:
             self._diverged[error.ids] = True
-        # Every warning that this contact-free model can raise means a broken simulation.
-        warned = (self._batch.warning[ids] != warnings).reshape(len(ids), -1).any(axis=1)
+        broken = (self._batch.warning[ids][:, _BROKEN, 1] != counts).any(axis=1)
         finite = np.isfinite(self._state[ids]).all(axis=1)
-        self._diverged[ids[warned | ~finite]] = True
+        self._diverged[ids[broken | ~finite]] = True
 
-    def _freeze(self, ids: IntArray, states: FloatArray) -> None:
+    def _freeze(
+        self,
+        ids: IntArray,
+        states: FloatArray,
+        qacc: FloatArray,
+        force: FloatArray,
+        motor: FloatArray,
+    ) -> None:
         """Puts diverged users back to the last finite state, where they stay until reset."""
-        self._state[ids] = states
+        self._state[ids], self._motor[ids] = states, motor
         self._batch.forward(ids, _POS)
-        self._copy_poses(ids, slice(None))
+        self._worn.copy(ids, slice(None))
+        self._qacc[ids], self._force[ids] = qacc, force
 
     def _update_effort(self, ids: IntArray) -> None:
         if len(ids):
+            actuators = self._actuation.actuators
             self._cost[ids] = self.effort.update(
-                self._act[ids], self._ctrl[ids], self._force[ids], ids
+                self._act[np.ix_(ids, self._actuation.activations)],
+                self._ctrl[np.ix_(ids, actuators)],
+                self._force[np.ix_(ids, actuators)],
+                ids,
             )
 
     # --- what the simulation says ------------------------------------------------------------
@@ -246,7 +347,7 @@ class UserBatch:
         """Returns where a device is, as its OpenXR runtime would report it.
 
         Args:
-            name: "headset" or "controller_right".
+            name: one of `body.devices`: "headset", "controller_right", "controller_left".
             sample: which of the last step's `pose_samples`; -1 is the end of the step.
 
         Returns:
@@ -255,22 +356,22 @@ class UserBatch:
         Raises:
             ValueError: the user does not wear that device, or there is no such sample.
         """
-        if name not in self._device_pos:
-            raise ValueError(unknown_name("device", name, self.user.hardware))
-        count = len(self._device_pos[name])
-        if not -count <= sample < count:
-            raise ValueError(f"sample: got {sample}, expected -{count} to {count - 1}")
-        return self._device_pos[name][sample].copy(), self._device_quat[name][sample].copy()
+        return self._worn.poses(name, sample)
 
     @property
     def act(self) -> FloatArray:
         """(N, M) muscle activations in [0, 1]."""
-        return np.array(self._act)
+        return np.array(self._act[:, self._actuation.activations])
+
+    @property
+    def motor(self) -> FloatArray:
+        """(N, S) smoothed targets of the motors, 0 to 1 of their control ranges."""
+        return self._motor.copy()
 
     @property
     def ctrl(self) -> FloatArray:
-        """(N, M) muscle controls in [0, 1], with motor noise."""
-        return np.array(self._ctrl)
+        """(N, A) controls, with motor noise: of muscles in [0, 1]."""
+        return np.array(self._ctrl[:, self._actuation.actuators])
 
     @property
     def qpos(self) -> FloatArray:
@@ -288,14 +389,14 @@ class UserBatch:
         return self._qacc.copy()
 
     @property
-    def muscle_force(self) -> FloatArray:
-        """(N, M) muscle forces of the last substep in N; pulling is negative."""
-        return self._force.copy()
+    def actuator_force(self) -> FloatArray:
+        """(N, A) forces of the last substep in N (motors Nm); a pulling muscle's is negative."""
+        return self._force[:, self._actuation.actuators]
 
     @property
     def end_effector_pos(self) -> FloatArray:
-        """(N, 3) position of the tip of the index finger in m."""
-        return self._tip_pos.copy()
+        """(N, 3 E) positions of the E end effectors in m; of the wrist model the fingertip."""
+        return self._worn.end_effectors.reshape(self.n, -1).copy()
 
     @property
     def effort_cost(self) -> FloatArray:
@@ -312,21 +413,36 @@ class UserBatch:
         """(N,) whether the simulation broke; such a user stays at its last finite state."""
         return self._diverged.copy()
 
+    @property
+    def warnings(self) -> dict[str, IntArray]:
+        """(N,) how often MuJoCo warned since the last reset, by kind.
+
+        `badqpos`, `badqvel`, `badqacc` and `badctrl` make a user diverge. `inertia` (nearly
+        singular), `contactfull` and `cnstrfull` (more than the model has room for) do not: the
+        motion goes on, but it is not to be trusted.
+        """
+        counts = np.array(self._batch.warning[:, :, 1], dtype=np.int64)
+        return {name: counts[:, k] for name, k in _WARNINGS.items()}
+
     # --- save and restore --------------------------------------------------------------------
 
     def get_state(self, i: int) -> dict[str, Any]:
         """Returns everything that user i's future depends on, as arrays and bytes.
 
-        Includes activations, solver warm start, fatigue and noise streams, so that a restored user
-        goes on to the bit. The last step's extra pose samples are not included.
+        Includes activations, motors, solver warm start, fatigue, noise streams and where the head
+        was asked to look, so that a restored user goes on to the bit. The last step's extra pose
+        samples are not included.
         """
         i = int(self._checked_ids([i])[0])
         state: dict[str, Any] = {
             "simulation": self._state[i].copy(),
+            "motor": self._motor[i].copy(),
+            "head_pitch_deg": np.array(self._worn.head_pitch_deg[i]),
             "qacc": self._qacc[i].copy(),
             "force": self._force[i].copy(),
             "effort_cost": self._cost[i].copy(),
             "diverged": np.array(self._diverged[i]),
+            "warnings": np.array(self._batch.warning[i]),
         }
         state.update({f"effort/{k}": v[i].copy() for k, v in self.effort.state().items()})
         if self.noise is not None:
@@ -352,9 +468,11 @@ class UserBatch:
         if not np.isfinite(state["simulation"]).all():
             raise ValueError("state simulation: got NaN or infinity, expected finite numbers")
         ids = np.array([i])
-        self._state[i] = state["simulation"]
+        self._state[i], self._motor[i] = state["simulation"], state["motor"]
+        self._worn.head_pitch_deg[i] = state["head_pitch_deg"]
         self._batch.forward(ids, _POS)
-        self._copy_poses(ids, slice(None))
+        self._batch.warning[i] = state["warnings"]
+        self._worn.copy(ids, slice(None))
         self._qacc[i], self._force[i] = state["qacc"], state["force"]
         self._cost[i], self._diverged[i] = state["effort_cost"], bool(state["diverged"])
         effort = {k: state[f"effort/{k}"][None] for k in self.effort.state()}
@@ -369,21 +487,6 @@ class UserBatch:
         self._qacc[ids] = self._live_qacc[ids]
         self._force[ids] = self._live_force[ids]
 
-    def _copy_poses(self, ids: IntArray, sample: int | slice) -> None:
-        self._tip_pos[ids] = self._live_site_pos[ids, self._tip_site]
-        for name, site in self._device_site.items():
-            # The OpenXR offset is a translation, so site and body have the same orientation.
-            self._device_pos[name][sample, ids] = self._live_site_pos[ids, site]
-            self._device_quat[name][sample, ids] = self._live_body_quat[
-                ids, self._device_body[name]
-            ]
-
-    def _resize_poses(self, samples: int) -> None:
-        """Makes room for the pose samples, filled with the current pose."""
-        for poses in (self._device_pos, self._device_quat):
-            for name, kept in poses.items():
-                poses[name] = np.repeat(kept[-1:], samples, axis=0)
-
     def _checked_ids(self, ids: Sequence[int] | NDArray[np.integer]) -> IntArray:
         given = np.asarray(ids)
         if given.ndim != 1 or (given.size and not np.issubdtype(given.dtype, np.integer)):
@@ -397,7 +500,7 @@ class UserBatch:
 
     def _checked_action(self, action: ArrayLike) -> FloatArray:
         given = np.asarray(action)
-        shape = (self.n, self.muscle_count)
+        shape = (self.n, self.action_size)
         if given.shape != shape:
             raise ValueError(f"action: got shape {given.shape}, expected {shape}")
         if not np.issubdtype(given.dtype, np.number) or np.iscomplexobj(given):
@@ -407,7 +510,7 @@ class UserBatch:
         if len(wrong):
             i, j = (int(k) for k in wrong[0])
             raise ValueError(
-                f"action[{i}, {j}] ({self.user.muscles[j]}): got {given[i, j]}, "
+                f"action[{i}, {j}] ({self.body.action_names[j]}): got {given[i, j]}, "
                 "expected a finite number in [-1, 1]"
             )
         return given

@@ -1,39 +1,30 @@
 """Muscular effort: how tiring the user's movement is, per environment step.
 
-Every model is vectorised over N users and M muscles in float64. The cost is subtracted from the
-task reward, and `weight` scales it. Formulas follow the SIM2VR paper and its User-in-the-Box
-reference.
+Every model is vectorised over N users, M muscles and A actuators (muscles and motors) in float64.
+The cost is subtracted from the task reward, and `weight` scales it. Formulas follow the SIM2VR
+paper and its User-in-the-Box reference.
 """
 
 from __future__ import annotations
 
+import inspect
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.users.user import User, unknown_name
+from sim2vr_harness.users.bodies.body import Body
+from sim2vr_harness.users.names import unknown_name
 
 FloatArray = NDArray[np.float64]
 Ids = Sequence[int] | NDArray[np.integer] | slice
 
-LIFTING_MUSCLES: tuple[str, ...] = (
-    "DELT1",
-    "DELT2",
-    "DELT3",
-    "SUPSP",
-    "INFSP",
-    "SUBSC",
-    "TMIN",
-    "BIClong",
-    "BICshort",
-    "TRIlong",
-    "TRIlat",
-    "TRImed",
-)
-"""Muscles that consumed endurance looks at: those that hold the arm up."""
+EffortName = Literal[
+    "cumulative_fatigue_3ccr", "neural", "muscle_state", "consumed_endurance", "zero"
+]
+"""What configurations and `make_effort` call the effort models."""
 
 
 class EffortModel(ABC):
@@ -42,6 +33,7 @@ class EffortModel(ABC):
     Args:
         n: number of users.
         muscle_count: number of muscles M.
+        actuator_count: number of actuators A; None if there are only muscles.
         weight: factor on the cost; None takes the model's `default_weight`.
         dt: duration of one environment step in s.
     """
@@ -49,10 +41,17 @@ class EffortModel(ABC):
     default_weight: ClassVar[float]
 
     def __init__(
-        self, n: int, muscle_count: int, *, weight: float | None = None, dt: float = 0.05
+        self,
+        n: int,
+        muscle_count: int,
+        *,
+        actuator_count: int | None = None,
+        weight: float | None = None,
+        dt: float = 0.05,
     ) -> None:
         if n < 1:
             raise ValueError(f"n: got {n}, expected at least 1 user")
+        self.actuator_count = muscle_count if actuator_count is None else actuator_count
         self.weight = _not_negative("weight", self.default_weight if weight is None else weight)
         self.dt = _positive("dt", dt)
         self.n = n
@@ -74,8 +73,8 @@ class EffortModel(ABC):
 
         Args:
             act: (K, M) muscle activations in [0, 1] at the end of the step.
-            ctrl: (K, M) muscle controls in [0, 1] of the step.
-            force: (K, M) actuator forces in N; only consumed endurance needs them.
+            ctrl: (K, A) controls of the step, raw: in [0, 1] of muscles, targets of motors.
+            force: (K, A) actuator forces in N; only consumed endurance needs them.
             ids: the K users that the rows belong to; all N by default.
 
         Returns:
@@ -119,9 +118,10 @@ class EffortModel(ABC):
     def _check(self, field: str, values: FloatArray | None, ids: Ids) -> FloatArray:
         rows = len(np.arange(self.n)[ids if isinstance(ids, slice) else np.asarray(ids, int)])
         shape = None if values is None else np.shape(values)
-        if shape != (rows, self.muscle_count):
+        columns = self.muscle_count if field == "act" else self.actuator_count
+        if shape != (rows, columns):
             got = "None" if shape is None else f"shape {shape}"
-            raise ValueError(f"{field}: got {got}, expected shape ({rows}, {self.muscle_count})")
+            raise ValueError(f"{field}: got {got}, expected shape ({rows}, {columns})")
         return np.asarray(values, dtype=np.float64)
 
 
@@ -147,7 +147,10 @@ class Zero(_Memoryless):
 
 
 class Neural(_Memoryless):
-    """Squared muscle controls: w * sum ctrl^2 (Neural effort, User-in-the-Box reference)."""
+    """Squared controls: w * sum ctrl^2 (Neural effort, User-in-the-Box reference).
+
+    Motors count with their raw control, as in the reference: the angle that they aim at.
+    """
 
     default_weight = 1e-4
 
@@ -191,7 +194,7 @@ class CumulativeFatigue3CCr(EffortModel):
     itself defaults to 0.01.
 
     Args:
-        n, muscle_count, weight, dt: as in `EffortModel`.
+        n, muscle_count, actuator_count, weight, dt: as in `EffortModel`.
         r: how many times faster units recover while the load is met.
         fatigue: F, rate at which active units tire, 1/s.
         recovery: R, rate at which tired units recover, 1/s.
@@ -206,6 +209,7 @@ class CumulativeFatigue3CCr(EffortModel):
         n: int,
         muscle_count: int,
         *,
+        actuator_count: int | None = None,
         weight: float | None = None,
         dt: float = 0.05,
         r: float = 7.5,
@@ -214,7 +218,7 @@ class CumulativeFatigue3CCr(EffortModel):
         development: float = 10.0,
         relaxation: float = 10.0,
     ) -> None:
-        super().__init__(n, muscle_count, weight=weight, dt=dt)
+        super().__init__(n, muscle_count, actuator_count=actuator_count, weight=weight, dt=dt)
         self.r = _not_negative("r", r)
         self.fatigue = _not_negative("fatigue", fatigue)
         self.recovery = _not_negative("recovery", recovery)
@@ -273,9 +277,9 @@ class ConsumedEndurance(_Memoryless):
     E = 1236.5 / (100 s - 15)^0.618 - 72.5 in s, endless up to s = 0.15; cost = w * 100 dt / E.
 
     Args:
-        n, muscle_count, weight, dt: as in `EffortModel`.
-        peak_forces: (M,) peak isometric forces F0 in N.
-        lifting: indices of the muscles to look at.
+        n, muscle_count, actuator_count, weight, dt: as in `EffortModel`.
+        peak_forces: (A,) peak forces F0 of the actuators in N (torques of motors in Nm).
+        lifting: indices of the actuators to look at, at least one.
     """
 
     default_weight = 0.01
@@ -285,12 +289,15 @@ class ConsumedEndurance(_Memoryless):
         n: int,
         muscle_count: int,
         *,
+        actuator_count: int | None = None,
         weight: float | None = None,
         dt: float = 0.05,
         peak_forces: FloatArray,
         lifting: Sequence[int],
     ) -> None:
-        super().__init__(n, muscle_count, weight=weight, dt=dt)
+        super().__init__(n, muscle_count, actuator_count=actuator_count, weight=weight, dt=dt)
+        if len(lifting) == 0:
+            raise ValueError("lifting: got no actuators, expected those that hold the arm up")
         self._lifting = np.asarray(lifting, dtype=np.int64)
         self._peak = np.asarray(peak_forces, dtype=np.float64)[self._lifting]
 
@@ -313,41 +320,93 @@ class ConsumedEndurance(_Memoryless):
 
 
 _MODELS: dict[str, type[EffortModel]] = {
-    model.__name__: model
-    for model in (CumulativeFatigue3CCr, Neural, MuscleState, ConsumedEndurance, Zero)
+    "cumulative_fatigue_3ccr": CumulativeFatigue3CCr,
+    "neural": Neural,
+    "muscle_state": MuscleState,
+    "consumed_endurance": ConsumedEndurance,
+    "zero": Zero,
 }
+_OF_THE_BODY = ("n", "muscle_count", "actuator_count", "dt", "peak_forces", "lifting", "self")
 
 
 def list_efforts() -> tuple[str, ...]:
-    """Returns the names that `make_effort` accepts."""
-    return tuple(sorted(_MODELS))
+    """Returns the names that `make_effort` and the configuration's `env.user.effort.model` take."""
+    return get_args(EffortName)
+
+
+def effort_options(name: str) -> tuple[str, ...]:
+    """Returns the parameters of a model that a configuration can set, `weight` first.
+
+    Raises:
+        ValueError: unknown name.
+    """
+    if name not in _MODELS:
+        raise ValueError(unknown_name("effort", name, list_efforts()))
+    if name == "zero":
+        return ()
+    names = inspect.signature(_MODELS[name]).parameters
+    return tuple(option for option in names if option not in _OF_THE_BODY)
 
 
 def make_effort(
-    name: str, n: int, user: User, *, weight: float | None = None, **params: Any
+    name: str, n: int, body: Body, *, weight: float | None = None, **params: Any
 ) -> EffortModel:
-    """Makes an effort model by name for `n` copies of `user`.
+    """Makes an effort model by name for `n` copies of `body`.
 
     Args:
         name: one of `list_efforts()`.
         n: number of users.
-        user: whose muscles it is about.
+        body: whose muscles and motors it is about.
         weight: factor on the cost; None takes the model's default.
         **params: parameters of the model's class, e.g. `dt` (s), or `r` for 3CC-r.
 
     Raises:
-        ValueError: unknown name or parameter, or a value out of range.
+        ValueError: unknown name or parameter, a value out of range, or a body that does not have
+            what the model looks at.
     """
     if name not in _MODELS:
         raise ValueError(unknown_name("effort", name, list_efforts()))
     model = _MODELS[name]
+    if model in (CumulativeFatigue3CCr, MuscleState) and not body.muscles:
+        raise ValueError(
+            f"effort: got {name!r} for body {body.name!r}, which has no muscles; expected "
+            "'neural' (its controls), 'consumed_endurance' or 'zero'"
+        )
     if model is ConsumedEndurance:
-        params.setdefault("peak_forces", user.peak_forces)
-        params.setdefault("lifting", [user.muscles.index(m) for m in LIFTING_MUSCLES])
+        params = {**_endurance_inputs(body), **params}
     try:
-        return model(n, len(user.muscles), weight=weight, **params)
+        return model(
+            n,
+            len(body.muscles),
+            actuator_count=body.action_size,
+            weight=weight,
+            **params,
+        )
     except TypeError as error:
         raise ValueError(f"effort {name}: got parameters {sorted(params)}; {error}") from error
+
+
+def _endurance_inputs(body: Body) -> dict[str, Any]:
+    """Peak forces and lifting actuators, or why there are none."""
+    lifting = body.effort_inputs.lifting
+    if not lifting:
+        raise ValueError(
+            f"effort: got 'consumed_endurance' for body {body.name!r}, which names no actuators "
+            "that lift the arm; expected some in its effort inputs (effort: {lifting: [...]})"
+        )
+    names = body.action_names
+    unused = [name for name in lifting if name not in names]
+    if unused:
+        raise ValueError(unknown_name("effort lifting", unused[0], names))
+    indices = [names.index(name) for name in lifting]
+    unknown = [names[i] for i in indices if not body.peak_forces[i] > 0.0]
+    if unknown:
+        raise ValueError(
+            f"effort: got 'consumed_endurance' for body {body.name!r}, whose actuator "
+            f"{unknown[0]!r} has no known peak force; expected one in its effort inputs "
+            "(effort: {peak_forces: {...}})"
+        )
+    return {"peak_forces": body.peak_forces, "lifting": indices}
 
 
 def _positive(field: str, value: float) -> float:

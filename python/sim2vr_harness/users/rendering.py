@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.gl import prepare_process
 from sim2vr_harness.users.appearance import colour_muscles
-from sim2vr_harness.users.user import User, unknown_name
+from sim2vr_harness.users.bodies.body import Body
+from sim2vr_harness.users.names import unknown_name
 
 _PLATFORMS = ("egl", "osmesa")  # EGL also works on Mesa's software rasteriser
 
@@ -30,19 +31,20 @@ class UserRenderer:
     other.
 
     Args:
-        user: a user loaded with `appearance=True`.
+        body: a body loaded with `appearance=True`.
         width: image width in pixels, at most 1280.
         height: image height in pixels, at most 960.
 
     Raises:
-        ValueError: the user has no appearance or the size is out of range.
+        ValueError: the body has no appearance or the size is out of range.
         RenderingError: neither EGL nor OSMesa works. MUJOCO_GL=egl|osmesa forces one of them.
     """
 
-    def __init__(self, user: User, width: int = 640, height: int = 480) -> None:
-        if not user.appearance:
-            raise ValueError("user: got appearance=False, expected load_user(appearance=True)")
-        self._model = user.spec().compile()  # own copy: muscle colours are written into it
+    def __init__(self, body: Body, width: int = 640, height: int = 480) -> None:
+        if not body.appearance:
+            raise ValueError("body: got appearance=False, expected load_body(appearance=True)")
+        self._muscles = body.muscles
+        self._model = body.spec().compile()  # own copy: muscle colours are written into it
         limits = self._model.vis.global_
         for field, size, limit in (
             ("width", width, limits.offwidth),
@@ -52,7 +54,7 @@ class UserRenderer:
                 raise ValueError(f"{field}: got {size}, expected 1 to {limit} pixels")
         self.width, self.height = width, height
         self._data = mujoco.MjData(self._model)
-        self._scene = mujoco.MjvScene(self._model, maxgeom=2000)
+        self._scene = mujoco.MjvScene(self._model, maxgeom=10_000)
         self._options = mujoco.MjvOption()
         self._context = _open_context(width, height)
         self._context.make_current()
@@ -75,7 +77,7 @@ class UserRenderer:
         """Draws a posture.
 
         Args:
-            qpos: (nq,) posture in rad, e.g. `batch.qpos[i]`, or an MjData of the user's model,
+            qpos: (nq,) posture in rad, e.g. `batch.qpos[i]`, or an MjData of the body's model,
                 whose activations then colour the muscles.
             camera: one of `cameras`.
             activations: (M,) muscle activations in [0, 1] that colour the muscles, blue to red.
@@ -92,16 +94,19 @@ class UserRenderer:
         if camera not in self.cameras:
             raise ValueError(unknown_name("camera", camera, self.cameras))
         if isinstance(qpos, mujoco.MjData):
-            activations = np.array(qpos.act) if activations is None else activations
+            if activations is None:
+                states = self._model.actuator_actadr[
+                    [self._model.actuator(m).id for m in self._muscles]
+                ]
+                activations = np.array(qpos.act[states])
             qpos = np.array(qpos.qpos)
         posture = np.asarray(qpos, dtype=np.float64)
         if posture.shape != (self._model.nq,):
             raise ValueError(f"qpos: got shape {posture.shape}, expected ({self._model.nq},)")
         self._data.qpos[:] = posture
         mujoco.mj_fwdPosition(self._model, self._data)
-        colour_muscles(
-            self._model, np.zeros(self._model.nu) if activations is None else activations
-        )
+        relaxed = np.zeros(len(self._muscles))
+        colour_muscles(self._model, self._muscles, relaxed if activations is None else activations)
         view = mujoco.MjvCamera()
         view.type = mujoco.mjtCamera.mjCAMERA_FIXED
         view.fixedcamid = self._model.camera(camera).id

@@ -52,9 +52,9 @@ class BodyByHand:
     def __init__(self, simulation: Simulation, seed: int) -> None:
         rng = np.random.default_rng(seed)
         self.round_seed = int(rng.integers(2**32))
-        start = UserBatch(simulation.user, 1, threads=1)
+        start = UserBatch(simulation.body, 1, threads=1)
         start.reset([0], [rng])
-        self.model = simulation.user.model
+        self.model = simulation.body.model
         self.data = mujoco.MjData(self.model)
         self.data.qpos[:], self.data.qvel[:] = start.qpos[0], start.qvel[0]
         self.data.act[:] = start.act[0]

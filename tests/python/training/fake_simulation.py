@@ -58,7 +58,7 @@ class FakeSimulation:
         )
         self.action_space = spaces.Box(-1, 1, (3,), np.float32)
         self.apps = [FakeApp(i) for i in range(n)]
-        self.user = SimpleNamespace(name="fake")
+        self.body = SimpleNamespace(name="fake")
         self.users = SimpleNamespace(qpos=np.zeros((n, 4)), act=np.zeros((n, 3)))
         self.renderer_description = "fake"
         self.rngs = [np.random.default_rng() for _ in range(n)]

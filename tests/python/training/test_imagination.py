@@ -80,7 +80,7 @@ def experience(practice: Practice) -> Experience:
 
 
 def test_the_chain_places_the_hand_as_mujoco_does(practice: Practice) -> None:
-    user = practice.simulation.simulation.user
+    user = practice.simulation.simulation.body
     data = mujoco.MjData(user.physics_model)
     low, high = user.joint_ranges.T
     angles = np.random.default_rng(1).uniform(low, high, (20, 7))
@@ -136,8 +136,8 @@ def test_the_mind_observes_what_the_true_game_tells(practice: Practice) -> None:
     users = sim.simulation.users
     as_tensor = lambda a: torch.tensor(a, dtype=torch.float32)  # noqa: E731
     motion = Motion(
-        as_tensor(users.qpos[:, users.user.qpos_independent]),
-        as_tensor(users.qvel[:, users.user.qvel_independent]),
+        as_tensor(users.qpos[:, users.body.qpos_independent]),
+        as_tensor(users.qvel[:, users.body.qvel_independent]),
         as_tensor(users.act),
     )
     fields = sim.senses.values()
@@ -169,9 +169,9 @@ def test_the_mind_observes_what_the_true_game_tells(practice: Practice) -> None:
 def resting_game(n: int, **how: float) -> ImaginedWhacAMole:
     """Users whose bodies stay where they are."""
     user = TeacherSimulation(ENV, config("ppo.n_envs=1", "ppo.batch_size=10"), seed=1)
-    body = BodyModel(user.simulation.user, CONTROLLER, 0.05, width=4)
+    body = BodyModel(user.simulation.body, CONTROLLER, 0.05, width=4)
     told = [user.told_of(number) for number in range(3)]
-    model = user.simulation.user
+    model = user.simulation.body
     user.close()
     with torch.no_grad():
         for parameter in body.acceleration.parameters():

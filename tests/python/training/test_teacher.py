@@ -98,8 +98,8 @@ def test_near_starts_are_near_a_cell() -> None:
     users = simulation("aids.near_starts={start: 1.0, end: 1.0}")
     users.reset(seeds=[1, 2, 3, 4])
     assert (users.senses.field("aid.start_distance_m") <= 0.08 + 1e-6).all()
-    elbow = users.simulation.user.independent_joints.index("elbow_flexion")
-    angles = users.simulation.users.qpos[:, users.simulation.user.qpos_independent[elbow]]
+    elbow = users.simulation.body.independent_joints.index("elbow_flexion")
+    angles = users.simulation.users.qpos[:, users.simulation.body.qpos_independent[elbow]]
     assert ((angles >= 0.5) & (angles <= 1.9)).all()
     users.close()
 
@@ -108,7 +108,7 @@ def test_true_starts_are_the_reference_s() -> None:
     users = simulation("aids.near_starts={start: 0.0, end: 0.0}")
     assert users.postures is None
     users.reset(seeds=[1, 2, 3, 4])
-    free = users.simulation.user.qpos_independent
+    free = users.simulation.body.qpos_independent
     assert (np.abs(users.simulation.users.qpos[:, free]) <= 0.05).all()
     users.close()
 
@@ -139,8 +139,8 @@ def test_the_reward_is_the_task_s_plus_the_aids() -> None:
     users = simulation(*off[:2], on, "ppo.reward_scale=1.0", "aids.near_starts={start: 0, end: 0}")
     users.reset(seeds=[1, 2, 3, 4])
     result = users.step(np.zeros((4, 32), np.float32))
-    elbow = users.simulation.user.independent_joints.index("elbow_flexion")
-    angles = users.simulation.users.qpos[:, users.simulation.user.qpos_independent[elbow]]
+    elbow = users.simulation.body.independent_joints.index("elbow_flexion")
+    angles = users.simulation.users.qpos[:, users.simulation.body.qpos_independent[elbow]]
     for i, info in enumerate(result.infos):
         task = info["game_reward"] - info["effort_cost"]
         assert result.reward[i] == pytest.approx(task - 0.3 * max(0.0, 0.5 - angles[i]))
@@ -224,7 +224,7 @@ def test_hidden_fields_hide_the_own_body_s_too() -> None:
     assert not any(name.endswith("qacc") or name.startswith("DELT") for name in names)
     users.reset(seeds=[1, 2, 3, 4])
     seen = users.observation()[OBSERVATION]
-    speeds = users.simulation.users.qvel[:, users.simulation.user.qvel_independent]
+    speeds = users.simulation.users.qvel[:, users.simulation.body.qvel_independent]
     np.testing.assert_allclose(seen[:, names.index("elbow_flexion qvel")], speeds[:, 3], rtol=1e-6)
     users.close()
 

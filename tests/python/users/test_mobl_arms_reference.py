@@ -15,7 +15,7 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim2vr_harness.users import User, load_user
+from sim2vr_harness.users import Body, load_body
 
 REPOSITORY = Path(__file__).resolve().parents[3]
 EXCERPTS = REPOSITORY / "tests" / "data" / "mobl_arms"
@@ -46,7 +46,7 @@ def _rotation_gap(got: Any, expected: Any) -> float:
     return min(_gap(got, expected), _gap(got, -np.asarray(expected)))
 
 
-def _coupling_jacobian(user: User, q: np.ndarray) -> np.ndarray:
+def _coupling_jacobian(user: Body, q: np.ndarray) -> np.ndarray:
     """(nv, 7) d qpos / d q_independent; all joints are hinges, so qpos and dofs coincide."""
     h = 1e-6
     columns = [
@@ -64,11 +64,11 @@ def _moment_arms(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
 
 
 @pytest.fixture(scope="module")
-def bare() -> User:
-    return load_user("mobl_arms_wrist", skull_rotation_wxyz=None, hardware=(), appearance=False)
+def bare() -> Body:
+    return load_body("mobl_arms_wrist", skull_rotation_deg=0.0, devices=(), appearance=False)
 
 
-def test_postures(reference: Any, bare: User) -> None:
+def test_postures(reference: Any, bare: Body) -> None:
     facts = reference("validation")
     model = bare.model
     data = mujoco.MjData(model)
@@ -89,7 +89,7 @@ def test_postures(reference: Any, bare: User) -> None:
         assert _gap(data.body("hand").xpos, posture["hand_pos"]) < 1e-8
         assert _rotation_gap(data.body("hand").xquat, posture["hand_quat_wxyz"]) < 1e-8
         tip = posture["fingertip_geom_hand_2distph_pos"]
-        assert _gap(data.site(bare.end_effector).xpos, tip) < 1e-8
+        assert _gap(data.site(bare.end_effectors[0]).xpos, tip) < 1e-8
         assert _gap(data.body("humerus").xpos, posture["humerus_pos"]) < 1e-8
         assert _gap(data.body("ulna").xpos, posture["ulna_pos"]) < 1e-8
 
@@ -109,7 +109,7 @@ def test_postures(reference: Any, bare: User) -> None:
 
 
 def test_device_poses_in_postures(reference: Any) -> None:
-    user = load_user("mobl_arms_wrist", appearance=False)
+    user = load_body("mobl_arms_wrist", appearance=False)
     data = mujoco.MjData(user.model)
     for posture in reference("validation")["postures"]:
         data.qpos[:] = user.coupled_qpos(np.array(posture["q"]))
@@ -120,7 +120,7 @@ def test_device_poses_in_postures(reference: Any) -> None:
 
 
 def test_start_poses_of_a_recorded_run(reference: Any) -> None:
-    user = load_user("mobl_arms_wrist", appearance=False)
+    user = load_body("mobl_arms_wrist", appearance=False)
     data = mujoco.MjData(user.model)
     mujoco.mj_kinematics(user.model, data)
     recorded = reference("validation")["reference_initial_world_poses_from_recorded_run"]
@@ -131,7 +131,7 @@ def test_start_poses_of_a_recorded_run(reference: Any) -> None:
 
 
 def test_trace_with_attached_hardware(reference: Any) -> None:
-    user = load_user("mobl_arms_wrist", appearance=False)
+    user = load_body("mobl_arms_wrist", appearance=False)
     model, trace = user.model, reference("trace")
     data = mujoco.MjData(model)
     joints, dofs = user.qpos_independent, user.qvel_independent

@@ -7,16 +7,16 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim2vr_harness.users import MotorNoiseSettings, UserBatch, load_user, make_effort
+from sim2vr_harness.users import MotorNoiseSettings, UserBatch, load_body, make_effort
 
-USER = load_user("mobl_arms_wrist")
+BODY = load_body("mobl_arms_wrist")
 FIELDS = (
     "qpos",
     "qvel",
     "qacc",
     "act",
     "ctrl",
-    "muscle_force",
+    "actuator_force",
     "end_effector_pos",
     "effort_cost",
     "time",
@@ -34,7 +34,7 @@ def _actions(steps: int, n: int, seed: int = 0) -> np.ndarray:
 
 def _snapshot(batch: UserBatch) -> dict[str, np.ndarray]:
     fields = {name: getattr(batch, name) for name in FIELDS}
-    for device in USER.hardware:
+    for device in BODY.devices:
         fields[f"{device} pos"], fields[f"{device} quat"] = batch.device_poses(device)
     fields |= {f"effort {k}": v for k, v in batch.effort.state().items()}
     return fields
@@ -43,7 +43,7 @@ def _snapshot(batch: UserBatch) -> dict[str, np.ndarray]:
 def _play(
     actions: np.ndarray, seeds: list[int], *, pose_samples: int = 1, **settings: Any
 ) -> UserBatch:
-    batch = UserBatch(USER, actions.shape[1], **{"threads": 1, **settings})
+    batch = UserBatch(BODY, actions.shape[1], **{"threads": 1, **settings})
     batch.reset(range(batch.n), _rngs(*seeds))
     for action in actions:
         batch.step(action, pose_samples=pose_samples)
@@ -56,15 +56,15 @@ def _assert_same(a: dict[str, np.ndarray], b: dict[str, np.ndarray], rows: Any =
 
 
 def test_reset_follows_the_reference() -> None:
-    batch = UserBatch(USER, 3, threads=1)
+    batch = UserBatch(BODY, 3, threads=1)
     batch.reset([2, 0], _rngs(7, 8))
     rng = np.random.default_rng(7)
-    free = USER.qpos_independent
+    free = BODY.qpos_independent
     np.testing.assert_array_equal(batch.qpos[2, free], rng.uniform(-0.05, 0.05, 7))
-    np.testing.assert_array_equal(batch.qvel[2, USER.qvel_independent], rng.uniform(-0.05, 0.05, 7))
+    np.testing.assert_array_equal(batch.qvel[2, BODY.qvel_independent], rng.uniform(-0.05, 0.05, 7))
     np.testing.assert_array_equal(batch.act[2], rng.uniform(0, 1, 32))
-    assert not batch.qpos[:, USER.qpos_dependent].any()
-    assert not batch.qvel[:, USER.qvel_dependent].any()
+    assert not batch.qpos[:, BODY.qpos_dependent].any()
+    assert not batch.qvel[:, BODY.qvel_dependent].any()
     assert not batch.time.any()
     # The effort model has already been updated once: rested units have followed half the load.
     np.testing.assert_allclose(batch.effort.state()["MA"], 0.5 * batch.act, atol=1e-15)
@@ -73,11 +73,11 @@ def test_reset_follows_the_reference() -> None:
 
 
 def test_reset_to_a_posture_draws_the_rest_as_ever() -> None:
-    drawn, posed = UserBatch(USER, 2, threads=1), UserBatch(USER, 2, threads=1)
+    drawn, posed = UserBatch(BODY, 2, threads=1), UserBatch(BODY, 2, threads=1)
     posture = np.array([0.4, 1.1, -0.3, 1.2, 0.2, 0.1, -0.2])
     drawn.reset([1, 0], _rngs(7, 8))
     posed.reset([1, 0], _rngs(7, 8), [posture, None])
-    np.testing.assert_array_equal(posed.qpos[1], USER.coupled_qpos(posture))
+    np.testing.assert_array_equal(posed.qpos[1], BODY.coupled_qpos(posture))
     np.testing.assert_array_equal(posed.qpos[0], drawn.qpos[0])
     np.testing.assert_array_equal(posed.qvel, drawn.qvel)
     np.testing.assert_array_equal(posed.act, drawn.act)
@@ -89,7 +89,7 @@ def test_coarse_physics_stays_near() -> None:
     """50 ms in 10 steps of 5 ms instead of 25 of 2 ms: millimetres apart after a second."""
     actions = 0.3 * _actions(20, 4)
     fine = _play(actions, [1, 2, 3, 4])
-    coarse = UserBatch(load_user("mobl_arms_wrist", timestep_s=0.005), 4, threads=1, substeps=10)
+    coarse = UserBatch(load_body("mobl_arms_wrist", timestep_s=0.005), 4, threads=1, substeps=10)
     coarse.reset(range(4), _rngs(1, 2, 3, 4))
     for action in actions:
         coarse.step(action)
@@ -98,7 +98,7 @@ def test_coarse_physics_stays_near() -> None:
     apart = np.linalg.norm(coarse.end_effector_pos - fine.end_effector_pos, axis=1)
     assert 1e-5 < np.median(apart) < 0.02
     with pytest.raises(ValueError, match=r"timestep_s: got 0\.0, expected a number above 0"):
-        load_user("mobl_arms_wrist", timestep_s=0.0)
+        load_body("mobl_arms_wrist", timestep_s=0.0)
 
 
 def test_reset_leaves_the_others_alone() -> None:
@@ -110,7 +110,7 @@ def test_reset_leaves_the_others_alone() -> None:
         np.testing.assert_array_equal(before[name][[0, 2]], after[name][[0, 2]], err_msg=name)
     assert batch.time.tolist() == [pytest.approx(0.15), 0.0, pytest.approx(0.15)]
     # A reset user is like new, whatever it did before.
-    fresh = UserBatch(USER, 1, threads=1)
+    fresh = UserBatch(BODY, 1, threads=1)
     fresh.reset([0], _rngs(9))
     batch.step(np.full((3, 32), 0.1))
     fresh.step(np.full((1, 32), 0.1))
@@ -121,9 +121,9 @@ def test_step_equals_plain_mujoco() -> None:
     """One mj_step after the other, with kinematics computed once more at the end."""
     actions = _actions(5, 1)
     batch = _play(actions, [4])
-    start = UserBatch(USER, 1, threads=1)
+    start = UserBatch(BODY, 1, threads=1)
     start.reset([0], _rngs(4))
-    model, data = USER.model, mujoco.MjData(USER.model)
+    model, data = BODY.model, mujoco.MjData(BODY.model)
     data.qpos[:], data.qvel[:], data.act[:] = start.qpos[0], start.qvel[0], start.act[0]
     mujoco.mj_forward(model, data)
     for action in actions[:, 0]:
@@ -136,7 +136,7 @@ def test_step_equals_plain_mujoco() -> None:
     np.testing.assert_array_equal(batch.ctrl[0], data.ctrl)
     np.testing.assert_array_equal(batch.qacc[0], last_qacc)
     np.testing.assert_array_equal(batch.end_effector_pos[0], data.site("fingertip").xpos)
-    for device in USER.hardware:
+    for device in BODY.devices:
         pos, quat = batch.device_poses(device)
         np.testing.assert_array_equal(pos[0], data.site(device).xpos)
         np.testing.assert_array_equal(quat[0], data.body(device).xquat)
@@ -144,7 +144,7 @@ def test_step_equals_plain_mujoco() -> None:
 
 
 def test_actions_change_the_current_activation() -> None:
-    batch = UserBatch(USER, 1, threads=1)
+    batch = UserBatch(BODY, 1, threads=1)
     act = batch.act
     batch.step(np.full((1, 32), 0.25, dtype=np.float32))
     np.testing.assert_array_equal(batch.ctrl, np.clip(act + 0.25, 0, 1))
@@ -161,7 +161,7 @@ def test_threads_do_not_matter() -> None:
     _assert_same(_snapshot(one), _snapshot(two))
 
 
-@pytest.mark.parametrize("effort", ["CumulativeFatigue3CCr", "ConsumedEndurance", "Neural"])
+@pytest.mark.parametrize("effort", ["cumulative_fatigue_3ccr", "consumed_endurance", "neural"])
 def test_company_does_not_matter(effort: str) -> None:
     actions = _actions(8, 3)
     noise = MotorNoiseSettings()
@@ -190,7 +190,7 @@ def test_pose_samples(samples: int) -> None:
 
 def test_pose_samples_follow_shorter_steps() -> None:
     action = _actions(1, 1)[0]
-    sampled, short = UserBatch(USER, 1, threads=1), UserBatch(USER, 1, threads=1, substeps=5)
+    sampled, short = UserBatch(BODY, 1, threads=1), UserBatch(BODY, 1, threads=1, substeps=5)
     for batch in (sampled, short):
         batch.reset([0], _rngs(3))
     sampled.step(action, pose_samples=5)
@@ -220,7 +220,7 @@ def test_save_and_restore(noise: MotorNoiseSettings | None) -> None:
 
 
 def test_restore_errors() -> None:
-    batch = UserBatch(USER, 1, threads=1)
+    batch = UserBatch(BODY, 1, threads=1)
     state = batch.get_state(0)
     with pytest.raises(ValueError, match=r"state: got keys .*, expected"):
         batch.set_state(0, {"simulation": state["simulation"]})
@@ -259,8 +259,8 @@ def test_a_diverged_user_is_frozen_and_the_others_go_on(
 
 
 def test_noise_changes_the_controls_but_not_the_start() -> None:
-    plain = UserBatch(USER, 1, threads=1)
-    noisy = UserBatch(USER, 1, threads=1, noise=MotorNoiseSettings())
+    plain = UserBatch(BODY, 1, threads=1)
+    noisy = UserBatch(BODY, 1, threads=1, noise=MotorNoiseSettings())
     for batch in (plain, noisy):
         batch.reset([0], _rngs(1))
     np.testing.assert_array_equal(plain.act, noisy.act)
@@ -272,7 +272,7 @@ def test_noise_changes_the_controls_but_not_the_start() -> None:
 
 
 def test_arrays_are_copies() -> None:
-    batch = UserBatch(USER, 1, threads=1)
+    batch = UserBatch(BODY, 1, threads=1)
     for name in FIELDS:
         before = getattr(batch, name)
         getattr(batch, name)[...] = 1
@@ -283,13 +283,13 @@ def test_arrays_are_copies() -> None:
 
 
 def test_effort_time_step_follows_the_substeps() -> None:
-    assert UserBatch(USER, 1, threads=1, substeps=10).effort.dt == pytest.approx(0.02)
-    model = make_effort("Neural", 2, USER)
-    assert UserBatch(USER, 2, threads=1, effort=model).effort is model
+    assert UserBatch(BODY, 1, threads=1, substeps=10).effort.dt == pytest.approx(0.02)
+    model = make_effort("neural", 2, BODY)
+    assert UserBatch(BODY, 2, threads=1, effort=model).effort is model
     with pytest.raises(ValueError, match="effort: got a model of 2 users with 32 muscles"):
-        UserBatch(USER, 3, threads=1, effort=model)
+        UserBatch(BODY, 3, threads=1, effort=model)
     with pytest.raises(ValueError, match="effort_weight, effort_params: got values next to"):
-        UserBatch(USER, 2, threads=1, effort=model, effort_weight=1.0)
+        UserBatch(BODY, 2, threads=1, effort=model, effort_weight=1.0)
 
 
 def _spoiled(value: float) -> np.ndarray:
@@ -309,7 +309,7 @@ def _spoiled(value: float) -> np.ndarray:
     ],
 )
 def test_wrong_actions_change_nothing(action: np.ndarray, message: str) -> None:
-    batch = UserBatch(USER, 2, threads=1)
+    batch = UserBatch(BODY, 2, threads=1)
     before = _snapshot(batch)
     with pytest.raises(ValueError, match=message):
         batch.step(action)
@@ -317,7 +317,7 @@ def test_wrong_actions_change_nothing(action: np.ndarray, message: str) -> None:
 
 
 def test_other_errors() -> None:
-    batch = UserBatch(USER, 2, threads=1)
+    batch = UserBatch(BODY, 2, threads=1)
     with pytest.raises(ValueError, match="pose_samples: got 3, expected a divisor of substeps=25"):
         batch.step(np.zeros((2, 32)), pose_samples=3)
     with pytest.raises(ValueError, match=r"device: got 'headst'.*did you mean 'headset'"):
@@ -331,6 +331,6 @@ def test_other_errors() -> None:
     with pytest.raises(ValueError, match="rngs: got 1 generators, expected 2, one per id"):
         batch.reset([0, 1], _rngs(1))
     with pytest.raises(ValueError, match="n: got 0, expected a whole number, at least 1"):
-        UserBatch(USER, 0)
-    with pytest.raises(ValueError, match=r"effort: got 'Neurall'.*did you mean 'Neural'"):
-        UserBatch(USER, 1, effort="Neurall")
+        UserBatch(BODY, 0)
+    with pytest.raises(ValueError, match=r"effort: got 'neurall'.*did you mean 'neural'"):
+        UserBatch(BODY, 1, effort="neurall")

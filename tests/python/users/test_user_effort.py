@@ -3,10 +3,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sim2vr_harness.users import CumulativeFatigue3CCr, load_user, make_effort
+from sim2vr_harness.users import CumulativeFatigue3CCr, load_body, make_effort
 from sim2vr_harness.users.effort import list_efforts
 
-USER = load_user("mobl_arms_wrist", appearance=False)
+BODY = load_body("mobl_arms_wrist", appearance=False)
 
 
 def _fatigue(n: int = 1, muscles: int = 1, **params: float) -> CumulativeFatigue3CCr:
@@ -117,25 +117,25 @@ def test_state_round_trip() -> None:
 
 def test_squares() -> None:
     # Neural: 1e-4 * 32 * 0.5^2 = 8e-4; muscle state: 2 * 32 * 0.25^2 = 4.
-    neural, state = make_effort("Neural", 2, USER), make_effort("MuscleState", 2, USER, weight=2)
+    neural, state = make_effort("neural", 2, BODY), make_effort("muscle_state", 2, BODY, weight=2)
     act, ctrl = _load(0.25, 2, 32), _load(0.5, 2, 32)
     assert neural.update(act, ctrl) == pytest.approx([8e-4, 8e-4])
     assert state.update(act, ctrl) == pytest.approx([4.0, 4.0])
     assert np.isnan(neural.max_fatigued()).all()
     assert neural.state() == {}
-    assert make_effort("Zero", 2, USER).update(act, ctrl).tolist() == [0.0, 0.0]
+    assert make_effort("zero", 2, BODY).update(act, ctrl).tolist() == [0.0, 0.0]
 
 
 def test_consumed_endurance() -> None:
     # DELT1 at 40 % of its 1218.9 N: E = 1236.5 / 25^0.618 - 72.5.
     # ln 25 = 3.2188758, x 0.618 = 1.9892653, e^ = 7.310160; 1236.5 / 7.310160 = 169.14814;
     # E = 96.64814 s; cost = 0.01 * 100 * 0.05 / 96.64814 = 5.17341e-4.
-    model = make_effort("ConsumedEndurance", 4, USER)
+    model = make_effort("consumed_endurance", 4, BODY)
     force = np.zeros((4, 32))
-    force[0, USER.muscles.index("DELT1")] = -0.4 * 1218.9
-    force[1, USER.muscles.index("DELT1")] = -0.15 * 1218.9  # endless endurance
-    force[2, USER.muscles.index("PECM1")] = -400.0  # does not lift
-    force[3, USER.muscles.index("TRImed")] = 3 * 717.5  # pushed beyond its peak: counts as 1
+    force[0, BODY.muscles.index("DELT1")] = -0.4 * 1218.9
+    force[1, BODY.muscles.index("DELT1")] = -0.15 * 1218.9  # endless endurance
+    force[2, BODY.muscles.index("PECM1")] = -400.0  # does not lift
+    force[3, BODY.muscles.index("TRImed")] = 3 * 717.5  # pushed beyond its peak: counts as 1
     cost = model.update(_load(0, 4, 32), _load(0, 4, 32), force)
     assert cost[:3] == pytest.approx([5.17341e-4, 0.0, 0.0], rel=1e-5)
     # E(1) = 1236.5 / 85^0.618 - 72.5; ln 85 = 4.4426513, x 0.618 = 2.7455585, e^ = 15.573310;
@@ -147,26 +147,26 @@ def test_consumed_endurance() -> None:
 
 def test_factory() -> None:
     for name in list_efforts():
-        model = make_effort(name, 3, USER)
+        model = make_effort(name, 3, BODY)
         cost = model.update(_load(0.2, 3, 32), _load(0.2, 3, 32), _load(-100, 3, 32))
         assert cost.shape == (3,)
         assert cost.dtype == np.float64
-    assert make_effort("CumulativeFatigue3CCr", 1, USER).weight == 0.1
+    assert make_effort("cumulative_fatigue_3ccr", 1, BODY).weight == 0.1
 
 
 @pytest.mark.parametrize(
     ("name", "params", "message"),
     [
-        ("CumulativeFatigue", {}, "effort: got .*did you mean 'CumulativeFatigue3CCr'"),
-        ("Neural", {"weight": -1}, "weight: got -1, expected a finite number, at least 0"),
-        ("CumulativeFatigue3CCr", {"dt": 0}, "dt: got 0, expected a finite number above 0"),
-        ("CumulativeFatigue3CCr", {"r": float("nan")}, "r: got nan"),
-        ("Neural", {"rate": 1}, r"effort Neural: got parameters \['rate'\]"),
+        ("cumulative_fatigue", {}, "effort: got .*did you mean 'cumulative_fatigue_3ccr'"),
+        ("neural", {"weight": -1}, "weight: got -1, expected a finite number, at least 0"),
+        ("cumulative_fatigue_3ccr", {"dt": 0}, "dt: got 0, expected a finite number above 0"),
+        ("cumulative_fatigue_3ccr", {"r": float("nan")}, "r: got nan"),
+        ("neural", {"rate": 1}, r"effort neural: got parameters \['rate'\]"),
     ],
 )
 def test_factory_errors(name: str, params: dict[str, float], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        make_effort(name, 1, USER, **params)
+        make_effort(name, 1, BODY, **params)
 
 
 def test_wrong_shapes() -> None:

@@ -6,22 +6,22 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim2vr_harness.users import User, load_user
+from sim2vr_harness.users import Body, load_body
 from sim2vr_harness.users.rendering import RenderingError, UserRenderer
 
 
 @pytest.fixture(scope="module")
-def user() -> User:
-    return load_user("mobl_arms_wrist")
+def user() -> Body:
+    return load_body("mobl_arms_wrist")
 
 
 @pytest.fixture(scope="module")
-def renderer(user: User) -> Iterator[UserRenderer]:
+def renderer(user: Body) -> Iterator[UserRenderer]:
     with UserRenderer(user, 96, 72) as made:
         yield made
 
 
-def test_pictures(user: User, renderer: UserRenderer) -> None:
+def test_pictures(user: Body, renderer: UserRenderer) -> None:
     hanging = renderer.render(np.zeros(21), "side")
     assert hanging.shape == (72, 96, 3)
     assert hanging.dtype == np.uint8
@@ -39,7 +39,7 @@ def test_the_sky_is_on_top(renderer: UserRenderer) -> None:
     assert sky[2] - sky[0] > 10 > floor[2] - floor[0]  # the sky is bluish, the floor grey
 
 
-def test_active_muscles_are_redder(user: User, renderer: UserRenderer) -> None:
+def test_active_muscles_are_redder(user: Body, renderer: UserRenderer) -> None:
     data = mujoco.MjData(user.model)
     relaxed = renderer.render(data, "arm").astype(int)
     data.act[:] = 1.0
@@ -48,15 +48,15 @@ def test_active_muscles_are_redder(user: User, renderer: UserRenderer) -> None:
     assert redness[1] > redness[0]
 
 
-def test_errors(user: User, renderer: UserRenderer) -> None:
+def test_errors(user: Body, renderer: UserRenderer) -> None:
     with pytest.raises(ValueError, match=r"camera: got 'sid', .*did you mean 'side'"):
         renderer.render(np.zeros(21), "sid")
     with pytest.raises(ValueError, match=r"qpos: got shape \(7,\), expected \(21,\)"):
         renderer.render(np.zeros(7))
     with pytest.raises(ValueError, match="width: got 5000, expected 1 to 1280 pixels"):
         UserRenderer(user, width=5000)
-    with pytest.raises(ValueError, match="user: got appearance=False"):
-        UserRenderer(load_user("mobl_arms_wrist", appearance=False))
+    with pytest.raises(ValueError, match="body: got appearance=False"):
+        UserRenderer(load_body("mobl_arms_wrist", appearance=False))
     closed = UserRenderer(user, 16, 16)
     closed.close()
     closed.close()

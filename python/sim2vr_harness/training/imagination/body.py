@@ -17,7 +17,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from sim2vr_harness.users.user import User
+from sim2vr_harness.users import Body
 
 __all__ = ["BodyModel", "Experience", "Motion", "fit_body", "mlp"]
 
@@ -127,7 +127,7 @@ class _Acceleration(nn.Module):
     low: Tensor
     high: Tensor
 
-    def __init__(self, user: User, step_s: float, width: int) -> None:
+    def __init__(self, user: Body, step_s: float, width: int) -> None:
         super().__init__()
         joints, self._muscles = len(user.independent_joints), len(user.muscles)
         self._joints, self._step_s = joints, step_s
@@ -192,7 +192,7 @@ class _Chain(nn.Module):
     polynomials: Tensor
     tail: Tensor
 
-    def __init__(self, user: User, device: str) -> None:
+    def __init__(self, user: Body, device: str) -> None:
         super().__init__()
         model = user.physics_model
         site = model.site(device)
@@ -289,7 +289,7 @@ class BodyModel(nn.Module):
     error: Tensor
     """(J,) standard deviation of what the model gets wrong of the speeds after a step, rad/s."""
 
-    def __init__(self, user: User, device: str, step_s: float, *, width: int = 256) -> None:
+    def __init__(self, user: Body, device: str, step_s: float, *, width: int = 256) -> None:
         super().__init__()
         self.activation = _Activation()
         self.acceleration = _Acceleration(user, step_s, width)

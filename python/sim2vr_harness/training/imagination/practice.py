@@ -108,7 +108,7 @@ class Practice:
         self._seed = seed
         self._rng = np.random.default_rng([seed, 91])
         self._torch_seed = int(np.random.SeedSequence([seed, 92]).generate_state(1)[0])
-        user = simulation.simulation.user
+        user = simulation.simulation.body
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self._torch_seed)
             self.body = BodyModel(user, CONTROLLER, simulation.step_s, width=config.body_width)
@@ -206,7 +206,7 @@ class Practice:
         """Let the users of the true game act, and note what happens."""
         sim, rng = self.simulation, self._rng
         users = sim.simulation.users
-        joints, dofs = users.user.qpos_independent, users.user.qvel_independent
+        joints, dofs = users.body.qpos_independent, users.body.qvel_independent
         wild = np.zeros((sim.n, users.muscle_count))
         keep = rng.choice(_WILD_KEEP, (sim.n, 1))
         size = rng.uniform(_WILD_LEAST, _WILD_MOST, (sim.n, 1))
@@ -322,7 +322,7 @@ class Practice:
     def _new_game(self, n: int) -> ImaginedWhacAMole:
         users = self.simulation.simulation.users
         return ImaginedWhacAMole(
-            users.user,
+            users.body,
             self.body,
             self.hammer,
             self._conditions,

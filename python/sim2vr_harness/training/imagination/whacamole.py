@@ -17,8 +17,8 @@ from torch import Tensor, nn
 
 from sim2vr_harness.training.imagination.body import BodyModel, Experience, Motion
 from sim2vr_harness.training.imagination.noise import ImaginedNoise
+from sim2vr_harness.users import Body
 from sim2vr_harness.users.noise import MotorNoiseSettings
-from sim2vr_harness.users.user import User
 
 __all__ = ["CONTROLLER", "FIELDS", "HammerModel", "ImaginedWhacAMole", "Relaxation"]
 
@@ -134,7 +134,7 @@ class ImaginedWhacAMole:
 
     def __init__(
         self,
-        user: User,
+        user: Body,
         body: BodyModel,
         hammer: HammerModel,
         conditions: Sequence[Mapping[str, float]],

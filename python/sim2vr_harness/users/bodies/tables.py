@@ -123,7 +123,9 @@ class DeviceRow:
 
 
 def _text(*path: str) -> str:
-    return resources.files(__package__).joinpath("data", *path).read_text(encoding="utf-8")
+    return (
+        resources.files("sim2vr_harness.users").joinpath("data", *path).read_text(encoding="utf-8")
+    )
 
 
 def _rows(folder: str, file: str) -> list[dict[str, str]]:

@@ -8,15 +8,80 @@ the reference, and VR devices are rigid child bodies of the body that wears or h
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import mujoco
 
-from sim2vr_harness.users.tables import DeviceRow, ModelTables, MuscleRow
+from sim2vr_harness.users import appearance as looks
+from sim2vr_harness.users.bodies.body import ActuatorGroup, Body, EffortInputs
+from sim2vr_harness.users.bodies.devices import attach_device
+from sim2vr_harness.users.bodies.options import BodyOptions
+from sim2vr_harness.users.bodies.person import Anatomy, Segment
+from sim2vr_harness.users.bodies.spec_body import Plan
+from sim2vr_harness.users.bodies.tables import (
+    DeviceRow,
+    ModelTables,
+    MuscleRow,
+    load_device_rows,
+    load_model_tables,
+)
+from sim2vr_harness.users.bodies.tailored import tailored_body
+from sim2vr_harness.users.names import unknown_name
 
 _HINGE = mujoco.mjtJoint.mjJNT_HINGE
 _PARAMETER_COUNT = 10  # length of MuJoCo's gainprm, biasprm and dynprm
+
+
+def table_body(options: BodyOptions) -> Body:
+    """Makes the body whose tables are in the package folder `data/<name>`.
+
+    Raises:
+        ValueError: a device that the body cannot wear, or a person that it cannot be.
+    """
+    tables = load_model_tables(options.name)
+    known = load_device_rows()
+    wearable = tuple(tables.settings["devices"])
+    worn = wearable if options.devices is None else options.devices
+    for name in worn:
+        if name not in wearable:
+            raise ValueError(unknown_name("device", name, wearable))
+    devices = [known[name] for name in worn]
+    skull = _pitched_down(options.skull_rotation_deg)
+
+    def build(appearance: bool) -> mujoco.MjSpec:
+        spec = build_spec(tables, devices, skull)
+        if appearance:
+            looks.dress(spec, tables, worn)
+        return spec
+
+    own_step: float = tables.settings["timestep_s"]
+    plan = Plan(
+        name=options.name,
+        devices=worn,
+        actuator_groups=(ActuatorGroup("muscle", tuple(m.name for m in tables.muscles)),),
+        end_effectors=(tables.settings["end_effector"]["name"],),
+        timestep=own_step if options.timestep_s is None else options.timestep_s,
+        effort_inputs=EffortInputs(lifting=tuple(tables.settings["lifting_muscles"])),
+    )
+    return tailored_body(plan, build, options, _anatomy(tables.settings["anatomy"]))
+
+
+def _pitched_down(degrees: float) -> tuple[float, float, float, float] | None:
+    """Rotation of the skull (thorax frame: y up, x forward, z right) that looks down."""
+    if degrees == 0.0:
+        return None
+    half = math.radians(degrees) / 2.0
+    return (math.cos(half), 0.0, 0.0, -math.sin(half))
+
+
+def _anatomy(table: dict[str, Any]) -> Anatomy:
+    segments = {
+        name: Segment(tuple(row["bodies"]), row["start"], row["end"])
+        for name, row in table["segments"].items()
+    }
+    return Anatomy(table["stature_m"], table["mass_kg"], segments)
 
 
 def build_spec(
@@ -41,7 +106,7 @@ def build_spec(
         name=tip["name"], pos=tip["pos_m"], quat=tip["quat_wxyz"], size=[0.004] * 3, group=4
     )
     for device in devices:
-        _attach_device(bodies[device.parent], device)
+        attach_device(bodies[device.parent], device, device.pos, device.quat_wxyz)
     return spec
 
 
@@ -145,22 +210,3 @@ def _force_curve(curve: dict[str, Any], row: MuscleRow) -> list[float]:
 
 def _padded(values: list[float]) -> list[float]:
     return values + [0.0] * (_PARAMETER_COUNT - len(values))
-
-
-def _attach_device(parent: mujoco.MjsBody, device: DeviceRow) -> None:
-    """Adds the device as a rigid child.
-
-    Departure from the reference, which holds free bodies by soft welds that slip by 1.9 mm on
-    average and start every episode at the pose of the zero posture (SIM2VR paper's release).
-    """
-    body = parent.add_body(
-        name=device.name,
-        pos=device.pos,
-        quat=device.quat_wxyz,
-        mass=device.mass,
-        ipos=device.com,
-        iquat=device.inertia_quat_wxyz,
-        inertia=device.inertia,
-        explicitinertial=True,
-    )
-    body.add_site(name=device.name, pos=device.openxr_offset, size=[0.004] * 3, group=4)

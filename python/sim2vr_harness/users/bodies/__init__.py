@@ -1,0 +1,32 @@
+"""Bodies: what they are (`body.py`), where they come from (tables, MJCF), who has them (people).
+
+A new body is a YAML file about an MJCF file, a folder of tables, or a class of one's own that does
+what `Body` says; see docs/bodies.md.
+"""
+
+from sim2vr_harness.users.bodies.body import (
+    DEVICES,
+    ActuatorGroup,
+    Body,
+    Coupling,
+    EffortInputs,
+    ResetRule,
+)
+from sim2vr_harness.users.bodies.options import Person
+from sim2vr_harness.users.bodies.registry import is_file, list_bodies, load_body
+from sim2vr_harness.users.bodies.spec_body import Plan, SpecBody
+
+__all__ = [
+    "DEVICES",
+    "ActuatorGroup",
+    "Body",
+    "Coupling",
+    "EffortInputs",
+    "Person",
+    "Plan",
+    "ResetRule",
+    "SpecBody",
+    "is_file",
+    "list_bodies",
+    "load_body",
+]

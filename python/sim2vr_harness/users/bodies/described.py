@@ -1,0 +1,337 @@
+"""Bodies made of somebody's MJCF, as a YAML file describes them (`description.py`)."""
+
+from __future__ import annotations
+
+import fnmatch
+import importlib
+import math
+import warnings
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from sim2vr_harness.users import appearance as looks
+from sim2vr_harness.users.bodies.body import (
+    DEVICES,
+    ActuatorGroup,
+    Body,
+    EffortInputs,
+    ResetRule,
+)
+from sim2vr_harness.users.bodies.description import (
+    ActuatorsDescription,
+    BodyDescription,
+    read_description,
+)
+from sim2vr_harness.users.bodies.devices import attach_device
+from sim2vr_harness.users.bodies.locking import lock_joints
+from sim2vr_harness.users.bodies.meshes import compose
+from sim2vr_harness.users.bodies.options import BodyOptions
+from sim2vr_harness.users.bodies.person import Anatomy, Segment
+from sim2vr_harness.users.bodies.rules import usual_rule
+from sim2vr_harness.users.bodies.spec_body import MEAN_IPD_M, Plan
+from sim2vr_harness.users.bodies.tables import load_device_rows
+from sim2vr_harness.users.bodies.tailored import tailored_body
+from sim2vr_harness.users.names import unknown_name
+
+DESCRIPTIONS = Path(str(resources.files("sim2vr_harness.users").joinpath("data", "described")))
+"""Folder of the descriptions that ship with the package."""
+
+_EXTRAS = {"myo_sim": "pip install 'sim2vr-harness[myo]'"}
+
+
+def described_body(file: Path, options: BodyOptions) -> Body:
+    """Makes the body that a YAML file describes.
+
+    Raises:
+        ValueError: the file, the model or what one says of the other cannot be used; names the
+            file and the key.
+    """
+    description = read_description(file)
+    try:
+        return _Described(description, file, options).body()
+    except ValueError as error:
+        text = str(error)
+        raise ValueError(text if text.startswith(str(file)) else f"{file}: {text}") from error
+
+
+@dataclass(frozen=True)
+class _Parts:
+    """Names of the model's parts, as they are in the MJCF."""
+
+    joints: tuple[str, ...]
+    bodies: tuple[str, ...]
+    sites: tuple[str, ...]
+    actuators: tuple[str, ...]
+
+
+class _Described:
+    def __init__(self, description: BodyDescription, file: Path, options: BodyOptions) -> None:
+        self._file = file
+        self._description = description
+        self._options = options
+        self._source = _load(description, file)
+        model = _compiled(self._source)
+        self._own_step = float(model.opt.timestep)
+        self._parts = _Parts(
+            *(
+                tuple(getattr(model, kind)(i).name for i in range(count))
+                for kind, count in (
+                    ("joint", model.njnt),
+                    ("body", model.nbody),
+                    ("site", model.nsite),
+                    ("actuator", model.nu),
+                )
+            )
+        )
+        self._groups = self._actuator_groups(model)
+        self._locked = self._locked_joints()
+        self._devices = self._worn()
+        for name in self._devices:
+            self._check_device(name)
+        for segment in description.anatomy.segments.values():
+            for body in segment.bodies:
+                _known("anatomy.segments", body, self._parts.bodies)
+            for end in (segment.start, segment.end):
+                _known("anatomy.segments", end, (*self._parts.bodies, *self._parts.sites))
+
+    def body(self) -> Body:
+        """Makes the body."""
+        description = self._description
+        joints = [name for name in self._parts.joints if name not in self._locked]
+        observed = description.observed_joints
+        effectors = description.end_effectors
+        if effectors is None:
+            effectors = tuple(n for n in self._devices if n != "headset") or ("headset",)
+        for name in effectors:
+            _known("end_effectors", name, (*self._parts.sites, *self._devices))
+        for name in description.reset.posture:
+            _known("reset.posture", name, joints)
+        lifting = description.effort.lifting
+        step = self._options.timestep_s or description.timestep_s or self._own_step
+        used = [name for group in self._groups for name in group.actuators]
+        plan = Plan(
+            name=description.name or self._file.stem,
+            devices=self._devices,
+            actuator_groups=self._groups,
+            end_effectors=effectors,
+            timestep=step,
+            observed_joints=None
+            if observed is None
+            else _found("observed_joints", observed, joints),
+            reset_rule=ResetRule(**description.reset.model_dump()),
+            effort_inputs=EffortInputs(
+                _found("effort.lifting", lifting, used), dict(description.effort.peak_forces)
+            ),
+            ipd_m=description.ipd_m or MEAN_IPD_M,
+        )
+        table = description.anatomy
+        segments = {n: Segment(s.bodies, s.start, s.end) for n, s in table.segments.items()}
+        anatomy = Anatomy(table.stature_m, table.mass_kg, segments)
+        return tailored_body(plan, self._build, self._options, anatomy)
+
+    def _build(self, appearance: bool) -> mujoco.MjSpec:
+        spec = self._source.copy()
+        self._strip(spec)
+        lock_joints(spec, self._locked)
+        self._place(spec)
+        self._attach(spec)
+        # A diverged state must stay visible to the caller: no silent reset to the start pose.
+        flags = mujoco.mjtDisableBit.mjDSBL_AUTORESET
+        if not self._description.contacts:
+            flags |= mujoco.mjtDisableBit.mjDSBL_CONTACT
+        spec.option.disableflags = int(spec.option.disableflags) | int(flags)
+        if appearance:
+            _dress(spec, self._devices)
+        else:
+            spec.discard_visual()
+        return spec
+
+    # --- what the description says -----------------------------------------------------------
+
+    def _actuator_groups(self, model: mujoco.MjModel) -> tuple[ActuatorGroup, ...]:
+        wanted = self._description.actuators
+        every = (ActuatorsDescription(names=("*",)),)
+        groups: list[ActuatorGroup] = []
+        for group in wanted or every:
+            for name in _found("actuators", group.names, self._parts.actuators):
+                rule = group.rule or usual_rule(model, model.actuator(name).id)
+                if groups and groups[-1].rule == rule:
+                    groups[-1] = ActuatorGroup(rule, (*groups[-1].actuators, name))
+                else:
+                    groups.append(ActuatorGroup(rule, (name,)))
+        if not groups:
+            raise ValueError("actuators: got none in the model, expected at least one")
+        return tuple(groups)
+
+    def _locked_joints(self) -> dict[str, float]:
+        locked: dict[str, float] = {}
+        for pattern, angle in self._description.locked_joints.items():
+            for name in _found("locked_joints", [pattern], self._parts.joints):
+                locked[name] = angle
+        return locked
+
+    def _worn(self) -> tuple[str, ...]:
+        wearable = tuple(name for name in DEVICES if name in self._description.devices)
+        worn = wearable if self._options.devices is None else self._options.devices
+        for name in worn:
+            _known("device", name, wearable)
+        return worn
+
+    def _check_device(self, name: str) -> None:
+        device = self._description.devices[name]  # type: ignore[index]
+        if device.site is not None:
+            _known(f"devices.{name}.site", device.site, self._parts.sites)
+        else:
+            _known(f"devices.{name}.body", device.body or "", self._parts.bodies)
+        for kind, known in (("body", self._parts.bodies), ("site", self._parts.sites)):
+            if name in known:
+                raise ValueError(
+                    f"devices.{name}: got a model with a {kind} of that name already, expected "
+                    f"the name free: rename the model's {kind}, or place the device by it"
+                )
+
+    # --- what is made of it ------------------------------------------------------------------
+
+    def _strip(self, spec: mujoco.MjSpec) -> None:
+        """Takes away what nobody uses: other actuators and their tendons, sensors, keyframes."""
+        used = {name for group in self._groups for name in group.actuators}
+        idle = [actuator for actuator in spec.actuators if actuator.name not in used]
+        targets = {actuator.target for actuator in idle}
+        kept = {actuator.target for actuator in spec.actuators if actuator.name in used}
+        for element in [*spec.sensors, *spec.keys, *idle]:
+            spec.delete(element)
+        for tendon in list(spec.tendons):
+            passive = not (np.any(tendon.stiffness) or np.any(tendon.damping))
+            if tendon.name in targets - kept and passive and not _coupled(spec, tendon.name):
+                spec.delete(tendon)
+        for actuator in spec.actuators:
+            if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and actuator.target in self._locked:
+                raise ValueError(
+                    f"locked_joints: got {actuator.target!r}, which the actuator "
+                    f"{actuator.name!r} moves; expected another joint, or actuators without it"
+                )
+
+    def _place(self, spec: mujoco.MjSpec) -> None:
+        place = self._description.place
+        half = math.radians(place.yaw_deg) / 2.0
+        whole = np.array(place.pos_m), np.array([math.cos(half), 0.0, 0.0, math.sin(half)])
+        if not (any(place.pos_m) or place.yaw_deg):
+            return
+        model = _compiled(spec)
+        for poses, holders in (
+            ((model.body_pos, model.body_quat), model.body_parentid),
+            ((model.site_pos, model.site_quat), model.site_bodyid),
+        ):
+            for i in np.flatnonzero(holders == 0).tolist():
+                if holders is model.body_parentid and i == 0:
+                    continue
+                own = np.array(poses[0][i]), np.array(poses[1][i])
+                poses[0][i], poses[1][i] = compose(whole, own)
+        spec.copy_back(model)
+
+    def _attach(self, spec: mujoco.MjSpec) -> None:
+        rows = load_device_rows()
+        model = _compiled(spec)
+        for name in self._devices:
+            device = self._description.devices[name]  # type: ignore[index]
+            pose = np.array(device.pos_m), _unit(device.quat_wxyz)
+            if device.site is not None:
+                site = model.site(device.site)
+                parent = spec.body(model.body(int(site.bodyid[0])).name)
+                pose = compose((np.array(site.pos), np.array(site.quat)), pose)
+            else:
+                parent = spec.body(device.body)
+            if name == "headset":
+                half = math.radians(self._options.skull_rotation_deg) / 2.0
+                down = np.array([math.cos(half), 0.0, math.sin(half), 0.0])
+                pose = compose(pose, (np.zeros(3), down))
+            attach_device(parent, rows[name], pose[0].tolist(), pose[1].tolist(), device.weight)
+
+
+def _load(description: BodyDescription, file: Path) -> mujoco.MjSpec:
+    """Reads the MJCF, from a file or from a package."""
+    package = description.package
+    if package is None:
+        path = file.parent / str(description.mjcf)
+        return _from_file(path)
+    try:
+        module = importlib.import_module(package)
+    except ImportError as error:
+        hint = _EXTRAS.get(package, f"install the package that has {package!r}")
+        raise ValueError(
+            f"package: got {package!r}, which is not installed; expected it to be: {hint}"
+        ) from error
+    if description.mjcf is not None:
+        return _from_file(Path(str(resources.files(package).joinpath(description.mjcf))))
+    if not hasattr(module, "load_spec"):
+        raise ValueError(
+            f"model: got {description.model!r} of {package!r}, which has no load_spec(name); "
+            "expected 'mjcf' with a file of the package"
+        )
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            return module.load_spec(description.model)
+    except ValueError as error:
+        raise ValueError(f"model: got {description.model!r}; {package}: {error}") from error
+
+
+def _from_file(path: Path) -> mujoco.MjSpec:
+    if not path.is_file():
+        raise ValueError(f"mjcf: got {str(path)!r}, which is not there, expected an MJCF file")
+    try:
+        return mujoco.MjSpec.from_file(str(path))
+    except ValueError as error:
+        raise ValueError(f"mjcf: got {str(path)!r}, which MuJoCo cannot read: {error}") from error
+
+
+def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    with warnings.catch_warnings():  # about saving specifications that were attached to others
+        warnings.simplefilter("ignore", UserWarning)
+        return spec.compile()
+
+
+def _dress(spec: mujoco.MjSpec, devices: tuple[str, ...]) -> None:
+    """Draws the devices, and a room where the model has none."""
+    if not any(geom.type == mujoco.mjtGeom.mjGEOM_PLANE for geom in spec.geoms):
+        looks.draw_room(spec)
+    else:
+        looks.picture_settings(spec)
+    for camera in list(spec.cameras):
+        if camera.name in looks.CAMERAS:
+            spec.delete(camera)
+    looks.add_cameras(spec)
+    looks.draw_devices(spec, devices)
+
+
+def _coupled(spec: mujoco.MjSpec, tendon: str) -> bool:
+    kind = mujoco.mjtEq.mjEQ_TENDON
+    return any(e.type == kind and tendon in (e.name1, e.name2) for e in spec.equalities)
+
+
+def _found(field: str, patterns: Iterable[str], known: Iterable[str]) -> tuple[str, ...]:
+    """The names that patterns stand for, in the patterns' order, each once."""
+    names = list(known)
+    found: dict[str, None] = {}
+    for pattern in patterns:
+        matches = [name for name in names if fnmatch.fnmatchcase(name, pattern)]
+        if not matches:
+            raise ValueError(unknown_name(field, pattern, names))
+        found |= dict.fromkeys(matches)
+    return tuple(found)
+
+
+def _known(field: str, name: str, known: Iterable[str] | Mapping[str, object]) -> None:
+    names = tuple(known)
+    if name not in names:
+        raise ValueError(unknown_name(field, name, names))
+
+
+def _unit(quaternion: Iterable[float]) -> np.ndarray:
+    values = np.array(tuple(quaternion))
+    return values / np.linalg.norm(values)

@@ -1,0 +1,51 @@
+"""What can be asked of a body when it is loaded: who the person is, what it wears."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+from pydantic import Field
+
+from sim2vr_harness.settings import Settings
+
+
+class Person(Settings):
+    """How a person differs from the one that the body was measured on (docs/bodies.md)."""
+
+    stature_m: float | None = Field(default=None, ge=1.0, le=2.5, allow_inf_nan=False)
+    """Body height; every length scales with it. None keeps the body's own."""
+    mass_kg: float | None = Field(default=None, ge=20.0, le=300.0, allow_inf_nan=False)
+    """Body mass; every segment keeps its share. None keeps the body-mass index: mass grows with
+    the square of the stature."""
+    segment_lengths_m: dict[str, float] = Field(default_factory=dict)
+    """Lengths of single segments, such as ``upper_arm: 0.31``; the others follow the stature."""
+    strength: float = Field(default=1.0, gt=0.0, le=10.0, allow_inf_nan=False)
+    """Factor on the peak forces of muscles and the torques of motors."""
+    handedness: Literal["right", "left"] | None = None
+    """The hand that plays; the other one than the body's own mirrors it. None leaves it."""
+    ipd_m: float | None = Field(default=None, gt=0.03, lt=0.1)
+    """Distance of the pupils; None keeps the body's own."""
+
+
+@dataclass(frozen=True)
+class BodyOptions:
+    """Arguments of `load_body`, which says what they mean."""
+
+    name: str
+    skull_rotation_deg: float
+    devices: tuple[str, ...] | None
+    person: Person
+    appearance: bool
+    timestep_s: float | None
+
+    def __post_init__(self) -> None:
+        if self.timestep_s is not None and not 0.0 < self.timestep_s < float("inf"):
+            raise ValueError(f"timestep_s: got {self.timestep_s}, expected a number above 0")
+        if not -90.0 <= self.skull_rotation_deg <= 90.0:
+            raise ValueError(
+                f"skull_rotation_deg: got {self.skull_rotation_deg}, expected -90 to 90 degrees"
+            )
+        worn = self.devices or ()
+        if len(set(worn)) != len(worn):
+            raise ValueError(f"devices: got {worn}, expected each device at most once")

@@ -1,0 +1,218 @@
+"""People who differ: a body scaled to a stature, a mass, segment lengths and a strength.
+
+Method (docs/bodies.md): lengths of segments are shares of the stature (Drillis and Contini 1966),
+masses of segments shares of the body mass (Winter 2009, de Leva 1996), so both scale with the
+whole. A segment of length factor s and mass factor f is scaled alike in all directions: places in
+it by s, masses by f, inertias by f s^2. A muscle's length range and a tendon's rest length scale
+with its path (as OpenSim's scale tool does), so its fibres work in the same part of their range.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.users.bodies.body import DEVICES
+from sim2vr_harness.users.bodies.meshes import change_mesh_geoms, rescale_meshes
+from sim2vr_harness.users.bodies.options import Person
+from sim2vr_harness.users.bodies.spec_body import muscle_peak_force
+from sim2vr_harness.users.names import unknown_name
+
+FloatArray = NDArray[np.float64]
+
+_SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
+_JOINT_EQUALITY = mujoco.mjtEq.mjEQ_JOINT
+_MUSCLE = mujoco.mjtGain.mjGAIN_MUSCLE
+
+
+@dataclass(frozen=True)
+class Segment:
+    """A part of the body whose length is that from one body or site to another."""
+
+    bodies: tuple[str, ...]
+    start: str
+    end: str
+
+
+@dataclass(frozen=True)
+class Anatomy:
+    """Who the body was measured on. None: unknown, so that it cannot be scaled by it."""
+
+    stature_m: float | None = None
+    mass_kg: float | None = None
+    segments: Mapping[str, Segment] = field(default_factory=dict)
+
+
+def resize(spec: mujoco.MjSpec, person: Person, anatomy: Anatomy) -> None:
+    """Scales the body to the person, in place; devices keep their size and weight.
+
+    Joints keep their ranges, stiffness, damping and armature; muscles their peak force, which
+    `strength` sets.
+
+    Raises:
+        ValueError: the anatomy does not say what is needed, or the body has a part that cannot be
+            scaled.
+    """
+    if not (person.stature_m or person.mass_kg or person.segment_lengths_m):
+        return
+    model = spec.compile()
+    _refuse_what_cannot_follow(model)
+    whole, mass = _whole(person, anatomy)
+    lengths = np.full(model.nbody, whole)
+    for name, length_m in person.segment_lengths_m.items():
+        if name not in anatomy.segments:
+            raise ValueError(unknown_name("person.segment_lengths_m", name, anatomy.segments))
+        segment = anatomy.segments[name]
+        own = segment_length(model, segment)
+        if not own / 3.0 <= length_m <= own * 3.0:
+            raise ValueError(
+                f"person.segment_lengths_m.{name}: got {length_m} m, expected a third to three "
+                f"times the body's own {own:.3f} m"
+            )
+        lengths[[model.body(body).id for body in segment.bodies]] = length_m / own
+    worn = [model.body(name).id for name in DEVICES if _has_body(model, name)]
+    masses = np.full(model.nbody, mass)
+    lengths[worn] = masses[worn] = 1.0
+    _scale(spec, model, lengths, masses, whole)
+
+
+def strengthen(spec: mujoco.MjSpec, strength: float) -> None:
+    """Multiplies peak forces of muscles, and gains and limits of other actuators, in place."""
+    if strength == 1.0:
+        return
+    model = spec.compile()
+    for i in range(model.nu):
+        if model.actuator_gaintype[i] == _MUSCLE:
+            force = strength * muscle_peak_force(model, i)
+            model.actuator_gainprm[i, 2] = force
+            if model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_MUSCLE:
+                model.actuator_biasprm[i, 2] = force
+        else:
+            model.actuator_gainprm[i] *= strength
+            model.actuator_biasprm[i] *= strength
+        model.actuator_forcerange[i] *= strength
+    spec.copy_back(model)
+
+
+def segment_length(model: mujoco.MjModel, segment: Segment) -> float:
+    """Length of a segment in m, in the model's reference posture."""
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    ends = (_place(model, data, name) for name in (segment.start, segment.end))
+    return float(np.linalg.norm(np.subtract(*ends)))
+
+
+def _place(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> FloatArray:
+    return np.array(data.body(name).xpos if _has_body(model, name) else data.site(name).xpos)
+
+
+def _has_body(model: mujoco.MjModel, name: str) -> bool:
+    return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) >= 0
+
+
+def _whole(person: Person, anatomy: Anatomy) -> tuple[float, float]:
+    """Factors on the lengths and on the mass of the whole body."""
+    for wanted, own, name in (
+        (person.stature_m, anatomy.stature_m, "stature_m"),
+        (person.mass_kg, anatomy.mass_kg, "mass_kg"),
+    ):
+        if wanted is not None and own is None:
+            raise ValueError(
+                f"person.{name}: got {wanted} for a body that does not say its own, expected "
+                f"'{name}' in its anatomy"
+            )
+    length = 1.0
+    if person.stature_m is not None and anatomy.stature_m is not None:
+        length = person.stature_m / anatomy.stature_m
+    if person.mass_kg is not None and anatomy.mass_kg is not None:
+        return length, person.mass_kg / anatomy.mass_kg
+    return length, length**2
+
+
+def _refuse_what_cannot_follow(model: mujoco.MjModel) -> None:
+    for i in range(model.neq):
+        if model.eq_type[i] != _JOINT_EQUALITY:
+            kind = mujoco.mjtEq(int(model.eq_type[i])).name.removeprefix("mjEQ_").lower()
+            raise ValueError(
+                f"person: got a body with the equality {model.equality(i).name!r} ({kind}), "
+                "expected couplings of joints only"
+            )
+    if model.nflex:
+        raise ValueError("person: got a body with a flex, expected rigid parts only")
+
+
+def _scale(
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    lengths: FloatArray,
+    masses: FloatArray,
+    whole: float,
+) -> None:
+    """Scales by (nbody,) factors on lengths and masses; `whole` places the body in the world."""
+    before = _tendon_lengths(model)
+    for i in range(model.nu):  # a force that MuJoCo derives from the inertia would change with it
+        if model.actuator_gaintype[i] == _MUSCLE:
+            force = muscle_peak_force(model, i)
+            model.actuator_gainprm[i, 2] = force
+            if model.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_MUSCLE:
+                model.actuator_biasprm[i, 2] = force
+    holder = np.where(model.body_parentid == 0, whole, lengths[model.body_parentid])
+    lengths = lengths.copy()
+    lengths[0] = 1.0  # what stands in the room stays
+    holder[0] = 1.0
+    model.body_pos[:] *= holder[:, None]
+    moving = np.arange(model.nbody) > 0
+    model.body_ipos[moving] *= lengths[moving, None]
+    model.body_mass[moving] *= masses[moving]
+    model.body_inertia[moving] *= (masses * lengths**2)[moving, None]
+    model.jnt_pos[:] *= lengths[model.jnt_bodyid][:, None]
+    model.site_pos[:] *= lengths[model.site_bodyid][:, None]
+    model.cam_pos[:] *= lengths[model.cam_bodyid][:, None]
+    model.light_pos[:] *= lengths[model.light_bodyid][:, None]
+    shapes = np.flatnonzero(model.geom_type != mujoco.mjtGeom.mjGEOM_MESH)
+    factor = lengths[model.geom_bodyid[shapes]][:, None]
+    model.geom_pos[shapes] *= factor
+    model.geom_size[shapes] *= factor
+    shown = change_mesh_geoms(model, lambda body, pose: (pose[0] * lengths[body], pose[1]))
+    _scale_slides(model, lengths)
+    _scale_tendons(model, before)
+    spec.copy_back(model)
+    rescale_meshes(spec, model, shown, lambda body: (float(lengths[body]),) * 3)
+
+
+def _scale_slides(model: mujoco.MjModel, lengths: FloatArray) -> None:
+    """Ranges, references and couplings of slides carry lengths."""
+    factor = np.where(model.jnt_type == _SLIDE, lengths[model.jnt_bodyid], 1.0)
+    model.jnt_range[:] *= factor[:, None]
+    for joint in np.flatnonzero(model.jnt_type == _SLIDE).tolist():
+        address = model.jnt_qposadr[joint]
+        model.qpos0[address] *= factor[joint]
+        model.qpos_spring[address] *= factor[joint]
+    for i in range(model.neq):
+        driver = int(model.eq_obj2id[i])
+        of_driver = factor[driver] if driver >= 0 else 1.0
+        of_dependent = factor[model.eq_obj1id[i]]
+        model.eq_data[i, :5] *= of_dependent / of_driver ** np.arange(5)
+    for i in np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_JOINT).tolist():
+        model.actuator_lengthrange[i] *= factor[model.actuator_trnid[i, 0]]
+
+
+def _scale_tendons(model: mujoco.MjModel, before: FloatArray) -> None:
+    """Rest lengths, limits and length ranges follow the path's length in the reference posture."""
+    after = _tendon_lengths(model)
+    factor = np.divide(after, before, out=np.ones_like(after), where=before > 0)
+    model.tendon_lengthspring[:] *= factor[:, None]
+    model.tendon_range[:] *= factor[:, None]
+    for i in np.flatnonzero(model.actuator_trntype == mujoco.mjtTrn.mjTRN_TENDON).tolist():
+        model.actuator_lengthrange[i] *= factor[model.actuator_trnid[i, 0]]
+
+
+def _tendon_lengths(model: mujoco.MjModel) -> FloatArray:
+    data = mujoco.MjData(model)
+    data.qpos[:] = model.qpos0
+    mujoco.mj_fwdPosition(model, data)
+    return np.array(data.ten_length)

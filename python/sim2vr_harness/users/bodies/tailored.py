@@ -1,0 +1,55 @@
+"""A body cut to a person: the options of `load_body` that every body shares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import mujoco
+
+from sim2vr_harness.users.bodies.mirror import mirror, swapped
+from sim2vr_harness.users.bodies.options import BodyOptions
+from sim2vr_harness.users.bodies.person import Anatomy, resize, strengthen
+from sim2vr_harness.users.bodies.spec_body import Plan, SpecBody
+
+
+def tailored_body(
+    plan: Plan,
+    build: Callable[[bool], mujoco.MjSpec],
+    options: BodyOptions,
+    anatomy: Anatomy,
+) -> SpecBody:
+    """Makes the body for the person of `options`.
+
+    Args:
+        plan: what the body's parts are for, before it is mirrored.
+        build: makes a fresh specification of the body as it was measured, with drawn shapes or
+            without, devices included.
+        options: who the person is.
+        anatomy: who the body was measured on.
+
+    Raises:
+        ValueError: a person that the body cannot be.
+    """
+    person = options.person
+    mirrored = person.handedness is not None and person.handedness != _own_hand(plan)
+
+    def made(appearance: bool) -> mujoco.MjSpec:
+        spec = build(appearance)
+        resize(spec, person, anatomy)
+        strengthen(spec, person.strength)
+        if mirrored:
+            mirror(spec)
+        return spec
+
+    if mirrored:
+        plan = replace(plan, devices=tuple(swapped(name) for name in plan.devices))
+    if person.ipd_m is not None:
+        plan = replace(plan, ipd_m=person.ipd_m)
+    return SpecBody(plan, made, options.appearance)
+
+
+def _own_hand(plan: Plan) -> str:
+    """The hand that a body plays with: the right one, if it wears a controller there."""
+    only_left = "controller_left" in plan.devices and "controller_right" not in plan.devices
+    return "left" if only_left else "right"

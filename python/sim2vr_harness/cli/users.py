@@ -1,4 +1,4 @@
-"""``sim2vr-harness users``: the trained users that ship with the package, and how to add one."""
+"""``sim2vr-harness users``: trained users and bodies: list, look, pack, export."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import json as jsonlib
 from pathlib import Path
 from typing import Annotated, Any
 
+import pydantic
 import typer
 from rich import box
 from rich.console import Console
@@ -14,7 +15,8 @@ from rich.table import Table
 from sim2vr_harness.evaluation.tables import cell
 
 app = typer.Typer(
-    help="Trained users: list them, look at one, pack one of a run.", no_args_is_help=True
+    help="Trained users and bodies: list them, look at one, pack one of a run, export a body.",
+    no_args_is_help=True,
 )
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")]
@@ -131,3 +133,68 @@ def pack(
         typer.echo(f"{_seed(card).capitalize()}:")
     Console().print(_results(card))
     typer.echo(f"Written: {out / name}")
+
+
+@app.command("bodies")
+def bodies() -> None:
+    """List the bodies that `env.user.model` and `users export` take besides YAML files."""
+    from sim2vr_harness.users import list_bodies
+
+    for name in list_bodies():
+        typer.echo(name)
+
+
+@app.command("export")
+def export(
+    name: Annotated[str, typer.Argument(help="A body's name, or a YAML file that describes one.")],
+    file: Annotated[Path, typer.Argument(help="MJCF file to write, such as body.xml.")],
+    stature_m: Annotated[float | None, typer.Option(help="Body height in m.")] = None,
+    mass_kg: Annotated[float | None, typer.Option(help="Body mass in kg.")] = None,
+    segment: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME=M", help="Length of a segment in m; may be repeated."),
+    ] = None,
+    strength: Annotated[float, typer.Option(help="Factor on peak forces.")] = 1.0,
+    hand: Annotated[str | None, typer.Option(help="right or left: the hand that plays.")] = None,
+    skull_rotation_deg: Annotated[
+        float, typer.Option(help="How far the head looks down, degrees.")
+    ] = 10.0,
+) -> None:
+    """Write a body, devices included, as MJCF that MuJoCo loads.
+
+    `python -m mujoco.viewer --mjcf=FILE` (or mujoco-studio) shows it; where there is no display,
+    MUJOCO_GL=egl or osmesa draws without one.
+    """
+    from sim2vr_harness.training.errors import InputError
+    from sim2vr_harness.users import Person, load_body
+    from sim2vr_harness.users.bodies.export import export_body
+
+    lengths: dict[str, float] = {}
+    for each in segment or ():
+        part, _, length = each.partition("=")
+        try:
+            lengths[part] = float(length)
+        except ValueError as error:
+            raise InputError(
+                "--segment", repr(each), "NAME=M, for example upper_arm=0.31"
+            ) from error
+    try:
+        person = Person.model_validate(
+            {
+                "stature_m": stature_m,
+                "mass_kg": mass_kg,
+                "segment_lengths_m": lengths,
+                "strength": strength,
+                "handedness": hand,
+            }
+        )
+    except pydantic.ValidationError as error:
+        problem = error.errors()[0]
+        option = {"handedness": "hand", "segment_lengths_m": "segment"}.get(
+            str(problem["loc"][0]), str(problem["loc"][0]).replace("_", "-")
+        )
+        expected = str(problem["msg"]).removeprefix("Input should be ")
+        raise InputError(f"--{option}", repr(problem["input"]), expected) from error
+    body = load_body(name, person=person, skull_rotation_deg=skull_rotation_deg)
+    for written in export_body(body, file):
+        typer.echo(f"Written: {written}")

@@ -20,6 +20,7 @@ from sim2vr_harness.settings import Settings, check_whole_minibatches
 from sim2vr_harness.training.errors import InputError, closest
 from sim2vr_harness.training.student_config import StudentConfig
 from sim2vr_harness.training.teacher_config import TeacherConfig
+from sim2vr_harness.users.bodies import is_file
 
 __all__ = [
     "CheckpointConfig",
@@ -179,7 +180,21 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainingConf
     tree = {} if tree is None else tree
     if not isinstance(tree, dict):
         raise InputError(str(file), f"a {type(tree).__name__}", "a mapping of keys to values")
-    return parse_config(apply_overrides(tree, overrides))
+    return parse_config(apply_overrides(_with_body_beside(tree, file), overrides))
+
+
+def _with_body_beside(tree: dict[str, Any], file: Path) -> dict[str, Any]:
+    """A body's file is looked for beside the configuration that names it, then where one is."""
+    tree = _copied(tree)
+    env = tree.get("env")
+    user = env.get("user") if isinstance(env, dict) else None
+    model = user.get("model") if isinstance(user, dict) else user
+    if not (isinstance(env, dict) and isinstance(model, str) and is_file(model)):
+        return tree
+    beside = file.parent / model
+    found = str((beside if beside.is_file() else Path(model)).resolve())
+    env["user"] = {**user, "model": found} if isinstance(user, dict) else {"model": found}
+    return tree
 
 
 def defaults(overrides: Sequence[str] = ()) -> TrainingConfig:

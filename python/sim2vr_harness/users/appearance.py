@@ -226,6 +226,7 @@ def draw_room(spec: mujoco.MjSpec) -> None:
         type=mujoco.mjtGeom.mjGEOM_PLANE,
         size=[4, 4, 0.1],
         material="floor",
+        rgba=[1, 1, 1, 1],
         contype=0,
         conaffinity=0,
         group=BODY_GROUP,

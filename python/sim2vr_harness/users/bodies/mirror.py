@@ -24,7 +24,7 @@ _SWAP = {"controller_right": "controller_left", "controller_left": "controller_r
 
 
 def mirror(spec: mujoco.MjSpec) -> None:
-    """Mirrors the body and what stands around it, in place; the controllers change hands.
+    """Mirrors the body and the views of it, in place; the controllers change hands.
 
     Names stay, but for the devices: a left-hander's `humerus_r` is the left one.
 
@@ -45,13 +45,18 @@ def mirror(spec: mujoco.MjSpec) -> None:
     slides = (model.jnt_type == _SLIDE)[:, None]
     model.jnt_axis[:] *= np.where(slides, joints, -joints)
     _mirror_poses(model.site_pos, model.site_quat, flips[model.site_bodyid])
-    shapes = np.flatnonzero(model.geom_type != mujoco.mjtGeom.mjGEOM_MESH)
-    for geom in shapes.tolist():
+    flips_of_shapes = flips.copy()
+    flips_of_shapes[0] = 1.0  # what stands in the room stays, as writing would be unreadable
+    for geom in np.flatnonzero(model.geom_type != mujoco.mjtGeom.mjGEOM_MESH).tolist():
+        if model.geom_bodyid[geom] == 0:
+            continue
         flip = flips[model.geom_bodyid[geom]]
         model.geom_pos[geom] *= flip
         model.geom_quat[geom] = _mirrored(model.geom_quat[geom], flip, flip)
 
     def mirrored(body: int, pose: Pose) -> Pose:
+        if body == 0:
+            return pose
         return pose[0] * flips[body], _mirrored(pose[1], flips[body], flips[body])
 
     shown = change_mesh_geoms(model, mirrored)
@@ -59,7 +64,7 @@ def mirror(spec: mujoco.MjSpec) -> None:
     model.opt.gravity[1] *= -1.0
     model.opt.wind[1] *= -1.0
     spec.copy_back(model)
-    rescale_meshes(spec, model, shown, lambda body: tuple(flips[body].tolist()))
+    rescale_meshes(spec, model, shown, lambda body: tuple(flips_of_shapes[body].tolist()))
     _swap_controllers(spec)
 
 

@@ -114,10 +114,10 @@ class SpecBody:
             ("effort peak_forces", tuple(plan.effort_inputs.peak_forces), actuators),
             *(("actuators", group.actuators, actuators) for group in plan.actuator_groups),
         ]
-        for field, names, known in wanted:
+        for part, names, known in wanted:
             for name in names:
                 if name not in known:
-                    raise ValueError(unknown_name(field, name, known))
+                    raise ValueError(unknown_name(part, name, known))
         every = self.action_names
         twice = sorted({name for name in every if every.count(name) > 1})
         if twice:

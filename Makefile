@@ -11,6 +11,7 @@ PLAYER    ?= whacamole_constrained
 CONDITION ?= medium
 RUN       ?= runs/$(basename $(notdir $(CONFIG)))
 ROWS      ?= build/bench/performance.jsonl
+BENCH      = $(VENV)/bin/sim2vr-harness bench --output $(ROWS)
 
 CPP_FILES = $(shell find app_runtime tests/cpp tests/fuzz tools -name '*.[ch]pp')
 
@@ -57,13 +58,12 @@ stubs: setup  ## Regenerate python/sim2vr_harness/_app_runtime.pyi
 lock: setup  ## Regenerate requirements.lock from pyproject.toml
 	$(VENV)/bin/python tools/dev/lock.py
 
-bench: setup  ## Measure this machine and write the tables of docs/performance.md (about ten minutes)
+bench: setup  ## Measure this machine and write the tables of docs/performance.md (some six minutes)
 	mkdir -p build/bench
 	rm -f $(ROWS)
-	$(VENV)/bin/sim2vr-harness bench --seconds 5 --train-steps 4000 --output $(ROWS)
-	$(VENV)/bin/sim2vr-harness bench --scaling --seconds 4 --output $(ROWS)
-	$(VENV)/bin/sim2vr-harness bench --scene game,render,env --transport all --n 1,8 --seconds 3 --output $(ROWS)
-	$(VENV)/bin/sim2vr-harness bench --profile --seconds 5 --train-steps 4000 --profile-file build/bench/profile.txt --output $(ROWS)
+	$(BENCH) --seconds 5 --train-steps 4000
+	$(BENCH) --scene physics,env,memory --n 1,4,16,64,256,512 --threads 1,$$(nproc) --seconds 4
+	$(BENCH) --scene render,env --transport all --n 1,8 --seconds 3
 	$(VENV)/bin/python tools/bench/tables.py $(ROWS) docs/performance.md
 
 clean:  ## Remove build outputs

@@ -43,27 +43,23 @@ class BadFile(ValueError):
 
 @dataclass(frozen=True)
 class Pair:
-    """A row of each run.
+    """A row of each run: values in ``unit``, and whether the hashes are equal (None: one has none).
 
-    Attributes:
-        name: of the scene, with what identifies it.
-        unit: of the values.
-        before: value of run A.
-        after: value of run B.
-        ratio: after / before.
-        same_state: whether the state hashes are equal; None where one has none.
-        same_pictures: the same of the observation hashes.
-        timed: whether the values are rates, of which more is better; else they are MB.
+    ``timed``: the values are rates, of which more is better; else they are MB.
     """
 
     name: str
     unit: str
     before: float
     after: float
-    ratio: float
     same_state: bool | None
     same_pictures: bool | None
     timed: bool
+
+    @property
+    def ratio(self) -> float:
+        """After / before."""
+        return self.after / self.before
 
 
 def read_rows(path: Path) -> dict[Key, Row]:
@@ -111,7 +107,6 @@ def pairs(before: Mapping[Key, Row], after: Mapping[Key, Row]) -> list[Pair]:
                 unit=a["unit"],
                 before=a[name],
                 after=b[name],
-                ratio=b[name] / a[name],
                 same_state=_same(a, b, "state_hash"),
                 same_pictures=_same(a, b, "observation_hash"),
                 timed=timed,
@@ -125,8 +120,9 @@ def _name(row: Row) -> str:
         row["scene"],
         row["variant"],
         "" if row["transport"] == "in_process" else row["transport"],
+        f"N={row['n']}",
+        f"threads={row['threads']}",
     ]
-    parts += [f"N={row['n']}", f"threads={row['threads']}" if row["threads"] else ""]
     return " ".join(part for part in parts if part)
 
 

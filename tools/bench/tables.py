@@ -19,21 +19,18 @@ from typing import Any
 Row = Mapping[str, Any]
 Run = list[Row]
 
-TRANSPORTS = ("in_process", "protocol2", "protocol1")
 WORDS = {
     "physics": "physics: MuJoCo's own batch",
-    "game": "game: apps that draw nothing",
     "render": "render: apps that draw",
     "env": "env: users in apps, observations",
-    "reference-way": "reference-way: two processes per user",
     "train": "train: rollout and update",
 }
 
 
 def table_key(run: Run) -> str | None:
-    """All scenes at one N, and the ratios."""
+    """All scenes at one N, and the ratio."""
     rows = [row for row in run if row["scene"] in WORDS and row["variant"] == ""]
-    if not {"physics", "env", "reference-way"} <= {row["scene"] for row in rows}:
+    if not {"physics", "env", "train"} <= {row["scene"] for row in rows}:
         return None
     lines = []
     for row in rows:
@@ -44,46 +41,33 @@ def table_key(run: Run) -> str | None:
             lines.append([f"train, {name} alone", f"{value:,.0f}", f"{1e6 / value:,.0f}", "", ""])
     head = ["scene", "steps/s", "us per step", "processor time, us", "spread"]
     (env,) = [row for row in rows if row["scene"] == "env"]
-    ratios = [
-        [f"env / {other}", f"{env['ratios'][other]:.2f}", f"{env['ratios'][f'{other}, cpu']:.2f}"]
-        for other in ("physics", "reference-way")
-    ]
-    return "\n\n".join(
-        [
-            f"N = {env['n']}, {env['threads']} threads. {machine(env)}",
-            markdown(head, lines),
-            markdown(["ratio", "steps/s", "by processor time"], ratios),
-        ]
+    return (
+        f"N = {env['n']}, {env['threads']} threads. {machine(env)}\n\n{markdown(head, lines)}\n\n"
+        f"env / physics: {ratio(env, 'physics')} ({ratio(env, 'physics, cpu')} by processor time)"
     )
 
 
 def table_scaling(run: Run) -> str | None:
     """The env over N and threads."""
     rows = {
-        (row["scene"], row["n"], row["threads"]): row
+        (row["n"], row["threads"]): row
         for row in run
-        if row["scene"] in ("env", "physics")
-        and row["variant"] == ""
-        and row["transport"] in (None, "in_process")
+        if row["scene"] == "env" and row["variant"] == "" and row["transport"] == "in_process"
     }
-    numbers = sorted({n for scene, n, _ in rows if scene == "env"})
-    threads = sorted({t for scene, _, t in rows if scene == "env"})
+    numbers = sorted({n for n, _ in rows})
+    threads = sorted({t for _, t in rows})
     if len(numbers) < 3:
         return None
-    head = ["users"]
     words = [f"{t} thread{'s' * (t != 1)}" for t in threads]
-    head += [f"steps/s, {word}" for word in words]
-    head += [f"{t} threads / 1" for t in threads if t != 1]
-    head += [f"cost, {word}" for word in words]
+    head = ["users", *(f"steps/s, {word}" for word in words)]
+    head += [f"{word} / 1" for word in words[1:]]
     head += [f"env / physics, {word}" for word in words]
     lines = []
     for n in numbers:
-        envs = [rows["env", n, t] for t in threads]
+        envs = [rows[n, t] for t in threads]
         line = [str(n), *(rate(env) for env in envs)]
-        line += [ratio(env, "1 thread") for env in envs if env["threads"] != 1]
-        line += ["1" if n == 16 else ratio(env, "N=16", inverse=True) for env in envs]
-        line += [ratio(env, "physics") for env in envs]
-        lines.append(line)
+        line += [ratio(env, "1 thread") for env in envs[1:]]
+        lines.append(line + [ratio(env, "physics") for env in envs])
     return f"{machine(run[0])}\n\n{markdown(head, lines)}"
 
 
@@ -99,88 +83,27 @@ def table_memory(run: Run) -> str | None:
     return markdown(["users", "peak of the process, MB", "per user added, MB"], lines)
 
 
-def table_targets(run: Run) -> str | None:
-    """Cost as targets grow in number."""
-    rows = {(row["scene"], row["variant"]): row for row in run if row["variant"]}
-    counts = [variant for scene, variant in rows if scene == "render"]
-    conditions = [variant for scene, variant in rows if scene == "env"]
-    if not counts or not conditions:
-        return None
-    lines = []
-    for variant in counts:
-        game, render = rows["game", variant], rows["render", variant]
-        drawing_us = 1e6 / render["rate_per_s"] - 1e6 / game["rate_per_s"]
-        cpu_us = f"{render['cpu_us_per_step']:,.0f}"
-        name = variant.removeprefix("targets=")
-        lines.append([name, us(game), us(render), f"{drawing_us:,.0f}", cpu_us])
-    head = [
-        "targets standing",
-        "frame without drawing, us",
-        "frame, us",
-        "difference, us",
-        "frame, processor time, us",
-    ]
-    envs = [rows["env", variant] for variant in conditions]
-    env_lines = [
-        [
-            env["variant"].removeprefix("condition="),
-            rate(env),
-            us(env),
-            f"{env['cpu_us_per_step']:,.0f}",
-        ]
-        for env in envs
-    ]
-    env_head = ["condition", "env steps/s", "us per step", "processor time, us"]
-    where = f"N = {envs[0]['n']}, {envs[0]['threads']} threads. {machine(envs[0])}"
-    return "\n\n".join([where, markdown(env_head, env_lines), markdown(head, lines)])
-
-
 def table_transports(run: Run) -> str | None:
     """Ways to the app, as shares of in process."""
     rows = {(row["scene"], row["transport"], row["n"]): row for row in run if not row["variant"]}
-    if not any(transport == "protocol2" for _, transport, _ in rows):
+    names = list(dict.fromkeys(transport for _, transport, _ in rows if transport is not None))
+    if len(names) < 2:
         return None
-    numbers = sorted({n for _, _, n in rows})
-    head = ["scene", "N", *(name.replace("_", " ") for name in TRANSPORTS)]
     lines = []
-    for n in numbers:
-        for scene in ("game", "render", "env"):
-            if (scene, "in_process", n) not in rows:
-                continue
-            base = rows[scene, "in_process", n]["rate_per_s"]
-            shares = [rows.get((scene, name, n)) for name in TRANSPORTS]
-            cells = ["" if row is None else f"{row['rate_per_s'] / base:.2f}" for row in shares]
-            lines.append([WORDS[scene], str(n), *cells])
+    for n in sorted({n for _, _, n in rows}):
+        for scene in ("render", "env"):
+            base = rows[scene, "in_process", n]
+            shares = [rows[scene, name, n]["rate_per_s"] / base["rate_per_s"] for name in names]
+            lines.append([WORDS[scene], str(n), *(f"{share:.2f}" for share in shares)])
+    head = ["scene", "N", *(name.replace("_", " ") for name in names)]
     return f"{machine(run[0])}\n\n{markdown(head, lines)}"
-
-
-def table_profile(run: Run) -> str | None:
-    """Where the time goes."""
-    rows = [row for row in run if row["scene"].startswith("profile-")]
-    if not rows:
-        return None
-    parts = []
-    for row in rows:
-        stages, cpu = row["extra"]["stages_us"], row["extra"]["stages_cpu_us"]
-        total_us, total_cpu_us = sum(stages.values()), sum(cpu.values())
-        lines = [
-            [name, f"{us:,.0f}", percent(us / total_us), percent(cpu[name] / total_cpu_us)]
-            for name, us in stages.items()
-        ]
-        scene = row["scene"].removeprefix("profile-")
-        parts.append(f"{scene}, N = {row['n']}, {row['threads']} threads. {machine(row)}")
-        head = ["stage", "us per user step", "share", "share of processor time"]
-        parts.append(markdown(head, lines))
-    return "\n\n".join(parts)
 
 
 TABLES: dict[str, Callable[[Run], str | None]] = {
     "key": table_key,
     "scaling": table_scaling,
     "memory": table_memory,
-    "targets": table_targets,
     "transports": table_transports,
-    "profile": table_profile,
 }
 
 
@@ -199,12 +122,10 @@ def percent(share: float) -> str:
     return f"{share:.0%}" if share >= 0.1 else f"{share:.1%}"
 
 
-def ratio(row: Row, other: str, *, inverse: bool = False) -> str:
+def ratio(row: Row, other: str) -> str:
     """One of the row's ratios; empty where it was not measured."""
     value = row["ratios"].get(other)
-    if value is None:
-        return ""
-    return f"{1 / value if inverse else value:.2f}"
+    return "" if value is None else f"{value:.2f}"
 
 
 def machine(row: Row) -> str:

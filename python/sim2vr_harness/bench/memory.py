@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 
 from sim2vr_harness.bench.processes import peak_memory_mb
 from sim2vr_harness.bench.rows import Row
+from sim2vr_harness.bench.scene import IN_PROCESS
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.training.config import TrainingConfig
 
@@ -32,7 +33,7 @@ def memory_rows(
         config: of the users.
         numbers: of users; at least two for memory per user.
         threads: of physics and apps.
-        on_stage: told what is measured now.
+        on_stage: called with what is measured now.
 
     Returns:
         A row per number, with ``extra["memory_mb_per_user"]``: the growth since the next
@@ -52,7 +53,7 @@ def memory_rows(
             extra["memory_mb_per_user"] = round((peak_mb - before[1]) / (n - before[0]), 3)
         before = (n, peak_mb)
         rows.append(
-            Row("memory", "in_process", n, threads, unit="MB", memory_mb=peak_mb, extra=extra)
+            Row("memory", IN_PROCESS, n, threads, unit="MB", memory_mb=peak_mb, extra=extra)
         )
     return rows
 

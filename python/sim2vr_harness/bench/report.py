@@ -8,7 +8,9 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
-__all__ = ["print_profile", "print_rows", "ratio_lines"]
+from sim2vr_harness.bench.scene import IN_PROCESS
+
+__all__ = ["print_rows", "ratio_lines"]
 
 
 def print_rows(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
@@ -38,10 +40,9 @@ def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
     for name in ("users", "threads", "rate/s", "spread", "us", "cpu us", "state"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:
-        usual = row["scene"] == "reference-way" or row["transport"] in (None, "in_process")
-        transport = "" if usual else f" {row['transport']}"
+        transport = "" if row["transport"] in (None, IN_PROCESS) else f" {row['transport']}"
         name = f"{row['scene']}{transport} {row['variant']}".strip()
-        table.add_row(name, str(row["n"]), str(row["threads"] or "-"), *_numbers(row))
+        table.add_row(name, str(row["n"]), str(row["threads"]), *_numbers(row))
         for part, rate in row["parts"].items():
             table.add_row(f"  {part.removesuffix('_steps_per_s')}", "", "", f"{rate:,.0f}")
     return table
@@ -61,56 +62,14 @@ def _numbers(row: Mapping[str, Any]) -> list[str]:
     ]
 
 
-def threads(count: int) -> str:
-    """The number of threads, in words."""
-    return f"{count} thread" + "s" * (count != 1)
-
-
 def ratio_lines(rows: Sequence[Mapping[str, Any]]) -> list[tuple[str, str]]:
     """The ratios between scenes of one run, each with what it says."""
     lines = []
     for row in rows:
-        where = f"N={row['n']}, {threads(row['threads'])}"
-        where += "" if row["transport"] in (None, "in_process") else f", {row['transport']}"
+        where = f"N={row['n']}, {row['threads']} thread{'s' * (row['threads'] != 1)}"
+        where += "" if row["transport"] in (None, IN_PROCESS) else f", {row['transport']}"
         where += f", {row['variant']}" if row["variant"] else ""
         for other in [name for name in row["ratios"] if not name.endswith(", cpu")]:
             ratio, cpu = row["ratios"][other], row["ratios"][f"{other}, cpu"]
-            if other == "N=16":
-                text = f"{1 / ratio:.3f} x that at N=16 ({1 / cpu:.3f} by processor time)"
-                lines.append((f"cost of a user step, {where}", text))
-            else:
-                lines.append(
-                    (f"env, {where}", f"{ratio:.3g} x {other} ({cpu:.3g} by processor time)")
-                )
+            lines.append((f"env, {where}", f"{ratio:.3g} x {other} ({cpu:.3g} by processor time)"))
     return lines
-
-
-def print_profile(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
-    """Prints where the time goes, a table per scene.
-
-    Args:
-        rows: of :func:`~sim2vr_harness.bench.profile.profile`.
-        console: where to.
-    """
-    for row in rows:
-        scene = row["scene"].removeprefix("profile-")
-        extra = row["extra"]
-        total_us, total_cpu_us = 1e6 / row["rate_per_s"], row["cpu_us_per_step"]
-        console.print(
-            f"{scene}: {total_us:,.0f} us of wall time per user step, {total_cpu_us:,.0f} us of "
-            f"processor time (N={row['n']}, {threads(row['threads'])})",
-            highlight=False,
-            soft_wrap=True,
-        )
-        table = Table(box=None, pad_edge=False, header_style="bold")
-        table.add_column("stage")
-        for name in ("us", "share", "cpu us", "share"):
-            table.add_column(name, justify="right")
-        for stage, us in extra["stages_us"].items():
-            cpu_us = extra["stages_cpu_us"][stage]
-            shares = (f"{us / total_us:.1%}", f"{cpu_us / total_cpu_us:.1%}")
-            table.add_row(stage, f"{us:,.1f}", shares[0], f"{cpu_us:,.1f}", shares[1])
-        console.print(table)
-        if extra["not_timed"]:
-            console.print(f"not timed, since not found: {', '.join(extra['not_timed'])}")
-        console.print()

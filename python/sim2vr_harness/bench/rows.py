@@ -31,8 +31,8 @@ class Row:
         scene: its name.
         transport: where the apps ran; None where there are none.
         n: number of users.
-        threads: of physics and apps; None where every user has a process.
-        variant: what differs from the configuration, such as ``condition=hard``; or empty.
+        threads: of physics and apps.
+        variant: what differs from the configuration, such as ``sense=sound``; or empty.
         unit: of the rates.
         rates: of the turns, in order; empty where no time was measured.
         cpu_us: processor time per user step (or frame) in the turns, us, all threads and
@@ -51,7 +51,7 @@ class Row:
     scene: str
     transport: str | None
     n: int
-    threads: int | None
+    threads: int
     variant: str = ""
     unit: str = "user steps/s"
     rates: list[float] = field(default_factory=list)
@@ -71,9 +71,8 @@ class Row:
     @property
     def name(self) -> str:
         """Names the row within its run."""
-        parts = (self.scene, self.transport, f"N={self.n}")
-        threads = "" if self.threads is None else f"{self.threads} threads"
-        return ", ".join(part for part in (*parts, threads, self.variant) if part)
+        parts = (self.scene, self.transport, f"N={self.n}", f"{self.threads} threads")
+        return ", ".join(part for part in (*parts, self.variant) if part)
 
     def as_json(self, common: Mapping[str, Any]) -> dict[str, Any]:
         """The row's JSON object, circumstances of the run included."""
@@ -147,10 +146,10 @@ def _cpu_model() -> str:
     return platform.processor() or platform.machine()
 
 
-def check_output(path: Path, option: str = "--output") -> None:
+def check_output(path: Path) -> None:
     """Raises InputError, before anything is measured, where rows could not be written."""
     if path.is_dir() or not path.absolute().parent.is_dir():
-        raise InputError(option, repr(str(path)), "a file in a folder that exists")
+        raise InputError("--output", repr(str(path)), "a file in a folder that exists")
 
 
 def append_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:

@@ -1,154 +1,29 @@
-"""What can be measured: the body alone, the game alone, drawing, whole users, learning.
-
-Every scene starts from fixed seeds and plays :data:`WARM_UP_STEPS` steps with fixed actions, after
-which its state is hashed. User i does the same in every scene of users, whatever N, the threads or
-the transport.
-"""
+"""What can be measured: the body alone, drawing apps, whole users, learning."""
 
 from __future__ import annotations
 
-import hashlib
-from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
-from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from contextlib import closing
+from typing import Any
 
 import numpy as np
+from mujoco.batch import Batch
 from numpy.typing import NDArray
 
-from sim2vr_harness.bench.turns import TURNS, Turn, timed_turn
-from sim2vr_harness.client import AppClient, DevicePoses, InProcessBatch, frame_time_ns
-from sim2vr_harness.envs.apps import app_factory, in_process_batch
-from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.bench import scene as shared
+from sim2vr_harness.bench.processes import cpu_seconds
+from sim2vr_harness.bench.scene import Scene, Spec, actions, digest
+from sim2vr_harness.bench.turns import Turn
+from sim2vr_harness.client import DevicePoses, frame_time_ns
+from sim2vr_harness.envs.app_group import app_group
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception import HeadsetVision
+from sim2vr_harness.training import ppo
 from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.training.measuring import silent_logger
+from sim2vr_harness.training.memory import keep_freed_memory
+from sim2vr_harness.training.vec_env import SimulationVecEnv
 
-__all__ = [
-    "DRAWING",
-    "SCENES",
-    "TRANSPORTS",
-    "WARM_UP_STEPS",
-    "Scene",
-    "SceneName",
-    "Spec",
-    "open_scene",
-]
-
-SceneName = Literal["physics", "game", "render", "env", "reference-way", "train"]
-SCENES: tuple[SceneName, ...] = get_args(SceneName)
-
-Transport = Literal["in_process", "protocol1", "protocol2"]
-TRANSPORTS: tuple[Transport, ...] = get_args(Transport)
-
-DRAWING: tuple[SceneName, ...] = ("render", "env", "reference-way", "train")
-"""The scenes whose apps draw."""
-
-WARM_UP_STEPS = 30
-"""User steps before the hash: 1.5 s of play, so that targets are there."""
-
-ACTIONS = 32
-"""Different batches of actions, played in a circle: making them costs no measured time."""
-
-SHORT_ROUND_SECONDS = 2.0
-SHORT_ROUND_EVERY = 30
-"""One user in 30 plays rounds of 2 s instead of 60 s: resets then come as often as in a training,
-once in 1,200 user steps, also in a measurement too short for a whole round."""
-
-
-@dataclass(frozen=True)
-class Spec:
-    """One scene to measure; see :class:`~sim2vr_harness.bench.rows.Row` for the fields."""
-
-    scene: SceneName
-    config: TrainingConfig
-    n: int
-    threads: int | None
-    transport: Transport | None = "in_process"
-    variant: str = ""
-    train_steps: int = 1000
-
-    def env(self, *, blind: bool = False) -> EnvConfig:
-        """The users' configuration with this transport and these threads.
-
-        Args:
-            blind: whether the apps draw nothing.
-        """
-        config = self.config.env
-        settings = config.app.model_dump(include={"game", "options", "renderer"})
-        if blind:
-            settings["renderer"] = "null"
-        threads = self.threads or 1
-        app = AppConfig(
-            **settings, transport=self.transport or "in_process", processes=min(threads, self.n)
-        )
-        return config.model_copy(update={"app": app, "threads": threads})
-
-
-class Scene(ABC):
-    """Something to measure: :meth:`step` moves all users on by one step.
-
-    Args:
-        n: number of users.
-    """
-
-    unit = "user steps/s"
-    state_hash: str | None = None
-    observation_hash: str | None = None
-    most_turns = TURNS
-
-    def __init__(self, n: int) -> None:
-        self.n = n
-        self._stack = ExitStack()
-
-    @abstractmethod
-    def step(self) -> None:
-        """One step of every user."""
-
-    def measure(self, seconds: float) -> Turn:
-        """One turn of about ``seconds``."""
-        return timed_turn(self.step, self.n, seconds)
-
-    def extra(self) -> dict[str, Any]:
-        """Numbers for the row that only this scene has."""
-        return {}
-
-    def close(self) -> None:
-        """Frees everything."""
-        self._stack.close()
-
-
-def open_scene(spec: Spec) -> Scene:
-    """Makes a scene and plays its warm-up.
-
-    Raises:
-        ValueError: a setting that cannot be used.
-        RuntimeError: an app or its renderer cannot be started.
-    """
-    makers: dict[SceneName, Callable[[Spec], Scene]] = {
-        "physics": PhysicsScene,
-        "game": lambda spec: AppScene(spec, blind=True),
-        "render": lambda spec: AppScene(spec, blind=False),
-        "env": EnvScene,
-        "reference-way": _reference_way,
-        "train": _train,
-    }
-    return makers[spec.scene](spec)
-
-
-def _reference_way(spec: Spec) -> Scene:
-    from sim2vr_harness.bench.reference_way import ReferenceWayScene
-
-    return ReferenceWayScene(spec)
-
-
-def _train(spec: Spec) -> Scene:
-    from sim2vr_harness.bench.train import TrainScene
-
-    return TrainScene(spec)
-
-
-# --- the body alone ------------------------------------------------------------------------------
+__all__ = ["EnvScene", "PhysicsScene", "RenderScene", "TrainScene", "open_scene", "short_iteration"]
 
 
 class PhysicsScene(Scene):
@@ -159,116 +34,76 @@ class PhysicsScene(Scene):
 
     def __init__(self, spec: Spec) -> None:
         super().__init__(spec.n)
-        from mujoco.batch import Batch
-
-        from sim2vr_harness.envs.simulation import Simulation
-        from sim2vr_harness.users.batch import UserBatch
-
-        one = Simulation(spec.env(blind=True).model_copy(update={"app": _silent(spec)}), 1)
-        self._stack.callback(one.close)
-        self._substeps = one.users.substeps
-        start = UserBatch(one.body, spec.n, threads=1, effort="zero")  # draws the start postures
-        self._batch = Batch(one.body.physics_model, spec.n, spec.threads or 1)
-        self._act, self._ctrl = self._batch.bind("act"), self._batch.bind("ctrl")
-        self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
-        self._qpos[:], self._qvel[:], self._act[:] = start.qpos, start.qvel, start.act
+        config = spec.env(transport=shared.IN_PROCESS, renderer="null")
+        with closing(Simulation(config, spec.n)) as start:  # draws the start postures
+            self._substeps = start.users.substeps
+            self._batch = Batch(start.body.physics_model, spec.n, spec.threads)
+            self._act, self._ctrl = self._batch.bind("act"), self._batch.bind("ctrl")
+            self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
+            self._qpos[:], self._qvel[:] = start.users.qpos, start.users.qvel
+            self._act[:] = start.users.act
         self._actions = actions(spec.n, self._act.shape[1])
         self._steps = 0
-        for _ in range(WARM_UP_STEPS):
+        for _ in range(shared.WARM_UP_STEPS):
             self.step()
-        self.state_hash = digest(body_states(self._qpos, self._qvel, self._act))
+        self.state_hash = digest(shared.body_states(self._qpos, self._qvel, self._act))
 
     def step(self) -> None:
         """See the base class."""
-        action = self._actions[self._steps % ACTIONS]
+        action = self._actions[self._steps % shared.ACTIONS]
         np.clip(self._act + action, 0.0, 1.0, out=self._ctrl)
         self._batch.step(nstep=self._substeps)
         self._steps += 1
 
 
-def _silent(spec: Spec) -> AppConfig:
-    settings = spec.config.env.app.model_dump(include={"game", "options"})
-    return AppConfig(**settings, renderer="null")
+class RenderScene(Scene):
+    """Apps whose player's head and hand circle; a frame per step, with the headset image drawn.
 
-
-# --- apps alone ----------------------------------------------------------------------------------
-
-
-class AppScene(Scene):
-    """Apps whose player's head and hand circle; one frame per step, the headset image drawn or not.
-
-    Args:
-        spec: what to measure.
-        blind: whether nothing is drawn (``game``); else every frame is (``render``).
+    With ``env.app.renderer=null`` it is the game alone.
     """
 
     unit = "frames/s"
     _POSES = 64  # different ones, played in a circle
 
-    def __init__(self, spec: Spec, *, blind: bool) -> None:
+    def __init__(self, spec: Spec) -> None:
         super().__init__(spec.n)
-        config = spec.env(blind=blind)
+        config = spec.env()
+        image = config.vision
+        vision = HeadsetVision(image.channels, height=image.height, width=image.width)
         self._frequency_hz = config.action_frequency_hz
-        self._vision = HeadsetVision(
-            config.vision.channels, height=config.vision.height, width=config.vision.width
-        )
         self._circle = _circling_poses(self._POSES)
+        self._everyone = np.arange(spec.n)
         self._frame, self._over = 0, True
-        self._batch: InProcessBatch | None = None
-        self._apps: list[AppClient] = []
+        self._group = app_group(config, spec.n, vision, None)
+        self._stack.callback(self._group.close)
         try:
-            if config.app.transport == "in_process":
-                self._open_batch(config)
-            else:
-                make = app_factory(config, self.n)
-                for index in range(self.n):
-                    self._apps.append(make(config, index, None))
-                    self._stack.callback(self._apps[-1].close)
-            for _ in range(WARM_UP_STEPS + 1):  # the first one is the reset
+            for _ in range(shared.WARM_UP_STEPS + 1):  # the first one is the reset
                 self.step()
+            hashes = [app.state_hash() for app in self._group.apps]
         except BaseException:
             self.close()
             raise
-        if not blind:
-            self.observation_hash = digest([picture.tobytes() for picture in self._pictures()])
-        self.state_hash = digest([app.state_hash().to_bytes(8, "little") for app in self._apps])
-
-    def _open_batch(self, config: EnvConfig) -> None:
-        self._batch = in_process_batch(config, self.n, None, self._vision.channel_indices)
-        for index in range(self.n):
-            self._apps.append(self._batch.app(index))
-            self._stack.callback(self._apps[-1].close)
-
-    def _pictures(self) -> NDArray[np.uint8]:
-        """(N, C, H, W) the channels that the users see."""
-        if self._batch is not None:
-            return self._batch.vision
-        return np.stack([self._vision.pick(app.image) for app in self._apps])
+        self.state_hash = digest([value.to_bytes(8, "little") for value in hashes])
+        if config.app.renderer != "null":
+            self.observation_hash = digest([image.tobytes() for image in self._group.pictures])
 
     def step(self) -> None:
         """A step of every app, or a reset of all where a round is over."""
         # Every app's player is elsewhere on the circle, so that the pictures differ.
-        places = (self._frame + 7 * np.arange(self.n)) % self._POSES
+        places = (self._frame + 7 * self._everyone) % self._POSES
         head, hand = self._circle[0][places], self._circle[1][places]
         if self._over:
-            self._reset(head, hand)
+            self._frame, self._over = 0, False
+            self._group.reset(self._everyone, self._everyone, DevicePoses(head, hand), None)
             return
         self._frame += 1
-        time_ns = frame_time_ns(self._frame, self._frequency_hz)
-        if self._batch is not None:
-            times = np.full((self.n, 1), time_ns, dtype=np.int64)
-            everyone = np.arange(self.n)
-            self._batch.step_frames(everyone, times, DevicePoses(head[:, None], hand[:, None]))
-            self._over = bool(self._batch.finished.any())
-            return
-        for i, app in enumerate(self._apps):
-            app.start_step(np.array([time_ns]), DevicePoses(head[i, None], hand[i, None]))
-        self._over = any([app.finish_step().finished for app in self._apps])
-
-    def _reset(self, head: NDArray[np.float64], hand: NDArray[np.float64]) -> None:
-        for i, app in enumerate(self._apps):
-            app.reset(i, DevicePoses(head[i], hand[i]))
-        self._frame, self._over = 0, False
+        times = np.full((self.n, 1), frame_time_ns(self._frame, self._frequency_hz))
+        steps = np.full(self.n, self._frame)
+        poses = DevicePoses(head[:, None], hand[:, None])
+        answered = self._group.step(self._everyone, times, poses, steps, last=2**31)
+        if len(answered) < self.n:
+            raise RuntimeError(f"render: {next(iter(self._group.failed.values()))}")
+        self._over = bool(self._group.finished.any())
 
 
 def _circling_poses(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -281,17 +116,11 @@ def _circling_poses(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64
     return head, np.stack([*hand, *rest], axis=1)
 
 
-# --- whole users ---------------------------------------------------------------------------------
-
-
 class EnvScene(Scene):
     """Users in their apps as a learner gets them: vector environment, autoreset, observations."""
 
     def __init__(self, spec: Spec) -> None:
         super().__init__(spec.n)
-        from sim2vr_harness.envs.simulation import Simulation
-        from sim2vr_harness.training.vec_env import SimulationVecEnv
-
         config = spec.env()
         self.env = SimulationVecEnv(Simulation(config, spec.n))
         self._stack.callback(self.env.close)
@@ -299,63 +128,102 @@ class EnvScene(Scene):
             simulation: Any = self.env.simulation
             self.env.reset()
             simulation.reset(seeds=list(range(spec.n)))
-            if short := short_rounds(config, spec.n):
-                simulation.reset(ids=short, options={"round_seconds": SHORT_ROUND_SECONDS})
+            if short := shared.short_rounds(config, spec.n):
+                simulation.reset(ids=short, options={"round_seconds": shared.SHORT_ROUND_SECONDS})
             self._actions = actions(spec.n, self.env.action_space.shape[0])  # type: ignore[index]
             self._steps = 0
-            for _ in range(WARM_UP_STEPS):
+            for _ in range(shared.WARM_UP_STEPS):
                 self.step()
-            self.state_hash = digest([user_state(simulation, i) for i in range(spec.n)])
-            self.observation_hash = observation_digest(simulation.observation())
+            states = [shared.user_state(simulation, i) for i in range(spec.n)]
+            self.state_hash = digest(states)
+            self.observation_hash = shared.observation_digest(simulation.observation())
         except BaseException:
             self.close()
             raise
 
     def step(self) -> None:
         """See the base class."""
-        self.env.step(self._actions[self._steps % ACTIONS])
+        self.env.step(self._actions[self._steps % shared.ACTIONS])
         self._steps += 1
 
 
-def actions(n: int, size: int) -> NDArray[np.float32]:
-    """(ACTIONS, n, size) random actions in [-1, 1], as an untrained policy's.
+class TrainScene(Scene):
+    """Training iterations that are short; the update's number of epochs is the configuration's.
 
-    User i's do not depend on n.
+    A turn is one whole iteration, however long it takes, and its rate is that of rollout and update
+    together. The policies of two runs need not agree to the bit, so there is no hash.
     """
-    users = [np.random.default_rng([7, i]).standard_normal((ACTIONS, size)) for i in range(n)]
-    return np.clip(np.stack(users, axis=1), -1.0, 1.0).astype(np.float32)
+
+    most_turns = 3
+
+    def __init__(self, spec: Spec) -> None:
+        super().__init__(spec.n)
+        small = short_iteration(spec.config, spec.n, spec.train_steps)
+        self.steps = small.ppo.steps_per_iteration
+        self.batch_size = small.ppo.batch_size
+        keep_freed_memory()
+        env = SimulationVecEnv(Simulation(spec.env(), spec.n))
+        self._stack.callback(env.close)
+        self.model = ppo.build(small, env)
+        self.model.set_logger(silent_logger())
+
+    def step(self) -> None:
+        """One iteration."""
+        self.model.learn(self.steps, reset_num_timesteps=False)
+
+    def measure(self, seconds: float) -> Turn:
+        """One iteration, whatever the time given."""
+        cpu_began = cpu_seconds()
+        self.step()
+        cpu_us = 1e6 * (cpu_seconds() - cpu_began) / self.steps
+        rollout, update = self.model.last_times
+        parts = {
+            "rollout_steps_per_s": self.steps / rollout,
+            "update_steps_per_s": self.steps / update,
+        }
+        return Turn(self.steps / (rollout + update), cpu_us, parts)
+
+    def extra(self) -> dict[str, Any]:
+        """See the base class."""
+        return {
+            "train_steps": self.steps,
+            "batch_size": self.batch_size,
+            "n_epochs": self.model.n_epochs,
+        }
 
 
-def short_rounds(config: EnvConfig, n: int) -> list[int]:
-    """The users with short rounds; none in games that do not have the option."""
-    if config.app.game != "whacamole" or "round_seconds" in config.app.options:
-        return []
-    return list(range(SHORT_ROUND_EVERY // 2, n, SHORT_ROUND_EVERY))
+def short_iteration(config: TrainingConfig, n: int, train_steps: int) -> TrainingConfig:
+    """The configuration with an iteration of at least ``train_steps`` user steps.
+
+    Minibatches are whole and about as large as the configuration's.
+
+    Args:
+        config: the training's.
+        n: number of users.
+        train_steps: user steps of an iteration; at least two per user are taken.
+    """
+    n_steps = max(2, -(-train_steps // n))
+    minibatches = max(1, round(n * n_steps / config.ppo.batch_size))
+    n_steps = minibatches * -(-n_steps // minibatches)
+    batch_size = n * n_steps // minibatches
+    changes = {"n_envs": n, "n_steps": n_steps, "batch_size": batch_size}
+    return config.model_copy(update={"ppo": config.ppo.model_copy(update=changes)})
 
 
-# --- hashes --------------------------------------------------------------------------------------
+_SCENES: dict[str, type[Any]] = {
+    "physics": PhysicsScene,
+    "render": RenderScene,
+    "env": EnvScene,
+    "train": TrainScene,
+}
 
 
-def digest(parts: Sequence[bytes]) -> str:
-    """16 hexadecimal digits."""
-    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()[
-        :16
-    ]
+def open_scene(spec: Spec) -> Scene:
+    """Makes a scene and plays its warm-up.
 
-
-def body_states(qpos: NDArray, qvel: NDArray, act: NDArray) -> list[bytes]:
-    """Each user's joint angles, velocities and activations as bytes; arrays (N, ...)."""
-    rows = np.concatenate([qpos, qvel, act], axis=1).astype("<f8")
-    return [row.tobytes() for row in rows]
-
-
-def user_state(simulation: Any, i: int) -> bytes:
-    """Body and app of user i of a Simulation."""
-    users = simulation.users
-    (body,) = body_states(users.qpos[i, None], users.qvel[i, None], users.act[i, None])
-    return body + int(simulation.apps[i].state_hash()).to_bytes(8, "little")
-
-
-def observation_digest(observation: dict[str, NDArray]) -> str:
-    """Of a dictionary of arrays (N, ...)."""
-    return digest([np.ascontiguousarray(observation[key]).tobytes() for key in sorted(observation)])
+    Raises:
+        ValueError: a setting that cannot be used.
+        RuntimeError: an app or its renderer cannot be started.
+    """
+    scene: Scene = _SCENES[spec.scene](spec)
+    return scene

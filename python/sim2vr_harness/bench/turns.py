@@ -56,7 +56,7 @@ def in_turns(
         scenes: by name.
         seconds: for each scene, all of its turns together.
         turns: 1 or more.
-        on_stage: told what is measured now.
+        on_stage: called with what is measured now.
 
     Returns:
         By name, the turns in order: turn k of one scene ran next to turn k of the others.

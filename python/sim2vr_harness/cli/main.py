@@ -383,13 +383,11 @@ def bench(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="physics, game, render, env, reference-way, train, targets, memory or all; may be "
-            "repeated, or a list with commas. The first six by default.",
+            help="physics, render, env, train (these by default), memory or all; may be repeated, "
+            "or a list with commas.",
         ),
     ] = None,
-    n: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Numbers of users, such as 16,64; 64.")
-    ] = None,
+    n: Annotated[str, typer.Option(metavar="LIST", help="Numbers of users, such as 16,64.")] = "64",
     threads: Annotated[
         str | None,
         typer.Option(metavar="LIST", help="Numbers of threads, such as 1,2; one per core."),
@@ -398,24 +396,14 @@ def bench(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="How game, render and env reach their apps: in_process (default), protocol1, "
-            "protocol2 or all.",
+            help="How render and env reach their apps: in_process (default), another transport "
+            "(docs/remote_apps.md), or all.",
         ),
     ] = None,
-    scaling: Annotated[
-        bool,
-        typer.Option("--scaling", help="Physics, env, targets and memory, 1 to 512 users."),
-    ] = False,
     seconds: Annotated[float, typer.Option(help="Seconds per scene.")] = 2.0,
     train_steps: Annotated[
         int, typer.Option(help="User steps of a measured training iteration, at least.")
     ] = 1000,
-    profile: Annotated[
-        bool, typer.Option("--profile", help="Where the time of an env and a train step goes.")
-    ] = False,
-    profile_file: Annotated[Path, typer.Option(help="What --profile writes.")] = Path(
-        "profile.txt"
-    ),
     output: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Add the JSON rows to this file.")
     ] = None,
@@ -424,43 +412,35 @@ def bench(
     ] = False,
 ) -> None:
     """Measure how fast this machine simulates, draws and learns."""
-    from sim2vr_harness.bench import plan as plans
-    from sim2vr_harness.bench.report import print_profile, print_rows
+    from sim2vr_harness.bench.plan import Plan
+    from sim2vr_harness.bench.report import print_rows
     from sim2vr_harness.bench.rows import append_rows, check_output
+    from sim2vr_harness.bench.run import run as measure
     from sim2vr_harness.training.config import defaults, load_config
-    from sim2vr_harness.training.errors import InputError
 
-    if profile and scaling:
-        raise InputError("--profile", "it together with --scaling", "one of them")
-    kind: plans.Kind = "scaling" if scaling else "profile" if profile else "usual"
     settings = load_config(config, set_ or []) if config else defaults(set_ or [])
-    plan = plans.Plan.from_options(
-        settings, kind, scene, n, threads, transport, seconds=seconds, train_steps=train_steps
+    plan = Plan(
+        settings,
+        scene,
+        n=n,
+        threads=threads,
+        transport=transport,
+        seconds=seconds,
+        train_steps=train_steps,
     )
-    for file in (output, profile_file if profile else None):
-        if file is not None:
-            check_output(file, "--output" if file is output else "--profile-file")
+    if output is not None:
+        check_output(output)
     console = Console(stderr=True)
     with console.status("") as status:
-
-        def on_stage(stage: str) -> None:
-            status.update(f"Measuring {escape(stage)}")
-
-        if profile:
-            from sim2vr_harness.bench.profile import profile as split
-
-            rows = split(plan, profile_file, on_stage)
-        else:
-            rows = plans.run(plan, on_stage)
+        rows = measure(plan, lambda stage: status.update(f"Measuring {escape(stage)}"))
     if output is not None:
         append_rows(output, rows)
     if json:
         sys.stdout.writelines(jsonlib.dumps(row) + "\n" for row in rows)
         return
-    (print_profile if profile else print_rows)(rows, Console())
-    for file in (output, profile_file if profile else None):
-        if file is not None:
-            typer.echo(f"Written: {file}")
+    print_rows(rows, Console())
+    if output is not None:
+        typer.echo(f"Written: {output}")
 
 
 @app.command()

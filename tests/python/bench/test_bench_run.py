@@ -1,20 +1,18 @@
-"""Runs of the benchmark: rows, ratios, scaling, profile and what the command line says."""
+"""Runs of the benchmark: rows, ratios, and what the command line says."""
 
 from __future__ import annotations
 
 import json
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from sim2vr_harness.bench import plan as plans
-from sim2vr_harness.bench import scenes
+from sim2vr_harness.bench import scene
 from sim2vr_harness.bench.memory import memory_rows
 from sim2vr_harness.bench.rows import Row
-from sim2vr_harness.bench.stages import StageClock, timed_stages
+from sim2vr_harness.bench.run import check_hashes
 from sim2vr_harness.bench.turns import Turn, in_turns, paired_ratio, spread, timed_turn
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.training.config import TrainingConfig, parse_config
@@ -34,7 +32,7 @@ FIELDS = {
 
 @pytest.fixture(autouse=True)
 def short_warm_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scenes, "WARM_UP_STEPS", 5)
+    monkeypatch.setattr(scene, "WARM_UP_STEPS", 5)
 
 
 def bench(capsys: Any, *arguments: str) -> tuple[int, str, str]:
@@ -82,7 +80,7 @@ def test_a_turn_measures_one_call_at_least() -> None:
 def test_rows_have_their_fields(capsys: Any, tmp_path: Path) -> None:
     file = tmp_path / "rows.jsonl"
     status, out, err = bench(
-        capsys, *FAST, "--scene", "physics,env", "--scene", "game", "--n", "1,2", "--threads",
+        capsys, *FAST, "--scene", "physics,env", "--scene", "render", "--n", "1,2", "--threads",
         "1,2", "--json", "--output", str(file),
     )  # fmt: skip
     assert status == 0, err
@@ -91,7 +89,7 @@ def test_rows_have_their_fields(capsys: Any, tmp_path: Path) -> None:
         (n, threads, scene)
         for n in (1, 2)
         for threads in (1, 2)
-        for scene in ("physics", "game", "env")
+        for scene in ("physics", "render", "env")
     ]
     for row in rows:
         assert set(row) == FIELDS
@@ -135,39 +133,15 @@ def config() -> TrainingConfig:
     return parse_config({"env": {"vision": {"width": 32, "height": 24}}})
 
 
-def test_scaling_takes_targets_once() -> None:
-    plan = plans.Plan.from_options(config(), "scaling")
-    chosen = plans.specs(plan)
-    plain = {(spec.scene, spec.n) for spec in chosen if not spec.variant}
-    assert plain == {(scene, n) for scene in ("physics", "env") for n in plans.SCALING_N}
-    variants = [(spec.scene, spec.variant, spec.n) for spec in chosen if spec.variant]
-    assert len(variants) == len(set(variants))
-    assert ("env", "condition=hard", 64) in variants
-    assert ("render", "targets=27", 64) in variants
-
-
-def test_standing_targets_are_seen() -> None:
-    from sim2vr_harness.envs.simulation import Simulation
-
-    plan = plans.Plan.from_options(config(), "usual", ["targets"], "1", "1")
-    pictures = []
-    for spec in plans.specs(plan):
-        if spec.scene != "render" or spec.variant == "targets=27":  # these share nine cells
-            continue
-        with closing(Simulation(spec.env(), 1)) as simulation:
-            simulation.reset(seeds=[0])
-            for _ in range(15):
-                simulation.step(np.zeros((1, 32)))
-            pictures.append(simulation.observation()["vision"][0, 0].astype(int))
-    changed = [int((np.abs(picture - pictures[0]) > 8).sum()) for picture in pictures]
-    assert changed[0] == 0
-    assert changed == sorted(set(changed))  # 0, 1, 3, 5, 9 targets: more and more pixels
-
-
-def test_threads_double_up_to_the_cores(monkeypatch: pytest.MonkeyPatch) -> None:
-    for count, expected in ((1, [1]), (2, [1, 2]), (6, [1, 2, 4, 6])):
-        monkeypatch.setattr(plans, "cores", lambda count=count: count)
-        assert plans.doubling_threads() == expected
+def test_a_plan_knows_every_transport_and_the_threads_of_the_configuration() -> None:
+    ways = plans.transports()
+    assert ways[0] == "in_process"
+    assert {"protocol1", "protocol2"} <= set(ways)
+    plan = plans.Plan(parse_config({"env": {"threads": 3}}), ["all"], n="8,2,8", transport=["all"])
+    found = [(spec.scene, spec.transport, spec.n, spec.threads) for spec in plans.specs(plan)]
+    expected = [("physics", None), *(("render", way) for way in ways)]
+    expected += [*(("env", way) for way in ways), ("train", "in_process")]
+    assert found == [(name, way, n, 3) for n in (8, 2) for name, way in expected]
 
 
 def test_rows_that_must_play_alike_are_compared() -> None:
@@ -178,12 +152,12 @@ def test_rows_that_must_play_alike_are_compared() -> None:
     with pytest.raises(
         RuntimeError, match=r"hash a in 'env, in_process, N=2, .*', b in 'env, prot"
     ):
-        plans.check_hashes(rows)
+        check_hashes(rows)
     others = [
         Row("env", "in_process", 3, 1, state_hash="b"),
         Row("physics", None, 2, 1, state_hash="c"),
     ]
-    plans.check_hashes([rows[0], *others])
+    check_hashes([rows[0], *others])
 
 
 def test_memory_of_fresh_processes() -> None:
@@ -197,73 +171,18 @@ def test_memory_of_fresh_processes() -> None:
     assert few.extra == {}
 
 
-def test_profile_splits_the_step(capsys: Any, tmp_path: Path) -> None:
-    file = tmp_path / "profile.txt"
-    status, out, err = bench(
-        capsys, *FAST, *TINY, "--profile", "--n", "2", "--train-steps", "8", "--profile-file",
-        str(file), "--json",
-    )  # fmt: skip
-    assert status == 0, err
-    env, train = (json.loads(line) for line in out.splitlines())
-    # A function that was renamed is no longer timed: mend bench/stages.py.
-    assert env["extra"]["not_timed"] == train["extra"]["not_timed"] == []
-    for row in (env, train):
-        stages = row["extra"]["stages_us"]
-        assert sum(stages.values()) == pytest.approx(1e6 / row["rate_per_s"], rel=0.01)
-        cpu = row["extra"]["stages_cpu_us"]
-        assert sum(cpu.values()) == pytest.approx(row["cpu_us_per_step"], rel=0.01)
-        assert {"physics", "game", "drawing", "effort", "perception"} <= set(stages)
-        assert stages["physics"] > 0.0
-    assert {"policy, acting", "buffer", "update, backward"} <= set(train["extra"]["stages_us"])
-    text = file.read_text()
-    for part in ("physics", "update, backward", "How to read it", "tottime"):
-        assert part in text
-
-
-def test_stages_do_not_count_what_is_inside_them() -> None:
-    wall = iter([0.0, 1.0, 4.0, 6.0, 10.0, 13.0])
-    cpu = iter([0.0, 0.5, 1.0, 3.0, 3.0, 4.0])
-    clock = StageClock(lambda: next(wall), lambda: next(cpu))
-    with clock.stage("outer"), clock.stage("inner"):
-        pass
-    with clock.stage("outer"):
-        pass
-    # outer: 0 to 1, 4 to 6 and 10 to 13; inner: 1 to 4.
-    assert clock.times == {"outer": (1.0 + 2.0 + 3.0, 0.5 + 2.0 + 1.0), "inner": (3.0, 0.5)}
-
-
-def test_timers_are_taken_away_again() -> None:
-    from mujoco.batch import Batch
-
-    from sim2vr_harness.envs import simulation
-    from sim2vr_harness.users.effort import CumulativeFatigue3CCr, Zero
-
-    before = [Batch.step, CumulativeFatigue3CCr.update, Zero.update, simulation.pose_to_app]
-    with timed_stages(StageClock()):
-        during = [Batch.step, CumulativeFatigue3CCr.update, Zero.update, simulation.pose_to_app]
-        assert all(a is not b for a, b in zip(before, during, strict=True))
-    after = [Batch.step, CumulativeFatigue3CCr.update, Zero.update, simulation.pose_to_app]
-    assert all(a is b for a, b in zip(before, after, strict=True))
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--n", "0"], "--n: got 0, expected at least 1"),
         (["--n", "4,x"], "--n: got '4,x', expected whole numbers with commas, such as 16,64"),
         (["--threads", "0"], "--threads: got 0, expected at least 1"),
-        (["--seconds", "0"], "--seconds: got 0.0, expected more than 0"),
+        (["--seconds", "0"], "--seconds: got 0, expected more than 0"),
         (["--seconds", "nan"], "--seconds: got nan, expected more than 0"),
         (["--train-steps", "0"], "--train-steps: got 0, expected at least 1"),
-        (["--scene", "physic"], "--scene: got 'physic', expected one of all, physics, game, "),
+        (["--scene", "physic"], "--scene: got 'physic', expected one of all, physics, render, "),
         (["--transport", "protocol3"], "--transport: got 'protocol3', expected one of all, in_pr"),
         (["--output", "{tmp}/no/rows.jsonl"], "--output: got '{tmp}/no/rows.jsonl', expected a"),
-        (["--profile", "--scaling"], "--profile: got it together with --scaling, expected one"),
-        (["--profile", "--scene", "game"], "--scene: got 'game' with --profile, expected env and"),
-        (
-            ["--scene", "targets", "--set", "env.app.game=sample", "--set", "env.app.options={{}}"],
-            "--scene: got 'targets' with game 'sample', expected the game whacamole",
-        ),
     ],
 )
 def test_bad_input(capsys: Any, tmp_path: Path, arguments: list[str], message: str) -> None:

@@ -121,7 +121,7 @@ def test_tables_are_replaced_and_nothing_else(tmp_path: Path, capsys: Any) -> No
     page = tmp_path / "page.md"
     page.write_text(
         "before\n<!-- table memory -->\nold\n<!-- end -->\nbetween\n"
-        "<!-- table profile -->\nstays\n<!-- end -->\n"
+        "<!-- table key -->\nstays\n<!-- end -->\n"
     )
     rows = write(
         tmp_path / "rows",
@@ -135,9 +135,9 @@ def test_tables_are_replaced_and_nothing_else(tmp_path: Path, capsys: Any) -> No
         "| --- | ---: | ---: |\n"
         "| 16 | 100 |  |\n"
         "| 144 | 228 | 1.0 |\n"
-        "<!-- end -->\nbetween\n<!-- table profile -->\nstays\n<!-- end -->\n"
+        "<!-- end -->\nbetween\n<!-- table key -->\nstays\n<!-- end -->\n"
     )
-    assert "left as they were, not measured: profile" in capsys.readouterr().out
+    assert "left as they were, not measured: key" in capsys.readouterr().out
 
 
 def test_the_scaling_table_by_hand() -> None:
@@ -145,18 +145,21 @@ def test_the_scaling_table_by_hand() -> None:
         return row("env", rate, n=n, threads=threads, ratios=ratios)
 
     run = [
-        env(4, 1, 900.0, **{"N=16": 0.9, "physics": 0.6}),
-        env(4, 2, 1500.0, **{"N=16": 0.75, "physics": 0.5, "1 thread": 1.67}),
+        env(4, 1, 900.0, physics=0.6),
+        env(4, 2, 1500.0, **{"physics": 0.5, "1 thread": 1.67}),
         env(16, 1, 1000.0, physics=0.7),
         env(16, 2, 2000.0, **{"physics": 0.65, "1 thread": 2.0}),
-        env(64, 1, 1000.0, **{"N=16": 1.0}),
-        env(64, 2, 2000.0, **{"N=16": 1.25}),
+        env(64, 1, 1000.0),
+        env(64, 2, 2000.0),
     ]
     lines = tables.table_scaling(run).splitlines()
-    assert lines[-3:] == [
-        "| 4 | 900 | 1,500 | 1.67 | 1.11 | 1.33 | 0.60 | 0.50 |",
-        "| 16 | 1,000 | 2,000 | 2.00 | 1 | 1 | 0.70 | 0.65 |",
-        "| 64 | 1,000 | 2,000 |  | 1.00 | 0.80 |  |  |",
+    assert lines[-5:] == [
+        "| users | steps/s, 1 thread | steps/s, 2 threads | 2 threads / 1 | "
+        "env / physics, 1 thread | env / physics, 2 threads |",
+        "| --- | ---: | ---: | ---: | ---: | ---: |",
+        "| 4 | 900 | 1,500 | 1.67 | 0.60 | 0.50 |",
+        "| 16 | 1,000 | 2,000 | 2.00 | 0.70 | 0.65 |",
+        "| 64 | 1,000 | 2,000 |  |  |  |",
     ]
     assert tables.table_scaling(run[:4]) is None
 
@@ -174,12 +177,10 @@ def test_the_last_run_with_the_scenes_counts() -> None:
 
 
 def test_the_key_table_by_hand() -> None:
-    ratios = {"physics": 0.8, "physics, cpu": 0.75, "reference-way": 4.0, "reference-way, cpu": 5.0}
     parts = {"rollout_steps_per_s": 1000.0, "update_steps_per_s": 250.0}
     run = [
         row("physics", 2500.0, transport=None),
-        row("env", 2000.0, ratios=ratios),
-        row("reference-way", 500.0, transport="protocol1"),
+        row("env", 2000.0, ratios={"physics": 0.8, "physics, cpu": 0.75}),
         row("train", 200.0, parts=parts),
     ]
     assert tables.table_key(run[:2]) is None
@@ -188,37 +189,30 @@ def test_the_key_table_by_hand() -> None:
         "N = 64, 2 threads. Z80, 2 cores; llvmpipe; load 0.1 at the start; 2026-01-01, c0ffee.",
         "| env: users in apps, observations | 2,000 | 500 | 900 | 5.0% |",
         "| train, update alone | 250 | 4,000 |  |  |",
-        "| env / physics | 0.80 | 0.75 |",
-        "| env / reference-way | 4.00 | 5.00 |",
+        "env / physics: 0.80 (0.75 by processor time)",
     ):
         assert line in text.splitlines()
 
 
-def test_the_other_tables_by_hand() -> None:
-    targets = [
-        row("env", 1000.0, variant="condition=hard"),
-        row("game", 50_000.0, variant="targets=9"),  # 20 us
-        row("render", 4000.0, variant="targets=9"),  # 250 us
+def test_the_transports_table_by_hand() -> None:
+    ways = [
+        row(scene, rate, transport=way)
+        for way, rate in (("in_process", 100.0), ("protocol2", 72.0), ("tin can", 5.0))
+        for scene in ("render", "env")
     ]
-    text = tables.table_targets(targets)
-    assert "| hard | 1,000 | 1,000 | 900 |" in text
-    assert "| 9 | 20 | 250 | 230 | 900 |" in text
-    ways = [row("env", 100.0), row("env", 72.0, transport="protocol2")]
-    shares = "| env: users in apps, observations | 64 | 1.00 | 0.72 |  |"
-    assert shares in tables.table_transports(ways)
+    lines = tables.table_transports(ways).splitlines()
+    assert lines[2] == "| scene | N | in process | protocol2 | tin can |"
+    assert lines[-1] == "| env: users in apps, observations | 64 | 1.00 | 0.72 | 0.05 |"
     assert tables.table_transports(ways[:1]) is None
-    stages = {"stages_us": {"physics": 60.0, "game": 40.0}}
-    cpu = {"stages_cpu_us": {"physics": 90.0, "game": 10.0}}
-    text = tables.table_profile([row("profile-env", 1.0, extra=stages | cpu)])
-    assert "| physics | 60 | 60% | 90% |" in text
 
 
 def test_rows_that_no_table_can_be_made_of(tmp_path: Path, capsys: Any) -> None:
     page = tmp_path / "page.md"
-    page.write_text("<!-- table profile -->\nx\n<!-- end -->")
-    old = write(tmp_path / "old", row("profile-env", 1.0, extra={"stages_us": {"physics": 1.0}}))
-    assert tables.main([old, str(page)]) == 2
-    error = "error: table profile: got rows without 'stages_cpu_us', expected those of this version"
+    page.write_text("<!-- table memory -->\nx\n<!-- end -->")
+    old = {"scene": "memory", "run": "before", "n": 4}
+    (tmp_path / "old").write_text(json.dumps(old) + "\n")
+    assert tables.main([str(tmp_path / "old"), str(page)]) == 2
+    error = "error: table memory: got rows without 'memory_mb', expected those of this version"
     assert capsys.readouterr().err.startswith(error)
     (tmp_path / "other").write_text('{"scene": "env"}\n')
     assert tables.main([str(tmp_path / "other"), str(page)]) == 2

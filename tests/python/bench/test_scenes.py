@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import ast
 from collections.abc import Iterator
 from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from sim2vr_harness.bench import scenes
-from sim2vr_harness.bench.scenes import EnvScene, Spec, open_scene, user_state
+from sim2vr_harness.bench import scene as shared
+from sim2vr_harness.bench.plan import transports
+from sim2vr_harness.bench.scene import Spec
+from sim2vr_harness.bench.scenes import EnvScene, open_scene, short_iteration
 from sim2vr_harness.training.config import TrainingConfig, parse_config
+
+PACKAGE = "sim2vr_harness.bench"
 
 
 @pytest.fixture(autouse=True)
 def short_warm_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scenes, "WARM_UP_STEPS", 12)
+    monkeypatch.setattr(shared, "WARM_UP_STEPS", 12)
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +35,7 @@ def hashes(spec: Spec) -> tuple[str | None, str | None]:
         return scene.state_hash, scene.observation_hash
 
 
-@pytest.mark.parametrize("name", ["physics", "game", "render", "env"])
+@pytest.mark.parametrize("name", ["physics", "render", "env"])
 def test_threads_do_not_matter(config: TrainingConfig, name: Any) -> None:
     found = {hashes(Spec(name, config, 3, threads)) for threads in (1, 2)}
     assert len(found) == 1
@@ -39,52 +45,64 @@ def test_threads_do_not_matter(config: TrainingConfig, name: Any) -> None:
     assert (observation is not None) == (name in ("render", "env"))
 
 
-@pytest.mark.parametrize("name", ["game", "render", "env"])
+@pytest.mark.parametrize("name", ["render", "env"])
 def test_transports_do_not_matter(config: TrainingConfig, name: Any) -> None:
-    kinds: list[Any] = ["in_process", "protocol1", "protocol2"]
-    found = {hashes(Spec(name, config, 2, 1, kind)) for kind in kinds}
+    found = {hashes(Spec(name, config, 2, 1, kind)) for kind in transports()}
     assert len(found) == 1
 
 
 def states(config: TrainingConfig, n: int) -> Iterator[bytes]:
     with closing(EnvScene(Spec("env", config, n, 2))) as scene:
         simulation: Any = scene.env.simulation
-        yield from [user_state(simulation, i) for i in range(n)]
+        yield from [shared.user_state(simulation, i) for i in range(n)]
 
 
 def test_company_does_not_matter(config: TrainingConfig, monkeypatch: pytest.MonkeyPatch) -> None:
     # User 1 has short rounds of 0.3 s in both, so that an autoreset is part of the comparison.
-    monkeypatch.setattr(scenes, "SHORT_ROUND_EVERY", 3)
-    monkeypatch.setattr(scenes, "SHORT_ROUND_SECONDS", 0.3)
+    monkeypatch.setattr(shared, "SHORT_ROUND_EVERY", 3)
+    monkeypatch.setattr(shared, "SHORT_ROUND_SECONDS", 0.3)
     assert list(states(config, 2)) == list(states(config, 5))[:2]
 
 
 def test_a_change_of_the_game_changes_the_hash(config: TrainingConfig) -> None:
     app = config.env.app.model_copy(update={"options": {"condition": "easy"}})
     easy = config.model_copy(update={"env": config.env.model_copy(update={"app": app})})
-    assert hashes(Spec("game", config, 2, 1))[0] != hashes(Spec("game", easy, 2, 1))[0]
+    assert hashes(Spec("render", config, 2, 1))[0] != hashes(Spec("render", easy, 2, 1))[0]
 
 
 def test_short_rounds_are_one_in_thirty(config: TrainingConfig) -> None:
-    assert scenes.short_rounds(config.env, 14) == []
-    assert scenes.short_rounds(config.env, 64) == [15, 45]
+    assert shared.short_rounds(config.env, 14) == []
+    assert shared.short_rounds(config.env, 64) == [15, 45]
+    timed = parse_config({"env": {"app": {"options": {"round_seconds": 9.0}}}})
+    assert shared.short_rounds(timed.env, 64) == []
+
+
+def test_other_games_and_apps_that_draw_nothing(
+    config: TrainingConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(shared, "SHORT_ROUND_EVERY", 2)
+    app = {"game": "sample", "options": {}, "renderer": "null"}
+    sample = parse_config({"env": {"app": app}})
+    for name in ("render", "env"):
+        state, pictures = hashes(Spec(name, sample, 2, 1))
+        assert state is not None
+        assert state != hashes(Spec(name, config, 2, 1))[0]
+        assert (pictures is None) == (name == "render")
 
 
 def test_actions_are_those_of_the_user() -> None:
-    few, many = scenes.actions(2, 5), scenes.actions(4, 5)
-    assert few.shape == (scenes.ACTIONS, 2, 5)
+    few, many = shared.actions(2, 5), shared.actions(4, 5)
+    assert few.shape == (shared.ACTIONS, 2, 5)
     assert np.array_equal(few, many[:, :2])
     assert not np.array_equal(many[:, 2], many[:, 3])
     assert np.abs(many).max() == 1.0
 
 
 def test_a_digest_keeps_the_parts_apart() -> None:
-    assert scenes.digest([b"ab", b"c"]) != scenes.digest([b"a", b"bc"])
+    assert shared.digest([b"ab", b"c"]) != shared.digest([b"a", b"bc"])
 
 
 def test_training_measures_whole_minibatches(config: TrainingConfig) -> None:
-    from sim2vr_harness.bench.train import short_iteration
-
     # 64 users: 1,000 steps are 16 each, 1,024 in one minibatch; 4,000 are 63 each, in 4
     # minibatches 64 each, 4,096.
     one = short_iteration(config, 64, 1000).ppo
@@ -93,11 +111,24 @@ def test_training_measures_whole_minibatches(config: TrainingConfig) -> None:
     assert (four.n_envs, four.n_steps, four.batch_size) == (64, 64, 1024)
 
 
-def test_the_reference_way_plays_the_same_rounds(config: TrainingConfig) -> None:
-    from sim2vr_harness.training.errors import InputError
+def test_nothing_in_bench_imports_in_a_circle() -> None:
+    folder = Path(shared.__file__).parent
+    imports = {file.stem: imported_siblings(file) for file in folder.glob("*.py")}
+    assert "scene" in imports["scenes"]
+    # Modules that import only what is left out already leave, again and again: a circle stays.
+    while leaves := [name for name, needed in imports.items() if not needed & set(imports)]:
+        for name in leaves:
+            del imports[name]
+    assert imports == {}
 
-    env = Spec("env", config, 2, 1)
-    reference = Spec("reference-way", config, 2, None, "protocol1")
-    assert hashes(reference) == hashes(env)
-    with pytest.raises(InputError, match="--n: got 129 with scene reference-way, expected at most"):
-        open_scene(Spec("reference-way", config, 129, None, "protocol1"))
+
+def imported_siblings(file: Path) -> set[str]:
+    """Modules of bench that a module of it imports, within functions as well."""
+    found = set()
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and (node.module or "").startswith(PACKAGE):
+            rest = (node.module or "").removeprefix(PACKAGE).lstrip(".")
+            found |= {rest} if rest else {alias.name for alias in node.names}
+        elif isinstance(node, ast.Import):
+            found |= {x.name.removeprefix(f"{PACKAGE}.") for x in node.names}
+    return found

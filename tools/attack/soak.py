@@ -1,11 +1,11 @@
-"""Many exchanges with sim2vr-app over each protocol: does the memory of either side grow?
+"""Many exchanges with sim2vr-app over each transport: does the memory of either side grow?
 
-Prints one JSON line per interval and protocol: exchanges so far, rate, resident memory of this
-process and of the app's (MiB), open file descriptors. Every 1000 exchanges it also saves, loads and
-hashes the state. Ends with status 1 when, after the first tenth, either side's memory has grown by
-more than ``--allow`` MiB.
+Prints one JSON line per interval: exchanges so far, rate, resident memory of this process and of
+the app's (MiB), open file descriptors. Every 1000 exchanges it also saves, loads and hashes the
+state. Ends with status 1 when, after the first tenth, either side's memory has grown by more than
+``--allow`` MiB.
 
-Run: python tools/bench/soak.py --exchanges 100000
+Run: python tools/attack/soak.py --exchanges 100000
 """
 
 from __future__ import annotations
@@ -23,6 +23,8 @@ from sim2vr_harness.client import AppClient, DevicePoses, frame_time_ns
 from sim2vr_harness.envs import AppConfig, EnvConfig
 from sim2vr_harness.envs.apps import app_factory
 
+INTERVALS = 20
+
 
 def resident_mib(pid: int) -> float:
     """Resident memory of a process."""
@@ -30,20 +32,11 @@ def resident_mib(pid: int) -> float:
     return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
 
 
-def descriptors(pid: int) -> int:
-    """Open file descriptors of a process."""
-    return len(os.listdir(f"/proc/{pid}/fd"))
-
-
-def child_pid() -> int:
+def app_pid() -> int:
     """The app: this process's only child."""
-    children = [
-        pid
-        for task in Path("/proc/self/task").iterdir()
-        for pid in (task / "children").read_text().split()
-    ]
-    (pid,) = children
-    return int(pid)
+    texts = [file.read_text() for file in Path("/proc/self/task").glob("*/children")]
+    (pid,) = [int(child) for text in texts for child in text.split()]
+    return pid
 
 
 def poses(frame: int) -> DevicePoses:
@@ -54,11 +47,11 @@ def poses(frame: int) -> DevicePoses:
     return DevicePoses(head, np.array(hand))
 
 
-def soak(app: AppClient, protocol: str, exchanges: int, rows: int) -> list[tuple[float, float]]:
+def soak(app: AppClient, transport: str, exchanges: int) -> list[tuple[float, float]]:
     """Plays rounds; returns (own, app's) memory at the end of each interval, MiB."""
-    pid, memory = child_pid(), []
+    pid, memory = app_pid(), []
     frame, over, seed = 0, True, 0
-    began, last = time.perf_counter(), 0
+    began, interval = time.perf_counter(), max(1, exchanges // INTERVALS)
     for exchange in range(1, exchanges + 1):
         if over:
             seed, frame = seed + 1, 0
@@ -71,49 +64,45 @@ def soak(app: AppClient, protocol: str, exchanges: int, rows: int) -> list[tuple
             before = app.state_hash()
             app.load(app.save())
             assert app.state_hash() == before
-        if exchange % max(1, exchanges // rows) == 0:
-            now = time.perf_counter()
+        if exchange % interval == 0:
             memory.append((resident_mib(os.getpid()), resident_mib(pid)))
             row = {
-                "protocol": protocol,
+                "transport": transport,
                 "exchanges": exchange,
                 "rounds": seed,
-                "exchanges_per_s": round((exchange - last) / (now - began), 1),
+                "exchanges_per_s": round(interval / (time.perf_counter() - began), 1),
                 "client_mib": round(memory[-1][0], 1),
                 "app_mib": round(memory[-1][1], 1),
-                "client_descriptors": descriptors(os.getpid()),
-                "app_descriptors": descriptors(pid),
+                "client_descriptors": len(os.listdir("/proc/self/fd")),
+                "app_descriptors": len(os.listdir(f"/proc/{pid}/fd")),
                 "state_hash": f"{app.state_hash():016x}",
             }
             print(json.dumps(row), flush=True)
-            began, last = time.perf_counter(), exchange
+            began = time.perf_counter()
     return memory
 
 
-def main() -> None:
-    """Soak both protocols."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--exchanges", type=int, default=100_000, help="per protocol")
-    parser.add_argument("--protocol", type=int, choices=(1, 2), help="only this one")
-    parser.add_argument("--renderer", default="automatic")
-    parser.add_argument("--rows", type=int, default=20, help="lines of output per protocol")
+def main() -> int:
+    """Soak each transport; returns the exit status."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--exchanges", type=int, default=100_000, help="per transport")
+    parser.add_argument("--transport", nargs="+", default=["protocol1", "protocol2"])
     parser.add_argument("--allow", type=float, default=8.0, help="growth that is forgiven, MiB")
     given = parser.parse_args()
     flat = True
-    for number in (1, 2) if given.protocol is None else (given.protocol,):
-        settings = {"transport": f"protocol{number}", "renderer": given.renderer}
-        config = EnvConfig(app=AppConfig.model_validate(settings))
+    for transport in given.transport:
+        config = EnvConfig(app=AppConfig.model_validate({"transport": transport}))
         app = app_factory(config, 1)(config, 0, None)
         try:
-            memory = soak(app, f"protocol{number}", given.exchanges, given.rows)
+            memory = soak(app, transport, given.exchanges)
         finally:
             app.close()
         start, end = memory[len(memory) // 10], memory[-1]
         growth = [round(after - before, 1) for before, after in zip(start, end, strict=True)]
-        print(f"protocol {number}: grown by {growth[0]} MiB (client) and {growth[1]} MiB (app)")
+        print(f"{transport}: grown by {growth[0]} MiB (client) and {growth[1]} MiB (app)")
         flat &= max(growth) <= given.allow
-    sys.exit(0 if flat else 1)
+    return 0 if flat else 1
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -7,6 +7,7 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim2vr_harness.client.frames import rotation_to_app
 from sim2vr_harness.users import MotorNoiseSettings, UserBatch, load_body, make_effort
 
 BODY = load_body("mobl_arms_wrist")
@@ -334,3 +335,70 @@ def test_other_errors() -> None:
         UserBatch(BODY, 0)
     with pytest.raises(ValueError, match=r"effort: got 'neurall'.*did you mean 'neural'"):
         UserBatch(BODY, 1, effort="neurall")
+
+
+def test_pauses_change_no_bit_and_show_the_moment() -> None:
+    actions = _actions(2, 2)
+    plain = _play(actions, [1, 2])
+    batch = UserBatch(BODY, 2, threads=1)
+    batch.reset([0, 1], _rngs(1, 2))
+    seen: dict[int, dict[str, np.ndarray]] = {}
+    stops = (1, 7, 10, 25)
+    for action in actions:
+        pauses = {s: lambda s=s: seen.__setitem__(s, _snapshot(batch)) for s in stops}
+        batch.step(action, pose_samples=5, pauses=pauses)
+        assert sorted(seen) == [1, 7, 10, 25]
+    _assert_same(_snapshot(plain), _snapshot(batch))
+    for name in ("qpos", "qvel", "time", "end_effector_pos", "qacc", "actuator_force"):
+        np.testing.assert_array_equal(seen[25][name], _snapshot(batch)[name], err_msg=name)
+    # After 7 substeps: 7 single ones with the same controls.
+    single = UserBatch(BODY, 1, threads=1)
+    single.reset([0], _rngs(1))
+    single.step(actions[0][:1])
+    model, data = BODY.model, mujoco.MjData(BODY.model)
+    data.qpos[:], data.qvel[:], data.act[:] = single.qpos[0], single.qvel[0], single.act[0]
+    data.qacc_warmstart[:] = single._batch.bind("qacc_warmstart")[0]
+    data.ctrl[:] = np.clip(single.act[0] + actions[1][0], 0, 1)
+    mujoco.mj_step(model, data, 7)
+    np.testing.assert_array_equal(seen[7]["qpos"][0], data.qpos)
+    np.testing.assert_array_equal(seen[7]["qacc"][0], data.qacc)
+    mujoco.mj_kinematics(model, data)
+    hand = seen[7]["controller_right pos"][0]
+    np.testing.assert_array_equal(hand, data.site("controller_right").xpos)
+    with pytest.raises(ValueError, match="pauses: got substep 26, expected 1 to 25"):
+        batch.step(actions[0], pauses={26: lambda: None})
+
+
+def test_a_head_that_is_asked_to_look() -> None:
+    """The reference's rotations by placement (Unity x y z w): 30 down, 10 down, 30 up."""
+    batch = _play(_actions(1, 4), [1, 2, 3, 4])
+    held = batch.device_poses("headset")
+    batch.turn_head([0, 1, 2], [-30.0, -10.0, 30.0])
+    position, rotation = batch.device_poses("headset")
+    np.testing.assert_array_equal(position, held[0])
+    expected = [
+        (-0.258819, 0.0, 0.0, -0.9659258),
+        (-0.0871556774, 0.0, 0.0, -0.99619472),
+        (0.258819, 0.0, 0.0, -0.9659258),
+    ]
+    np.testing.assert_allclose(rotation_to_app(rotation[:3]), expected, atol=1e-7)
+    assert (rotation_to_app(rotation[:3])[:, 1:3] == 0).all()  # a pure pitch
+    np.testing.assert_array_equal(rotation[3], held[1][3])
+    batch.step(_actions(1, 4)[0], pose_samples=5)
+    for sample in range(5):
+        np.testing.assert_array_equal(batch.device_poses("headset", sample)[1][:3], rotation[:3])
+    other = UserBatch(BODY, 1, threads=1)
+    other.set_state(0, batch.get_state(2))
+    np.testing.assert_array_equal(other.device_poses("headset")[1][0], rotation[2])
+    batch.turn_head([1], None)
+    assert (batch.device_poses("headset")[1][1] != rotation[1]).any()
+    batch.reset([0], _rngs(1))
+    assert (batch.device_poses("headset")[1][0] != rotation[0]).any()
+    np.testing.assert_array_equal(batch.device_poses("headset")[1][2], rotation[2])
+    with pytest.raises(ValueError, match=r"pitch_deg: got 95.0, expected -90 to 90 degrees"):
+        batch.turn_head([0], 95.0)
+    with pytest.raises(ValueError, match="pitch_deg: got 1, expected 2, one per id"):
+        batch.turn_head([0, 1], [3.0])
+    with pytest.raises(ValueError, match="for a body without a headset"):
+        bare = load_body("mobl_arms_wrist", devices=(), appearance=False)
+        UserBatch(bare, 1, threads=1).turn_head([0], 3.0)

@@ -173,6 +173,15 @@ class _Described:
         for pattern, angle in self._description.locked_joints.items():
             for name in _found("locked_joints", [pattern], self._parts.joints):
                 locked[name] = angle
+        model, joint = _compiled(self._source), int(mujoco.mjtTrn.mjTRN_JOINT)
+        for name in (name for group in self._groups for name in group.actuators):
+            actuator = model.actuator(name)
+            moved = model.joint(int(actuator.trnid[0])).name if actuator.trntype == joint else None
+            if moved in locked:
+                raise ValueError(
+                    f"locked_joints: got {moved!r}, which the actuator {name!r} moves; expected "
+                    "another joint, or actuators without it"
+                )
         return locked
 
     def _worn(self) -> tuple[str, ...]:
@@ -209,12 +218,6 @@ class _Described:
             passive = not (np.any(tendon.stiffness) or np.any(tendon.damping))
             if tendon.name in targets - kept and passive and not _coupled(spec, tendon.name):
                 spec.delete(tendon)
-        for actuator in spec.actuators:
-            if actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT and actuator.target in self._locked:
-                raise ValueError(
-                    f"locked_joints: got {actuator.target!r}, which the actuator "
-                    f"{actuator.name!r} moves; expected another joint, or actuators without it"
-                )
 
     def _place(self, spec: mujoco.MjSpec) -> None:
         place = self._description.place

@@ -3,27 +3,20 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include <map>
 #include <string>
 
 #include "app_binding.hpp"
 #include "batch_binding.hpp"
+#include "games_binding.hpp"
 #include "sim2vr/core/clock.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
 #include "sim2vr/core/version.hpp"
-#include "sim2vr/games/registry.hpp"
 #include "sim2vr/render/renderer.hpp"
 
 namespace py = pybind11;
 
 namespace {
-
-std::map<std::string, std::string> listGames() {
-  std::map<std::string, std::string> games;
-  for (const auto& entry : sim2vr::games::registry()) games[entry.name] = entry.description;
-  return games;
-}
 
 std::string glRenderer(const std::string& kind) {
   return sim2vr::render::Renderer::create(sim2vr::render::rendererKindFromName(kind))
@@ -43,7 +36,6 @@ PYBIND11_MODULE(_app_runtime, module) {
   py::register_exception<sim2vr::RenderError>(module, "RenderError", engine_error.ptr());
   py::register_exception<sim2vr::InvalidArgument>(module, "InvalidArgument", PyExc_ValueError);
 
-  module.def("list_games", &listGames, "Names of the games with their descriptions.");
   module.def("gl_renderer", &glRenderer, py::arg("kind") = "automatic",
              "Starts a renderer ('automatic', 'egl', 'osmesa', 'null') and returns its "
              "description. RenderError says what was tried.");
@@ -53,6 +45,7 @@ PYBIND11_MODULE(_app_runtime, module) {
   module.def(
       "set_log_level", [](const std::string& level) { sim2vr::setLogLevel(level); },
       py::arg("level"), "'trace', 'debug', 'info', 'warning' (default), 'error' or 'off'.");
+  sim2vr::bindings::bindGames(module);
   sim2vr::bindings::bindApp(module);
   sim2vr::bindings::bindAppBatch(module);
 }

@@ -52,11 +52,17 @@ std::string didYouMean(std::string_view got, std::span<const std::string> candid
 }
 
 std::string listChoices(std::span<const std::string> choices) {
+  // A sentence that nobody reads to its end helps nobody.
+  constexpr std::size_t kMost = 12;
+  constexpr std::size_t kSome = 4;
+  const bool all = choices.size() <= kMost;
+  const std::size_t listed = all ? choices.size() : kSome;
   std::string list;
-  for (std::size_t i = 0; i < choices.size(); ++i) {
-    if (i > 0) list += i + 1 == choices.size() ? " or " : ", ";
+  for (std::size_t i = 0; i < listed; ++i) {
+    if (i > 0) list += all && i + 1 == listed ? " or " : ", ";
     list += "'" + choices[i] + "'";
   }
+  if (!all) list += " and " + std::to_string(choices.size() - listed) + " more";
   return list;
 }
 

@@ -42,4 +42,9 @@ std::unique_ptr<rl::Game> createGame(std::string_view name) {
                         "one of " + listChoices(known) + didYouMean(name, known));
 }
 
+std::string gameFactsJson(std::string_view name) {
+  const std::unique_ptr<rl::Game> game = createGame(name);
+  return rl::factsJson(game->name(), game->description(), game->facts());
+}
+
 }  // namespace sim2vr::games

@@ -11,6 +11,7 @@
 #include "sim2vr/games/registry.hpp"
 #include "sim2vr/physics/world.hpp"
 #include "sim2vr/rl/episode_logger.hpp"
+#include "sim2vr/rl/outside_cameras.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 #include "sim2vr/scene/scene.hpp"
 #include "sim2vr/xr/session.hpp"
@@ -125,6 +126,7 @@ void App::buildRound(std::uint32_t seed, std::int64_t start_ns, rl::EpisodeLogge
                           .logger = logger,
                           .sounds = fresh->sounds};
   fresh->env = &game_->build(context);
+  rl::addOutsideCameras(fresh->scene);
   if (!fresh->session.attached()) fresh->session.attachActionSets();
   round_ = std::move(fresh);
 }

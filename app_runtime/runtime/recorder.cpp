@@ -130,13 +130,7 @@ std::unique_ptr<Recorder::Sink> Recorder::makeSink(const char* camera) const {
 
 void Recorder::write(LockstepApp& app) {
   writeView(app, View::headset, *headset_);
-  if (third_person_ == nullptr) return;
-  try {
-    writeView(app, View::recorder, *third_person_);
-  } catch (const InvalidArgument& error) {
-    logger().warn("recorder: the headset's view only: {}", error.what());
-    third_person_ = nullptr;
-  }
+  writeView(app, View::recorder, *third_person_);
 }
 
 void Recorder::writeView(LockstepApp& app, View view, Sink& sink) {

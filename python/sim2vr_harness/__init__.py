@@ -6,16 +6,34 @@ Importing this package is cheap and has no side effects. Import what you need:
 - :mod:`sim2vr_harness.users`: biomechanical users in MuJoCo
 - :mod:`sim2vr_harness.envs`: Gymnasium environments
 - :mod:`sim2vr_harness.training`, :mod:`sim2vr_harness.evaluation`: Stable-Baselines3
+- :func:`load_user_policy`, :func:`evaluate`: a trained user, to play with and to measure
 - :mod:`sim2vr_harness.paths`: where the app, shaders and configurations are
 """
 
 from __future__ import annotations
 
+from importlib import import_module
 from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as _installed_version
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-__all__ = ["__version__"]
+if TYPE_CHECKING:
+    from sim2vr_harness.evaluation.playing import evaluate, load_user_policy
+
+__all__ = ["__version__", "evaluate", "load_user_policy"]
+
+_LAZY = {
+    "evaluate": "sim2vr_harness.evaluation.playing",
+    "load_user_policy": "sim2vr_harness.evaluation.playing",
+}
+"""Names of this package -> the module that has them, loaded when somebody asks."""
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _LAZY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(_LAZY[name]), name)
 
 
 def _version() -> str:

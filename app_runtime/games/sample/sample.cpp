@@ -56,14 +56,17 @@ class BallEnv : public rl::RLEnv {
   std::string_view typeName() const override { return "sample.BallEnv"; }
 
   void InitialiseGame() override { start_s_ = clock().time(); }
-  void InitialiseReward() override { log_["Points"] = points_; }
+  void InitialiseReward() override { log_ = {{"Points", 0.0}, {"Distance", 0.0}}; }
 
   void CalculateReward() override {
     const Vec3 to_ball = ball_.transform().position() - controller_.transform().position();
     const double shaping = -0.1 * to_ball.norm();
     reward_ = static_cast<float>(ball_.points() - points_ + shaping);
     points_ = ball_.points();
+    distance_sum_m_ += to_ball.norm();
+    ++frames_;
     log_["Points"] = points_;
+    log_["Distance"] = distance_sum_m_ / frames_;
   }
 
   void UpdateIsFinished() override { finished_ = clock().time() - start_s_ >= round_s_; }
@@ -76,6 +79,8 @@ class BallEnv : public rl::RLEnv {
     RLEnv::fields(archive);
     archive.field("start_s", start_s_);
     archive.field("points", points_);
+    archive.field("distance_sum_m", distance_sum_m_);
+    archive.field("frames", frames_);
   }
 
  private:
@@ -84,9 +89,44 @@ class BallEnv : public rl::RLEnv {
   float round_s_;
   float start_s_ = 0.0F;
   int points_ = 0;
+  double distance_sum_m_ = 0.0;
+  int frames_ = 0;
 };
 
 }  // namespace
+
+// What people see of the game: tables, learning curves, films and `--help` are made of it.
+rl::GameFacts TouchTheBall::facts() const {
+  rl::GameFacts facts;
+  facts.round_seconds = 20.0;
+  facts.measures = {
+      {.name = "points", .label = "Points", .log_key = "Points"},
+      {.name = "distance_m",
+       .label = "Distance to the ball",
+       .unit = "m",
+       .log_key = "Distance",
+       .better = rl::Better::kLower,
+       .digits = 3,
+       .description = "Between controller and ball, mean over the round"},
+  };
+  facts.score = "points";
+  facts.conditions = {
+      {.name = "big",
+       .description = "Radius 10 cm",
+       .options_json = R"({"ball_radius_m": 0.10})",
+       .evaluated = true},
+      {.name = "usual",
+       .description = "Radius 5 cm",
+       .options_json = R"({"ball_radius_m": 0.05})",
+       .evaluated = true},
+      {.name = "small",
+       .description = "Radius 2.5 cm",
+       .options_json = R"({"ball_radius_m": 0.025})",
+       .evaluated = true},
+  };
+  facts.default_condition = "usual";
+  return facts;
+}
 
 // Options come from the configuration; a misspelt name or a wrong type is reported to the user.
 void TouchTheBall::configure(Options& options) {

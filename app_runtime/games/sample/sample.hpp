@@ -11,6 +11,7 @@ class TouchTheBall : public rl::Game {
   std::string_view description() const override {
     return "Touch the ball with the right controller; the game to copy";
   }
+  rl::GameFacts facts() const override;
   void configure(Options& options) override;
   rl::RLEnv& build(rl::GameContext& context) override;
 

@@ -15,18 +15,19 @@ struct ConditionRow {
   std::string_view name;
   Placement placement;
   int max_targets;
+  std::string_view same_as = {};
 };
 
 constexpr std::array<ConditionRow, 11> kConditions{{
     {"easy", Placement::kMid, 1},
     {"medium", Placement::kMid, 3},
-    {"mid", Placement::kMid, 3},
-    {"mid-medium", Placement::kMid, 3},
+    {"mid", Placement::kMid, 3, "medium"},
+    {"mid-medium", Placement::kMid, 3, "medium"},
     {"hard", Placement::kMid, 5},
-    {"low", Placement::kLow, 3},
+    {"low", Placement::kLow, 3, "low-medium"},
     {"low-medium", Placement::kLow, 3},
     {"low-easy", Placement::kLow, 1},
-    {"high", Placement::kHigh, 3},
+    {"high", Placement::kHigh, 3, "high-medium"},
     {"high-medium", Placement::kHigh, 3},
     {"high-easy", Placement::kHigh, 1},
 }};
@@ -67,6 +68,32 @@ std::string_view drawMember(const MixRow& mix, std::uint32_t seed) {
   for (int i = 0; i < 8; ++i) random.next();
   return mix
       .members[static_cast<std::size_t>(random.range(0, static_cast<int>(mix.members.size())))];
+}
+
+std::string_view areaName(Placement placement) {
+  switch (placement) {
+    case Placement::kLow:
+      return "Low";
+    case Placement::kHigh:
+      return "High";
+    case Placement::kMid:
+      break;
+  }
+  return "Middle";
+}
+
+std::string description(const ConditionRow& row) {
+  const std::string targets =
+      row.max_targets == 1 ? "1 target" : "up to " + std::to_string(row.max_targets) + " targets";
+  return std::string(areaName(row.placement)) + " area, " + targets + " at once";
+}
+
+std::string description(const MixRow& mix) {
+  std::string text;
+  for (const std::string_view member : mix.members) {
+    text += (text.empty() ? "Drawn for each round from " : ", ") + std::string(member);
+  }
+  return text;
 }
 
 std::vector<ScheduledSpawn> spawnsFromOptions(Options& options) {
@@ -132,6 +159,36 @@ std::span<const std::string> conditionNames() {
     return all;
   }();
   return names;
+}
+
+std::vector<rl::GameCondition> publishedConditions() {
+  static constexpr std::array<std::string_view, 3> kEvaluated{"low-medium", "medium",
+                                                              "high-medium"};
+  std::vector<rl::GameCondition> all;
+  const auto publish = [&all](std::string_view name, std::string text,
+                              std::span<const std::string_view> draws, std::string_view suffix) {
+    rl::GameCondition& condition = all.emplace_back();
+    condition.name = std::string(name) + std::string(suffix);
+    condition.options_json = nlohmann::json{{"condition", condition.name}}.dump();
+    for (const std::string_view drawn : draws) {
+      condition.draws.push_back(std::string(drawn) + std::string(suffix));
+    }
+    condition.description = std::move(text);
+    if (draws.size() == 1) {
+      condition.description = "The same as " + condition.draws.front();
+    } else if (!suffix.empty()) {
+      condition.description += "; any touch of a target is a hit";
+    }
+    condition.evaluated = std::ranges::find(kEvaluated, condition.name) != kEvaluated.end();
+  };
+  for (const std::string_view suffix : {std::string_view(), kUnconstrained}) {
+    for (const ConditionRow& row : kConditions) {
+      const bool alias = !row.same_as.empty();
+      publish(row.name, description(row), std::span(&row.same_as, alias ? 1 : 0), suffix);
+    }
+    for (const MixRow& mix : mixes()) publish(mix.name, description(mix), mix.members, suffix);
+  }
+  return all;
 }
 
 Condition resolveCondition(std::string_view name, std::uint32_t seed) {

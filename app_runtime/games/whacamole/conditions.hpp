@@ -9,6 +9,7 @@
 
 #include "sim2vr/core/math.hpp"
 #include "sim2vr/core/options.hpp"
+#include "sim2vr/rl/game_facts.hpp"
 
 namespace sim2vr::games::whacamole {
 
@@ -40,6 +41,9 @@ inline constexpr int kCells = 9;
 
 /// Every name that the option "condition" takes: the conditions and the random mixes.
 std::span<const std::string> conditionNames();
+
+/// The same, as the game publishes them.
+std::vector<rl::GameCondition> publishedConditions();
 
 /// The condition of one round. A mix draws one of its members uniformly with a generator of its
 /// own, so that `seed` alone fixes the round's spawns and can be compared with a recording's.

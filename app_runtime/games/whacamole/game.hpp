@@ -14,6 +14,7 @@ class WhacAMole : public rl::Game {
   std::string_view description() const override {
     return "Hit the targets that come up in a 3 x 3 grid with a hammer";
   }
+  rl::GameFacts facts() const override;
   void configure(Options& options) override;
   rl::RLEnv& build(rl::GameContext& context) override;
   std::optional<double> headRequest(std::uint32_t seed) const override;

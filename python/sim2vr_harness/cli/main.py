@@ -19,8 +19,9 @@ from rich.console import Console
 from rich.markup import escape
 
 from sim2vr_harness import __version__
-from sim2vr_harness.cli import users
+from sim2vr_harness.cli import games, users
 from sim2vr_harness.cli.errors import INTERRUPTED, report
+from sim2vr_harness.cli.games import HelpWithGames
 
 if TYPE_CHECKING:
     from sim2vr_harness.training.trainer import TrainResult
@@ -37,6 +38,7 @@ app = typer.Typer(
 )
 
 app.add_typer(users.app, name="users")
+app.command("games")(games.games)
 
 RunArgument = Annotated[
     str,
@@ -172,10 +174,13 @@ def _evaluate_after_training(result: TrainResult, episodes: int) -> None:
     from sim2vr_harness.evaluation.tables import results_table
 
     assert result.checkpoint is not None
+    # Beside the results of later evaluations, which are of more rounds.
+    out = result.folder.evaluation_dir / result.checkpoint.stem / "after_training"
+    request = Request(episodes=episodes, out=out, overwrite=True)
     with _Share("Evaluating") as share:
-        found = evaluate(result.checkpoint, Request(episodes=episodes), on_progress=share.show)
-    title = f"After {found.step:,} user steps (mean ± SD)"
-    Console().print(results_table(found.summaries, title))
+        found = evaluate(result.checkpoint, request, on_progress=share.show)
+    title = f"After {found.step:,} user steps"
+    Console().print(results_table(found.summaries, found.facts, title))
 
 
 def _print_where_next(result: TrainResult, resumable: bool) -> None:
@@ -200,14 +205,32 @@ def _print_where_next(result: TrainResult, resumable: bool) -> None:
         typer.echo(f"  {what + ':':17}{command}")
 
 
-@app.command()
+@app.command(cls=HelpWithGames)
 def evaluate(
     run: RunArgument,
     condition: Annotated[
-        list[str] | None, typer.Option(help="A condition of the game; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="A condition of the game; may be repeated. Without, the run's "
+            "evaluation.conditions, or else those below.",
+        ),
     ] = None,
-    episodes: Annotated[int | None, typer.Option(help="Rounds per condition.")] = None,
-    seed: Annotated[int | None, typer.Option(help="Seed of the first round.")] = None,
+    episodes: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Rounds per condition. Without, the run's evaluation.episodes: 10 unless set.",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Seed of the first round, one more for each that follows. Without, the run's "
+            "evaluation.seed: 1 unless set.",
+        ),
+    ] = None,
     deterministic: Annotated[
         bool | None,
         typer.Option(
@@ -217,10 +240,19 @@ def evaluate(
     record: Annotated[
         bool, typer.Option("--record", help="Film the first round of every condition (MP4).")
     ] = False,
-    log: Annotated[bool, typer.Option("--log", help="Write the game's CSV logs.")] = False,
+    log: Annotated[
+        bool, typer.Option("--log", help="Write the game's CSV logs, a folder per round.")
+    ] = False,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for files; RUN/evaluation/step_N by default.")
+        Path | None,
+        typer.Option(
+            help="Folder for files; RUN/evaluation/step_N by default. Results are added to those "
+            "that are there."
+        ),
     ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Begin with new results where there are others.")
+    ] = False,
     batch: Annotated[int, typer.Option(help="Rounds played side by side at most.")] = 10,
     app: AppOption = None,
     app_arg: AppArgOption = None,
@@ -232,6 +264,7 @@ def evaluate(
     """Let a trained user play, and measure what it does."""
     from sim2vr_harness.evaluation.evaluate import Request
     from sim2vr_harness.evaluation.evaluate import evaluate as evaluate_run
+    from sim2vr_harness.evaluation.practised import words_of_change
     from sim2vr_harness.evaluation.tables import results_table
 
     remote = _app_settings(app, app_arg, connect, protocol)
@@ -243,19 +276,24 @@ def evaluate(
         record=record,
         log=log,
         out=out,
+        overwrite=overwrite,
         batch=batch,
         app=remote,
         overrides=overrides or (),
     )
     with _Share("Playing") as share:
         found = evaluate_run(run, request, on_progress=share.show)
+    for line in found.unpractised:
+        typer.echo(f"note: this user never practised {line}", err=True)
     if json:
         _print_json(found.summaries)
         return
     how = "deterministic" if _first(found.summaries)["deterministic"] else "stochastic"
-    changed = f", {', '.join(overrides)}" if overrides else ""
-    title = f"After {found.step:,} user steps, {how}{changed} (mean ± SD)"
-    Console().print(results_table(found.summaries, title))
+    title = f"After {found.step:,} user steps, {how} actions"
+    for override in overrides or ():
+        key, _, value = override.partition("=")
+        title += f"\nWith {words_of_change(key.strip(), value.strip())}"
+    Console().print(results_table(found.summaries, found.facts, title))
     typer.echo(f"Evaluated: {found.checkpoint}")
     for file in found.files:
         typer.echo(f"Written: {file}")
@@ -334,7 +372,10 @@ def replay(
 
 @app.command()
 def curves(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs.")],
+    runs: Annotated[
+        list[str],
+        typer.Argument(metavar="RUN...", help="Folders of runs, or packed users with curves."),
+    ],
     out: Annotated[Path, typer.Option(help="The PNG file to write.")] = Path("curves.png"),
 ) -> None:
     """Draw the learning curves of one or more runs."""
@@ -345,7 +386,13 @@ def curves(
 
 @app.command()
 def snapshot(
-    condition: Annotated[str, typer.Option(help="The game's condition.")] = "medium",
+    game: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The game; without, the user's.")
+    ] = None,
+    condition: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="The game's condition; without, its default."),
+    ] = None,
     out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("snapshot"),
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of the pictures.")] = "640x480",
     seconds: Annotated[float, typer.Option(help="How long to play first.")] = 2.0,
@@ -359,6 +406,7 @@ def snapshot(
 
     files = pictures.snapshot(
         out,
+        game=game,
         condition=condition,
         size=pictures.parse_size(size),
         seconds=seconds,

@@ -12,6 +12,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.tables import cell
 
 app = typer.Typer(
@@ -64,23 +65,37 @@ def _seed(card: dict[str, Any]) -> str:
 
 
 def _results(card: dict[str, Any]) -> Table:
+    from sim2vr_harness.client import facts_of_outside
+    from sim2vr_harness.evaluation.packing import card_measures
+
     seeds = card.get("seed_results", {})
+    measures = card_measures(facts_of_outside(card["contract"]["game"]))
     table = Table("Condition", box=box.SIMPLE)
-    for heading in ("Hit rate", "Hits", "Rounds", *([f"{len(seeds)} seeds"] if seeds else ())):
-        table.add_column(heading, justify="right")
+    for measure in measures:
+        table.add_column(measure.heading, justify="right")
+    table.add_column("Rounds", justify="right")
+    if seeds:
+        table.add_column(f"{measures[0].label} of {len(seeds)} seeds", justify="right")
     for condition, row in card.get("results", {}).items():
-        cells = [cell(row["hit_rate"], None, 2), cell(row["hits"], None, 0), str(row["episodes"])]
+        cells = [cell(row.get(measure.name), None, _digits(measure)) for measure in measures]
+        cells.append(str(row["episodes"]))
         if seeds:
-            cells.append(_spread(card, condition))
+            cells.append(_spread(card, condition, measures[0]))
         table.add_row(condition, *cells)
     return table
 
 
-def _spread(card: dict[str, Any], condition: str) -> str:
-    """The least and the highest of all seeds' hit rates."""
-    rates = [rows[condition]["hit_rate"] for rows in card["seed_results"].values()]
-    known = [rate for rate in rates if rate is not None]
-    return f"{min(known):.2f}-{max(known):.2f}" if known else "-"
+def _digits(measure: Measure) -> int:
+    """One fewer than in a table of an evaluation, which has deviations."""
+    return max(0, measure.digits - 1)
+
+
+def _spread(card: dict[str, Any], condition: str, measure: Measure) -> str:
+    """The least and the highest of all seeds."""
+    found = [rows[condition].get(measure.name) for rows in card["seed_results"].values()]
+    known = [value for value in found if value is not None]
+    digits = _digits(measure)
+    return f"{min(known):.{digits}f}-{max(known):.{digits}f}" if known else "-"
 
 
 @app.command()

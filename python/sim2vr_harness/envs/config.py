@@ -19,10 +19,6 @@ from sim2vr_harness.users import Body, EffortName, Person, effort_options, load_
 _ADDRESS = re.compile(r"[^\s:/]+:([0-9]{1,5})")
 
 
-def _medium() -> dict[str, OptionValue]:
-    return {"condition": "medium"}
-
-
 class EffortConfig(Settings):
     """Cost of muscular effort, subtracted from the game's reward in every user step."""
 
@@ -123,8 +119,8 @@ class AppConfig(Settings):
     """The VR application in the loop."""
 
     game: str = "whacamole"
-    options: dict[str, OptionValue] = Field(default_factory=_medium)
-    """The game's options; each game validates its own (docs/games/)."""
+    options: dict[str, OptionValue] = Field(default_factory=dict)
+    """The game's options; each game has defaults and validates its own (docs/games/)."""
     renderer: Literal["automatic", "egl", "osmesa", "null"] = "automatic"
     transport: Literal["in_process", "protocol1", "protocol2"] = "in_process"
     """Where the app runs: in this process, or outside, reached by SIM2VR's protocol (1) or by our
@@ -183,13 +179,6 @@ class EnvConfig(Settings):
     """An episode that the game has not ended by then is truncated."""
     threads: int = Field(default=0, ge=0)
     """Physics threads of a vector of users; 0 takes every core."""
-
-
-def with_condition(config: EnvConfig, condition: str | None) -> EnvConfig:
-    """The configuration with another condition of the game; None leaves it."""
-    if condition is None:
-        return config
-    return with_options(config, {"condition": condition})
 
 
 def with_options(config: EnvConfig, options: Mapping[str, OptionValue]) -> EnvConfig:

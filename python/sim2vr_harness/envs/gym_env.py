@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.client import OptionValue
-from sim2vr_harness.envs.config import EnvConfig, with_condition
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.games import with_condition, with_game
 from sim2vr_harness.envs.simulation import Observation, Simulation
 
 RenderMode = Literal["rgb_array", "headset", "body"]
@@ -26,11 +27,12 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
     second of 25 physics steps each.
 
     Args:
-        condition: the game's condition; short for ``config.app.options["condition"]``.
+        condition: a condition that the game publishes; None leaves its options as they are.
         config: the whole environment; None takes the defaults.
         render_mode: what :meth:`render` draws, as (480, 640, 3) uint8: ``rgb_array`` the game and
             the user's hand from outside, ``headset`` what the user sees, ``body`` the body.
         log_dir: root of the episode logs, or None.
+        game: another game than the configuration's.
 
     Raises:
         ValueError: a setting that cannot be used; names it, what was got and what was expected.
@@ -45,13 +47,15 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         config: EnvConfig | None = None,
         render_mode: RenderMode | None = None,
         log_dir: str | Path | None = None,
+        game: str | None = None,
     ) -> None:
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(
                 f"render_mode: got {render_mode!r}, expected one of "
                 f"{self.metadata['render_modes']} or None"
             )
-        config = with_condition(EnvConfig() if config is None else config, condition)
+        config = with_game(EnvConfig() if config is None else config, game)
+        config = with_condition(config, condition)
         self.render_mode = render_mode
         self.simulation = Simulation(config, 1, log_dir=None if log_dir is None else Path(log_dir))
         self.observation_space = self.simulation.observation_space  # type: ignore[assignment]

@@ -12,7 +12,8 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from sim2vr_harness.client import OptionValue
-from sim2vr_harness.envs.config import EnvConfig, with_condition
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.games import with_condition, with_game
 from sim2vr_harness.envs.simulation import Observation, Simulation
 
 __all__ = ["Sim2VRVectorEnv"]
@@ -28,9 +29,10 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
 
     Args:
         num_envs: number of users N.
-        condition: the game's condition; short for ``config.app.options["condition"]``.
+        condition: a condition that the game publishes; None leaves its options as they are.
         config: the whole environment; None takes the defaults.
         log_dir: root of the episode logs, or None.
+        game: another game than the configuration's.
 
     Raises:
         ValueError: a setting that cannot be used; names it, what was got and what was expected.
@@ -44,9 +46,11 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         condition: str | None = None,
         config: EnvConfig | None = None,
         log_dir: str | Path | None = None,
+        game: str | None = None,
     ) -> None:
         super().__init__()
-        config = with_condition(EnvConfig() if config is None else config, condition)
+        config = with_game(EnvConfig() if config is None else config, game)
+        config = with_condition(config, condition)
         self.simulation = Simulation(
             config, num_envs, log_dir=None if log_dir is None else Path(log_dir)
         )

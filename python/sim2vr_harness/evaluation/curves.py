@@ -2,26 +2,27 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sim2vr_harness.client import GameFacts
+from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.training.episodes import metric_key
 from sim2vr_harness.training.errors import InputError
-from sim2vr_harness.training.run_folder import RunFolder, read_rows
+from sim2vr_harness.training.run_folder import RunFolder, read_rows, write_atomically
+from sim2vr_harness.training.trained_users import TrainedUser, find_user, is_packed
 
-__all__ = ["curve", "plot"]
+__all__ = ["curve", "pack_curves", "plot"]
 
-PANELS: tuple[tuple[str, str], ...] = (
-    ("rollout/ep_rew_mean", "Return per round"),
-    ("rollout/ep_hit_rate", "Hit rate"),
-    ("rollout/ep_Points_mean", "Hits per round"),
-    ("rollout/ep_effort_cost_mean", "Effort per round"),
-    ("train/std", "Standard deviation of actions"),
-    ("train/approx_kl", "Approximate KL divergence"),
-)
-
+_PANELS = 6
+_CURVES = "curves.json"
+"""In the folder of a packed user: what its run had written down."""
+_MOST_ROWS = 500
+"""Of a packed curve."""
 
 Rows = list[dict[str, Any]]
 
@@ -31,9 +32,25 @@ class _Run:
     """What a run has written down: each stage's rows, empty where there is none."""
 
     name: str
+    facts: GameFacts
     practice: Rows
     student: Rows
     rows: Rows
+
+
+def _panels(facts: GameFacts) -> tuple[tuple[str, str], ...]:
+    """(key of metrics.jsonl, title) of six panels: the return, two of the game, the learner's."""
+    game = [(f"rollout/{metric_key(m)}", f"{m.heading} per round") for m in facts.headlines[::-1]]
+    if len(game) > 2:
+        game = [game[0], game[-1]]
+    others = [
+        ("rollout/ep_effort_cost_mean", "Effort cost per round (reward)"),
+        ("train/std", "Standard deviation of actions"),
+        ("train/approx_kl", "Change of the policy per update (KL divergence)"),
+        ("time/steps_per_second", "User steps per second"),
+        ("rollout/ep_len_mean", "User steps per round"),
+    ]
+    return (("rollout/ep_rew_mean", "Return per round"), *game, *others)[:_PANELS]
 
 
 def curve(rows: Rows, key: str) -> tuple[list[float], list[float]]:
@@ -42,13 +59,14 @@ def curve(rows: Rows, key: str) -> tuple[list[float], list[float]]:
     return [point[0] for point in points], [point[1] for point in points]
 
 
-def plot(runs: Sequence[Path], out: Path) -> Path:
+def plot(runs: Sequence[str | Path], out: Path) -> Path:
     """Draw the learning curves of one or more runs into a PNG file.
 
-    Runs of the distilled recipe get a row more: their teacher's practice and their student.
+    Runs of the distilled recipe get a row more: their teacher's imagined rollouts and their
+    student.
 
     Args:
-        runs: Folders of runs.
+        runs: Folders of runs, or packed users (``pretrained:NAME``, or a folder).
         out: The file to write.
 
     Raises:
@@ -56,7 +74,7 @@ def plot(runs: Sequence[Path], out: Path) -> Path:
     """
     if out.suffix.lower() != ".png":
         raise InputError("--out", repr(str(out)), "a file name that ends in .png")
-    found = [_read(RunFolder.open(run)) for run in runs]
+    found = [_read(run) for run in runs]
     for run, each in zip(runs, found, strict=True):
         if not (each.rows or each.practice or each.student):
             raise InputError("RUN", f"{str(run)!r}, which has no metrics yet", "a trained run")
@@ -64,9 +82,55 @@ def plot(runs: Sequence[Path], out: Path) -> Path:
     return out
 
 
-def _read(folder: RunFolder) -> _Run:
+def pack_curves(run: Path, place: Path) -> None:
+    """Write what a run has written down, thinned, beside a packed user; nothing if it is no run."""
+    folder = RunFolder(run)
+    if not folder.exists:
+        return
+    found = _of_folder(folder)
+    content = {
+        "practice": _thinned(found.practice, None),
+        "student": _thinned(found.student, ("student/", "rollout/ep_")),
+        "rows": _thinned(found.rows, tuple(key for key, _ in _panels(found.facts))),
+    }
+    write_atomically(place / _CURVES, (json.dumps(content) + "\n").encode())
+
+
+def _thinned(rows: Rows, prefixes: tuple[str, ...] | None) -> Rows:
+    every = -(-len(rows) // _MOST_ROWS) or 1
+    return [
+        {
+            key: value
+            for key, value in row.items()
+            if key == "step" or prefixes is None or key.startswith(prefixes)
+        }
+        for row in rows[::every]
+    ]
+
+
+def _read(run: str | Path) -> _Run:
+    if is_packed(run):
+        return _of_packed(find_user(run), run)
+    return _of_folder(RunFolder.open(Path(run)))
+
+
+def _of_packed(user: TrainedUser, run: str | Path) -> _Run:
+    file = user.source.with_name(_CURVES)
+    if not file.is_file():
+        raise InputError(
+            "RUN",
+            f"{str(run)!r}, which was packed without its learning curves",
+            "a run's folder, or a user packed since they are kept (curves.json)",
+        )
+    rows = json.loads(file.read_text(encoding="utf-8"))
+    facts = game_facts(user.config.env.app)
+    return _Run(str(user.card["name"]), facts, rows["practice"], rows["student"], rows["rows"])
+
+
+def _of_folder(folder: RunFolder) -> _Run:
     return _Run(
         name=folder.path.name,
+        facts=game_facts(folder.load_config().env.app),
         practice=read_rows(folder.path / "teacher" / "practice.jsonl"),
         student=read_rows(folder.path / "student" / "metrics.jsonl"),
         rows=folder.metrics(),
@@ -77,14 +141,15 @@ def _draw(runs: Sequence[_Run], out: Path) -> None:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    facts = runs[0].facts
     stages = any(run.practice or run.student for run in runs)
     height = 3 if stages else 2
     figure = Figure(figsize=(12, 3.5 * height), layout="constrained")
     FigureCanvasAgg(figure)
     grid = list(figure.subplots(height, 3).flat)
     if stages:
-        _draw_stages(grid[:3], runs)
-    for axes, (key, title) in zip(grid[3 * stages :], PANELS, strict=True):
+        _draw_stages(grid[:3], runs, facts)
+    for axes, (key, title) in zip(grid[3 * stages :], _panels(facts), strict=True):
         for run in runs:
             _line(axes, *curve(run.rows, key), label=run.name)
         _dress(axes, f"{title} (from pixels)" if stages else title)
@@ -93,11 +158,14 @@ def _draw(runs: Sequence[_Run], out: Path) -> None:
     figure.savefig(out, dpi=120)
 
 
-def _draw_stages(grid: Sequence[Any], runs: Sequence[_Run]) -> None:
-    """The stages before the training from pixels: practice in the mind, then imitation."""
+def _draw_stages(grid: Sequence[Any], runs: Sequence[_Run], facts: GameFacts) -> None:
+    """The stages before the training from pixels: imagined rollouts, then imitation."""
+    score = next((measure for measure in facts.scalars if measure.name == facts.score), None)
+    key_of_score = "rollout/ep_rew_mean" if score is None else f"rollout/{metric_key(score)}"
+    label = "return" if score is None else score.heading.lower()
     for number, run in enumerate(runs):
         color = f"C{number % 10}"
-        for key, style, where in (("imagined", "--", "in the mind"), ("played", "-", "in the app")):
+        for key, style, where in (("imagined", "--", "imagined"), ("played", "-", "in the app")):
             steps, values = [], []
             for row in run.practice:
                 known = [rate for rate in row[key] if not math.isnan(rate)]
@@ -107,12 +175,12 @@ def _draw_stages(grid: Sequence[Any], runs: Sequence[_Run]) -> None:
             _line(grid[0], steps, values, style, color=color, label=f"{run.name}, {where}")
         for axes, key in (
             (grid[1], "student/imitation_error"),
-            (grid[2], "rollout/ep_hit_rate"),
+            (grid[2], key_of_score),
         ):
             _line(axes, *curve(run.student, key), color=color, label=run.name)
-    _dress(grid[0], "Teacher: hit rate in practice")
+    _dress(grid[0], f"Teacher: {label}")
     _dress(grid[1], "Student: difference to the teacher")
-    _dress(grid[2], "Student: hit rate")
+    _dress(grid[2], f"Student: {label}")
 
 
 def _line(

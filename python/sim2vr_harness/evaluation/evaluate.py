@@ -2,31 +2,36 @@
 
 from __future__ import annotations
 
-import json
+import os
 import re
-import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 from typing import Any
 
+from sim2vr_harness.client import Condition, GameFacts
 from sim2vr_harness.envs.apps import knows_options
-from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.config import EnvConfig, with_options
+from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.player import Player
-from sim2vr_harness.evaluation.rollouts import jobs_for, play
+from sim2vr_harness.evaluation.practised import unpractised
+from sim2vr_harness.evaluation.results import Results
+from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
+from sim2vr_harness.evaluation.round_logs import RoundLogs
 from sim2vr_harness.evaluation.video import RoundFilmer
-from sim2vr_harness.training.config import TrainingConfig, apply_overrides, parse_config
 from sim2vr_harness.training.errors import InputError
-from sim2vr_harness.training.run_folder import write_atomically
-from sim2vr_harness.training.trained_users import find_user, require_contract
+from sim2vr_harness.training.trained_users import TrainedUser, find_user, require_contract
 
 __all__ = ["Evaluation", "Request", "evaluate"]
 
 _LONGEST_NAME = 120
 """Of a folder, in characters."""
+
+_USER_BYTES = 2_000_000
+"""What a round needs beside others at least: body, app and its share of the renderers."""
 
 SimulationFactory = Callable[..., Any]
 """(EnvConfig, n, log_dir=Path | None) -> simulation."""
@@ -37,14 +42,16 @@ class Request:
     """What to evaluate; None takes the value of the run's configuration.
 
     Attributes:
-        conditions: The game's conditions.
+        conditions: The game's conditions; without any in the configuration, those that the game
+            names.
         episodes: Rounds per condition.
         seed: Seed of the first round.
         deterministic: Whether actions are the policy's mean.
         record: Whether to film the first round of every condition.
         log: Whether to write the game's CSV logs.
         out: Where files go; None takes the run's ``evaluation/step_<N>``, and in it a folder named
-            after ``overrides`` if there are any.
+            after ``overrides`` if there are any. Results are added to those that are there.
+        overwrite: Whether to begin with new results where there are others.
         batch: Rounds played side by side at most.
         app: Settings that replace those of ``env.app``, for example another executable.
         overrides: ``env.key=value``, what else is different from the training's environment.
@@ -57,6 +64,7 @@ class Request:
     record: bool = False
     log: bool = False
     out: Path | None = None
+    overwrite: bool = False
     batch: int = 10
     app: Mapping[str, Any] = field(default_factory=dict)
     overrides: Sequence[str] = ()
@@ -68,17 +76,21 @@ class Evaluation:
 
     Attributes:
         summaries: condition -> means over its rounds, and ``rounds``, one entry each.
+        facts: What the game publishes.
         step: User steps that the evaluated checkpoint was trained for.
         checkpoint: The evaluated checkpoint or packed weights.
         files: Results, videos and logs that were written.
         rounds: Every round.
+        unpractised: What the user never practised, a line each.
     """
 
     summaries: dict[str, dict[str, Any]]
+    facts: GameFacts
     step: int
     checkpoint: Path
     files: list[Path]
     rounds: list[RoundResult]
+    unpractised: list[str]
 
 
 def _simulation(config: EnvConfig, n: int, *, log_dir: Path | None = None) -> Any:
@@ -99,74 +111,113 @@ def evaluate(
     Args:
         run: A run's folder, one of its checkpoints, or ``pretrained:NAME``.
         request: What to play.
-        on_progress: Told the share of the work done, from 0 to 1.
+        on_progress: Called with the share of the work done, from 0 to 1.
         simulation: How to make the users.
 
     Raises:
-        InputError: The run or a number cannot be used.
-        ValueError: The game does not know a condition.
+        InputError: The run, a number, a condition or the place for the results cannot be used.
     """
     request = request or Request()
     user = find_user(run)
     config = user.config
-    conditions = list(request.conditions or config.evaluation.conditions)
     episodes = config.evaluation.episodes if request.episodes is None else request.episodes
     seed = config.evaluation.seed if request.seed is None else request.seed
-    _check_numbers(episodes, seed, request.batch)
     deterministic = request.deterministic
     if deterministic is None:
         deterministic = config.evaluation.deterministic
     env = evaluation_env(config, request.app, request.overrides)
     require_contract(user, env)
+    facts = game_facts(env.app)
+    conditions = _conditions(facts, request.conditions or config.evaluation.conditions)
+    names = [condition.name for condition in conditions]
     batch = _batch_for(env, request.batch)
-    if knows_options(env.app):
-        _check_conditions(env, conditions, simulation)
+    _check_numbers(episodes, seed, min(batch, episodes * len(conditions)))
     out = request.out or user.evaluation_dir / _folder_of(request.overrides)
-    log_dir = out / "logs" if request.log else None
-    if log_dir is not None:
-        for older in log_dir.glob("user*"):
-            shutil.rmtree(older)
-    step = 0
+    settings: dict[str, Any] = {
+        "user": _name_of(user),
+        "episodes": episodes,
+        "seed": seed,
+        "deterministic": deterministic,
+        "overrides": list(request.overrides),
+        "app": dict(request.app),
+    }
+    results = Results(out)
+    new = unpractised(config, env, names)
+    logs = RoundLogs(out / "logs") if request.log else None
+    filmer = RoundFilmer(out, facts) if request.record else None
+    watchers: list[Watcher] = [watcher for watcher in (logs, filmer) if watcher is not None]
 
     def make_act(users: Any) -> Callable[..., Any]:
-        nonlocal step
         player = Player(user, users.observation_space, users.action_space)
-        step = player.step
+        settings["trained_steps"] = player.step
+        if not request.overwrite:
+            results.require_room(names, settings)
         return player.act
 
-    filmer = RoundFilmer(out) if request.record else None
     with closing(filmer) if filmer is not None else nullcontext():
         rounds: list[RoundResult] = []
         groups = _groups(env, conditions)
         for number, (own_env, own_conditions) in enumerate(groups):
 
+            def make(n: int, own: EnvConfig = own_env) -> Any:
+                return simulation(own, n, log_dir=logs.folder() if logs is not None else None)
+
             def advance(share: float, done: int = number) -> None:
                 on_progress((done + share) / len(groups))
 
             rounds += play(
-                partial(simulation, own_env, log_dir=log_dir),
+                make,
                 make_act,
                 jobs_for(own_conditions, episodes, seed),
+                facts,
                 deterministic=deterministic,
                 batch=batch,
-                watcher=filmer,
+                watchers=watchers,
                 on_progress=advance,
             )
+    if logs is not None:
+        rounds = logs.settle(rounds, out)
     summaries = {}
-    for condition in conditions:
-        own = [result for result in rounds if result.condition == condition]
-        summaries[condition] = {
-            **summarise(own),
-            "seed": seed,
-            "deterministic": deterministic,
-            "trained_steps": step,
-            "overrides": list(request.overrides),
+    for name in names:
+        own = [result for result in rounds if result.condition == name]
+        summaries[name] = {
+            **summarise(own, facts),
+            **settings,
+            "unpractised": new,
             "rounds": [result.as_dict() for result in own],
         }
-    files = [_store(out, summaries), *(filmer.files if filmer else [])]
-    if log_dir is not None:
-        files.append(log_dir)
-    return Evaluation(summaries, step, user.source, files, rounds)
+    files = [results.add(summaries, overwrite=request.overwrite), *(filmer.files if filmer else [])]
+    if logs is not None:
+        files.append(out / "logs")
+    step = int(settings["trained_steps"])
+    return Evaluation(summaries, facts, step, user.source, files, rounds, new)
+
+
+def _name_of(user: TrainedUser) -> str:
+    """A packed user's name, or the run's and the checkpoint's."""
+    if "name" in user.card:
+        return str(user.card["name"])
+    return f"{user.source.resolve().parents[1].name}/{user.source.stem}"
+
+
+def _conditions(facts: GameFacts, names: Sequence[str] | None) -> list[Condition]:
+    """The conditions of these names, or those that the game evaluates.
+
+    Raises:
+        InputError: The game does not know one, or one comes twice.
+    """
+    chosen = list(names or facts.evaluated)
+    if not chosen:
+        raise InputError(
+            "--condition", "none", f"one: the app of {facts.name!r} does not say which it has"
+        )
+    if len(set(chosen)) != len(chosen):
+        raise InputError("--condition", ", ".join(chosen), "every condition once")
+    try:
+        return [facts.condition(name) for name in chosen]
+    except ValueError as error:
+        got, _, expected = str(error).partition(": got ")[2].partition(", expected ")
+        raise InputError("--condition", got, expected) from error
 
 
 def _folder_of(overrides: Sequence[str]) -> str:
@@ -175,49 +226,16 @@ def _folder_of(overrides: Sequence[str]) -> str:
     return re.sub(r"[^\w.,=-]+", "_", told)[:_LONGEST_NAME]
 
 
-def evaluation_env(
-    config: TrainingConfig,
-    app: Mapping[str, Any] | None = None,
-    overrides: Sequence[str] = (),
-) -> EnvConfig:
-    """Return the environment to evaluate in: the training's, its curriculum switched off.
-
-    As in the reference's evaluator; an adaptive game favours the targets that a user fails at, so
-    that hit rates would not compare.
-
-    Args:
-        config: The run's configuration.
-        app: Settings that replace those of ``env.app``.
-        overrides: ``env.key=value``, what else is different.
-
-    Raises:
-        InputError: They do not go together, or an override is not of the environment.
-    """
-    settings = {**config.env.app.model_dump(), **(app or {})}
-    options = dict(settings["options"])
-    if "adaptive" in options:
-        options["adaptive"] = False
-    tree = config.model_dump()
-    tree["env"]["app"] = {**settings, "options": options}
-    for override in overrides:
-        if not override.lstrip().startswith("env."):
-            raise InputError("--set", repr(override), "env.KEY=VALUE: an evaluation trains nothing")
-    return parse_config(apply_overrides(tree, overrides)).env
-
-
-def _groups(env: EnvConfig, conditions: Sequence[str]) -> list[tuple[EnvConfig, Sequence[str]]]:
+def _groups(
+    env: EnvConfig, conditions: Sequence[Condition]
+) -> list[tuple[EnvConfig, Sequence[Condition]]]:
     """Return the conditions that can be played by the same apps, and these apps' settings.
 
     An app that takes its options at its start only is started anew for every condition.
     """
     if knows_options(env.app):
         return [(env, conditions)]
-    groups: list[tuple[EnvConfig, Sequence[str]]] = []
-    for condition in conditions:
-        options = {**env.app.options, "condition": condition}
-        app = env.app.model_copy(update={"options": options})
-        groups.append((env.model_copy(update={"app": app}), [condition]))
-    return groups
+    return [(with_options(env, condition.options), [condition]) for condition in conditions]
 
 
 def _batch_for(env: EnvConfig, batch: int) -> int:
@@ -232,21 +250,10 @@ def _check_numbers(episodes: int, seed: int, batch: int) -> None:
         raise InputError("--seed", str(seed), "0 to 2147483647")
     if batch < 1:
         raise InputError("--batch", str(batch), "at least 1")
-
-
-def _check_conditions(
-    env: EnvConfig, conditions: Sequence[str], simulation: SimulationFactory
-) -> None:
-    """Ask the game for every condition before minutes are spent on the first one."""
-    if len(set(conditions)) != len(conditions):
-        raise InputError("--condition", ", ".join(conditions), "every condition once")
-    blind = env.model_copy(update={"app": env.app.model_copy(update={"renderer": "null"})})
-    with closing(simulation(blind, 1)) as trial:
-        for condition in conditions:
-            trial.reset(seeds=[0], options={"condition": condition})
-
-
-def _store(out: Path, summaries: dict[str, dict[str, Any]]) -> Path:
-    file = out / "results.json"
-    write_atomically(file, (json.dumps(summaries, indent=2) + "\n").encode())
-    return file
+    have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_AVPHYS_PAGES")
+    if batch * _USER_BYTES > have:
+        raise InputError(
+            "--batch",
+            f"{batch:,} rounds side by side, which need {batch * _USER_BYTES / 2**30:,.0f} GiB",
+            f"at most {have // _USER_BYTES:,} with the memory that is free",
+        )

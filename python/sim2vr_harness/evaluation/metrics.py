@@ -1,18 +1,7 @@
 """What is measured of a round, and how rounds are summarised.
 
-Definitions follow the released analysis of the user study, so that a simulated user's numbers
-compare with people's:
-
-- ``hits``, ``misses``, ``contacts``: events of one 60 s round. A miss is a target that expired; a
-  contact is a touch of a living target that was too slow to count.
-- ``hit_rate``: hits / (hits + misses), per round; targets still alive at the end count nowhere.
-- ``hit_speed_mps``: mean over the hits of the norm of the (smoothed) velocity of the hammer's root.
-- ``hammer_depth_m``: mean over the round of the striking face's position minus the target plane's
-  origin, along the world's z; negative is in front of the plane, towards the player.
-- ``max_fatigued``: mean over the muscles of the largest share of fatigued motor units.
-- ``action_change``: mean over muscles and user steps of the absolute difference between an action
-  and the one before it; 0 is smooth, 2 the most there is.
-- ``effort``: summed cost of effort; ``return`` = ``game_return`` - ``effort``.
+A game publishes its own measures (:class:`~sim2vr_harness.client.GameFacts`); those of the player
+are the same in every game (:data:`PLAYER_MEASURES`).
 """
 
 from __future__ import annotations
@@ -24,22 +13,53 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["METRICS", "RoundResult", "round_result", "summarise"]
+from sim2vr_harness.client import GameFacts, Measure
 
-METRICS = (
-    "hits",
-    "misses",
-    "contacts",
-    "hit_rate",
-    "hit_speed_mps",
-    "hammer_depth_m",
-    "max_fatigued",
-    "action_change",
-    "effort",
-    "game_return",
-    "return",
+__all__ = ["PLAYER_MEASURES", "RoundResult", "measures_of", "round_result", "summarise"]
+
+PLAYER_MEASURES = (
+    Measure(
+        "max_fatigued",
+        "Muscle fatigue",
+        unit="0 to 1",
+        better="lower",
+        digits=3,
+        description="Tired share of a muscle's motor units at its worst, mean of all",
+    ),
+    Measure(
+        "action_change",
+        "Jerkiness of actions",
+        unit="0 to 2",
+        better="lower",
+        digits=3,
+        description="Mean change from command to command; 0 is smooth",
+    ),
+    Measure(
+        "effort",
+        "Effort cost",
+        unit="reward",
+        better="lower",
+        description="What the effort model takes off the reward in a round",
+    ),
+    Measure("game_return", "Game's reward", better="higher"),
+    Measure(
+        "return",
+        "Return",
+        better="higher",
+        description="Game's reward minus effort cost; what the user was trained for",
+    ),
 )
-"""Names of the numbers of a round, in the order of the tables."""
+"""The numbers that a round has in every game, in the order of the tables.
+
+``max_fatigued`` is the mean over the muscles of the largest share of fatigued motor units;
+``action_change`` the mean over muscles and user steps of the absolute difference between an action
+and the one before it; ``effort`` the summed cost of effort; ``return`` = ``game_return`` -
+``effort``."""
+
+
+def measures_of(facts: GameFacts) -> tuple[Measure, ...]:
+    """All numbers of a round of a game, in the order of the tables, grids left out."""
+    return (*facts.scalars, *PLAYER_MEASURES)
 
 
 @dataclass(frozen=True)
@@ -49,20 +69,25 @@ class RoundResult:
     Attributes:
         condition: The game's condition.
         episode: Number of the round within its condition, from 0.
-        seed: Its seed.
+        seed: Its seed, of body, policy and game.
+        game_seed: The game's own, drawn from ``seed``: the "random seed" of the game's logs.
         steps: User steps.
         ended: ``finished``, ``max_steps_reached``, ``diverged`` or ``app_failed``.
-        values: The numbers named in :data:`METRICS`; None where a round has none.
+        values: The numbers of :func:`measures_of`; None where a round has none.
         log: The game's last log.
+        log_folder: Where the game's CSV logs of the round are, relative to the results; None
+            without.
     """
 
     condition: str
     episode: int
     seed: int
+    game_seed: int | None
     steps: int
     ended: str
     values: dict[str, float | None]
     log: dict[str, float]
+    log_folder: str | None = None
 
     def as_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON."""
@@ -73,6 +98,7 @@ class RoundResult:
 
 
 def round_result(
+    facts: GameFacts,
     *,
     condition: str,
     episode: int,
@@ -80,6 +106,7 @@ def round_result(
     steps: int,
     game_return: float,
     effort: float,
+    game_seed: int | None = None,
     action_change: float | None = None,
     info: Mapping[str, Any],
     log: Mapping[str, float],
@@ -89,27 +116,20 @@ def round_result(
     A round whose app failed has none: it is cut short, and would not compare with the others.
 
     Args:
+        facts: What the game publishes.
         condition: The game's condition.
         episode: Number of the round within its condition.
         seed: Its seed.
         steps: User steps taken.
         game_return: Sum of the game's rewards.
         effort: Sum of the costs of effort.
+        game_seed: The game's own seed, if known.
         action_change: Mean absolute difference of successive actions, if known.
         info: The last step's info.
         log: The game's last log.
     """
-    hits, misses = log.get("Points"), log.get("Misses")
-    rate = None
-    if hits is not None and misses is not None and hits + misses > 0:
-        rate = hits / (hits + misses)
-    values = {
-        "hits": hits,
-        "misses": misses,
-        "contacts": log.get("Contacts"),
-        "hit_rate": rate,
-        "hit_speed_mps": log.get("HitSpeed") if hits else None,
-        "hammer_depth_m": log.get("HammerDepthZ"),
+    values: dict[str, float | None] = {
+        **{measure.name: measure.value(log) for measure in facts.with_log(log).scalars},
         "max_fatigued": info.get("max_fatigued"),
         "action_change": action_change,
         "effort": effort,
@@ -118,11 +138,12 @@ def round_result(
     }
     ended = str(info.get("termination", "unknown"))
     if ended == "app_failed":
-        values = dict.fromkeys(METRICS)
+        values = dict.fromkeys(values)
     return RoundResult(
         condition=condition,
         episode=episode,
         seed=seed,
+        game_seed=game_seed,
         steps=steps,
         ended=ended,
         values={key: _finite(value) for key, value in values.items()},
@@ -130,60 +151,59 @@ def round_result(
     )
 
 
-def summarise(rounds: Sequence[RoundResult]) -> dict[str, Any]:
+def summarise(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, Any]:
     """Return mean and standard deviation (ddof 1) of every number over rounds.
 
-    ``hit_rate`` is the mean of the rounds' rates, as in the study; ``hit_rate_pooled`` divides the
-    sums. Rounds without a number (no hit, no hit speed) are left out of its mean.
-    ``return_terms`` splits the mean return: every number of the game's log that is called a reward,
-    the rest of the game's return (Whac-A-Mole: hits), and effort as a cost. ``cell_hit_rates`` is
-    pooled, by cell, for games that count ``hitsTarget0`` and so on; None where nothing came up.
+    A share such as ``hit_rate`` is the mean of the rounds' shares, as in the study;
+    ``hit_rate_pooled`` divides the sums. Rounds without a number (no hit, no hit speed) are left
+    out of its mean. Grids are pooled item by item; None where nothing came up. ``return_terms``
+    splits the mean return: the reward terms that the game publishes, ``rest`` of the game's
+    reward, and effort as a cost.
 
     Args:
         rounds: At least one round.
+        facts: What the game publishes.
     """
+    facts = facts.with_log(_merged([result.log for result in rounds]))
+    logs = [result.log for result in rounds if result.ended != "app_failed"]
     summary: dict[str, Any] = {"episodes": len(rounds)}
-    for name in METRICS:
-        values = [result.values[name] for result in rounds]
+    for measure in measures_of(facts):
+        values = [result.values.get(measure.name) for result in rounds]
         known = np.array([value for value in values if value is not None], dtype=np.float64)
-        summary[name] = float(known.mean()) if len(known) else None
-        summary[f"{name}_sd"] = float(known.std(ddof=1)) if len(known) > 1 else None
-    hits = sum(result.values["hits"] or 0.0 for result in rounds)
-    misses = sum(result.values["misses"] or 0.0 for result in rounds)
-    summary["hit_rate_pooled"] = hits / (hits + misses) if hits + misses else None
-    summary["return_terms"] = _return_terms(rounds)
-    summary["cell_hit_rates"] = _cell_hit_rates(rounds)
+        summary[measure.name] = float(known.mean()) if len(known) else None
+        summary[f"{measure.name}_sd"] = float(known.std(ddof=1)) if len(known) > 1 else None
+    for measure in facts.scalars:
+        if measure.rate_with is not None:
+            sums = {
+                key: sum(log.get(key, 0.0) for log in logs)
+                for key in (measure.log_key, measure.rate_with)
+            }
+            summary[f"{measure.name}_pooled"] = measure.value(sums)
+    summary["return_terms"] = _return_terms(rounds, facts)
+    for measure in facts.grids:
+        counted = any(key.startswith(measure.log_key) for log in logs for key in log)
+        summary[measure.name] = measure.values(logs) if counted else []
     for end in ("diverged", "app_failed"):
         summary[end] = sum(result.ended == end for result in rounds)
     return summary
 
 
-def _return_terms(rounds: Sequence[RoundResult]) -> dict[str, float]:
+def _return_terms(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, float]:
     played = [result for result in rounds if result.values["return"] is not None]
     if not played:
         return {}
-    named = sorted({key for result in played for key in result.log if "Reward" in key})
-    terms = {key: float(np.mean([result.log.get(key, 0.0) for result in played])) for key in named}
+    terms = {
+        term.log_key: float(np.mean([result.log.get(term.log_key, 0.0) for result in played]))
+        for term in facts.reward_terms
+        if any(term.log_key in result.log for result in played)
+    }
     game = float(np.mean([result.values["game_return"] or 0.0 for result in played]))
     effort = float(np.mean([result.values["effort"] or 0.0 for result in played]))
-    return {"hits and the rest": game - sum(terms.values()), **terms, "effort": -effort}
+    return {"rest": game - sum(terms.values()), **terms, "effort": -effort}
 
 
-def _cell_hit_rates(rounds: Sequence[RoundResult]) -> list[float | None]:
-    def total(name: str, cell: int) -> float:
-        return sum(result.log.get(f"{name}Target{cell}", 0.0) for result in rounds)
-
-    cells = {
-        int(key.removeprefix("hitsTarget"))
-        for result in rounds
-        for key in result.log
-        if key.startswith("hitsTarget")
-    }
-    rates: list[float | None] = []
-    for cell in range(max(cells, default=-1) + 1):
-        hits, misses = total("hits", cell), total("misses", cell)
-        rates.append(hits / (hits + misses) if hits + misses else None)
-    return rates
+def _merged(logs: Sequence[Mapping[str, float]]) -> dict[str, float]:
+    return {key: value for log in logs for key, value in log.items()}
 
 
 def _finite(value: float | None) -> float | None:

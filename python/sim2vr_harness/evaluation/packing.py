@@ -10,22 +10,18 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from sim2vr_harness.client import GameFacts, Measure
 from sim2vr_harness.envs.simulation import observation_space_of
+from sim2vr_harness.evaluation.curves import pack_curves
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.evaluation.player import new_policy
 from sim2vr_harness.training.config import first_difference
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
 from sim2vr_harness.training.trained_users import TrainedUser, find_user, pack
 
-__all__ = ["pack_measured"]
-
-MEASURED: tuple[str, ...] = (
-    *("episodes", "hits", "misses", "contacts", "hit_rate", "hit_speed_mps", "hammer_depth_m"),
-    *("max_fatigued", "action_change", "effort", "game_return", "return", "seed"),
-    *("return_terms", "cell_hit_rates"),
-)
-"""What of an evaluation's summary goes on the card."""
+__all__ = ["card_measures", "measured_keys", "pack_measured", "seed_keys"]
 
 
 def pack_measured(
@@ -41,7 +37,8 @@ def pack_measured(
     """Write the user of a run into ``folder`` and its card with measured results.
 
     With runs of other seeds, all are measured, the one in the middle is packed (of an even number
-    the lower of the two), by the mean of the conditions' hit rates, and the card shows all.
+    the lower of the two), by the mean of the conditions' scores, and the card shows all. The score
+    is the measure that the game names, or the return.
 
     Args:
         run: as of :func:`~sim2vr_harness.training.trained_users.find_user`.
@@ -66,15 +63,18 @@ def pack_measured(
             place = Path(scratch) / str(user.config.seed)
             policy = new_policy(user, observation_space_of(user.config.env))
             card = pack(user, policy, place, name, {**_of_the_run(user), **details})
+            pack_curves(user.source.parent.parent, place)
             measured = Path(scratch) / f"measured_{user.config.seed}"
             request = Request(conditions=conditions, episodes=episodes, out=measured)
             found = evaluate(place, request)
             card["results"] = {
-                condition: {key: _rounded(summary.get(key)) for key in MEASURED}
+                condition: {key: _rounded(summary.get(key)) for key in measured_keys(found.facts)}
                 for condition, summary in found.summaries.items()
             }
             cards[user.config.seed] = card
-        seeds = sorted(cards, key=lambda seed: _mean_hit_rate(cards[seed]))
+            facts = found.facts
+        score = facts.score or "return"
+        seeds = sorted(cards, key=lambda seed: _mean_score(cards[seed], score))
         middle = seeds[(len(seeds) - 1) // 2]
         card = cards[middle]
         if other_seeds:
@@ -82,7 +82,7 @@ def pack_measured(
             card["seeds"] = sorted(cards)
             card["seed_results"] = {
                 str(seed): {
-                    condition: {key: row[key] for key in ("hits", "hit_rate", "cell_hit_rates")}
+                    condition: {key: row[key] for key in seed_keys(facts)}
                     for condition, row in cards[seed]["results"].items()
                 }
                 for seed in sorted(cards)
@@ -107,9 +107,29 @@ def _check_seeds(users: Sequence[TrainedUser]) -> None:
         known.add(seed)
 
 
-def _mean_hit_rate(card: Mapping[str, Any]) -> float:
-    rates = [row["hit_rate"] or 0.0 for row in card["results"].values()]
-    return sum(rates) / len(rates)
+def measured_keys(facts: GameFacts) -> tuple[str, ...]:
+    """What of an evaluation's summary goes on the card."""
+    measures = (measure.name for measure in measures_of(facts))
+    grids = (measure.name for measure in facts.grids)
+    return ("episodes", *measures, "seed", "return_terms", *grids)
+
+
+def seed_keys(facts: GameFacts) -> tuple[str, ...]:
+    """What of it the card keeps of every seed: how well it played, and where it did not."""
+    measures = (*card_measures(facts), *facts.grids)
+    return tuple(dict.fromkeys(measure.name for measure in measures))
+
+
+def card_measures(facts: GameFacts) -> tuple[Measure, ...]:
+    """What a list of users shows of each: the score and the first counter of the game."""
+    score = facts.score or "return"
+    chosen = tuple(measure for measure in measures_of(facts) if measure.name == score)
+    return (*chosen, *(measure for measure in facts.counters[:1] if measure.name != score))
+
+
+def _mean_score(card: Mapping[str, Any], score: str) -> float:
+    scores = [row[score] or 0.0 for row in card["results"].values()]
+    return sum(scores) / len(scores)
 
 
 def _of_the_run(user: TrainedUser) -> dict[str, Any]:

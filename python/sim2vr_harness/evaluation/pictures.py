@@ -11,6 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw, ImageFont
 
+from sim2vr_harness.client import GameFacts, Measure
+
 __all__ = ["BodyPainter", "Painter", "Panels", "compose", "score_text"]
 
 Picture = NDArray[np.uint8]
@@ -166,16 +168,36 @@ def compose(panels: Mapping[str, Picture], title: str, text: str) -> Picture:
     return Painter(sizes).frame(panels, title, text)
 
 
-def score_text(log: Mapping[str, float], seconds: float, total_return: float | None = None) -> str:
-    """Return the header's numbers: ``Hits 3  Misses 1  Contacts 0   return 12.3   t 4.5 s``."""
+def score_text(
+    facts: GameFacts,
+    log: Mapping[str, float],
+    seconds: float,
+    total_return: float | None = None,
+) -> str:
+    """Return the header's numbers: ``Hits 3   Misses 1   return 12.3   t  4.5 s``.
+
+    Args:
+        facts: What the game publishes.
+        log: The game's log now.
+        seconds: Since the round's start.
+        total_return: The user's return so far.
+    """
     parts = [
-        f"{label} {log[key]:.0f}"
-        for key, label in (("Points", "Hits"), ("Misses", "Misses"), ("Contacts", "Contacts"))
-        if key in log
+        f"{measure.label.partition(' (')[0]} {_short(log[measure.log_key])}{_unit(measure)}"
+        for measure in facts.with_log(log).counters
+        if measure.log_key in log
     ]
     if total_return is not None:
         parts.append(f"return {total_return:.1f}")
     return "   ".join([*parts, f"t {seconds:4.1f} s"])
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if value == round(value) else f"{value:.2f}"
+
+
+def _unit(measure: Measure) -> str:
+    return f" {measure.unit}" if measure.unit else ""
 
 
 def _label(draw: ImageDraw.ImageDraw, text: str, x: int, y: int) -> None:

@@ -35,7 +35,7 @@ class Player:
     Args:
         user: Who plays.
         observation_space: Of the simulation.
-        action_space: Of the simulation.
+        action_space: Of the simulation; None takes the user's own.
 
     Raises:
         InputError: The weights cannot be read, or its network has other shapes.
@@ -45,7 +45,7 @@ class Player:
         self,
         user: TrainedUser,
         observation_space: spaces.Dict,
-        action_space: spaces.Box,
+        action_space: spaces.Box | None = None,
     ) -> None:
         self._policy = new_policy(user, observation_space, action_space)
         self.step = user.load(self._policy)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.client import Condition, GameFacts, OptionValue
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result
 from sim2vr_harness.training.threads import torch_threads
 from sim2vr_harness.training.vec_env import SimulationLike
@@ -27,11 +28,13 @@ class Job:
         condition: The game's condition.
         episode: Number within the condition, from 0.
         seed: Seed of body, game and policy.
+        options: The condition's options of the game.
     """
 
     condition: str
     episode: int
     seed: int
+    options: Mapping[str, OptionValue] = field(default_factory=dict)
 
 
 class Watcher(Protocol):
@@ -47,10 +50,10 @@ class Watcher(Protocol):
         """User ``index`` has finished the job."""
 
 
-def jobs_for(conditions: Sequence[str], episodes: int, seed: int) -> list[Job]:
+def jobs_for(conditions: Sequence[Condition], episodes: int, seed: int) -> list[Job]:
     """Return ``episodes`` rounds per condition; round k has seed ``seed + k`` in each of them."""
     return [
-        Job(condition, episode, seed + episode)
+        Job(condition.name, episode, seed + episode, condition.options)
         for condition in conditions
         for episode in range(episodes)
     ]
@@ -60,11 +63,11 @@ def play(
     make_simulation: Callable[[int], SimulationLike],
     make_act: Callable[[SimulationLike], Act],
     jobs: Sequence[Job],
+    facts: GameFacts,
     *,
     deterministic: bool,
     batch: int = 10,
-    options: Mapping[str, Any] | None = None,
-    watcher: Watcher | None = None,
+    watchers: Sequence[Watcher] = (),
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> list[RoundResult]:
     """Play rounds; the results do not depend on ``batch``.
@@ -73,11 +76,11 @@ def play(
         make_simulation: Number of users -> a new simulation of them.
         make_act: Simulation -> the policy.
         jobs: The rounds.
+        facts: What the game publishes.
         deterministic: Whether actions are the policy's mean instead of samples.
         batch: How many rounds are played side by side at most.
-        options: Game options of all rounds, next to their condition.
-        watcher: Looks on.
-        on_progress: Told the share of the work done, from 0 to 1.
+        watchers: Look on.
+        on_progress: Called with the share of the work done, from 0 to 1.
 
     Returns:
         One result per job, in their order.
@@ -97,7 +100,7 @@ def play(
                 on_progress((first + share * size) / len(jobs))
 
             with torch_threads(1):
-                wave_play = _Wave(simulation, act, wave, deterministic, options or {}, watcher)
+                wave_play = _Wave(simulation, act, wave, facts, deterministic, watchers)
                 results += wave_play.run(advance)
     finally:
         if simulation is not None:
@@ -113,17 +116,19 @@ class _Wave:
         simulation: SimulationLike,
         act: Act,
         jobs: Sequence[Job],
+        facts: GameFacts,
         deterministic: bool,
-        options: Mapping[str, Any],
-        watcher: Watcher | None,
+        watchers: Sequence[Watcher],
     ) -> None:
-        self._simulation, self._act, self._jobs, self._watcher = simulation, act, jobs, watcher
+        self._simulation, self._act, self._jobs = simulation, act, jobs
+        self._facts, self._watchers = facts, watchers
         self._rngs: list[np.random.Generator | None] = [
             None if deterministic else np.random.default_rng([job.seed, 1]) for job in jobs
         ]
+        self._game_seeds: list[int | None] = []
         for i, job in enumerate(jobs):
-            chosen = {**options, "condition": job.condition}
-            simulation.reset(ids=[i], seeds=[job.seed], options=chosen)
+            started = simulation.reset(ids=[i], seeds=[job.seed], options=dict(job.options))
+            self._game_seeds.append(started[0].get("seed"))
         self._steps = 0
         self._game_returns = np.zeros(len(jobs))
         self._efforts = np.zeros(len(jobs))
@@ -133,8 +138,8 @@ class _Wave:
         self._results: list[RoundResult | None] = [None for _ in jobs]
 
     def run(self, on_progress: Callable[[float], None]) -> list[RoundResult]:
-        if self._watcher is not None:
-            self._watcher.started(self._simulation, self._jobs)
+        for watcher in self._watchers:
+            watcher.started(self._simulation, self._jobs)
         while any(result is None for result in self._results):
             observation = self._simulation.observation()
             self._step(self._actions(observation))
@@ -162,8 +167,8 @@ class _Wave:
                 self._game_returns[i] += info["game_reward"]
                 self._efforts[i] += info["effort_cost"]
                 self._logs[i] = info.get("log", self._logs[i])
-        if self._watcher is not None:
-            self._watcher.stepped(outcome.reward, outcome.infos)
+        for watcher in self._watchers:
+            watcher.stepped(outcome.reward, outcome.infos)
         ended = [int(i) for i in np.flatnonzero(over)]
         for i in ended:
             self._finish(i, outcome.infos[i])
@@ -175,12 +180,14 @@ class _Wave:
         if self._results[i] is None:
             job = self._jobs[i]
             result = round_result(
+                self._facts,
                 condition=job.condition,
                 episode=job.episode,
                 seed=job.seed,
                 steps=self._steps,
                 game_return=float(self._game_returns[i]),
                 effort=float(self._efforts[i]),
+                game_seed=self._game_seeds[i],
                 action_change=float(self._changes[i] / (self._steps - 1))
                 if self._steps > 1
                 else None,
@@ -188,8 +195,8 @@ class _Wave:
                 log=self._logs[i],
             )
             self._results[i] = result
-            if self._watcher is not None:
-                self._watcher.ended(i, result)
+            for watcher in self._watchers:
+                watcher.ended(i, result)
 
     def _share(self, observation: dict[str, NDArray]) -> float:
         feature = observation.get("stateful_information", np.zeros((len(self._jobs), 1)))

@@ -11,12 +11,13 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from sim2vr_harness.envs.config import AppConfig, EnvConfig
-from sim2vr_harness.evaluation.evaluate import evaluation_env
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.games import game_facts, with_condition, with_game
+from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.pictures import BodyPainter, compose, score_text
 from sim2vr_harness.evaluation.player import Player
 from sim2vr_harness.training.errors import InputError
-from sim2vr_harness.training.trained_users import find_user
+from sim2vr_harness.training.trained_users import find_user, require_contract
 
 __all__ = ["parse_size", "snapshot"]
 
@@ -39,11 +40,11 @@ def parse_size(text: str, largest: tuple[int, int] = (1280, 960)) -> tuple[int, 
 def snapshot(
     out: Path,
     *,
-    condition: str = "medium",
+    condition: str | None = None,
     size: tuple[int, int] = (640, 480),
     seconds: float = 2.0,
     seed: int = 1,
-    game: str = "whacamole",
+    game: str | None = None,
     run: str | Path | None = None,
     simulation: Callable[..., Any] | None = None,
 ) -> list[Path]:
@@ -52,11 +53,11 @@ def snapshot(
     Args:
         out: Folder for ``headset.png``, ``third_person.png``, ``recorder.png``, ``body.png``, the
             user's own image ``observation.png`` (colour left, depth right) and ``overview.png``.
-        condition: The game's condition.
+        condition: The game's condition; None leaves it at its default.
         size: (width, height) of the pictures, pixels.
         seconds: How long to play first.
         seed: Seed of the round.
-        game: The game, unless a run says so.
+        game: The game; None takes the run's, or that of a default environment.
         run: A trained user to play; None lets the user act at random, gently.
         simulation: How to make the user: (EnvConfig, n) -> simulation.
 
@@ -75,26 +76,29 @@ def snapshot(
         from sim2vr_harness.envs.simulation import Simulation
 
         simulation = Simulation
-    config = EnvConfig(app=AppConfig(game=game, options={}))
     user = None if run is None else find_user(run)
+    config = with_game(EnvConfig() if user is None else evaluation_env(user.config), game)
     if user is not None:
-        config = evaluation_env(user.config)
+        require_contract(user, config)
+    facts = game_facts(config.app)
+    shown = condition or facts.condition_of(config.app.options)
+    config = with_condition(config, condition)
     with closing(simulation(config, 1)) as users:
-        users.reset(seeds=[seed], options={"condition": condition})
+        users.reset(seeds=[seed])
         act: Callable[..., Any] = partial(_gentle, users.action_space.shape[0])
         if user is not None:
             act = Player(user, users.observation_space, users.action_space).act
         log, total, steps = _play(users, act, seconds, seed)
         pictures = _draw(users, size)
-        text = score_text(log, steps / users.config.action_frequency_hz, total)
+        text = score_text(facts, log, steps / users.config.action_frequency_hz, total)
     views = {"body": "body", "headset": "headset", "third_person": "game"}
     panels = {label: pictures[name] for name, label in views.items()}
-    pictures["overview"] = compose(panels, condition, text)
+    pictures["overview"] = compose(panels, f"{facts.name} {shown}".strip(), text)
     return _write(out, pictures)
 
 
-def _gentle(size: int, observation: Mapping[str, Any], rng: np.random.Generator) -> Any:
-    return 0.2 * rng.standard_normal(size).clip(-1.0, 1.0)
+def _gentle(actions: int, observation: Mapping[str, Any], rng: np.random.Generator) -> Any:
+    return 0.2 * rng.standard_normal(actions).clip(-1.0, 1.0)
 
 
 def _play(

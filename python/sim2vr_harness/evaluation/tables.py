@@ -2,57 +2,81 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich import box
+from rich.console import Group, RenderableType
 from rich.table import Table
+from rich.text import Text
+
+from sim2vr_harness.client import GameFacts, Measure
+from sim2vr_harness.evaluation.metrics import measures_of
 
 __all__ = ["cell", "results_table"]
 
-_ROWS: tuple[tuple[str, str, int], ...] = (
-    ("hits", "Hits", 1),
-    ("misses", "Misses", 1),
-    ("contacts", "Contacts (too slow)", 1),
-    ("hit_rate", "Hit rate", 3),
-    ("hit_speed_mps", "Hitting speed (m/s)", 2),
-    ("hammer_depth_m", "Hammer depth (m)", 3),
-    ("max_fatigued", "Fatigue (max. MUs)", 3),
-    ("action_change", "Change of actions", 3),
-    ("effort", "Effort", 1),
-    ("game_return", "Game return", 1),
-    ("return", "Return", 1),
-)
+_SIDE_BY_SIDE = 4
+"""Conditions that fit 80 columns beside the names of the numbers."""
 
 
-def results_table(summaries: Mapping[str, Mapping[str, Any]], title: str) -> Table:
-    """Return a table of means and standard deviations over rounds, one column per condition.
+def results_table(
+    summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts, title: str
+) -> RenderableType:
+    """Return tables of means and standard deviations over rounds, one column per condition.
 
     Args:
         summaries: condition -> :func:`~sim2vr_harness.evaluation.metrics.summarise`.
-        title: Shown above the table.
+        facts: What the game publishes.
+        title: Shown above.
     """
-    table = Table(title=title, title_justify="left", title_style="bold", box=box.SIMPLE_HEAD)
+    facts = facts.with_log({key: 0.0 for s in summaries.values() for key in _log_keys(s)})
+    conditions = list(summaries)
+    parts: list[RenderableType] = [Text(title, style="bold"), Text(_over_what(summaries))]
+    for first in range(0, len(conditions), _SIDE_BY_SIDE):
+        chosen = conditions[first : first + _SIDE_BY_SIDE]
+        parts.append(_table({condition: summaries[condition] for condition in chosen}, facts))
+    parts += [
+        Text(f"{measure.label}: {_lower(measure.description)}.", style="dim")
+        for measure in (*facts.scalars, *facts.grids, *measures_of(GameFacts("")))
+        if measure.description and any(_has(s, measure) for s in summaries.values())
+    ]
+    return Group(*parts)
+
+
+def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Table:
+    tight = len(summaries) == _SIDE_BY_SIDE
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0) if tight else (0, 1))
     table.add_column("Per round", no_wrap=True)
     for condition in summaries:
         table.add_column(condition, justify="right", overflow="fold")
     table.add_row("Rounds", *(str(summary["episodes"]) for summary in summaries.values()))
-    for key, heading, digits in _ROWS:
+    for measure in measures_of(facts):
         cells = [
-            cell(summary.get(key), summary.get(f"{key}_sd"), digits)
+            cell(
+                summary.get(measure.name),
+                summary.get(f"{measure.name}_sd"),
+                measure.digits,
+                tight=tight,
+            )
             for summary in summaries.values()
         ]
-        table.add_row(heading, *cells)
+        table.add_row(measure.heading, *cells)
+    labels = {term.log_key: term.label for term in facts.reward_terms}
+    labels |= {"rest": facts.reward_rest, "effort": "effort"}
     terms = list(
         dict.fromkeys(term for s in summaries.values() for term in s.get("return_terms", {}))
     )
     for term in terms if len(terms) > 2 else ():
         values = (summary.get("return_terms", {}).get(term) for summary in summaries.values())
-        table.add_row(f"  + {_words(term)}", *(cell(value, None, 1) for value in values))
-    if any(summary.get("cell_hit_rates", []) for summary in summaries.values()):
-        rows = [_lowest(summary.get("cell_hit_rates", [])) for summary in summaries.values()]
-        table.add_row("Lowest cell's hit rate", *rows)
+        table.add_row(
+            f"  from {labels.get(term, term)}", *(cell(value, None, 1) for value in values)
+        )
+    for measure in facts.grids:
+        if any(_has(summary, measure) for summary in summaries.values()):
+            worst = [
+                _worst(summary.get(measure.name, []), measure) for summary in summaries.values()
+            ]
+            table.add_row(f"{measure.label}, worst", *worst)
     for key, heading in (("diverged", "Diverged"), ("app_failed", "App failed (not counted)")):
         counts = [summary.get(key, 0) for summary in summaries.values()]
         if any(counts):
@@ -60,23 +84,42 @@ def results_table(summaries: Mapping[str, Mapping[str, Any]], title: str) -> Tab
     return table
 
 
-def _words(name: str) -> str:
-    """DistanceReward -> distance."""
-    parts = re.findall(r"[A-Z][a-z]+", name)
-    return " ".join(part.lower() for part in parts if part != "Reward") or name
+def _over_what(summaries: Mapping[str, Mapping[str, Any]]) -> str:
+    """What the means and deviations are taken over."""
+    counts = {summary["episodes"] for summary in summaries.values()}
+    if counts == {1}:
+        return "One round of one user for each condition."
+    rounds = str(counts.pop()) if len(counts) == 1 else "the"
+    return f"Mean ± SD over {rounds} rounds of this one user; other users may differ more."
 
 
-def _lowest(rates: Sequence[float | None]) -> str:
-    known = [(rate, cell) for cell, rate in enumerate(rates) if rate is not None]
+def _log_keys(summary: Mapping[str, Any]) -> list[str]:
+    return [key for result in summary.get("rounds", ()) for key in result["log"]]
+
+
+def _has(summary: Mapping[str, Any], measure: Measure) -> bool:
+    found = summary.get(measure.name)
+    if measure.grid is None:
+        return found is not None
+    return any(value is not None for value in found or ())
+
+
+def _worst(values: Sequence[float | None], measure: Measure) -> str:
+    known = [(value, item) for item, value in enumerate(values) if value is not None]
     if not known:
         return "-"
-    rate, cell = min(known)
-    return f"{rate:.2f} (cell {cell})"
+    value, item = max(known) if measure.better == "lower" else min(known)
+    return f"{value:.{measure.digits}f} (no. {item})"
 
 
-def cell(value: float | None, deviation: float | None, digits: int) -> str:
+def _lower(text: str) -> str:
+    return text[:1].lower() + text[1:]
+
+
+def cell(value: float | None, deviation: float | None, digits: int, *, tight: bool = False) -> str:
     """A number, with its deviation where there is one; "-" for none."""
     if value is None:
         return "-"
-    spread = "" if deviation is None else f" ± {deviation:.{digits}f}"
+    between = "±" if tight else " ± "
+    spread = "" if deviation is None else f"{between}{deviation:.{digits}f}"
     return f"{value:.{digits}f}{spread}"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.client import GameFacts
 from sim2vr_harness.evaluation.metrics import RoundResult
 from sim2vr_harness.evaluation.pictures import Painter, Panels, score_text
 from sim2vr_harness.evaluation.rollouts import Job
@@ -71,11 +72,12 @@ class RoundFilmer:
 
     Args:
         folder: Where ``<condition>_<episode>.mp4`` goes.
+        facts: What the game publishes, for the numbers in the header.
         rounds: How many rounds per condition.
     """
 
-    def __init__(self, folder: Path, rounds: int = 1) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, facts: GameFacts, rounds: int = 1) -> None:
+        self._folder, self._facts = folder, facts
         self._rounds = rounds
         self._films: dict[int, Film] = {}
         self._panels: Panels | None = None
@@ -107,7 +109,9 @@ class RoundFilmer:
         for i, film in self._films.items():
             if infos[i].get("termination") == "app_failed":
                 continue  # there is no app to draw the frame
-            text = score_text(infos[i].get("log", {}), seconds, float(self._returns[i]))
+            text = score_text(
+                self._facts, infos[i].get("log", {}), seconds, float(self._returns[i])
+            )
             film.add(self._painter.frame(self._panels.draw(i), self._jobs[i].condition, text))
 
     def ended(self, index: int, result: RoundResult) -> None:

@@ -13,7 +13,7 @@ from gymnasium import spaces
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sim2vr_harness.training import checkpoint
-from sim2vr_harness.training.ppo import PPO, episode_means
+from sim2vr_harness.training.ppo import PPO
 from sim2vr_harness.training.progress import Phase, Progress, ProgressDisplay
 from sim2vr_harness.training.run_folder import RunFolder
 from sim2vr_harness.training.vec_env import SimulationVecEnv
@@ -124,14 +124,16 @@ class ProgressCallback(BaseCallback):
         progress.phase_done += self.model.n_envs
         env = self.model.get_env()
         if isinstance(env, SimulationVecEnv) and env.last_logs is not None:
-            progress.hits_now = env.last_logs.total("Points")
-            progress.misses_now = env.last_logs.total("Misses")
+            progress.counts_now = {
+                measure.label: env.last_logs.total(measure.log_key)
+                for measure in progress.game.counters[:2]
+            }
         self._tell_failures()
         ended = sum("episode" in info for info in self.locals["infos"])
         progress.episodes += ended
         # SB3 takes the ended rounds into its statistics after this call, hence the next step.
         if progress.phase_done % (50 * self.model.n_envs) == 0:
-            progress.means = episode_means(list(self.model.ep_info_buffer or []))
+            progress.means = self.model.episode_means()
         self._display.update()
         return True
 
@@ -158,7 +160,7 @@ class ProgressCallback(BaseCallback):
     def _on_rollout_end(self) -> None:
         if self._progress.app_failures:
             self.logger.record("rollout/app_failures", self._progress.app_failures)
-        self._progress.means = episode_means(list(self.model.ep_info_buffer or []))
+        self._progress.means = self.model.episode_means()
         self._progress.end_playing(self._progress.iteration_steps)
         self._progress.begin(Phase.LEARNING, self._progress.minibatches)
         self._display.update()

@@ -116,8 +116,9 @@ class CheckpointConfig(Settings):
 class EvaluationConfig(Settings):
     """Rounds played with a trained user."""
 
-    conditions: tuple[str, ...] = ("low-medium", "medium", "high-medium")
-    """Conditions of ``sim2vr-harness evaluate`` and of the evaluation that ends a training."""
+    conditions: tuple[str, ...] | None = None
+    """Conditions of ``sim2vr-harness evaluate`` and of the evaluation that ends a training; None
+    takes those that the game names for it (``sim2vr-harness games``)."""
     episodes: int = Field(default=10, ge=1)
     """Rounds per condition of ``sim2vr-harness evaluate``."""
     episodes_after_training: int = Field(default=2, ge=0)

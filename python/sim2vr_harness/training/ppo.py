@@ -7,12 +7,13 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-import numpy as np
 import stable_baselines3
 import torch
 
+from sim2vr_harness.client import GameFacts
 from sim2vr_harness.training.buffer import FrameRolloutBuffer
 from sim2vr_harness.training.config import LearningRateConfig, TrainingConfig
+from sim2vr_harness.training.episodes import episode_means
 from sim2vr_harness.training.policy import UserPolicy, policy_arguments
 from sim2vr_harness.training.threads import torch_threads
 from sim2vr_harness.training.vec_env import SimulationVecEnv
@@ -77,9 +78,15 @@ class PPO(stable_baselines3.PPO):
         self.policy.optimizer.add_param_group({"params": critic})
         self.critic_learning_rate_factor = factor
 
+    def episode_means(self) -> dict[str, float]:
+        """Return the means of the last episodes; see :func:`episode_means`."""
+        env = self.get_env()
+        facts = env.facts if isinstance(env, SimulationVecEnv) else GameFacts("")
+        return episode_means(list(self.ep_info_buffer or []), facts)
+
     def dump_logs(self, iteration: int = 0) -> None:
         """Record the rollout's values; they are written after the update."""
-        for key, value in episode_means(list(self.ep_info_buffer or [])).items():
+        for key, value in self.episode_means().items():
             self.logger.record(f"rollout/{key}", value)
         self._rollout_ended = time.monotonic()
 
@@ -118,32 +125,6 @@ class PPO(stable_baselines3.PPO):
         steps = self.n_steps * self.n_envs
         self.logger.record("time/steps_per_second", steps / sum(self.last_times))
         self.logger.dump(step=self.num_timesteps)
-
-
-def episode_means(episodes: list[dict[str, Any]]) -> dict[str, float]:
-    """Return the means of finished episodes' values, keyed ``ep_<name>_mean``.
-
-    Args:
-        episodes: ``info["episode"]`` of :class:`SimulationVecEnv`.
-    """
-    if not episodes:
-        return {}
-    means = {
-        "ep_rew_mean": float(np.mean([episode["r"] for episode in episodes])),
-        "ep_len_mean": float(np.mean([episode["l"] for episode in episodes])),
-    }
-    for key in ("game_reward", "effort_cost", "max_fatigued"):
-        values = [episode[key] for episode in episodes if key in episode]
-        if values:
-            means[f"ep_{key}_mean"] = float(np.mean(values))
-    for key in episodes[-1].get("log", {}):
-        values = [episode["log"][key] for episode in episodes if key in episode["log"]]
-        means[f"ep_{key}_mean"] = float(np.mean(values))
-    hits = means.get("ep_Points_mean")
-    misses = means.get("ep_Misses_mean")
-    if hits is not None and misses is not None and hits + misses > 0:
-        means["ep_hit_rate"] = hits / (hits + misses)
-    return means
 
 
 def build(config: TrainingConfig, env: SimulationVecEnv) -> PPO:

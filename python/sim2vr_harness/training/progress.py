@@ -15,6 +15,9 @@ from rich.progress_bar import ProgressBar
 from rich.table import Table
 from rich.text import Text
 
+from sim2vr_harness.client import GameFacts
+from sim2vr_harness.training.episodes import metric_key
+
 __all__ = ["Phase", "Progress", "ProgressDisplay", "StageDisplay", "duration"]
 
 PLAIN_INTERVAL_S = 15.0
@@ -49,8 +52,8 @@ class Progress:
         episodes: Rounds finished in this session.
         app_failures: Apps that failed and were started again in this session.
         means: Means over the last rounds, keyed as in metrics.jsonl without ``rollout/``.
-        hits_now: Hits in the rounds that are being played.
-        misses_now: Misses in the rounds that are being played.
+        game: What the game publishes.
+        counts_now: The game's counters in the rounds that are being played, by label.
         note: What happened last, for example a checkpoint.
     """
 
@@ -70,8 +73,8 @@ class Progress:
     episodes: int = 0
     app_failures: int = 0
     means: dict[str, float] = field(default_factory=dict)
-    hits_now: float = 0.0
-    misses_now: float = 0.0
+    game: GameFacts = field(default_factory=lambda: GameFacts(""))
+    counts_now: dict[str, float] = field(default_factory=dict)
     note: str = ""
     started: float = field(default_factory=time.monotonic)
     phase_started: float = field(default_factory=time.monotonic)
@@ -253,9 +256,10 @@ class ProgressDisplay(_Display):
             return []
         return [
             ("return", _number(means.get("ep_rew_mean"), 1)),
-            ("hits", _number(means.get("ep_Points_mean"), 1)),
-            ("misses", _number(means.get("ep_Misses_mean"), 1)),
-            ("hit rate", _number(means.get("ep_hit_rate"), 3)),
+            *(
+                (measure.heading.lower(), _number(means.get(metric_key(measure)), measure.digits))
+                for measure in self.progress.game.headlines
+            ),
             ("effort", _number(means.get("ep_effort_cost_mean"), 1)),
         ]
 
@@ -290,10 +294,10 @@ class ProgressDisplay(_Display):
             shown = "   ".join(f"{label} {value}" for label, value in numbers)
             failures = f", {p.app_failures:,} app failures" if p.app_failures else ""
             return Text(f"Per round: {shown}   ({p.episodes:,} rounds{failures})")
-        return Text(
-            f"First rounds: {_number(p.hits_now)} hits, {_number(p.misses_now)} misses so far",
-            style="dim",
+        counts = ", ".join(
+            f"{label.lower()} {_number(count)}" for label, count in p.counts_now.items()
         )
+        return Text(f"First rounds: {counts or 'none has ended'} so far", style="dim")
 
 
 class StageDisplay(_Display):

@@ -22,9 +22,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.training.checkpoint import write_tensors
+from sim2vr_harness.training.episodes import episode_means
 from sim2vr_harness.training.policy import UserPolicy
-from sim2vr_harness.training.ppo import episode_means
 from sim2vr_harness.training.sharding import in_shards
 from sim2vr_harness.training.student_config import StudentConfig
 from sim2vr_harness.training.threads import torch_threads
@@ -209,7 +210,7 @@ class Student:
             facts_error=facts_error,
             teacher_share=share,
             episodes=self._ended,
-            means=episode_means(list(self._episodes)),
+            means=episode_means(list(self._episodes), game_facts(self.simulation.config.app)),
             collect_seconds=collected - began,
             learn_seconds=time.monotonic() - collected,
         )

@@ -27,7 +27,15 @@ from sim2vr_harness.training.config import TrainingConfig, parse_config, to_yaml
 from sim2vr_harness.training.errors import InputError, closest
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
 
-__all__ = ["TrainedUser", "find_user", "list_cards", "open_packed", "pack", "require_contract"]
+__all__ = [
+    "TrainedUser",
+    "find_user",
+    "is_packed",
+    "list_cards",
+    "open_packed",
+    "pack",
+    "require_contract",
+]
 
 PREFIX = "pretrained:"
 _CARD, _CONFIG, _WEIGHTS = "card.json", "config.yaml", "policy.pt"
@@ -57,7 +65,8 @@ def find_user(run: str | Path) -> TrainedUser:
 
     Args:
         run: ``pretrained:NAME``, the folder of a packed user, a run's folder (its newest
-            checkpoint is used) or a checkpoint in one.
+            checkpoint is used) or a checkpoint in one. The NAME of a user that ships, where there
+            is no such file.
 
     Raises:
         InputError: It is none of them.
@@ -66,6 +75,8 @@ def find_user(run: str | Path) -> TrainedUser:
     if text.startswith(PREFIX):
         return _shipped(text.removeprefix(PREFIX))
     path = Path(run)
+    if not path.exists() and text in [card["name"] for card in list_cards()]:
+        return _shipped(text)
     if (path / _CARD).is_file():
         return open_packed(path)
     folder, checkpoint = _run_checkpoint(path)
@@ -76,6 +87,11 @@ def find_user(run: str | Path) -> TrainedUser:
         evaluation_dir=folder.evaluation_dir / checkpoint.stem,
         load=lambda policy: load_policy_weights(checkpoint, policy),
     )
+
+
+def is_packed(run: str | Path) -> bool:
+    """Whether this names a packed user: ``pretrained:NAME``, or the folder of one."""
+    return str(run).startswith(PREFIX) or (Path(run) / _CARD).is_file()
 
 
 def _run_checkpoint(path: Path) -> tuple[RunFolder, Path]:

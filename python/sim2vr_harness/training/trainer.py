@@ -16,6 +16,7 @@ import torch
 from gymnasium import spaces
 from rich.console import Console
 
+from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.training import checkpoint, ppo
 from sim2vr_harness.training.buffer import buffer_bytes
 from sim2vr_harness.training.callbacks import CheckpointCallback, ProgressCallback
@@ -186,6 +187,7 @@ def _run(
         stop_step=-(-stop // size) * size,
         iteration_steps=size,
         minibatches=size // config.ppo.batch_size * config.ppo.n_epochs,
+        game=game_facts(config.env.app),
     )
     display = ProgressDisplay(progress, console)
 

@@ -12,6 +12,9 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
+from sim2vr_harness.client import GameFacts
+from sim2vr_harness.envs.games import game_facts
+
 __all__ = ["SimulationLike", "SimulationVecEnv"]
 
 _SUMS = ("game_reward", "effort_cost")
@@ -76,6 +79,9 @@ class SimulationVecEnv(VecEnv):
         self._sums = {name: np.zeros(self.num_envs) for name in _SUMS}
         self.last_logs: Any = None
         """The games' logs after the last step (``StepBatch.logs``), for displays; None before."""
+        config = getattr(simulation, "config", None)
+        self.facts = GameFacts("") if config is None else game_facts(config.app)
+        """What the game publishes."""
 
     def seed(self, seed: int | None = None) -> Sequence[int | None]:
         """Set the seeds of the next :meth:`reset`.

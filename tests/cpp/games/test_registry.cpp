@@ -1,7 +1,9 @@
 #include <gtest/gtest.h>
 
+#include <nlohmann/json.hpp>
 #include <set>
 #include <string>
+#include <vector>
 
 #include "game_harness.hpp"
 #include "sim2vr/core/errors.hpp"
@@ -45,6 +47,50 @@ TEST(Registry, EveryGameHasAHeadCameraAndDefaults) {
     EXPECT_FALSE(round.env().finished()) << entry.name;
     EXPECT_LT(round.env().GetTimeFeature(), -0.9F) << entry.name;
   }
+}
+
+std::vector<std::string> publishedKeys(const nlohmann::json& facts) {
+  std::vector<std::string> keys;
+  const auto add = [&keys](const nlohmann::json& key, const nlohmann::json& grid) {
+    if (key.is_null()) return;
+    if (grid.is_null()) keys.push_back(key);
+    const int items = grid.is_null() ? 0 : grid[0].get<int>() * grid[1].get<int>();
+    for (int i = 0; i < items; ++i) keys.push_back(key.get<std::string>() + std::to_string(i));
+  };
+  for (const auto& measure : facts["measures"]) {
+    add(measure["log_key"], measure["grid"]);
+    add(measure["rate_with"], measure["grid"]);
+    add(measure["only_if"], nullptr);
+  }
+  for (const auto& term : facts["reward_terms"]) add(term["log_key"], nullptr);
+  return keys;
+}
+
+TEST(Registry, EveryGameLogsWhatItPublishesInEveryCondition) {
+  const Pose head{Vec3(0.0, 1.2, 0.0), Quat::Identity()};
+  const Pose hand{Vec3(0.2, 0.8, 0.2), Quat::Identity()};
+  std::set<std::string> ids;
+  for (const rl::GameEntry& entry : registry()) {
+    const auto facts = nlohmann::json::parse(gameFactsJson(entry.name));
+    EXPECT_EQ(facts["name"], entry.name);
+    EXPECT_TRUE(ids.insert(facts["id"].get<std::string>()).second) << entry.name;
+    bool evaluated = false;
+    for (const auto& condition : facts["conditions"]) {
+      evaluated = evaluated || condition["evaluated"].get<bool>();
+      EXPECT_FALSE(condition["description"].get<std::string>().empty()) << condition;
+      nlohmann::json options = facts["evaluation_options"];
+      options.update(condition["options"]);
+      const auto game = entry.create();
+      testing::GameHarness round(*game, 1, options.dump());
+      round.idle(3, {head, hand});
+      for (const std::string& key : publishedKeys(facts)) {
+        EXPECT_TRUE(round.env().log().contains(key)) << entry.name << " " << key;
+      }
+    }
+    EXPECT_TRUE(evaluated) << entry.name;
+  }
+  EXPECT_TRUE(ids.contains("WhacAMole"));
+  EXPECT_TRUE(ids.contains("Sample"));
 }
 
 TEST(Registry, EveryGameNamesAnUnknownOption) {

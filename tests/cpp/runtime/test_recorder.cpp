@@ -57,13 +57,13 @@ TEST_F(RecorderTest, NumbersThePicturesOfBothCamerasAndRemovesOldOnes) {
   EXPECT_TRUE(exists(folder / "mainCamera" / "notes.txt"));
 }
 
-TEST_F(RecorderTest, AGameWithoutAThirdPersonCameraIsRecordedThroughTheHeadset) {
+TEST_F(RecorderTest, AGameWithoutCamerasOfItsOwnIsRecordedFromOutsideToo) {
   const auto app = makeApp("sample");
   Recorder recorder({.folder = folder, .size = {32, 24}});
   recorder.write(*app);
   recorder.write(*app);
   EXPECT_TRUE(exists(folder / "mainCamera" / "image1.png"));
-  EXPECT_FALSE(exists(folder / "envCamera" / "image0.png"));
+  EXPECT_TRUE(exists(folder / "envCamera" / "image1.png"));
 }
 
 TEST_F(RecorderTest, RefusesWhatCannotBeWritten) {

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from sim2vr_harness.client import AppClient, AppReply
+from sim2vr_harness.client import AppClient, AppReply, describe_game
 from sim2vr_harness.evaluation.pictures import Painter, score_text
-from sim2vr_harness.evaluation.replay.recordings import Recording
+from sim2vr_harness.evaluation.replay.recordings import GAME, Recording
 from sim2vr_harness.evaluation.replay.timing import Timing
 from sim2vr_harness.evaluation.video import Film
 from sim2vr_harness.training.errors import InputError
@@ -109,4 +109,6 @@ class RoundFilm:
             for event in self._recording.events
         )
         title = f"{self._recording.name}: {self._recording.condition}, {recorded} hits recorded"
-        return self._painter.frame(panels, title, score_text(reply.log, (time_ns - first_ns) / 1e9))
+        return self._painter.frame(
+            panels, title, score_text(describe_game(GAME), reply.log, (time_ns - first_ns) / 1e9)
+        )

@@ -24,7 +24,10 @@ from numpy.typing import NDArray
 from sim2vr_harness.client import OptionValue
 from sim2vr_harness.training.errors import InputError
 
-__all__ = ["Event", "Recording", "read_events", "read_recordings"]
+__all__ = ["GAME", "Event", "Recording", "read_events", "read_recordings"]
+
+GAME = "whacamole"
+"""Whose rounds were recorded."""
 
 FloatArray = NDArray[np.float64]
 

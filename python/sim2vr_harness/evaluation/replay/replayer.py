@@ -11,7 +11,7 @@ from pathlib import Path
 
 from sim2vr_harness.client import AppClient, AppReply, DevicePoses, InProcessApp, OptionValue
 from sim2vr_harness.evaluation.replay.film import ReplayFilm
-from sim2vr_harness.evaluation.replay.recordings import Event, Recording, read_events
+from sim2vr_harness.evaluation.replay.recordings import GAME, Event, Recording, read_events
 from sim2vr_harness.evaluation.replay.timing import Timing, spawn_schedule, timing_of
 
 __all__ = ["Replay", "replay", "replay_all"]
@@ -62,7 +62,7 @@ def replay(
     with tempfile.TemporaryDirectory() as temporary:
         root = Path(temporary) if log_dir is None else log_dir / recording.name
         with InProcessApp(
-            "whacamole",
+            GAME,
             {**_options(recording, timing, closed_loop), **(options or {})},
             renderer=renderer,
             log_dir=root,

@@ -3,6 +3,7 @@
 
 #include <memory>
 #include <span>
+#include <string>
 #include <string_view>
 
 #include "sim2vr/rl/game.hpp"
@@ -14,5 +15,8 @@ std::span<const rl::GameEntry> registry();
 
 /// A new game. Throws InvalidArgument ("game") with the known names and the nearest one.
 std::unique_ptr<rl::Game> createGame(std::string_view name);
+
+/// What the game tells of itself, as a JSON object (rl/game_facts.hpp). Throws as createGame.
+std::string gameFactsJson(std::string_view name);
 
 }  // namespace sim2vr::games

@@ -14,6 +14,7 @@
 #include "sim2vr/core/archive.hpp"
 #include "sim2vr/core/math.hpp"
 #include "sim2vr/core/options.hpp"
+#include "sim2vr/rl/game_facts.hpp"
 #include "sim2vr/scene/component.hpp"
 #include "sim2vr/scene/scene.hpp"
 
@@ -105,6 +106,8 @@ class Game {
 
   virtual std::string_view name() const = 0;
   virtual std::string_view description() const = 0;
+  /// What the harness shows and measures of the game. Without: its rewards alone.
+  virtual GameFacts facts() const { return {}; }
 
   /// Reads the options of the rounds that follow; every option has a default. Throws
   /// InvalidArgument and leaves the settings as they were. The caller then checks
@@ -113,7 +116,7 @@ class Game {
 
   /// Populates the EMPTY scene for a new round and returns its environment. The scene holds the
   /// head camera (kHeadCameraPath in xr_rig.hpp) and may hold kThirdPersonCameraPath and
-  /// kSpectatorCameraPath.
+  /// kSpectatorCameraPath; a scene without gets them from outside_cameras.hpp.
   virtual RLEnv& build(GameContext& context) = 0;
 
   /// How the head shall be held in the round that `seed` and the present options would start: pitch

@@ -10,8 +10,10 @@
 
 namespace sim2vr::rl {
 
-// Where the runtime finds the cameras of a round.
+// Where the runtime finds the cameras and the controllers of a round.
 inline constexpr std::string_view kHeadCameraPath = "XR Rig/Main Camera";
+inline constexpr std::string_view kLeftControllerPath = "XR Rig/LeftHand Controller";
+inline constexpr std::string_view kRightControllerPath = "XR Rig/RightHand Controller";
 inline constexpr std::string_view kThirdPersonCameraPath = "Third Person Camera";
 inline constexpr std::string_view kSpectatorCameraPath = "Spectator Camera";
 

@@ -1,0 +1,85 @@
+// What a game tells the harness about itself: how its rounds are measured, which conditions it
+// has, what its cameras and names are called. Tables, curves, progress and pictures are made of it.
+#pragma once
+
+#include <optional>
+#include <string>
+#include <string_view>
+#include <vector>
+
+namespace sim2vr::rl {
+
+enum class Better { kHigher, kLower, kNone };
+
+/// One number of a round, from the last frame's log (RLEnv::log).
+struct Measure {
+  /// Rows and columns of one number per item, such as the cells of a grid; row by row.
+  struct Grid {
+    int rows = 1;
+    int columns = 1;
+  };
+
+  /// Key in results; lower_case, unit last: "hit_speed_mps".
+  std::string name;
+  /// For tables, without the unit: "Hitting speed".
+  std::string label = {};
+  std::string unit = {};
+  /// The log's number; of a grid, the numbers log_key + "0" and so on.
+  std::string log_key = {};
+  Better better = Better::kHigher;
+  int digits = 1;
+  /// What a reader might ask about the label, in a line; may be empty.
+  std::string description = {};
+  /// With it the measure is the share log_key / (log_key + rate_with) of a round, a number from 0
+  /// to 1, and none where nothing came up.
+  std::string rate_with = {};
+  std::optional<Grid> grid = std::nullopt;
+  /// None where this number of the log is 0 (no hit, no hit speed).
+  std::string only_if = {};
+};
+
+/// A named set of options. All conditions of a game set the same options, so that one can be
+/// played after the other.
+struct GameCondition {
+  std::string name;
+  std::string description = {};
+  /// A JSON object.
+  std::string options_json = "{}";
+  /// The conditions a round may turn out to be, where that is not this one itself: the members of a
+  /// random mix, or the one that this is another name of.
+  std::vector<std::string> draws = {};
+  /// Whether evaluations play it when nobody says which.
+  bool evaluated = false;
+};
+
+/// A part of the reward that the log sums up.
+struct RewardTerm {
+  std::string log_key;
+  std::string label;
+};
+
+struct GameFacts {
+  /// Of a round with default options; 0 when rounds have no usual length.
+  double round_seconds = 0.0;
+  /// In the order of the tables.
+  std::vector<Measure> measures = {};
+  /// Name of the measure by which users are compared; empty: the return.
+  std::string score = {};
+  /// Terms that are not the score's; what they leave of the game's reward is called reward_rest.
+  std::vector<RewardTerm> reward_terms = {};
+  std::string reward_rest = "Game";
+  /// In the order in which they are listed to people. None: the game has one, its defaults.
+  std::vector<GameCondition> conditions = {};
+  /// Name of the condition that a round without options is; may be empty without conditions.
+  std::string default_condition = {};
+  /// A JSON object: options that an evaluation sets, for example to switch a curriculum off.
+  std::string evaluation_options_json = "{}";
+  /// "WhacAMole" in the Gymnasium id "sim2vr/WhacAMole-v0". Empty: the name's words in capitals.
+  std::string id = {};
+};
+
+/// The facts as a JSON object with the game's name and description, what was left empty filled in.
+/// Throws InvalidArgument naming the field when they contradict themselves.
+std::string factsJson(std::string_view name, std::string_view description, GameFacts facts);
+
+}  // namespace sim2vr::rl

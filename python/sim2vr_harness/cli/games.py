@@ -1,0 +1,74 @@
+"""``sim2vr-harness games``: what can be played, in which conditions, and how it is measured."""
+
+from __future__ import annotations
+
+import json as jsonlib
+from dataclasses import asdict
+from typing import Annotated, Any
+
+import typer
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from typer.core import TyperCommand
+
+from sim2vr_harness.client import GameFacts, describe_game, list_games
+
+__all__ = ["HelpWithGames", "games"]
+
+
+class HelpWithGames(TyperCommand):
+    """A command whose help ends with the conditions that games are evaluated in."""
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write the games and their conditions below the options."""
+        try:
+            known = [(name, ", ".join(describe_game(name).evaluated)) for name in list_games()]
+        except RuntimeError:  # the extension module is not built
+            return
+        with formatter.section("Conditions that are played by default (all: sim2vr-harness games)"):
+            formatter.write_dl(known)
+
+
+def games(
+    name: Annotated[
+        str | None, typer.Argument(metavar="[GAME]", help="A game; without, all in short.")
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")] = False,
+) -> None:
+    """List the games, or the conditions and measures of one."""
+    chosen = [name] if name is not None else sorted(list_games())
+    facts = [describe_game(each) for each in chosen]
+    if json:
+        typer.echo(jsonlib.dumps([asdict(each) for each in facts], indent=2))
+        return
+    console = Console()
+    for each in facts:
+        console.print(f"[bold]{each.name}[/bold]  {each.description}", highlight=False)
+        if name is None:
+            console.print(_in_short(each), style="dim", highlight=False, markup=False)
+        else:
+            console.print(_in_short(each), highlight=False, markup=False)
+            console.print(_conditions(each))
+            console.print(_measures(each))
+
+
+def _in_short(facts: GameFacts) -> str:
+    length = f"rounds of {facts.round_seconds:g} s; " if facts.round_seconds else ""
+    return f"{length}Gymnasium id sim2vr/{facts.id}-v0; {len(facts.conditions)} conditions"
+
+
+def _conditions(facts: GameFacts) -> Table:
+    table = Table("Condition", "What it is", box=box.SIMPLE)
+    for condition in facts.conditions:
+        mark = " (default)" if condition.name == facts.default_condition else ""
+        table.add_row(condition.name, condition.description + mark)
+    return table
+
+
+def _measures(facts: GameFacts) -> Table:
+    table = Table("Measure", "Better", "What it is", box=box.SIMPLE)
+    for measure in facts.measures:
+        better = "" if measure.better == "none" else measure.better
+        table.add_row(measure.heading, better, measure.description)
+    return table

@@ -1,0 +1,255 @@
+"""What a game tells of itself: measures, conditions, names.
+
+Games publish it in C++ beside their rules (``GameFacts`` in ``rl/game_facts.hpp``); tables,
+learning curves, progress and pictures are made of it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import Any, Literal
+
+from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.client.in_process import list_games, load_runtime
+
+__all__ = ["Condition", "GameFacts", "Measure", "RewardTerm", "describe_game", "facts_of_outside"]
+
+_CONDITION_ARGUMENT = "condition"
+"""SIM2VR's own apps take the name of a condition as the argument ``-condition``."""
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One number of a round, from the game's last log.
+
+    Attributes:
+        name: Key in results.
+        label: For tables, without the unit.
+        unit: Such as ``m/s``; may be empty.
+        better: Which direction is good for the player.
+        digits: Behind the decimal point, for tables.
+        log_key: The log's number; of a grid, the numbers ``log_key`` + index.
+        rate_with: With it, the measure is the share log_key / (log_key + rate_with).
+        grid: Rows and columns of one number per item, row by row.
+        only_if: None where this number of the log is 0.
+        description: What a reader might ask about the label; may be empty.
+    """
+
+    name: str
+    label: str
+    unit: str = ""
+    better: Literal["higher", "lower", "none"] = "none"
+    digits: int = 1
+    log_key: str = ""
+    rate_with: str | None = None
+    grid: tuple[int, int] | None = None
+    only_if: str | None = None
+    description: str = ""
+
+    @property
+    def heading(self) -> str:
+        """The label with its unit."""
+        return f"{self.label} ({self.unit})" if self.unit else self.label
+
+    def value(self, log: Mapping[str, float]) -> float | None:
+        """The measure of a round, None where it has none; grids have :meth:`values`."""
+        if self.only_if is not None and not log.get(self.only_if):
+            return None
+        return self._ratio(log, "")
+
+    def values(self, logs: Sequence[Mapping[str, float]]) -> list[float | None]:
+        """A grid's numbers over rounds, item by item: shares are pooled, others are means."""
+        found: list[float | None] = []
+        rows, columns = self.grid or (0, 0)
+        for item in range(rows * columns):
+            keys = [f"{key}{item}" for key in (self.log_key, self.rate_with) if key is not None]
+            sums = {key: sum(log.get(key, 0.0) for log in logs) for key in keys}
+            share = self._ratio(sums, str(item))
+            if self.rate_with is None and share is not None:
+                share /= len(logs)
+            found.append(share)
+        return found
+
+    def _ratio(self, log: Mapping[str, float], suffix: str) -> float | None:
+        value = log.get(self.log_key + suffix)
+        if self.rate_with is None or value is None:
+            return value
+        other = log.get(self.rate_with + suffix)
+        return None if other is None or value + other <= 0 else value / (value + other)
+
+
+@dataclass(frozen=True)
+class Condition:
+    """A named set of a game's options; all conditions of a game set the same ones.
+
+    Attributes:
+        name: What people call it.
+        description: In a line.
+        options: The options.
+        draws: Conditions that a round may turn out to be, where that is not this one itself.
+        evaluated: Whether evaluations play it when nobody says which.
+    """
+
+    name: str
+    description: str = ""
+    options: Mapping[str, OptionValue] = field(default_factory=dict)
+    draws: tuple[str, ...] = ()
+    evaluated: bool = False
+
+
+@dataclass(frozen=True)
+class RewardTerm:
+    """A part of the reward that the log sums up.
+
+    Attributes:
+        log_key: The log's number.
+        label: For tables.
+    """
+
+    log_key: str
+    label: str
+
+
+@dataclass(frozen=True)
+class GameFacts:
+    """What is known of a game without playing it.
+
+    Attributes:
+        name: The game.
+        description: In a line.
+        id: Its name in Gymnasium ids: ``Sample`` in ``sim2vr/Sample-v0``.
+        round_seconds: Length of a round with default options; 0: rounds have no usual length.
+        measures: In the order of the tables.
+        score: Name of the measure by which users are compared; None: the return.
+        reward_terms: Parts of the reward that the log sums up.
+        reward_rest: What to call the rest of the reward.
+        conditions: In the order in which they are listed; empty for an app that publishes none.
+        default_condition: What a round without options is.
+        evaluation_options: Options that an evaluation sets.
+        published: Whether the app itself says so; False for one that publishes nothing.
+    """
+
+    name: str
+    description: str = ""
+    id: str = ""
+    round_seconds: float = 0.0
+    measures: tuple[Measure, ...] = ()
+    score: str | None = None
+    reward_terms: tuple[RewardTerm, ...] = ()
+    reward_rest: str = "game"
+    conditions: tuple[Condition, ...] = ()
+    default_condition: str = ""
+    evaluation_options: Mapping[str, OptionValue] = field(default_factory=dict)
+    published: bool = True
+
+    def condition(self, name: str) -> Condition:
+        """The condition of that name.
+
+        Raises:
+            ValueError: The game has no such condition; names the nearest.
+        """
+        for condition in self.conditions:
+            if condition.name == name:
+                return condition
+        if not self.conditions:
+            return Condition(name, options={_CONDITION_ARGUMENT: name})
+        names = [condition.name for condition in self.conditions]
+        near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
+        hint = f" (did you mean {near[0]!r}?)" if near else f", such as {names[0]!r}"
+        raise ValueError(f"condition: got {name!r}, expected a condition of {self.name}{hint}")
+
+    @property
+    def evaluated(self) -> tuple[str, ...]:
+        """Names of the conditions that an evaluation plays when nobody says which."""
+        found = tuple(condition.name for condition in self.conditions if condition.evaluated)
+        return found or ((self.default_condition,) if self.default_condition else ())
+
+    def condition_of(self, options: Mapping[str, OptionValue]) -> str:
+        """Name of the condition that a round with these options is; empty if it has no name."""
+        for condition in self.conditions:
+            if condition.options and condition.options.items() <= options.items():
+                return condition.name
+        named = {key for condition in self.conditions for key in condition.options}
+        return "" if named & options.keys() else self.default_condition
+
+    def drawn(self, name: str) -> set[str]:
+        """The conditions that a round of one condition may turn out to be."""
+        known = {condition.name: condition for condition in self.conditions}
+        if name not in known or not known[name].draws:
+            return {name}
+        return set().union(*(self.drawn(other) for other in known[name].draws))
+
+    @property
+    def scalars(self) -> tuple[Measure, ...]:
+        """The measures that are one number each."""
+        return tuple(measure for measure in self.measures if measure.grid is None)
+
+    @property
+    def grids(self) -> tuple[Measure, ...]:
+        """The measures with a number per item."""
+        return tuple(measure for measure in self.measures if measure.grid is not None)
+
+    @property
+    def counters(self) -> tuple[Measure, ...]:
+        """At most three numbers that show how a round stands while it is played."""
+        plain = (m for m in self.scalars if m.rate_with is None and m.only_if is None)
+        return tuple(plain)[:3]
+
+    @property
+    def headlines(self) -> tuple[Measure, ...]:
+        """The two or three numbers to show where there is no room for all, the score last."""
+        first = [measure for measure in self.counters[:2] if measure.name != self.score]
+        return (*first, *(measure for measure in self.scalars if measure.name == self.score))
+
+    def with_log(self, log: Mapping[str, float]) -> GameFacts:
+        """The facts for a round with this log.
+
+        An app that publishes nothing is measured as the runtime's game of the same name as far as
+        its log goes; if that knows none of the game's numbers, by its log's own ones.
+        """
+        if self.published:
+            return self
+        known = tuple(m for m in self.measures if (f"{m.log_key}0" if m.grid else m.log_key) in log)
+        if not known:
+            known = tuple(Measure(key, key, digits=2, log_key=key) for key in sorted(log))
+        score = self.score if self.score in {measure.name for measure in known} else None
+        return replace(self, measures=known, score=score)
+
+
+@lru_cache
+def describe_game(name: str) -> GameFacts:
+    """What the runtime's game of that name publishes.
+
+    Raises:
+        ValueError: There is no such game; names the nearest.
+    """
+    return _facts(json.loads(load_runtime().game_facts(name)))
+
+
+def facts_of_outside(name: str) -> GameFacts:
+    """What to expect of an app that publishes nothing, such as a Unity build with SIM2VR.
+
+    That of the runtime's game of the same name, if there is one; see :meth:`GameFacts.with_log`.
+    """
+    if name in list_games():
+        return replace(describe_game(name), published=False)
+    return GameFacts(name=name, published=False)
+
+
+def _facts(told: Mapping[str, Any]) -> GameFacts:
+    measures = tuple(
+        Measure(**{**measure, "grid": None if measure["grid"] is None else tuple(measure["grid"])})
+        for measure in told["measures"]
+    )
+    conditions = tuple(
+        Condition(**{**condition, "draws": tuple(condition["draws"])})
+        for condition in told["conditions"]
+    )
+    terms = tuple(RewardTerm(**term) for term in told["reward_terms"])
+    return GameFacts(
+        **{**told, "measures": measures, "conditions": conditions, "reward_terms": terms}
+    )

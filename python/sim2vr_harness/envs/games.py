@@ -1,0 +1,38 @@
+"""Which game an environment plays, and what that game tells of itself."""
+
+from __future__ import annotations
+
+from sim2vr_harness.client import GameFacts, describe_game, facts_of_outside, list_games
+from sim2vr_harness.envs.apps import knows_options
+from sim2vr_harness.envs.config import AppConfig, EnvConfig, with_options
+
+__all__ = ["game_facts", "with_condition", "with_game"]
+
+
+def game_facts(app: AppConfig) -> GameFacts:
+    """What is known of the game that an app plays.
+
+    Raises:
+        ValueError: The runtime has no such game; names the nearest.
+    """
+    if knows_options(app) or (app.transport == "protocol2" and app.game in list_games()):
+        return describe_game(app.game)
+    return facts_of_outside(app.game)
+
+
+def with_condition(config: EnvConfig, condition: str | None) -> EnvConfig:
+    """The configuration with the options of a condition of its game; None leaves it.
+
+    Raises:
+        ValueError: The game has no such condition; names the nearest.
+    """
+    if condition is None:
+        return config
+    return with_options(config, game_facts(config.app).condition(condition).options)
+
+
+def with_game(config: EnvConfig, game: str | None) -> EnvConfig:
+    """The configuration with another game; None leaves it."""
+    if game is None or game == config.app.game:
+        return config
+    return config.model_copy(update={"app": config.app.model_copy(update={"game": game})})

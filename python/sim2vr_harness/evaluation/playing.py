@@ -1,0 +1,117 @@
+"""A trained user for programs: its policy, and the environment that it plays in."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.gym_env import RenderMode, Sim2VREnv
+from sim2vr_harness.envs.simulation import observation_space_of
+from sim2vr_harness.evaluation.environment import evaluation_env
+from sim2vr_harness.evaluation.evaluate import Evaluation, Request
+from sim2vr_harness.evaluation.evaluate import evaluate as measure
+from sim2vr_harness.evaluation.player import Player
+from sim2vr_harness.training.trained_users import find_user, require_contract
+
+__all__ = ["UserPolicy", "evaluate", "load_user_policy"]
+
+
+class UserPolicy:
+    """What a trained user does, given what it senses; on the CPU.
+
+    Args:
+        run: ``pretrained:NAME`` or the NAME of a shipped user, the folder of a packed user, a
+            run's folder, or one of its checkpoints.
+
+    Raises:
+        InputError: It is none of them.
+    """
+
+    def __init__(self, run: str | Path) -> None:
+        self._user = find_user(run)
+        self.config: EnvConfig = evaluation_env(self._user.config)
+        """The environment that it was trained in, ready for an evaluation."""
+        self.observation_space = observation_space_of(self.config)
+        self._player = Player(self._user, self.observation_space)
+        self._rng = np.random.default_rng()
+
+    def make_env(
+        self,
+        condition: str | None = None,
+        render_mode: RenderMode | None = None,
+        config: EnvConfig | None = None,
+    ) -> Sim2VREnv:
+        """A Gymnasium environment that it can play in.
+
+        Args:
+            condition: A condition of the game; None leaves the training's.
+            render_mode: As of the environment.
+            config: Another environment than its own.
+
+        Raises:
+            InputError: The user cannot play in that environment; names every difference.
+        """
+        chosen = config or self.config
+        require_contract(self._user, chosen)
+        return Sim2VREnv(condition, chosen, render_mode)
+
+    def seed(self, seed: int) -> None:
+        """Fix the random numbers of the actions that follow."""
+        self._rng = np.random.default_rng([seed, 1])
+
+    def predict(
+        self,
+        observation: Mapping[str, NDArray[Any]],
+        state: None = None,
+        episode_start: NDArray[np.bool_] | None = None,
+        deterministic: bool = False,
+    ) -> tuple[NDArray[np.float32], None]:
+        """The action for an observation, called as Stable-Baselines3's models are.
+
+        Args:
+            observation: Of one user, or of N in a vector environment.
+            state: Nothing: the user remembers nothing.
+            episode_start: Not looked at, for the same reason.
+            deterministic: Take the mean of the policy; otherwise a sample, as in its training.
+
+        Returns:
+            The action in [-1, 1], (A,) or (N, A) float32, and None.
+        """
+        rng = None if deterministic else self._rng
+        one = {key: np.asarray(observation[key]) for key in self.observation_space.spaces}
+        if all(one[key].shape == box.shape for key, box in self.observation_space.spaces.items()):
+            return self._player.act(one, rng), None
+        rows = range(len(next(iter(one.values()))))
+        actions = [self._player.act({key: one[key][i] for key in one}, rng) for i in rows]
+        return np.stack(actions), None
+
+
+def load_user_policy(run: str | Path) -> UserPolicy:
+    """A trained user, ready to play: ``load_user_policy("whacamole_constrained")``.
+
+    Args:
+        run: As of :class:`UserPolicy`.
+
+    Raises:
+        InputError: There is no such user.
+    """
+    return UserPolicy(run)
+
+
+def evaluate(run: str | Path, **what: Any) -> Evaluation:
+    """Let a trained user play and measure it: ``evaluate("whacamole_constrained", episodes=2)``.
+
+    Args:
+        run: As of :class:`UserPolicy`.
+        what: Fields of :class:`~sim2vr_harness.evaluation.evaluate.Request`, such as
+            ``conditions``, ``episodes`` and ``out``.
+
+    Raises:
+        InputError: There is no such user, or a value cannot be used.
+    """
+    return measure(run, Request(**what))

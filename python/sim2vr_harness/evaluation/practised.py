@@ -1,0 +1,81 @@
+"""What an evaluation asks of a user that its training never did."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.training.config import TrainingConfig
+
+__all__ = ["unpractised", "words_of_change"]
+
+_COSTS_ONLY = "user.effort."
+"""Changes what is counted, not what the user does."""
+
+
+def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str]) -> list[str]:
+    """What is new to a trained user, a line each; empty if nothing is.
+
+    Args:
+        config: Of its training.
+        env: What it is evaluated in.
+        conditions: The conditions that it is to play.
+    """
+    facts = game_facts(env.app)
+    by_condition = {key for condition in facts.conditions for key in condition.options}
+    ignored = {
+        *(f"app.options.{key}" for key in by_condition | set(facts.evaluation_options)),
+        "threads",
+        "max_episode_seconds",
+    }
+    new = []
+    trained, now = dict(_flat(config.env.model_dump())), dict(_flat(env.model_dump()))
+    for key in sorted({*trained, *now}):
+        plays = key.startswith(("user.", "app.options.")) or "." not in key
+        if key in ignored or not plays or key.startswith(_COSTS_ONLY):
+            continue
+        if trained.get(key) != now.get(key):
+            new.append(
+                f"{words_of_change(key, now.get(key))} (trained: {_plain(trained.get(key))})"
+            )
+    practised = _practised_conditions(config)
+    unknown = [name for name in conditions if practised and not facts.drawn(name) <= practised]
+    if unknown:
+        names = ", ".join(sorted(practised))
+        kind = "condition" if len(unknown) == 1 else "conditions"
+        new.append(f"{kind} {', '.join(unknown)} (trained: {names})")
+    return new
+
+
+def words_of_change(key: str, value: Any) -> str:
+    """A changed setting for people: ``env.user.noise.constant``, white -> noise constant: white."""
+    for prefix in ("env.", "user.", "app.options."):
+        key = key.removeprefix(prefix)
+    return f"{key.replace('.', ' ').replace('_', ' ')}: {_plain(value)}"
+
+
+def _practised_conditions(config: TrainingConfig) -> set[str]:
+    """The conditions that a training's rounds had; empty if the game does not say."""
+    facts = game_facts(config.env.app)
+    names = {facts.condition_of(config.env.app.options)}
+    if config.recipe == "distill":
+        names |= set(config.teacher.conditions)
+    return set().union(*(facts.drawn(name) for name in names if name))
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _plain(value: Any) -> str:
+    return (
+        {None: "none", True: "yes", False: "no"}.get(value, str(value))
+        if not isinstance(value, (list, tuple))
+        else ", ".join(map(str, value))
+    )

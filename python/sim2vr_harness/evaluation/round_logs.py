@@ -1,0 +1,94 @@
+"""The game's CSV logs of evaluated rounds, in folders that are named by their round.
+
+Apps number the rounds that they log and know nothing of jobs; which app plays which job depends on
+how many are played side by side.
+"""
+
+from __future__ import annotations
+
+import re
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from numpy.typing import NDArray
+
+from sim2vr_harness.evaluation.metrics import RoundResult
+from sim2vr_harness.evaluation.rollouts import Job
+
+__all__ = ["RoundLogs"]
+
+_ROUND = re.compile(r"(\d{4,})-.+")
+
+
+class RoundLogs:
+    """A watcher that finds every round's log and, in the end, gives it the round's name.
+
+    Args:
+        root: Gets a folder ``<condition>_seed<seed>`` for every round that was logged.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self._root = root
+        self._playing: list[Path] = []
+        self._found: dict[tuple[str, int], Path] = {}
+        self._taken: set[Path] = set()
+        for abandoned in root.glob(".playing*"):
+            shutil.rmtree(abandoned)
+
+    def folder(self) -> Path:
+        """A folder for the logs of one more simulation."""
+        self._playing.append(self._root / f".playing{len(self._playing)}")
+        return self._playing[-1]
+
+    def started(self, simulation: Any, jobs: Sequence[Job]) -> None:
+        """Note the folders that the apps have begun: the newest of each."""
+        for i, job in enumerate(jobs):
+            rounds = [
+                place
+                for place in self._playing[-1].glob(f"user{i:03d}*/*")
+                if _ROUND.fullmatch(place.name) and place not in self._taken
+            ]
+            if rounds:
+                newest = max(rounds, key=lambda place: place.name)
+                self._found[job.condition, job.seed] = newest
+        self._taken |= {place for playing in self._playing for place in playing.glob("user*/*")}
+
+    def stepped(self, reward: NDArray, infos: Sequence[Mapping[str, Any]]) -> None:
+        """Nothing happens to logs within a round."""
+
+    def ended(self, index: int, result: RoundResult) -> None:
+        """Nothing: a log is complete when its simulation is closed."""
+
+    def settle(self, rounds: Sequence[RoundResult], out: Path) -> list[RoundResult]:
+        """Move the logs to their places, once every simulation is closed.
+
+        Logs of apps that lay them out otherwise stay in a folder per app.
+
+        Returns:
+            The rounds, with their ``log_folder`` relative to ``out``.
+        """
+        settled = []
+        for result in rounds:
+            place = self._found.get((result.condition, result.seed))
+            if place is None or not place.is_dir():
+                settled.append(result)
+                continue
+            folder = self._root / f"{result.condition}_seed{result.seed}"
+            _move(place, folder)
+            relative = folder.relative_to(out).as_posix()
+            settled.append(replace(result, log_folder=relative))
+        for playing in self._playing:
+            if playing.is_dir() and not self._found:
+                for own in playing.iterdir():
+                    _move(own, self._root / own.name)
+            shutil.rmtree(playing, ignore_errors=True)
+        return settled
+
+
+def _move(source: Path, target: Path) -> None:
+    if target.exists():
+        shutil.rmtree(target)
+    source.replace(target)

@@ -1,0 +1,71 @@
+#include "sim2vr/rl/game_facts.hpp"
+
+#include <gtest/gtest.h>
+
+#include <nlohmann/json.hpp>
+#include <string>
+
+#include "sim2vr/core/errors.hpp"
+
+namespace sim2vr::rl {
+namespace {
+
+TEST(GameFacts, AGameThatSaysNothingHasOneConditionAndItsReward) {
+  const auto facts = nlohmann::json::parse(factsJson("my_game", "A game", {}));
+  EXPECT_EQ(facts["name"], "my_game");
+  EXPECT_EQ(facts["id"], "MyGame");
+  EXPECT_TRUE(facts["measures"].empty());
+  EXPECT_TRUE(facts["score"].is_null());
+  ASSERT_EQ(facts["conditions"].size(), 1U);
+  EXPECT_EQ(facts["conditions"][0]["name"], facts["default_condition"]);
+  EXPECT_TRUE(facts["conditions"][0]["options"].empty());
+  EXPECT_TRUE(facts["conditions"][0]["evaluated"]);
+}
+
+TEST(GameFacts, TheDefaultConditionIsEvaluatedWhenNoneIsNamed) {
+  GameFacts facts;
+  facts.conditions = {{.name = "a", .options_json = R"({"x": 1})"},
+                      {.name = "b", .options_json = R"({"x": 2})"}};
+  facts.default_condition = "b";
+  const auto told = nlohmann::json::parse(factsJson("g", "", facts));
+  EXPECT_FALSE(told["conditions"][0]["evaluated"]);
+  EXPECT_TRUE(told["conditions"][1]["evaluated"]);
+}
+
+std::string refusal(const GameFacts& facts) {
+  try {
+    factsJson("g", "", facts);
+  } catch (const InvalidArgument& error) {
+    return error.what();
+  }
+  return "";
+}
+
+TEST(GameFacts, ContradictionsAreNamed) {
+  GameFacts facts;
+  facts.measures = {{.name = "hits", .label = "Hits", .log_key = "Points"}};
+  facts.score = "hit";
+  EXPECT_EQ(refusal(facts), "score: got 'hit', expected the name of a measure, no grid");
+  facts.score = "hits";
+  EXPECT_EQ(refusal(facts), "");
+  facts.measures.push_back(facts.measures[0]);
+  EXPECT_EQ(refusal(facts), "measures: got 'hits' twice, expected every name once");
+  facts.measures = {{.name = "hits", .label = "Hits"}};
+  EXPECT_EQ(refusal(facts), "measures: got 'hits', expected a name, a label and a log_key");
+
+  GameFacts other;
+  other.conditions = {{.name = "a", .options_json = R"({"x": 1})"},
+                      {.name = "b", .options_json = R"({"y": 2})"}};
+  other.default_condition = "a";
+  EXPECT_EQ(refusal(other),
+            "conditions: got 'b', which sets other options, expected conditions that all set the "
+            "same options");
+  other.conditions[1] = {.name = "b", .options_json = R"({"x": 2})", .draws = {"c"}};
+  EXPECT_EQ(refusal(other), "draws: got 'c', expected the name of a condition");
+  other.conditions[1].draws = {"a"};
+  other.default_condition = "d";
+  EXPECT_EQ(refusal(other), "default_condition: got 'd', expected the name of a condition");
+}
+
+}  // namespace
+}  // namespace sim2vr::rl

@@ -1,8 +1,8 @@
 """Draws the user: shapes without mass and without contacts, lights and cameras.
 
 Nothing here changes the simulation; it makes pictures and videos of the user readable. The body
-model has only a torso, a head and a right arm. The left arm, the legs and the stool are drawn as
-scenery, seated because the model's sternum is 1.0 m above the ground.
+model has only a torso, a head and one or two arms. A left arm that is missing, the legs and the
+stool are drawn as scenery, seated because the model's sternum is 1.0 m above the ground.
 
 Frames: the thorax and skull frames are x forward, y up, z right; the world is z up.
 """
@@ -57,7 +57,7 @@ _TORSO_OUTLINE = np.array(
 )
 
 # Torso and neck are drawn as surfaces, so their bones would only poke through.
-_HIDDEN_BONES = {"thorax", "spine", "skull"}
+_COVERED_BODIES = {"thorax", "skull"}
 _HAND_BODIES = {"hand", "index0", "index1", "index2", "index3", "proximal_row"}
 _HAND_FLESH_M = 0.0045
 _MUSCLE_WIDTH_M = 0.0052  # drawn radius of a muscle with 500 N peak force
@@ -68,10 +68,11 @@ def dress(spec: mujoco.MjSpec, tables: ModelTables, devices: Sequence[str]) -> N
     pen = _Pen(spec)
     draw_room(spec)
     _draw_torso(pen)
-    _draw_left_arm(pen)
+    if not any(row.name == "humerus_l" for row in tables.bodies):
+        _draw_left_arm(pen)
     _draw_legs_and_stool(pen)
     _draw_head(pen)
-    _draw_right_arm(pen, tables)
+    _draw_arms(pen, tables)
     draw_devices(spec, devices)
     for row in tables.muscles:
         tendon = spec.tendon(f"{row.name}_tendon")
@@ -294,11 +295,11 @@ def _draw_head(pen: _Pen) -> None:
         pen.ellipsoid("skull", [-0.022, 0.165, side * 0.073], [0.016, 0.026, 0.009], _SKIN)
 
 
-def _draw_right_arm(pen: _Pen, tables: ModelTables) -> None:
+def _draw_arms(pen: _Pen, tables: ModelTables) -> None:
     for bone in tables.bones:
-        if bone.name in _HIDDEN_BONES:
+        if bone.body in _COVERED_BODIES:
             continue
-        if bone.body in _HAND_BODIES:
+        if bone.body.removesuffix("_r").removesuffix("_l") in _HAND_BODIES:
             pen.capsule(bone.body, bone.end1, bone.end2, bone.radius + _HAND_FLESH_M, _SKIN)
         else:
             pen.capsule(bone.body, *_shortened(bone.end1, bone.end2, bone.radius), _BONE)

@@ -30,7 +30,7 @@ from sim2vr_harness.users.bodies.tables import (
 from sim2vr_harness.users.bodies.tailored import tailored_body
 from sim2vr_harness.users.names import unknown_name
 
-_HINGE = mujoco.mjtJoint.mjJNT_HINGE
+_HINGE, _SLIDE = mujoco.mjtJoint.mjJNT_HINGE, mujoco.mjtJoint.mjJNT_SLIDE
 _PARAMETER_COUNT = 10  # length of MuJoCo's gainprm, biasprm and dynprm
 
 
@@ -47,7 +47,7 @@ def table_body(options: BodyOptions) -> Body:
     for name in worn:
         if name not in wearable:
             raise ValueError(unknown_name("device", name, wearable))
-    devices = [known[name] for name in worn]
+    devices = [(known[name], tables.settings["devices"][name]) for name in worn]
     skull = _pitched_down(options.skull_rotation_deg)
 
     def build(appearance: bool) -> mujoco.MjSpec:
@@ -60,12 +60,25 @@ def table_body(options: BodyOptions) -> Body:
     plan = Plan(
         name=options.name,
         devices=worn,
-        actuator_groups=(ActuatorGroup("muscle", tuple(m.name for m in tables.muscles)),),
-        end_effectors=(tables.settings["end_effector"]["name"],),
+        actuator_groups=_groups(tables),
+        end_effectors=tuple(
+            name
+            for name in tables.settings["end_effectors"]
+            if name in worn or name not in wearable
+        ),
         timestep=own_step if options.timestep_s is None else options.timestep_s,
-        effort_inputs=EffortInputs(lifting=tuple(tables.settings["lifting_muscles"])),
+        effort_inputs=EffortInputs(lifting=tuple(tables.settings.get("lifting", ()))),
     )
     return tailored_body(plan, build, options, _anatomy(tables.settings["anatomy"]))
+
+
+def _groups(tables: ModelTables) -> tuple[ActuatorGroup, ...]:
+    """Motors first, then muscles, as in the reference."""
+    groups = (
+        ActuatorGroup("motor", tuple(motor.name for motor in tables.motors)),
+        ActuatorGroup("muscle", tuple(muscle.name for muscle in tables.muscles)),
+    )
+    return tuple(group for group in groups if group.actuators)
 
 
 def _pitched_down(degrees: float) -> tuple[float, float, float, float] | None:
@@ -85,13 +98,16 @@ def _anatomy(table: dict[str, Any]) -> Anatomy:
 
 
 def build_spec(
-    tables: ModelTables, devices: Sequence[DeviceRow], skull_rotation_wxyz: Sequence[float] | None
+    tables: ModelTables,
+    devices: Sequence[tuple[DeviceRow, str]],
+    skull_rotation_wxyz: Sequence[float] | None,
 ) -> mujoco.MjSpec:
     """Returns a fresh specification of the user with the given devices attached.
 
     Args:
         tables: the user model.
-        devices: VR hardware; each gets a body `<name>` and a site `<name>` at its OpenXR pose.
+        devices: VR hardware and the bodies that wear it; each gets a body `<name>` and a site
+            `<name>` at its OpenXR pose.
         skull_rotation_wxyz: orientation of the skull in the thorax frame, or None to keep the
             table's. The head has no joints, so this is how the user looks down.
     """
@@ -100,13 +116,15 @@ def build_spec(
     _set_options(spec, tables.settings)
     bodies = _add_bodies(spec, tables, skull_rotation_wxyz)
     _add_joints(spec, bodies, tables)
-    _add_muscles(spec, bodies, tables)
-    tip = tables.settings["end_effector"]
-    bodies[tip["body"]].add_site(
-        name=tip["name"], pos=tip["pos_m"], quat=tip["quat_wxyz"], size=[0.004] * 3, group=4
-    )
-    for device in devices:
-        attach_device(bodies[device.parent], device, device.pos, device.quat_wxyz)
+    if tables.muscles:
+        _add_muscles(spec, bodies, tables)
+    _add_motors(spec, tables)
+    for tip in tables.settings.get("sites", ()):
+        bodies[tip["body"]].add_site(
+            name=tip["name"], pos=tip["pos_m"], quat=tip["quat_wxyz"], size=[0.004] * 3, group=4
+        )
+    for device, wearer in devices:
+        attach_device(bodies[wearer], device, device.pos, device.quat_wxyz)
     return spec
 
 
@@ -155,7 +173,10 @@ def _add_joints(
     limit = tables.settings["joint_limit"]
     for row in tables.joints:
         joint = bodies[row.body].add_joint(
-            name=row.name, type=_HINGE, axis=row.axis, armature=row.armature
+            name=row.name,
+            type=_SLIDE if row.kind == "slide" else _HINGE,
+            axis=row.axis,
+            armature=row.armature,
         )
         # MuJoCo 4 allows a cubic spring and damper; the linear term is the first entry.
         joint.stiffness = [row.stiffness, 0.0, 0.0]
@@ -200,6 +221,20 @@ def _add_muscles(
         actuator.lengthrange = row.length_range
         actuator.ctrllimited = True
         actuator.ctrlrange = [0.0, 1.0]
+
+
+def _add_motors(spec: mujoco.MjSpec, tables: ModelTables) -> None:
+    """Adds position servos: torque = kp (target - angle) - kd speed."""
+    for row in tables.motors:
+        actuator = spec.add_actuator(name=row.name)
+        actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        actuator.target = row.joint
+        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
+        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
+        actuator.gainprm = _padded([row.kp])
+        actuator.biasprm = _padded([0.0, -row.kp, -row.kd])
+        actuator.ctrllimited = True
+        actuator.ctrlrange = row.limits
 
 
 def _force_curve(curve: dict[str, Any], row: MuscleRow) -> list[float]:

@@ -11,7 +11,10 @@ from sim2vr_harness.users.bodies.from_tables import table_body
 from sim2vr_harness.users.bodies.options import BodyOptions, Person
 from sim2vr_harness.users.names import unknown_name
 
-_TABLES: dict[str, Callable[[BodyOptions], Body]] = {"mobl_arms_wrist": table_body}
+_TABLES: dict[str, Callable[[BodyOptions], Body]] = {
+    "mobl_arms_wrist": table_body,
+    "mobl_arms_bimanual_motor": table_body,
+}
 
 
 def list_bodies() -> tuple[str, ...]:
@@ -33,7 +36,8 @@ def load_body(
     Args:
         name: one of `list_bodies()`, or a YAML file that describes a body (docs/bodies.md).
             "mobl_arms_wrist" is the right arm with 7 independent joints and 32 muscles (Saul et
-            al. 2015), the SIM2VR paper's Whac-A-Mole user.
+            al. 2015), the SIM2VR paper's Whac-A-Mole user; "mobl_arms_bimanual_motor" has both
+            arms and 14 motors, the SIM2VR paper's Beats user.
         skull_rotation_deg: how far the head, and with it the headset, looks down, degrees.
         devices: names of the devices to wear, of those that the body can; None for all of them.
         person: stature, mass, segment lengths, strength and handedness; None for the body as it is.

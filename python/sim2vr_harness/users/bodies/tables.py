@@ -14,7 +14,8 @@ import json
 from dataclasses import dataclass
 from functools import cache
 from importlib import resources
-from typing import Any
+from importlib.resources.abc import Traversable
+from typing import Any, Literal
 
 Vector = tuple[float, ...]
 
@@ -35,10 +36,11 @@ class BodyRow:
 
 @dataclass(frozen=True)
 class JointRow:
-    """One hinge. `limits` (rad) is None for a joint that only its coupling holds."""
+    """One joint. `limits` (rad; slides m) is None for a joint that only its coupling holds."""
 
     name: str
     body: str
+    kind: Literal["hinge", "slide"]
     independent: bool
     axis: Vector
     limits: Vector | None
@@ -65,6 +67,17 @@ class MuscleRow:
     peak_force: float
     length_range: Vector
     path: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class MotorRow:
+    """A position servo: kp (Nm/rad), kd (Nm s/rad), range of target angles (rad)."""
+
+    name: str
+    joint: str
+    kp: float
+    kd: float
+    limits: Vector
 
 
 @dataclass(frozen=True)
@@ -95,6 +108,7 @@ class ModelTables:
     joints: tuple[JointRow, ...]
     couplings: tuple[CouplingRow, ...]
     muscles: tuple[MuscleRow, ...]
+    motors: tuple[MotorRow, ...]
     points: tuple[PointRow, ...]
     bones: tuple[BoneRow, ...]
     settings: dict[str, Any]
@@ -104,13 +118,13 @@ class ModelTables:
 class DeviceRow:
     """A VR device held rigidly by a body of the user.
 
-    `pos`/`quat_wxyz`: device frame in the parent body (m). `openxr_offset` (m, device frame) leads
-    from the tracked device frame to the pose that the OpenXR runtime reports to the application.
+    `pos`/`quat_wxyz`: device frame (x forward, y left, z up) in the skull or hand (m).
+    `openxr_offset` (m, device frame) leads from the tracked device frame to the pose that the
+    OpenXR runtime reports to the application.
     `box_min`/`box_max` (m, device frame) bound its housing, for drawing.
     """
 
     name: str
-    parent: str
     pos: Vector
     quat_wxyz: Vector
     mass: float
@@ -122,13 +136,17 @@ class DeviceRow:
     box_max: Vector
 
 
+def _file(*path: str) -> Traversable:
+    return resources.files("sim2vr_harness.users").joinpath("data", *path)
+
+
 def _text(*path: str) -> str:
-    return (
-        resources.files("sim2vr_harness.users").joinpath("data", *path).read_text(encoding="utf-8")
-    )
+    return _file(*path).read_text(encoding="utf-8")
 
 
-def _rows(folder: str, file: str) -> list[dict[str, str]]:
+def _rows(folder: str, file: str, optional: bool = False) -> list[dict[str, str]]:
+    if optional and not _file(folder, file).is_file():
+        return []
     return list(csv.DictReader(_text(folder, file).splitlines()))
 
 
@@ -141,10 +159,10 @@ def load_model_tables(folder: str) -> ModelTables:
     """Reads the tables of one user model from the package folder `data/<folder>`."""
     points = tuple(
         PointRow(r["point"], r["body"], _vector(r["pos_m"]))
-        for r in _rows(folder, "muscle_points.csv")
+        for r in _rows(folder, "muscle_points.csv", optional=True)
     )
     paths: dict[str, list[str]] = {}
-    for r in _rows(folder, "muscle_points.csv"):
+    for r in _rows(folder, "muscle_points.csv", optional=True):
         paths.setdefault(r["muscle"], []).append(r["point"])
     return ModelTables(
         bodies=tuple(
@@ -164,6 +182,7 @@ def load_model_tables(folder: str) -> ModelTables:
             JointRow(
                 name=r["joint"],
                 body=r["body"],
+                kind="slide" if r.get("type") == "slide" else "hinge",
                 independent=r["role"] == "independent",
                 axis=_vector(r["axis"]),
                 limits=_vector(r["range_rad"]) or None,
@@ -186,7 +205,17 @@ def load_model_tables(folder: str) -> ModelTables:
                 length_range=_vector(r["length_range_m"]),
                 path=tuple(paths[r["muscle"]]),
             )
-            for r in _rows(folder, "muscles.csv")
+            for r in _rows(folder, "muscles.csv", optional=True)
+        ),
+        motors=tuple(
+            MotorRow(
+                name=r["motor"],
+                joint=r["joint"],
+                kp=float(r["kp_Nm_per_rad"]),
+                kd=float(r["kd_Nms_per_rad"]),
+                limits=_vector(r["range_rad"]),
+            )
+            for r in _rows(folder, "motors.csv", optional=True)
         ),
         points=points,
         bones=tuple(
@@ -210,7 +239,6 @@ def load_device_rows() -> dict[str, DeviceRow]:
     return {
         name: DeviceRow(
             name=name,
-            parent=d["parent"],
             pos=tuple(d["pos_m"]),
             quat_wxyz=tuple(d["quat_wxyz"]),
             mass=d["mass_kg"],

@@ -43,7 +43,11 @@ def tailored_body(
         return spec
 
     if mirrored:
-        plan = replace(plan, devices=tuple(swapped(name) for name in plan.devices))
+        plan = replace(
+            plan,
+            devices=tuple(swapped(name) for name in plan.devices),
+            end_effectors=tuple(swapped(name) for name in plan.end_effectors),
+        )
     if person.ipd_m is not None:
         plan = replace(plan, ipd_m=person.ipd_m)
     return SpecBody(plan, made, options.appearance)

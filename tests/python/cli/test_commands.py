@@ -138,6 +138,29 @@ def test_an_app_of_ones_own(capsys: Any, tmp_path: Path, monkeypatch: pytest.Mon
     assert (app["executable"], app["arguments"]) == (None, [])
 
 
+def test_games_are_listed_with_their_conditions(capsys: Any) -> None:
+    status, out, _ = call(capsys, "games")
+    assert status == 0
+    assert "sim2vr/WhacAMole-v0" in out
+    status, out, _ = call(capsys, "games", "sample")
+    for part in ("small", "Radius 2.5 cm", "Distance to the ball (m)", "lower"):
+        assert part in out
+    content = json.loads(call(capsys, "games", "whacamole", "--json")[1])
+    assert content[0]["score"] == "hit_rate"
+    out = call(capsys, "evaluate", "--help")[1]
+    assert "medium, low-medium, high-medium" in out
+    assert "10 unless set" in out
+
+
+def test_changes_are_told_in_words(capsys: Any, trained: Path, tmp_path: Path) -> None:
+    change = ("--set", "env.user.noise.constant=white", "--out", str(tmp_path))
+    status, out, err = call(capsys, "evaluate", str(trained), "--episodes", "1", *change)
+    assert status == 0, err
+    assert "With noise constant: white" in out
+    assert "env.user" not in out.splitlines()[0]
+    assert "note: this user never practised noise constant: white (trained: none)" in err
+
+
 def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
     file = tmp_path / "c.png"
     assert call(capsys, "curves", str(trained), "--out", str(file)) == (0, f"Written: {file}\n", "")
@@ -161,7 +184,10 @@ def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
         (["evaluate", "{empty}/none"], "error: RUN: got '{empty}/none', which does not exist"),
         (["evaluate", "{empty}"], "error: RUN: got '{empty}', which holds no config.yaml"),
         (["evaluate"], "error: RUN: got nothing"),
-        (["evaluate", "{run}", "--condition", "x"], "error: condition: got 'x', expected easy"),
+        (["evaluate", "{run}", "--condition", "x"], "error: --condition: got 'x', expected a cond"),
+        (["evaluate", "{run}", "--condition", "harrd"], "error: --condition: got 'harrd', expected"),
+        (["games", "sampel"], "error: game: got 'sampel', expected one of"),
+        (["snapshot", "--game", "sampel"], "error: game: got 'sampel', expected one of"),
         (["evaluate", "{run}", "--episodes", "0"], "error: --episodes: got 0, expected"),
         (["curves", "{empty}"], "error: RUN: got '{empty}', which holds no config.yaml"),
         (["snapshot", "--size", "3"], "error: --size: got '3', expected WIDTHxHEIGHT"),

@@ -10,13 +10,23 @@ import pytest
 from fake_simulation import FakeSimulation
 
 from sim2vr_harness.evaluation import evaluate as module
-from sim2vr_harness.evaluation.evaluate import Request, evaluate, evaluation_env
-from sim2vr_harness.evaluation.metrics import METRICS, RoundResult, round_result, summarise
+from sim2vr_harness.client import Condition, GameFacts, describe_game, facts_of_outside
+from sim2vr_harness.evaluation.environment import evaluation_env
+from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
 from sim2vr_harness.evaluation.player import Player
 from sim2vr_harness.evaluation.rollouts import Job, jobs_for, play
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder
 from sim2vr_harness.training.trained_users import find_user
+
+
+WHACAMOLE = describe_game("whacamole")
+METRICS = (
+    *("hits", "misses", "contacts", "hit_rate", "hit_speed_mps", "hammer_depth_m"),
+    *("max_fatigued", "action_change", "effort", "game_return", "return"),
+)
+"""Names in results that cards and people's scripts rely on."""
 
 
 def play_with(trained: Path, request: Request, **how: Any) -> module.Evaluation:
@@ -25,6 +35,7 @@ def play_with(trained: Path, request: Request, **how: Any) -> module.Evaluation:
 
 def result(hits: float, misses: float, **log: float) -> RoundResult:
     return round_result(
+        WHACAMOLE,
         condition="medium",
         episode=0,
         seed=1,
@@ -55,11 +66,11 @@ def test_the_return_s_terms_add_up_and_cells_are_pooled() -> None:
         3.0, 1.0, DistanceReward=-30.0, hitsTarget0=1.0, missesTarget0=3.0, hitsTarget2=2.0
     )
     other = result(3.0, 1.0, DistanceReward=-50.0, hitsTarget0=2.0, missesTarget0=0.0)
-    summary = summarise([one, other])
+    summary = summarise([one, other], WHACAMOLE)
     terms = summary["return_terms"]
-    assert terms == {"hits and the rest": 140.0, "DistanceReward": -40.0, "effort": -20.0}
+    assert terms == {"rest": 140.0, "DistanceReward": -40.0, "effort": -20.0}
     assert sum(terms.values()) == summary["return"]
-    assert summary["cell_hit_rates"] == [0.5, None, 1.0]
+    assert summary["cell_hit_rates"] == [0.5, None, 1.0, *[None] * 6]
 
 
 @pytest.mark.parametrize(("low", "expected"), [(-1.0, 1.5), (0.5, 0.0)])
@@ -70,13 +81,16 @@ def test_the_change_of_actions(low: float, expected: float) -> None:
         lambda n: FakeSimulation(n=n),
         lambda _: lambda observation, rng: np.full(3, (low, 0.5)[next(turn) % 2], np.float32),
         [Job("easy", 0, 0)],
+        WHACAMOLE,
         deterministic=True,
     )
     assert results[0].values["action_change"] == pytest.approx(expected)
 
 
 def test_summary_by_hand() -> None:
-    summary = summarise([result(30.0, 10.0, HitSpeed=1.5), result(0.0, 10.0, HitSpeed=0.0)])
+    summary = summarise(
+        [result(30.0, 10.0, HitSpeed=1.5), result(0.0, 10.0, HitSpeed=0.0)], WHACAMOLE
+    )
     assert summary["episodes"] == 2
     assert summary["hits"] == 15.0
     assert summary["hits_sd"] == pytest.approx(30.0 / np.sqrt(2))
@@ -153,8 +167,6 @@ def test_the_environment_can_be_another_than_the_training_s(trained: Path) -> No
 
 
 def test_bad_requests(trained: Path, tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match="condition: got 'impossible', expected easy"):
-        play_with(trained, Request(conditions=["easy", "impossible"]))
     for request, message in [
         (Request(episodes=0), r"^--episodes: got 0, expected at least 1"),
         (Request(seed=-1), r"^--seed: got -1"),
@@ -165,6 +177,9 @@ def test_bad_requests(trained: Path, tmp_path: Path) -> None:
             r"^environment: got .*trained with",
         ),
         (Request(batch=0), r"^--batch: got 0"),
+        (Request(batch=10**6, episodes=10**6), r"^--batch: got 1,000,000 rounds .* GiB, expected"),
+        (Request(conditions=["easy", "impossible"]), r"^--condition: got 'impossible', expected a"),
+        (Request(conditions=["meduim"]), r"whacamole \(did you mean 'medium'\?\)$"),
         (Request(conditions=["easy", "easy"]), r"^--condition: .* every condition once"),
     ]:
         with pytest.raises(InputError, match=message):
@@ -184,22 +199,112 @@ def test_bad_requests(trained: Path, tmp_path: Path) -> None:
 
 
 def test_progress_and_logs(trained: Path, tmp_path: Path) -> None:
+    """Every round's log has a folder of its own, whoever played it when."""
     shares: list[float] = []
-    folders: list[Path | None] = []
+
+    class Logging(FakeSimulation):
+        """Each app begins a folder per round, as ours do."""
+
+        rounds = None
+
+        def reset(self, ids=None, seeds=None, options=None):
+            self.rounds = self.rounds or [0] * self.n
+            infos = super().reset(ids, seeds, options)
+            for i, seed, info in zip(ids, seeds, infos, strict=True):
+                place = self.log_dir / f"user{i:03d}" / f"{self.rounds[i]:04d}-any"
+                place.mkdir(parents=True)
+                info["seed"] = 1000 + seed
+                (place / "states.csv").write_text(f"{self.conditions[i]} {1000 + seed}")
+                self.rounds[i] += 1
+            return infos
 
     def simulation(config: Any, n: int, *, log_dir: Path | None = None) -> FakeSimulation:
-        folders.append(log_dir)
-        return FakeSimulation(config, n, log_dir=log_dir)
+        return Logging(config, n, log_dir=log_dir)
 
-    stale = tmp_path / "logs" / "user000"
-    stale.mkdir(parents=True)
-    request = Request(log=True, out=tmp_path, batch=2)
-    evaluate(trained, request, simulation=simulation, on_progress=shares.append)
-    assert folders[0] is None, "asking for the conditions writes no logs"
-    assert folders[1] == tmp_path / "logs"
-    assert not stale.exists()
+    request = Request(conditions=["easy", "hard"], episodes=3, log=True, out=tmp_path, batch=4)
+    found = evaluate(trained, request, simulation=simulation, on_progress=shares.append)
+    assert sorted(place.name for place in (tmp_path / "logs").iterdir()) == [
+        *("easy_seed1", "easy_seed2", "easy_seed3", "hard_seed1", "hard_seed2", "hard_seed3")
+    ]
+    for condition, summary in found.summaries.items():
+        for row in summary["rounds"]:
+            text = (tmp_path / row["log_folder"] / "states.csv").read_text()
+            assert text == f"{condition} {row['game_seed']}"
+            assert row["game_seed"] == 1000 + row["seed"]
     assert 0.0 <= min(shares) <= max(shares) <= 1.0
     assert shares[-1] > 0.9
+
+
+def test_results_are_added_and_never_lost(trained: Path, tmp_path: Path) -> None:
+    file = tmp_path / "results.json"
+    play_with(trained, Request(conditions=["easy"], episodes=2, out=tmp_path))
+    easy = json.loads(file.read_text())["easy"]
+    play_with(trained, Request(conditions=["hard"], episodes=3, out=tmp_path))
+    content = json.loads(file.read_text())
+    assert list(content) == ["easy", "hard"]
+    assert content["easy"] == easy
+    # The same again is the same.
+    play_with(trained, Request(conditions=["easy"], episodes=2, out=tmp_path))
+    assert json.loads(file.read_text()) == content
+    message = r"^--out: got .* has results of easy with rounds 2, not 3, expected another folder"
+    with pytest.raises(InputError, match=message):
+        play_with(trained, Request(conditions=["easy"], episodes=3, out=tmp_path))
+    shutil.copytree(trained, tmp_path / "other")
+    with pytest.raises(InputError, match=r"with user \S+, not other/step_000000120"):
+        play_with(tmp_path / "other", Request(conditions=["medium"], out=tmp_path))
+    assert json.loads(file.read_text()) == content
+    play_with(trained, Request(conditions=["easy"], episodes=3, out=tmp_path, overwrite=True))
+    assert json.loads(file.read_text())["easy"]["episodes"] == 3
+
+
+def test_what_was_never_practised_is_said(trained: Path) -> None:
+    """The run practised medium."""
+    assert play_with(trained, Request(conditions=["medium", "mid"], episodes=1)).unpractised == []
+    found = play_with(
+        trained,
+        Request(
+            conditions=["medium", "hard"],
+            episodes=1,
+            overrides=[
+                "env.user.noise.constant=white",
+                "env.app.options.life_seconds=2.0",
+                "env.user.effort.weight=0.5",  # counts otherwise, and is nothing to practise
+            ],
+        ),
+    )
+    assert found.unpractised == [
+        "life seconds: 2.0 (trained: none)",
+        "noise constant: white (trained: none)",
+        "condition hard (trained: medium)",
+    ]
+    assert found.summaries["hard"]["unpractised"] == found.unpractised
+
+
+def test_an_app_that_publishes_nothing_is_measured_by_its_log() -> None:
+    facts = facts_of_outside("some_unity_game")
+    assert facts == GameFacts("some_unity_game", published=False)
+    rounds = [
+        round_result(
+            facts, condition="a", episode=k, seed=k, steps=9, game_return=1.0, effort=0.5, info={},
+            log={"Coins": 3.0 + k, "Lives": 1.0},
+        )
+        for k in range(2)
+    ]  # fmt: skip
+    summary = summarise(rounds, facts)
+    assert (summary["Coins"], summary["Lives"], summary["return"]) == (3.5, 1.0, 0.5)
+    # One that is the runtime's game by name and log is measured as that.
+    log = {"Points": 3.0, "Misses": 1.0, "failrateTarget0": 0.0}
+    known = facts_of_outside("whacamole").with_log(log)
+    assert [measure.name for measure in known.scalars] == ["hits", "misses", "hit_rate"]
+
+
+def test_conditions_are_sets_of_options() -> None:
+    assert describe_game("sample").condition("big").options == {"ball_radius_m": 0.1}
+    assert WHACAMOLE.condition_of({}) == "medium"
+    assert WHACAMOLE.condition_of({"condition": "random", "adaptive": True}) == "random"
+    assert WHACAMOLE.drawn("random-easy") == {"low-easy", "easy", "high-easy"}
+    assert WHACAMOLE.drawn("mid-medium") == {"medium"}
+    assert facts_of_outside("other").condition("a") == Condition("a", options={"condition": "a"})
 
 
 def test_player_is_the_mean_plus_its_own_noise(trained: Path) -> None:
@@ -229,6 +334,7 @@ def test_users_who_finish_early_do_not_disturb_the_others() -> None:
         lambda n: Watched(n=n),
         lambda simulation: lambda observation, rng: rng.uniform(-1, 1, 3).astype(np.float32),
         jobs,
+        WHACAMOLE,
         deterministic=False,
     )
     assert [r.seed for r in results] == [0, 1, 2, 3]
@@ -238,6 +344,8 @@ def test_users_who_finish_early_do_not_disturb_the_others() -> None:
 
 
 def test_jobs() -> None:
-    assert jobs_for(["a", "b"], 2, 7) == [
-        Job("a", 0, 7), Job("a", 1, 8), Job("b", 0, 7), Job("b", 1, 8)
+    a, b = Condition("a", options={"x": 1}), Condition("b", options={"x": 2})
+    assert jobs_for([a, b], 2, 7) == [
+        Job("a", 0, 7, {"x": 1}), Job("a", 1, 8, {"x": 1}),
+        Job("b", 0, 7, {"x": 2}), Job("b", 1, 8, {"x": 2}),
     ]  # fmt: skip

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import shutil
 import subprocess
 from pathlib import Path
@@ -13,13 +14,18 @@ from fake_simulation import FakeSimulation
 from PIL import Image
 from rich.console import Console
 
+from sim2vr_harness import paths
+from sim2vr_harness.client import describe_game
 from sim2vr_harness.evaluation import pictures, video
-from sim2vr_harness.evaluation.curves import curve, plot
+from sim2vr_harness.evaluation.curves import curve, pack_curves, plot
 from sim2vr_harness.evaluation.metrics import round_result
 from sim2vr_harness.evaluation.rollouts import Job
 from sim2vr_harness.evaluation.snapshot import parse_size, snapshot
 from sim2vr_harness.evaluation.tables import results_table
 from sim2vr_harness.training.errors import InputError
+
+
+WHACAMOLE = describe_game("whacamole")
 
 
 class FakeBody:
@@ -60,10 +66,13 @@ def test_frames_hold_the_panels_side_by_side() -> None:
 
 def test_score_text() -> None:
     log = {"Points": 3.0, "Misses": 1.0, "Contacts": 2.0}
-    assert pictures.score_text(log, 4.55, 12.34) == (
+    assert pictures.score_text(WHACAMOLE, log, 4.55, 12.34) == (
         "Hits 3   Misses 1   Contacts 2   return 12.3   t  4.5 s"
     )
-    assert pictures.score_text({}, 0.0, 0.0) == "return 0.0   t  0.0 s"
+    sample = describe_game("sample")
+    text = pictures.score_text(sample, {"Points": 2.0, "Distance": 0.25}, 1.0)
+    assert text == "Points 2   Distance to the ball 0.25 m   t  1.0 s"
+    assert pictures.score_text(WHACAMOLE, {}, 0.0, 0.0) == "return 0.0   t  0.0 s"
 
 
 def size_of(file: Path) -> tuple[int, int]:
@@ -77,14 +86,14 @@ def probe(file: Path) -> str:
 
 
 def test_films_are_h264_at_the_users_rate(fake_body: None, tmp_path: Path) -> None:
-    filmer = video.RoundFilmer(tmp_path)
+    filmer = video.RoundFilmer(tmp_path, WHACAMOLE)
     users = simulation()
     filmer.started(users, [Job("medium", 0, 1), Job("medium", 1, 2)])
     infos = [{"log": {"Points": 1.0}}] * 2
     for _ in range(10):
         filmer.stepped(np.ones(2), infos)
     assert not (tmp_path / "medium_0.mp4").exists(), "under its name only when it is complete"
-    done = round_result(condition="medium", episode=0, seed=1, steps=10, game_return=0.0,
+    done = round_result(WHACAMOLE, condition="medium", episode=0, seed=1, steps=10, game_return=0.0,
                         effort=0.0, info={}, log={})  # fmt: skip
     filmer.ended(0, done)
     filmer.ended(1, done)
@@ -98,7 +107,7 @@ def test_films_are_h264_at_the_users_rate(fake_body: None, tmp_path: Path) -> No
 
 
 def test_an_unfinished_film_is_deleted(fake_body: None, tmp_path: Path) -> None:
-    filmer = video.RoundFilmer(tmp_path)
+    filmer = video.RoundFilmer(tmp_path, WHACAMOLE)
     filmer.started(simulation(), [Job("medium", 0, 1), Job("medium", 1, 2)])
     filmer.stepped(np.ones(2), [{}, {}])
     filmer.close()
@@ -123,6 +132,8 @@ def test_snapshot_writes_every_view(fake_body: None, tmp_path: Path) -> None:
     assert sizes["overview"] == (3 * 64 + 2 * 6, 48 + 44)
     with pytest.raises(ValueError, match="condition: got 'nope'"):
         snapshot(tmp_path / "out", condition="nope", simulation=make)
+    with pytest.raises(ValueError, match="did you mean 'sample'"):
+        snapshot(tmp_path / "out", game="sampel", simulation=make)
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="which is a file, expected a folder"):
         snapshot(tmp_path / "file", simulation=make)
@@ -135,19 +146,41 @@ def test_sizes() -> None:
             parse_size(text)
 
 
-def test_table() -> None:
-    console = Console(width=80)
-    summaries = {
-        "medium": {"episodes": 2, "hits": 12.34, "hits_sd": 1.0, "hit_rate": 0.5, "return": -3.0},
-        "high-medium-unconstrained": {"episodes": 2, "diverged": 1},
-    }
+def printed(summaries: dict[str, Any], game: str, width: int = 80) -> str:
+    console = Console(width=width)
     with console.capture() as capture:
-        console.print(results_table(summaries, "Results"))
-    text = capture.get()
-    assert "12.3 ± 1.0" in text
-    assert "0.500" in text
-    assert "Diverged" in text
-    assert max(len(line) for line in text.splitlines()) <= 80
+        console.print(results_table(summaries, describe_game(game), "Results"))
+    return capture.get()
+
+
+def test_four_conditions_fit_80_columns() -> None:
+    usual = {
+        "episodes": 12, "hits": 142.3, "hits_sd": 12.1, "hit_rate": 0.512, "hit_rate_sd": 0.111,
+        "hammer_depth_m": -0.123, "hammer_depth_m_sd": 0.012, "game_return": 1408.4,
+        "game_return_sd": 124.0, "return": 1250.1, "return_sd": 120.1,
+        "return_terms": {"rest": 1.0, "DistanceReward": -99.5, "effort": -159.4},
+        "cell_hit_rates": [0.5] * 9,
+    }  # fmt: skip
+    names = ["low-medium-unconstrained", "medium", "high-medium", "random-easy-medium", "hard"]
+    text = printed({name: usual for name in names}, "whacamole")
+    lines = text.splitlines()
+    assert max(len(line) for line in lines) <= 80
+    row = next(line for line in lines if "Game's reward" in line)
+    assert row.count("1408.4±124.0") == 4, "a row is not broken"
+    assert "from closeness to targets" in text
+    assert "0.50 (no. 0)" in text
+    assert "Mean ± SD over 12 rounds of this one user" in text
+    assert sum("Per round" in line for line in lines) == 2, "the fifth has a table of its own"
+
+
+def test_a_table_has_the_game_s_own_measures() -> None:
+    text = printed({"small": {"episodes": 1, "points": 3.0, "distance_m": 0.25}}, "sample")
+    assert "One round of one user" in text
+    assert "Distance to the ball (m)" in text
+    assert "0.250" in text
+    assert "Hit" not in text
+    failed = {"medium": {"episodes": 2, "diverged": 1, "app_failed": 1}}
+    assert "Diverged" in printed(failed, "whacamole")
 
 
 def test_curves_of_a_distilled_run_show_its_stages(trained: Path, tmp_path: Path) -> None:
@@ -166,6 +199,18 @@ def test_curves_of_a_distilled_run_show_its_stages(trained: Path, tmp_path: Path
     # A run that has not come to pixels yet has curves as well.
     (run / "metrics.jsonl").unlink()
     plot([run], tmp_path / "early.png")
+
+
+def test_curves_of_packed_users(trained: Path, tmp_path: Path) -> None:
+    packed = tmp_path / "packed"
+    shutil.copytree(paths.trained_users_dir() / "whacamole_constrained", packed)
+    pack_curves(trained, packed)
+    assert size_of(plot([str(packed)], tmp_path / "packed.png")) == (1440, 840)
+    rows = json.loads((packed / "curves.json").read_text())["rows"]
+    assert [row["step"] for row in rows] == [60, 120]
+    assert "rollout/ep_hit_rate" in rows[0]
+    with pytest.raises(InputError, match="packed without its learning curves, expected a run's"):
+        plot(["pretrained:whacamole_constrained"], tmp_path / "shipped.png")
 
 
 def test_curves(trained: Path, tmp_path: Path) -> None:

@@ -6,6 +6,7 @@ import time
 import pytest
 from rich.console import Console
 
+from sim2vr_harness.client import describe_game
 from sim2vr_harness.training.progress import (
     Phase,
     Progress,
@@ -54,6 +55,7 @@ def test_plain_lines_outside_a_terminal() -> None:
     display = ProgressDisplay(p, Console(file=output), interval=1000.0)
     with display:
         display.update()
+        p.game = describe_game("whacamole")
         p.means = {"ep_rew_mean": 3.25, "ep_Points_mean": 7.0, "ep_hit_rate": 0.5}
         display.update()  # too soon
         display.update(force=True)

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import pytest
 import torch
 
+from sim2vr_harness.client import describe_game
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.envs.contract import contract, contract_hash, differences
 from sim2vr_harness.envs.simulation import observation_space_of
@@ -104,7 +105,7 @@ def test_of_several_seeds_the_middle_one_is_packed(
     def measure(folder: Path, request: Request) -> SimpleNamespace:
         rate = {1: 0.9, 2: 0.7, 3: 0.8}[int(folder.name)]
         row = {"hits": 100 * rate, "hit_rate": rate, "cell_hit_rates": [rate] * 9, "episodes": 2}
-        return SimpleNamespace(summaries={"easy": row})
+        return SimpleNamespace(summaries={"easy": row}, facts=describe_game("whacamole"))
 
     monkeypatch.setattr(trained_users, "load_policy_weights", lambda path, policy: 7)
     monkeypatch.setattr(packing, "evaluate", measure)

@@ -19,10 +19,12 @@ import torch
 from fake_simulation import FakeSimulation
 from rich.console import Console
 
+from sim2vr_harness.client import describe_game
 from sim2vr_harness.training import checkpoint, trainer
 from sim2vr_harness.training.config import LearningRateConfig, TrainingConfig, parse_config
 from sim2vr_harness.training.errors import InputError
-from sim2vr_harness.training.ppo import LearningRate, episode_means
+from sim2vr_harness.training.episodes import episode_means
+from sim2vr_harness.training.ppo import LearningRate
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
 
 QUIET = Console(file=io.StringIO())
@@ -322,12 +324,13 @@ def test_episode_means_by_hand() -> None:
         {"r": 1.0, "l": 4, "effort_cost": 0.5, "log": {"Points": 3.0, "Misses": 1.0}},
         {"r": 3.0, "l": 6, "effort_cost": 1.5, "log": {"Points": 0.0, "Misses": 4.0}},
     ]
-    means = episode_means(episodes)
+    means = episode_means(episodes, describe_game("whacamole"))
     assert means["ep_rew_mean"] == 2.0
     assert means["ep_len_mean"] == 5.0
     assert means["ep_effort_cost_mean"] == 1.0
     assert means["ep_hit_rate"] == 3 / 8
-    assert episode_means([]) == {}
+    assert episode_means([], describe_game("whacamole")) == {}
+    assert "ep_hit_rate" not in episode_means(episodes, describe_game("sample"))
 
 
 def test_metrics_survive_a_line_cut_off_by_a_crash(tmp_path: Path) -> None:

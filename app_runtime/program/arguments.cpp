@@ -46,9 +46,6 @@ void addServerOptions(CLI::App& cli, Arguments& arguments, Raw& raw) {
                  "Address to listen on, or an endpoint such as ipc:///tmp/app; anybody who reaches "
                  "it can use the app")
       ->group(group);
-  cli.add_option("--local-socket", arguments.local_socket,
-                 "Listen on this Unix stream socket as well: a path, or @ and a name")
-      ->group(group);
   cli.add_option("--timeout", raw.timeout_s, "Longest wait for a message, s (60; 600 on port 5555)")
       ->check(CLI::PositiveNumber)
       ->default_str("")

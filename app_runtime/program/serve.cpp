@@ -55,7 +55,6 @@ server::ServerSettings serverSettings(const Arguments& arguments) {
   server::ServerSettings settings;
   settings.address = arguments.bind;
   settings.port = arguments.port;
-  settings.local_socket = arguments.local_socket;
   const double usual_s = arguments.port == kReferencePort ? kDebugTimeout_s : kTimeout_s;
   settings.timeout = std::chrono::milliseconds(
       static_cast<std::int64_t>(1000.0 * arguments.timeout_s.value_or(usual_s)));
@@ -79,7 +78,8 @@ server::ServerSettings serverSettings(const Arguments& arguments) {
 /// What a client would be refused for is said before it comes.
 void validate(const Arguments& arguments, const server::ServerSettings& settings) {
   requireCondition(arguments, settings.host.app.options_json);
-  const runtime::App app(settings.host.app, render::Renderer::create(render::RendererKind::null));
+  settings.host.make_app(settings.host.app, render::Renderer::create(render::RendererKind::null),
+                         {});
   requireWritable(arguments);
 }
 

@@ -45,27 +45,27 @@ void checkTime(const TimeSettings& time) {
 
 }  // namespace
 
-HostedApp::HostedApp(runtime::AppSettings settings, std::shared_ptr<render::Renderer> renderer,
+HostedApp::HostedApp(std::unique_ptr<runtime::LockstepApp> app,
                      std::optional<runtime::RecorderSettings> recorder)
-    : app_(std::move(settings), std::move(renderer)) {
+    : app_(std::move(app)) {
   if (recorder) recorder_ = std::make_unique<runtime::Recorder>(*std::move(recorder));
 }
 
 runtime::StepResult HostedApp::reset(const runtime::RoundStart& start,
                                      const xr::DeviceState& devices) {
-  runtime::StepResult result = app_.reset(start, devices);
+  runtime::StepResult result = app_->reset(start, devices);
   record();
   return result;
 }
 
-runtime::StepResult HostedApp::step(std::span<const runtime::FrameInput> frames) {
-  runtime::StepResult result = app_.step(frames);
+runtime::StepResult HostedApp::step(std::span<const runtime::FrameInput> frames, int drawn) {
+  runtime::StepResult result = app_->step(frames, drawn);
   record();
   return result;
 }
 
 void HostedApp::record() {
-  if (recorder_ != nullptr) recorder_->write(app_);
+  if (recorder_ != nullptr) recorder_->write(*app_);
 }
 
 AppHost::AppHost(HostSettings settings) : settings_(std::move(settings)), entropy_(entropy()) {}
@@ -84,8 +84,8 @@ std::vector<std::unique_ptr<HostedApp>> AppHost::makeApps(const runtime::AppSett
       recorder->frame_rate = settings.time.target_frame_rate;
     }
     const int worker = static_cast<int>(i) % settings_.threads;
-    apps.push_back(std::make_unique<HostedApp>(std::move(own), renderer(renderer_kind, worker),
-                                               std::move(recorder)));
+    apps.push_back(std::make_unique<HostedApp>(
+        settings_.make_app(own, renderer(renderer_kind, worker), {}), std::move(recorder)));
   }
   return apps;
 }

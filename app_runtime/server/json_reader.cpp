@@ -131,6 +131,20 @@ std::string JsonFields::objectText(const char* name) const {
   return JsonFields(*value, path(name)).object_->dump();
 }
 
+std::vector<std::string> JsonFields::texts(const char* name) const {
+  std::vector<std::string> items;
+  const Json* value = find(name);
+  if (value == nullptr) return items;
+  if (!value->is_array()) refuse(path(name), describe(*value), "an array");
+  for (const Json& item : *value) {
+    if (!item.is_string()) {
+      refuse(path(name) + "[" + std::to_string(items.size()) + "]", describe(item), "a string");
+    }
+    items.push_back(item.get<std::string>());
+  }
+  return items;
+}
+
 std::vector<JsonFields> JsonFields::objects(const char* name) const {
   std::vector<JsonFields> items;
   const Json* value = find(name);

@@ -28,6 +28,8 @@ class JsonFields {
   std::optional<JsonFields> object(const char* name) const;
   /// An object as JSON text; "{}" when it is missing.
   std::string objectText(const char* name) const;
+  /// The strings in an array; none when it is missing.
+  std::vector<std::string> texts(const char* name) const;
   /// The objects in an array; none when it is missing.
   std::vector<JsonFields> objects(const char* name) const;
   /// Throws for a field that is not among `known`.

@@ -3,29 +3,42 @@
 #include <nlohmann/json.hpp>
 
 #include "sim2vr/core/errors.hpp"
-#include "sim2vr/xr/pose_row.hpp"
 
 namespace sim2vr::server {
 namespace {
 
+constexpr std::size_t kLogCharacters = 200;
 constexpr std::size_t kMaximumPictureBytes = std::size_t{64} << 20;
 
 }  // namespace
 
 xr::DeviceState TrackedPoses::devices() const {
   if (!head_tracked) throw InvalidArgument("head", "not tracked", "a tracked headset");
+  const auto inputs = [](xr::Hand hand, bool tracked, const InputNumbers& row) {
+    return xr::inputsFromRow(hand, tracked ? row.data() : nullptr);
+  };
   return xr::devicesFromRows(head.data(), left_tracked ? left.data() : nullptr,
-                             right_tracked ? right.data() : nullptr);
+                             right_tracked ? right.data() : nullptr,
+                             {inputs(xr::Hand::left, left_tracked, left_inputs),
+                              inputs(xr::Hand::right, right_tracked, right_inputs)});
+}
+
+void checkGameTime(std::int64_t time_ns) {
+  if (time_ns >= 0 && time_ns <= kLatest_ns) return;
+  throw InvalidArgument("time_ns", std::to_string(time_ns), "0 to " + std::to_string(kLatest_ns));
 }
 
 std::vector<runtime::FrameInput> frameInputs(std::span<const TimedPoses> frames) {
   std::vector<runtime::FrameInput> inputs;
   inputs.reserve(frames.size());
-  for (const TimedPoses& frame : frames) inputs.push_back({frame.time_ns, frame.poses.devices()});
+  for (const TimedPoses& frame : frames) {
+    checkGameTime(frame.time_ns);
+    inputs.push_back({frame.time_ns, frame.poses.devices()});
+  }
   return inputs;
 }
 
-std::vector<std::uint8_t> drawPicture(runtime::App& app, const PictureRequest& request) {
+std::vector<std::uint8_t> drawPicture(runtime::LockstepApp& app, const PictureRequest& request) {
   const runtime::View view = runtime::viewFromName(request.view);
   render::checkImageSize(request.size);
   if (4 * request.size.pixels() > kMaximumPictureBytes) {
@@ -43,6 +56,19 @@ std::string validUtf8(std::string_view text) {
   using Json = nlohmann::json;
   const std::string quoted = Json(text).dump(-1, ' ', false, Json::error_handler_t::replace);
   return Json::parse(quoted).get<std::string>();
+}
+
+std::string forLog(std::string_view text) {
+  using Json = nlohmann::json;
+  const bool cut = text.size() > kLogCharacters;
+  // JSON's words for control characters, and nothing but ASCII.
+  std::string quoted =
+      Json(text.substr(0, kLogCharacters)).dump(-1, ' ', true, Json::error_handler_t::replace);
+  quoted = quoted.substr(1, quoted.size() - 2);
+  for (std::size_t at = 0; (at = quoted.find('\x7f', at)) != std::string::npos;) {
+    quoted.replace(at, 1, "\\u007f");
+  }
+  return cut ? quoted + "..." : quoted;
 }
 
 }  // namespace sim2vr::server

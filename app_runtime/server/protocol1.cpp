@@ -16,7 +16,6 @@ namespace {
 
 using Json = nlohmann::json;
 
-constexpr std::int64_t kLatest_ns = 1'000'000'000'000'000'000;
 constexpr std::int64_t kMaximumFrequency_hz = 10'000;
 
 /// {x, y, z} and {x, y, z, w}; what is missing is 0, as in Unity's reader.
@@ -67,17 +66,22 @@ int edge(const JsonFields& picture, const char* name, int fallback) {
   return static_cast<int>(picture.integer(name, fallback, 1, render::kMaxImageEdge));
 }
 
+std::uint32_t readSeed(const JsonFields& message) {
+  return static_cast<std::uint32_t>(
+      message.integer("seed", 0, 0, std::numeric_limits<std::uint32_t>::max()));
+}
+
 void readExtensions(const JsonFields& message, State& state) {
-  if (message.has("seed")) {
-    state.seed = static_cast<std::uint32_t>(
-        message.integer("seed", 0, 0, std::numeric_limits<std::uint32_t>::max()));
-  }
+  if (message.has("seed")) state.seed = readSeed(message);
   state.options_json = message.objectText("options");
   if (message.has("timeNs")) state.time_ns = message.integer("timeNs", 0, 0, kLatest_ns);
   state.frames = readFrames(message);
   state.wants_hash = message.flag("stateHash");
   state.wants_save = message.flag("save");
   if (message.has("load")) state.load = decodeBase64(message.text("load", ""));
+  if (const auto round = message.object("headRequest")) {
+    state.head_request = {readSeed(*round), round->objectText("options")};
+  }
   if (const auto picture = message.object("render")) {
     PictureRequest& request = state.render.emplace();
     request.view = picture->text("view", request.view);
@@ -121,6 +125,12 @@ ClockOrigin clockOriginFromName(const std::string& field, const std::string& nam
   throw InvalidArgument(field, "'" + name + "'", "'absolute' or 'round'");
 }
 
+HeadRotation headRotationFromName(const std::string& field, const std::string& name) {
+  if (name == "app") return HeadRotation::app;
+  if (name == "device") return HeadRotation::device;
+  throw InvalidArgument(field, "'" + name + "'", "'app' or 'device'");
+}
+
 Handshake decodeHandshake(std::string_view text) {
   const Json json = parseJson(text, "handshake");
   const JsonFields message(json, "handshake");
@@ -149,6 +159,10 @@ Handshake decodeHandshake(std::string_view text) {
     if (message.has("clock")) {
       handshake.clock = clockOriginFromName("handshake.clock", message.text("clock", ""));
     }
+    if (message.has("headRotation")) {
+      handshake.head_rotation =
+          headRotationFromName("handshake.headRotation", message.text("headRotation", ""));
+    }
   } catch (const InvalidArgument& error) {
     throw MalformedMessage(error.what());
   }
@@ -166,7 +180,8 @@ State decodeState(std::string_view text) {
   state.finished = message.flag("isFinished");
   state.quit = message.flag("quitApplication");
   readExtensions(message, state);
-  const bool asks = state.wants_hash || state.wants_save || state.load || state.render;
+  const bool asks =
+      state.wants_hash || state.wants_save || state.load || state.render || state.head_request;
   const bool has_poses = message.has("headsetPosition") || message.has("headsetRotation");
   state.query_only = asks && !has_poses && !state.reset && !state.quit;
   state.is_handshake = message.has("sampleFrequency");
@@ -191,6 +206,9 @@ std::string encodeObservation(const Observation& observation) {
   if (!observation.picture_png.empty()) {
     text += R"(,"render":)";
     appendBytes(text, observation.picture_png);
+  }
+  if (!observation.head_request_json.empty()) {
+    text += R"(,"headRequest":)" + observation.head_request_json;
   }
   if (!observation.error_code.empty()) {
     text += R"(,"error":{"code":)" + jsonString(observation.error_code) + R"(,"message":)" +

@@ -1,24 +1,23 @@
 #include "sim2vr/server/protocol2.hpp"
 
-#include <algorithm>
-#include <array>
-#include <bit>
-#include <cstring>
+#include <limits>
 #include <nlohmann/json.hpp>
 #include <type_traits>
-#include <utility>
 
 #include "json_reader.hpp"
+#include "wire.hpp"
 
 namespace sim2vr::server::protocol2 {
 namespace {
 
 using Json = nlohmann::json;
+using wire::append;
+using wire::Reader;
 
 constexpr std::size_t kHeaderBytes = 24;
-constexpr std::size_t kResetBytes = 192;
-constexpr std::size_t kStepBytes = 8;
-constexpr std::size_t kFrameBytes = 184;
+constexpr std::size_t kResetBytes = 400;
+constexpr std::size_t kStepBytes = 16;
+constexpr std::size_t kFrameBytes = 392;
 constexpr std::size_t kAppBytes = 4;
 
 constexpr std::uint32_t kHeadBit = 1;
@@ -28,39 +27,6 @@ constexpr std::uint32_t kRightBit = 4;
 [[noreturn]] void refuse(const std::string& field, const std::string& got,
                          const std::string& expected) {
   throw MalformedMessage(field + ": got " + got + ", expected " + expected);
-}
-
-template <class T>
-T littleEndian(T value) {
-  if constexpr (std::endian::native == std::endian::little) return value;
-  auto bytes = std::bit_cast<std::array<std::uint8_t, sizeof(T)>>(value);
-  for (std::size_t i = 0; i < sizeof(T) / 2; ++i) std::swap(bytes[i], bytes[sizeof(T) - 1 - i]);
-  return std::bit_cast<T>(bytes);
-}
-
-/// Reads numbers one after the other from a frame whose size was checked.
-class Reader {
- public:
-  explicit Reader(std::string_view bytes) : bytes_(bytes) {}
-
-  template <class T>
-  T take() {
-    if (bytes_.size() < sizeof(T)) throw MalformedMessage("message: a frame ends too early");
-    T value;
-    std::memcpy(&value, bytes_.data(), sizeof(T));
-    bytes_.remove_prefix(sizeof(T));
-    return littleEndian(value);
-  }
-  void skip(std::size_t bytes) { bytes_.remove_prefix(std::min(bytes, bytes_.size())); }
-
- private:
-  std::string_view bytes_;
-};
-
-template <class T>
-void append(std::string& bytes, T value) {
-  const T ordered = littleEndian(value);
-  bytes.append(reinterpret_cast<const char*>(&ordered), sizeof(T));
 }
 
 void checkSize(const char* frame, std::string_view bytes, std::uint64_t expected) {
@@ -81,9 +47,8 @@ TrackedPoses takePoses(Reader& reader) {
   poses.head_tracked = (tracked & kHeadBit) != 0;
   poses.left_tracked = (tracked & kLeftBit) != 0;
   poses.right_tracked = (tracked & kRightBit) != 0;
-  for (PoseNumbers* row : {&poses.head, &poses.left, &poses.right}) {
-    for (double& value : *row) value = reader.take<double>();
-  }
+  for (PoseNumbers* row : {&poses.head, &poses.left, &poses.right}) reader.take(*row);
+  for (InputNumbers* row : {&poses.left_inputs, &poses.right_inputs}) reader.take(*row);
   return poses;
 }
 
@@ -108,7 +73,7 @@ Hello decodeHello(Frames body) {
   const JsonFields fields(json, "hello");
   fields.expectOnly({"client", "apps", "game", "options", "width", "height", "renderer", "log_dir",
                      "fixed_delta_time_s", "maximum_delta_time_s", "fixed_step_tolerance_s",
-                     "shared_memory"});
+                     "shared_memory", "eyes", "ipd_m", "capabilities"});
   Hello hello;
   hello.client = fields.text("client", hello.client);
   hello.apps = static_cast<std::uint32_t>(fields.integer("apps", 1, 1, kMaximumApps));
@@ -122,7 +87,23 @@ Hello decodeHello(Frames body) {
   hello.maximum_delta_time_s = optionalNumber<double>(fields, "maximum_delta_time_s");
   hello.fixed_step_tolerance_s = optionalNumber<double>(fields, "fixed_step_tolerance_s");
   hello.shared_memory = fields.flag("shared_memory");
+  if (fields.has("eyes")) hello.eyes = static_cast<int>(fields.integer("eyes", 1, 1, 2));
+  hello.ipd_m = optionalNumber<double>(fields, "ipd_m");
+  if (fields.has("capabilities")) hello.capabilities = fields.texts("capabilities");
   return hello;
+}
+
+HeadRequest decodeHeadRequest(Frames body) {
+  checkFrames(body, 2, "head request");
+  const Json json = parseJson(body[1], "head_request");
+  const JsonFields fields(json, "head_request");
+  fields.expectOnly({"app", "seed", "options"});
+  HeadRequest request;
+  request.app = static_cast<std::uint32_t>(fields.integer("app", 0, 0, kMaximumApps - 1));
+  request.seed = static_cast<std::uint32_t>(
+      fields.integer("seed", 0, 0, std::numeric_limits<std::uint32_t>::max()));
+  request.options_json = fields.objectText("options");
+  return request;
 }
 
 /// The options of each record; an empty frame means none.
@@ -168,6 +149,7 @@ Step decodeStep(const Header& header, Frames body) {
   for (std::uint32_t i = 0; i < header.count; ++i) {
     counts.skip(4);
     const auto own = counts.take<std::uint32_t>();
+    counts.skip(8);
     if (own > kMaximumFrames) {
       refuse("step frames", std::to_string(own), std::to_string(kMaximumFrames) + " at most");
     }
@@ -181,6 +163,8 @@ Step decodeStep(const Header& header, Frames body) {
   for (StepRecord& record : step.records) {
     record.app = records.take<std::uint32_t>();
     record.frames.resize(records.take<std::uint32_t>());
+    record.drawn = records.take<std::int32_t>();
+    records.skip(4);
     for (TimedPoses& frame : record.frames) {
       frame.time_ns = reader.take<std::int64_t>();
       frame.poses = takePoses(reader);
@@ -207,12 +191,6 @@ PictureRequest decodeRender(Frames body) {
   request.size.height =
       static_cast<int>(fields.integer("height", request.size.height, 1, render::kMaxImageEdge));
   return request;
-}
-
-Header replyHeader(const Header& request) {
-  return {.version = kVersion,
-          .type = static_cast<std::uint16_t>(request.type | kReplyBit),
-          .sequence = request.sequence};
 }
 
 }  // namespace
@@ -266,69 +244,10 @@ Request decodeRequest(const Header& header, Frames body) {
     case Type::quit:
       checkFrames(body, 1, "quit");
       return Quit{};
+    case Type::head_request:
+      return decodeHeadRequest(body);
   }
-  refuse("header type", std::to_string(header.type), "a request, 1 to 8");
-}
-
-std::uint32_t LogNames::idOf(const std::map<std::string, double>& log) {
-  std::vector<std::string> names;
-  names.reserve(log.size());
-  for (const auto& entry : log) names.push_back(entry.first);
-  const auto id = static_cast<std::uint32_t>(ids_.size());
-  const auto [found, added] = ids_.emplace(std::move(names), id);
-  if (added) new_.push_back(&found->first);
-  return found->second;
-}
-
-std::string LogNames::takeNew() {
-  if (new_.empty()) return {};
-  Json json = Json::object();
-  for (const std::vector<std::string>* names : new_) json[std::to_string(ids_.at(*names))] = *names;
-  new_.clear();
-  return json.dump(-1, ' ', false, Json::error_handler_t::replace);
-}
-
-Reply encodeResults(const Header& request, const std::vector<Result>& results, LogNames& names) {
-  std::string records;
-  std::string values;
-  Json errors = Json::array();
-  for (const Result& result : results) {
-    const bool ok = result.status == Status::ok;
-    if (!ok) errors.push_back(result.error);
-    append<std::uint32_t>(records, result.app);
-    append<std::uint32_t>(records, result.step.finished ? 1 : 0);
-    append<float>(records, result.step.reward);
-    append<float>(records, result.step.time_feature);
-    append<std::uint32_t>(records, static_cast<std::uint32_t>(result.status));
-    append<std::uint32_t>(records, static_cast<std::uint32_t>(result.step.log.size()));
-    append<std::uint32_t>(records, names.idOf(result.step.log));
-    append<std::uint32_t>(records, 0);
-    for (const auto& entry : result.step.log) append<double>(values, entry.second);
-  }
-  Header header = replyHeader(request);
-  header.count = static_cast<std::uint32_t>(results.size());
-  const std::string error_text =
-      errors.empty() ? "" : errors.dump(-1, ' ', false, Json::error_handler_t::replace);
-  return {
-      encodeHeader(header), std::move(records), std::move(values), names.takeNew(), "", error_text};
-}
-
-Reply encodeReply(const Header& request) { return {encodeHeader(replyHeader(request))}; }
-
-Reply encodeReply(const Header& request, std::string frame) {
-  return {encodeHeader(replyHeader(request)), std::move(frame)};
-}
-
-Reply encodeError(const Header& request, Status status, std::string_view message) {
-  Header header = replyHeader(request);
-  header.status = static_cast<std::uint32_t>(status);
-  return {encodeHeader(header), validUtf8(message)};
-}
-
-std::string encodeHash(std::uint64_t hash) {
-  std::string bytes;
-  append(bytes, hash);
-  return bytes;
+  refuse("header type", std::to_string(header.type), "a request, 1 to 9");
 }
 
 }  // namespace sim2vr::server::protocol2

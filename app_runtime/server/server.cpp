@@ -20,6 +20,10 @@ namespace {
 using Clock = std::chrono::steady_clock;
 
 constexpr int kHighestPort = 65535;
+/// More than a client can have on its way (see Transport), so that nobody keeps a dead session up.
+constexpr int kMessagesOfOneGone = 64;
+/// Lines of the log that strangers can fill.
+constexpr int kLoggedRefusals = 10;
 
 bool isEndpoint(const std::string& address) { return address.find("://") != std::string::npos; }
 
@@ -57,9 +61,7 @@ void StopRequest::raise() const {
 class Server::Implementation {
  public:
   explicit Implementation(ServerSettings settings)
-      : settings_(std::move(settings)),
-        transport_(settings_.endpoint(), settings_.local_socket),
-        host_(hostSettings()) {
+      : settings_(std::move(settings)), transport_(settings_.endpoint()), host_(hostSettings()) {
     host_.renderer(settings_.host.renderer);  // now, not in the first client's time
   }
 
@@ -70,20 +72,13 @@ class Server::Implementation {
     while (true) {
       Transport::Events events = transport_.wait(stop.descriptor(), timeLeft());
       if (events.stop) return end(Ending::stopped);
-      // A message that came along is of another client, which is served where sessions follow.
-      if (ownerGone(events.closed)) {
-        end(Ending::client_vanished);
-        if (!settings_.keep) return Ending::client_vanished;
-      }
-      if (events.message) {
-        take(*events.message);
-        if (session_ == nullptr || !session_->over()) continue;
-        end(Ending::quit);
-        if (!settings_.keep) return Ending::quit;
-      } else if (timeLeft() == std::chrono::milliseconds(0)) {
-        end(Ending::timed_out);
-        if (!settings_.keep) return Ending::timed_out;
-      }
+      // The owner may have sent quit, and more, before its connection went.
+      if (ownerGone(events.closed)) messages_left_ = kMessagesOfOneGone;
+      if (events.message) take(*events.message);
+      const std::optional<Ending> ending = endingNow(events.message.has_value());
+      if (!ending) continue;
+      end(*ending);
+      if (!settings_.keep) return *ending;
     }
   }
 
@@ -96,10 +91,22 @@ class Server::Implementation {
 
   /// Until the time-out; none while it does not count.
   std::optional<std::chrono::milliseconds> timeLeft() const {
+    if (messages_left_) return std::chrono::milliseconds(0);
     if (session_ == nullptr && settings_.keep) return std::nullopt;
     const auto left = std::chrono::ceil<std::chrono::milliseconds>(
         last_message_ + settings_.timeout - Clock::now());
     return std::max(left, std::chrono::milliseconds(0));
+  }
+
+  /// Whether the session, or the wait for a first client, ends here.
+  std::optional<Ending> endingNow(bool message) {
+    if (session_ != nullptr && session_->over()) return Ending::quit;
+    if (messages_left_) {
+      if (message && --*messages_left_ > 0) return std::nullopt;
+      return Ending::client_vanished;
+    }
+    if (timeLeft() != std::chrono::milliseconds(0)) return std::nullopt;
+    return Ending::timed_out;
   }
 
   bool ownerGone(const std::vector<int>& closed) const {
@@ -120,9 +127,7 @@ class Server::Implementation {
   }
 
   void refuse(const Envelope& message, Frames body) {
-    // One line for each, however often it asks.
-    if (refused_ != message.client) logger().warn("a second client was refused");
-    refused_ = message.client;
+    if (++refusals_ <= kLoggedRefusals) logger().warn("a second client was refused");
     transport_.send(message,
                     errorReply(body, {protocol2::Status::busy,
                                       "busy: another client owns the session; start another "
@@ -133,11 +138,14 @@ class Server::Implementation {
     Opening opening = openSession(host_, body);
     session_ = std::move(opening.session);
     if (session_ == nullptr) {
-      logger().warn("a client was refused: {}", opening.refusal);
+      if (++refusals_ <= kLoggedRefusals) {
+        logger().warn("a client was refused: {}", forLog(opening.refusal));
+      }
     } else {
       owner_ = message.client;
       owner_connection_ = message.connection;
       last_message_ = Clock::now();
+      refusals_ = 0;
     }
     transport_.send(message, std::move(opening.reply));
   }
@@ -158,8 +166,13 @@ class Server::Implementation {
         logger().error("session over: the client's connection went away without quit");
         break;
     }
+    if (refusals_ > kLoggedRefusals) {
+      logger().warn("{} messages of other clients were refused in all", refusals_);
+    }
     if (session_ != nullptr) host_.endSession();
     session_ = nullptr;
+    messages_left_.reset();
+    refusals_ = 0;
     return ending;
   }
 
@@ -169,7 +182,9 @@ class Server::Implementation {
   std::unique_ptr<Session> session_;
   std::string owner_;
   int owner_connection_ = -1;
-  std::string refused_;
+  std::int64_t refusals_ = 0;
+  /// Messages to look at for one of the owner, whose connection went away; none while it is there.
+  std::optional<int> messages_left_;
   Clock::time_point last_message_;
 };
 

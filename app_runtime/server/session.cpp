@@ -49,6 +49,8 @@ Problem currentProblem() {
     return {Status::malformed_message, error.what()};
   } catch (const InvalidArgument& error) {
     return {Status::invalid_argument, error.what()};
+  } catch (const runtime::Unsupported& error) {
+    return {Status::unsupported, error.what()};
   } catch (const StateError& error) {
     return {Status::state_error, error.what()};
   } catch (const std::bad_alloc&) {
@@ -74,6 +76,8 @@ std::string statusName(Status status) {
       return "busy";
     case Status::version_not_supported:
       return "version_not_supported";
+    case Status::unsupported:
+      return "unsupported";
   }
   return "?";
 }

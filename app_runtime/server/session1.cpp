@@ -1,6 +1,9 @@
 #include "session1.hpp"
 
 #include <algorithm>
+#include <array>
+#include <cmath>
+#include <numbers>
 #include <string>
 #include <utility>
 
@@ -36,6 +39,20 @@ double timeScale(const HostSettings& host, const protocol1::Handshake& handshake
   return host.time_scale > 0.0 ? host.time_scale : handshake.time_scale;
 }
 
+/// The devices as the app shall see them: with the head turned to `pitch_deg`, up positive, where
+/// it is. A rotation that is missing stays so, and is refused.
+xr::DeviceState devices(TrackedPoses poses, std::optional<double> pitch_deg) {
+  const bool given = std::any_of(poses.head.begin() + 3, poses.head.end(),
+                                 [](double number) { return number != 0.0; });
+  if (pitch_deg && given) {
+    // About Unity's x axis, which points right: a positive angle looks down.
+    const double half_rad = -0.5 * *pitch_deg * std::numbers::pi / 180.0;
+    const std::array<double, 4> rotation{std::sin(half_rad), 0.0, 0.0, std::cos(half_rad)};
+    std::copy(rotation.begin(), rotation.end(), poses.head.begin() + 3);
+  }
+  return poses.devices();
+}
+
 }  // namespace
 
 Session1::Session1(AppHost& host, std::string_view handshake)
@@ -43,6 +60,7 @@ Session1::Session1(AppHost& host, std::string_view handshake)
       handshake_(protocol1::decodeHandshake(handshake)),
       frame_time_(handshake_.frame_time.value_or(host.settings().frame_time)),
       clock_(handshake_.clock.value_or(host.settings().clock)),
+      head_rotation_(handshake_.head_rotation.value_or(protocol1::HeadRotation::app)),
       app_(std::move(
           host.makeApps(appSettings(host.settings(), handshake_), host.settings().renderer, 1)
               .front())),
@@ -57,7 +75,7 @@ Reply Session1::greeting() const {
   protocol1::Observation observation;
   observation.time_feature = -1.0F;
   observation.log_json = "null";
-  if (handshake_.frame_time || handshake_.clock) {
+  if (handshake_.knowsUs()) {
     observation.server = "sim2vr-app " + std::string(version());
   }
   return {protocol1::encodeObservation(observation)};
@@ -98,7 +116,7 @@ Reply Session1::answerState(const protocol1::State& state) {
     observation.log_json = protocol1::logText(result.log);
   }
   if (shows_image) {
-    const runtime::App& app = app_->app();
+    const runtime::LockstepApp& app = app_->app();
     observation.png = render::encodePng(app.settings().headset_size, app.image());
   }
   addExtensions(state, observation);
@@ -106,7 +124,12 @@ Reply Session1::answerState(const protocol1::State& state) {
 }
 
 void Session1::addExtensions(const protocol1::State& state, protocol1::Observation& observation) {
-  runtime::App& app = app_->app();
+  runtime::LockstepApp& app = app_->app();
+  if (state.head_request) {
+    const auto& [seed, options] = *state.head_request;
+    observation.head_request_json =
+        protocol2::encodeHeadRequest(app.headRequest({.seed = seed, .options_json = options}));
+  }
   if (state.wants_hash) observation.state_hash = app.stateHash();
   if (state.wants_save) observation.saved_state = app.save();
   if (state.render) {
@@ -128,8 +151,10 @@ runtime::StepResult Session1::reset(const protocol1::State& state) {
   const std::int64_t time_ns = state.time_ns.value_or(
       restarts ? 0 : frameTimeNs(state.current_s, handshake_.sample_frequency_hz));
   const std::uint32_t seed = state.seed ? *state.seed : host_.nextSeed();
-  runtime::StepResult result =
-      app_->reset({seed, state.options_json, time_ns}, state.poses.devices());
+  const runtime::RoundStart start{seed, state.options_json, time_ns};
+  const std::optional<double> pitch_deg = headPitch_deg(start);
+  runtime::StepResult result = app_->reset(start, devices(state.poses, pitch_deg));
+  head_pitch_deg_ = pitch_deg;
   origin_s_ = restarts ? state.current_s : 0.0;
   logger().info("round with seed {} at {} s", seed, static_cast<double>(time_ns) * 1e-9);
   pacer_.restart(time_ns);
@@ -140,16 +165,25 @@ runtime::StepResult Session1::step(const protocol1::State& state) {
   if (ended_by_user_) {
     throw StateError("step: the round is over (the user's isFinished); send a reset or quit");
   }
-  std::vector<runtime::FrameInput> frames = frameInputs(state.frames);
+  std::vector<runtime::FrameInput> frames;
+  for (const TimedPoses& frame : state.frames) {
+    frames.push_back({frame.time_ns, devices(frame.poses, head_pitch_deg_)});
+  }
   if (frames.empty()) {
     const bool next = frame_time_ == protocol1::FrameTime::next;
     const std::int64_t time_ns =
         state.time_ns ? *state.time_ns : gameTimeNs(next ? state.next_s : state.current_s);
-    frames.push_back({time_ns, state.poses.devices()});
+    frames.push_back({time_ns, devices(state.poses, head_pitch_deg_)});
   }
   runtime::StepResult result = app_->step(frames);
   pacer_.waitFor(frames.back().time_ns);
   return result;
+}
+
+std::optional<double> Session1::headPitch_deg(const runtime::RoundStart& start) {
+  const bool asks = head_rotation_ == protocol1::HeadRotation::app &&
+                    app_->app().can(runtime::Capability::head_request);
+  return asks ? app_->app().headRequest(start) : std::nullopt;
 }
 
 void Session1::checkClock(const protocol1::State& state) const {

@@ -27,13 +27,18 @@ class Session1 final : public Session {
   void checkClock(const protocol1::State& state) const;
   std::int64_t gameTimeNs(double user_time_s) const;
   void addExtensions(const protocol1::State& state, protocol1::Observation& observation);
+  /// How the session holds the head in the round that begins; none: as the user does.
+  std::optional<double> headPitch_deg(const runtime::RoundStart& start);
 
   AppHost& host_;
   protocol1::Handshake handshake_;
   protocol1::FrameTime frame_time_;
   protocol1::ClockOrigin clock_;
+  protocol1::HeadRotation head_rotation_;
   std::unique_ptr<HostedApp> app_;
   Pacer pacer_;
+  /// headPitch_deg of the round.
+  std::optional<double> head_pitch_deg_;
   /// The user's clock at the start of the round, where the game clock restarts with each round.
   double origin_s_ = 0.0;
   /// The user's clock in its latest State; none before the first.

@@ -17,21 +17,39 @@ using protocol2::Status;
 
 constexpr std::size_t kMaximumImageBytes = std::size_t{512} << 20;
 
-std::size_t imageBytes(render::ImageSize size) { return 4 * size.pixels(); }
-
 std::string merged(const std::string& options, const std::string& changes) {
   nlohmann::json json = nlohmann::json::parse(options);
   json.update(nlohmann::json::parse(changes));
   return json.dump();
 }
 
-void checkMemory(render::ImageSize size, std::uint32_t apps) {
-  render::checkImageSize(size);
-  if (imageBytes(size) * apps <= kMaximumImageBytes) return;
+void checkMemory(const runtime::AppSettings& settings, std::uint32_t apps) {
+  render::checkImageSize(settings.headset_size);
+  if (settings.imageBytes() * apps <= kMaximumImageBytes) return;
+  const render::ImageSize size = settings.headset_size;
   throw InvalidArgument("apps",
                         std::to_string(apps) + " of " + std::to_string(size.width) + " x " +
                             std::to_string(size.height) + " pixels",
                         std::to_string(kMaximumImageBytes >> 20) + " MiB of images at most");
+}
+
+/// Of hello's list; a client that sends none takes everything.
+bool takes(const protocol2::Hello& hello, runtime::Capability capability) {
+  if (!hello.capabilities) return true;
+  const std::string_view name = runtime::capabilityName(capability);
+  return std::find(hello.capabilities->begin(), hello.capabilities->end(), name) !=
+         hello.capabilities->end();
+}
+
+/// Names of what the app can do over this protocol, which has no message for privileged numbers.
+std::vector<std::string> capabilityNames(const runtime::LockstepApp& app) {
+  std::vector<std::string> names;
+  for (const runtime::Capability capability : app.capabilities()) {
+    if (capability != runtime::Capability::privileged) {
+      names.emplace_back(runtime::capabilityName(capability));
+    }
+  }
+  return names;
 }
 
 std::string asString(std::span<const std::uint8_t> bytes) {
@@ -54,12 +72,8 @@ Reply Session2::answer(Frames body) {
     }
     header = protocol2::decodeHeader(body[0]);
     if (header.version != protocol2::kVersion) {
-      return protocol2::encodeError(header, Status::version_not_supported,
-                                    "version: got " + std::to_string(header.version) +
-                                        ", expected " + std::to_string(protocol2::kVersion));
+      return protocol2::encodeOtherVersion(header);
     }
-    // The client has had its chance to map it.
-    if (shared_ != nullptr) shared_->unlink();
     return answerRequest(header, protocol2::decodeRequest(header, body));
   } catch (...) {
     return errorReply(body, currentProblem());
@@ -90,7 +104,7 @@ Reply Session2::respond(const Header& header, const protocol2::Save& save) {
 }
 
 Reply Session2::respond(const Header& header, const protocol2::Load& load) {
-  runtime::App& loaded = app(load.app).app();
+  runtime::LockstepApp& loaded = app(load.app).app();
   loaded.load(load.state);
   if (shared_ != nullptr) shared_->write(load.app, loaded.image());
   return protocol2::encodeReply(header, asString(loaded.image()));
@@ -106,6 +120,14 @@ Reply Session2::respond(const Header& header, const protocol2::Quit&) {
   return protocol2::encodeReply(header);
 }
 
+Reply Session2::respond(const Header& header, const protocol2::HeadRequest& request) {
+  const std::optional<double> pitch_deg =
+      app(request.app)
+          .app()
+          .headRequest({.seed = request.seed, .options_json = request.options_json});
+  return protocol2::encodeReply(header, protocol2::encodeHeadRequest(pitch_deg));
+}
+
 runtime::AppSettings Session2::appSettings(const protocol2::Hello& hello) const {
   runtime::AppSettings settings = host_.settings().app;
   const bool other_game = hello.game && *hello.game != settings.game;
@@ -116,6 +138,8 @@ runtime::AppSettings Session2::appSettings(const protocol2::Hello& hello) const 
   settings.options_json = merged(settings.options_json, hello.options_json);
   settings.headset_size = {hello.width.value_or(settings.headset_size.width),
                            hello.height.value_or(settings.headset_size.height)};
+  settings.eyes = hello.eyes.value_or(settings.eyes);
+  if (hello.ipd_m) settings.ipd_m = static_cast<float>(*hello.ipd_m);
   if (hello.log_dir && !hello.log_dir->empty()) {
     if (!host_.settings().local) {
       throw InvalidArgument("log_dir", "'" + *hello.log_dir + "' from another machine",
@@ -133,28 +157,39 @@ runtime::AppSettings Session2::appSettings(const protocol2::Hello& hello) const 
 Reply Session2::respond(const Header& header, const protocol2::Hello& hello) {
   const runtime::AppSettings settings = appSettings(hello);
   const std::string kind = hello.renderer.value_or(host_.settings().renderer);
-  checkMemory(settings.headset_size, hello.apps);
+  checkMemory(settings, hello.apps);
   std::vector<std::unique_ptr<HostedApp>> apps = host_.makeApps(settings, kind, hello.apps);
   std::unique_ptr<SharedImages> shared;
   if (hello.shared_memory && host_.settings().local) {
-    shared = SharedImages::create(apps.size(), imageBytes(settings.headset_size));
+    shared = SharedImages::create(apps.size(), settings.imageBytes());
   }
   apps_ = std::move(apps);
   shared_ = std::move(shared);
   names_ = {};
-  logger().info("protocol 2: {} for {}, {} app(s), images through {}", settings.game, hello.client,
-                apps_.size(), shared_ != nullptr ? "shared memory" : "the socket");
-  nlohmann::json json{
-      {"server", "sim2vr-app"},
-      {"version", version()},
-      {"protocol", protocol2::kVersion},
-      {"game", settings.game},
-      {"apps", apps_.size()},
-      {"width", settings.headset_size.width},
-      {"height", settings.headset_size.height},
-      {"renderer_description", apps_.front()->app().rendererDescription()},
-      {"shared_memory", shared_ == nullptr ? nlohmann::json() : nlohmann::json(shared_->name())}};
-  return protocol2::encodeReply(header, json.dump());
+  sends_haptics_ = takes(hello, runtime::Capability::haptics);
+  sends_sounds_ = takes(hello, runtime::Capability::sounds);
+  logger().info("protocol 2: {} for {}, {} app(s), images through {}", settings.game,
+                forLog(hello.client), apps_.size(),
+                shared_ != nullptr ? "shared memory" : "the socket");
+  return protocol2::encodeReply(header, about(settings));
+}
+
+std::string Session2::about(const runtime::AppSettings& settings) const {
+  runtime::LockstepApp& app = apps_.front()->app();
+  nlohmann::json shared;
+  if (shared_ != nullptr) shared = {{"path", shared_->path()}, {"link", shared_->link()}};
+  const nlohmann::json json{{"server", "sim2vr-app"},
+                            {"version", version()},
+                            {"game", settings.game},
+                            {"facts", nullptr},
+                            {"capabilities", capabilityNames(app)},
+                            {"apps", apps_.size()},
+                            {"width", settings.headset_size.width},
+                            {"height", settings.headset_size.height},
+                            {"eyes", settings.eyes},
+                            {"renderer_description", app.rendererDescription()},
+                            {"shared_memory", std::move(shared)}};
+  return json.dump();
 }
 
 HostedApp& Session2::app(std::uint32_t index) {
@@ -177,12 +212,13 @@ void Session2::checkApps(const std::vector<std::uint32_t>& indices) const {
 }
 
 runtime::StepResult Session2::play(const protocol2::ResetRecord& record) {
+  checkGameTime(record.time_ns);
   return apps_[record.app]->reset({record.seed, record.options_json, record.time_ns},
                                   record.poses.devices());
 }
 
 runtime::StepResult Session2::play(const protocol2::StepRecord& record) {
-  return apps_[record.app]->step(frameInputs(record.frames));
+  return apps_[record.app]->step(frameInputs(record.frames), record.drawn);
 }
 
 template <class Record>
@@ -198,6 +234,8 @@ Reply Session2::playAll(const Header& header, const std::vector<Record>& records
       results[i].app = app;
       try {
         results[i].step = play(records[i]);
+        if (!sends_haptics_) results[i].step.events.haptics.clear();
+        if (!sends_sounds_) results[i].step.events.sounds.clear();
       } catch (...) {
         const Problem problem = currentProblem();
         results[i].status = problem.status;

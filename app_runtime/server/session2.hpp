@@ -33,7 +33,10 @@ class Session2 final : public Session {
   Reply respond(const Header& header, const protocol2::Load& load);
   Reply respond(const Header& header, const protocol2::Hash& hash);
   Reply respond(const Header& header, const protocol2::Quit& quit);
+  Reply respond(const Header& header, const protocol2::HeadRequest& request);
   runtime::AppSettings appSettings(const protocol2::Hello& hello) const;
+  /// The answer to hello: what the session is.
+  std::string about(const runtime::AppSettings& settings) const;
   /// Plays the records, those of different workers at the same time. A record that fails leaves its
   /// app as it was.
   template <class Record>
@@ -51,7 +54,10 @@ class Session2 final : public Session {
   std::vector<std::unique_ptr<HostedApp>> apps_;
   std::unique_ptr<SharedImages> shared_;
   runtime::ThreadPool workers_;
-  protocol2::LogNames names_;
+  protocol2::Names names_;
+  /// What comes back is what the client can take.
+  bool sends_haptics_ = true;
+  bool sends_sounds_ = true;
   Pacer pacer_;
   bool over_ = false;
 };

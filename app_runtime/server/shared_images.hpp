@@ -1,4 +1,4 @@
-// The images of a session's apps in POSIX shared memory.
+// The images of a session's apps in memory that a client on the same machine can map.
 #pragma once
 
 #include <cstddef>
@@ -9,32 +9,38 @@
 
 namespace sim2vr::server {
 
+/// Memory without a name in any file system (memfd_create): the kernel takes it back with the last
+/// process that has it, whoever is killed when.
 class SharedImages {
  public:
   /// Memory for `count` images of `image_bytes` each. Null, with a line in the log, where the
-  /// machine has no shared memory left.
+  /// machine has none left.
   static std::unique_ptr<SharedImages> create(std::size_t count, std::size_t image_bytes);
-  /// Unmaps the memory; its name goes too if it is still there.
   ~SharedImages();
   SharedImages(const SharedImages&) = delete;
   SharedImages& operator=(const SharedImages&) = delete;
 
-  /// For shm_open, with the leading slash.
-  const std::string& name() const { return name_; }
+  /// Where processes of the same user can open it: this process's descriptor below /proc.
+  std::string path() const;
+  /// What that link reads as if it is this memory and not that of a process with the same number in
+  /// another container.
+  const std::string& link() const { return link_; }
   void write(std::size_t index, std::span<const std::uint8_t> image);
-  /// Takes the name away; who has mapped the memory keeps it. Nothing is left in the system then
-  /// when the processes end.
-  void unlink();
 
  private:
-  SharedImages(std::string name, std::uint8_t* data, std::size_t bytes, std::size_t image_bytes)
-      : name_(std::move(name)), data_(data), bytes_(bytes), image_bytes_(image_bytes) {}
+  SharedImages(std::string link, int file, std::uint8_t* data, std::size_t bytes,
+               std::size_t image_bytes)
+      : link_(std::move(link)),
+        file_(file),
+        data_(data),
+        bytes_(bytes),
+        image_bytes_(image_bytes) {}
 
-  std::string name_;
+  std::string link_;
+  int file_;
   std::uint8_t* data_;
   std::size_t bytes_;
   std::size_t image_bytes_;
-  bool linked_ = true;
 };
 
 }  // namespace sim2vr::server

@@ -1,5 +1,6 @@
 #include "transport.hpp"
 
+#include <array>
 #include <cerrno>
 #include <cstring>
 #include <memory>
@@ -30,17 +31,6 @@ zmq::message_t toMessage(std::string&& text) {
   return message;
 }
 
-Envelope enveloped(const LocalSocket::Arrival& arrival) {
-  Envelope envelope;
-  envelope.client = arrival.client;
-  envelope.connection = arrival.connection;
-  envelope.local = true;
-  for (const std::string& frame : arrival.frames) {
-    envelope.frames.emplace_back(frame.data(), frame.size());
-  }
-  return envelope;
-}
-
 int connectionOf(zmq::message_t& message) { return zmq_msg_get(message.handle(), ZMQ_SRCFD); }
 
 }  // namespace
@@ -51,7 +41,7 @@ std::vector<std::string_view> Envelope::body() const {
   return views;
 }
 
-Transport::Transport(const std::string& endpoint, const std::string& local_socket)
+Transport::Transport(const std::string& endpoint)
     : router_(context_, zmq::socket_type::router), monitor_(context_, zmq::socket_type::pair) {
   router_.set(zmq::sockopt::maxmsgsize, kMaximumFrameBytes);
   router_.set(zmq::sockopt::rcvhwm, kQueuedMessages);
@@ -71,23 +61,15 @@ Transport::Transport(const std::string& endpoint, const std::string& local_socke
         busy ? "a port that nobody listens on; 0 picks one" : "an address of this machine");
   }
   endpoint_ = router_.get(zmq::sockopt::last_endpoint);
-  if (!local_socket.empty()) local_.emplace(local_socket);
 }
 
 Transport::~Transport() { zmq_socket_monitor(router_.handle(), nullptr, 0); }
 
 Transport::Events Transport::wait(int stop_descriptor,
                                   std::optional<std::chrono::milliseconds> timeout) {
-  std::vector<zmq::pollitem_t> items{{router_.handle(), 0, ZMQ_POLLIN, 0},
-                                     {monitor_.handle(), 0, ZMQ_POLLIN, 0},
-                                     {nullptr, stop_descriptor, ZMQ_POLLIN, 0}};
-  if (local_) {
-    for (const int descriptor : local_->descriptors()) {
-      items.push_back({nullptr, descriptor, ZMQ_POLLIN, 0});
-    }
-    // Of messages that came together, all but the first were read already.
-    if (local_->waiting()) timeout = std::chrono::milliseconds(0);
-  }
+  std::array<zmq::pollitem_t, 3> items{{{router_.handle(), 0, ZMQ_POLLIN, 0},
+                                        {monitor_.handle(), 0, ZMQ_POLLIN, 0},
+                                        {nullptr, stop_descriptor, ZMQ_POLLIN, 0}}};
   try {
     zmq::poll(items.data(), items.size(), timeout.value_or(std::chrono::milliseconds(-1)));
   } catch (const zmq::error_t& error) {
@@ -97,11 +79,7 @@ Transport::Events Transport::wait(int stop_descriptor,
   events.stop = (items[2].revents & ZMQ_POLLIN) != 0;
   // Connections first: the number of one that is gone may be in use again by the message's.
   closedConnections(events.closed);
-  if (local_) {
-    if (auto arrival = local_->receive(events.closed)) events.message = enveloped(*arrival);
-  }
-  // One of each would be too many for one wait; this one is still there at the next.
-  if (!events.message && (items[0].revents & ZMQ_POLLIN) != 0) events.message = receive();
+  events.message = receive();
   return events;
 }
 
@@ -136,10 +114,6 @@ std::optional<Envelope> Transport::receive() {
 }
 
 void Transport::send(const Envelope& to, Reply reply) {
-  if (to.local) {
-    if (local_) local_->send(to.connection, reply);
-    return;
-  }
   router_.send(zmq::buffer(to.client), zmq::send_flags::sndmore);
   if (to.delimited) router_.send(zmq::message_t(), zmq::send_flags::sndmore);
   for (std::size_t i = 0; i < reply.size(); ++i) {

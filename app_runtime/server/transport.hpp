@@ -1,6 +1,5 @@
 // The server's socket: ROUTER, so that a second client can be told that it is the second, with a
-// monitor that notices when a client's connection goes away. The only user of ZeroMQ. Beside it, if
-// wanted, a Unix stream socket for the same messages.
+// monitor that notices when a client's connection goes away. The only user of ZeroMQ.
 #pragma once
 
 #include <chrono>
@@ -10,7 +9,6 @@
 #include <vector>
 #include <zmq.hpp>
 
-#include "local_socket.hpp"
 #include "sim2vr/server/message.hpp"
 
 namespace sim2vr::server {
@@ -22,8 +20,6 @@ struct Envelope {
   int connection = -1;
   /// False when the sender left out the empty frame before the body.
   bool delimited = true;
-  /// It came through the local socket.
-  bool local = false;
   std::vector<zmq::message_t> frames;
 
   std::vector<std::string_view> body() const;
@@ -31,9 +27,8 @@ struct Envelope {
 
 class Transport {
  public:
-  /// `local_socket`: name of the local socket; empty: none. Throws InvalidArgument when the
-  /// endpoint or the name cannot be bound.
-  Transport(const std::string& endpoint, const std::string& local_socket);
+  /// Throws InvalidArgument when the endpoint cannot be bound.
+  explicit Transport(const std::string& endpoint);
   ~Transport();
 
   const std::string& endpoint() const { return endpoint_; }
@@ -60,7 +55,6 @@ class Transport {
   zmq::socket_t router_;
   zmq::socket_t monitor_;
   std::string endpoint_;
-  std::optional<LocalSocket> local_;
 };
 
 }  // namespace sim2vr::server

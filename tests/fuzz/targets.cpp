@@ -11,7 +11,6 @@
 #include "sim2vr/rl/state_log.hpp"
 #include "sim2vr/runtime/app.hpp"
 #include "sim2vr/server/base64.hpp"
-#include "sim2vr/server/message_stream.hpp"
 #include "sim2vr/server/protocol1.hpp"
 #include "sim2vr/server/protocol2.hpp"
 #include "sim2vr/server/session.hpp"
@@ -117,29 +116,6 @@ void protocol2(std::string_view input) {
       require(step->records.size() == header.count, "a step");
     }
   });
-}
-
-void stream(std::string_view input) {
-  // However the bytes arrive, the messages are the same.
-  const auto messages = [input](std::size_t piece) {
-    std::vector<std::vector<std::string>> found;
-    server::MessageStream stream;
-    decoding([&] {
-      for (std::size_t at = 0; at < input.size(); at += piece) {
-        stream.feed(input.substr(at, piece));
-        while (auto message = stream.take()) found.push_back(*std::move(message));
-      }
-    });
-    return found;
-  };
-  const auto whole = messages(input.size() + 1);
-  require(messages(1) == whole && messages(7) == whole, "a stream");
-  std::string again;
-  for (const auto& message : whole) {
-    again += server::streamHeader(message);
-    for (const std::string& frame : message) again += frame;
-  }
-  require(input.starts_with(again), "a stream written again");
 }
 
 void base64(std::string_view input) {

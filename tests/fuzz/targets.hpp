@@ -11,8 +11,6 @@ namespace sim2vr::fuzz {
 void protocol1(std::string_view input);
 /// Messages of protocol 2: frames, each after its length (2 bytes, little-endian).
 void protocol2(std::string_view input);
-/// A stream of bytes of the local socket.
-void stream(std::string_view input);
 void base64(std::string_view input);
 /// states.csv.
 void stateLog(std::string_view input);
@@ -29,9 +27,8 @@ struct Target {
   void (*run)(std::string_view input);
 };
 
-inline constexpr std::array<Target, 8> kTargets{{{"protocol1", &protocol1},
+inline constexpr std::array<Target, 7> kTargets{{{"protocol1", &protocol1},
                                                  {"protocol2", &protocol2},
-                                                 {"stream", &stream},
                                                  {"base64", &base64},
                                                  {"state_log", &stateLog},
                                                  {"session1", &session1},

@@ -105,8 +105,8 @@ class AppClient(Protocol):
             RuntimeError: no round was started or the app is closed.
         """
 
-    def step_frames(self, times_ns: Int64Array, poses: DevicePoses) -> AppReply:
-        """One user step of K frames, of which the last is rendered.
+    def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
+        """One user step of K frames, of which one is rendered.
 
         The reward is the frames' sum; when the round ends before the last frame, the rest are
         not run.
@@ -114,12 +114,15 @@ class AppClient(Protocol):
         Args:
             times_ns: (K,) int64 game times, ascending.
             poses: of K frames, (K, 7).
+            drawn: which of the frames is rendered, from 0; -1: the last.
 
         Raises:
             ValueError, RuntimeError: as :meth:`step`; then no frame was run.
         """
 
-    def start_step(self, times_ns: Int64Array, poses: DevicePoses, *, last: bool = False) -> None:
+    def start_step(
+        self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
+    ) -> None:
         """First half of :meth:`step_frames`, so that several apps can work at the same time.
 
         An app in this process runs the frames here; one outside is sent them. Apps that share a
@@ -128,6 +131,7 @@ class AppClient(Protocol):
         Args:
             times_ns: (K,) int64 game times, ascending.
             poses: of K frames, (K, 7).
+            drawn: which of the frames is rendered, from 0; -1: the last.
             last: the user ends the round after this step (a time limit); an app of the reference
                 is told so, for the others the next reset says it.
 

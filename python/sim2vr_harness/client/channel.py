@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 
-from sim2vr_harness.client.carriers import Carrier, LocalCarrier, ZmqCarrier
+from sim2vr_harness.client.connection import Connection
 from sim2vr_harness.client.errors import AppDied, AppError, AppTimeout
 from sim2vr_harness.client.process import AppProcess
 
@@ -13,6 +13,9 @@ __all__ = ["Channel"]
 
 _SLICE_S = 0.25
 """How often a process is looked at whose end does not wake anybody."""
+
+_CONNECT_S = 5.0
+"""How long somebody may take to accept the connection where nothing is known to be starting."""
 
 
 class Channel:
@@ -26,12 +29,8 @@ class Channel:
     Args:
         endpoint: ZeroMQ address, for example ``tcp://127.0.0.1:5555``.
         timeout_s: how long to wait for an answer.
-        process: the app's process where this side has started it.
-        local_socket: name of the app's Unix socket (``@`` and a name, or a path) to use instead of
-            ZeroMQ.
-
-    Raises:
-        AppDied: nobody listens on the local socket.
+        process: the app's process where this side has started it. Without one somebody must
+            listen already: that nobody does is told after five seconds.
     """
 
     def __init__(
@@ -40,22 +39,14 @@ class Channel:
         *,
         timeout_s: float = 60.0,
         process: AppProcess | None = None,
-        local_socket: str | None = None,
     ) -> None:
         self.endpoint = endpoint
         self.timeout_s = timeout_s
         self.process = process
         self.awaiting = False
         self._failure: str | None = None
-        self._carrier: Carrier
-        if local_socket is None:
-            pidfd = None if process is None else process.open_pidfd()
-            self._carrier = ZmqCarrier(endpoint, pidfd)
-            return
-        try:
-            self._carrier = LocalCarrier(local_socket, timeout_s)
-        except OSError as error:
-            raise AppDied(f"{self.app} does not listen on {local_socket}: {error}") from error
+        self._connect_by = time.monotonic() + _CONNECT_S
+        self._connection = Connection(endpoint, None if process is None else process.open_pidfd())
 
     @property
     def app(self) -> str:
@@ -88,7 +79,6 @@ class Channel:
 
         Raises:
             AppDied: the app is known to be gone.
-            AppTimeout: the app takes nothing.
             AppError: the answer before was not received.
         """
         self._require_open()
@@ -96,12 +86,7 @@ class Channel:
             raise AppError(f"{self.app} has not answered the request before")
         if self.process is not None and not self.process.running:
             raise self.give_up(self._death(doing))
-        try:
-            self._carrier.send(frames, self.timeout_s)
-        except TimeoutError:
-            raise self.give_up(self._silence(doing, self.timeout_s)) from None
-        except ConnectionError:
-            raise self.give_up(self._death(doing)) from None
+        self._connection.send(frames)
         self.awaiting = True
 
     def receive(self, doing: str, timeout_s: float | None = None) -> list[bytes]:
@@ -109,7 +94,7 @@ class Channel:
 
         Raises:
             AppDied: the process ended or the connection was closed.
-            AppTimeout: no answer came in time.
+            AppTimeout: no answer came in time, or nobody listens there.
         """
         self._require_open()
         if not self.awaiting:
@@ -119,7 +104,7 @@ class Channel:
         while True:
             left = max(0.0, deadline - time.monotonic())
             try:
-                frames = self._carrier.wait(min(left, _SLICE_S))
+                frames = self._connection.wait(min(left, _SLICE_S))
             except ConnectionError:
                 raise self.give_up(self._death(doing)) from None
             if frames is not None:
@@ -129,6 +114,19 @@ class Channel:
                 raise self.give_up(self._death(doing))
             if left == 0.0:
                 raise self.give_up(self._silence(doing, limit))
+            if self._unanswered():
+                raise self.give_up(
+                    AppTimeout(
+                        f"app.connect: got {self.endpoint}, where nobody listens (no connection "
+                        f"within {_CONNECT_S:g} s), expected the address of an app that runs: "
+                        "start it first"
+                    )
+                )
+
+    def _unanswered(self) -> bool:
+        """Whether nobody has accepted the connection, though somebody should be there by now."""
+        late = self.process is None and time.monotonic() > self._connect_by
+        return late and not self._connection.connected
 
     def _death(self, doing: str) -> Exception:
         if self.process is None:
@@ -167,4 +165,4 @@ class Channel:
         """Closes the connection; idempotent."""
         if self._failure is None:
             self._failure = "it is closed; make a new one"
-        self._carrier.close()
+        self._connection.close()

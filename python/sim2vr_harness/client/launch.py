@@ -7,7 +7,9 @@ import os
 import re
 import secrets
 import socket
+import time
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from sim2vr_harness.client.base import OptionValue
@@ -24,7 +26,11 @@ __all__ = [
     "unity_arguments",
 ]
 
-_LISTENING = re.compile(r"^sim2vr-app: listening on (tcp://\S+)$", re.MULTILINE)
+_LISTENING = re.compile(r"^sim2vr-app: listening on (.+)$", re.MULTILINE)
+_MAX_PATH_BYTES = 107
+"""Longest path of a Unix socket."""
+_ABANDONED_S = 60.0
+"""A socket's file that is older and that nobody listens on was left behind by a killed server."""
 _SILENCE_S = 24 * 3600
 """How long our server waits for the next message: a learner's update may take long, and a client
 that is gone shows by its connection."""
@@ -39,10 +45,11 @@ def connect(address: str, timeout_s: float) -> Channel:
     """A channel to an app that runs already; nothing is sent yet.
 
     Args:
-        address: ``HOST:PORT``.
+        address: ``HOST:PORT``, or a ZeroMQ endpoint such as ``ipc:///tmp/app``.
         timeout_s: deadline of every answer.
     """
-    return Channel(f"tcp://{address}", timeout_s=timeout_s)
+    endpoint = address if "://" in address else f"tcp://{address}"
+    return Channel(endpoint, timeout_s=timeout_s)
 
 
 class StartingApp:
@@ -50,27 +57,19 @@ class StartingApp:
 
     Args:
         process: the process.
-        port: the port it was told to take, or None when it says itself which one it took.
-        local_socket: the Unix socket that it listens on as well, or None.
+        port: the port it was told to take, or None when it says itself where it listens.
     """
 
-    def __init__(
-        self,
-        process: AppProcess,
-        port: PortReservation | None = None,
-        local_socket: str | None = None,
-    ) -> None:
+    def __init__(self, process: AppProcess, port: PortReservation | None = None) -> None:
         self.process = process
         self._port = port
-        self._local_socket = local_socket
 
-    def channel(self, timeout_s: float, start_timeout_s: float, *, local: bool = False) -> Channel:
+    def channel(self, timeout_s: float, start_timeout_s: float) -> Channel:
         """A channel to the app; waits until it listens where it says so.
 
         Args:
             timeout_s: deadline of every answer.
             start_timeout_s: deadline of the start.
-            local: go through the Unix socket, if there is one, instead of ZeroMQ.
 
         Raises:
             AppRefused: the app does not take its arguments; says its own words.
@@ -81,12 +80,7 @@ class StartingApp:
                 endpoint = f"tcp://127.0.0.1:{self._port.number}"
             else:
                 endpoint = self.process.wait_for_output(_LISTENING, start_timeout_s).group(1)
-            return Channel(
-                endpoint,
-                timeout_s=timeout_s,
-                process=self.process,
-                local_socket=self._local_socket if local else None,
-            )
+            return Channel(endpoint, timeout_s=timeout_s, process=self.process)
         except BaseException:
             self.process.kill()
             raise
@@ -98,15 +92,34 @@ class StartingApp:
 
 
 def start_sim2vr_app(executable: Path, arguments: Sequence[str]) -> StartingApp:
-    """Starts our server on a port that it picks itself, and on a Unix socket of its own.
+    """Start our server where this user's processes alone can reach it.
+
+    It listens on a Unix socket in the folder of the logs, or, where that path is too long for one,
+    on a TCP port of this machine that it picks itself.
 
     Raises:
         AppRefused: there is no such program.
     """
-    local = f"@sim2vr-{secrets.token_hex(8)}"
-    command = [str(executable), "--port", "0", "--local-socket", local]
-    process = AppProcess([*command, "--timeout", str(_SILENCE_S), *arguments])
-    return StartingApp(process, local_socket=local)
+    _sweep_sockets()
+    file: Path | None = log_folder() / f"{secrets.token_hex(8)}.socket"
+    if len(os.fsencode(file)) > _MAX_PATH_BYTES:  # type: ignore[arg-type]
+        file = None
+    place = ["--port", "0"] if file is None else ["--bind", f"ipc://{file}"]
+    command = [str(executable), *place, "--timeout", str(_SILENCE_S), *arguments]
+    return StartingApp(AppProcess(command, socket=file))
+
+
+def _sweep_sockets() -> None:
+    """Delete the files of sockets whose servers were killed together with their clients."""
+    for file in log_folder().glob("*.socket"):
+        with suppress(OSError):
+            if time.time() - file.stat().st_mtime < _ABANDONED_S:
+                continue
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+                try:
+                    probe.connect(str(file))
+                except ConnectionRefusedError:
+                    file.unlink()
 
 
 def sim2vr_arguments(

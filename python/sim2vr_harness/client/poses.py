@@ -1,12 +1,23 @@
-"""Device poses on their way to an app outside this process: checked, as rows of numbers."""
+"""What devices report on its way to an app outside this process: checked, as rows of numbers."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from sim2vr_harness.client.base import DevicePoses, Float64Array, Int64Array
+from sim2vr_harness.client.devices import HANDS, INPUT_COUNT
+from sim2vr_harness.client.errors import AppUnsupported
 
-__all__ = ["DEVICES", "frame_times", "pose_rows", "tracked_devices"]
+__all__ = [
+    "DEVICES",
+    "check_finite",
+    "frame_times",
+    "input_rows",
+    "one_frame",
+    "pose_rows",
+    "require_devices",
+    "tracked_devices",
+]
 
 DEVICES = ("head", "left_controller", "right_controller")
 """Order of the devices in a block of poses, and names of the fields of DevicePoses."""
@@ -18,6 +29,15 @@ def frame_times(times_ns: Int64Array) -> Int64Array:
     if times.ndim != 1 or len(times) == 0:
         raise ValueError(f"times_ns: got shape {times.shape}, expected (K,) with K of 1 or more")
     return times
+
+
+def one_frame(poses: DevicePoses) -> DevicePoses:
+    """The devices of one moment as those of a step of one frame."""
+
+    def frame(row: Float64Array | None) -> Float64Array | None:
+        return None if row is None else np.asarray(row, dtype=np.float64)[None]
+
+    return DevicePoses(**{name: frame(row) for name, row in vars(poses).items()})  # type: ignore[arg-type]
 
 
 def tracked_devices(poses: DevicePoses) -> int:
@@ -52,6 +72,51 @@ def pose_rows(poses: DevicePoses, frames: int | None = None) -> Float64Array:
             )
         rows[:, k] = given
     return rows
+
+
+def input_rows(poses: DevicePoses, frames: int | None = None) -> Float64Array:
+    """The controllers' inputs as one block, zeros where they are at rest.
+
+    Args:
+        poses: of one moment, or of K frames.
+        frames: K, or None for one moment.
+
+    Returns:
+        (K, 2, INPUT_COUNT) float64, or (1, 2, INPUT_COUNT): left, right.
+
+    Raises:
+        ValueError: inputs of another shape; names the controller.
+    """
+    shape = (INPUT_COUNT,) if frames is None else (frames, INPUT_COUNT)
+    rows = np.zeros((1 if frames is None else frames, len(HANDS), INPUT_COUNT))
+    for k, hand in enumerate(HANDS):
+        inputs = getattr(poses, f"{hand}_inputs")
+        if inputs is None:
+            continue
+        given = np.asarray(inputs, dtype=np.float64)
+        if given.shape != shape:
+            raise ValueError(f"{hand}_inputs: got shape {given.shape}, expected {shape}")
+        rows[:, k] = given
+    return rows
+
+
+def require_devices(poses: DevicePoses, capabilities: frozenset[str], app: str) -> None:
+    """Refuse a left controller, and inputs that are not at rest, of an app that knows none.
+
+    Raises:
+        AppUnsupported: names the capability.
+    """
+    if poses.left_controller is not None and "left_controller" not in capabilities:
+        raise AppUnsupported(f"left_controller: {app} has no left controller")
+    if "inputs" in capabilities:
+        return
+    for hand in HANDS:
+        inputs = getattr(poses, f"{hand}_inputs")
+        if inputs is not None and np.any(inputs):
+            raise AppUnsupported(
+                f"inputs: {app} takes no triggers, sticks and buttons, got some of the {hand} "
+                "controller that are not at rest"
+            )
 
 
 def check_finite(rows: Float64Array) -> None:

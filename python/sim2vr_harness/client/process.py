@@ -8,6 +8,7 @@ import re
 import select
 import shutil
 import signal
+import stat
 import subprocess
 import tempfile
 import threading
@@ -35,9 +36,19 @@ _TAIL_LINES = 12
 
 
 def log_folder() -> Path:
-    """The folder for the output of child processes; made when it is missing."""
+    """Return the folder for the output and the sockets of child processes, made when missing.
+
+    Raises:
+        AppRefused: somebody else has made it, and could read or replace what is put there.
+    """
     folder = Path(tempfile.gettempdir()) / f"sim2vr-app-logs-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
+    found = folder.lstat()
+    if not stat.S_ISDIR(found.st_mode) or found.st_uid != os.getuid() or found.st_mode & 0o022:
+        raise AppRefused(
+            f"temporary folder: got {folder}, which others own or may write, expected one of your "
+            "own; remove it, or set TMPDIR to another place"
+        )
     return folder
 
 
@@ -54,6 +65,7 @@ class AppProcess:
         command: the executable and its arguments.
         environment: variables on top of this process's.
         extra_logs: files that the app writes by itself and that errors shall quote, too.
+        socket: file of the socket that the app listens on, deleted at the end; None: none.
 
     Raises:
         AppRefused: the executable is missing or cannot be run.
@@ -65,6 +77,7 @@ class AppProcess:
         *,
         environment: Mapping[str, str] | None = None,
         extra_logs: Sequence[Path] = (),
+        socket: Path | None = None,
     ) -> None:
         self.command = [os.fspath(part) for part in command]
         self.name = Path(self.command[0]).name
@@ -73,6 +86,7 @@ class AppProcess:
         self.log_file = Path(path)
         self._logs = [self.log_file, *extra_logs]
         self._keep_logs = False
+        self._socket = socket
         try:
             self._popen = _spawner().start(
                 [*_dying_with_parent(), *self.command],
@@ -215,6 +229,8 @@ class AppProcess:
     def kill(self) -> None:
         """Ends the process and its group at once; idempotent."""
         self._finalizer()
+        if self._socket is not None:
+            self._socket.unlink(missing_ok=True)
         if not self._keep_logs:
             for file in self._logs:
                 file.unlink(missing_ok=True)

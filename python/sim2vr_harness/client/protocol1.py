@@ -30,14 +30,22 @@ from sim2vr_harness.client.base import (
 )
 from sim2vr_harness.client.channel import Channel
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, ProtocolError
-from sim2vr_harness.client.poses import check_finite, frame_times, pose_rows
+from sim2vr_harness.client.poses import (
+    check_finite,
+    frame_times,
+    one_frame,
+    pose_rows,
+    require_devices,
+)
 
 __all__ = ["Protocol1App", "decode_reply"]
 
 QUIT_S = 2.0
 """How long an app may take to acknowledge the end of the session."""
 
-_OUR_CAPABILITIES = frozenset({"save", "views", "frames", "left_controller"})
+_CAPABILITIES = frozenset({"left_controller"})
+"""Of an app that knows the reference's fields only."""
+_OUR_CAPABILITIES = _CAPABILITIES | {"save", "views", "frames", "head_request"}
 _IMAGE = re.compile(rb'"image"\s*:\s*\[')
 _NAMES = (
     ("headsetPosition", "headsetRotation"),
@@ -110,6 +118,7 @@ class Protocol1App:
             # For our own server; a Unity app skips what it does not know.
             "frameTime": "current",
             "clock": "round",
+            "headRotation": "device",
         }
         self._send(message, "the handshake")
         reply, _ = self._receive(timeout_s)
@@ -124,8 +133,20 @@ class Protocol1App:
 
     @property
     def capabilities(self) -> frozenset[str]:
-        """See :class:`AppClient`; none in an app of the reference."""
-        return _OUR_CAPABILITIES if self._is_ours else frozenset()
+        """See :class:`AppClient`; in an app of the reference a left controller, and that is all.
+
+        Such an app turns the head itself.
+        """
+        return _OUR_CAPABILITIES if self._is_ours else _CAPABILITIES
+
+    def head_request(
+        self, seed: int, options: Mapping[str, OptionValue] | None = None
+    ) -> float | None:
+        """See :class:`AppClient`."""
+        wanted = {"seed": seed, "options": dict(options or {})}
+        reply = self._extra("head_request", "the head's pitch", {"headRequest": wanted})
+        pitch_deg = self._field(reply, "headRequest", dict).get("pitch_deg")
+        return None if pitch_deg is None else float(pitch_deg)
 
     @property
     def _is_ours(self) -> bool:
@@ -154,6 +175,7 @@ class Protocol1App:
         """
         if not 0 <= seed < 2**32:
             raise ValueError(f"seed: got {seed}, expected an integer from 0 to 2**32 - 1")
+        require_devices(poses, self.capabilities, self._channel.app)
         rows = pose_rows(poses)
         if self._is_ours:
             state = self._state(time_ns, rows[-1]) | {"seed": seed, "options": dict(options or {})}
@@ -170,17 +192,24 @@ class Protocol1App:
 
     def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
         """See :class:`AppClient`."""
-        self._start(np.array([time_ns], dtype=np.int64), pose_rows(poses), last=False)
+        self.start_step(np.array([time_ns], dtype=np.int64), one_frame(poses))
         return self.finish_step()
 
-    def step_frames(self, times_ns: Int64Array, poses: DevicePoses) -> AppReply:
-        """See :class:`AppClient`."""
-        self.start_step(times_ns, poses)
+    def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
+        """See :class:`AppClient`; the last frame is drawn, and no other can be."""
+        self.start_step(times_ns, poses, drawn)
         return self.finish_step()
 
-    def start_step(self, times_ns: Int64Array, poses: DevicePoses, *, last: bool = False) -> None:
+    def start_step(
+        self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
+    ) -> None:
         """See :class:`AppClient`; sends the message."""
         times = frame_times(times_ns)
+        if drawn not in (-1, len(times) - 1):
+            raise AppUnsupported(
+                f"frames: {self._channel.app} draws the last frame of a step, got drawn={drawn}"
+            )
+        require_devices(poses, self.capabilities, self._channel.app)
         self._start(times, pose_rows(poses, len(times)), last)
 
     def finish_step(self) -> AppReply:
@@ -249,17 +278,20 @@ class Protocol1App:
 
     def save(self) -> bytes:
         """See :class:`AppClient`."""
-        reply = self._extra("saving", {"save": True})
+        reply = self._extra("save", "saving", {"save": True})
         return base64.b64decode(self._field(reply, "state", str))
 
     def load(self, state: bytes) -> None:
         """See :class:`AppClient`."""
-        reply = self._extra("loading", {"load": base64.b64encode(state).decode()}, image=True)
+        reply = self._extra(
+            "save", "loading", {"load": base64.b64encode(state).decode()}, image=True
+        )
         self._image = self._decoded(reply["image"])
 
     def state_hash(self) -> int:
         """See :class:`AppClient`."""
-        return int(self._field(self._extra("the hash", {"stateHash": True}), "stateHash", str), 16)
+        reply = self._extra("save", "the hash", {"stateHash": True})
+        return int(self._field(reply, "stateHash", str), 16)
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
         """See :class:`AppClient`; an app of the reference has its own size only."""
@@ -275,14 +307,16 @@ class Protocol1App:
 
     def _render(self, view: str, width: int, height: int) -> UInt8Array:
         wanted = {"view": view, "width": width, "height": height}
-        reply = self._extra("drawing", {"render": wanted})
+        reply = self._extra("views", "drawing", {"render": wanted})
         png = bytes(self._field(reply, "render", list))
         return self._checked(_decode_png(png), (height, width, 4))
 
-    def _extra(self, doing: str, fields: dict[str, Any], image: bool = False) -> dict[str, Any]:
-        if not self._is_ours:
+    def _extra(
+        self, capability: str, doing: str, fields: dict[str, Any], image: bool = False
+    ) -> dict[str, Any]:
+        if capability not in self.capabilities:
             raise AppUnsupported(
-                f"{self._channel.app} speaks the reference's protocol, which has no word for "
+                f"{capability}: {self._channel.app} speaks the reference's protocol, which has no word for "
                 f"{doing}; sim2vr-app can do it"
             )
         self._send(fields, doing)
@@ -324,7 +358,9 @@ class Protocol1App:
                 time_feature=float(reply["timeFeature"]),
                 log=_log(reply.get("logDict", "{}")),
             )
-        except (KeyError, TypeError, ValueError) as error:
+            if not (math.isfinite(result.reward) and math.isfinite(result.time_feature)):
+                raise ValueError("a reward or time feature that is not finite")
+        except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
             raise self._malformed(f"{type(error).__name__}: {error}") from error
         self._image = self._decoded(png)
         self._in_round = not result.finished
@@ -426,7 +462,7 @@ def decode_reply(text: bytes) -> tuple[dict[str, Any], bytes]:
             image, text = numbers, text[: match.end()] + text[end:]
     try:
         reply = json.loads(text)
-    except (UnicodeDecodeError, json.JSONDecodeError, RecursionError) as error:
+    except (UnicodeDecodeError, ValueError, RecursionError) as error:
         raise ValueError(f"{error} in {text[:60]!r}") from error
     if not isinstance(reply, dict):
         raise ValueError(f"got {type(reply).__name__}, expected a JSON object")
@@ -466,5 +502,11 @@ def _decode_png(png: bytes) -> UInt8Array:
             if picture.mode != "RGBA":
                 raise ValueError(f"image: got a PNG of mode {picture.mode}, expected RGBA")
             return np.asarray(picture)
-    except (UnidentifiedImageError, OSError, SyntaxError) as error:
+    except (
+        UnidentifiedImageError,
+        Image.DecompressionBombError,
+        Image.DecompressionBombWarning,
+        OSError,
+        SyntaxError,
+    ) as error:
         raise ValueError(f"image: got {len(png)} bytes ({error}), expected a PNG file") from error

@@ -8,80 +8,48 @@ from __future__ import annotations
 import json
 import mmap
 import os
-import struct
 import sys
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
-from enum import IntEnum
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.client import protocol2_wire as wire
 from sim2vr_harness.client.base import (
+    CAPABILITIES,
     AppReply,
     ClockSettings,
     DevicePoses,
-    Float64Array,
     Int64Array,
     OptionValue,
     ThirdPersonView,
     UInt8Array,
 )
 from sim2vr_harness.client.channel import Channel
-from sim2vr_harness.client.errors import AppError, AppRefused, ProtocolError
-from sim2vr_harness.client.poses import frame_times, pose_rows, tracked_devices
+from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, ProtocolError
+from sim2vr_harness.client.poses import frame_times, one_frame, require_devices
+from sim2vr_harness.client.protocol2_wire import (
+    HEADER,
+    IN_SHARED_MEMORY,
+    MAGIC,
+    REPLY,
+    VERSION,
+    Names,
+    Results,
+    Status,
+    Type,
+    error_of,
+)
 
 __all__ = ["Protocol2App", "Protocol2Connection"]
 
-MAGIC = b"S2VR"
-VERSION = 2
-HEADER = struct.Struct("<4sHHIIII")
-"""Magic, version, type, sequence, count of records, status, flags."""
-REPLY = 0x8000
-IN_SHARED_MEMORY = 1
 MAX_EDGE = 8192
-_CAPABILITIES = frozenset({"save", "views", "frames", "left_controller"})
 QUIT_S = 2.0
 """How long the server may take to acknowledge the end of the session."""
-
-RESET_RECORD = struct.Struct("<IIqII")
-"""App, seed, time (ns), tracked devices, 0; a pose block follows."""
-STEP_RECORD = struct.Struct("<II")
-"""App, number of frames."""
-FRAME_DTYPE = np.dtype(
-    [("time_ns", "<i8"), ("tracked", "<u4"), ("pad", "<u4"), ("poses", "<f8", (3, 7))]
-)
-RESULT_DTYPE = np.dtype(
-    [
-        ("app", "<u4"),
-        ("finished", "<u4"),
-        ("reward", "<f4"),
-        ("time_feature", "<f4"),
-        ("status", "<u4"),
-        ("log_count", "<u4"),
-        ("log_names", "<u4"),
-        ("pad", "<u4"),
-    ]
-)
-_APP = struct.Struct("<I")
-_HASH = struct.Struct("<Q")
-
-
-class Type(IntEnum):
-    """Kinds of requests."""
-
-    HELLO = 1
-    RESET = 2
-    STEP = 3
-    RENDER = 4
-    SAVE = 5
-    LOAD = 6
-    HASH = 7
-    QUIT = 8
-
 
 _DOING = {
     Type.HELLO: "the hello",
@@ -92,19 +60,8 @@ _DOING = {
     Type.LOAD: "loading",
     Type.HASH: "the hash",
     Type.QUIT: "the end",
+    Type.HEAD_REQUEST: "the head's pitch",
 }
-
-
-class Status(IntEnum):
-    """How a request, or one record of it, went."""
-
-    OK = 0
-    INVALID_ARGUMENT = 1
-    STATE_ERROR = 2
-    ENGINE_ERROR = 3
-    MALFORMED = 4
-    BUSY = 5
-    VERSION = 6
 
 
 class Protocol2Connection:
@@ -124,11 +81,20 @@ class Protocol2Connection:
         renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``.
         log_dir: root of the apps' episode logs, or None.
         clock: fixed step and tolerances of the apps' clocks.
+        eyes: 1, or 2 for a picture of each.
+        ipd_m: distance between the pupils, metres; None takes the server's.
         shared_memory: whether to read images from memory shared with a server on this machine.
         start_timeout_s: how long the server may take to start and to make the apps.
 
+    Attributes:
+        game: its name.
+        facts: what the game says of itself (docs/protocol.md, hello); None where it does not.
+        capabilities: of the apps, see :attr:`AppClient.capabilities`.
+        images: of each app, (H, W, 4), with two eyes (2, H, W, 4).
+
     Raises:
         AppRefused: a setting that the server does not take.
+        AppUnsupported: two eyes of an app that has one.
         AppTimeout, AppDied, ProtocolError: there is no such server.
     """
 
@@ -144,20 +110,22 @@ class Protocol2Connection:
         renderer: str | None = None,
         log_dir: Path | None = None,
         clock: ClockSettings | None = None,
+        eyes: int = 1,
+        ipd_m: float | None = None,
         shared_memory: bool = True,
         start_timeout_s: float = 60.0,
     ) -> None:
         self.channel = channel
         self.apps = apps
-        self.shape = (height, width, 4)
+        self.shape = (height, width, 4) if eyes == 1 else (eyes, height, width, 4)
         if not (1 <= width <= MAX_EDGE and 1 <= height <= MAX_EDGE):
             self._abandon()
             raise ValueError(
                 f"image size: got {width} x {height}, expected 1 to {MAX_EDGE} pixels each"
             )
         self._sequence = 0
-        self._names: dict[int, list[str]] = {}
-        self._queued: dict[int, NDArray] = {}
+        self._names = Names()
+        self._queued: dict[int, tuple[NDArray[Any], int]] = {}
         self._sent: list[int] = []
         self._results: dict[int, AppReply | Exception] = {}
         self.taken: set[int] = set()
@@ -174,6 +142,9 @@ class Protocol2Connection:
             "renderer": renderer,
             "log_dir": None if log_dir is None else str(log_dir),
             **asdict(clock or ClockSettings()),
+            "eyes": eyes,
+            "ipd_m": ipd_m,
+            "capabilities": sorted(CAPABILITIES),
             "shared_memory": shared_memory,
         }
         try:
@@ -183,25 +154,32 @@ class Protocol2Connection:
             raise
 
     def _hello(self, wanted: dict[str, Any], timeout_s: float) -> None:
-        reply, _, _ = self._request(Type.HELLO, [json.dumps(wanted).encode()], timeout_s=timeout_s)
+        reply, _ = self._request(Type.HELLO, [json.dumps(wanted).encode()], timeout_s=timeout_s)
         try:
             about = json.loads(reply[0])
             self.game = str(about["game"])
+            self.facts: dict[str, Any] | None = about["facts"]
+            self.capabilities = frozenset(map(str, about["capabilities"])) & CAPABILITIES.keys()
             self.renderer_description = str(about["renderer_description"])
-            shape = (int(about["height"]), int(about["width"]), 4)
-            name = about["shared_memory"]
+            size = (int(about["height"]), int(about["width"]), 4)
+            shape = size if about["eyes"] == 1 else (int(about["eyes"]), *size)
+            memory = about["shared_memory"]
+            place = None if memory is None else (str(memory["path"]), str(memory["link"]))
         except (IndexError, KeyError, TypeError, ValueError) as error:
             raise self._malformed(f"hello: {error!r}") from error
         if shape != self.shape:
             raise self._malformed(f"hello: images of {shape}, expected {self.shape}")
-        if name and not self._map(str(name)):
+        if place is not None and not self._map(*place):
             self._hello(wanted | {"shared_memory": False}, timeout_s)
 
-    def _map(self, name: str) -> bool:
-        """Maps the server's shared memory; False where it cannot be reached from here."""
+    def _map(self, path: str, link: str) -> bool:
+        """Map the server's memory; False where it cannot be reached from here."""
         size = self.apps * int(np.prod(self.shape))
         try:
-            descriptor = os.open(f"/dev/shm/{name.lstrip('/')}", os.O_RDONLY)
+            # In another container the same path is something else.
+            if os.readlink(path) != link:
+                return False
+            descriptor = os.open(path, os.O_RDONLY | os.O_CLOEXEC)
         except OSError:
             return False
         try:
@@ -225,29 +203,30 @@ class Protocol2Connection:
         time_ns: int,
     ) -> AppReply:
         """Starts a round of one app; see :class:`AppClient`."""
-        record = RESET_RECORD.pack(app, seed, time_ns, tracked_devices(poses), 0)
-        body = [record + pose_rows(poses).tobytes(), json.dumps([dict(options or {})]).encode()]
+        require_devices(poses, self.capabilities, self.channel.app)
+        record = wire.reset_record(app, seed, time_ns, poses)
         self._settle()
-        frames, count, flags = self._request(Type.RESET, body, count=1)
-        self._take_results(frames, count, flags, [app])
+        frames, flags = self._request(
+            Type.RESET, [record, json.dumps([dict(options or {})]).encode()], count=1
+        )
+        self._take_results(frames, flags, [app])
         return self._result(app)
 
-    def start_step(self, app: int, times_ns: Int64Array, tracked: int, rows: Float64Array) -> None:
-        """Queues one app's frames; sends the batch when it is complete.
+    def start_step(self, app: int, times_ns: Int64Array, poses: DevicePoses, drawn: int) -> None:
+        """Queue one app's frames; the batch is sent when it is complete.
 
         Args:
             app: index of the app.
             times_ns: (K,) game times.
-            tracked: bits of the tracked devices.
-            rows: (K, 3, 7) poses.
+            poses: of K frames, (K, ...).
+            drawn: which of them is drawn; -1: the last.
         """
         if app in self._queued or app in self._sent or app in self._results:
             raise AppError("start_step: the step before has not been finished")
-        frames = np.zeros(len(times_ns), FRAME_DTYPE)
-        frames["time_ns"] = times_ns
-        frames["tracked"] = tracked
-        frames["poses"] = rows
-        self._queued[app] = frames
+        require_devices(poses, self.capabilities, self.channel.app)
+        if len(times_ns) > 1:
+            self.require("frames", "several frames in a step")
+        self._queued[app] = wire.step_frames(times_ns, poses), drawn
         if len(self._queued) == self._open_apps:
             self._flush()
 
@@ -263,11 +242,14 @@ class Protocol2Connection:
         """Sends the queued frames; what goes wrong is raised by each app's :meth:`finish_step`."""
         self._settle()
         apps = list(self._queued)
-        counts = b"".join(STEP_RECORD.pack(app, len(self._queued[app])) for app in apps)
-        frames = b"".join(self._queued[app].tobytes() for app in apps)
+        records = b"".join(
+            wire.STEP_RECORD.pack(app, len(frames), drawn, 0)
+            for app, (frames, drawn) in self._queued.items()
+        )
+        frames = b"".join(frames.tobytes() for frames, _ in self._queued.values())
         self._queued.clear()
         try:
-            self._send(Type.STEP, [counts, frames], count=len(apps))
+            self._send(Type.STEP, [records, frames], count=len(apps))
             self._sent = apps
         except AppError as error:
             self._results |= dict.fromkeys(apps, error)
@@ -277,8 +259,7 @@ class Protocol2Connection:
         if self._sent:
             apps, self._sent = self._sent, []
             try:
-                frames, count, flags = self._receive(Type.STEP)
-                self._take_results(frames, count, flags, apps)
+                self._take_results(*self._receive(Type.STEP), apps)
             except (AppError, AppRefused) as error:
                 self._results |= dict.fromkeys(apps, error)
 
@@ -290,31 +271,13 @@ class Protocol2Connection:
             raise result
         return result
 
-    def _take_results(
-        self, frames: Sequence[bytes], count: int, flags: int, apps: Sequence[int]
-    ) -> None:
+    def _take_results(self, frames: Sequence[bytes], flags: int, apps: Sequence[int]) -> None:
         try:
-            records = np.frombuffer(frames[0], RESULT_DTYPE)
-            values = np.frombuffer(frames[1], "<f8").tolist()
-            if frames[2]:
-                new = json.loads(frames[2])
-                self._names |= {int(number): list(names) for number, names in new.items()}
-            if count != len(apps) or records["app"].tolist() != list(apps):
-                raise ValueError(f"records of apps {records['app'].tolist()}, expected {apps}")
-            errors = json.loads(frames[4]) if frames[4] else []
-            self._take_images(frames[3], flags, apps)
-            at = 0
-            for record in records.tolist():
-                app, finished, reward, time_feature, status, log_count, names, _ = record
-                numbers = values[at : at + log_count]
-                log = dict(zip(self._names[names], numbers, strict=True)) if log_count else {}
-                at += log_count
-                if status == Status.OK:
-                    self._results[app] = AppReply(reward, bool(finished), time_feature, log)
-                else:
-                    self._results[app] = _error(status, str(errors.pop(0)))
+            results = Results.decode(frames, apps, self._names)
+            self._take_images(results.images, flags, apps)
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             raise self._malformed(f"a reply to frames: {error!r}") from error
+        self._results |= results.replies
 
     def _take_images(self, data: bytes, flags: int, apps: Sequence[int]) -> None:
         if flags & IN_SHARED_MEMORY:
@@ -327,8 +290,27 @@ class Protocol2Connection:
 
     # --- state and views ---------------------------------------------------------------------
 
+    def require(self, capability: str, what: str) -> None:
+        """Raise AppUnsupported, which names the capability, where the apps lack it."""
+        if capability not in self.capabilities:
+            raise AppUnsupported(f"{capability}: {self.channel.app} has not {what}")
+
+    def head_request(
+        self, app: int, seed: int, options: Mapping[str, OptionValue] | None
+    ) -> float | None:
+        """One app's wish for the head; see :meth:`AppClient.head_request`."""
+        self.require("head_request", "wishes for the head")
+        wanted = {"app": app, "seed": seed, "options": dict(options or {})}
+        text = self._ask(Type.HEAD_REQUEST, [json.dumps(wanted).encode()])
+        try:
+            pitch_deg = json.loads(text)["pitch_deg"]
+            return None if pitch_deg is None else float(pitch_deg)
+        except (KeyError, TypeError, ValueError) as error:
+            raise self._malformed(f"a head request: {error!r}") from error
+
     def render(self, app: int, view: str, width: int, height: int) -> UInt8Array:
         """A view of one app's last frame, (height, width, 4)."""
+        self.require("views", "other views than the user's")
         wanted = {"app": app, "view": view, "width": width, "height": height}
         data = self._ask(Type.RENDER, [json.dumps(wanted).encode()])
         try:
@@ -338,11 +320,13 @@ class Protocol2Connection:
 
     def save(self, app: int) -> bytes:
         """The state of one app."""
-        return self._ask(Type.SAVE, [_APP.pack(app)])
+        self.require("save", "a way to save its state")
+        return self._ask(Type.SAVE, [wire.APP.pack(app)])
 
     def load(self, app: int, state: bytes) -> None:
         """Brings one app to a saved state."""
-        image = self._ask(Type.LOAD, [_APP.pack(app), state])
+        self.require("save", "a way to load a state")
+        image = self._ask(Type.LOAD, [wire.APP.pack(app), state])
         if self._shared is None:
             try:
                 self.images[app] = np.frombuffer(image, np.uint8).reshape(self.shape)
@@ -351,14 +335,15 @@ class Protocol2Connection:
 
     def state_hash(self, app: int) -> int:
         """The hash of one app's state."""
-        data = self._ask(Type.HASH, [_APP.pack(app)])
-        if len(data) != _HASH.size:
-            raise self._malformed(f"a hash of {len(data)} bytes, expected {_HASH.size}")
-        return int(_HASH.unpack(data)[0])
+        self.require("save", "a hash of its state")
+        data = self._ask(Type.HASH, [wire.APP.pack(app)])
+        if len(data) != wire.HASH.size:
+            raise self._malformed(f"a hash of {len(data)} bytes, expected {wire.HASH.size}")
+        return int(wire.HASH.unpack(data)[0])
 
     def _ask(self, kind: Type, body: Sequence[bytes]) -> bytes:
         self._settle()
-        frames, _, _ = self._request(kind, body)
+        frames, _ = self._request(kind, body)
         return frames[0] if frames else b""
 
     # --- messages ----------------------------------------------------------------------------
@@ -370,7 +355,7 @@ class Protocol2Connection:
         *,
         count: int = 0,
         timeout_s: float | None = None,
-    ) -> tuple[list[bytes], int, int]:
+    ) -> tuple[list[bytes], int]:
         self._send(kind, body, count)
         return self._receive(kind, timeout_s)
 
@@ -379,24 +364,29 @@ class Protocol2Connection:
         header = HEADER.pack(MAGIC, VERSION, kind, self._sequence, count, 0, 0)
         self.channel.send([header, *body], _DOING[kind])
 
-    def _receive(self, kind: Type, timeout_s: float | None = None) -> tuple[list[bytes], int, int]:
-        """The frames after the header, count and flags; raises the server's errors."""
+    def _receive(self, kind: Type, timeout_s: float | None = None) -> tuple[list[bytes], int]:
+        """The frames after the header, and flags; raises the server's errors."""
         frames = self.channel.receive(_DOING[kind], timeout_s)
         if len(frames[0]) != HEADER.size or frames[0][:4] != MAGIC:
             raise self._malformed(
                 f"{frames[0][:40]!r}, expected a header of protocol 2 (an app that only speaks "
                 "protocol 1 is used with --protocol 1)"
             )
-        _, version, type_, sequence, count, status, flags = HEADER.unpack(frames[0])
+        _, version, type_, sequence, _, status, flags = HEADER.unpack(frames[0])
+        if version != VERSION:
+            raise self._malformed(
+                f"messages of version {version} of protocol 2, expected {VERSION}: take app and "
+                "harness from the same release"
+            )
         if status != Status.OK:
             text = frames[1].decode(errors="replace") if len(frames) > 1 else f"status {status}"
-            raise _error(status, text)
-        if version != VERSION or type_ != kind | REPLY or sequence != self._sequence:
+            raise error_of(status, text)
+        if type_ != kind | REPLY or sequence != self._sequence:
             raise self._malformed(
-                f"version {version}, type {type_:#x}, sequence {sequence}; expected "
-                f"{VERSION}, {kind | REPLY:#x}, {self._sequence}"
+                f"type {type_:#x}, sequence {sequence}; expected {kind | REPLY:#x}, "
+                f"{self._sequence}"
             )
-        return frames[1:], count, flags
+        return frames[1:], flags
 
     def _malformed(self, what: str) -> Exception:
         return self.channel.give_up(
@@ -467,8 +457,14 @@ class Protocol2App:
 
     @property
     def capabilities(self) -> frozenset[str]:
+        """See :class:`AppClient`; as the server has said."""
+        return self._open().capabilities
+
+    def head_request(
+        self, seed: int, options: Mapping[str, OptionValue] | None = None
+    ) -> float | None:
         """See :class:`AppClient`."""
-        return _CAPABILITIES
+        return self._open().head_request(self._index, seed, options)
 
     @property
     def image(self) -> UInt8Array:
@@ -490,20 +486,19 @@ class Protocol2App:
 
     def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
         """See :class:`AppClient`."""
-        rows, times = pose_rows(poses), np.array([time_ns], dtype=np.int64)
-        self._open().start_step(self._index, times, tracked_devices(poses), rows)
+        self.start_step(np.array([time_ns], dtype=np.int64), one_frame(poses))
         return self.finish_step()
 
-    def step_frames(self, times_ns: Int64Array, poses: DevicePoses) -> AppReply:
+    def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
         """See :class:`AppClient`."""
-        self.start_step(times_ns, poses)
+        self.start_step(times_ns, poses, drawn)
         return self.finish_step()
 
-    def start_step(self, times_ns: Int64Array, poses: DevicePoses, *, last: bool = False) -> None:
+    def start_step(
+        self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
+    ) -> None:
         """See :class:`AppClient`; the last app of the connection to start sends them all."""
-        times = frame_times(times_ns)
-        rows = pose_rows(poses, len(times))
-        self._open().start_step(self._index, times, tracked_devices(poses), rows)
+        self._open().start_step(self._index, frame_times(times_ns), poses, drawn)
 
     def finish_step(self) -> AppReply:
         """See :class:`AppClient`."""
@@ -542,11 +537,3 @@ class Protocol2App:
 
     def __exit__(self, *_: object) -> None:
         self.close()
-
-
-def _error(status: int, text: str) -> Exception:
-    if status == Status.INVALID_ARGUMENT:
-        return AppRefused(text)
-    if status in (Status.MALFORMED, Status.VERSION):
-        return ProtocolError(text)
-    return AppError(text)

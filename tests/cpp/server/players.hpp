@@ -90,6 +90,9 @@ inline std::string poseBlock(const TrackedPoses& poses) {
   for (const PoseNumbers& row : {poses.head, poses.left, poses.right}) {
     for (const double value : row) append(bytes, value);
   }
+  for (const InputNumbers& row : {poses.left_inputs, poses.right_inputs}) {
+    for (const double value : row) append(bytes, value);
+  }
   return bytes;
 }
 
@@ -102,10 +105,12 @@ inline std::string resetRecord(std::uint32_t app, std::uint32_t seed, std::int64
   return bytes + poseBlock(poses);
 }
 
-inline std::string stepRecord(std::uint32_t app, std::uint32_t frames) {
+inline std::string stepRecord(std::uint32_t app, std::uint32_t frames, std::int32_t drawn = -1) {
   std::string bytes;
   append(bytes, app);
   append(bytes, frames);
+  append(bytes, drawn);
+  append<std::uint32_t>(bytes, 0);
   return bytes;
 }
 
@@ -133,6 +138,9 @@ inline Reply message2(protocol2::Type type, std::uint32_t count, std::vector<std
 inline std::vector<std::string_view> views(const Reply& frames) {
   return {frames.begin(), frames.end()};
 }
+
+/// Bytes of a result record.
+inline constexpr std::size_t kResultBytes = 40;
 
 /// What a round gives, whichever way it was played.
 struct Played {

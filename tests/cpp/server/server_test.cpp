@@ -109,6 +109,7 @@ testing::Played playProtocol1(const std::string& endpoint, int frames, std::uint
   Json handshake = handshakeJson();
   handshake["frameTime"] = "current";
   handshake["clock"] = "round";
+  handshake["headRotation"] = "device";
   client.ask1(handshake);
   testing::Played played;
   for (int n = 0; n <= frames; ++n) {
@@ -132,7 +133,7 @@ testing::Played playProtocol1(const std::string& endpoint, int frames, std::uint
 using Names = std::map<std::string, std::vector<std::string>>;
 
 void addResult(const Reply& reply, Names& names, testing::Played& played) {
-  if (!reply.at(3).empty()) names.merge(Json::parse(reply.at(3)).get<Names>());
+  if (!reply.at(3).empty()) names.merge(Json::parse(reply.at(3))["logs"].get<Names>());
   const std::string& record = reply.at(1);
   std::map<std::string, double> log;
   const auto& own = names.at(std::to_string(testing::read<std::uint32_t>(record, 24)));
@@ -249,6 +250,23 @@ TEST(Server, AClientThatVanishesEndsTheSession) {
       if (mid_step) client.send({stateJson(playerPoses(1), 0.05).dump()});
     }
     EXPECT_EQ(server.ending(), Ending::client_vanished);
+  }
+}
+
+TEST(Server, AQuitBeforeTheConnectionGoesIsAQuit) {
+  // As User-in-the-Box ends: quit is sent and the socket closed without waiting for the answer.
+  for (int i = 0; i < 60; ++i) {
+    Running server(settings());
+    {
+      zmq::context_t context;
+      zmq::socket_t socket(context, zmq::socket_type::req);
+      socket.connect(server.endpoint);
+      socket.send(zmq::buffer(handshakeJson().dump()), zmq::send_flags::none);
+      zmq::message_t greeting;
+      ASSERT_TRUE(socket.recv(greeting));
+      socket.send(zmq::buffer(std::string(R"({"quitApplication": true})")), zmq::send_flags::none);
+    }
+    ASSERT_EQ(server.ending(), Ending::quit) << "after " << i;
   }
 }
 

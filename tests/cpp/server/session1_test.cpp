@@ -3,6 +3,8 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <cmath>
+#include <numbers>
 
 #include "players.hpp"
 #include "png_image.hpp"
@@ -49,6 +51,7 @@ Json ourHandshake() {
   Json handshake = handshakeJson();
   handshake["frameTime"] = "current";
   handshake["clock"] = "round";
+  handshake["headRotation"] = "device";
   return handshake;
 }
 
@@ -60,11 +63,25 @@ std::string errorOf(const Json& reply) {
          reply["error"]["message"].get<std::string>();
 }
 
-/// Hash of a round in process whose frames lie at the given times.
-std::uint64_t hashInProcess(std::uint32_t seed, const std::vector<std::int64_t>& times_ns) {
+/// The player with the head turned to a pitch, degrees up: about the x axis of a left-handed frame,
+/// which points right, by as much down.
+xr::DeviceState turned(TrackedPoses poses, double pitch_deg) {
+  const double half_rad = -0.5 * pitch_deg * std::numbers::pi / 180.0;
+  poses.head[3] = std::sin(half_rad);
+  poses.head[4] = poses.head[5] = 0.0;
+  poses.head[6] = std::cos(half_rad);
+  return poses.devices();
+}
+
+/// Hash of a round in process whose frames lie at the given times, with the head turned as the game
+/// requests it, or as the player holds it.
+std::uint64_t hashInProcess(std::uint32_t seed, const std::vector<std::int64_t>& times_ns,
+                            bool turns_head = true) {
   runtime::App app(testing::appSettings(), render::Renderer::create(render::RendererKind::null));
+  const double pitch_deg = app.headRequest({.seed = seed}).value();
   for (std::size_t n = 0; n < times_ns.size(); ++n) {
-    const xr::DeviceState poses = playerPoses(static_cast<int>(n)).devices();
+    const TrackedPoses player = playerPoses(static_cast<int>(n));
+    const xr::DeviceState poses = turns_head ? turned(player, pitch_deg) : player.devices();
     if (n == 0) {
       app.reset({.seed = seed, .time_ns = times_ns[0]}, poses);
     } else {
@@ -158,8 +175,51 @@ TEST(Session1, SwitchesPutFramesAtTheCurrentTimestepOfTheRound) {
     Json last = stateJson(playerPoses(2), 5.1);
     last["stateHash"] = true;
     EXPECT_EQ(client.ask(last)["stateHash"],
-              hexadecimal(hashInProcess(7, {0, frameNs(1), frameNs(2)})));
+              hexadecimal(hashInProcess(7, {0, frameNs(1), frameNs(2)}, !by_handshake)));
   }
+}
+
+/// The alpha channel, depth, in the middle of the picture that answers a state.
+int depthAhead(const Json& reply) {
+  const testing::Image picture = testing::decodePng(reply["image"]);
+  return picture.rgba.at(4 * (40 * 120 + 60) + 3);
+}
+
+TEST(Session1, TurnsTheHeadAsTheReferencesAppDoes) {
+  // Low targets want the head 30 degrees down: whichever way the user looks, the app shows the
+  // same.
+  HostSettings host = settings("automatic");
+  host.app.options_json = R"({"condition": "low"})";
+  host.fixed_seed = 7;
+  TrackedPoses up = playerPoses(0);
+  up.head = {0.0, 1.2, 0.0, std::sin(-0.5), 0.0, 0.0, std::cos(-0.5)};
+  TrackedPoses down = up;
+  const double half_rad = 15.0 * std::numbers::pi / 180.0;
+  down.head = {0.0, 1.2, 0.0, std::sin(half_rad), 0.0, 0.0, std::cos(half_rad)};
+  Client turning(host);
+  const Json as_app = turning.ask(stateJson(up, 0.0, true));
+  Client free(host, ourHandshake());
+  Json state = stateJson(down, 0.0, true);
+  state["seed"] = 7;
+  const Json as_device = free.ask(state);
+  EXPECT_NEAR(depthAhead(as_app), depthAhead(as_device), 1);
+  state = stateJson(up, 0.0, true);
+  state["seed"] = 7;
+  EXPECT_NE(free.ask(state)["image"], as_device["image"]);
+}
+
+TEST(Session1, SaysHowTheHeadShallBeHeld) {
+  Client client(settings(), ourHandshake());
+  Json state = {{"headRequest", {{"seed", 7}, {"options", {{"condition", "low"}}}}}};
+  Json reply = client.ask(state);
+  EXPECT_EQ(errorOf(reply), "none");
+  EXPECT_NEAR(reply["headRequest"]["pitch_deg"].get<double>(), -30.0, 1e-4);
+  state["headRequest"]["options"] = {{"head_rotation", "device"}};
+  EXPECT_EQ(client.ask(state)["headRequest"]["pitch_deg"], nullptr);
+  EXPECT_EQ(errorOf(client.ask({{"headRequest", {{"seed", -1}}}})).find("malformed_message"), 0U);
+  // It has started nothing.
+  EXPECT_EQ(errorOf(client.ask(stateJson(playerPoses(0), 0.0))),
+            "state_error: step: no round was started; call reset first");
 }
 
 TEST(Session1, ExactTimesAndFramesOfOurClients) {

@@ -4,8 +4,10 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include <filesystem>
 #include <limits>
 
+#include "own_loop.hpp"
 #include "players.hpp"
 #include "sim2vr/server/session.hpp"
 
@@ -66,7 +68,7 @@ std::string errorOf(const Reply& reply) {
 }
 
 std::uint32_t recordStatus(const Reply& reply, std::size_t record) {
-  return read<std::uint32_t>(reply.at(1), 32 * record + 16);
+  return read<std::uint32_t>(reply.at(1), testing::kResultBytes * record + 16);
 }
 
 TEST(Session2, HelloSaysWhatThereIs) {
@@ -74,13 +76,100 @@ TEST(Session2, HelloSaysWhatThereIs) {
   ASSERT_NE(client.session, nullptr);
   const Json about = Json::parse(client.greeting.at(1));
   EXPECT_EQ(about["server"], "sim2vr-app");
-  EXPECT_EQ(about["protocol"], 2);
   EXPECT_EQ(about["game"], "sample");
   EXPECT_EQ(about["apps"], 2);
   EXPECT_EQ(about["width"], 60);
   EXPECT_EQ(about["height"], 80);
   EXPECT_EQ(about["renderer_description"], "null renderer: no pictures");
   EXPECT_EQ(about["shared_memory"], nullptr);
+  EXPECT_EQ(about["eyes"], 1);
+  EXPECT_TRUE(about.contains("facts"));
+  EXPECT_EQ(about["capabilities"], (Json{"save", "views", "frames", "inputs", "left_controller",
+                                         "haptics", "sounds", "head_request", "two_eyes"}));
+}
+
+/// As messages say it.
+Json ownLoopHello() { return {{"width", 4}, {"height", 2}, {"apps", 2}}; }
+
+HostSettings ownLoop(const runtime::Capabilities& capabilities) {
+  HostSettings host = settings();
+  host.make_app = runtime::testing::OwnLoop::factory(capabilities);
+  return host;
+}
+
+TEST(Session2, PlaysAnAppWithALoopOfItsOwn) {
+  Client client(ownLoop({runtime::Capability::frames, runtime::Capability::inputs}),
+                ownLoopHello());
+  const Json about = Json::parse(client.greeting.at(1));
+  EXPECT_EQ(about["capabilities"], (Json{"frames", "inputs"}));
+  EXPECT_EQ(about["renderer_description"], "paints grey");
+  Reply reply = client.reset(1, 100);
+  EXPECT_EQ(errorOf(reply), "none");
+  EXPECT_EQ(reply.at(4), std::string(32, 100));
+  // Three frames, the second one drawn; the trigger is answered with a pulse in each.
+  TrackedPoses pulls = playerPoses(1);
+  pulls.right_inputs[0] = 0.5;
+  const std::string frames = stepFrame(frameNs(1), pulls) + stepFrame(frameNs(2), pulls) +
+                             stepFrame(frameNs(3), playerPoses(3));
+  reply = client.ask(Type::step, 1, {stepRecord(1, 3, 1), frames});
+  EXPECT_EQ(recordStatus(reply, 0), 0U);
+  EXPECT_EQ(reply.at(4), std::string(32, 102));
+  EXPECT_EQ(read<double>(reply.at(2), 0), 103.0);
+  ASSERT_EQ(reply.at(6).size(), 48U);
+  EXPECT_EQ(read<float>(reply.at(6), 4), 0.5F);
+  EXPECT_EQ(read<float>(reply.at(6), 8), 100.0F);
+}
+
+TEST(Session2, WhatAnAppCannotDoIsRefusedByItsName) {
+  Client client(ownLoop({}), ownLoopHello());
+  client.reset(0, 1);
+  EXPECT_EQ(errorOf(client.ask(Type::save, 0, {appIndex(0)})).find("7 save: "), 0U);
+  EXPECT_EQ(errorOf(client.ask(Type::render, 0, {"{}"})).find("7 views: "), 0U);
+  EXPECT_EQ(errorOf(client.ask(Type::head_request, 0, {"{}"})).find("7 head_request: "), 0U);
+  const auto refusal = [&client](const TrackedPoses& poses) {
+    const Reply reply = client.ask(Type::step, 1, {stepRecord(0, 1), stepFrame(frameNs(1), poses)});
+    return std::to_string(recordStatus(reply, 0)) + " " + reply.at(5);
+  };
+  TrackedPoses poses = playerPoses(1);
+  poses.right_inputs[5] = 1.0;
+  EXPECT_EQ(refusal(poses).find("7 [\"inputs: "), 0U) << refusal(poses);
+  poses = playerPoses(1);
+  poses.left = poses.right;
+  poses.left_tracked = true;
+  EXPECT_EQ(refusal(poses).find("7 [\"left_controller: "), 0U) << refusal(poses);
+  EXPECT_EQ(refusal(playerPoses(1)), "0 ");
+  const Client two(ownLoop({}), {{"eyes", 2}});
+  EXPECT_EQ(errorOf(two.greeting).find("7 two_eyes: "), 0U) << errorOf(two.greeting);
+}
+
+TEST(Session2, ClientsGetTheEventsThatTheyTake) {
+  TrackedPoses pulls = playerPoses(1);
+  pulls.right_inputs[0] = 1.0;
+  for (const Json& capabilities : {Json{"haptics"}, Json{"sounds", "smells"}}) {
+    Json hello = ownLoopHello();
+    hello["capabilities"] = capabilities;
+    Client client(ownLoop({runtime::Capability::inputs, runtime::Capability::haptics}), hello);
+    client.reset(0, 1);
+    const Reply reply = client.ask(Type::step, 1, {stepRecord(0, 1), stepFrame(frameNs(1), pulls)});
+    EXPECT_EQ(reply.at(6).size(), capabilities == Json{"haptics"} ? 24U : 0U);
+  }
+}
+
+TEST(Session2, SaysHowTheHeadShallBeHeldInARoundToCome) {
+  Client client(settings(), Json::object());
+  client.reset(0, 1);
+  const std::uint64_t before = client.hash(0);
+  const auto pitch = [&client](const Json& request) {
+    return Json::parse(client.ask(Type::head_request, 0, {request.dump()}).at(1))["pitch_deg"];
+  };
+  // 30 degrees down for low targets (docs/games/whacamole.md).
+  EXPECT_NEAR(pitch({{"seed", 3}, {"options", {{"condition", "low"}}}}).get<double>(), -30.0, 1e-4);
+  EXPECT_NEAR(pitch({{"options", {{"condition", "high"}}}}).get<double>(), 30.0, 1e-4);
+  EXPECT_EQ(pitch({{"options", {{"head_rotation", "device"}}}}), nullptr);
+  EXPECT_EQ(client.hash(0), before);
+  EXPECT_EQ(errorOf(client.ask(Type::head_request, 0, {R"({"options": {"nosuch": 1}})"}))
+                .find("1 options: got unknown option 'nosuch'"),
+            0U);
 }
 
 TEST(Session2, RefusedHellosOpenNoSession) {
@@ -112,11 +201,14 @@ TEST(Session2, NamesFoldersOnThisMachineOnly) {
 TEST(Session2, OtherVersionsAndOrders) {
   AppHost host(settings());
   Reply other = message2(Type::hello, 0, {"{}"});
-  other[0][4] = 3;
+  other[0][4] = 2;
   Opening opening = openSession(host, testing::views(other));
   EXPECT_EQ(opening.session, nullptr);
-  EXPECT_EQ(errorOf(opening.reply), "6 version: got 3, expected 2");
-  EXPECT_EQ(protocol2::decodeHeader(opening.reply[0]).version, 2);
+  EXPECT_EQ(errorOf(opening.reply)
+                .find("6 version: got messages of version 2, expected 3, that of "
+                      "sim2vr-app "),
+            0U);
+  EXPECT_EQ(protocol2::decodeHeader(opening.reply[0]).version, 3);
   opening = openSession(host, testing::views(message2(Type::quit, 0, {})));
   EXPECT_EQ(opening.session, nullptr);
   EXPECT_EQ(errorOf(opening.reply), "2 message: got one before hello, expected hello first");
@@ -159,7 +251,7 @@ TEST(Session2, ABatchGivesWhatEachAppGivesAlone) {
     }
     EXPECT_EQ(protocol2::decodeHeader(reply[0]).count, 3U);
     EXPECT_EQ(read<std::uint32_t>(reply[1], 0), 1U);
-    EXPECT_EQ(read<std::uint32_t>(reply[1], 64), 2U);
+    EXPECT_EQ(read<std::uint32_t>(reply[1], 2 * testing::kResultBytes), 2U);
     EXPECT_EQ(reply[4].size(), 3 * kImageBytes);
     const auto renderer = render::Renderer::create(render::RendererKind::null);
     const auto alone = testing::playInProcess(40, 11, renderer);
@@ -245,11 +337,14 @@ TEST(Session2, SavesLoadsAndDraws) {
   EXPECT_TRUE(client.session->over());
 }
 
-TEST(Session2, SharedMemoryHoldsTheImagesAndNothingIsLeftBehind) {
+TEST(Session2, SharedMemoryHoldsTheImagesAndHasNoName) {
   Client client(settings("automatic"), {{"apps", 2}, {"shared_memory", true}});
-  const std::string name = Json::parse(client.greeting.at(1))["shared_memory"];
-  const int file = ::shm_open(name.c_str(), O_RDONLY, 0);
-  ASSERT_GE(file, 0) << name;
+  const Json shared = Json::parse(client.greeting.at(1))["shared_memory"];
+  const std::string path = shared["path"];
+  EXPECT_EQ(path.find("/proc/" + std::to_string(::getpid()) + "/fd/"), 0U);
+  EXPECT_EQ(std::filesystem::read_symlink(path), shared["link"].get<std::string>());
+  const int file = ::open(path.c_str(), O_RDONLY | O_CLOEXEC);
+  ASSERT_GE(file, 0) << path;
   void* mapped = ::mmap(nullptr, 2 * kImageBytes, PROT_READ, MAP_SHARED, file, 0);
   ::close(file);
   ASSERT_NE(mapped, MAP_FAILED);
@@ -258,7 +353,6 @@ TEST(Session2, SharedMemoryHoldsTheImagesAndNothingIsLeftBehind) {
   const Reply reply = client.reset(1, 5);
   EXPECT_EQ(protocol2::decodeHeader(reply[0]).flags, protocol2::kImagesShared);
   EXPECT_EQ(reply[4], "");
-  EXPECT_LT(::shm_open(name.c_str(), O_RDONLY, 0), 0) << "the name is still there";
   const std::string drawn = client.ask(Type::render, 0, {R"({"app": 1})"}).at(1);
   EXPECT_TRUE(std::string(images + kImageBytes, kImageBytes) == drawn);
   const std::string state = client.ask(Type::save, 0, {appIndex(1)}).at(1);
@@ -266,16 +360,11 @@ TEST(Session2, SharedMemoryHoldsTheImagesAndNothingIsLeftBehind) {
   EXPECT_FALSE(std::string(images, kImageBytes) == drawn);
   client.ask(Type::load, 0, {appIndex(0), state});
   EXPECT_TRUE(std::string(images, kImageBytes) == drawn);
+  // Another session's memory is another one, and this one's goes with it.
+  const Json other = Json::parse(
+      client.ask(Type::hello, 0, {R"({"shared_memory": true})"}).at(1))["shared_memory"];
+  EXPECT_NE(other["link"], shared["link"]);
   ::munmap(mapped, 2 * kImageBytes);
-}
-
-TEST(Session2, AnUnusedNameGoesWithTheSession) {
-  std::string name;
-  {
-    const Client client(settings(), {{"shared_memory", true}});
-    name = Json::parse(client.greeting.at(1))["shared_memory"];
-  }
-  EXPECT_LT(::shm_open(name.c_str(), O_RDONLY, 0), 0);
 }
 
 TEST(Session2, AnotherHelloReplacesTheApps) {

@@ -27,7 +27,6 @@ struct Arguments {
 
   int port = 5555;
   std::string bind = "127.0.0.1";
-  std::string local_socket;
   std::optional<double> timeout_s;
   bool keep = false;
   std::uint32_t fixed_seed = 0;

@@ -9,13 +9,15 @@
 #include <string>
 #include <vector>
 
-#include "sim2vr/runtime/app.hpp"
+#include "sim2vr/runtime/lockstep_app.hpp"
 #include "sim2vr/runtime/recorder.hpp"
 #include "sim2vr/server/protocol1.hpp"
 
 namespace sim2vr::server {
 
 struct HostSettings {
+  /// Makes the apps.
+  runtime::AppFactory make_app = runtime::gameApps();
   /// What a client does not ask for.
   runtime::AppSettings app;
   std::string renderer = "automatic";
@@ -42,17 +44,18 @@ struct HostSettings {
 /// One app and its recorder.
 class HostedApp {
  public:
-  HostedApp(runtime::AppSettings settings, std::shared_ptr<render::Renderer> renderer,
+  HostedApp(std::unique_ptr<runtime::LockstepApp> app,
             std::optional<runtime::RecorderSettings> recorder);
 
-  runtime::App& app() { return app_; }
+  runtime::LockstepApp& app() { return *app_; }
   runtime::StepResult reset(const runtime::RoundStart& start, const xr::DeviceState& devices);
-  runtime::StepResult step(std::span<const runtime::FrameInput> frames);
+  runtime::StepResult step(std::span<const runtime::FrameInput> frames,
+                           int drawn = runtime::kLastFrame);
 
  private:
   void record();
 
-  runtime::App app_;
+  std::unique_ptr<runtime::LockstepApp> app_;
   std::unique_ptr<runtime::Recorder> recorder_;
 };
 
@@ -64,7 +67,7 @@ class AppHost {
 
   /// Apps with the same settings. Those of the first session write their logs and pictures to the
   /// folders of the settings, those of later ones to session001, session002 ... below them; each of
-  /// several apps has a folder app000, app001 ... of its own. Throws as runtime::App does.
+  /// several apps has a folder app000, app001 ... of its own. Throws as the factory does.
   std::vector<std::unique_ptr<HostedApp>> makeApps(const runtime::AppSettings& settings,
                                                    const std::string& renderer,
                                                    std::uint32_t count);

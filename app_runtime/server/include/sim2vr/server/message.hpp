@@ -1,4 +1,4 @@
-// What both protocols share: the one error of their decoders, and tracked poses.
+// What both protocols share: the one error of their decoders, and what the devices report.
 #pragma once
 
 #include <array>
@@ -9,8 +9,9 @@
 #include <string_view>
 #include <vector>
 
-#include "sim2vr/runtime/app.hpp"
+#include "sim2vr/runtime/lockstep_app.hpp"
 #include "sim2vr/xr/device.hpp"
+#include "sim2vr/xr/pose_row.hpp"
 
 namespace sim2vr::server {
 
@@ -27,30 +28,40 @@ using Frames = std::span<const std::string_view>;
 using Reply = std::vector<std::string>;
 
 /// Position x y z (m) and rotation x y z w in the app's frame.
-using PoseNumbers = std::array<double, 7>;
+using PoseNumbers = std::array<double, xr::kPoseRowNumbers>;
+/// Triggers, buttons and the like of one controller, in the columns of xr::kInputColumns.
+using InputNumbers = std::array<double, xr::kInputRowNumbers>;
 
-/// Poses of one frame; the numbers of a device that is not tracked mean nothing.
+/// Poses and inputs of one frame; the numbers of a device that is not tracked mean nothing.
 struct TrackedPoses {
   PoseNumbers head{};
   PoseNumbers left{};
   PoseNumbers right{};
+  InputNumbers left_inputs{};
+  InputNumbers right_inputs{};
   bool head_tracked = false;
   bool left_tracked = false;
   bool right_tracked = false;
 
-  /// Throws InvalidArgument when the head is not tracked. Poses are checked by runtime::App.
+  /// Throws InvalidArgument when the head is not tracked, and as xr::inputsFromRow does. Poses are
+  /// checked by the app.
   xr::DeviceState devices() const;
 };
 
 /// Frames of one step at most.
 inline constexpr std::size_t kMaximumFrames = 10'000;
+/// Latest game time, some 31 years.
+inline constexpr std::int64_t kLatest_ns = 1'000'000'000'000'000'000;
 
 struct TimedPoses {
   std::int64_t time_ns = 0;
   TrackedPoses poses;
 };
 
-/// Input of runtime::App::step.
+/// Throws InvalidArgument unless `time_ns` is from 0 to kLatest_ns, what a saved state can hold.
+void checkGameTime(std::int64_t time_ns);
+
+/// Input of runtime::LockstepApp::step. Throws as checkGameTime and TrackedPoses::devices do.
 std::vector<runtime::FrameInput> frameInputs(std::span<const TimedPoses> frames);
 
 /// A picture of the last frame that a client asks for.
@@ -60,11 +71,15 @@ struct PictureRequest {
   render::ImageSize size{120, 80};
 };
 
-/// Height x width x 4 bytes. Throws as runtime::viewFromName and App::renderView do, and
+/// Height x width x 4 bytes. Throws as runtime::viewFromName and LockstepApp::renderView do, and
 /// InvalidArgument for a picture above 64 MiB.
-std::vector<std::uint8_t> drawPicture(runtime::App& app, const PictureRequest& request);
+std::vector<std::uint8_t> drawPicture(runtime::LockstepApp& app, const PictureRequest& request);
 
 /// `text` with bytes that are not UTF-8 replaced.
 std::string validUtf8(std::string_view text);
+
+/// What a stranger wrote, for a line of the log: 200 characters at most, and control characters,
+/// which could begin lines or colour the terminal, as \n or \u001b.
+std::string forLog(std::string_view text);
 
 }  // namespace sim2vr::server

@@ -19,9 +19,16 @@ enum class FrameTime : std::uint8_t { next, current };
 /// The game clock: the user's, over all rounds, as in the reference; or 0 at each reset.
 enum class ClockOrigin : std::uint8_t { absolute, round };
 
+/// Who turns the head as the app requests (runtime::LockstepApp::headRequest): the session, which
+/// replaces the rotation that it is sent and keeps the position, as the reference's app does; or
+/// the user, whose device counts.
+enum class HeadRotation : std::uint8_t { app, device };
+
 /// From "next" or "current", "absolute" or "round"; throws InvalidArgument naming `field`.
 FrameTime frameTimeFromName(const std::string& field, const std::string& name);
 ClockOrigin clockOriginFromName(const std::string& field, const std::string& name);
+/// From "app" or "device".
+HeadRotation headRotationFromName(const std::string& field, const std::string& name);
 
 struct Handshake {
   double timestep_s = 0.0;
@@ -31,7 +38,10 @@ struct Handshake {
   // Ours.
   std::optional<FrameTime> frame_time;
   std::optional<ClockOrigin> clock;
+  std::optional<HeadRotation> head_rotation;
 
+  /// One of our fields is there.
+  bool knowsUs() const { return frame_time || clock || head_rotation; }
   /// Period of the app's fixed steps, s.
   double fixedStep_s() const { return fixed_delta_time_s > 0.0 ? fixed_delta_time_s : timestep_s; }
 };
@@ -52,6 +62,12 @@ struct State {
   bool wants_save = false;
   std::optional<std::string> load;
   std::optional<PictureRequest> render;
+  /// Of the round that this seed and these options would start.
+  struct HeadRequest {
+    std::uint32_t seed = 0;
+    std::string options_json = "{}";
+  };
+  std::optional<HeadRequest> head_request;
 
   /// Without poses: it asks for, or replaces, the app's state, and moves nothing.
   bool query_only = false;
@@ -76,6 +92,8 @@ struct Observation {
   std::optional<std::uint64_t> state_hash;
   std::optional<std::string> saved_state;
   std::string picture_png;
+  /// JSON text.
+  std::string head_request_json;
   std::string error_code;
   std::string error_message;
 };

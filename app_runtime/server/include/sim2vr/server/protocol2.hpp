@@ -15,7 +15,8 @@
 namespace sim2vr::server::protocol2 {
 
 inline constexpr std::string_view kMagic = "S2VR";
-inline constexpr std::uint16_t kVersion = 2;
+/// Of the messages. 2, in releases before capabilities, had other records.
+inline constexpr std::uint16_t kVersion = 3;
 /// Set in the type of a reply.
 inline constexpr std::uint16_t kReplyBit = 0x8000;
 /// In the flags of a reply: the images are in the shared memory.
@@ -33,6 +34,7 @@ enum class Type : std::uint16_t {
   load = 6,
   hash = 7,
   quit = 8,
+  head_request = 9,
 };
 
 enum class Status : std::uint32_t {
@@ -43,6 +45,7 @@ enum class Status : std::uint32_t {
   malformed_message = 4,
   busy = 5,
   version_not_supported = 6,
+  unsupported = 7,
 };
 
 /// Frame 0 of every message: 24 bytes.
@@ -76,6 +79,10 @@ struct Hello {
   std::optional<double> maximum_delta_time_s;
   std::optional<double> fixed_step_tolerance_s;
   bool shared_memory = false;
+  std::optional<int> eyes;
+  std::optional<double> ipd_m;
+  /// What the client can take of what comes back; none given: all of it.
+  std::optional<std::vector<std::string>> capabilities;
 };
 
 struct ResetRecord {
@@ -89,6 +96,8 @@ struct ResetRecord {
 struct StepRecord {
   std::uint32_t app = 0;
   std::vector<TimedPoses> frames;
+  /// Which of them is drawn; -1: the last.
+  int drawn = -1;
 };
 
 struct Reset {
@@ -108,8 +117,14 @@ struct Hash {
   std::uint32_t app = 0;
 };
 struct Quit {};
+struct HeadRequest {
+  std::uint32_t app = 0;
+  std::uint32_t seed = 0;
+  std::string options_json = "{}";
+};
 
-using Request = std::variant<Hello, Reset, Step, PictureRequest, Save, Load, Hash, Quit>;
+using Request =
+    std::variant<Hello, Reset, Step, PictureRequest, Save, Load, Hash, Quit, HeadRequest>;
 
 /// The message after its header. Throws MalformedMessage.
 Request decodeRequest(const Header& header, Frames body);
@@ -122,24 +137,33 @@ struct Result {
   std::string error;
 };
 
-/// Gives every list of log names a number and says which ones are new to the client.
-class LogNames {
+/// Gives every list of log names and every sound a number, and says which ones are new to the
+/// client.
+class Names {
  public:
-  std::uint32_t idOf(const std::map<std::string, double>& log);
-  /// JSON object {"id": [names]} of the lists since the last call; empty when there are none.
+  std::uint32_t ofLog(const std::map<std::string, double>& log);
+  std::uint32_t ofSound(const std::string& name);
+  /// JSON object {"logs": {"id": [names]}, "sounds": {"id": "name"}} of those since the last call;
+  /// empty when there are none.
   std::string takeNew();
 
  private:
-  std::map<std::vector<std::string>, std::uint32_t> ids_;
-  std::vector<const std::vector<std::string>*> new_;
+  std::map<std::vector<std::string>, std::uint32_t> logs_;
+  std::map<std::string, std::uint32_t> sounds_;
+  std::vector<const std::vector<std::string>*> new_logs_;
+  std::vector<const std::string*> new_sounds_;
 };
 
 /// The reply to a reset or step; frame 4, the images, is left empty for the caller to fill.
-Reply encodeResults(const Header& request, const std::vector<Result>& results, LogNames& names);
+Reply encodeResults(const Header& request, const std::vector<Result>& results, Names& names);
 
 Reply encodeReply(const Header& request);
 Reply encodeReply(const Header& request, std::string frame);
 Reply encodeError(const Header& request, Status status, std::string_view message);
+/// What a client of another version is told.
+Reply encodeOtherVersion(const Header& request);
+/// JSON object {"pitch_deg": number or null}.
+std::string encodeHeadRequest(std::optional<double> pitch_deg);
 /// 8 bytes, little-endian.
 std::string encodeHash(std::uint64_t hash);
 

@@ -15,8 +15,6 @@ struct ServerSettings {
   std::string address = "127.0.0.1";
   /// TCP port; 0 picks a free one.
   int port = 5555;
-  /// Also listen on this Unix stream socket: a path, or @ and a name; empty: on none.
-  std::string local_socket;
   /// Without a message for so long the session, or the wait for a first client, ends.
   std::chrono::milliseconds timeout{60'000};
   /// After a session the next client is waited for, for ever.

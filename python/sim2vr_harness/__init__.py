@@ -1,6 +1,14 @@
 """sim2vr: automated biomechanical testing of VR applications.
 
-Importing this package is cheap and has no side effects. Import what you need:
+Importing this package is cheap. It registers the Gymnasium ids of the environments, by name only::
+
+    import gymnasium
+    import sim2vr_harness
+
+    gymnasium.make("sim2vr/WhacAMole-v0")
+    gymnasium.make_vec("sim2vr/WhacAMole-v0", num_envs=64)
+
+What else there is, import as you need it:
 
 - :mod:`sim2vr_harness.client`: talk to a VR app, in process or over ZeroMQ
 - :mod:`sim2vr_harness.users`: biomechanical users in MuJoCo
@@ -17,6 +25,8 @@ from importlib.metadata import PackageNotFoundError
 from importlib.metadata import version as _installed_version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+from sim2vr_harness.registration import register_envs
 
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.playing import evaluate, load_user_policy
@@ -48,3 +58,5 @@ def _version() -> str:
 
 
 __version__: str = _version()
+
+register_envs()

@@ -16,7 +16,6 @@ from sim2vr_harness.bench.turns import Turn
 from sim2vr_harness.client import DevicePoses, frame_time_ns
 from sim2vr_harness.envs.app_group import app_group
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.perception import HeadsetVision
 from sim2vr_harness.training import ppo
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.measuring import silent_logger
@@ -68,13 +67,11 @@ class RenderScene(Scene):
     def __init__(self, spec: Spec) -> None:
         super().__init__(spec.n)
         config = spec.env()
-        image = config.vision
-        vision = HeadsetVision(image.channels, height=image.height, width=image.width)
         self._frequency_hz = config.action_frequency_hz
         self._circle = _circling_poses(self._POSES)
         self._everyone = np.arange(spec.n)
         self._frame, self._over = 0, True
-        self._group = app_group(config, spec.n, vision, None)
+        self._group = app_group(config, spec.n, None)
         self._stack.callback(self._group.close)
         try:
             for _ in range(shared.WARM_UP_STEPS + 1):  # the first one is the reset

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,12 +17,14 @@ from sim2vr_harness.client import (
     AppDied,
     AppReply,
     DevicePoses,
+    HapticPulse,
     InProcessBatch,
     OptionValue,
+    SoundEvent,
 )
 from sim2vr_harness.envs.apps import AppFactory, app_factory, in_process_batch
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.perception import HeadsetVision
+from sim2vr_harness.perception import channel_indices, pick_channels
 
 __all__ = ["AppFailure", "AppGroup", "BatchGroup", "ClientGroup", "Logs", "app_group"]
 
@@ -30,6 +32,7 @@ RESET_ATTEMPTS = 3
 """Apps in a row that may fail before a user's round is given up."""
 
 IntArray = NDArray[np.int64]
+Made = TypeVar("Made")
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,33 @@ class AppGroup(Protocol):
     time_feature: NDArray[np.float32]
     """(N,) where in the round the game is, as it says itself."""
     pictures: NDArray[np.uint8]
-    """(N, C, H, W) the channels of the headset images that the users see."""
+    """(N, C, H, W) the channels of the headset images that the users see; with two eyes the left
+    one's first. None where the user has no sight."""
+
+    @property
+    def haptics(self) -> Mapping[int, tuple[HapticPulse, ...]]:
+        """What the users' last step or reset brought to the controllers, of those that got any."""
+
+    @property
+    def sounds(self) -> Mapping[int, tuple[SoundEvent, ...]]:
+        """Sounds that began in it."""
+
+    def head_requests(
+        self, ids: IntArray, seeds: IntArray, options: Mapping[str, OptionValue] | None
+    ) -> NDArray[np.float64]:
+        """How the apps wish the heads to be held in the rounds to come.
+
+        Args:
+            ids: (M,) users.
+            seeds: (M,) of the rounds that :meth:`reset` will start.
+            options: likewise.
+
+        Returns:
+            (M,) pitch in degrees, up positive; NaN: no wish.
+
+        Raises:
+            ValueError: an option that cannot be used.
+        """
 
     def reset(
         self,
@@ -95,7 +124,13 @@ class AppGroup(Protocol):
         """
 
     def step(
-        self, ids: IntArray, times_ns: IntArray, poses: DevicePoses, steps: IntArray, last: int
+        self,
+        ids: IntArray,
+        times_ns: IntArray,
+        poses: DevicePoses,
+        steps: IntArray,
+        last: int,
+        drawn: int = -1,
     ) -> IntArray:
         """One user step of K frames.
 
@@ -105,6 +140,7 @@ class AppGroup(Protocol):
             poses: (M, K, 7) each.
             steps: (M,) which user step of the round this is.
             last: the number of the step after which the user ends the round.
+            drawn: which of the K frames is drawn; -1 the last.
 
         Returns:
             The users whose apps answered, in the order of ``ids``.
@@ -123,7 +159,6 @@ class AppGroup(Protocol):
 def app_group(
     config: EnvConfig,
     n: int,
-    vision: HeadsetVision,
     log_dir: Path | None,
     make_app: AppFactory | None = None,
 ) -> AppGroup:
@@ -132,7 +167,6 @@ def app_group(
     Args:
         config: of the users.
         n: number of users N.
-        vision: whose channels are picked.
         log_dir: root of the apps' episode logs, or None.
         make_app: how to get the app of each user; None goes by ``config.app.transport``.
 
@@ -141,9 +175,14 @@ def app_group(
         RuntimeError: an app or its renderer cannot be started.
     """
     if make_app is None and config.app.transport == "in_process":
-        return BatchGroup(in_process_batch(config, n, log_dir, vision.channel_indices), n)
+        return BatchGroup(in_process_batch(config, n, log_dir, _channels(config)), n)
     make = app_factory(config, n) if make_app is None else make_app
-    return ClientGroup(make, config, n, vision, log_dir)
+    return ClientGroup(make, config, n, log_dir)
+
+
+def _channels(config: EnvConfig) -> list[int]:
+    """The channels that a user sees; none without sight."""
+    return channel_indices(config.vision.channels) if config.sense("vision") is not None else []
 
 
 class BatchGroup:
@@ -157,6 +196,24 @@ class BatchGroup:
         self.reward, self.finished = batch.rewards, batch.finished
         self.time_feature, self.pictures = batch.time_features, batch.vision
 
+    @property
+    def haptics(self) -> Mapping[int, tuple[HapticPulse, ...]]:
+        """See :class:`AppGroup`."""
+        batch = self._batch
+        return {i: batch.haptics(i) for i in np.flatnonzero(batch.haptic_counts).tolist()}
+
+    @property
+    def sounds(self) -> Mapping[int, tuple[SoundEvent, ...]]:
+        """See :class:`AppGroup`."""
+        batch = self._batch
+        return {i: batch.sounds(i) for i in np.flatnonzero(batch.sound_counts).tolist()}
+
+    def head_requests(
+        self, ids: IntArray, seeds: IntArray, options: Mapping[str, OptionValue] | None
+    ) -> NDArray[np.float64]:
+        """See :class:`AppGroup`."""
+        return self._batch.head_requests(ids, seeds, options)
+
     def reset(
         self,
         ids: IntArray,
@@ -168,10 +225,16 @@ class BatchGroup:
         self._batch.reset_rounds(ids, seeds, poses, options)
 
     def step(
-        self, ids: IntArray, times_ns: IntArray, poses: DevicePoses, steps: IntArray, last: int
+        self,
+        ids: IntArray,
+        times_ns: IntArray,
+        poses: DevicePoses,
+        steps: IntArray,
+        last: int,
+        drawn: int = -1,
     ) -> IntArray:
         """See :class:`AppGroup`; every app answers."""
-        self._batch.step_frames(ids, times_ns, poses)
+        self._batch.step_frames(ids, times_ns, poses, drawn)
         return ids
 
     def logs(self) -> Logs:
@@ -225,7 +288,6 @@ class ClientGroup:
         make_app: of each user.
         config: of the users.
         n: number of users N.
-        vision: whose channels are picked.
         log_dir: root of the apps' episode logs, or None.
     """
 
@@ -234,15 +296,15 @@ class ClientGroup:
         make_app: AppFactory,
         config: EnvConfig,
         n: int,
-        vision: HeadsetVision,
         log_dir: Path | None,
     ) -> None:
         self.apps: list[AppClient] = []
         self.failed: dict[int, str] = {}
         self.failures: list[AppFailure] = []
-        self._config, self._log_dir, self._vision = config, log_dir, vision
+        self._config, self._log_dir, self._channels = config, log_dir, _channels(config)
         self._make_app = make_app
         self._options: list[dict[str, OptionValue]] = [{} for _ in range(n)]
+        self._untold: set[int] = set()
         try:
             for i in range(n):
                 self.apps.append(make_app(config, i, log_dir))
@@ -252,8 +314,31 @@ class ClientGroup:
         self.reward: NDArray[Any] = np.zeros(n)
         self.finished = np.zeros(n, dtype=np.uint8)
         self.time_feature = np.zeros(n, dtype=np.float32)
-        self.pictures = np.zeros((n, len(vision.channels), vision.height, vision.width), np.uint8)
+        vision = config.vision
+        channels = vision.eyes * len(self._channels)
+        self.pictures = np.zeros((n, channels, vision.height, vision.width), np.uint8)
+        self.haptics: dict[int, tuple[HapticPulse, ...]] = {}
+        self.sounds: dict[int, tuple[SoundEvent, ...]] = {}
         self._logs: list[Mapping[str, float]] = [{} for _ in range(n)]
+
+    def head_requests(
+        self, ids: IntArray, seeds: IntArray, options: Mapping[str, OptionValue] | None
+    ) -> NDArray[np.float64]:
+        """See :class:`AppGroup`."""
+
+        def ask(i: int, seed: int) -> float:
+            app = self.apps[i]
+            if "head_request" not in app.capabilities:
+                return np.nan
+            wish = app.head_request(seed, self._options_for(i, options))
+            return np.nan if wish is None else wish
+
+        return np.array(
+            [
+                self._insist(i, lambda i=i, seed=int(seed): ask(i, seed))  # type: ignore[misc]
+                for i, seed in zip(ids.tolist(), seeds, strict=True)
+            ]
+        )
 
     def reset(
         self,
@@ -263,34 +348,44 @@ class ClientGroup:
         options: Mapping[str, OptionValue] | None,
     ) -> None:
         """See :class:`AppGroup`."""
-        for k, i in enumerate(ids.tolist()):
-            self._take(i, self._reset_app(i, int(seeds[k]), _of_user(poses, k), options))
 
-    def _reset_app(
-        self,
-        i: int,
-        seed: int,
-        poses: DevicePoses,
-        options: Mapping[str, OptionValue] | None,
-    ) -> AppReply:
-        """Starts a round, in a new app where the one before has failed."""
+        def start(i: int, seed: int, at: DevicePoses) -> AppReply:
+            return self.apps[i].reset(seed, at, self._options_for(i, options))
+
+        for k, i in enumerate(ids.tolist()):
+            seed, at = int(seeds[k]), _of_user(poses, k)
+            self._take(i, self._insist(i, lambda i=i, seed=seed, at=at: start(i, seed, at)))  # type: ignore[misc]
+            self._options[i] |= options or {}
+            self._untold.discard(i)
+
+    def _options_for(
+        self, i: int, options: Mapping[str, OptionValue] | None
+    ) -> Mapping[str, OptionValue] | None:
+        """The options to give; an app that replaced a failed one has not heard earlier ones."""
+        return {**self._options[i], **(options or {})} if i in self._untold else options
+
+    def _insist(self, i: int, call: Callable[[], Made]) -> Made:
+        """What ``call`` returns; it is made again, in a new app, where the one before failed."""
         for _ in range(RESET_ATTEMPTS):
             with self._noting_failure(i, 0):
-                chosen = options
                 if i in self.failed:
                     self.apps[i] = self._make_app(self._config, i, self._log_dir)
                     del self.failed[i]
-                    chosen = {**self._options[i], **(options or {})}
-                reply = self.apps[i].reset(seed, poses, chosen)
-                self._options[i] |= options or {}
-                return reply
+                    self._untold.add(i)
+                return call()
         raise AppDied(
             f"user {i}: {RESET_ATTEMPTS} apps in a row failed at the start of a round; the last "
             f"one: {self.failed[i]}"
         )
 
     def step(
-        self, ids: IntArray, times_ns: IntArray, poses: DevicePoses, steps: IntArray, last: int
+        self,
+        ids: IntArray,
+        times_ns: IntArray,
+        poses: DevicePoses,
+        steps: IntArray,
+        last: int,
+        drawn: int = -1,
     ) -> IntArray:
         """See :class:`AppGroup`."""
         users = ids.tolist()
@@ -299,7 +394,7 @@ class ClientGroup:
                 continue
             with self._noting_failure(i, int(steps[k])):
                 ending = bool(steps[k] >= last)
-                self.apps[i].start_step(times_ns[k], _of_user(poses, k), last=ending)
+                self.apps[i].start_step(times_ns[k], _of_user(poses, k), last=ending, drawn=drawn)
         answered = []
         for k, i in enumerate(users):
             if i in self.failed:
@@ -312,8 +407,13 @@ class ClientGroup:
     def _take(self, i: int, reply: AppReply) -> None:
         self.reward[i], self.finished[i] = reply.reward, reply.finished
         self.time_feature[i] = reply.time_feature
-        self.pictures[i] = self._vision.pick(self.apps[i].image)
+        if self._channels:
+            self.pictures[i] = pick_channels(self.apps[i].image, self._channels)
         self._logs[i] = reply.log
+        for events, new in ((self.haptics, reply.haptics), (self.sounds, reply.sounds)):
+            events.pop(i, None)
+            if new:
+                events[i] = new  # type: ignore[assignment]
 
     @contextmanager
     def _noting_failure(self, i: int, step: int) -> Iterator[None]:
@@ -349,4 +449,10 @@ def _of_user(poses: DevicePoses, k: int) -> DevicePoses:
     def row(rows: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
         return None if rows is None else rows[k]
 
-    return DevicePoses(poses.head[k], row(poses.right_controller), row(poses.left_controller))
+    return DevicePoses(
+        poses.head[k],
+        row(poses.right_controller),
+        row(poses.left_controller),
+        row(poses.right_inputs),
+        row(poses.left_inputs),
+    )

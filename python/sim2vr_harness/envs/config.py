@@ -6,15 +6,32 @@ Every model forbids unknown keys and is immutable; the training configuration ne
 
 from __future__ import annotations
 
+import difflib
 import re
 from collections.abc import Mapping
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.client.devices import INPUT_NAMES
+from sim2vr_harness.perception.registry import SenseConfig, check_list
 from sim2vr_harness.settings import Settings
 from sim2vr_harness.users import Body, EffortName, Person, effort_options, load_body
+
+__all__ = [
+    "DEFAULT_SENSES",
+    "AppConfig",
+    "EffortConfig",
+    "EnvConfig",
+    "FoveationConfig",
+    "NoiseConfig",
+    "SenseConfig",
+    "UserConfig",
+    "VisionConfig",
+    "with_condition",
+    "with_options",
+]
 
 _ADDRESS = re.compile(r"[^\s:/]+:([0-9]{1,5})")
 
@@ -36,6 +53,9 @@ class EffortConfig(Settings):
     """The same model: gain with which force is built up, 1/s; 10."""
     relaxation: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
     """The same model: gain with which force is released, 1/s; 10."""
+    finger_effort: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
+    """Reward that each input held by a finger costs per user step, times how far it is held from
+    rest (a pressed button: 1). 0: fingers are free."""
 
     @model_validator(mode="after")
     def _options_of_the_model(self) -> EffortConfig:
@@ -52,7 +72,7 @@ class EffortConfig(Settings):
     def _given(self) -> dict[str, float]:
         return {
             name: value
-            for name, value in self.model_dump(exclude={"model"}).items()
+            for name, value in self.model_dump(exclude={"model", "finger_effort"}).items()
             if value is not None
         }
 
@@ -84,6 +104,24 @@ class UserConfig(Settings):
     noise: NoiseConfig = NoiseConfig()
     timestep_s: float | None = Field(default=None, gt=0.0)
     """Physics step; None takes the model's 2 ms. Coarser physics is for trainings only."""
+    devices: tuple[str, ...] | None = None
+    """What the user wears of what the body can: headset, controller_right, controller_left; None:
+    all of it. The body says where (docs/bodies.md)."""
+    inputs: tuple[str, ...] = ()
+    """Inputs of the controllers that the fingers work, such as right.trigger and left.x: one more
+    action each, after those of the body."""
+
+    @field_validator("inputs")
+    @classmethod
+    def _known_inputs(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        for name in names:
+            if name not in INPUT_NAMES:
+                close = difflib.get_close_matches(name, INPUT_NAMES, n=1, cutoff=0.4)
+                hint = f"; did you mean {close[0]!r}?" if close else ""
+                raise ValueError(f"got {name!r}, expected any of {', '.join(INPUT_NAMES)}{hint}")
+            if names.count(name) > 1:
+                raise ValueError(f"got {name!r} twice, expected each input once")
+        return names
 
     @model_validator(mode="before")
     @classmethod
@@ -100,9 +138,26 @@ def body_of(config: UserConfig) -> Body:
     return load_body(
         config.model,
         skull_rotation_deg=config.skull_rotation_deg,
+        devices=config.devices,
         person=config.person,
         timestep_s=config.timestep_s,
     )
+
+
+class FoveationConfig(Settings):
+    """Resolution that falls with the angle from where the eyes look (docs/senses.md)."""
+
+    gaze: Literal["ahead", "moves"] = "ahead"
+    """``moves``: two more actions, the last ones, direct it: right and up."""
+    gaze_range_deg: float = Field(default=45.0, gt=0.0, le=90.0)
+    """How far the eyes turn from straight ahead, to every side, where an action is 1; people's
+    turn by 40 to 55 degrees (Guitton and Volle 1987)."""
+    e2_deg: float = Field(default=2.3, gt=0.0)
+    """Eccentricity at which the smallest detail is twice the fovea's."""
+    detail_deg: float | None = Field(default=None, gt=0.0)
+    """Smallest detail at the fovea; None: a pixel in the picture's middle. A person's is 1/60."""
+    vertical_fov_deg: float = Field(default=90.0, gt=0.0, lt=180.0)
+    """Full vertical angle of the app's headset picture."""
 
 
 class VisionConfig(Settings):
@@ -111,8 +166,27 @@ class VisionConfig(Settings):
     width: int = Field(default=120, ge=8, le=4096)
     height: int = Field(default=80, ge=8, le=4096)
     channels: tuple[Literal["red", "green", "blue", "depth"], ...] = ("green", "depth")
-    buffer_s: float | None = Field(default=None, gt=0.0)
-    """With a buffer, the image of this many seconds ago is stacked behind the newest one."""
+    eyes: Literal[1, 2] = 1
+    """2: a picture for each eye; the channels of the left one come first."""
+    foveation: FoveationConfig | None = None
+    """Off by default: sharp all over."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _without_buffer(cls, given: Any) -> Any:
+        """Reads configurations of before there were senses, which say ``buffer_s: null``."""
+        if not isinstance(given, dict) or "buffer_s" not in given:
+            return given
+        if given["buffer_s"] is not None:
+            raise ValueError(
+                f"buffer_s: got {given['buffer_s']}, expected the time under env.senses instead, "
+                f"- {{sense: vision, history_s: {given['buffer_s']}}}"
+            )
+        return {key: value for key, value in given.items() if key != "buffer_s"}
+
+
+DEFAULT_SENSES = tuple(SenseConfig(sense=name) for name in ("vision", "proprioception", "time"))
+"""Those of the reference."""
 
 
 class AppConfig(Settings):
@@ -169,6 +243,10 @@ class EnvConfig(Settings):
     app: AppConfig = AppConfig()
     user: UserConfig = UserConfig()
     vision: VisionConfig = VisionConfig()
+    """How the headset's picture is drawn and looked at; whether there is one, how late and how
+    noisy it is, is said under :attr:`senses`."""
+    senses: tuple[SenseConfig, ...] = Field(default=DEFAULT_SENSES, min_length=1)
+    """What the user perceives: one entry of the observation each."""
     action_frequency_hz: int = Field(default=20, ge=1, le=500)
     """User steps per second; one image each."""
     frames_per_step: int = Field(default=1, ge=1)
@@ -179,6 +257,21 @@ class EnvConfig(Settings):
     """An episode that the game has not ended by then is truncated."""
     threads: int = Field(default=0, ge=0)
     """Physics threads of a vector of users; 0 takes every core."""
+
+    @field_validator("senses")
+    @classmethod
+    def _known_senses(cls, senses: tuple[SenseConfig, ...]) -> tuple[SenseConfig, ...]:
+        check_list(senses)
+        return senses
+
+    def sense(self, kind: str) -> SenseConfig | None:
+        """The first of this kind among :attr:`senses`, None if there is none."""
+        return next((sense for sense in self.senses if sense.sense == kind), None)
+
+    @property
+    def gaze_moves(self) -> bool:
+        """Whether two of the actions direct the gaze."""
+        return self.vision.foveation is not None and self.vision.foveation.gaze == "moves"
 
 
 def with_options(config: EnvConfig, options: Mapping[str, OptionValue]) -> EnvConfig:

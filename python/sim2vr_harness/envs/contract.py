@@ -10,6 +10,7 @@ from gymnasium import spaces
 
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.simulation import observation_space_of
+from sim2vr_harness.perception import SENSES
 from sim2vr_harness.users import Body
 
 __all__ = ["contract", "contract_hash", "differences"]
@@ -23,6 +24,7 @@ def contract(config: EnvConfig) -> dict[str, Any]:
     """
     body = body_of(config.user)
     space = observation_space_of(config)
+    sight = config.sense("vision")
     return {
         "game": config.app.game,
         "user": body.name,
@@ -35,8 +37,9 @@ def contract(config: EnvConfig) -> dict[str, Any]:
         "frames_per_step": config.frames_per_step,
         "image": [config.vision.width, config.vision.height],
         "channels": list(config.vision.channels),
-        "buffer_s": config.vision.buffer_s,
+        "buffer_s": None if sight is None else sight.history_s,
         "observation": {key: _box(box) for key, box in sorted(space.spaces.items())},
+        **_beyond_the_default(config),
     }
 
 
@@ -54,6 +57,24 @@ def _person(config: EnvConfig) -> dict[str, Any]:
     """How the person differs, where it does."""
     person = config.user.person.model_dump(exclude_defaults=True)
     return {"person": person} if person else {}
+
+
+def _beyond_the_default(config: EnvConfig) -> dict[str, Any]:
+    """Terms that are named only where they are not the default.
+
+    How late, noisy or coarse a sense is, is none of them: a policy can act with it.
+    """
+    terms: dict[str, Any] = {}
+    kinds = {(one.name or SENSES[one.sense].key): one.sense for one in config.senses}
+    if any(SENSES[kind].key != key for key, kind in kinds.items()):
+        terms["senses"] = kinds
+    if config.vision.eyes != 1:
+        terms["eyes"] = config.vision.eyes
+    if config.user.inputs:
+        terms["inputs"] = list(config.user.inputs)
+    if config.gaze_moves:
+        terms["gaze"] = "moves"
+    return terms
 
 
 def _box(box: spaces.Space[Any]) -> list[Any]:

@@ -2,11 +2,7 @@
 
 from __future__ import annotations
 
-import io
-import pickle
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -14,69 +10,28 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
-from sim2vr_harness.client import AppClient, DevicePoses, OptionValue, frame_times_ns
+from sim2vr_harness.client import (
+    AppClient,
+    DevicePoses,
+    OptionValue,
+    frame_times_ns,
+    require_capability,
+)
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.app_group import AppFailure, Logs, app_group
 from sim2vr_harness.envs.apps import AppFactory
 from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, body_of
-from sim2vr_harness.perception import HeadsetVision, Proprioception
+from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
+from sim2vr_harness.envs.states import packed, unpacked
+from sim2vr_harness.envs.step_batch import StepBatch
+from sim2vr_harness.perception import Proprioception
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.bodies import DEVICES
 from sim2vr_harness.users.noise import MotorNoiseSettings
 
 Observation = dict[str, NDArray[Any]]
-
-_STATE_FORMAT = "sim2vr simulation state 3"
-
-
-@dataclass
-class StepBatch:
-    """What one user step did to each of N users.
-
-    Attributes:
-        reward: (N,) float64, the game's reward minus the effort cost.
-        terminated: (N,) bool, the game is over or the simulation diverged.
-        truncated: (N,) bool, ``max_episode_seconds`` are over, or the app failed.
-        game_reward: (N,) float64, 0 where the app was not asked or did not answer.
-        effort_cost: (N,) float64.
-        answered: (N,) bool, whose app played the step: not that of a user whose simulation
-            diverged, nor one that failed.
-        logs: the games' named numbers, ``logs[i]`` of user i.
-        ends: users whose episode ended here -> ``termination`` (``finished``, ``diverged``,
-            ``max_steps_reached`` or ``app_failed``) and ``max_fatigued``; after ``app_failed`` also
-            ``app_error``, what happened; where MuJoCo warned in the episode, ``warnings``, how
-            often by kind (see :attr:`UserBatch.warnings`).
-    """
-
-    reward: NDArray[np.float64]
-    terminated: NDArray[np.bool_]
-    truncated: NDArray[np.bool_]
-    game_reward: NDArray[np.float64]
-    effort_cost: NDArray[np.float64]
-    answered: NDArray[np.bool_]
-    logs: Logs
-    ends: dict[int, dict[str, Any]] = field(default_factory=dict)
-
-    def info(self, i: int) -> dict[str, Any]:
-        """User i's part of the step as a dictionary.
-
-        Returns:
-            ``game_reward``, ``effort_cost``, ``log`` if the app answered, and the user's entries of
-            :attr:`ends`.
-        """
-        info: dict[str, Any] = {
-            "game_reward": float(self.game_reward[i]),
-            "effort_cost": float(self.effort_cost[i]),
-        }
-        if self.answered[i]:
-            info["log"] = self.logs[i]
-        return info | self.ends.get(i, {})
-
-    @cached_property
-    def infos(self) -> list[dict[str, Any]]:
-        """:meth:`info` of all users; made when first asked for."""
-        return [self.info(i) for i in range(len(self.reward))]
+IntArray = NDArray[np.int64]
 
 
 class Simulation:
@@ -85,8 +40,12 @@ class Simulation:
     One user step: muscle control -> MuJoCo substeps -> device poses at the end of the step -> one
     app frame (collisions, game, reward, image) -> effort subtracted -> observation. With
     ``frames_per_step`` K the app gets the poses of K moments, evenly spread over the step, in one
-    exchange, runs a frame for each and draws the last. An episode depends on its seed and actions
-    only, not on N, the position in the batch or the threads.
+    exchange, runs a frame for each and draws the last, or the one that a delayed sight asks for.
+    An episode depends on its seed and actions only, not on N, the position in the batch or the
+    threads.
+
+    Simulations can be pickled and copied, by way of :meth:`save_state`: the copy goes on in apps
+    of its own, as exactly as these save their rounds. It writes no episode logs.
 
     An app outside this process may fail. Its user's episode ends there (``app_failed``, truncated,
     on the last observation), the others go on, and the user's next reset starts another app.
@@ -112,6 +71,7 @@ class Simulation:
     ) -> None:
         self.config = config
         self.n = n
+        self._make_app = make_app
         self.body: Body = body_of(config.user)
         substeps = _substeps(config.action_frequency_hz, self.body.timestep)
         _check_frames(config.frames_per_step, substeps)
@@ -124,17 +84,25 @@ class Simulation:
             noise=_noise(config.user.noise),
             substeps=substeps,
         )
-        self.vision = _vision(config, n)
         self.proprioception = Proprioception(self.body)
-        self.observation_space = _observation_space(self.vision, self.proprioception)
-        self.action_space = spaces.Box(-1.0, 1.0, (self.body.action_size,), np.float32)
+        self.actions = make_actions(config, n, self.body)
+        perception = make_perception(config, n, self.proprioception, substeps)
+        self.observation_space = perception.space
+        self.action_space = self.actions.space
         self.max_steps = max(1, round(config.max_episode_seconds * config.action_frequency_hz))
-        self._group = app_group(config, n, self.vision, log_dir, make_app)
+        self._group = app_group(config, n, log_dir, make_app)
+        try:
+            if config.user.inputs:
+                for app in self.apps:
+                    require_capability(app.capabilities, "inputs")
+            self._senses = Senses(perception, self.users, self._group, self.actions)
+        except BaseException:
+            self._group.close()
+            raise
+        self._drawn_frame = perception.drawn_frame
         self._seeds = [np.random.default_rng() for _ in range(n)]
         self._steps = np.zeros(n, dtype=np.int64)
         self._over = np.ones(n, dtype=bool)
-        self._time_feature = np.zeros(n, dtype=np.float32)
-        self._proprioception = np.zeros((n, self.proprioception.size), dtype=np.float32)
         self._closed = False
 
     @property
@@ -192,12 +160,15 @@ class Simulation:
         round_seeds = [int(self._seeds[i].integers(2**32)) for i in rows]
         self.users.reset(rows, [self._seeds[i] for i in rows], postures)
         users = np.array(rows, dtype=np.int64)
-        poses = self._poses(users, -1)
-        self._group.reset(users, np.array(round_seeds, dtype=np.int64), poses, options)
+        numbers = np.array(round_seeds, dtype=np.int64)
+        requests = self._group.head_requests(users, numbers, options)
+        if not np.isnan(requests).all():
+            self.users.turn_head(users, requests)  # type: ignore[arg-type]
+        self._group.reset(users, numbers, self._poses(users, -1), options)
         self._steps[users] = 0
         self._over[users] = False
-        self.vision.reset(users)
-        self._perceive(users)
+        self.actions.reset(users)
+        self._senses.reset(users, numbers)
         logs = self._group.logs()
         return [{"seed": seed, "log": logs[i]} for i, seed in zip(rows, round_seeds, strict=True)]
 
@@ -209,51 +180,64 @@ class Simulation:
     def observation(self) -> Observation:
         """The present observation of all users: fresh arrays, first axis N.
 
-        ``vision`` (N, C, H, W) uint8, ``proprioception`` (N, P) float32, ``stateful_information``
-        (N, 1) float32 (the game's time feature).
+        An entry per sense of ``config.senses``; by default ``vision`` (N, C, H, W) uint8,
+        ``proprioception`` (N, P) float32, ``stateful_information`` (N, 1) float32 (the game's
+        time feature).
         """
-        return {
-            "vision": self.vision.seen(),
-            "proprioception": self._proprioception.copy(),
-            "stateful_information": self._time_feature[:, None].copy(),
-        }
+        return self._senses.perception.observe()
 
-    def step(self, actions: ArrayLike) -> StepBatch:
+    @property
+    def over(self) -> NDArray[np.bool_]:
+        """(N,) whose episodes are over, or were never begun."""
+        return self._over.copy()
+
+    def step(self, actions: ArrayLike, resting: Sequence[int] | IntArray = ()) -> StepBatch:
         """Advances every user and app by one user step.
 
         Args:
-            actions: (N, A) in [-1, 1]: of muscles, changes of activation.
+            actions: (N, A) in [-1, 1]: those of the body (of muscles, changes of activation), then
+                those of fingers and eyes, if the user has any to work (:class:`Actions`).
+            resting: users whose episodes are over and who sit this step out: nothing happens to
+                their apps, senses and counts, and they are rewarded with 0.
 
         Raises:
             ValueError: actions of another shape or not finite.
             RuntimeError: a user's episode is over (reset it first), or the simulation is closed.
         """
         self._require_open()
-        if self._over.any():
-            over = np.flatnonzero(self._over).tolist()
+        active = np.ones(self.n, dtype=bool)
+        active[np.asarray(resting, dtype=np.int64)] = False
+        if (self._over & active).any():
+            over = np.flatnonzero(self._over & active).tolist()
             raise RuntimeError(f"step: the episodes of users {over} are over; reset them first")
+        if not self._over[~active].all():
+            wrong = np.flatnonzero(~self._over & ~active).tolist()
+            raise ValueError(f"resting: got users {wrong}, expected only ones that are over")
         frames = self.config.frames_per_step
-        self.users.step(actions, pose_samples=frames)
-        diverged = self.users.diverged
-        cost = np.where(diverged, 0.0, self.users.effort_cost)
-        self._steps += 1
+        body = self.actions.take(actions)
+        self.users.step(body, pose_samples=frames, pauses=self._senses.pauses)
+        diverged = self.users.diverged & active
+        asked = active & ~diverged
+        cost = np.where(asked, self.users.effort_cost + self._finger_cost(), 0.0)
+        self._steps += active
         # A diverged user's app stays where it was, as does its last finite observation.
-        playing = np.flatnonzero(~diverged)
+        playing: IntArray = np.flatnonzero(asked)
         steps = self._steps[playing]
         # From the step count, so that rounding never accumulates.
         numbers = ((steps - 1) * frames + 1)[:, None] + np.arange(frames)
         times_ns = frame_times_ns(numbers, self.config.action_frequency_hz * frames)
         poses = self._step_poses(playing)
-        users = self._group.step(playing, times_ns, poses, steps, self.max_steps)
+        users = self._group.step(playing, times_ns, poses, steps, self.max_steps, self._drawn_frame)
         answered = np.zeros(self.n, dtype=bool)
         answered[users] = True
         game_reward = np.where(answered, self._group.reward, 0.0).astype(np.float64)
         terminated = diverged | (answered & (self._group.finished != 0))
         failed = np.zeros(self.n, dtype=bool)
         failed[list(self._group.failed)] = True
-        truncated = ~terminated & ((self._steps >= self.max_steps) | failed)
-        self._over = terminated | truncated
-        self._perceive(users)
+        truncated = active & ~terminated & ((self._steps >= self.max_steps) | failed)
+        ended = terminated | truncated
+        self._over = ended | ~active
+        self._senses.take(users)
         return StepBatch(
             game_reward - cost,
             terminated,
@@ -262,18 +246,21 @@ class Simulation:
             cost,
             answered,
             self._group.logs(),
-            self._ends(terminated, diverged),
+            self._ends(ended, terminated, diverged),
         )
 
     def _ends(
-        self, terminated: NDArray[np.bool_], diverged: NDArray[np.bool_]
+        self,
+        ended: NDArray[np.bool_],
+        terminated: NDArray[np.bool_],
+        diverged: NDArray[np.bool_],
     ) -> dict[int, dict[str, Any]]:
         ends: dict[int, dict[str, Any]] = {}
-        if not self._over.any():
+        if not ended.any():
             return ends
         fatigued = self.users.effort.max_fatigued()
         warnings = {name: counts for name, counts in self.users.warnings.items() if counts.any()}
-        for i in np.flatnonzero(self._over).tolist():
+        for i in np.flatnonzero(ended).tolist():
             end = "diverged" if diverged[i] else "finished"
             ends[i] = {
                 "termination": end if terminated[i] else "max_steps_reached",
@@ -286,7 +273,11 @@ class Simulation:
                 ends[i] |= {"termination": "app_failed", "app_error": self._group.failed[i]}
         return ends
 
-    def _poses(self, ids: NDArray[np.int64], sample: int) -> DevicePoses:
+    def _finger_cost(self) -> Any:
+        weight = self.config.user.effort.finger_effort
+        return weight * self.actions.finger_use() if weight else 0.0
+
+    def _poses(self, ids: IntArray, sample: int) -> DevicePoses:
         """Where these users' devices are, (K, 7); see :meth:`UserBatch.device_poses`."""
         head, right, left = (
             pose_to_app(*(part[ids] for part in self.users.device_poses(name, sample)))
@@ -297,28 +288,17 @@ class Simulation:
         assert head is not None  # every body wears a headset
         return DevicePoses(head, right, left)
 
-    def _step_poses(self, ids: NDArray[np.int64]) -> DevicePoses:
+    def _step_poses(self, ids: IntArray) -> DevicePoses:
         """Where these users' devices were in the F frames of the last step, (K, F, 7)."""
-        frames = [self._poses(ids, k) for k in range(self.config.frames_per_step)]
-        head, right, left = (
-            None if parts[0] is None else np.stack(parts, axis=1)
-            for parts in zip(
-                *((p.head, p.right_controller, p.left_controller) for p in frames), strict=True
-            )
-        )
-        assert head is not None
-        return DevicePoses(head, right, left)
-
-    def _perceive(self, ids: NDArray[np.int64]) -> None:
-        """Takes in what the apps of these users have shown."""
-        if len(ids) == 0:
-            return
-        if len(ids) == self.n:
-            self.vision.take(self._group.pictures)
-        else:
-            self.vision.take(self._group.pictures[ids], ids)
-        self._proprioception[ids] = self.proprioception.observe(self.users)[ids]
-        self._time_feature[ids] = np.clip(self._group.time_feature[ids], -1.0, 1.0)
+        frames = self.config.frames_per_step
+        samples = [self._poses(ids, k) for k in range(frames)]
+        parts = ("head", "right_controller", "left_controller")
+        stacked = {
+            name: np.stack([getattr(poses, name) for poses in samples], axis=1)
+            for name in parts
+            if getattr(samples[0], name) is not None
+        }
+        return DevicePoses(**stacked, **self.actions.input_rows(ids, frames))
 
     # --- saved states ------------------------------------------------------------------------
 
@@ -329,16 +309,18 @@ class Simulation:
             RuntimeError: some user was never reset, or the simulation is closed.
         """
         self._require_open()
-        state = {
-            "format": _STATE_FORMAT,
-            "n": self.n,
-            "seeds": [generator.bit_generator.state for generator in self._seeds],
-            "users": [self.users.get_state(i) for i in range(self.n)],
-            "vision": [self.vision.get_state(i) for i in range(self.n)],
-            "apps": [self._group.save(i, int(self._steps[i])) for i in range(self.n)],
-            "arrays": {name: getattr(self, name).copy() for name in self._STATE_ARRAYS},
-        }
-        return pickle.dumps(state)
+        everyone = range(self.n)
+        return packed(
+            self.n,
+            {
+                "seeds": [generator.bit_generator.state for generator in self._seeds],
+                "users": [self.users.get_state(i) for i in everyone],
+                "actions": [self.actions.get_state(i) for i in everyone],
+                "senses": [self._senses.get_state(i) for i in everyone],
+                "apps": [self._group.save(i, int(self._steps[i])) for i in everyone],
+                "arrays": {name: getattr(self, name).copy() for name in self._STATE_ARRAYS},
+            },
+        )
 
     @property
     def exact_states(self) -> bool:
@@ -356,17 +338,14 @@ class Simulation:
             RuntimeError: an app refuses its part, or the simulation is closed.
         """
         self._require_open()
-        saved = _PlainUnpickler(io.BytesIO(state)).load()
-        if not isinstance(saved, dict) or saved.get("format") != _STATE_FORMAT:
-            raise ValueError(f"state: got other bytes, expected a '{_STATE_FORMAT}'")
-        if saved["n"] != self.n:
-            raise ValueError(f"state: got one of {saved['n']} users, expected {self.n}")
+        saved = unpacked(state, self.n)
         for i in range(self.n):
             self._seeds[i].bit_generator.state = saved["seeds"][i]
             self.users.set_state(i, saved["users"][i])
-            self.vision.set_state(i, saved["vision"][i])
+            self.actions.set_state(i, saved["actions"][i])
             if saved["apps"][i] is not None:
                 self.apps[i].load(saved["apps"][i])
+            self._senses.set_state(i, saved["senses"][i])
         for name in self._STATE_ARRAYS:
             getattr(self, name)[...] = saved["arrays"][name]
         anew = [i for i in range(self.n) if saved["apps"][i] is None]
@@ -374,7 +353,23 @@ class Simulation:
             self.reset(ids=anew)
         return anew
 
-    _STATE_ARRAYS = ("_steps", "_over", "_time_feature", "_proprioception")
+    _STATE_ARRAYS = ("_steps", "_over")
+
+    def __getstate__(self) -> dict[str, Any]:
+        """For pickle and copy: how it was made, and where it is if its rounds have begun."""
+        begun = not (self._over & (self._steps == 0)).any()
+        return {
+            "config": self.config,
+            "n": self.n,
+            "make_app": self._make_app,
+            "state": self.save_state() if begun else None,
+        }
+
+    def __setstate__(self, made: dict[str, Any]) -> None:
+        """Makes it anew, in apps of its own, and goes on there."""
+        self.__init__(made["config"], made["n"], make_app=made["make_app"])  # type: ignore[misc]
+        if made["state"] is not None:
+            self.load_state(made["state"])
 
     def close(self) -> None:
         """Ends the apps; idempotent. Later calls raise RuntimeError."""
@@ -386,49 +381,11 @@ class Simulation:
             raise RuntimeError("the simulation is closed; make a new one")
 
 
-class _PlainUnpickler(pickle.Unpickler):
-    """Reads arrays and plain values only, so that a state file cannot run code."""
-
-    _ALLOWED = frozenset(
-        {
-            ("numpy", "ndarray"),
-            ("numpy", "dtype"),
-            ("numpy._core.multiarray", "_reconstruct"),
-            ("numpy._core.multiarray", "scalar"),
-            ("numpy._core.numeric", "_frombuffer"),
-        }
-    )
-
-    def find_class(self, module: str, name: str) -> Any:
-        if (module, name) not in self._ALLOWED:
-            raise ValueError(f"state: got an object of type {module}.{name}, expected plain data")
-        return super().find_class(module, name)
-
-
 def observation_space_of(config: EnvConfig) -> spaces.Dict:
     """What the users of a simulation with this configuration would observe."""
-    return _observation_space(_vision(config, 1), Proprioception(body_of(config.user)))
-
-
-def _vision(config: EnvConfig, n: int) -> HeadsetVision:
-    return HeadsetVision(
-        config.vision.channels,
-        config.vision.buffer_s,
-        n=n,
-        step_seconds=1.0 / config.action_frequency_hz,
-        height=config.vision.height,
-        width=config.vision.width,
-    )
-
-
-def _observation_space(vision: HeadsetVision, proprioception: Proprioception) -> spaces.Dict:
-    return spaces.Dict(
-        {
-            "vision": vision.observation_space,
-            "proprioception": proprioception.observation_space,
-            "stateful_information": spaces.Box(-1.0, 1.0, (1,), np.float32),
-        }
-    )
+    body = body_of(config.user)
+    substeps = _substeps(config.action_frequency_hz, body.timestep)
+    return make_perception(config, 1, Proprioception(body), substeps).space
 
 
 def _noise(config: NoiseConfig) -> MotorNoiseSettings | None:

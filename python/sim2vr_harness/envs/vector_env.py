@@ -14,43 +14,75 @@ from numpy.typing import NDArray
 from sim2vr_harness.client import OptionValue
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import with_condition, with_game
+from sim2vr_harness.envs.pictures import RENDER_MODES, Views
 from sim2vr_harness.envs.simulation import Observation, Simulation
+from sim2vr_harness.envs.step_batch import StepBatch
 
 __all__ = ["Sim2VRVectorEnv"]
 
 
 class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]]):
-    """Users who start a new episode in the very step in which one ends (``SAME_STEP``).
+    """Users who start a new episode by themselves when one has ended.
 
-    Actions (N, 32), observations as :meth:`Simulation.observation`, rewards (N,) float64. Infos
-    hold ``game_reward`` and ``effort_cost``, (N,) each; where an episode has ended ``final_obs``
-    (object array of N) has its last observation and ``final_info`` its last info, with the game's
-    log, as Gymnasium's own vector environments lay them out.
+    Actions (N, A), observations as :meth:`Simulation.observation`, rewards (N,) float64. Infos
+    hold ``game_reward`` and ``effort_cost``, (N,) each. Episodes end as in Gymnasium's own vector
+    environments, by ``autoreset_mode``:
+
+    - ``SAME_STEP``: the next one starts in the very step. ``final_obs`` (object array of N) has the
+      last observation and ``final_info`` the last info, with the game's log.
+    - ``NEXT_STEP``: the next call of :meth:`step` starts it, whatever the user's action; the reward
+      is 0 there. The last infos (``termination``, ``log``, ...) come with the step of the end.
+    - ``DISABLED``: :meth:`reset` does, with a ``reset_mask``.
+
+    Like single environments they can be pickled and copied.
 
     Args:
         num_envs: number of users N.
         condition: a condition that the game publishes; None leaves its options as they are.
         config: the whole environment; None takes the defaults.
+        render_mode: what :meth:`render` draws of every user: ``rgb_array``, ``headset`` or ``body``
+            (see :class:`Sim2VREnv`).
         log_dir: root of the episode logs, or None.
+        autoreset_mode: an ``AutoresetMode`` or its value, such as ``"NextStep"``.
         game: another game than the configuration's.
 
     Raises:
         ValueError: a setting that cannot be used; names it, what was got and what was expected.
     """
 
-    metadata = {"autoreset_mode": AutoresetMode.SAME_STEP, "render_modes": []}  # noqa: RUF012
+    metadata = {  # noqa: RUF012
+        "autoreset_mode": AutoresetMode.SAME_STEP,
+        "render_modes": list(RENDER_MODES),
+        "render_fps": 20,
+    }
 
     def __init__(
         self,
         num_envs: int = 1,
         condition: str | None = None,
         config: EnvConfig | None = None,
+        render_mode: str | None = None,
         log_dir: str | Path | None = None,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         game: str | None = None,
     ) -> None:
         super().__init__()
+        if render_mode not in (None, *RENDER_MODES):
+            raise ValueError(
+                f"render_mode: got {render_mode!r}, expected one of {list(RENDER_MODES)} or None"
+            )
+        modes = [mode.value for mode in AutoresetMode]
+        if autoreset_mode not in (*AutoresetMode, *modes):
+            raise ValueError(f"autoreset_mode: got {autoreset_mode!r}, expected one of {modes}")
         config = with_game(EnvConfig() if config is None else config, game)
         config = with_condition(config, condition)
+        self.autoreset_mode = AutoresetMode(autoreset_mode)
+        self.render_mode = render_mode
+        self.metadata = {
+            **self.metadata,
+            "autoreset_mode": self.autoreset_mode,
+            "render_fps": config.action_frequency_hz,
+        }
         self.simulation = Simulation(
             config, num_envs, log_dir=None if log_dir is None else Path(log_dir)
         )
@@ -59,6 +91,7 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         self.single_action_space = self.simulation.action_space
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
+        self._views = Views(self.simulation)
 
     def reset(
         self,
@@ -85,32 +118,63 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             seeds: Sequence[int | None] = [seed + i for i in range(self.num_envs)]
         else:
             seeds = [None] * self.num_envs if seed is None else list(seed)
-        infos: dict[str, Any] = {}
         chosen = [seeds[i] for i in ids]
-        started = self.simulation.reset(ids=ids, seeds=chosen, options=game_options or None)
+        infos = self._start({}, ids, chosen, game_options or None)
+        return self.simulation.observation(), infos
+
+    def _start(
+        self,
+        infos: dict[str, Any],
+        ids: Sequence[int],
+        seeds: Sequence[int | None] | None = None,
+        options: Mapping[str, OptionValue] | None = None,
+    ) -> dict[str, Any]:
+        """Starts episodes and adds their infos."""
+        started = self.simulation.reset(ids=ids, seeds=seeds, options=options)
         for i, info in zip(ids, started, strict=True):
             infos = self._add_info(infos, dict(info), i)
-        return self.simulation.observation(), infos
+        return infos
 
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """One user step of everybody; see the class for the infos."""
-        batch = self.simulation.step(actions)
-        infos: dict[str, Any] = {}
-        for name in ("game_reward", "effort_cost"):
-            infos[name] = getattr(batch, name)
-            infos[f"_{name}"] = np.ones(self.num_envs, dtype=bool)
-        observation = self.simulation.observation()
-        ended = sorted(batch.ends)
-        if ended:
+        """One user step of everybody; see the class for what happens at the end of episodes."""
+        waiting = np.zeros(0, dtype=np.int64)
+        if self.autoreset_mode == AutoresetMode.NEXT_STEP:
+            waiting = np.flatnonzero(self.simulation.over)
+        batch = self.simulation.step(actions, resting=waiting)
+        infos = self._infos(batch, waiting)
+        if self.autoreset_mode == AutoresetMode.SAME_STEP and batch.ends:
+            ended = sorted(batch.ends)
+            observation = self.simulation.observation()
             for i in ended:
                 last = {key: rows[i].copy() for key, rows in observation.items()}
                 infos = self._add_info(infos, {"final_obs": last, "final_info": batch.info(i)}, i)
             self.simulation.reset(ids=ended)
-            observation = self.simulation.observation()
+        elif self.autoreset_mode != AutoresetMode.SAME_STEP:
+            for i, end in batch.ends.items():
+                infos = self._add_info(infos, end | {"log": dict(batch.logs[i])}, i)
+        if len(waiting):
+            infos = self._start(infos, waiting.tolist())
+        observation = self.simulation.observation()
         return observation, batch.reward, batch.terminated, batch.truncated, infos
+
+    def _infos(self, batch: StepBatch, waiting: NDArray[np.int64]) -> dict[str, Any]:
+        infos: dict[str, Any] = {}
+        played = np.ones(self.num_envs, dtype=bool)
+        played[waiting] = False
+        for name in ("game_reward", "effort_cost"):
+            infos[name] = getattr(batch, name)
+            infos[f"_{name}"] = played.copy()
+        return infos
+
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
+        """A picture of every user, (480, 640, 3) uint8 each, or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        return tuple(self._views.draw(self.render_mode, i) for i in range(self.num_envs))
 
     def close_extras(self, **kwargs: Any) -> None:
         """Ends the apps."""
         self.simulation.close()
+        self._views.close()

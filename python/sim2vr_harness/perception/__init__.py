@@ -1,6 +1,42 @@
-"""What the simulated user perceives: its own body, and the headset's picture."""
+"""What the simulated user perceives: a list of senses, and what can be wrapped around them.
 
+:data:`SENSES` and :data:`WRAPPERS` list what there is (``docs/senses.md``).
+"""
+
+from sim2vr_harness.perception.foveation import Foveation
 from sim2vr_harness.perception.proprioception import Proprioception
-from sim2vr_harness.perception.vision import CHANNELS, HeadsetVision
+from sim2vr_harness.perception.registry import (
+    SENSES,
+    WRAPPERS,
+    SenseConfig,
+    SenseKind,
+    Surroundings,
+    check_list,
+    make_sense,
+)
+from sim2vr_harness.perception.sense import Moment, Sense, Sensed
+from sim2vr_harness.perception.senses import Perception
+from sim2vr_harness.perception.vision import CHANNELS, channel_indices, pick_channels
+from sim2vr_harness.perception.wrappers import Delayed, History, Noisy
 
-__all__ = ["CHANNELS", "HeadsetVision", "Proprioception"]
+__all__ = [
+    "CHANNELS",
+    "SENSES",
+    "WRAPPERS",
+    "Delayed",
+    "Foveation",
+    "History",
+    "Moment",
+    "Noisy",
+    "Perception",
+    "Proprioception",
+    "Sense",
+    "SenseConfig",
+    "SenseKind",
+    "Sensed",
+    "Surroundings",
+    "channel_indices",
+    "check_list",
+    "make_sense",
+    "pick_channels",
+]

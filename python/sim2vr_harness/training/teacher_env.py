@@ -12,8 +12,9 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.simulation import Simulation, StepBatch
+from sim2vr_harness.envs.config import EnvConfig, SenseConfig
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.start_postures import (
     StartPostures,
@@ -41,11 +42,13 @@ def blind_env(env: EnvConfig, timestep_s: float | None = None) -> EnvConfig:
             "width": max(8, env.vision.width // scale),
             "height": max(8, env.vision.height // scale),
             "channels": ("depth",),
-            "buffer_s": None,
+            "eyes": 1,
         }
     )
+    # Its own body, undelayed and clear; the actions stay those of the student.
+    senses = (SenseConfig(sense="proprioception"),)
     user = env.user.model_copy(update={"timestep_s": timestep_s}) if timestep_s else env.user
-    return env.model_copy(update={"app": app, "vision": vision, "user": user})
+    return env.model_copy(update={"app": app, "vision": vision, "senses": senses, "user": user})
 
 
 class PrivilegedSenses:

@@ -1,0 +1,29 @@
+"""Writes which games an extension module has: name in Gymnasium ids -> name of the game.
+
+Usage: write_games.py MODULE.so games.json
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import sys
+from pathlib import Path
+
+# Games that are not called by their name with a capital.
+_IDS = {"whacamole": "WhacAMole"}
+
+
+def main(module_file: str, out: str) -> None:
+    """Loads the module and writes the file."""
+    spec = importlib.util.spec_from_file_location("_app_runtime", module_file)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    games = {_IDS.get(name, name.title().replace("_", "")): name for name in module.list_games()}
+    Path(out).write_text(json.dumps(games, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,128 @@
+"""What a policy's actions are: the body's actuators, then the fingers' inputs, then the gaze."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import ArrayLike, NDArray
+
+from sim2vr_harness.client.devices import INPUT_COUNT, input_named
+
+__all__ = ["Actions"]
+
+PRESS, RELEASE = 0.33, -0.33
+"""A finger presses a button by an action above the one, releases it by one below the other."""
+
+FloatArray = NDArray[np.float64]
+
+
+class Actions:
+    """The actions of N users and what beside the body they move: fingers and eyes.
+
+    An analogue input has the value that the action says, [-1, 1] mapped linearly to its range; a
+    button is pressed by an action above 0.33, released by one below -0.33 and stays as it is in
+    between. Both hold for the whole user step. The last two actions, where there is a gaze to move,
+    are its direction. Rounds begin with inputs at rest and the gaze straight ahead.
+
+    Args:
+        n: number of users N.
+        body: names of the body's actions.
+        inputs: names of the inputs that the fingers work (client.INPUT_NAMES).
+        gaze_range_deg: how far the gaze moves; 0: it does not.
+    """
+
+    def __init__(
+        self, n: int, body: tuple[str, ...], inputs: tuple[str, ...], gaze_range_deg: float
+    ) -> None:
+        gaze = ("gaze right", "gaze up") if gaze_range_deg else ()
+        self.names = (*body, *inputs, *gaze)
+        """(A,) what each action is called."""
+        self.space = spaces.Box(-1.0, 1.0, (len(self.names),), np.float32)
+        self._n, self._body, self._gaze_range_deg = n, len(body), gaze_range_deg
+        self._inputs = [input_named(name) for name in inputs]
+        self._low = np.array([one.low for one in self._inputs])
+        self._digital = np.array([one.digital for one in self._inputs], dtype=bool)
+        self.input_values: FloatArray = np.zeros((n, len(inputs)))
+        """(N, F) values of the inputs, 0 at rest."""
+        self.gaze_deg: FloatArray = np.zeros((n, len(gaze)))
+        """(N, 2) gaze, degrees right and up; (N, 0) where it does not move."""
+
+    def take(self, actions: ArrayLike) -> Any:
+        """Moves fingers and eyes; returns the body's part.
+
+        Args:
+            actions: (N, A) in [-1, 1]; what is outside is clipped to it.
+
+        Raises:
+            ValueError: another shape, or numbers that are not finite; nothing has moved.
+        """
+        if len(self.names) == self._body:
+            return actions  # the body checks its own
+        given = np.asarray(actions, dtype=np.float64)
+        if given.shape != (self._n, len(self.names)):
+            expected = (self._n, len(self.names))
+            raise ValueError(f"action: got shape {given.shape}, expected {expected}")
+        wrong = np.argwhere(~np.isfinite(given))
+        if len(wrong):
+            i, j = (int(k) for k in wrong[0])
+            raise ValueError(
+                f"action[{i}, {j}] ({self.names[j]}): got {given[i, j]}, expected a finite number "
+                "in [-1, 1]"
+            )
+        extra = np.clip(given[:, self._body :], -1.0, 1.0)
+        self._press(extra[:, : len(self._inputs)])
+        self.gaze_deg[...] = extra[:, len(self._inputs) :] * self._gaze_range_deg
+        return given[:, : self._body]
+
+    def _press(self, actions: FloatArray) -> None:
+        analogue = self._low + (actions + 1.0) / 2.0 * (1.0 - self._low)
+        pressed = (actions > PRESS) | ((self.input_values > 0.0) & (actions >= RELEASE))
+        self.input_values[...] = np.where(self._digital, pressed, analogue)
+
+    def reset(self, ids: NDArray[np.int64]) -> None:
+        """Lets go of all inputs and looks straight ahead, for these users."""
+        self.input_values[ids] = 0.0
+        self.gaze_deg[ids] = 0.0
+
+    def finger_use(self) -> FloatArray:
+        """(N,) how far all inputs together are held from rest."""
+        use: FloatArray = np.abs(self.input_values).sum(axis=1)
+        return use
+
+    def input_rows(self, ids: NDArray[np.int64], frames: int) -> dict[str, FloatArray]:
+        """Rows of inputs for :class:`DevicePoses`, the same in every frame of a step.
+
+        Args:
+            ids: (K,) users.
+            frames: F per step.
+
+        Returns:
+            ``right_inputs`` and ``left_inputs``, (K, F, INPUT_COUNT), of the hands whose fingers
+            work any.
+        """
+        rows: dict[str, FloatArray] = {}
+        for k, one in enumerate(self._inputs):
+            key = f"{one.hand}_inputs"
+            row = rows.setdefault(key, np.zeros((len(ids), frames, INPUT_COUNT)))
+            row[:, :, one.column] = self.input_values[ids, k, None]
+        return rows
+
+    def get_state(self, i: int) -> dict[str, Any]:
+        """Copies of what user i's fingers and eyes do."""
+        return {"inputs": self.input_values[i].copy(), "gaze_deg": self.gaze_deg[i].copy()}
+
+    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
+        """Restores what :meth:`get_state` returned.
+
+        Raises:
+            ValueError: it is of other inputs.
+        """
+        for name, array in (("inputs", self.input_values), ("gaze_deg", self.gaze_deg)):
+            if np.shape(state[name]) != array.shape[1:]:
+                raise ValueError(
+                    f"state {name}: got {np.shape(state[name])}, expected {array.shape[1:]}"
+                )
+            array[i] = state[name]

@@ -1,0 +1,167 @@
+"""The users' senses and actions as a configuration asks for them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.client import HapticPulse, SoundEvent, require_capability
+from sim2vr_harness.client.frames import pose_to_app
+from sim2vr_harness.envs.actions import Actions
+from sim2vr_harness.envs.app_group import AppGroup
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.perception import (
+    Foveation,
+    Moment,
+    Perception,
+    Proprioception,
+    Surroundings,
+    make_sense,
+)
+from sim2vr_harness.users import Body
+from sim2vr_harness.users.batch import UserBatch
+
+__all__ = ["Senses", "make_actions", "make_perception"]
+
+
+def make_actions(config: EnvConfig, n: int, body: Body) -> Actions:
+    """The actions of N users with such bodies.
+
+    Raises:
+        ValueError: fingers work the inputs of a controller that is not worn.
+    """
+    for name in config.user.inputs:
+        worn = f"controller_{name.partition('.')[0]}"
+        if worn not in body.devices:
+            raise ValueError(
+                f"user.inputs: got {name!r}, expected inputs of what the body wears: "
+                f"{', '.join(body.devices)}"
+            )
+    reach = 0.0
+    if config.vision.foveation is not None and config.gaze_moves:
+        reach = config.vision.foveation.gaze_range_deg
+    return Actions(n, body.action_names, config.user.inputs, reach)
+
+
+def make_perception(
+    config: EnvConfig, n: int, proprioception: Proprioception, substeps: int
+) -> Perception:
+    """The senses of N users.
+
+    Raises:
+        ValueError: a setting that cannot be used; names it, what was got and what was expected.
+    """
+    vision, fovea = config.vision, config.vision.foveation
+    foveation = None
+    if fovea is not None:
+        foveation = Foveation(
+            vision.height,
+            vision.width,
+            vertical_fov_deg=fovea.vertical_fov_deg,
+            e2_deg=fovea.e2_deg,
+            detail_deg=fovea.detail_deg,
+        )
+    around = Surroundings(
+        n=n,
+        proprioception=proprioception,
+        timestep_s=proprioception.body.timestep,
+        substeps=substeps,
+        frames_per_step=config.frames_per_step,
+        channels=vision.channels,
+        eyes=vision.eyes,
+        height=vision.height,
+        width=vision.width,
+        foveation=foveation,
+        inputs=config.user.inputs,
+        gaze_range_deg=0.0 if fovea is None or not config.gaze_moves else fovea.gaze_range_deg,
+    )
+    return Perception([make_sense(sense, around) for sense in config.senses])
+
+
+class Senses:
+    """What N users perceive of their bodies and apps.
+
+    Args:
+        perception: the senses.
+        users: the bodies.
+        group: the apps.
+        actions: where fingers and eyes are.
+
+    Raises:
+        AppUnsupported: an app lacks what a sense needs.
+    """
+
+    def __init__(
+        self, perception: Perception, users: UserBatch, group: AppGroup, actions: Actions
+    ) -> None:
+        self.perception = perception
+        self._group = group
+        for capability in perception.needs:
+            for app in group.apps:
+                require_capability(app.capabilities, capability)
+        self._moment = Moment(
+            users=users,
+            pictures=group.pictures,
+            time_feature=np.zeros(users.n, dtype=np.float32),
+            head_poses=lambda: pose_to_app(*users.device_poses("headset")),
+            replied_s=np.zeros(users.n),
+            inputs=actions.input_values,
+            gaze_deg=actions.gaze_deg,
+        )
+        self._events = bool({"haptics", "sounds"} & perception.needs.keys())
+        self.pauses = perception.pauses(self._moment)
+        """What to call at which substep of a user step; see :meth:`UserBatch.step`."""
+
+    def reset(self, ids: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:
+        """Begins anew for these users, whose apps have shown their first frame."""
+        self.perception.reset(ids, seeds)
+        self.take(ids)
+
+    def take(self, ids: NDArray[np.int64]) -> None:
+        """Takes in what these users' bodies have done and their apps have replied."""
+        if len(ids) == 0:
+            return
+        moment = self._moment
+        moment.time_feature[ids] = self._group.time_feature[ids]
+        if self._events:
+            moment.haptics = _replaced(moment.haptics, self._group.haptics, ids)
+            moment.sounds = _replaced(moment.sounds, self._group.sounds, ids)
+            moment.replied_s[ids] = moment.users.time[ids]
+        self.perception.take(moment, None if len(ids) == moment.users.n else ids)
+
+    def get_state(self, i: int) -> dict[str, Any]:
+        """Everything that user i's future perception depends on."""
+        moment = self._moment
+        return {
+            "senses": self.perception.get_state(i),
+            "time_feature": float(moment.time_feature[i]),
+            "replied_s": float(moment.replied_s[i]),
+            "haptics": [
+                (one.hand, one.amplitude, one.frequency_hz, one.duration_s)
+                for one in moment.haptics.get(i, ())
+            ],
+            "sounds": [(one.name, one.position_m, one.gain) for one in moment.sounds.get(i, ())],
+        }
+
+    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
+        """Restores what :meth:`get_state` returned."""
+        moment = self._moment
+        self.perception.set_state(i, state["senses"])
+        moment.time_feature[i] = state["time_feature"]
+        moment.replied_s[i] = state["replied_s"]
+        haptics = {i: tuple(HapticPulse(*one) for one in state["haptics"])}
+        sounds = {i: tuple(SoundEvent(*one) for one in state["sounds"])}
+        moment.haptics = _replaced(moment.haptics, haptics, np.array([i]))
+        moment.sounds = _replaced(moment.sounds, sounds, np.array([i]))
+
+
+def _replaced(
+    kept: Mapping[int, Sequence[Any]], new: Mapping[int, Sequence[Any]], ids: NDArray[np.int64]
+) -> dict[int, Sequence[Any]]:
+    """Events by user: of these users the new ones, of the others those that are kept."""
+    moved = set(ids.tolist())
+    events = {i: found for i, found in kept.items() if i not in moved}
+    return events | {i: found for i, found in new.items() if i in moved and found}

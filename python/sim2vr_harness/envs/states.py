@@ -1,0 +1,49 @@
+"""Saved states of a simulation: bytes of arrays and plain values."""
+
+from __future__ import annotations
+
+import io
+import pickle
+from typing import Any
+
+__all__ = ["packed", "unpacked"]
+
+_FORMAT = "sim2vr simulation state 3"
+
+
+def packed(n: int, parts: dict[str, Any]) -> bytes:
+    """The parts of a state of ``n`` users, arrays and plain values, as bytes."""
+    return pickle.dumps({"format": _FORMAT, "n": n, **parts})
+
+
+def unpacked(state: bytes, n: int) -> dict[str, Any]:
+    """The parts again.
+
+    Raises:
+        ValueError: the bytes are of something else or of another number of users.
+    """
+    saved = _PlainUnpickler(io.BytesIO(state)).load()
+    if not isinstance(saved, dict) or saved.get("format") != _FORMAT:
+        raise ValueError(f"state: got other bytes, expected a '{_FORMAT}'")
+    if saved["n"] != n:
+        raise ValueError(f"state: got one of {saved['n']} users, expected {n}")
+    return saved
+
+
+class _PlainUnpickler(pickle.Unpickler):
+    """Reads arrays and plain values only, so that a state file cannot run code."""
+
+    _ALLOWED = frozenset(
+        {
+            ("numpy", "ndarray"),
+            ("numpy", "dtype"),
+            ("numpy._core.multiarray", "_reconstruct"),
+            ("numpy._core.multiarray", "scalar"),
+            ("numpy._core.numeric", "_frombuffer"),
+        }
+    )
+
+    def find_class(self, module: str, name: str) -> Any:
+        if (module, name) not in self._ALLOWED:
+            raise ValueError(f"state: got an object of type {module}.{name}, expected plain data")
+        return super().find_class(module, name)

@@ -1,0 +1,218 @@
+"""The senses and wrappers by name, and how a user's perception is made of them."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from sim2vr_harness.perception.foveation import Foveation
+from sim2vr_harness.perception.haptics import Haptics
+from sim2vr_harness.perception.proprioception import Proprioception
+from sim2vr_harness.perception.sense import IntArray, Moment, Sense, Sensed, float_space, rows_of
+from sim2vr_harness.perception.sound import Hearing
+from sim2vr_harness.perception.vision import vision
+from sim2vr_harness.perception.wrappers import Delayed, History, Noisy
+from sim2vr_harness.settings import Settings
+
+__all__ = ["SENSES", "WRAPPERS", "SenseConfig", "SenseKind", "Surroundings", "make_sense"]
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What senses are made for.
+
+    Attributes:
+        n: number of users N.
+        proprioception: what the body reports of itself.
+        timestep_s: physics step.
+        substeps: physics steps per user step.
+        frames_per_step: app frames per user step.
+        channels: of the pictures, see :data:`~sim2vr_harness.perception.vision.CHANNELS`.
+        eyes: 1 or 2.
+        height: of the pictures, pixels.
+        width: of the pictures, pixels.
+        foveation: how their resolution falls, or None.
+        inputs: names of the inputs that the fingers work, in the order of the actions.
+        gaze_range_deg: how far from straight ahead the eyes turn; 0: they do not.
+    """
+
+    n: int
+    proprioception: Proprioception
+    timestep_s: float
+    substeps: int
+    frames_per_step: int
+    channels: tuple[str, ...]
+    eyes: int
+    height: int
+    width: int
+    foveation: Foveation | None = None
+    inputs: tuple[str, ...] = ()
+    gaze_range_deg: float = 0.0
+
+    @property
+    def step_seconds(self) -> float:
+        """Duration of a user step."""
+        return self.substeps * self.timestep_s
+
+
+class SenseConfig(Settings):
+    """One of the user's senses, and what is wrapped around it (docs/senses.md)."""
+
+    sense: str
+    """Which: vision, proprioception, time, haptics, sound, fingers or gaze."""
+    name: str | None = Field(default=None, min_length=1)
+    """Its key in the observation; None: vision, proprioception, stateful_information (time),
+    haptics, sound, fingers, gaze."""
+    delay_ms: float = Field(default=0.0, ge=0.0, le=60_000.0)
+    """How late it is perceived: a multiple of the physics step. Pictures, which exist for app
+    frames only, are the youngest that are not younger; see ``frames_per_step``."""
+    noise: float = Field(default=0.0, ge=0.0)
+    """Standard deviation of noise on it, in its own unit; of a picture, in parts of the full
+    scale."""
+    history_s: float | None = Field(default=None, gt=0.0)
+    """Stacks behind the newest what was so many seconds before: a multiple of the user step."""
+
+
+@dataclass(frozen=True)
+class SenseKind:
+    """A sense that can be asked for.
+
+    Attributes:
+        key: in the observation unless it is renamed.
+        description: one line for people.
+        make: (key, surroundings) -> the sense.
+    """
+
+    key: str
+    description: str
+    make: Callable[[str, Surroundings], Sense]
+
+
+def _vision(name: str, around: Surroundings) -> Sense:
+    return vision(
+        name,
+        around.n,
+        channels=around.channels,
+        eyes=around.eyes,
+        height=around.height,
+        width=around.width,
+        frame_grid=around.substeps // around.frames_per_step,
+        foveation=around.foveation,
+    )
+
+
+def _proprioception(name: str, around: Surroundings) -> Sense:
+    sense = around.proprioception
+
+    def look(moment: Moment, ids: IntArray | None) -> NDArray[np.float32]:
+        return sense.observe(moment.users)[rows_of(ids)]
+
+    return Sensed(name, sense.observation_space, around.n, look)
+
+
+def _time(name: str, around: Surroundings) -> Sense:
+    def look(moment: Moment, ids: IntArray | None) -> NDArray[np.float32]:
+        return np.clip(moment.time_feature[rows_of(ids)], -1.0, 1.0)[:, None]
+
+    return Sensed(name, float_space(-1.0, 1.0, 1), around.n, look)
+
+
+def _fingers(name: str, around: Surroundings) -> Sense:
+    if not around.inputs:
+        raise ValueError("senses: got 'fingers', expected user.inputs for them to work")
+
+    def look(moment: Moment, ids: IntArray | None) -> NDArray[Any]:
+        return moment.inputs[rows_of(ids)]
+
+    return Sensed(name, float_space(-1.0, 1.0, len(around.inputs)), around.n, look)
+
+
+def _gaze(name: str, around: Surroundings) -> Sense:
+    if not around.gaze_range_deg:
+        raise ValueError("senses: got 'gaze', expected vision.foveation with gaze: moves")
+
+    def look(moment: Moment, ids: IntArray | None) -> NDArray[Any]:
+        return moment.gaze_deg[rows_of(ids)] / around.gaze_range_deg
+
+    return Sensed(name, float_space(-1.0, 1.0, 2), around.n, look)
+
+
+SENSES: dict[str, SenseKind] = {
+    "vision": SenseKind("vision", "the headset's picture", _vision),
+    "proprioception": SenseKind("proprioception", "the own body", _proprioception),
+    "time": SenseKind("stateful_information", "where in the round the app is, as it says", _time),
+    "haptics": SenseKind(
+        "haptics", "vibrations of the controllers", lambda name, around: Haptics(name, around.n)
+    ),
+    "sound": SenseKind(
+        "sound", "loudness at both ears", lambda name, around: Hearing(name, around.n)
+    ),
+    "fingers": SenseKind("fingers", "how far the fingers press their inputs", _fingers),
+    "gaze": SenseKind("gaze", "where in the head the eyes look", _gaze),
+}
+"""Every sense by the name that configurations use."""
+
+WRAPPERS: dict[str, str] = {
+    "delay_ms": "a delay line, in ms",
+    "noise": "Gaussian noise, a standard deviation",
+    "history_s": "the newest and, behind it, what was so many seconds before",
+}
+"""What can be done to any sense: its setting and what that is."""
+
+
+def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
+    """The sense with everything that is wrapped around it: delay, then noise, then history.
+
+    Raises:
+        ValueError: an unknown sense, or a setting that cannot be used; names it.
+    """
+    kind = SENSES.get(settings.sense)
+    if kind is None:
+        raise ValueError(unknown_sense(settings.sense))
+    sense = kind.make(settings.name or kind.key, around)
+    try:
+        if settings.delay_ms:
+            sense = Delayed(
+                sense,
+                settings.delay_ms,
+                timestep_s=around.timestep_s,
+                substeps=around.substeps,
+            )
+        if settings.noise:
+            sense = Noisy(sense, settings.noise)
+        if settings.history_s is not None:
+            sense = History(sense, settings.history_s, step_seconds=around.step_seconds)
+    except ValueError as error:
+        raise ValueError(f"senses, {settings.sense}: {error}") from None
+    return sense
+
+
+def unknown_sense(got: str) -> str:
+    """Words the error for a sense that is none."""
+    close = difflib.get_close_matches(got, SENSES, n=1, cutoff=0.4)
+    hint = f"; did you mean {close[0]!r}?" if close else ""
+    return f"sense: got {got!r}, expected one of {', '.join(SENSES)}{hint}"
+
+
+def check_list(senses: Sequence[SenseConfig]) -> None:
+    """Raises ValueError for unknown senses, two of a name, and two pictures."""
+    keys: list[str] = []
+    for settings in senses:
+        if settings.sense not in SENSES:
+            raise ValueError(unknown_sense(settings.sense))
+        keys.append(settings.name or SENSES[settings.sense].key)
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ValueError(
+                f"senses: got two with the name {key!r}, expected each once (name: renames one)"
+            )
+    if [settings.sense for settings in senses].count("vision") > 1:
+        raise ValueError(
+            "senses: got 'vision' twice, expected it once: an app draws one picture per step"
+        )

@@ -1,0 +1,79 @@
+"""Everything that N users perceive: a list of senses, one entry of the observation each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from sim2vr_harness.perception.sense import IntArray, Moment, Sense
+
+__all__ = ["Perception"]
+
+
+class Perception:
+    """The senses of N users.
+
+    Args:
+        senses: with different names.
+    """
+
+    def __init__(self, senses: Sequence[Sense]) -> None:
+        self.senses = tuple(senses)
+        self.space = spaces.Dict({sense.name: sense.space for sense in senses})
+        frames = {sense.frame for sense in senses} - {-1}
+        self.drawn_frame = frames.pop() if frames else -1
+        """Which of a step's app frames is to be drawn; -1 the last."""
+
+    @property
+    def needs(self) -> dict[str, str]:
+        """Capabilities that the apps need -> the sense that stays still without."""
+        return {sense.needs: sense.name for sense in self.senses if sense.needs is not None}
+
+    def pauses(self, moment: Moment) -> dict[int, Callable[[], None]]:
+        """For every substep at which something is to be sensed, what to call there."""
+        paused: dict[int, list[Sense]] = {}
+        for sense in self.senses:
+            if sense.pause:
+                paused.setdefault(sense.pause, []).append(sense)
+
+        def call(senses: Sequence[Sense]) -> Callable[[], None]:
+            def glimpse() -> None:
+                for sense in senses:
+                    sense.glimpse(moment)
+
+            return glimpse
+
+        return {substep: call(senses) for substep, senses in paused.items()}
+
+    def reset(self, ids: IntArray, seeds: IntArray) -> None:
+        """Forgets the past of these users; see :meth:`Sense.reset`."""
+        for sense in self.senses:
+            sense.reset(ids, seeds)
+
+    def take(self, moment: Moment, ids: IntArray | None) -> None:
+        """Takes in the end of a step or a reset; see :meth:`Sense.take`."""
+        for sense in self.senses:
+            sense.take(moment, ids)
+
+    def observe(self) -> dict[str, NDArray[Any]]:
+        """The observation: fresh arrays, first axis N."""
+        return {sense.name: sense.observe() for sense in self.senses}
+
+    def get_state(self, i: int) -> dict[str, Any]:
+        """Everything that user i's future perception depends on."""
+        return {sense.name: sense.get_state(i) for sense in self.senses}
+
+    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
+        """Restores what :meth:`get_state` returned.
+
+        Raises:
+            ValueError: the state is of other senses.
+        """
+        expected = [sense.name for sense in self.senses]
+        if sorted(state) != sorted(expected):
+            raise ValueError(f"state: got the senses {sorted(state)}, expected {sorted(expected)}")
+        for sense in self.senses:
+            sense.set_state(i, state[sense.name])

@@ -1,0 +1,40 @@
+"""Gymnasium ids of the environments, one per game; importing ``sim2vr_harness`` registers them.
+
+Only names are registered: bodies, apps and learners are loaded when an environment is made.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import gymnasium
+
+__all__ = ["GAMES_FILE", "env_id", "register_envs"]
+
+GAMES_FILE = Path(__file__).with_name("games.json")
+"""Written beside the extension module when that is built: name in ids -> name of the game."""
+
+
+def env_id(name: str) -> str:
+    """The id of a game's environment, ``sim2vr/WhacAMole-v0`` for ``WhacAMole``."""
+    return f"sim2vr/{name}-v0"
+
+
+def register_envs() -> None:
+    """Registers an id for every game of the extension module; idempotent."""
+    for name, game in _games().items():
+        if env_id(name) not in gymnasium.registry:
+            gymnasium.register(
+                env_id(name),
+                entry_point="sim2vr_harness.envs.gym_env:Sim2VREnv",
+                vector_entry_point="sim2vr_harness.envs.vector_env:Sim2VRVectorEnv",
+                kwargs={"game": game},
+            )
+
+
+def _games() -> dict[str, str]:
+    """Name in ids -> name of the game, of every game that was built."""
+    if GAMES_FILE.is_file():
+        return dict(json.loads(GAMES_FILE.read_text(encoding="utf-8")))
+    return {}  # nothing is built, so nothing can be played

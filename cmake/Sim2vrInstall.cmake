@@ -20,10 +20,6 @@ if(TARGET _app_runtime)
     set_target_properties(_app_runtime PROPERTIES
       LIBRARY_OUTPUT_DIRECTORY "${PROJECT_SOURCE_DIR}/python/sim2vr_harness")
   endif()
-  # Beside it the games' names, so that registering environments needs no loading of the module.
-  add_custom_command(TARGET _app_runtime POST_BUILD
-    COMMAND "${Python_EXECUTABLE}" "${PROJECT_SOURCE_DIR}/cmake/write_games.py"
-            "$<TARGET_FILE:_app_runtime>" "$<TARGET_FILE_DIR:_app_runtime>/games.json")
   if(SKBUILD)
     install(TARGETS _app_runtime LIBRARY DESTINATION sim2vr_harness)
     install(FILES "$<TARGET_FILE_DIR:_app_runtime>/games.json" DESTINATION sim2vr_harness)

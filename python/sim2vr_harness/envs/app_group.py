@@ -22,7 +22,7 @@ from sim2vr_harness.client import (
     OptionValue,
     SoundEvent,
 )
-from sim2vr_harness.envs.apps import AppFactory, app_factory, in_process_batch
+from sim2vr_harness.envs.apps import IPD_M, AppFactory, app_factory, in_process_batch
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.perception import channel_indices, pick_channels
 
@@ -161,6 +161,7 @@ def app_group(
     n: int,
     log_dir: Path | None,
     make_app: AppFactory | None = None,
+    ipd_m: float = IPD_M,
 ) -> AppGroup:
     """The apps that ``config.app`` asks for.
 
@@ -169,14 +170,15 @@ def app_group(
         n: number of users N.
         log_dir: root of the apps' episode logs, or None.
         make_app: how to get the app of each user; None goes by ``config.app.transport``.
+        ipd_m: distance of the users' pupils.
 
     Raises:
         ValueError: a setting that cannot be used.
         RuntimeError: an app or its renderer cannot be started.
     """
     if make_app is None and config.app.transport == "in_process":
-        return BatchGroup(in_process_batch(config, n, log_dir, _channels(config)), n)
-    make = app_factory(config, n) if make_app is None else make_app
+        return BatchGroup(in_process_batch(config, n, log_dir, _channels(config), ipd_m), n)
+    make = app_factory(config, n, ipd_m) if make_app is None else make_app
     return ClientGroup(make, config, n, log_dir)
 
 

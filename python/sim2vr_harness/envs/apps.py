@@ -42,22 +42,26 @@ failed and was closed."""
 
 START_ATTEMPTS = 2
 
+IPD_M = 0.064
+"""Distance of the pupils of those who do not say theirs."""
+
 Made = TypeVar("Made", Protocol1App, Protocol2Connection)
 
 
-def app_factory(config: EnvConfig, n: int) -> AppFactory:
+def app_factory(config: EnvConfig, n: int, ipd_m: float = IPD_M) -> AppFactory:
     """The factory for ``config.app.transport``.
 
     Args:
         config: of the users.
         n: how many users there will be.
+        ipd_m: distance of the users' pupils.
 
     Raises:
         ValueError: the settings do not serve so many users.
     """
     if config.app.transport == "in_process":
-        return InProcessApps(n)
-    return RemoteApps(config.app, n)
+        return InProcessApps(n, ipd_m)
+    return RemoteApps(config.app, n, ipd_m)
 
 
 class InProcessApps:
@@ -65,21 +69,26 @@ class InProcessApps:
 
     Args:
         n: number of users.
+        ipd_m: distance of their pupils.
     """
 
-    def __init__(self, n: int) -> None:
-        self._n = n
+    def __init__(self, n: int, ipd_m: float = IPD_M) -> None:
+        self._n, self._ipd_m = n, ipd_m
         self._batch: InProcessBatch | None = None
 
     def __call__(self, config: EnvConfig, index: int, log_dir: Path | None) -> AppClient:
         """The app of user ``index``; see :data:`AppFactory`."""
         if self._batch is None:
-            self._batch = in_process_batch(config, self._n, log_dir)
+            self._batch = in_process_batch(config, self._n, log_dir, ipd_m=self._ipd_m)
         return self._batch.app(index)
 
 
 def in_process_batch(
-    config: EnvConfig, n: int, log_dir: Path | None, vision_channels: Sequence[int] = ()
+    config: EnvConfig,
+    n: int,
+    log_dir: Path | None,
+    vision_channels: Sequence[int] = (),
+    ipd_m: float = IPD_M,
 ) -> InProcessBatch:
     """The apps of ``n`` users in this process; errors as of :class:`InProcessBatch`."""
     return InProcessBatch(
@@ -88,6 +97,8 @@ def in_process_batch(
         config.app.options,
         width=config.vision.width,
         height=config.vision.height,
+        eyes=config.vision.eyes,
+        ipd_m=ipd_m,
         renderer=config.app.renderer,
         log_dir=log_dir,
         threads=config.threads or len(os.sched_getaffinity(0)),
@@ -118,14 +129,15 @@ class RemoteApps:
     Args:
         settings: the app.
         n: number of users.
+        ipd_m: distance of their pupils.
 
     Raises:
         ValueError: the settings do not serve so many users.
     """
 
-    def __init__(self, settings: AppConfig, n: int) -> None:
+    def __init__(self, settings: AppConfig, n: int, ipd_m: float = IPD_M) -> None:
         self._settings = settings
-        self._n = n
+        self._n, self._ipd_m = n, ipd_m
         self._per_server = 1
         if settings.transport == "protocol2":
             self._per_server = -(-n // self._servers())

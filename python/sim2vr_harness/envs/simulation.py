@@ -90,7 +90,7 @@ class Simulation:
         self.observation_space = perception.space
         self.action_space = self.actions.space
         self.max_steps = max(1, round(config.max_episode_seconds * config.action_frequency_hz))
-        self._group = app_group(config, n, log_dir, make_app)
+        self._group = app_group(config, n, log_dir, make_app, self.body.ipd_m)
         try:
             if config.user.inputs:
                 for app in self.apps:

@@ -10,9 +10,6 @@ import json
 import sys
 from pathlib import Path
 
-# Games that are not called by their name with a capital.
-_IDS = {"whacamole": "WhacAMole"}
-
 
 def main(module_file: str, out: str) -> None:
     """Loads the module and writes the file."""
@@ -21,7 +18,7 @@ def main(module_file: str, out: str) -> None:
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
-    games = {_IDS.get(name, name.title().replace("_", "")): name for name in module.list_games()}
+    games = {json.loads(module.game_facts(name))["id"]: name for name in module.list_games()}
     Path(out).write_text(json.dumps(games, indent=1, sort_keys=True) + "\n", encoding="utf-8")
 
 

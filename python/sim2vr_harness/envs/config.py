@@ -29,7 +29,6 @@ __all__ = [
     "SenseConfig",
     "UserConfig",
     "VisionConfig",
-    "with_condition",
     "with_options",
 ]
 

@@ -12,7 +12,8 @@ import pytest
 from gymnasium.utils.env_checker import check_env as gymnasium_check
 
 import sim2vr_harness.envs as envs
-from sim2vr_harness.envs.registration import WHACAMOLE_ID
+
+WHACAMOLE_ID = "sim2vr/WhacAMole-v0"
 
 
 @pytest.fixture

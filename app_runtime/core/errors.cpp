@@ -7,6 +7,9 @@
 namespace sim2vr {
 namespace {
 
+/// More names than that bury the one that was meant.
+constexpr std::size_t kReadableList = 12;
+
 std::string composeMessage(std::string_view field, std::string_view got,
                            std::string_view expected) {
   std::string message(field);
@@ -49,6 +52,14 @@ std::string didYouMean(std::string_view got, std::span<const std::string> candid
     }
   }
   return nearest == nullptr ? "" : "; did you mean '" + *nearest + "'?";
+}
+
+std::string oneOf(std::span<const std::string> choices, std::string_view got) {
+  const std::string hint = didYouMean(got, choices);
+  if (choices.size() > kReadableList && !hint.empty()) {
+    return "one of " + std::to_string(choices.size()) + " names" + hint;
+  }
+  return "one of " + listChoices(choices) + hint;
 }
 
 std::string listChoices(std::span<const std::string> choices) {

@@ -49,8 +49,7 @@ std::string Options::getChoice(const std::string& name, std::string_view fallbac
                                std::span<const std::string> choices) {
   const std::string value = getString(name, fallback);
   if (std::find(choices.begin(), choices.end(), value) == choices.end()) {
-    throw InvalidArgument(optionField(name), "'" + value + "'",
-                          "one of " + listChoices(choices) + didYouMean(value, choices));
+    throw InvalidArgument(optionField(name), "'" + value + "'", oneOf(choices, value));
   }
   return value;
 }
@@ -96,7 +95,7 @@ void Options::expectAllRead() const {
     if (read_.contains(item.key())) continue;
     const std::vector<std::string> known(read_.begin(), read_.end());
     throw InvalidArgument("options", "unknown option '" + item.key() + "'",
-                          "one of " + listChoices(known) + didYouMean(item.key(), known));
+                          oneOf(known, item.key()));
   }
 }
 

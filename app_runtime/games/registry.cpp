@@ -38,8 +38,7 @@ std::unique_ptr<rl::Game> createGame(std::string_view name) {
     if (game.name == name) return game.create();
     known.push_back(game.name);
   }
-  throw InvalidArgument("game", "'" + std::string(name) + "'",
-                        "one of " + listChoices(known) + didYouMean(name, known));
+  throw InvalidArgument("game", "'" + std::string(name) + "'", oneOf(known, name));
 }
 
 std::string gameFactsJson(std::string_view name) {

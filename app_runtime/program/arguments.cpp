@@ -3,8 +3,12 @@
 #include <CLI/CLI.hpp>
 #include <algorithm>
 #include <charconv>
+#include <limits>
+#include <memory>
 #include <sstream>
+#include <type_traits>
 
+#include "option_help.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/version.hpp"
 
@@ -12,6 +16,9 @@ namespace sim2vr::program {
 namespace {
 
 constexpr int kBadUsage = 2;
+
+/// Longest time that is taken, s: 30 years.
+constexpr double kLongest_s = 1e9;
 
 /// Options that CLI11 reads into something else than Arguments.
 struct Raw {
@@ -24,6 +31,42 @@ struct Raw {
   bool logging = false;
 };
 
+/// The numbers from `low` to `high` (of double, those above 0 where `low` is 0), in words.
+template <class T>
+std::string rangeWords(T low, T high) {
+  std::ostringstream words;
+  if (std::is_floating_point_v<T> && low == T{}) {
+    words << "a number above 0, at most " << high;
+  } else {
+    words << (std::is_integral_v<T> ? "a whole number from " : "a number from ") << low << " to "
+          << high;
+  }
+  return words.str();
+}
+
+/// An option whose value is a number from `low` to `high`; doubles also exclude 0. CLI11's own
+/// checks let NaN pass and print all digits of the largest double.
+template <class T>
+CLI::Option* addNumber(CLI::App& cli, const std::string& name, T& value, T low, T high,
+                       const std::string& help) {
+  std::ostringstream usual;
+  usual << value;
+  const auto read = [name, &value, low, high](const std::string& text) {
+    T number{};
+    const char* end = text.data() + text.size();
+    const auto [stop, problem] = std::from_chars(text.data(), end, number);
+    bool fits = problem == std::errc() && stop == end && number >= low && number <= high;
+    if constexpr (std::is_floating_point_v<T>) fits = fits && number > 0.0;
+    if (!fits) throw InvalidArgument(name, "'" + text + "'", rangeWords(low, high));
+    value = number;
+  };
+  return cli.add_option_function<std::string>(name, read, help)
+      ->type_name("N")
+      ->default_str(value == T{} && std::is_floating_point_v<T> ? "" : usual.str());
+}
+
+constexpr std::uint32_t kLastSeed = std::numeric_limits<std::uint32_t>::max();
+
 void addGameOptions(CLI::App& cli, Arguments& arguments, Raw& raw) {
   cli.add_flag("--list-games", raw.list_games, "List the games and exit")->group("Game");
   cli.add_option("--game", arguments.game, "Which game to run")->group("Game");
@@ -33,26 +76,26 @@ void addGameOptions(CLI::App& cli, Arguments& arguments, Raw& raw) {
   cli.add_flag("--adaptive", arguments.adaptive, "The game's option adaptive")->group("Game");
   cli.add_flag("--sparse", arguments.sparse, "The game's option sparse")->group("Game");
   cli.add_option("--renderer", arguments.renderer, "automatic, egl, osmesa or null")->group("Game");
-  cli.add_option("--width", arguments.width,
-                 "Width of the headset image (--play: of the recorded pictures), pixels")
+  addNumber(cli, "--width", arguments.width, 1, render::kMaxImageEdge,
+            "Width of the headset image (--play: of the recorded pictures), pixels")
       ->group("Game");
-  cli.add_option("--height", arguments.height, "Height of it, pixels")->group("Game");
+  addNumber(cli, "--height", arguments.height, 1, render::kMaxImageEdge, "Height of it, pixels")
+      ->group("Game");
 }
 
 void addServerOptions(CLI::App& cli, Arguments& arguments, Raw& raw) {
   const std::string group = "Serving (the default)";
-  cli.add_option("--port", arguments.port, "TCP port; 0 picks a free one")->group(group);
+  addNumber(cli, "--port", arguments.port, 0, 65535, "TCP port; 0 picks a free one")->group(group);
   cli.add_option("--bind", arguments.bind,
                  "Address to listen on, or an endpoint such as ipc:///tmp/app; anybody who reaches "
                  "it can use the app")
       ->group(group);
-  cli.add_option("--timeout", raw.timeout_s, "Longest wait for a message, s (60; 600 on port 5555)")
-      ->check(CLI::PositiveNumber)
-      ->default_str("")
+  addNumber(cli, "--timeout", raw.timeout_s, 0.0, kLongest_s,
+            "Longest wait for a message, s (60; 600 on port 5555)")
       ->group(group);
   cli.add_flag("--keep", arguments.keep, "After a client wait for the next one")->group(group);
-  cli.add_option("--fixed-seed", arguments.fixed_seed,
-                 "Seed of every round of protocol 1; 0 draws seeds")
+  addNumber(cli, "--fixed-seed", arguments.fixed_seed, 0U, kLastSeed,
+            "Seed of every round of protocol 1; 0 draws seeds")
       ->group(group);
   cli.add_option("--frame-time", arguments.frame_time,
                  "Protocol 1: frames lie at the 'next' or the 'current' timestep")
@@ -62,13 +105,10 @@ void addServerOptions(CLI::App& cli, Arguments& arguments, Raw& raw) {
       ->group(group);
   cli.add_flag("--realtime", arguments.realtime, "Pace frames against the wall clock")
       ->group(group);
-  cli.add_option("--time-scale", arguments.time_scale,
-                 "Game seconds per second then; default: the client's timeScale")
-      ->check(CLI::PositiveNumber)
-      ->default_str("")
+  addNumber(cli, "--time-scale", arguments.time_scale, 0.0, 1e6,
+            "Game seconds per second then; default: the client's timeScale")
       ->group(group);
-  cli.add_option("--threads", arguments.threads, "Threads for several apps of one client")
-      ->check(CLI::Range(1, 256))
+  addNumber(cli, "--threads", arguments.threads, 1, 256, "Threads for several apps of one client")
       ->group(group);
   cli.add_flag("--simulated", arguments.simulated,
                "As the reference is started: --condition is required")
@@ -105,12 +145,10 @@ void addPlayerOptions(CLI::App& cli, Arguments& arguments, Raw& raw) {
   cli.add_option("--script", arguments.script,
                  "Timeline of device poses as JSON; a resting player without it")
       ->group(play);
-  cli.add_option("--seed", arguments.seed, "Seed of the round")->group(play);
-  cli.add_option("--seconds", arguments.seconds, "Game time to play at most, s")
-      ->check(CLI::PositiveNumber)
+  addNumber(cli, "--seed", arguments.seed, 0U, kLastSeed, "Seed of the round")->group(play);
+  addNumber(cli, "--seconds", arguments.seconds, 0.0, kLongest_s, "Game time to play at most, s")
       ->group(play);
-  cli.add_option("--frame-rate", arguments.frame_rate, "Frames per second of game time")
-      ->check(CLI::Range(1, 1000))
+  addNumber(cli, "--frame-rate", arguments.frame_rate, 1, 1000, "Frames per second of game time")
       ->group(play);
   cli.add_option("--view", arguments.view, "What is recorded: headset, recorder or spectator")
       ->group(play);
@@ -120,8 +158,8 @@ void addPlayerOptions(CLI::App& cli, Arguments& arguments, Raw& raw) {
   cli.add_option("--state-log", arguments.state_log, "Its states.csv")->group(replay);
   cli.add_option("--event-log", arguments.event_log, "Its events.csv, which is not needed")
       ->group(replay);
-  cli.add_option("--playback-rate", arguments.playback_rate, "Frames per second of the recording")
-      ->check(CLI::Range(1.0, 1000.0))
+  addNumber(cli, "--playback-rate", arguments.playback_rate, 1.0, 1000.0,
+            "Frames per second of the recording")
       ->group(replay);
 }
 
@@ -137,6 +175,23 @@ render::ImageSize parseResolution(const std::string& text) {
     }
   }
   throw InvalidArgument("--resolution", "'" + text + "'", "WIDTHxHEIGHT, such as 1280x960");
+}
+
+/// What is wrong with the command line: field, got, expected.
+std::string mistake(const CLI::App& cli, const CLI::ParseError& error) {
+  if (dynamic_cast<const CLI::ExtrasError*>(&error) != nullptr && !cli.remaining().empty()) {
+    std::vector<std::string> names;
+    for (const CLI::Option* option : cli.get_options()) {
+      for (const std::string& name : option->get_lnames()) names.push_back("--" + name);
+    }
+    const std::string given = cli.remaining().front();
+    return given + ": got an unknown argument, expected an option" + didYouMean(given, names);
+  }
+  if (dynamic_cast<const CLI::ArgumentMismatch*>(&error) != nullptr) {
+    const std::string text = error.what();
+    return text.substr(0, text.find(':')) + ": got no value, expected one";
+  }
+  return error.what();
 }
 
 Mode chosenMode(const CLI::App& cli, const Raw& raw) {
@@ -155,14 +210,16 @@ Arguments parseArguments(const std::vector<std::string>& words) {
   Arguments arguments;
   Raw raw;
   CLI::App cli("A VR game of the sim2vr runtime, in lockstep and without a display.", "sim2vr-app");
+  cli.formatter(std::make_shared<OptionHelp>());
   cli.option_defaults()->multi_option_policy(CLI::MultiOptionPolicy::TakeLast);
   cli.option_defaults()->always_capture_default();
   cli.set_version_flag("--version", "sim2vr-app " + std::string(version()));
   cli.footer(
-      "The reference's arguments (-simulated -port N -condition C -adaptive -sparse -fixedSeed N\n"
-      "-logging -record -resolution WxH -outputFolder DIR -logFile F -replay -stateLogFilepath F\n"
-      "-eventLogFilepath F -playbackRate N) mean the same.\n"
-      "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 the client vanished or timed out.");
+      "The reference's arguments (-simulated -port N -condition C -adaptive -sparse\n"
+      "-fixedSeed N -logging -record -resolution WxH -outputFolder DIR -logFile F\n"
+      "-replay -stateLogFilepath F -eventLogFilepath F -playbackRate N) mean the same.\n"
+      "Exit codes: 0 done, 1 failed, 2 wrong arguments, 3 the client vanished or timed\n"
+      "out.");
   addGameOptions(cli, arguments, raw);
   addServerOptions(cli, arguments, raw);
   addOutputOptions(cli, arguments, raw);
@@ -176,8 +233,7 @@ Arguments parseArguments(const std::vector<std::string>& words) {
     std::ostringstream err;
     const int code = cli.exit(error, out, err);
     if (code == 0) throw Finished(out.str(), 0);
-    throw Finished(std::string("sim2vr-app: ") + error.what() + " (see sim2vr-app --help)\n",
-                   kBadUsage);
+    throw Finished("sim2vr-app: " + mistake(cli, error) + " (see sim2vr-app --help)\n", kBadUsage);
   }
   arguments.mode = chosenMode(cli, raw);
   if (cli.count("--timeout") > 0) arguments.timeout_s = raw.timeout_s;

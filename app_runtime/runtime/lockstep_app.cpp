@@ -29,8 +29,7 @@ View viewFromName(std::string_view name) {
   static const std::array<std::string, 3> kNames{"headset", "recorder", "spectator"};
   const auto found = std::find(kNames.begin(), kNames.end(), name);
   if (found == kNames.end()) {
-    throw InvalidArgument("view", "'" + std::string(name) + "'",
-                          "one of " + listChoices(kNames) + didYouMean(name, kNames));
+    throw InvalidArgument("view", "'" + std::string(name) + "'", oneOf(kNames, name));
   }
   return static_cast<View>(found - kNames.begin());
 }

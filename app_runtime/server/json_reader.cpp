@@ -159,8 +159,7 @@ std::vector<JsonFields> JsonFields::objects(const char* name) const {
 void JsonFields::expectOnly(const std::vector<std::string>& known) const {
   for (const auto& item : object_->items()) {
     if (std::find(known.begin(), known.end(), item.key()) != known.end()) continue;
-    refuse(path_, "the unknown field '" + item.key() + "'",
-           "one of " + listChoices(known) + didYouMean(item.key(), known));
+    refuse(path_, "the unknown field '" + item.key() + "'", oneOf(known, item.key()));
   }
 }
 

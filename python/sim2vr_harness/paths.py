@@ -10,6 +10,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Iterator
+from difflib import get_close_matches
 from pathlib import Path
 from typing import NoReturn
 
@@ -97,10 +98,12 @@ def config_path(name: str | os.PathLike[str]) -> Path:
     candidate = shipped / given.with_suffix(".yaml").name
     if candidate.is_file() and given.parent in (Path(), Path("configs")):
         return candidate
-    known = ", ".join(sorted(path.stem for path in shipped.glob("*.yaml"))) or "none"
+    known = sorted(path.stem for path in shipped.glob("*.yaml"))
+    near = get_close_matches(given.stem, known, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
     raise FileNotFoundError(
         f"no configuration {str(name)!r}: it is neither a file nor one of the configurations "
-        f"that ship with sim2vr-harness ({known})."
+        f"that ship with sim2vr-harness ({', '.join(known) or 'none'}){hint}"
     )
 
 

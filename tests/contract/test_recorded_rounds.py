@@ -164,6 +164,11 @@ def test_a_wrong_convention_shows(convention: str) -> None:
     assert all(worse(figures)), {kind: figures[kind] for kind in ("constrained", "unconstrained")}
 
 
+AXES = ("pos_x", "pos_y", "pos_z", "quat_x", "quat_y", "quat_z", "quat_w")
+DEVICES = ("left", "right", "head", "marker")
+HEADER = ", ".join(["timestamp", *(f"{device}_{axis}" for device in DEVICES for axis in AXES)])
+
+
 def write_as_the_original(recording: Recording, folder: Path) -> None:
     """The recording in the original logger's layout, which prints binary32 with 7 digits."""
     folder.mkdir(parents=True)
@@ -174,7 +179,7 @@ def write_as_the_original(recording: Recording, folder: Path) -> None:
     ]
     condition = recording.condition.removesuffix("-unconstrained")
     title = f"condition {condition}, random seed {recording.seed}"
-    (folder / "states.csv").write_text("\n".join([title, "timestamp", *rows]) + "\n")
+    (folder / "states.csv").write_text("\n".join([title, HEADER, *rows]) + "\n")
     lines = []
     for event in recording.events:
         text = f"{event.time_s:.7g}, target_{event.kind}, target ID {event.target}"

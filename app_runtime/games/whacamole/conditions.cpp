@@ -198,9 +198,8 @@ Condition resolveCondition(std::string_view name, std::uint32_t seed) {
   if (const MixRow* mix = findMix(base)) base = drawMember(*mix, seed);
   const ConditionRow* row = findCondition(base);
   if (row == nullptr) {
-    throw InvalidArgument(
-        "option 'condition'", "'" + std::string(name) + "'",
-        "one of " + listChoices(conditionNames()) + didYouMean(name, conditionNames()));
+    throw InvalidArgument("option 'condition'", "'" + std::string(name) + "'",
+                          oneOf(conditionNames(), name));
   }
   std::string full(base);
   if (!constrained) full += kUnconstrained;

@@ -17,10 +17,9 @@ from sim2vr_harness import __version__
 from sim2vr_harness.bench.turns import spread
 from sim2vr_harness.client import gl_renderer
 from sim2vr_harness.training.config import TrainingConfig
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import git_commit, versions
 
-__all__ = ["Row", "append_rows", "check_output", "circumstances"]
+__all__ = ["Row", "append_rows", "circumstances"]
 
 
 @dataclass(frozen=True)
@@ -146,13 +145,8 @@ def _cpu_model() -> str:
     return platform.processor() or platform.machine()
 
 
-def check_output(path: Path) -> None:
-    """Raises InputError, before anything is measured, where rows could not be written."""
-    if path.is_dir() or not path.absolute().parent.is_dir():
-        raise InputError("--output", repr(str(path)), "a file in a folder that exists")
-
-
 def append_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Adds rows to a file of one JSON object per line."""
+    """Adds rows to a file of one JSON object per line; makes its folder."""
+    path.parent.mkdir(parents=True, exist_ok=True)
     with path.open("a", encoding="utf-8") as stream:
         stream.writelines(json.dumps(row) + "\n" for row in rows)

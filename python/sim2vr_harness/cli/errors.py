@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import typer
 
-from sim2vr_harness.training.errors import unknown_name
+from sim2vr_harness.training.errors import closest, unknown_name
 
 __all__ = ["BAD_INPUT", "FAILED", "INTERRUPTED", "report"]
 
@@ -20,11 +20,14 @@ INTERRUPTED = 130
 _ClickException: type[Exception] = typer.BadParameter.__mro__[2]
 
 
-def report(command: Callable[[], int | None], debug: bool = False) -> int:
+def report(
+    command: Callable[[], int | None], given: Sequence[str] = (), debug: bool = False
+) -> int:
     """Run a command and return its exit status, 2 for bad input and 1 for a failure.
 
     Args:
         command: Runs the command.
+        given: The arguments that it was given.
         debug: Let errors through, traceback and all.
     """
     try:
@@ -34,38 +37,54 @@ def report(command: Callable[[], int | None], debug: bool = False) -> int:
     except typer.Abort:
         return _say("interrupted", INTERRUPTED)
     except _ClickException as error:
-        return _say(_usage(error), BAD_INPUT)
+        if type(error).__name__ == "NoArgsIsHelpError":
+            sys.stdout.write(f"{str(error).strip()}\n")
+            return BAD_INPUT
+        return _say(_usage(error, given), BAD_INPUT)
     except Exception as error:
         if debug:
             raise
         return _say(_words(error), BAD_INPUT if isinstance(error, ValueError) else FAILED)
 
 
-def _usage(error: Exception) -> str:
+def _usage(error: Exception, given: Sequence[str]) -> str:
     """Word an error in the options or arguments that typer found: field, got, expected."""
     context = getattr(error, "ctx", None)
+    command = getattr(context, "command", None)
     path = context.command_path if context is not None else "sim2vr-harness"
     message = str(getattr(error, "message", "") or error).strip().rstrip(".")
     if option := getattr(error, "option_name", None):
-        text = f"{option}: got an unknown option, expected {_closest_option(error)}"
+        if message.startswith("No such option"):
+            text = f"{option}: got an unknown option, expected {_known_options(option, command)}"
+        elif "does not take a value" in message:
+            text = f"{option}: got a value, expected none"
+        else:
+            text = f"{option}: got nothing, expected a value"
     elif parameter := getattr(error, "param", None):
         field = _parameter_name(parameter)
         if message and not message.startswith("Missing"):
-            text = f"{field}: got another value, expected {_expected(message)}"
+            got = _value_of(parameter, given)
+            text = f"{field}: got {got}, expected {_expected(message)}"
         else:
-            text = f"{field}: got nothing, expected a value"
+            text = f"{field}: got nothing, expected {_missing(parameter)}"
     elif message.startswith("No such command "):
         name = message.removeprefix("No such command ").split()[0].strip("'.")
-        known = getattr(getattr(context, "command", None), "commands", {})
-        text = str(unknown_name("command", name, sorted(known)))
+        text = str(unknown_name("command", name, sorted(getattr(command, "commands", {}))))
+    elif message.startswith("Got unexpected extra argument"):
+        more = message.partition("(")[2].partition("(")[2].rstrip(")")
+        text = f"arguments: got {more!r} behind the others, expected no more"
     else:
         text = message
     return f"{text} (see: {path} --help)"
 
 
-def _closest_option(error: Exception) -> str:
-    found = getattr(error, "possibilities", None) or []
-    return f"one of the command's (did you mean '{found[0]}'?)" if found else "one of the command's"
+def _known_options(option: str, command: Any) -> str:
+    known = [_parameter_name(parameter) for parameter in getattr(command, "params", [])]
+    names = [name for name in known if name.startswith("--")]
+    best = closest(option, [*names, "--help"])
+    return (
+        f"one of the command's (did you mean {best!r}?)" if best else f"one of {', '.join(names)}"
+    )
 
 
 def _parameter_name(parameter: Any) -> str:
@@ -75,12 +94,36 @@ def _parameter_name(parameter: Any) -> str:
     return str(getattr(parameter, "metavar", None) or parameter.name).strip("[].").upper()
 
 
+def _value_of(parameter: Any, given: Sequence[str]) -> str:
+    """What was given to an option, as far as it can be found again."""
+    for option in getattr(parameter, "opts", []):
+        for i, word in reversed(list(enumerate(given))):
+            if word == option and i + 1 < len(given):
+                return repr(given[i + 1])
+            if word.startswith(f"{option}="):
+                return repr(word.removeprefix(f"{option}="))
+    return "another value"
+
+
 def _expected(message: str) -> str:
+    if "integer" in message:
+        return "a whole number"
+    if "number" in message or "float" in message:
+        return "a number"
     text = message.removeprefix("Input should be ")
     return text[:1].lower() + text[1:]
 
 
+def _missing(parameter: Any) -> str:
+    """The first sentence of what help says of an argument."""
+    sentence = str(getattr(parameter, "help", None) or "").partition(". ")[0].strip().rstrip(".")
+    return sentence[:1].lower() + sentence[1:] if sentence else "a value"
+
+
 def _words(error: Exception) -> str:
+    if isinstance(error, OSError) and error.filename is not None and error.strerror:
+        file = error.filename.decode() if isinstance(error.filename, bytes) else error.filename
+        return f"{file}: got {error.strerror.lower()!r}, expected to read or write it"
     text = " ".join(str(error).split())
     if not text:
         return type(error).__name__

@@ -22,6 +22,7 @@ from sim2vr_harness import __version__
 from sim2vr_harness.cli import games, users
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
+from sim2vr_harness.cli.options import finite, writable_file, writable_folder
 
 if TYPE_CHECKING:
     from sim2vr_harness.training.trainer import TrainResult
@@ -130,7 +131,8 @@ def train(
         typer.Option(help="Stop after this many user steps, counted from the run's start."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(help="The run's folder; runs/NAME by default.")
+        Path | None,
+        typer.Option(help="The run's folder; runs/NAME by default.", callback=writable_folder),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Short for --set seed=SEED.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the run exactly.")] = False,
@@ -247,7 +249,8 @@ def evaluate(
         Path | None,
         typer.Option(
             help="Folder for files; RUN/evaluation/step_N by default. Results are added to those "
-            "that are there."
+            "that are there.",
+            callback=writable_folder,
         ),
     ] = None,
     overwrite: Annotated[
@@ -322,17 +325,28 @@ def replay(
     ] = False,
     fixed_step: Annotated[
         float | None,
-        typer.Option(help="Period of the recording's fixed steps, s; worked out by default."),
+        typer.Option(
+            help="Period of the recording's fixed steps, s; worked out by default.", callback=finite
+        ),
     ] = None,
     log: Annotated[
-        Path | None, typer.Option(help="Keep the replayed rounds' own logs in this folder.")
+        Path | None,
+        typer.Option(
+            help="Keep the replayed rounds' own logs in this folder.", callback=writable_folder
+        ),
     ] = None,
     video: Annotated[
         Path | None,
-        typer.Option(metavar="OUT.mp4", help="Film the player's view and the game from outside."),
+        typer.Option(
+            metavar="OUT.mp4",
+            help="Film the player's view and the game from outside.",
+            callback=writable_file,
+        ),
     ] = None,
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of each view in the film.")] = "640x480",
-    fps: Annotated[float, typer.Option(help="Pictures per second of the film.")] = 30.0,
+    fps: Annotated[
+        float, typer.Option(help="Pictures per second of the film.", callback=finite)
+    ] = 30.0,
     json: JsonOption = False,
 ) -> None:
     """Play recorded rounds again and compare every event with the recording."""
@@ -376,7 +390,9 @@ def curves(
         list[str],
         typer.Argument(metavar="RUN...", help="Folders of runs, or packed users with curves."),
     ],
-    out: Annotated[Path, typer.Option(help="The PNG file to write.")] = Path("curves.png"),
+    out: Annotated[
+        Path, typer.Option(help="The PNG file to write.", callback=writable_file)
+    ] = Path("curves.png"),
 ) -> None:
     """Draw the learning curves of one or more runs."""
     from sim2vr_harness.evaluation.curves import plot
@@ -393,9 +409,13 @@ def snapshot(
         str | None,
         typer.Option(metavar="NAME", help="The game's condition; without, its default."),
     ] = None,
-    out: Annotated[Path, typer.Option(help="Folder for the pictures.")] = Path("snapshot"),
+    out: Annotated[
+        Path, typer.Option(help="Folder for the pictures.", callback=writable_folder)
+    ] = Path("snapshot"),
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of the pictures.")] = "640x480",
-    seconds: Annotated[float, typer.Option(help="How long to play first.")] = 2.0,
+    seconds: Annotated[
+        float, typer.Option(help="How many seconds to play first.", callback=finite)
+    ] = 2.0,
     seed: Annotated[int, typer.Option(help="Seed of the round.")] = 1,
     run: Annotated[
         str | None, typer.Option(help="A trained user; without, the arm moves at random.")
@@ -448,12 +468,15 @@ def bench(
             "(docs/remote_apps.md), or all.",
         ),
     ] = None,
-    seconds: Annotated[float, typer.Option(help="Seconds per scene.")] = 2.0,
+    seconds: Annotated[float, typer.Option(help="Seconds per scene.", callback=finite)] = 2.0,
     train_steps: Annotated[
         int, typer.Option(help="User steps of a measured training iteration, at least.")
     ] = 1000,
     output: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Add the JSON rows to this file.")
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Add the JSON rows to this file.", callback=writable_file
+        ),
     ] = None,
     json: Annotated[
         bool, typer.Option("--json", help="Print JSON rows, one per line, nothing else.")
@@ -462,7 +485,7 @@ def bench(
     """Measure how fast this machine simulates, draws and learns."""
     from sim2vr_harness.bench.plan import Plan
     from sim2vr_harness.bench.report import print_rows
-    from sim2vr_harness.bench.rows import append_rows, check_output
+    from sim2vr_harness.bench.rows import append_rows
     from sim2vr_harness.bench.run import run as measure
     from sim2vr_harness.training.config import defaults, load_config
 
@@ -476,8 +499,6 @@ def bench(
         seconds=seconds,
         train_steps=train_steps,
     )
-    if output is not None:
-        check_output(output)
     console = Console(stderr=True)
     with console.status("") as status:
         rows = measure(plan, lambda stage: status.update(f"Measuring {escape(stage)}"))
@@ -538,7 +559,7 @@ def main(arguments: list[str] | None = None) -> None:
     debug = "--debug" in given
     given = [argument for argument in given if argument != "--debug"] or ["--help"]
     command = partial(app, given, prog_name="sim2vr-harness", standalone_mode=False)
-    sys.exit(report(command, debug))
+    sys.exit(report(command, given, debug))
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from sim2vr_harness.cli.options import writable_folder
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.tables import cell
 
@@ -99,7 +100,11 @@ def _spread(card: dict[str, Any], condition: str, measure: Measure) -> str:
 
 
 @app.command()
-def show(name: str) -> None:
+def show(
+    name: Annotated[
+        str, typer.Argument(help="A name of `sim2vr-harness users list`, or a folder.")
+    ],
+) -> None:
     """Print everything that is known of a trained user."""
     from sim2vr_harness.training.trained_users import find_user
 
@@ -111,7 +116,9 @@ def show(name: str) -> None:
 def pack(
     run: Annotated[str, typer.Argument(metavar="RUN", help="A run's folder or a checkpoint.")],
     name: Annotated[str, typer.Argument(help="What the user will be called.")],
-    out: Annotated[Path, typer.Option(help="Folder that gets a folder NAME.")],
+    out: Annotated[
+        Path, typer.Option(help="Folder that gets a folder NAME.", callback=writable_folder)
+    ],
     description: Annotated[str, typer.Option(help="A sentence on who it is.")] = "",
     condition: Annotated[
         list[str] | None, typer.Option(help="A condition to measure; may be repeated.")

@@ -38,6 +38,17 @@ TEST(Errors, ListsChoices) {
   EXPECT_EQ(listChoices({}), "");
 }
 
+TEST(Errors, OfManyNamesOnlyTheNearOneIsListed) {
+  EXPECT_EQ(oneOf(kNames, "beat"),
+            "one of 'whacamole', 'beats' or 'sample'; did you mean 'beats'?");
+  std::vector<std::string> many;
+  for (char letter = 'a'; letter <= 'm'; ++letter) many.push_back(std::string(6, letter));
+  EXPECT_EQ(oneOf(many, "eeeee"), "one of 13 names; did you mean 'eeeeee'?");
+  EXPECT_EQ(oneOf(many, "xyzxyz"), "one of " + listChoices(many));
+  many.pop_back();
+  EXPECT_EQ(oneOf(many, "eeeee"), "one of " + listChoices(many) + "; did you mean 'eeeeee'?");
+}
+
 TEST(Log, UnknownLevelIsRefused) {
   try {
     setLogLevel("loud");

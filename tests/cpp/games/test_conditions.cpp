@@ -127,11 +127,9 @@ TEST(Settings, SuggestsTheNearestCondition) {
     Settings::fromOptions(options);
     FAIL();
   } catch (const InvalidArgument& error) {
-    const std::string message = error.what();
-    EXPECT_EQ(
-        message.rfind("option 'condition': got 'mediun', expected one of 'easy', 'medium'", 0), 0U)
-        << message;
-    EXPECT_NE(message.find("did you mean 'medium'?"), std::string::npos) << message;
+    EXPECT_STREQ(error.what(),
+                 "option 'condition': got 'mediun', expected one of 28 names; did you mean "
+                 "'medium'?");
   }
 }
 

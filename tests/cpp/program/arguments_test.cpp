@@ -2,6 +2,8 @@
 
 #include <gtest/gtest.h>
 
+#include <sstream>
+
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/program/program.hpp"
 
@@ -107,8 +109,38 @@ TEST(Arguments, HelpVersionAndMistakes) {
   EXPECT_EQ(finished({"--help"}).second, 0);
   EXPECT_NE(finished({"-h"}).first.find("-stateLogFilepath"), std::string::npos);
   EXPECT_EQ(finished({"--nosuch"}).second, 2);
-  EXPECT_NE(finished({"--port", "many"}).first.find("--port"), std::string::npos);
-  EXPECT_EQ(finished({"--timeout", "-1"}).second, 2);
+  EXPECT_EQ(finished({"--seed"}).first,
+            "sim2vr-app: --seed: got no value, expected one (see sim2vr-app --help)\n");
+  EXPECT_EQ(finished({"--second", "2"}).first,
+            "sim2vr-app: --second: got an unknown argument, expected an option; did you mean "
+            "'--seconds'? (see sim2vr-app --help)\n");
+  EXPECT_EQ(finished({"round.json"}).first,
+            "sim2vr-app: round.json: got an unknown argument, expected an option (see sim2vr-app "
+            "--help)\n");
+}
+
+TEST(Arguments, NumbersAreFiniteAndInTheirRange) {
+  for (const std::string name :
+       {"--timeout", "--time-scale", "--seconds", "--playback-rate", "--port", "--threads",
+        "--frame-rate", "--seed", "--fixed-seed", "--width", "--height"}) {
+    for (const std::string value : {"nan", "-nan", "inf", "1e300", "-1", "x", "1x"}) {
+      EXPECT_THROW(parseArguments({name + "=" + value}), InvalidArgument) << name << "=" << value;
+    }
+  }
+  EXPECT_EQ(parseArguments({"--seconds", "0.25"}).seconds, 0.25);
+  EXPECT_EQ(parseArguments({"--seed", "4294967295"}).seed, 4294967295U);
+  EXPECT_EQ(parseArguments({"--timeout", "2"}).timeout_s, 2.0);
+}
+
+TEST(Arguments, HelpFits80Columns) {
+  try {
+    parseArguments({"--help"});
+    FAIL() << "no help";
+  } catch (const Finished& end) {
+    std::istringstream lines(end.what());
+    std::string line;
+    while (std::getline(lines, line)) EXPECT_LE(line.size(), 80U) << line;
+  }
 }
 
 TEST(Arguments, OptionsThatContradictEachOther) {

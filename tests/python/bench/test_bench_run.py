@@ -178,11 +178,12 @@ def test_memory_of_fresh_processes() -> None:
         (["--n", "4,x"], "--n: got '4,x', expected whole numbers with commas, such as 16,64"),
         (["--threads", "0"], "--threads: got 0, expected at least 1"),
         (["--seconds", "0"], "--seconds: got 0, expected more than 0"),
-        (["--seconds", "nan"], "--seconds: got nan, expected more than 0"),
+        (["--seconds", "nan"], "--seconds: got nan, expected a finite number"),
         (["--train-steps", "0"], "--train-steps: got 0, expected at least 1"),
         (["--scene", "physic"], "--scene: got 'physic', expected one of all, physics, render, "),
         (["--transport", "protocol3"], "--transport: got 'protocol3', expected one of all, in_pr"),
-        (["--output", "{tmp}/no/rows.jsonl"], "--output: got '{tmp}/no/rows.jsonl', expected a"),
+        (["--output", "{tmp}"], "--output: got '{tmp}', which is a folder, expected a file"),
+        (["--seconds", "-1"], "--seconds: got -1, expected more than 0"),
     ],
 )
 def test_bad_input(capsys: Any, tmp_path: Path, arguments: list[str], message: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -43,16 +44,25 @@ def decoded(film: Path) -> np.ndarray:
     return np.stack(frames)
 
 
-def test_table(capsys: Any) -> None:
+def test_tables(capsys: Any) -> None:
     status, out, err = call(capsys, str(FIXTURE), "--closed")
     assert (status, err) == (0, "")
     assert "seed and poses only" in out
-    (line,) = [line for line in out.splitlines() if "whacamole_round" in line]
+    events, times = (line.split() for line in out.splitlines() if "whacamole_round" in line)
     # 18 targets, all as recorded: 7 hits, 8 misses, 4 contacts.
-    assert line.split() == [
-        *("whacamole_round", "18", "1", "1/1", "1/1", "1", "0.000", "0.0000/0.0000"),
-        *("7/7", "8/8", "4/4", "none"),
-    ]
+    assert events == ["whacamole_round", "18", "1", "7/7", "8/8", "4/4", "none"]
+    assert times == ["whacamole_round", "1/1", "1/1", "1", "0.000", "0.0000/0.0000"]
+
+
+def test_tables_fit_80_columns(capsys: Any, tmp_path: Path) -> None:
+    name = "a-round-with-a-name-that-is-longer-than-its-column"
+    for folder in (tmp_path / "one" / name, tmp_path / "two" / name):
+        shutil.copytree(FIXTURE, folder)
+    status, out, _ = call(capsys, str(tmp_path))
+    assert status == 0
+    assert max(map(len, out.splitlines())) <= 80
+    (total,) = [line for line in out.splitlines() if "constrained" in line and "14/14" in line]
+    assert total.split() == ["constrained", "36", "1", "14/14", "16/16", "8/8", "none"]
 
 
 def test_json(capsys: Any) -> None:
@@ -106,6 +116,9 @@ def test_errors_are_one_line(capsys: Any, tmp_path: Path) -> None:
         ([str(FIXTURE), "--video", "film.avi"], "--video: got film.avi, expected a file name"),
         ([str(FIXTURE), "--video", "f.mp4", "--size", "9"], "--size: got '9', expected WIDTHxH"),
         ([str(FIXTURE), "--video", "f.mp4", "--fps", "0"], "--fps: got 0, expected 1 to 240"),
+        ([str(FIXTURE), "--fps", "nan"], "--fps: got nan, expected a finite number"),
+        ([str(FIXTURE), "--fixed-step", "nan"], "--fixed-step: got nan, expected a finite number"),
+        ([str(FIXTURE / "events.csv")], "events.csv', expected a states.csv, a packed round NAME"),
         ([str(FIXTURE), "--fixed-step", "7"], "--fixed-step: got 7, expected a period"),
     ):
         status, out, err = call(capsys, *arguments)

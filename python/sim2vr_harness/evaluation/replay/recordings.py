@@ -1,8 +1,8 @@
 """Recorded rounds of Whac-A-Mole, read from the three forms in which they exist.
 
-- A folder with ``states.csv`` and ``events.csv``: the original's logger, and ours.
+- ``states.csv`` with ``events.csv`` beside it: the original's logger, and ours.
 - A packed round ``NAME.npz`` with ``NAME_events.csv``, listed in a ``manifest.json`` beside them.
-- A folder above any of these.
+- A folder that holds such rounds, or one above it.
 
 Poses are in the app's frame (Unity: left-handed, x right, y up, z forward): position x y z in
 metres, rotation x y z w.
@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.client import OptionValue
+from sim2vr_harness.evaluation.replay.state_log import read_lines, read_state_log
 from sim2vr_harness.training.errors import InputError
 
 __all__ = ["GAME", "Event", "Recording", "read_events", "read_recordings"]
@@ -33,12 +34,12 @@ FloatArray = NDArray[np.float64]
 
 _UNCONSTRAINED = "-unconstrained"
 _KINDS = ("spawn", "hit", "contact", "miss")
-# Columns of states.csv: the time, then left and right controller, head and marker, 7 numbers each.
-_STATE_COLUMNS = 1 + 4 * 7
-_TITLE = re.compile(r"condition\s+(?P<condition>\S+?)\s*,\s*random seed\s+(?P<seed>-?\d+)\s*")
+_LEAST_FRAMES = 3
+# As a spreadsheet may save it: tabs, and commas behind short lines.
+_SEPARATORS = re.compile(r" *[,\t][ ,\t]*")
 _TARGET_EVENT = re.compile(
-    r"(?P<t>[^,\s]+)\s*,\s*target_(?P<kind>\w+)\s*,\s*target ID (?P<target>\d+)\s*,"
-    r"\s*grid ID (?P<cell>\d+)(?:\s*,\s*velocity (?P<velocity>.*\S))?\s*"
+    r"(?P<t>[^, ]+), target_(?P<kind>\w+), target ID (?P<target>\d+), grid ID (?P<cell>\d+)"
+    r"(?:, velocity (?P<velocity>.*\S))?"
 )
 
 
@@ -99,7 +100,7 @@ def read_recordings(paths: Iterable[Path], *, unconstrained: bool = False) -> li
     """Read every round at or below the paths.
 
     Args:
-        paths: Folders or packed ``.npz`` files.
+        paths: Folders, and files of single rounds: logged ``states.csv`` or packed ``.npz``.
         unconstrained: Every touch was a hit in rounds whose logs do not say (the original's logs of
             the unconstrained version carry the plain condition name).
 
@@ -108,70 +109,75 @@ def read_recordings(paths: Iterable[Path], *, unconstrained: bool = False) -> li
     """
     found: list[Recording] = []
     for path in paths:
-        rounds = list(_rounds_at(path, unconstrained))
+        if not path.exists():
+            raise InputError("PATH", repr(str(path)), "a file or folder that exists")
+        read = _rounds_below if path.is_dir() else _rounds_of_file
+        rounds = list(read(path, unconstrained))
         if not rounds:
-            raise InputError(
-                "PATH",
-                str(path),
+            expected = (
                 "a folder with states.csv and events.csv, or with manifest.json, NAME.npz and "
-                "NAME_events.csv; or a folder above such ones",
+                "NAME_events.csv; or a folder above such ones"
             )
+            raise InputError("PATH", repr(str(path)), expected)
         found += rounds
     return found
 
 
-def _rounds_at(path: Path, unconstrained: bool) -> Iterator[Recording]:
-    if not path.exists():
-        raise InputError("PATH", str(path), "a folder or file that exists")
-    if path.suffix == ".npz":
-        manifest = path.parent / "manifest.json"
-        yield _packed_round(_trial(manifest, path.stem), path, unconstrained)
-        return
-    folder = path if path.is_dir() else path.parent
-    if (folder / "states.csv").is_file():
-        yield _logged_round(folder, unconstrained)
-        return
-    if (folder / "manifest.json").is_file():
-        manifest = folder / "manifest.json"
-        for trial in _trials(manifest):
-            yield _packed_round(trial, folder / f"{trial['file']}.npz", unconstrained)
-        return
-    if path.is_dir():
-        for below in sorted(p for p in path.iterdir() if p.is_dir()):
-            yield from _rounds_at(below, unconstrained)
+def _rounds_of_file(file: Path, unconstrained: bool) -> Iterator[Recording]:
+    if file.suffix == ".npz":
+        yield _packed_round(_trial(file), file, unconstrained)
+    elif file.name == "manifest.json":
+        for trial in _trials(file):
+            yield _packed_round(trial, file.parent / f"{trial['file']}.npz", unconstrained)
+    elif file.name.endswith("states.csv"):
+        yield _logged_round(file, unconstrained)
+    else:
+        expected = "a states.csv, a packed round NAME.npz, a manifest.json, or a folder of such"
+        raise InputError("PATH", repr(str(file)), expected)
+
+
+def _rounds_below(folder: Path, unconstrained: bool) -> Iterator[Recording]:
+    for name in ("states.csv", "manifest.json"):
+        if (folder / name).is_file():
+            yield from _rounds_of_file(folder / name, unconstrained)
+            return
+    for below in sorted(path for path in folder.iterdir() if path.is_dir()):
+        yield from _rounds_below(below, unconstrained)
 
 
 # --- the original's logs, and ours ---------------------------------------------------------------
 
 
-def _logged_round(folder: Path, unconstrained: bool) -> Recording:
-    states, events = folder / "states.csv", folder / "events.csv"
-    lines = _lines(states)
-    title = _TITLE.fullmatch(lines[0]) if lines else None
-    if title is None:
-        got = repr(lines[0][:60]) if lines else "an empty file"
-        raise InputError(f"{states}, line 1", got, "'condition NAME, random seed N'")
-    rows = _numbers(states, lines)
-    condition = title["condition"]
+def _logged_round(states: Path, unconstrained: bool) -> Recording:
+    events = states.with_name(states.name.removesuffix("states.csv") + "events.csv")
+    if not events.is_file():
+        raise InputError("PATH", repr(str(states)), f"its events in {events.name} beside it")
+    log = read_state_log(states)
+    if len(log.times_s) < _LEAST_FRAMES:
+        raise InputError(str(states), f"{len(log.times_s)} rows", f"at least {_LEAST_FRAMES}")
+    condition = log.condition
     if unconstrained and not condition.endswith(_UNCONSTRAINED):
         condition += _UNCONSTRAINED
+    plain = states.name == "states.csv"
+    name = states.stem.removesuffix("states").rstrip("_-. ")
+    ends = [line for line in read_lines(events) if line.strip(" ,\t")][-3:]
     return Recording(
-        name=folder.name,
-        source=folder,
+        name=states.parent.resolve().name if plain else name,
+        source=states.parent if plain else states,
         condition=condition,
-        seed=int(title["seed"]) % 2**32,
-        times_s=rows[:, 0],
-        right=rows[:, 8:15],
-        head=rows[:, 15:22],
+        seed=log.seed,
+        times_s=log.times_s,
+        right=log.right,
+        head=log.head,
         events=read_events(events),
-        finished=any("episode statistics" in line for line in _lines(events)[-3:]),
+        finished=any("episode statistics" in line for line in ends),
         options=_logged_options(events),
     )
 
 
 def _logged_options(events: Path) -> dict[str, OptionValue]:
-    for number, line in enumerate(_lines(events)[:3], start=1):
-        _, found, text = line.partition(", game options ")
+    for number, line in enumerate(read_lines(events)[:3], start=1):
+        _, found, text = line.rstrip(" ,\t").partition(", game options ")
         if not found:
             continue
         try:
@@ -179,37 +185,6 @@ def _logged_options(events: Path) -> dict[str, OptionValue]:
         except (ValueError, TypeError) as error:
             raise InputError(f"{events}, line {number}", repr(text[:60]), "JSON") from error
     return {}
-
-
-def _lines(path: Path) -> list[str]:
-    try:
-        return path.read_text(encoding="utf-8-sig").splitlines()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError("PATH", f"{path} ({error})", "a readable log") from error
-
-
-def _numbers(states: Path, lines: list[str]) -> FloatArray:
-    # A round that was cut off may end in the middle of a line.
-    last = len(lines) - 1
-    rows = []
-    for i, line in enumerate(lines[2:], start=2):
-        fields = line.replace(",", " ").split()
-        if not fields:
-            continue
-        try:
-            row = [float(field) for field in fields]
-        except ValueError:
-            row = []
-        if len(row) != _STATE_COLUMNS:
-            if i == last:
-                break
-            raise InputError(
-                f"{states}, line {i + 1}", repr(line[:60]), f"{_STATE_COLUMNS} numbers"
-            )
-        rows.append(row)
-    if len(rows) < 3:
-        raise InputError(str(states), f"{len(rows)} frames", "3 frames or more")
-    return _checked_frames(states, np.array(rows))
 
 
 def _checked_frames(source: Path, rows: FloatArray) -> FloatArray:
@@ -232,11 +207,12 @@ def read_events(path: Path) -> tuple[Event, ...]:
         InputError: The file or a line of it cannot be read.
     """
     events = []
-    lines = _lines(path)
+    lines = read_lines(path)
+    filled = [number for number, line in enumerate(lines, start=1) if line.strip(" ,\t")]
     for number, line in enumerate(lines, start=1):
         if "target_" not in line:
             continue
-        match = _TARGET_EVENT.fullmatch(line.strip())
+        match = _TARGET_EVENT.fullmatch(_SEPARATORS.sub(", ", line.strip(" ,\t")))
         try:
             if match is None:
                 raise ValueError
@@ -250,7 +226,7 @@ def read_events(path: Path) -> tuple[Event, ...]:
                 )
             )
         except ValueError:
-            if number == len(lines):
+            if number == filled[-1]:  # cut off
                 break
             expected = "'T, target_KIND, target ID N, grid ID G[, velocity X Y Z]'"
             raise InputError(f"{path}, line {number}", repr(line[:60]), expected) from None
@@ -278,11 +254,15 @@ def _trials(manifest: Path) -> list[dict[str, Any]]:
         raise InputError(str(manifest), got, "a JSON object with a list 'trials'") from error
 
 
-def _trial(manifest: Path, name: str) -> dict[str, Any]:
+def _trial(packed: Path) -> dict[str, Any]:
+    manifest = packed.with_name("manifest.json")
+    if not manifest.is_file():
+        expected = "a manifest.json beside it, which has its condition and seed"
+        raise InputError("PATH", repr(str(packed)), expected)
     for trial in _trials(manifest):
-        if trial["file"] == name:
+        if trial["file"] == packed.stem:
             return trial
-    raise InputError(str(manifest), f"no trial {name!r}", "one for every packed round")
+    raise InputError(str(manifest), f"no trial {packed.stem!r}", "one for every packed round")
 
 
 def _packed_round(trial: dict[str, Any], file: Path, unconstrained: bool) -> Recording:
@@ -316,7 +296,7 @@ def _packed_round(trial: dict[str, Any], file: Path, unconstrained: bool) -> Rec
 
 def _packed_events(path: Path) -> tuple[Event, ...]:
     events = []
-    for number, row in enumerate(csv.DictReader(_lines(path)), start=2):
+    for number, row in enumerate(csv.DictReader(read_lines(path)), start=2):
         try:
             velocity = [row[axis] for axis in ("vx", "vy", "vz") if row[axis]]
             events.append(_event(row["t"], row["type"], row["target_id"], row["grid_id"], velocity))

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rich import box
 from rich.console import Console
-from rich.measure import Measurement
 from rich.table import Table
 
 from sim2vr_harness.evaluation.replay.agreement import Agreement, agreement_of, as_json, pooled
@@ -15,19 +14,20 @@ from sim2vr_harness.evaluation.replay.replayer import Replay
 
 __all__ = ["ReplayReport"]
 
-_COLUMNS = (
-    "Round",
+_EVENTS = (
     "Targets",
     "Same\noutcome",
+    "Hits\nrec/pred",
+    "Misses\nrec/pred",
+    "Contacts\nrec/pred",
+    "First\ndifference",
+)
+_TIMES = (
     "Hit recall\n50/100 ms",
     "Precision\n50/100 ms",
     "Same\nstep",
     "|dt|\nms",
     "|dv| m/s\nmedian/p95",
-    "Hits\nrec/pred",
-    "Misses\nrec/pred",
-    "Contacts\nrec/pred",
-    "First\ndifference",
 )
 
 
@@ -60,40 +60,34 @@ class ReplayReport:
         return {"rounds": rounds, "total": total}
 
     def print(self, console: Console) -> None:
-        """Print a line per round, then the totals; lines are longer than a narrow terminal's."""
-        table = self._table()
-        wide = console.options.update(max_width=1000)
-        console.width = max(console.width, Measurement.get(console, wide, table).maximum)
-        console.print(table)
-
-    def _table(self) -> Table:
+        """Print the events of each round and of all, then how well hits agree in time and speed."""
         closed = any(replay.closed_loop for replay, _ in self._rounds)
         how = "seed and poses only" if closed else "spawns from the log, outcomes predicted"
+        console.print(self._table(f"Replay: {how}", _EVENTS, _event_cells))
+        console.print(self._table("When and how fast hits are", _TIMES, _time_cells))
+
+    def _table(
+        self, title: str, columns: Sequence[str], cells: Callable[[Agreement], list[str]]
+    ) -> Table:
         table = Table(
-            title=f"Replay: {how}",
+            title=title,
             title_justify="left",
             title_style="bold",
             box=box.SIMPLE_HEAD,
             padding=(0, 0, 0, 1),
         )
-        for i, heading in enumerate(_COLUMNS):
-            table.add_column(heading, justify="left" if i == 0 else "right", no_wrap=True)
+        table.add_column("Round", overflow="fold")
+        for heading in columns:
+            table.add_column(heading, justify="right", no_wrap=True)
         for replay, part in self._rounds:
-            diverged = part.first_divergence_s
-            table.add_row(
-                replay.recording.name,
-                *_cells(part),
-                "none" if diverged is None else f"{diverged:.2f} s",
-            )
+            table.add_row(replay.recording.name, *cells(part))
         table.add_section()
         groups = [("constrained", self._parts(True)), ("unconstrained", self._parts(False))]
         if all(parts for _, parts in groups):
             groups.append(("all", self._parts()))
         for name, parts in groups:
             if parts:
-                total = pooled(parts)
-                none = f"none in {total.identical_rounds}/{total.rounds}"
-                table.add_row(name, *_cells(total), none, style="bold")
+                table.add_row(name, *cells(pooled(parts)), style="bold")
         return table
 
     def _parts(self, constrained: bool | None = None) -> list[Agreement]:
@@ -116,21 +110,32 @@ def _total(parts: Sequence[Agreement]) -> dict[str, Any] | None:
     }
 
 
-def _cells(part: Agreement) -> list[str]:
+def _event_cells(part: Agreement) -> list[str]:
+    figures = as_json(part)
+    counts = [
+        f"{figures[f'{kind}_recorded']}/{figures[f'{kind}_predicted']}"
+        for kind in ("hits", "misses", "contacts")
+    ]
+    outcome = _share(figures["outcome_agreement"])
+    return [str(part.targets), outcome, *counts, _first_difference(part)]
+
+
+def _first_difference(part: Agreement) -> str:
+    if part.first_divergence_s is not None:
+        return f"{part.first_divergence_s:.2f} s"
+    different = part.rounds - part.identical_rounds
+    return f"in {different} of {part.rounds}" if different else "none"
+
+
+def _time_cells(part: Agreement) -> list[str]:
     figures = as_json(part)
     dt_s, dv, dv_p95 = (figures[key] for key in ("mean_abs_dt_s", "dv_median", "dv_p95"))
     return [
-        str(part.targets),
-        _share(figures["outcome_agreement"]),
         f"{_share(figures['hit_recall_50ms'])}/{_share(figures['hit_recall_100ms'])}",
         f"{_share(figures['hit_precision_50ms'])}/{_share(figures['hit_precision_100ms'])}",
         _share(figures["same_step"]),
         "-" if dt_s is None else f"{1000 * dt_s:.3f}",
         "-" if dv is None else f"{dv:.4f}/{dv_p95:.4f}",
-        *(
-            f"{figures[f'{kind}_recorded']}/{figures[f'{kind}_predicted']}"
-            for kind in ("hits", "misses", "contacts")
-        ),
     ]
 
 

@@ -20,6 +20,9 @@ def state_row(t: str) -> str:
     return f"{t}, {', '.join(poses)}"
 
 
+AXES = ("pos_x", "pos_y", "pos_z", "quat_x", "quat_y", "quat_z", "quat_w")
+DEVICES = ("left", "right", "head", "marker")
+HEADER = ", ".join(["timestamp", *(f"{device}_{axis}" for device in DEVICES for axis in AXES)])
 EVENTS = """324.9251, target plane transform 0.145153 0.9885641 0.335235 0 0 0 1
 324.9251, grid mapping [0 0 0 -0.125 0.125 0.02 1.11 0.33] [1 0 1 0 0.125 0.14 1.11 0.33]
 329.0148, target_spawn, target ID 0, grid ID 4
@@ -32,9 +35,8 @@ EVENTS = """324.9251, target plane transform 0.145153 0.9885641 0.335235 0 0 0 1
 
 def write_log(folder: Path, title: str = "condition medium, random seed 859190") -> Path:
     folder.mkdir(parents=True, exist_ok=True)
-    header = "timestamp" + ", some_name" * 28
     rows = [state_row(t) for t in ("324.9251", "328.9481", "328.9620", "328.976")]
-    (folder / "states.csv").write_text("\r\n".join([title, header, *rows]) + "\r\n")
+    (folder / "states.csv").write_text("\r\n".join([title, HEADER, *rows]) + "\r\n")
     (folder / "events.csv").write_text(EVENTS)
     return folder
 
@@ -111,20 +113,20 @@ def error_of(path: Path) -> str:
 
 
 def test_errors_say_where_and_what(tmp_path: Path) -> None:
-    assert error_of(tmp_path / "no").endswith("expected a folder or file that exists")
+    assert error_of(tmp_path / "no").endswith("expected a file or folder that exists")
     assert "states.csv and events.csv" in error_of(tmp_path)
     log = write_log(tmp_path / "log", "condition medium")
-    assert "states.csv, line 1: got 'condition medium', expected 'condition NAME" in error_of(log)
+    assert "states.csv, line 1: got 'condition medium', expected 'condition C, ran" in error_of(log)
     write_log(log)
     text = (log / "states.csv").read_text().replace("328.9620, 0.1", "328.9620, zero")
     (log / "states.csv").write_text(text)
     assert "states.csv, line 5: got '328.9620, zero" in error_of(log)
     write_log(log)
     (log / "states.csv").write_text((log / "states.csv").read_text().replace("328.976", "328.9"))
-    assert "frame 3: got time 328.9 after 328.962, expected times that do not go" in error_of(log)
+    assert "line 6: got '328.9', expected a time from the row above to 1e9 s" in error_of(log)
     write_log(log)
     (log / "events.csv").unlink()
-    assert "events.csv" in error_of(log)
+    assert error_of(log).endswith("log/states.csv', expected its events in events.csv beside it")
     (log / "events.csv").write_text(EVENTS.replace("grid ID 4\n", "grid ID 9\n"))
     assert "events.csv, line 3: got '329.0148, target_spawn, target ID 0, grid ID 9'" in error_of(
         log
@@ -132,6 +134,42 @@ def test_errors_say_where_and_what(tmp_path: Path) -> None:
     rounds = packed(tmp_path / "rounds", file="78_low")
     assert "no trial '77_low'" in error_of(rounds / "77_low.npz")
     assert "78_low.npz" in error_of(rounds)
+    (rounds / "manifest.json").unlink()
+    assert error_of(rounds / "77_low.npz") == (
+        f"PATH: got '{rounds}/77_low.npz', expected a manifest.json beside it, which has its "
+        "condition and seed"
+    )
+    assert error_of(log / "events.csv") == (
+        f"PATH: got '{log}/events.csv', expected a states.csv, a packed round NAME.npz, a "
+        "manifest.json, or a folder of such"
+    )
+
+
+def test_a_file_is_that_file_and_not_its_folder(tmp_path: Path) -> None:
+    folder = write_log(tmp_path / "log")
+    (again,) = read_recordings([folder / "states.csv"])
+    assert (again.name, again.source) == ("log", folder)
+    for name in ("states.csv", "events.csv"):
+        (folder / f"other_{name}").write_bytes((folder / name).read_bytes())
+    title = (folder / "other_states.csv").read_text().replace("seed 859190", "seed 7")
+    (folder / "other_states.csv").write_text(title)
+    (other,) = read_recordings([folder / "other_states.csv"])
+    assert (other.name, other.seed) == ("other", 7)
+    (folder / "other_events.csv").unlink()
+    assert "expected its events in other_events.csv beside it" in error_of(other.source)
+    rounds = packed(tmp_path / "rounds")
+    write_log(rounds)  # a loose round in the same folder
+    assert read_recordings([rounds / "77_low.npz"])[0].seed == 5
+    assert read_recordings([rounds / "manifest.json"])[0].seed == 5
+
+
+def test_events_as_a_spreadsheet_saves_them(tmp_path: Path) -> None:
+    plain = read_recordings([write_log(tmp_path)])[0]
+    short = EVENTS.replace("\n", ",,,,\n") + ",,,,,\n,,,,,\n"
+    for text in (short, EVENTS.replace(", ", "\t"), "\ufeff" + EVENTS.replace("\n", "\r")):
+        (tmp_path / "events.csv").write_text(text, newline="")
+        (found,) = read_recordings([tmp_path])
+        assert (found.events, found.finished) == (plain.events, True)
 
 
 def test_a_cut_last_line_is_left_out(tmp_path: Path) -> None:

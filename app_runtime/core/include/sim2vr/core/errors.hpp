@@ -47,4 +47,8 @@ std::string didYouMean(std::string_view got, std::span<const std::string> candid
 /// "'a', 'b' or 'c'".
 std::string listChoices(std::span<const std::string> choices);
 
+/// "one of 'a', 'b' or 'c'", with the one that `got` is near to. Of more than twelve choices only
+/// the near one is named, where there is one.
+std::string oneOf(std::span<const std::string> choices, std::string_view got);
+
 }  // namespace sim2vr

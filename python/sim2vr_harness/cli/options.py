@@ -1,0 +1,74 @@
+"""Checks of option values that all commands share: numbers, and places to write to.
+
+Before a command starts, so that nothing is played and then lost.
+"""
+
+from __future__ import annotations
+
+import math
+import tempfile
+from pathlib import Path
+from typing import Any
+
+import typer
+
+from sim2vr_harness.training.errors import InputError
+
+__all__ = ["finite", "writable_file", "writable_folder"]
+
+
+def finite(parameter: typer.CallbackParam, value: float | None) -> float | None:
+    """Callback of an option that takes a number.
+
+    Raises:
+        InputError: It is NaN or infinite.
+    """
+    if value is not None and not math.isfinite(value):
+        raise InputError(_name(parameter), f"{value:g}", "a finite number")
+    return value
+
+
+def writable_folder(parameter: typer.CallbackParam, value: Path | None) -> Path | None:
+    """Callback of an option that names a folder to write to; it need not exist.
+
+    Raises:
+        InputError: It cannot be made, or written to; names the folder that is in the way.
+    """
+    if value is not None:
+        _check(_name(parameter), value, value)
+    return value
+
+
+def writable_file(parameter: typer.CallbackParam, value: Path | None) -> Path | None:
+    """Callback of an option that names a file to write; its folder need not exist.
+
+    Raises:
+        InputError: It is a folder, or cannot be written; names the folder that is in the way.
+    """
+    if value is not None:
+        if value.is_dir():
+            raise InputError(_name(parameter), f"{str(value)!r}, which is a folder", "a file")
+        _check(_name(parameter), value, value.absolute().parent)
+    return value
+
+
+def _check(option: str, given: Path, folder: Path) -> None:
+    """Try to write in the folder, or in the nearest one above it that exists."""
+    above = folder.absolute()
+    while not above.exists() and above != above.parent:
+        above = above.parent
+    got = repr(str(given))
+    if not above.is_dir():
+        problem = "which is a file" if above == folder.absolute() else f"but {above} is a file"
+        raise InputError(option, f"{got}, {problem}", "a folder")
+    try:
+        with tempfile.TemporaryDirectory(prefix=".sim2vr-", dir=above):
+            pass
+    except OSError as error:
+        problem = f"but nothing can be written in {above} ({(error.strerror or '').lower()})"
+        raise InputError(option, f"{got}, {problem}", "a writable place") from error
+
+
+def _name(parameter: Any) -> str:
+    options = [name for name in parameter.opts if name.startswith("--")]
+    return options[0] if options else str(parameter.name)

@@ -4,90 +4,83 @@
 #include <pybind11/numpy.h>
 #include <pybind11/stl.h>
 
+#include <array>
+#include <limits>
+#include <map>
 #include <memory>
+#include <mutex>
 #include <optional>
 #include <string>
+#include <tuple>
 #include <vector>
 
+#include "device_rows.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/runtime/app_batch.hpp"
-#include "sim2vr/xr/pose_row.hpp"
 
 namespace py = pybind11;
 
 namespace sim2vr::bindings {
 namespace {
 
-template <class T>
-using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
-using Poses = Array<double>;
-using OptionalPoses = std::optional<Poses>;
+/// Hand, amplitude, frequency in Hz, duration in ns.
+using Pulse = std::tuple<std::string, float, float, std::int64_t>;
+/// Name, position in m, gain.
+using Sound = std::tuple<std::string, std::array<double, 3>, float>;
 
-template <class T>
-void checkShape(const char* name, const Array<T>& array, const std::vector<py::ssize_t>& shape) {
-  const std::vector<py::ssize_t> got(array.shape(), array.shape() + array.ndim());
-  if (got == shape) return;
-  throw InvalidArgument(name, fmt::format("shape ({})", fmt::join(got, ", ")),
-                        fmt::format("shape ({})", fmt::join(shape, ", ")));
+/// One renderer of each kind serves every app that shares: contexts are costly, and drawing with
+/// one takes turns.
+std::shared_ptr<render::Renderer> sharedRenderer(render::RendererKind kind) {
+  static std::mutex mutex;
+  static std::map<render::RendererKind, std::weak_ptr<render::Renderer>> renderers;
+  const std::lock_guard<std::mutex> lock(mutex);
+  std::shared_ptr<render::Renderer> renderer = renderers[kind].lock();
+  if (renderer == nullptr) {
+    renderer = render::Renderer::create(kind);
+    renderers[kind] = renderer;
+  }
+  return renderer;
 }
-
-/// Poses of M apps with K frames each: (M, K, 7) per device, a device that is not tracked missing.
-class DeviceRows {
- public:
-  DeviceRows(const Poses& head, const OptionalPoses& left, const OptionalPoses& right,
-             const std::vector<py::ssize_t>& shape)
-      : head_(head.data()),
-        left_(left ? left->data() : nullptr),
-        right_(right ? right->data() : nullptr) {
-    checkShape("head", head, shape);
-    if (left) checkShape("left_controller", *left, shape);
-    if (right) checkShape("right_controller", *right, shape);
-  }
-
-  xr::DeviceState operator[](py::ssize_t i) const {
-    const auto row = [i](const double* rows) {
-      return rows == nullptr ? nullptr : rows + i * xr::kPoseRowNumbers;
-    };
-    return xr::devicesFromRows(row(head_), row(left_), row(right_));
-  }
-
- private:
-  const double* head_;
-  const double* left_;
-  const double* right_;
-};
 
 /// The Python face of runtime::AppBatch. Its arrays are views that keep the batch alive.
 class PyAppBatch {
  public:
   PyAppBatch(const std::string& game, const std::string& options, int apps, int threads, int width,
-             int height, const std::string& renderer, const std::string& log_dir,
-             double fixed_delta_time_s, const std::vector<int>& vision_channels) {
+             int height, int eyes, float ipd_m, const std::string& renderer, bool share_renderer,
+             const std::vector<std::string>& log_dirs, double fixed_delta_time_s,
+             double maximum_delta_time_s, double fixed_step_tolerance_s,
+             const std::vector<int>& vision_channels) {
     runtime::BatchSettings settings;
     settings.app.game = game;
     settings.app.options_json = options;
     settings.app.headset_size = {width, height};
-    settings.app.log_dir = log_dir;
+    settings.app.eyes = eyes;
+    settings.app.ipd_m = ipd_m;
     settings.app.time.fixed_delta_time_s = fixed_delta_time_s;
+    settings.app.time.maximum_delta_time_s = maximum_delta_time_s;
+    settings.app.time.fixed_step_tolerance_s = fixed_step_tolerance_s;
+    settings.log_dirs.assign(log_dirs.begin(), log_dirs.end());
     settings.apps = apps;
     settings.threads = threads;
     settings.renderer = render::rendererKindFromName(renderer);
     settings.vision_channels = vision_channels;
     const py::gil_scoped_release release;
+    if (share_renderer) settings.renderers.push_back(sharedRenderer(settings.renderer));
     batch_ = std::make_shared<runtime::AppBatch>(settings);
   }
 
   runtime::AppBatch& batch() const {
-    if (batch_ == nullptr) throw StateError("the apps are closed; make new ones");
+    if (batch_ == nullptr) throw StateError("the app is closed; make a new one");
     return *batch_;
   }
 
   void reset(const Array<int>& indices, const Array<std::uint32_t>& seeds,
-             const std::string& options, const Poses& head, const OptionalPoses& left,
-             const OptionalPoses& right, std::int64_t time_ns) {
+             const std::string& options, const Rows& head, const OptionalRows& left,
+             const OptionalRows& right, const OptionalRows& left_inputs,
+             const OptionalRows& right_inputs, std::int64_t time_ns) {
     const py::ssize_t count = indices.size();
     checkShape("seeds", seeds, {count});
-    const DeviceRows rows(head, left, right, {count, xr::kPoseRowNumbers});
+    const DeviceRows rows({head, left, right, left_inputs, right_inputs}, {count});
     std::vector<runtime::RoundStart> starts;
     std::vector<xr::DeviceState> devices;
     for (py::ssize_t i = 0; i < count; ++i) {
@@ -99,22 +92,53 @@ class PyAppBatch {
     batch().reset(apps, starts, devices);
   }
 
-  void step(const Array<int>& indices, const Array<std::int64_t>& times_ns, const Poses& head,
-            const OptionalPoses& left, const OptionalPoses& right) {
+  void step(const Array<int>& indices, const Array<std::int64_t>& times_ns, const Rows& head,
+            const OptionalRows& left, const OptionalRows& right, const OptionalRows& left_inputs,
+            const OptionalRows& right_inputs, int drawn) {
     const py::ssize_t count = indices.size();
     if (times_ns.ndim() != 2) {
       throw InvalidArgument("times_ns", std::to_string(times_ns.ndim()) + " dimensions",
                             "2: apps and frames");
     }
     checkShape("times_ns", times_ns, {count, times_ns.shape(1)});
-    const DeviceRows rows(head, left, right, {count, times_ns.shape(1), xr::kPoseRowNumbers});
+    const DeviceRows rows({head, left, right, left_inputs, right_inputs},
+                          {count, times_ns.shape(1)});
     frames_.clear();
     for (py::ssize_t i = 0; i < times_ns.size(); ++i) {
       frames_.push_back({times_ns.data()[i], rows[i]});
     }
     const std::span<const int> apps(indices.data(), static_cast<std::size_t>(count));
     const py::gil_scoped_release release;
-    batch().step(apps, frames_);
+    batch().step(apps, frames_, drawn);
+  }
+
+  py::array_t<double> headRequests(const Array<int>& indices, const Array<std::uint32_t>& seeds,
+                                   const std::string& options) const {
+    checkShape("seeds", seeds, {indices.size()});
+    py::array_t<double> pitches(indices.size());
+    for (py::ssize_t i = 0; i < indices.size(); ++i) {
+      const auto pitch = batch().app(indices.at(i)).headRequest({seeds.at(i), options});
+      pitches.mutable_at(i) = pitch.value_or(std::numeric_limits<double>::quiet_NaN());
+    }
+    return pitches;
+  }
+
+  std::vector<Pulse> haptics(int app) const {
+    std::vector<Pulse> pulses;
+    for (const xr::HapticPulse& pulse : batch().app(app).events().haptics) {
+      pulses.emplace_back(pulse.hand == xr::Hand::left ? "left" : "right", pulse.amplitude,
+                          pulse.frequency_hz, pulse.duration_ns);
+    }
+    return pulses;
+  }
+
+  std::vector<Sound> sounds(int app) const {
+    std::vector<Sound> events;
+    for (const rl::SoundEvent& sound : batch().app(app).events().sounds) {
+      const Vec3& at = sound.position_m;
+      events.emplace_back(sound.name, std::array{at.x(), at.y(), at.z()}, sound.gain);
+    }
+    return events;
   }
 
   template <class T>
@@ -128,17 +152,27 @@ class PyAppBatch {
   }
 
   py::array_t<std::uint8_t> images() const {
-    const auto [width, height] = batch().settings().app.headset_size;
-    return view(batch().images(), {batch().size(), height, width, 4});
+    const runtime::AppSettings& app = batch().settings().app;
+    const auto [width, height] = app.headset_size;
+    std::vector<py::ssize_t> shape{batch().size(), height, width, 4};
+    if (app.eyes > 1) shape.insert(shape.begin() + 1, app.eyes);
+    return view(batch().images(), shape);
   }
   py::array_t<std::uint8_t> vision() const {
-    const auto [width, height] = batch().settings().app.headset_size;
+    const runtime::AppSettings& app = batch().settings().app;
+    const auto [width, height] = app.headset_size;
     const auto channels = static_cast<py::ssize_t>(batch().settings().vision_channels.size());
-    return view(batch().vision(), {batch().size(), channels, height, width});
+    return view(batch().vision(), {batch().size(), app.eyes * channels, height, width});
   }
   py::array_t<float> rewards() const { return view(batch().rewards(), {batch().size()}); }
   py::array_t<std::uint8_t> finished() const { return view(batch().finished(), {batch().size()}); }
   py::array_t<float> timeFeatures() const { return view(batch().timeFeatures(), {batch().size()}); }
+  py::array_t<std::int32_t> hapticCounts() const {
+    return view(batch().hapticCounts(), {batch().size()});
+  }
+  py::array_t<std::int32_t> soundCounts() const {
+    return view(batch().soundCounts(), {batch().size()});
+  }
   std::vector<std::string> logNames() const { return batch().logNames(); }
   std::vector<std::string> privilegedNames() const { return batch().privilegedNames(); }
   py::array_t<float> privileged() const {
@@ -160,9 +194,23 @@ class PyAppBatch {
     return image;
   }
 
-  py::bytes save(int app) const { return py::bytes(batch().app(app).save()); }
-  void load(int app, const py::bytes& state) { batch().load(app, std::string(state)); }
-  std::uint64_t stateHash(int app) const { return batch().app(app).stateHash(); }
+  py::bytes save(int app) const {
+    std::string state;
+    {
+      const py::gil_scoped_release release;
+      state = batch().app(app).save();
+    }
+    return py::bytes(state);
+  }
+  void load(int app, const py::bytes& state) {
+    const std::string saved = state;
+    const py::gil_scoped_release release;
+    batch().load(app, saved);
+  }
+  std::uint64_t stateHash(int app) const {
+    const py::gil_scoped_release release;
+    return batch().app(app).stateHash();
+  }
   std::vector<std::string> capabilities() const {
     return runtime::capabilityNames(batch().app(0).capabilities());
   }
@@ -184,36 +232,57 @@ class PyAppBatch {
 void bindAppBatch(py::module_& module) {
   py::class_<PyAppBatch>(
       module, "AppBatch",
-      "N apps of one game, stepped together on threads. Poses are float64 rows of 7 as of App; M "
-      "apps "
-      "are chosen by their indices. Arrays of results are read-only views without copies: calls "
-      "overwrite the rows of the apps they move; they stay valid memory after close(). The GIL is "
-      "released while the apps work.")
-      .def(py::init<const std::string&, const std::string&, int, int, int, int, const std::string&,
-                    const std::string&, double, const std::vector<int>&>(),
-           py::kw_only(), py::arg("game"), py::arg("options") = "{}", py::arg("apps"),
+      "N apps of one game, stepped together on threads; one app is a batch of one. Poses are "
+      "float64 rows of 7: position x y z (m), rotation x y z w, app frame (left-handed, y up, z "
+      "forward); inputs of a controller are rows of 13 (client/devices.py). M apps are chosen by "
+      "their indices. Arrays of results are read-only views without copies: calls overwrite the "
+      "rows of the apps they move; they stay valid memory after close(). The GIL is released while "
+      "the apps work; one AppBatch must not be used from two threads at once, different ones may.")
+      .def(py::init<const std::string&, const std::string&, int, int, int, int, int, float,
+                    const std::string&, bool, const std::vector<std::string>&, double, double,
+                    double, const std::vector<int>&>(),
+           py::kw_only(), py::arg("game"), py::arg("options") = "{}", py::arg("apps") = 1,
            py::arg("threads") = 1, py::arg("width") = 120, py::arg("height") = 80,
-           py::arg("renderer") = "automatic", py::arg("log_dir") = "",
+           py::arg("eyes") = 1, py::arg("ipd_m") = runtime::AppSettings{}.ipd_m,
+           py::arg("renderer") = "automatic", py::arg("share_renderer") = false,
+           py::arg("log_dirs") = std::vector<std::string>{},
            py::arg("fixed_delta_time_s") = TimeSettings{}.fixed_delta_time_s,
+           py::arg("maximum_delta_time_s") = TimeSettings{}.maximum_delta_time_s,
+           py::arg("fixed_step_tolerance_s") = TimeSettings{}.fixed_step_tolerance_s,
            py::arg("vision_channels") = std::vector<int>{},
-           "options: JSON object. log_dir: app 7 logs to user007 below it; '' for no logs. "
-           "vision_channels: what `vision` holds, 0 red, 1 green, 2 blue, 3 depth.")
+           "options: JSON object. share_renderer: the first thread draws with the renderer that "
+           "the process shares. log_dirs: root of each app's episode logs; [] for no logs. The "
+           "times are those of TimeSettings in core/clock.hpp. vision_channels: what `vision` "
+           "holds, 0 red, 1 green, 2 blue, 3 depth.")
       .def("reset", &PyAppBatch::reset, py::arg("indices"), py::arg("seeds"), py::arg("options"),
            py::arg("head"), py::arg("left_controller") = py::none(),
-           py::arg("right_controller") = py::none(), py::arg("time_ns") = 0,
-           "Starts rounds at time_ns: indices (M,), seeds (M,), poses (M, 7). Errors name the "
-           "first app that "
-           "refused; the others have started.")
-      .def("step", &PyAppBatch::step, py::arg("indices"), py::arg("times_ns"), py::arg("head"),
-           py::arg("left_controller") = py::none(), py::arg("right_controller") = py::none(),
-           "One user step of K frames: indices (M,), times_ns (M, K), poses (M, K, 7). Errors as "
-           "in reset.")
-      .def_property_readonly("images", &PyAppBatch::images, "(N, height, width, 4) uint8 RGBA.")
-      .def_property_readonly("vision", &PyAppBatch::vision,
-                             "(N, channels, height, width) uint8: the vision_channels of images.")
+           py::arg("right_controller") = py::none(), py::arg("left_inputs") = py::none(),
+           py::arg("right_inputs") = py::none(), py::arg("time_ns") = 0,
+           "Starts rounds at time_ns: indices (M,), seeds (M,), poses (M, 7), inputs (M, 13). Errors "
+           "name the first app that refused; the others have started.")
+      .def("step", &PyAppBatch::step, py::arg("indices"), py::arg("times_ns"), py::arg("head"), py::arg("left_controller") = py::none(),
+           py::arg("right_controller") = py::none(), py::arg("left_inputs") = py::none(),
+           py::arg("right_inputs") = py::none(), 
+           py::arg("drawn") = runtime::kLastFrame,
+           "One user step of K frames, of which `drawn` (-1: the last) is drawn: indices (M,), "
+           "times_ns (M, K), poses (M, K, 7), inputs (M, K, 13). Errors as in reset.")
+      .def_property_readonly("images", &PyAppBatch::images,
+                             "(N, height, width, 4) uint8 RGBA headset images, row 0 = top, alpha "
+                             "= linear depth / far plane; with two eyes (N, 2, height, width, 4).")
+      .def_property_readonly(
+          "vision", &PyAppBatch::vision,
+          "(N, eyes * channels, height, width) uint8: the vision_channels of images.")
       .def_property_readonly("rewards", &PyAppBatch::rewards, "(N,) float32 of the last step.")
       .def_property_readonly("finished", &PyAppBatch::finished, "(N,) uint8.")
       .def_property_readonly("time_features", &PyAppBatch::timeFeatures, "(N,) float32.")
+      .def_property_readonly("haptic_counts", &PyAppBatch::hapticCounts,
+                             "(N,) int32: haptic pulses of the last step or reset.")
+      .def_property_readonly("sound_counts", &PyAppBatch::soundCounts,
+                             "(N,) int32: sounds of the last step or reset.")
+      .def("haptics", &PyAppBatch::haptics, py::arg("app"),
+           "The pulses of one app: (hand, amplitude, frequency in Hz, duration in ns).")
+      .def("sounds", &PyAppBatch::sounds, py::arg("app"),
+           "The sounds of one app: (name, position in m, gain).")
       .def_property_readonly("log_names", &PyAppBatch::logNames,
                              "Names of the log's columns; empty before the first reset.")
       .def_property_readonly("logs", &PyAppBatch::logs, "(N, len(log_names)) float64.")
@@ -221,13 +290,21 @@ void bindAppBatch(py::module_& module) {
                              "Names of the privileged numbers' columns; none for a game without.")
       .def_property_readonly("privileged", &PyAppBatch::privileged,
                              "(N, len(privileged_names)) float32 after the last frame.")
+      .def("head_requests", &PyAppBatch::headRequests, py::arg("indices"), py::arg("seeds"),
+           py::arg("options"),
+           "(M,) float64 pitch of the head, degrees up, that the rounds of these seeds wish for; "
+           "NaN: no wish.")
       .def("render_view", &PyAppBatch::renderView, py::arg("app"), py::arg("view"),
-           py::arg("width"), py::arg("height"), "As App.render_view, of one app.")
-      .def("save", &PyAppBatch::save, py::arg("app"), "As App.save, of one app.")
+           py::arg("width"), py::arg("height"),
+           "An app's last frame from 'headset', 'recorder' or 'spectator', (height, width, 4) "
+           "uint8.")
+      .def("save", &PyAppBatch::save, py::arg("app"),
+           "The whole state of one app as bytes, mid-round included.")
       .def("load", &PyAppBatch::load, py::arg("app"), py::arg("state"),
-           "As App.load, of one app; its rows of images, vision, privileged and logs are its own "
-           "again.")
-      .def("state_hash", &PyAppBatch::stateHash, py::arg("app"), "As App.state_hash, of one app.")
+           "Goes on from saved bytes; EngineError for damaged or foreign ones. The app's rows of "
+           "images, vision, privileged and logs are its own again.")
+      .def("state_hash", &PyAppBatch::stateHash, py::arg("app"),
+           "64-bit hash of what save() would return.")
       .def_property_readonly("capabilities", &PyAppBatch::capabilities,
                              "Names of what the apps can do.")
       .def_property_readonly("renderer_description", &PyAppBatch::rendererDescription)

@@ -5,7 +5,6 @@
 
 #include <string>
 
-#include "app_binding.hpp"
 #include "batch_binding.hpp"
 #include "games_binding.hpp"
 #include "sim2vr/core/clock.hpp"
@@ -13,6 +12,7 @@
 #include "sim2vr/core/log.hpp"
 #include "sim2vr/core/version.hpp"
 #include "sim2vr/render/renderer.hpp"
+#include "sim2vr/runtime/lockstep_app.hpp"
 
 namespace py = pybind11;
 
@@ -33,6 +33,7 @@ PYBIND11_MODULE(_app_runtime, module) {
   py::register_exception<sim2vr::EngineError>(module, "EngineError", PyExc_RuntimeError);
   const py::object engine_error = module.attr("EngineError");
   py::register_exception<sim2vr::StateError>(module, "StateError", engine_error.ptr());
+  py::register_exception<sim2vr::runtime::Unsupported>(module, "Unsupported", engine_error.ptr());
   py::register_exception<sim2vr::RenderError>(module, "RenderError", engine_error.ptr());
   py::register_exception<sim2vr::InvalidArgument>(module, "InvalidArgument", PyExc_ValueError);
 
@@ -46,6 +47,5 @@ PYBIND11_MODULE(_app_runtime, module) {
       "set_log_level", [](const std::string& level) { sim2vr::setLogLevel(level); },
       py::arg("level"), "'trace', 'debug', 'info', 'warning' (default), 'error' or 'off'.");
   sim2vr::bindings::bindGames(module);
-  sim2vr::bindings::bindApp(module);
   sim2vr::bindings::bindAppBatch(module);
 }

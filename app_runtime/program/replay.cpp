@@ -28,15 +28,12 @@ bool gameHasOption(const std::string& name, const std::string& option) {
   return options.wasRead(option);
 }
 
-/// The command line's options, and what the log fixes: the condition, and the logged rotation of
-/// the head, which is that of the camera.
+/// The command line's options, and what the log fixes: the condition.
 std::string replayOptions(const Arguments& arguments, const rl::StateLog& log) {
   nlohmann::json options = nlohmann::json::parse(gameOptions(arguments));
-  const auto setDefault = [&](const char* name, const std::string& value) {
-    if (!options.contains(name) && gameHasOption(arguments.game, name)) options[name] = value;
-  };
-  setDefault("condition", log.condition);
-  setDefault("head_rotation", "device");
+  if (!options.contains("condition") && gameHasOption(arguments.game, "condition")) {
+    options["condition"] = log.condition;
+  }
   return options.dump();
 }
 

@@ -39,6 +39,27 @@ void checkCamera(const Camera& camera) {
   }
 }
 
+/// Slopes: half of the picture's width and height, and where its middle is.
+struct Frustum {
+  double half_width, half_height, middle_x, middle_y;
+};
+
+Frustum frustumOf(double vertical_fov_deg, ImageSize size) {
+  const double tan_y = std::tan(vertical_fov_deg * std::numbers::pi / 360.0);
+  return {tan_y * size.width / size.height, tan_y, 0.0, 0.0};
+}
+
+Frustum frustumOf(const EyeView& eye) {
+  if (!(eye.right > eye.left && eye.up > eye.down)) {
+    throw InvalidArgument(
+        "eye",
+        fmt::format("slopes from {} to {} and {} to {}", eye.left, eye.right, eye.down, eye.up),
+        "left below right and down below up");
+  }
+  return {0.5 * (eye.right - eye.left), 0.5 * (eye.up - eye.down), 0.5 * (eye.right + eye.left),
+          0.5 * (eye.up + eye.down)};
+}
+
 Shading shadingOf(const Material& material) {
   if (material.unlit) return Shading::unlit;
   return material.specular_highlights ? Shading::specular : Shading::diffuse;
@@ -62,8 +83,8 @@ void setSurface(const Material& material, bool opaque, InstanceData& instance) {
 
 }  // namespace
 
-void FrameCollector::collect(const scene::Scene& scene, const Camera& camera, ImageSize size,
-                             Frame& frame) {
+void FrameCollector::collect(const ViewRequest& request, Frame& frame) {
+  const Camera& camera = request.camera;
   checkCamera(camera);
   frame_ = &frame;
   frame_->instances.clear();
@@ -72,34 +93,41 @@ void FrameCollector::collect(const scene::Scene& scene, const Camera& camera, Im
   frame_->has_sky = false;
   lights_.clear();
   meshes_.beginFrame();
-  setCamera(camera, size);
-  scene.forEach<Renderable>([&](Renderable& renderable) {
+  setCamera(request);
+  request.scene.forEach<Renderable>([&](Renderable& renderable) {
     if (camera.sees(renderable.gameObject().layer())) visit(renderable);
   });
   setLights();
   sort();
 }
 
-void FrameCollector::setCamera(const Camera& camera, ImageSize size) {
-  const Pose pose = camera.transform().pose();
+void FrameCollector::setCamera(const ViewRequest& request) {
+  const Camera& camera = request.camera;
+  const ImageSize size = request.size;
+  Pose pose = camera.transform().pose();
+  if (request.eye) pose = pose * request.eye->camera_T_eye;
   eye_position_ = pose.position;
   eye_from_world_ = pose.rotation.normalized().toRotationMatrix().transpose();
   const double near = camera.near_m;
   const double far = camera.far_m;
-  const double tan_y = std::tan(camera.vertical_fov_deg * std::numbers::pi / 360.0);
-  const double tan_x = tan_y * size.width / size.height;
+  const Frustum frustum =
+      request.eye ? frustumOf(*request.eye) : frustumOf(camera.vertical_fov_deg, size);
+  const double tan_x = frustum.half_width, tan_y = frustum.half_height;
+  const double widest_x = tan_x + std::abs(frustum.middle_x);
+  const double widest_y = tan_y + std::abs(frustum.middle_y);
   frame_->view = {static_cast<float>(near),
                   static_cast<float>(far),
-                  static_cast<float>(tan_x),
-                  static_cast<float>(tan_y),
-                  static_cast<float>(std::hypot(1.0, tan_x)),
-                  static_cast<float>(std::hypot(1.0, tan_y)),
+                  static_cast<float>(widest_x),
+                  static_cast<float>(widest_y),
+                  static_cast<float>(std::hypot(1.0, widest_x)),
+                  static_cast<float>(std::hypot(1.0, widest_y)),
                   static_cast<float>(size.height / (2.0 * tan_y))};
   FrameUniforms& u = frame_->uniforms;
   u.projection = {static_cast<float>(1.0 / tan_x), static_cast<float>(1.0 / tan_y),
                   static_cast<float>((far + near) / (far - near)),
                   static_cast<float>(-2.0 * far * near / (far - near))};
-  u.depth_scale = {static_cast<float>(1.0 / far), 0.0F, 0.0F, 0.0F};
+  u.depth_scale = {static_cast<float>(1.0 / far), static_cast<float>(frustum.middle_x / tan_x),
+                   static_cast<float>(frustum.middle_y / tan_y), 0.0F};
   for (int row = 0; row < 3; ++row) {
     u.eye_from_world[static_cast<std::size_t>(row)] =
         vec4(eye_from_world_.row(row).transpose().cast<float>());

@@ -9,7 +9,7 @@
 
 #include "mesh_cache.hpp"
 #include "sim2vr/render/components.hpp"
-#include "sim2vr/render/image_size.hpp"
+#include "sim2vr/render/renderer.hpp"
 #include "sim2vr/scene/scene.hpp"
 #include "sky.hpp"
 
@@ -66,7 +66,8 @@ struct DrawItem {
 struct View {
   float near_m = 0.0F;
   float far_m = 1.0F;
-  /// Slopes of the side planes, and the lengths of their normals (slope, 1).
+  /// Slopes of the side planes, the wider one where the two sides differ, and the lengths of their
+  /// normals (slope, 1).
   float tan_x = 1.0F, tan_y = 1.0F, norm_x = 1.0F, norm_y = 1.0F;
   /// Pixels per metre at a distance of 1 m.
   float pixels = 1.0F;
@@ -98,8 +99,8 @@ class FrameCollector {
   explicit FrameCollector(MeshCache& meshes) : meshes_(meshes) {}
 
   /// Fills the frame, sky reflections excepted; what it held before has no part in it. Throws
-  /// InvalidArgument for an impossible camera.
-  void collect(const scene::Scene& scene, const Camera& camera, ImageSize size, Frame& frame);
+  /// InvalidArgument for an impossible camera or eye.
+  void collect(const ViewRequest& request, Frame& frame);
 
  private:
   struct Light {
@@ -109,7 +110,7 @@ class FrameCollector {
     float brightness() const { return radiance.sum(); }
   };
 
-  void setCamera(const Camera& camera, ImageSize size);
+  void setCamera(const ViewRequest& request);
   void visit(Renderable& renderable);
   void addMesh(const MeshRenderer& renderer);
   const MeshPtr& detailFor(const MeshPtr& mesh, float scale, float distance_m) const;

@@ -168,12 +168,6 @@ void GlRenderer::dropTarget(const Target& target) {
   gl_->DeleteRenderbuffers(1, &target.depth);
 }
 
-void GlRenderer::render(const scene::Scene& scene, const Camera& camera, ImageSize size,
-                        std::span<std::uint8_t> rgba) {
-  const ViewRequest request{scene, camera, size, rgba};
-  renderBatch(std::span(&request, 1));
-}
-
 // One view at a time: an atlas of all views makes the CPU's caches overflow, and shifted viewports
 // round differently. What the views share is the turn of the context and the uploads.
 void GlRenderer::renderBatch(std::span<const ViewRequest> requests) {
@@ -203,7 +197,7 @@ void GlRenderer::renderSome(std::span<const ViewRequest> requests) {
 
 void GlRenderer::prepare(const ViewRequest& request, Prepared& prepared) {
   Frame& frame = prepared.frame;
-  collector_.collect(request.scene, request.camera, request.size, frame);
+  collector_.collect(request, frame);
   if (frame.has_sky) sky_->prepare(frame);
   prepared.first_instance = instances_.size();
   for (const auto* items : {&frame.opaque, &frame.alpha}) {

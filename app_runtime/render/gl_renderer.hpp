@@ -26,8 +26,6 @@ class GlRenderer final : public Renderer {
 
   RendererKind kind() const override { return kind_; }
   const std::string& description() const override { return description_; }
-  void render(const scene::Scene& scene, const Camera& camera, ImageSize size,
-              std::span<std::uint8_t> rgba) override;
   void renderBatch(std::span<const ViewRequest> requests) override;
 
  private:

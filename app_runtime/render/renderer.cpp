@@ -19,11 +19,12 @@ class NullRenderer final : public Renderer {
  public:
   RendererKind kind() const override { return RendererKind::null; }
   const std::string& description() const override { return description_; }
-  void render(const scene::Scene&, const Camera&, ImageSize size,
-              std::span<std::uint8_t> rgba) override {
-    checkRenderArguments(size, rgba);
-    std::fill(rgba.begin(), rgba.end(), std::uint8_t{0});
-    for (std::size_t i = 3; i < rgba.size(); i += 4) rgba[i] = 255;
+  void renderBatch(std::span<const ViewRequest> requests) override {
+    for (const ViewRequest& each : requests) {
+      checkRenderArguments(each.size, each.rgba);
+      std::fill(each.rgba.begin(), each.rgba.end(), std::uint8_t{0});
+      for (std::size_t i = 3; i < each.rgba.size(); i += 4) each.rgba[i] = 255;
+    }
   }
 
  private:
@@ -82,12 +83,6 @@ std::shared_ptr<Renderer> Renderer::create(RendererKind kind) {
       return std::make_shared<NullRenderer>();
     default:
       return createGl(kind);
-  }
-}
-
-void Renderer::renderBatch(std::span<const ViewRequest> requests) {
-  for (const ViewRequest& request : requests) {
-    render(request.scene, request.camera, request.size, request.rgba);
   }
 }
 

@@ -71,7 +71,8 @@ void SkyPainter::prepare(Frame& frame) {
 
 GLuint SkyPainter::picture(const Frame& frame, ImageSize size) {
   if (size.pixels() > kLargestKept_pixels) return 0;
-  const Look look{size, frame.uniforms.projection, frame.uniforms.eye_from_world, frame.sky};
+  const Look look{size, frame.uniforms.projection, frame.uniforms.depth_scale,
+                  frame.uniforms.eye_from_world, frame.sky};
   ++uses_;
   const auto found = std::find_if(pictures_.begin(), pictures_.end(),
                                   [&](const Picture& each) { return each.look == look; });

@@ -37,6 +37,7 @@ class SkyPainter {
   struct Look {
     ImageSize size;
     Vec4f projection{};
+    Vec4f depth_scale{};
     std::array<Vec4f, 3> eye_from_world{};
     SkySettings sky;
 

@@ -49,11 +49,7 @@ void TrackedPoseDriver::Update() {
   const bool tracked = (location.locationFlags & kPoseValid) == kPoseValid;
   moved_.setActive(tracked);
   if (!tracked) return;
-  Pose pose = xr::fromXr(location.pose);
-  if (rotation_source_ != nullptr) {
-    pose.rotation = rotation_source_->headRotationOverride().value_or(pose.rotation);
-  }
-  moved_.transform().setPose(pose);
+  moved_.transform().setPose(xr::fromXr(location.pose));
 }
 
 XrRig buildXrRig(GameContext& context, const XrRigSettings& settings) {
@@ -68,17 +64,12 @@ XrRig buildXrRig(GameContext& context, const XrRigSettings& settings) {
   rig.right_controller =
       &addTracked(rig, "RightHand Controller", session, session.actionSpace(grip, xr::Hand::right));
   auto& camera = rig.camera->addComponent<render::Camera>();
-  camera.vertical_fov_deg = settings.vertical_fov_deg;
+  camera.vertical_fov_deg = session.settings().vertical_fov_deg;
   camera.near_m = settings.near_m;
   camera.far_m = settings.far_m;
   camera.culling_mask = ~(1U << kPlayerLooksLayer);
   addHeadsetLooks(*rig.camera, kPlayerLooksLayer);
   return rig;
-}
-
-void setHeadRotationSource(const XrRig& rig, const RLEnv& env) {
-  // The head's driver is the first one on the root.
-  rig.root->getComponent<TrackedPoseDriver>()->setRotationSource(env);
 }
 
 }  // namespace sim2vr::rl

@@ -2,18 +2,19 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <nlohmann/json.hpp>
 #include <string>
 
 #include "sim2vr/core/archive.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/options.hpp"
-#include "sim2vr/games/registry.hpp"
 #include "sim2vr/physics/world.hpp"
 #include "sim2vr/rl/episode_logger.hpp"
 #include "sim2vr/rl/outside_cameras.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 #include "sim2vr/scene/scene.hpp"
+#include "sim2vr/xr/frames.hpp"
 #include "sim2vr/xr/session.hpp"
 #include "sim2vr/xr/simulated_device.hpp"
 
@@ -29,6 +30,15 @@ xr::SessionSettings sessionSettings(const AppSettings& app) {
   settings.ipd_m = app.ipd_m;
   settings.aspect = static_cast<float>(size.width) / static_cast<float>(size.height);
   return settings;
+}
+
+/// Of a view that was located in the head's own space.
+render::EyeView eyeView(const XrView& view) {
+  return {.camera_T_eye = xr::fromXr(view.pose),
+          .left = std::tan(view.fov.angleLeft),
+          .right = std::tan(view.fov.angleRight),
+          .down = std::tan(view.fov.angleDown),
+          .up = std::tan(view.fov.angleUp)};
 }
 
 Capabilities capabilitiesOf(const rl::Game& game) {
@@ -74,18 +84,21 @@ struct App::Round {
   rl::RLEnv* env = nullptr;
 };
 
-AppFactory gameApps() {
-  return [](const AppSettings& settings, std::shared_ptr<render::Renderer> renderer,
-            std::span<std::uint8_t> image) {
-    return std::make_unique<App>(settings, std::move(renderer), image);
+AppFactory gameApps() { return gameApps(games::createGame); }
+
+AppFactory gameApps(GameMaker make_game) {
+  return [make_game](const AppSettings& settings, std::shared_ptr<render::Renderer> renderer,
+                     std::span<std::uint8_t> image) {
+    return std::make_unique<App>(settings, std::move(renderer), image, make_game);
   };
 }
 
 App::App(AppSettings settings, std::shared_ptr<render::Renderer> renderer,
-         std::span<std::uint8_t> image)
+         std::span<std::uint8_t> image, GameMaker make_game)
     : settings_(std::move(settings)),
       renderer_(std::move(renderer)),
-      game_(games::createGame(settings_.game)),
+      make_game_(std::move(make_game)),
+      game_(make_game_(settings_.game)),
       capabilities_(capabilitiesOf(*game_)),
       image_(image) {
   settings_.validate();
@@ -219,7 +232,7 @@ const std::map<std::string, double>& App::log() const {
 std::optional<double> App::headRequest(const RoundStart& start) const {
   const std::string merged = mergedOptions(settings_.options_json, start.options_json);
   if (merged == settings_.options_json) return game_->headRequest(start.seed);
-  const std::unique_ptr<rl::Game> game = games::createGame(settings_.game);
+  const std::unique_ptr<rl::Game> game = make_game_(settings_.game);
   configureGame(*game, merged);
   return game->headRequest(start.seed);
 }
@@ -252,8 +265,17 @@ void App::renderView(View view, render::ImageSize size, std::span<std::uint8_t> 
 }
 
 void App::addViews(std::vector<render::ViewRequest>& views) {
-  views.push_back(
-      {round("draw").scene, camera(View::headset), settings_.headset_size, eyeImage(0)});
+  Round& current = round("draw");
+  const render::Camera& head = camera(View::headset);
+  if (settings_.eyes == 1) {
+    views.push_back({current.scene, head, settings_.headset_size, image_});
+    return;
+  }
+  const xr::Space space = current.session.referenceSpace(XR_REFERENCE_SPACE_TYPE_VIEW);
+  int eye = 0;
+  for (const XrView& view : current.session.locateViews(current.session.frameTime(), space)) {
+    views.push_back({current.scene, head, settings_.headset_size, eyeImage(eye++), eyeView(view)});
+  }
 }
 
 void App::draw() {

@@ -49,6 +49,8 @@ std::size_t portionSize(std::size_t apps, int threads) {
     throw InvalidArgument(app + ", " + error.field(), error.got(), error.expected());
   } catch (const RenderError& error) {
     throw RenderError(app + ": " + error.what());
+  } catch (const Unsupported&) {
+    throw;  // of no app in particular: all are of one kind
   } catch (const StateError& error) {
     throw StateError(app + ": " + error.what());
   } catch (const std::exception& error) {
@@ -69,12 +71,20 @@ AppBatch::AppBatch(const BatchSettings& settings)
   rewards_.resize(count);
   finished_.resize(count);
   time_features_.resize(count);
-  for (int i = 0; i < pool_.threads(); ++i) {
+  haptic_counts_.resize(count);
+  sound_counts_.resize(count);
+  if (!settings_.log_dirs.empty() && settings_.log_dirs.size() != count) {
+    throw InvalidArgument("log_dirs", std::to_string(settings_.log_dirs.size()) + " folders",
+                          fmt::format("{}, one for each app, or none", count));
+  }
+  renderers_ = settings_.renderers;
+  while (static_cast<int>(renderers_.size()) < pool_.threads()) {
     renderers_.push_back(render::Renderer::create(settings_.renderer));
   }
   for (int i = 0; i < settings_.apps; ++i) {
     AppSettings app = settings_.app;
-    if (!app.log_dir.empty()) app.log_dir /= fmt::format("user{:03d}", i);
+    app.log_dir.clear();
+    if (!settings_.log_dirs.empty()) app.log_dir = settings_.log_dirs[static_cast<std::size_t>(i)];
     const auto image = std::span(images_).subspan(static_cast<std::size_t>(i) * bytes, bytes);
     apps_.push_back(
         settings_.make(app, renderers_[static_cast<std::size_t>(i % pool_.threads())], image));
@@ -137,6 +147,7 @@ void AppBatch::run(std::span<const int> indices, const Start& start, const Finis
   }
   for (std::size_t i = 0; i < indices.size(); ++i) {
     if (!failures[i]) continue;
+    if (size() == 1) std::rethrow_exception(failures[i]);
     try {
       std::rethrow_exception(failures[i]);
     } catch (...) {
@@ -174,6 +185,7 @@ void AppBatch::load(int index, const std::string& state) {
   app(index).load(state);
   separateChannels(index);
   fillPrivileged(index);
+  countEvents(index);
   fillLog(index);
 }
 
@@ -204,7 +216,15 @@ void AppBatch::store(int index, const Outcome& outcome) {
   rewards_[row] = outcome.reward;
   finished_[row] = outcome.finished ? 1 : 0;
   time_features_[row] = outcome.time_feature;
+  countEvents(index);
   fillLog(index);
+}
+
+void AppBatch::countEvents(int index) {
+  const auto row = static_cast<std::size_t>(index);
+  const Events& events = apps_[row]->events();
+  haptic_counts_[row] = static_cast<std::int32_t>(events.haptics.size());
+  sound_counts_[row] = static_cast<std::int32_t>(events.sounds.size());
 }
 
 void AppBatch::fillLog(int index) {

@@ -162,7 +162,6 @@ def play(moment: Moment) -> Picture:
     """Play up to the moment and return the panel, (257, 456, 3)."""
     options = {
         "condition": "medium-unconstrained",
-        "head_rotation": "device",
         "fade_in_seconds": FADE_IN_S,
         "life_seconds": LIFE_S,
         **spawns(moment),

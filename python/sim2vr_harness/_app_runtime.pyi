@@ -6,107 +6,64 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['App', 'AppBatch', 'EngineError', 'InvalidArgument', 'RenderError', 'StateError', 'frame_time_ns', 'gl_renderer', 'list_games', 'set_log_level']
+__all__: list[str] = ['AppBatch', 'EngineError', 'InvalidArgument', 'RenderError', 'StateError', 'Unsupported', 'frame_time_ns', 'gl_renderer', 'list_games', 'set_log_level']
 class EngineError(RuntimeError):
     pass
 class StateError(EngineError):
+    pass
+class Unsupported(EngineError):
     pass
 class RenderError(EngineError):
     pass
 class InvalidArgument(ValueError):
     pass
-class App:
-    """
-    One VR app in lockstep. Poses are arrays of 7 float64: position x y z (m), rotation x y z w, app frame (left-handed, y up, z forward). The GIL is released while the app works; one App must not be used from two threads at once, different Apps may.
-    """
-    def __init__(self, *, game: str, options: str = '{}', width: typing.SupportsInt | typing.SupportsIndex = 120, height: typing.SupportsInt | typing.SupportsIndex = 80, renderer: str = 'automatic', log_dir: str = '', fixed_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.002, maximum_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.3333333333333333, fixed_step_tolerance_s: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
-        """
-        options: JSON object. log_dir: root of the episode logs, '' for none. The times are those of TimeSettings in core/clock.hpp.
-        """
-    def close(self) -> None:
-        """
-        Frees the app; later calls raise StateError.
-        """
-    def load(self, state: bytes) -> None:
-        """
-        Goes on from saved bytes; EngineError for damaged or foreign ones.
-        """
-    def render_view(self, view: str, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.uint8]:
-        """
-        The last frame from 'headset', 'recorder' or 'spectator', (height, width, 4) uint8.
-        """
-    def reset(self, seed: typing.SupportsInt | typing.SupportsIndex, options: str, head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, time_ns: typing.SupportsInt | typing.SupportsIndex = 0) -> tuple[float, bool, float, dict[str, float]]:
-        """
-        Starts a round with its first frame at time_ns; returns (reward, finished, time feature, log).
-        """
-    def save(self) -> bytes:
-        """
-        The whole app state as bytes, mid-round included.
-        """
-    def set_buttons(self, hand: str, trigger: typing.SupportsFloat | typing.SupportsIndex = 0.0, squeeze: typing.SupportsFloat | typing.SupportsIndex = 0.0, thumbstick: tuple[typing.SupportsFloat | typing.SupportsIndex, typing.SupportsFloat | typing.SupportsIndex] = (0.0, 0.0), lower: bool = False, upper: bool = False, menu: bool = False) -> None:
-        """
-        Inputs of the hand 'left' (lower X, upper Y) or 'right' (lower A, upper B) from the next frame on.
-        """
-    def state_hash(self) -> int:
-        """
-        64-bit hash of what save() would return.
-        """
-    def step(self, time_ns: typing.SupportsInt | typing.SupportsIndex, head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None) -> tuple[float, bool, float, dict[str, float]]:
-        """
-        Runs one frame; returns (reward, finished, time feature, log).
-        """
-    def step_frames(self, times_ns: typing.Annotated[numpy.typing.ArrayLike, numpy.int64], head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None) -> tuple[float, bool, float, dict[str, float]]:
-        """
-        One user step of K frames, the last one rendered: times_ns (K,) int64, poses (K, 7); returns (summed reward, finished, time feature, log).
-        """
-    @property
-    def capabilities(self) -> list[str]:
-        """
-        Names of what it can do.
-        """
-    @property
-    def image(self) -> numpy.typing.NDArray[numpy.uint8]:
-        """
-        (height, width, 4) uint8 RGBA headset image of the last frame, row 0 = top, alpha = linear depth / far plane. A read-only view of the app's buffer without a copy: it is overwritten by reset, step and load, and stays valid memory after close().
-        """
-    @property
-    def renderer_description(self) -> str:
-        ...
 class AppBatch:
     """
-    N apps of one game, stepped together on threads. Poses are float64 rows of 7 as of App; M apps are chosen by their indices. Arrays of results are read-only views without copies: calls overwrite the rows of the apps they move; they stay valid memory after close(). The GIL is released while the apps work.
+    N apps of one game, stepped together on threads; one app is a batch of one. Poses are float64 rows of 7: position x y z (m), rotation x y z w, app frame (left-handed, y up, z forward); inputs of a controller are rows of 13 (client/devices.py). M apps are chosen by their indices. Arrays of results are read-only views without copies: calls overwrite the rows of the apps they move; they stay valid memory after close(). The GIL is released while the apps work; one AppBatch must not be used from two threads at once, different ones may.
     """
-    def __init__(self, *, game: str, options: str = '{}', apps: typing.SupportsInt | typing.SupportsIndex, threads: typing.SupportsInt | typing.SupportsIndex = 1, width: typing.SupportsInt | typing.SupportsIndex = 120, height: typing.SupportsInt | typing.SupportsIndex = 80, renderer: str = 'automatic', log_dir: str = '', fixed_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.002, vision_channels: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = []) -> None:
+    def __init__(self, *, game: str, options: str = '{}', apps: typing.SupportsInt | typing.SupportsIndex = 1, threads: typing.SupportsInt | typing.SupportsIndex = 1, width: typing.SupportsInt | typing.SupportsIndex = 120, height: typing.SupportsInt | typing.SupportsIndex = 80, eyes: typing.SupportsInt | typing.SupportsIndex = 1, ipd_m: typing.SupportsFloat | typing.SupportsIndex = 0.06400000303983688, renderer: str = 'automatic', share_renderer: bool = False, log_dirs: collections.abc.Sequence[str] = [], fixed_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.002, maximum_delta_time_s: typing.SupportsFloat | typing.SupportsIndex = 0.3333333333333333, fixed_step_tolerance_s: typing.SupportsFloat | typing.SupportsIndex = 0.0, vision_channels: collections.abc.Sequence[typing.SupportsInt | typing.SupportsIndex] = []) -> None:
         """
-        options: JSON object. log_dir: app 7 logs to user007 below it; '' for no logs. vision_channels: what `vision` holds, 0 red, 1 green, 2 blue, 3 depth.
+        options: JSON object. share_renderer: the first thread draws with the renderer that the process shares. log_dirs: root of each app's episode logs; [] for no logs. The times are those of TimeSettings in core/clock.hpp. vision_channels: what `vision` holds, 0 red, 1 green, 2 blue, 3 depth.
         """
     def close(self) -> None:
         """
         Frees the apps; later calls raise StateError.
         """
+    def haptics(self, app: typing.SupportsInt | typing.SupportsIndex) -> list[tuple[str, float, float, int]]:
+        """
+        The pulses of one app: (hand, amplitude, frequency in Hz, duration in ns).
+        """
+    def head_requests(self, indices: typing.Annotated[numpy.typing.ArrayLike, numpy.int32], seeds: typing.Annotated[numpy.typing.ArrayLike, numpy.uint32], options: str) -> numpy.typing.NDArray[numpy.float64]:
+        """
+        (M,) float64 pitch of the head, degrees up, that the rounds of these seeds wish for; NaN: no wish.
+        """
     def load(self, app: typing.SupportsInt | typing.SupportsIndex, state: bytes) -> None:
         """
-        As App.load, of one app; its rows of images, vision, privileged and logs are its own again.
+        Goes on from saved bytes; EngineError for damaged or foreign ones. The app's rows of images, vision, privileged and logs are its own again.
         """
     def render_view(self, app: typing.SupportsInt | typing.SupportsIndex, view: str, width: typing.SupportsInt | typing.SupportsIndex, height: typing.SupportsInt | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.uint8]:
         """
-        As App.render_view, of one app.
+        An app's last frame from 'headset', 'recorder' or 'spectator', (height, width, 4) uint8.
         """
-    def reset(self, indices: typing.Annotated[numpy.typing.ArrayLike, numpy.int32], seeds: typing.Annotated[numpy.typing.ArrayLike, numpy.uint32], options: str, head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, time_ns: typing.SupportsInt | typing.SupportsIndex = 0) -> None:
+    def reset(self, indices: typing.Annotated[numpy.typing.ArrayLike, numpy.int32], seeds: typing.Annotated[numpy.typing.ArrayLike, numpy.uint32], options: str, head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, left_inputs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_inputs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, time_ns: typing.SupportsInt | typing.SupportsIndex = 0) -> None:
         """
-        Starts rounds at time_ns: indices (M,), seeds (M,), poses (M, 7). Errors name the first app that refused; the others have started.
+        Starts rounds at time_ns: indices (M,), seeds (M,), poses (M, 7), inputs (M, 13). Errors name the first app that refused; the others have started.
         """
     def save(self, app: typing.SupportsInt | typing.SupportsIndex) -> bytes:
         """
-        As App.save, of one app.
+        The whole state of one app as bytes, mid-round included.
+        """
+    def sounds(self, app: typing.SupportsInt | typing.SupportsIndex) -> list[tuple[str, typing.Annotated[list[float], "FixedSize(3)"], float]]:
+        """
+        The sounds of one app: (name, position in m, gain).
         """
     def state_hash(self, app: typing.SupportsInt | typing.SupportsIndex) -> int:
         """
-        As App.state_hash, of one app.
+        64-bit hash of what save() would return.
         """
-    def step(self, indices: typing.Annotated[numpy.typing.ArrayLike, numpy.int32], times_ns: typing.Annotated[numpy.typing.ArrayLike, numpy.int64], head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None) -> None:
+    def step(self, indices: typing.Annotated[numpy.typing.ArrayLike, numpy.int32], times_ns: typing.Annotated[numpy.typing.ArrayLike, numpy.int64], head: typing.Annotated[numpy.typing.ArrayLike, numpy.float64], left_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_controller: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, left_inputs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, right_inputs: typing.Annotated[numpy.typing.ArrayLike, numpy.float64] | None = None, drawn: typing.SupportsInt | typing.SupportsIndex = -1) -> None:
         """
-        One user step of K frames: indices (M,), times_ns (M, K), poses (M, K, 7). Errors as in reset.
+        One user step of K frames, of which `drawn` (-1: the last) is drawn: indices (M,), times_ns (M, K), poses (M, K, 7), inputs (M, K, 13). Errors as in reset.
         """
     @property
     def capabilities(self) -> list[str]:
@@ -119,9 +76,14 @@ class AppBatch:
         (N,) uint8.
         """
     @property
+    def haptic_counts(self) -> numpy.typing.NDArray[numpy.int32]:
+        """
+        (N,) int32: haptic pulses of the last step or reset.
+        """
+    @property
     def images(self) -> numpy.typing.NDArray[numpy.uint8]:
         """
-        (N, height, width, 4) uint8 RGBA.
+        (N, height, width, 4) uint8 RGBA headset images, row 0 = top, alpha = linear depth / far plane; with two eyes (N, 2, height, width, 4).
         """
     @property
     def log_names(self) -> list[str]:
@@ -152,6 +114,11 @@ class AppBatch:
         (N,) float32 of the last step.
         """
     @property
+    def sound_counts(self) -> numpy.typing.NDArray[numpy.int32]:
+        """
+        (N,) int32: sounds of the last step or reset.
+        """
+    @property
     def threads(self) -> int:
         """
         Threads in use.
@@ -164,7 +131,7 @@ class AppBatch:
     @property
     def vision(self) -> numpy.typing.NDArray[numpy.uint8]:
         """
-        (N, channels, height, width) uint8: the vision_channels of images.
+        (N, eyes * channels, height, width) uint8: the vision_channels of images.
         """
 def frame_time_ns(frame: typing.Annotated[numpy.typing.ArrayLike, numpy.int64], frame_rate_hz: typing.Annotated[numpy.typing.ArrayLike, numpy.int32]) -> typing.Any:
     """

@@ -81,7 +81,7 @@ def in_a_batch(
         width=width,
         height=height,
         renderer=renderer,
-        log_dir=log_dir,
+        log_dirs=None if log_dir is None else [log_dir / str(i) for i in range(3)],
         threads=2,
     )
     batch.app(0).close()

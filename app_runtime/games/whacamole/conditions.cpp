@@ -133,13 +133,13 @@ Quat aboutX(double x, double w) { return Quat(w, x, 0.0, 0.0).normalized(); }
 PlacementGeometry geometry(Placement placement) {
   switch (placement) {
     case Placement::kLow:
-      return {{0.15, -0.30, 0.35}, aboutX(0.3826834, 0.9238795), aboutX(-0.258819, -0.9659258)};
+      return {{0.15, -0.30, 0.35}, aboutX(0.3826834, 0.9238795), -30.0};
     case Placement::kHigh:
-      return {{0.15, 0.20, 0.30}, aboutX(-0.3826834, 0.9238795), aboutX(0.258819, -0.9659258)};
+      return {{0.15, 0.20, 0.30}, aboutX(-0.3826834, 0.9238795), 30.0};
     case Placement::kMid:
       break;
   }
-  return {{0.15, -0.10, 0.40}, Quat::Identity(), aboutX(-0.0871556774, -0.99619472)};
+  return {{0.15, -0.10, 0.40}, Quat::Identity(), -10.0};
 }
 
 double strikeSpeed(Placement placement, const Vec3& velocity_mps) {
@@ -230,7 +230,6 @@ std::string Settings::playOptionsJson() const {
 
 Settings Settings::fromOptions(Options& options) {
   static const std::vector<std::string> kRewards{"reference", "paper"};
-  static const std::vector<std::string> kHeadRotations{"simulated", "device"};
   static const std::vector<std::string> kVelocityPoints{"root", "head"};
   Settings settings;
   settings.condition = options.getChoice("condition", settings.condition, conditionNames());
@@ -241,8 +240,7 @@ Settings Settings::fromOptions(Options& options) {
                         : RewardKind::kReference;
   settings.round_s = static_cast<float>(options.getNumber("round_seconds", 60.0, 0.1, 3600.0));
   settings.countdown_s = static_cast<float>(options.getNumber("countdown_seconds", 0.0, 0.0, 60.0));
-  settings.override_head_rotation =
-      options.getChoice("head_rotation", "simulated", kHeadRotations) == "simulated";
+  settings.head_request = options.getBool("head_request", settings.head_request);
   settings.show_controllers = options.getBool("show_controllers", settings.show_controllers);
   settings.spawns = spawnsFromOptions(options);
   settings.spawn_weights = weightsFromOptions(options);

@@ -25,9 +25,9 @@ struct Condition {
 
 /// Where the target area is put, relative to the head at the start of the round.
 struct PlacementGeometry {
-  Vec3 offset_m;  // area origin minus head position, world axes; head rotation is ignored
-  Quat rotation;  // of the area, world
-  Quat simulated_head_rotation;  // what a simulated user's head camera looks along
+  Vec3 offset_m;          // area origin minus head position, world axes; head rotation is ignored
+  Quat rotation;          // of the area, world
+  double head_pitch_deg;  // how the head is best held, up positive
 };
 PlacementGeometry geometry(Placement placement);
 
@@ -76,8 +76,8 @@ struct Settings {
   RewardKind reward = RewardKind::kReference;
   float round_s = 60.0F;
   float countdown_s = 0.0F;
-  /// Fix the head camera's rotation by placement, as for simulated users.
-  bool override_head_rotation = true;
+  /// Ask the player before a round to hold the head as suits the placement.
+  bool head_request = true;
   bool show_controllers = true;
   /// In order of time. When there are any, they replace the random spawns of the round.
   std::vector<ScheduledSpawn> spawns;

@@ -89,11 +89,6 @@ float Env::GetTimeFeature() const {
   return 2.0F * (round_.elapsed_s() / round_.settings().round_s) - 1.0F;
 }
 
-std::optional<Quat> Env::headRotationOverride() const {
-  if (!round_.settings().override_head_rotation) return std::nullopt;
-  return geometry(round_.condition().placement).simulated_head_rotation;
-}
-
 void Env::updateLog() {
   const Counts& counts = round_.counts();
   log_["Points"] = counts.hits;

@@ -30,7 +30,6 @@ class Env : public rl::RLEnv {
   void UpdateIsFinished() override;
   float GetTimeFeature() const override;
   void fillPrivileged(std::span<float> values) const override { privileged_.fill(values); }
-  std::optional<Quat> headRotationOverride() const override;
   void fields(Archive& archive) override;
 
  private:

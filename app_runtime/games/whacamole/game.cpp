@@ -1,8 +1,5 @@
 #include "whacamole/game.hpp"
 
-#include <cmath>
-#include <numbers>
-
 #include "sim2vr/physics/world.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 #include "sim2vr/xr/session.hpp"
@@ -60,16 +57,13 @@ rl::RLEnv& WhacAMole::build(rl::GameContext& context) {
   auto& env = scene.create("RL Environment")
                   .addComponent<Env>(round, Privileged(round, *setup.rig.camera, *setup.area,
                                                        context.xr.settings().aspect));
-  rl::setHeadRotationSource(setup.rig, env);
   addRoomLooks(scene);
   return env;
 }
 
 std::optional<double> WhacAMole::headRequest(std::uint32_t seed) const {
-  if (!settings_.override_head_rotation) return std::nullopt;
-  const Placement placement = resolveCondition(settings_.condition, seed).placement;
-  const Vec3 gaze = geometry(placement).simulated_head_rotation * Vec3::UnitZ();
-  return std::atan2(gaze.y(), gaze.z()) * 180.0 / std::numbers::pi;
+  if (!settings_.head_request) return std::nullopt;
+  return geometry(resolveCondition(settings_.condition, seed).placement).head_pitch_deg;
 }
 
 const std::vector<std::string>& WhacAMole::privilegedNames() const { return Privileged::names(); }

@@ -9,6 +9,7 @@ from sim2vr_harness.client.base import (
     AppReply,
     ClockSettings,
     OptionValue,
+    require_capability,
 )
 from sim2vr_harness.client.channel import Channel
 from sim2vr_harness.client.devices import (
@@ -38,14 +39,7 @@ from sim2vr_harness.client.games import (
     describe_game,
     facts_of_outside,
 )
-from sim2vr_harness.client.in_process import (
-    InProcessApp,
-    frame_time_ns,
-    frame_times_ns,
-    gl_renderer,
-    list_games,
-    runtime_version,
-)
+from sim2vr_harness.client.in_process import InProcessApp
 from sim2vr_harness.client.in_process_batch import InProcessBatch, InProcessBatchApp
 from sim2vr_harness.client.launch import (
     StartingApp,
@@ -59,6 +53,13 @@ from sim2vr_harness.client.launch import (
 from sim2vr_harness.client.process import AppProcess
 from sim2vr_harness.client.protocol1 import Protocol1App
 from sim2vr_harness.client.protocol2 import Protocol2App, Protocol2Connection
+from sim2vr_harness.client.runtime import (
+    frame_time_ns,
+    frame_times_ns,
+    gl_renderer,
+    list_games,
+    runtime_version,
+)
 
 __all__ = [
     "APP_FAILURES",
@@ -102,6 +103,7 @@ __all__ = [
     "input_named",
     "is_sim2vr_app",
     "list_games",
+    "require_capability",
     "runtime_version",
     "sim2vr_arguments",
     "start_sim2vr_app",

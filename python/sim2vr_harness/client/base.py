@@ -10,6 +10,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.client.devices import DevicePoses, HapticPulse, SoundEvent
+from sim2vr_harness.client.errors import AppUnsupported
+
+__all__ = [
+    "CAPABILITIES",
+    "AppClient",
+    "AppReply",
+    "ClockSettings",
+    "DevicePoses",
+    "Float32Array",
+    "Float64Array",
+    "HapticPulse",
+    "Int64Array",
+    "OptionValue",
+    "SoundEvent",
+    "ThirdPersonView",
+    "UInt8Array",
+    "require_capability",
+]
 
 OptionValue = bool | int | float | str | list[float]
 UInt8Array = NDArray[np.uint8]
@@ -63,6 +81,14 @@ CAPABILITIES: dict[str, str] = {
 """What an app may be able to do, and what that is; see :attr:`AppClient.capabilities`."""
 
 
+def require_capability(capabilities: frozenset[str], name: str) -> None:
+    """Raise AppUnsupported unless ``name``, one of :data:`CAPABILITIES`, is among them."""
+    if name not in capabilities:
+        raise AppUnsupported(
+            f"{name}: the app does not have this capability ({CAPABILITIES[name]})"
+        )
+
+
 class AppClient(Protocol):
     """One app in lockstep: it moves only when told to."""
 
@@ -72,9 +98,10 @@ class AppClient(Protocol):
 
     @property
     def image(self) -> UInt8Array:
-        """Headset image of the last frame, (H, W, 4) RGBA; alpha is linear depth / far plane.
+        """Headset image of the drawn frame, (H, W, 4) RGBA; alpha is linear depth / far plane.
 
-        A view of the app's buffer: overwritten by the next reset or step, so copy what must last.
+        With two eyes (2, H, W, 4): left, right. A view of the app's buffer: overwritten by the next
+        reset or step, so copy what must last.
         """
 
     def reset(
@@ -106,15 +133,15 @@ class AppClient(Protocol):
         """
 
     def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
-        """One user step of K frames, of which one is rendered.
+        """One user step of K frames, of which one is drawn.
 
         The reward is the frames' sum; when the round ends before the last frame, the rest are
-        not run.
+        not run. Which frame is drawn changes nothing but :attr:`image`.
 
         Args:
             times_ns: (K,) int64 game times, ascending.
-            poses: of K frames, (K, 7).
-            drawn: which of the frames is rendered, from 0; -1: the last.
+            poses: of K frames, (K, ...).
+            drawn: 0 to K - 1, or -1 for the last frame.
 
         Raises:
             ValueError, RuntimeError: as :meth:`step`; then no frame was run.
@@ -130,8 +157,8 @@ class AppClient(Protocol):
 
         Args:
             times_ns: (K,) int64 game times, ascending.
-            poses: of K frames, (K, 7).
-            drawn: which of the frames is rendered, from 0; -1: the last.
+            poses: of K frames, (K, ...).
+            drawn: as in :meth:`step_frames`.
             last: the user ends the round after this step (a time limit); an app of the reference
                 is told so, for the others the next reset says it.
 
@@ -166,7 +193,10 @@ class AppClient(Protocol):
         """
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
-        """The headset view of the last frame at another size, (height, width, 4) RGBA."""
+        """The headset view of the last frame at another size, (height, width, 4) RGBA.
+
+        From between the eyes, however many the app was made with.
+        """
 
     def render_third_person(
         self, width: int, height: int, view: ThirdPersonView = "spectator"

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -107,6 +108,26 @@ class DevicePoses:
     left_controller: Float64Array | None = None
     right_inputs: Float64Array | None = None
     left_inputs: Float64Array | None = None
+
+    def map(self, change: Callable[[Float64Array], Float64Array]) -> DevicePoses:
+        """Return the same devices with ``change`` applied to every array that is there."""
+        arrays: dict[str, Any] = {
+            name: None if array is None else change(array) for name, array in vars(self).items()
+        }
+        return DevicePoses(**arrays)
+
+    def __getitem__(self, index: int | slice | NDArray[Any]) -> DevicePoses:
+        """Return what the first axis of every array has there, such as one app's poses."""
+        return self.map(lambda rows: rows[index])
+
+    @classmethod
+    def stack(cls, poses: Sequence[DevicePoses], axis: int = 0) -> DevicePoses:
+        """Return poses of the same devices along a new axis, such as those of M apps."""
+        arrays: dict[str, Any] = {
+            name: None if array is None else np.stack([getattr(one, name) for one in poses], axis)
+            for name, array in vars(poses[0]).items()
+        }
+        return cls(**arrays)
 
 
 @dataclass(frozen=True)

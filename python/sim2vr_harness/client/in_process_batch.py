@@ -1,9 +1,10 @@
-"""Many apps inside this process, stepped together on native threads."""
+"""Many apps inside this process, stepped together on native threads; one app is a batch of one."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,36 +13,47 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.client.base import (
     AppReply,
+    ClockSettings,
     DevicePoses,
     Float32Array,
     Float64Array,
+    HapticPulse,
     Int64Array,
     OptionValue,
+    SoundEvent,
     ThirdPersonView,
     UInt8Array,
+    require_capability,
 )
-from sim2vr_harness.client.in_process import checked_seed, load_runtime
+from sim2vr_harness.client.runtime import checked_seed, load_runtime
 
 __all__ = ["InProcessBatch", "InProcessBatchApp"]
+
+_DEVICE_ROWS = ("head", "left_controller", "right_controller", "left_inputs", "right_inputs")
+"""Fields of DevicePoses in the order of the extension's arguments."""
 
 
 class InProcessBatch:
     """N apps of one game in the C++ runtime; each is an app as any other (:meth:`app`).
 
-    Steps that were started run together, on all threads, when the first of them is finished. What
-    an app does depends on its own input only, to the bit: not on N, its place or the threads.
+    What an app does depends on its own input only, to the bit: not on N, its place or the threads.
 
     Args:
         n: number of apps N.
         game: name of the game.
         options: the game's options.
-        width: of the headset images, pixels.
-        height: of the headset images, pixels.
+        width: of an eye's headset image, pixels.
+        height: of an eye's headset image, pixels.
+        eyes: 1, or 2 for a picture of each eye.
+        ipd_m: distance between the pupils, metres.
         renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``; one per thread.
-        log_dir: app 7 logs to ``user007`` below it; None for no logs.
+        share_renderer: the first thread draws with the renderer that the process shares: for small
+            batches of which there are many.
+        log_dirs: N roots of the apps' episode logs; None for no logs.
         threads: 1 or more.
         vision_channels: which channels of the images (0 red, 1 green, 2 blue, 3 depth)
             :attr:`vision` holds.
+        clock: fixed step and tolerances of the apps' clocks.
 
     Raises:
         ValueError: unknown game or option, unusable size; names the field, got and expected.
@@ -56,10 +68,14 @@ class InProcessBatch:
         *,
         width: int = 120,
         height: int = 80,
+        eyes: int = 1,
+        ipd_m: float = 0.064,
         renderer: str = "automatic",
-        log_dir: Path | None = None,
+        share_renderer: bool = False,
+        log_dirs: Sequence[Path] | None = None,
         threads: int = 1,
         vision_channels: Sequence[int] = (),
+        clock: ClockSettings | None = None,
     ) -> None:
         self._batch: Any = load_runtime().AppBatch(
             game=game,
@@ -68,20 +84,32 @@ class InProcessBatch:
             threads=threads,
             width=width,
             height=height,
+            eyes=eyes,
+            ipd_m=ipd_m,
             renderer=renderer,
-            log_dir="" if log_dir is None else str(log_dir),
+            share_renderer=share_renderer,
+            log_dirs=[str(folder) for folder in log_dirs or ()],
             vision_channels=list(vision_channels),
+            **asdict(clock or ClockSettings()),
         )
+        self.capabilities: frozenset[str] = frozenset(self._batch.capabilities)
+        """What every one of the apps can do; see :attr:`AppClient.capabilities`."""
         self.images: UInt8Array = self._batch.images
-        """(N, H, W, 4) the apps' headset images, overwritten by their steps; no copy."""
+        """(N, H, W, 4), with two eyes (N, 2, H, W, 4), the apps' headset images, overwritten by
+        their steps; no copy."""
         self.vision: UInt8Array = self._batch.vision
-        """(N, C, H, W) the chosen channels of the images; overwritten like them."""
+        """(N, eyes * C, H, W) the chosen channels of the images, the left eye's first; overwritten
+        like them."""
         self.rewards: NDArray[np.float32] = self._batch.rewards
         """(N,) of every app's last step or reset; overwritten, as all results."""
         self.finished: UInt8Array = self._batch.finished
         """(N,) 1 where the round is over."""
         self.time_features: NDArray[np.float32] = self._batch.time_features
         """(N,)"""
+        self.haptic_counts: NDArray[np.int32] = self._batch.haptic_counts
+        """(N,) how many :meth:`haptics` each app's last step or reset brought."""
+        self.sound_counts: NDArray[np.int32] = self._batch.sound_counts
+        """(N,) how many :meth:`sounds`."""
         self.privileged_names: tuple[str, ...] = tuple(self._batch.privileged_names)
         """Names of the numbers behind the picture, for teachers; none for a game without."""
         self.privileged: Float32Array = self._batch.privileged
@@ -91,7 +119,7 @@ class InProcessBatch:
         """Names of the columns of :attr:`logs`, from the first reset on."""
         self.logs: Float64Array = np.zeros((n, 0))
         """(N, L) the games' named numbers."""
-        self._started: dict[int, tuple[Int64Array, DevicePoses]] = {}
+        self._started: dict[int, tuple[Int64Array, DevicePoses, int]] = {}
         self._left = set(range(n))
 
     def app(self, index: int) -> InProcessBatchApp:
@@ -109,20 +137,7 @@ class InProcessBatch:
             raise RuntimeError("the app is closed; make a new one")
         return self._batch
 
-    def reset(
-        self,
-        index: int,
-        seed: int,
-        poses: DevicePoses,
-        options: Mapping[str, OptionValue] | None,
-        time_ns: int,
-    ) -> AppReply:
-        """See :meth:`AppClient.reset`."""
-        one = DevicePoses(
-            _row(poses.head), _row(poses.right_controller), _row(poses.left_controller)
-        )
-        self.reset_rounds([index], [checked_seed(seed)], one, options, time_ns=time_ns)
-        return self._reply(index)
+    # --- M apps at a time --------------------------------------------------------------------
 
     def reset_rounds(
         self,
@@ -138,7 +153,7 @@ class InProcessBatch:
         Args:
             indices: (M,) which apps.
             seeds: (M,) 32-bit seeds.
-            poses: (M, 7) per device.
+            poses: (M, ...) per device.
             options: of these apps from this round on.
             time_ns: game time of the first frames.
         """
@@ -146,77 +161,99 @@ class InProcessBatch:
             np.asarray(indices, dtype=np.int32),
             np.asarray(seeds, dtype=np.uint32),
             json.dumps(dict(options or {})),
-            poses.head,
-            poses.left_controller,
-            poses.right_controller,
+            *_arguments(poses),
             time_ns,
         )
         for index in indices:
             self._started.pop(int(index), None)
-        self.find_logs()
+        self._find_logs()
 
     def step_frames(
-        self, indices: Sequence[int] | Int64Array, times_ns: Int64Array, poses: DevicePoses
+        self,
+        indices: Sequence[int] | Int64Array,
+        times_ns: Int64Array,
+        poses: DevicePoses,
+        drawn: int = -1,
     ) -> None:
         """One user step of K frames in M apps; see :meth:`AppClient.step_frames`.
 
         Args:
             indices: (M,) which apps.
             times_ns: (M, K) game times.
-            poses: (M, K, 7) per device.
+            poses: (M, K, ...) per device.
+            drawn: which of the K frames is drawn; -1: the last.
         """
-        self.native.step(
+        self.native.step(np.asarray(indices, dtype=np.int32), times_ns, *_arguments(poses), drawn)
+        self._find_logs()
+
+    def head_requests(
+        self,
+        indices: Sequence[int] | Int64Array,
+        seeds: Sequence[int] | Int64Array,
+        options: Mapping[str, OptionValue] | None = None,
+    ) -> Float64Array:
+        """What M apps wish of the head; see :meth:`AppClient.head_request`.
+
+        Args:
+            indices: (M,) which apps.
+            seeds: (M,) of the rounds that would begin.
+            options: as in :meth:`reset_rounds`.
+
+        Returns:
+            (M,) pitch in degrees, up positive; NaN: no wish.
+        """
+        requests: Float64Array = self.native.head_requests(
             np.asarray(indices, dtype=np.int32),
-            times_ns,
-            poses.head,
-            poses.left_controller,
-            poses.right_controller,
+            np.asarray(seeds, dtype=np.uint32),
+            json.dumps(dict(options or {})),
         )
-        self.find_logs()
+        return requests
 
-    def find_logs(self) -> None:
-        """Looks at the rounds' logs, which have names from the first round on, begun or loaded."""
-        if not self.log_names:
-            self.log_names, self.logs = self.native.log_names, self.native.logs
+    # --- one app -----------------------------------------------------------------------------
 
-    def start(self, index: int, times_ns: Int64Array, poses: DevicePoses) -> None:
-        """Keeps a step until :meth:`finish`."""
-        self._started[index] = (np.asarray(times_ns, dtype=np.int64), poses)
+    def start(self, index: int, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> None:
+        """Keeps a step of one app, K frames, until :meth:`finish`."""
+        self._started[index] = (np.asarray(times_ns, dtype=np.int64), poses, drawn)
 
     def finish(self, index: int) -> AppReply:
         """Runs the started steps unless another app's finish has, and replies for this app."""
         if index in self._started:
             self._run_started()
-        return self._reply(index)
+        return self.reply(index)
 
-    def _run_started(self) -> None:
-        started, self._started = self._started, {}
-        # Apps that differ in frames or devices go one group after the other.
-        groups: dict[tuple[int, bool, bool], list[int]] = {}
-        for index, (times, poses) in started.items():
-            key = (len(times), poses.left_controller is None, poses.right_controller is None)
-            groups.setdefault(key, []).append(index)
-        for indices in groups.values():
-            self._run(indices, [started[index] for index in indices])
-
-    def _run(self, indices: list[int], steps: list[tuple[Int64Array, DevicePoses]]) -> None:
-        times = np.stack([times for times, _ in steps])
-        first = steps[0][1]
-        head = np.stack([poses.head for _, poses in steps])
-        left = right = None
-        if first.left_controller is not None:
-            left = np.stack([poses.left_controller for _, poses in steps])  # type: ignore[misc]
-        if first.right_controller is not None:
-            right = np.stack([poses.right_controller for _, poses in steps])  # type: ignore[misc]
-        self.step_frames(indices, times, DevicePoses(head, right, left))
-
-    def _reply(self, index: int) -> AppReply:
+    def reply(self, index: int) -> AppReply:
+        """What an app's last step or reset came to."""
         return AppReply(
             float(self.rewards[index]),
             bool(self.finished[index]),
             float(self.time_features[index]),
             dict(zip(self.log_names, self.logs[index].tolist(), strict=True)),
+            self.haptics(index),
+            self.sounds(index),
         )
+
+    def haptics(self, index: int) -> tuple[HapticPulse, ...]:
+        """The pulses that an app's last step or reset asked for."""
+        if self.haptic_counts[index] == 0:
+            return ()
+        return tuple(
+            HapticPulse(hand, amplitude, frequency_hz, duration_ns * 1e-9)
+            for hand, amplitude, frequency_hz, duration_ns in self.native.haptics(index)
+        )
+
+    def sounds(self, index: int) -> tuple[SoundEvent, ...]:
+        """The sounds that began in an app's last step or reset."""
+        if self.sound_counts[index] == 0:
+            return ()
+        return tuple(
+            SoundEvent(name, tuple(position_m), gain)
+            for name, position_m, gain in self.native.sounds(index)
+        )
+
+    def load(self, index: int, state: bytes) -> None:
+        """See :meth:`AppClient.load`."""
+        self.native.load(index, state)
+        self._find_logs()
 
     def let_go(self, index: int) -> None:
         """The batch closes with its last app."""
@@ -226,42 +263,68 @@ class InProcessBatch:
             self._batch.close()
             self._batch = None
 
+    def _find_logs(self) -> None:
+        """Looks at the rounds' logs, which have names from the first round on, begun or loaded."""
+        if not self.log_names:
+            self.log_names, self.logs = self.native.log_names, self.native.logs
 
-def _row(pose: Any) -> Any:
-    return None if pose is None else np.asarray(pose, dtype=np.float64)[None]
+    def _run_started(self) -> None:
+        started, self._started = self._started, {}
+        if len(started) == 1:
+            ((index, (times, poses, drawn)),) = started.items()
+            self.step_frames([index], times[None], _one_app(poses), drawn)
+            return
+        # Apps that differ in frames or devices go one group after the other.
+        groups: dict[tuple[Any, ...], list[int]] = {}
+        for index, (times, poses, drawn) in started.items():
+            given = tuple(getattr(poses, name) is not None for name in _DEVICE_ROWS)
+            groups.setdefault((len(times), drawn, *given), []).append(index)
+        for (_, drawn, *_given), indices in groups.items():
+            steps = [started[index] for index in indices]
+            times = np.stack([times for times, _, _ in steps])
+            self.step_frames(
+                indices, times, DevicePoses.stack([poses for _, poses, _ in steps]), drawn
+            )
 
 
 class InProcessBatchApp:
-    """One app of an :class:`InProcessBatch`; an :class:`~sim2vr_harness.client.base.AppClient`."""
+    """One app of an :class:`InProcessBatch`; an :class:`~sim2vr_harness.client.base.AppClient`.
+
+    Steps of several apps that were started run together, on all threads, when the first of them is
+    finished.
+    """
 
     def __init__(self, batch: InProcessBatch, index: int) -> None:
         self._batch: InProcessBatch | None = batch
         self._index = index
+        self._capabilities = batch.capabilities
 
     @property
     def batch(self) -> InProcessBatch:
         """The apps that this one is stepped with; RuntimeError when it was closed."""
-        return self._open()
+        if self._batch is None:
+            raise RuntimeError("the app is closed; make a new one")
+        return self._batch
 
     @property
     def index(self) -> int:
         """Its place in the batch, and its row in the batch's arrays."""
         return self._index
 
-    def _open(self) -> InProcessBatch:
-        if self._batch is None:
-            raise RuntimeError("the app is closed; make a new one")
-        return self._batch
-
     @property
     def renderer_description(self) -> str:
         """See :class:`AppClient`."""
-        return str(self._open().native.renderer_description)
+        return str(self.batch.native.renderer_description)
+
+    @property
+    def capabilities(self) -> frozenset[str]:
+        """See :class:`AppClient`; all that the game has."""
+        return self._capabilities
 
     @property
     def image(self) -> UInt8Array:
-        """See :class:`AppClient`."""
-        image: UInt8Array = self._open().images[self._index]
+        """See :class:`AppClient`; its memory outlives the app."""
+        image: UInt8Array = self.batch.images[self._index]
         return image
 
     def reset(
@@ -273,58 +336,68 @@ class InProcessBatchApp:
         time_ns: int = 0,
     ) -> AppReply:
         """See :class:`AppClient`."""
-        return self._open().reset(self._index, seed, poses, options, time_ns)
+        batch = self.batch
+        batch.reset_rounds(
+            [self._index], [checked_seed(seed)], _one_app(poses), options, time_ns=time_ns
+        )
+        return batch.reply(self._index)
 
     def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
         """See :class:`AppClient`."""
-        frames = DevicePoses(
-            _row(poses.head), _row(poses.right_controller), _row(poses.left_controller)
-        )
-        return self.step_frames(np.array([time_ns]), frames)
+        return self.step_frames(np.array([time_ns]), _one_app(poses))
 
-    def step_frames(self, times_ns: Int64Array, poses: DevicePoses) -> AppReply:
+    def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
         """See :class:`AppClient`."""
-        self.start_step(times_ns, poses)
+        self.start_step(times_ns, poses, drawn)
         return self.finish_step()
 
-    def start_step(self, times_ns: Int64Array, poses: DevicePoses, *, last: bool = False) -> None:
+    def start_step(
+        self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
+    ) -> None:
         """See :class:`AppClient`; the frames run when the first app of the batch finishes."""
-        self._open().start(self._index, times_ns, poses)
+        self.batch.start(self._index, times_ns, poses, drawn)
 
     def finish_step(self) -> AppReply:
         """See :class:`AppClient`."""
-        return self._open().finish(self._index)
+        return self.batch.finish(self._index)
 
-    @property
-    def capabilities(self) -> frozenset[str]:
-        """See :class:`AppClient`; all that the game has."""
-        return frozenset(self._open().native.capabilities)
+    def head_request(
+        self, seed: int, options: Mapping[str, OptionValue] | None = None
+    ) -> float | None:
+        """See :class:`AppClient`."""
+        require_capability(self.capabilities, "head_request")
+        pitch = self.batch.head_requests([self._index], [checked_seed(seed)], options)[0]
+        return None if np.isnan(pitch) else float(pitch)
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
         """See :class:`AppClient`."""
-        image: UInt8Array = self._open().native.render_view(self._index, "headset", width, height)
-        return image
+        return self._render("headset", width, height)
 
     def render_third_person(
         self, width: int, height: int, view: ThirdPersonView = "spectator"
     ) -> UInt8Array:
         """See :class:`AppClient`."""
-        image: UInt8Array = self._open().native.render_view(self._index, view, width, height)
+        return self._render(view, width, height)
+
+    def _render(self, view: str, width: int, height: int) -> UInt8Array:
+        require_capability(self.capabilities, "views")
+        image: UInt8Array = self.batch.native.render_view(self._index, view, width, height)
         return image
 
     def save(self) -> bytes:
         """See :class:`AppClient`."""
-        return bytes(self._open().native.save(self._index))
+        require_capability(self.capabilities, "save")
+        return bytes(self.batch.native.save(self._index))
 
     def load(self, state: bytes) -> None:
         """See :class:`AppClient`."""
-        batch = self._open()
-        batch.native.load(self._index, state)
-        batch.find_logs()
+        require_capability(self.capabilities, "save")
+        self.batch.load(self._index, state)
 
     def state_hash(self) -> int:
         """See :class:`AppClient`."""
-        return int(self._open().native.state_hash(self._index))
+        require_capability(self.capabilities, "save")
+        return int(self.batch.native.state_hash(self._index))
 
     def close(self) -> None:
         """See :class:`AppClient`."""
@@ -337,3 +410,12 @@ class InProcessBatchApp:
 
     def __exit__(self, *_: object) -> None:
         self.close()
+
+
+def _one_app(poses: DevicePoses) -> DevicePoses:
+    """The same poses and inputs with an axis of length 1 in front."""
+    return poses.map(lambda rows: np.asarray(rows, dtype=np.float64)[None])
+
+
+def _arguments(poses: DevicePoses) -> list[Float64Array | None]:
+    return [getattr(poses, name) for name in _DEVICE_ROWS]

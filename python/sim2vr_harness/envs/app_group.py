@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -32,7 +34,7 @@ RESET_ATTEMPTS = 3
 """Apps in a row that may fail before a user's round is given up."""
 
 IntArray = NDArray[np.int64]
-Made = TypeVar("Made")
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,7 @@ class AppGroup(Protocol):
         poses: DevicePoses,
         steps: IntArray,
         last: int,
+        *,
         drawn: int = -1,
     ) -> IntArray:
         """One user step of K frames.
@@ -233,6 +236,7 @@ class BatchGroup:
         poses: DevicePoses,
         steps: IntArray,
         last: int,
+        *,
         drawn: int = -1,
     ) -> IntArray:
         """See :class:`AppGroup`; every app answers."""
@@ -306,7 +310,6 @@ class ClientGroup:
         self._config, self._log_dir, self._channels = config, log_dir, _channels(config)
         self._make_app = make_app
         self._options: list[dict[str, OptionValue]] = [{} for _ in range(n)]
-        self._untold: set[int] = set()
         try:
             for i in range(n):
                 self.apps.append(make_app(config, i, log_dir))
@@ -326,21 +329,12 @@ class ClientGroup:
     def head_requests(
         self, ids: IntArray, seeds: IntArray, options: Mapping[str, OptionValue] | None
     ) -> NDArray[np.float64]:
-        """See :class:`AppGroup`."""
-
-        def ask(i: int, seed: int) -> float:
-            app = self.apps[i]
-            if "head_request" not in app.capabilities:
-                return np.nan
-            wish = app.head_request(seed, self._options_for(i, options))
-            return np.nan if wish is None else wish
-
-        return np.array(
-            [
-                self._insist(i, lambda i=i, seed=int(seed): ask(i, seed))  # type: ignore[misc]
-                for i, seed in zip(ids.tolist(), seeds, strict=True)
-            ]
-        )
+        """See :class:`AppGroup`; apps that have no such request have no wish."""
+        requests = [
+            self._at_a_start(i, partial(_head_request, seed=int(seed)), options)
+            for i, seed in zip(ids.tolist(), seeds, strict=True)
+        ]
+        return np.array([math.nan if pitch is None else pitch for pitch in requests])
 
     def reset(
         self,
@@ -350,31 +344,27 @@ class ClientGroup:
         options: Mapping[str, OptionValue] | None,
     ) -> None:
         """See :class:`AppGroup`."""
-
-        def start(i: int, seed: int, at: DevicePoses) -> AppReply:
-            return self.apps[i].reset(seed, at, self._options_for(i, options))
-
         for k, i in enumerate(ids.tolist()):
-            seed, at = int(seeds[k]), _of_user(poses, k)
-            self._take(i, self._insist(i, lambda i=i, seed=seed, at=at: start(i, seed, at)))  # type: ignore[misc]
+            start = partial(_reset, seed=int(seeds[k]), poses=poses[k])
+            self._take(i, self._at_a_start(i, start, options))
             self._options[i] |= options or {}
-            self._untold.discard(i)
 
-    def _options_for(
-        self, i: int, options: Mapping[str, OptionValue] | None
-    ) -> Mapping[str, OptionValue] | None:
-        """The options to give; an app that replaced a failed one has not heard earlier ones."""
-        return {**self._options[i], **(options or {})} if i in self._untold else options
+    def _at_a_start(
+        self, i: int, ask: Callable[..., T], options: Mapping[str, OptionValue] | None
+    ) -> T:
+        """What the app answers at the start of a round; a new app where the one before failed.
 
-    def _insist(self, i: int, call: Callable[[], Made]) -> Made:
-        """What ``call`` returns; it is made again, in a new app, where the one before failed."""
+        Args:
+            i: user.
+            ask: (app, options) -> answer.
+            options: game options of this round on; a new app gets those before, too.
+        """
         for _ in range(RESET_ATTEMPTS):
             with self._noting_failure(i, 0):
                 if i in self.failed:
                     self.apps[i] = self._make_app(self._config, i, self._log_dir)
                     del self.failed[i]
-                    self._untold.add(i)
-                return call()
+                return ask(self.apps[i], {**self._options[i], **(options or {})})
         raise AppDied(
             f"user {i}: {RESET_ATTEMPTS} apps in a row failed at the start of a round; the last "
             f"one: {self.failed[i]}"
@@ -387,6 +377,7 @@ class ClientGroup:
         poses: DevicePoses,
         steps: IntArray,
         last: int,
+        *,
         drawn: int = -1,
     ) -> IntArray:
         """See :class:`AppGroup`."""
@@ -396,7 +387,7 @@ class ClientGroup:
                 continue
             with self._noting_failure(i, int(steps[k])):
                 ending = bool(steps[k] >= last)
-                self.apps[i].start_step(times_ns[k], _of_user(poses, k), last=ending, drawn=drawn)
+                self.apps[i].start_step(times_ns[k], poses[k], last=ending, drawn=drawn)
         answered = []
         for k, i in enumerate(users):
             if i in self.failed:
@@ -447,14 +438,13 @@ class ClientGroup:
                 stack.callback(app.close)
 
 
-def _of_user(poses: DevicePoses, k: int) -> DevicePoses:
-    def row(rows: NDArray[np.float64] | None) -> NDArray[np.float64] | None:
-        return None if rows is None else rows[k]
+def _reset(
+    app: AppClient, options: Mapping[str, OptionValue], *, seed: int, poses: DevicePoses
+) -> AppReply:
+    return app.reset(seed, poses, options)
 
-    return DevicePoses(
-        poses.head[k],
-        row(poses.right_controller),
-        row(poses.left_controller),
-        row(poses.right_inputs),
-        row(poses.left_inputs),
-    )
+
+def _head_request(app: AppClient, options: Mapping[str, OptionValue], *, seed: int) -> float | None:
+    if "head_request" not in app.capabilities:
+        return None
+    return app.head_request(seed, options)

@@ -100,7 +100,7 @@ def in_process_batch(
         eyes=config.vision.eyes,
         ipd_m=ipd_m,
         renderer=config.app.renderer,
-        log_dir=log_dir,
+        log_dirs=None if log_dir is None else [log_dir / f"user{i:03d}" for i in range(n)],
         threads=config.threads or len(os.sched_getaffinity(0)),
         vision_channels=vision_channels,
     )

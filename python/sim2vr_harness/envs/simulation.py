@@ -227,7 +227,9 @@ class Simulation:
         numbers = ((steps - 1) * frames + 1)[:, None] + np.arange(frames)
         times_ns = frame_times_ns(numbers, self.config.action_frequency_hz * frames)
         poses = self._step_poses(playing)
-        users = self._group.step(playing, times_ns, poses, steps, self.max_steps, self._drawn_frame)
+        users = self._group.step(
+            playing, times_ns, poses, steps, self.max_steps, drawn=self._drawn_frame
+        )
         answered = np.zeros(self.n, dtype=bool)
         answered[users] = True
         game_reward = np.where(answered, self._group.reward, 0.0).astype(np.float64)

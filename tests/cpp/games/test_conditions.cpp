@@ -75,14 +75,9 @@ TEST(Conditions, GeometryTable) {
       (geometry(Placement::kLow).rotation * Vec3::UnitZ()).isApprox(Vec3(0, -half, half), 1e-6));
   EXPECT_TRUE(
       (geometry(Placement::kHigh).rotation * Vec3::UnitZ()).isApprox(Vec3(0, half, half), 1e-6));
-  // The simulated head looks 10 degrees down, 30 down, 30 up.
-  const auto pitch = [](Placement placement) {
-    return std::asin((geometry(placement).simulated_head_rotation * Vec3::UnitZ()).y()) * 180.0 /
-           M_PI;
-  };
-  EXPECT_NEAR(pitch(Placement::kMid), -10.0, 1e-4);
-  EXPECT_NEAR(pitch(Placement::kLow), -30.0, 1e-4);
-  EXPECT_NEAR(pitch(Placement::kHigh), 30.0, 1e-4);
+  EXPECT_EQ(geometry(Placement::kMid).head_pitch_deg, -10.0);
+  EXPECT_EQ(geometry(Placement::kLow).head_pitch_deg, -30.0);
+  EXPECT_EQ(geometry(Placement::kHigh).head_pitch_deg, 30.0);
 }
 
 TEST(Conditions, StrikeSpeedIsDownwardForLowAndForwardElsewhere) {
@@ -101,13 +96,13 @@ TEST(Settings, Defaults) {
   EXPECT_EQ(settings.reward, RewardKind::kReference);
   EXPECT_EQ(settings.round_s, 60.0F);
   EXPECT_EQ(settings.countdown_s, 0.0F);
-  EXPECT_TRUE(settings.override_head_rotation);
+  EXPECT_TRUE(settings.head_request);
 }
 
 TEST(Settings, ReadsEveryOption) {
   Options options = Options::fromJson(
       R"({"condition": "low-easy-unconstrained", "adaptive": true, "sparse": true,
-          "reward": "paper", "round_seconds": 10, "countdown_seconds": 4, "head_rotation": "device",
+          "reward": "paper", "round_seconds": 10, "countdown_seconds": 4, "head_request": false,
           "show_controllers": false})");
   const Settings settings = Settings::fromOptions(options);
   EXPECT_NO_THROW(options.expectAllRead());
@@ -117,7 +112,7 @@ TEST(Settings, ReadsEveryOption) {
   EXPECT_EQ(settings.reward, RewardKind::kPaper);
   EXPECT_EQ(settings.round_s, 10.0F);
   EXPECT_EQ(settings.countdown_s, 4.0F);
-  EXPECT_FALSE(settings.override_head_rotation);
+  EXPECT_FALSE(settings.head_request);
   EXPECT_FALSE(settings.show_controllers);
 }
 

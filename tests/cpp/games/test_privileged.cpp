@@ -161,7 +161,7 @@ TEST(Privileged, NextAreOrderedByTheEndOfTheirLife) {
 // Nobody looks, somebody looks, nobody looks.
 TEST(Privileged, OnlyWhatTheHeadsetHasShown) {
   WhacAMole game;
-  testing::GameHarness round(game, 3, R"({"condition": "easy", "head_rotation": "device"})");
+  testing::GameHarness round(game, 3, R"({"condition": "easy"})");
   const Pose hand{Vec3(0.2, 0.8, 0.0), Quat::Identity()};
   const Vec3 head(0.0, 1.2, 0.0);
   std::int64_t frames = 0;

@@ -24,10 +24,8 @@ class CountingEnv : public RLEnv {
   void CalculateReward() override { calls += "calculate "; }
   void UpdateIsFinished() override { calls += "finished "; }
   float GetTimeFeature() const override { return 0.0F; }
-  std::optional<Quat> headRotationOverride() const override { return rotation; }
 
   std::string calls;
-  std::optional<Quat> rotation;
 };
 
 class XrRigTest : public ::testing::Test {
@@ -87,19 +85,6 @@ TEST_F(XrRigTest, SwitchesInactiveControllersOffAndOnAgain) {
   EXPECT_TRUE(rig.left_controller->activeInHierarchy());
   EXPECT_FALSE(rig.right_controller->activeInHierarchy());
   EXPECT_TRUE(rig.right_controller->transform().position().isApprox(Vec3(0.25, 1.0, 0.5), 1e-7));
-}
-
-TEST_F(XrRigTest, TakesTheHeadRotationFromTheEnvironment) {
-  const XrRig rig = buildXrRig(context_);
-  auto& env = scene_.create("Env").addComponent<CountingEnv>();
-  setHeadRotationSource(rig, env);
-  env.rotation = Quat(0.0, 0.0, 1.0, 0.0);
-  frame(0, someState());
-  EXPECT_TRUE(rig.camera->transform().rotation().isApprox(Quat(0.0, 0.0, 1.0, 0.0)));
-  EXPECT_TRUE(rig.camera->transform().position().isApprox(Vec3(0.5, 1.25, -0.5), 1e-7));
-  env.rotation.reset();
-  frame(50'000'000, someState());
-  EXPECT_TRUE(rig.camera->transform().rotation().isApprox(Quat(0.8, 0.6, 0.0, 0.0), 1e-6));
 }
 
 TEST_F(XrRigTest, SetsTheCamera) {

@@ -229,7 +229,7 @@ TEST(AppBatch, EveryAppHasALogFolder) {
   std::filesystem::remove_all(root);
   {
     BatchSettings logged = settings(2, 2);
-    logged.app.log_dir = root;
+    logged.log_dirs = {root / "user000", root / "user001"};
     AppBatch batch(logged);
     const std::vector<int> all{0, 1};
     batch.reset(all, std::vector<RoundStart>(2), std::vector<xr::DeviceState>(2, player(0, 0)));

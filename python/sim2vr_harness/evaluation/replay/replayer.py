@@ -76,7 +76,6 @@ def replay(
 def _options(recording: Recording, timing: Timing, closed_loop: bool) -> dict[str, OptionValue]:
     options: dict[str, OptionValue] = {
         "condition": recording.condition,
-        "head_rotation": "device",
         "countdown_seconds": timing.countdown_s,
         "round_seconds": timing.round_s,
         **recording.options,

@@ -3,6 +3,7 @@
 
 #include <cstdint>
 #include <memory>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -29,12 +30,23 @@ std::string_view rendererKindName(RendererKind kind);
 /// Inverse of rendererKindName; throws InvalidArgument("renderer", ...) for another word.
 RendererKind rendererKindFromName(std::string_view name);
 
+/// What one eye sees instead of its camera: from a place of its own, through a frustum that need
+/// not be symmetric.
+struct EyeView {
+  /// Eye coordinates to camera coordinates (x right, y up, z forward, metres).
+  Pose camera_T_eye;
+  /// Slopes of the side planes, metres aside per metre ahead: left < right, down < up.
+  double left = -1.0, right = 1.0, down = -1.0, up = 1.0;
+};
+
 /// One picture to draw; arguments as of Renderer::render.
 struct ViewRequest {
   const scene::Scene& scene;
   const Camera& camera;
   ImageSize size;
   std::span<std::uint8_t> rgba;
+  /// Instead of the camera's own pose and vertical_fov_deg.
+  std::optional<EyeView> eye = std::nullopt;
 };
 
 class Renderer {
@@ -69,12 +81,16 @@ class Renderer {
   /// scenes give equal bytes on the same driver. Thread-safe: calls on one renderer take turns, the
   /// GL context is current only during the call, and one that was current before is current again
   /// after. Throws InvalidArgument ("image size", "rgba buffer", "camera...") and RenderError.
-  virtual void render(const scene::Scene& scene, const Camera& camera, ImageSize size,
-                      std::span<std::uint8_t> rgba) = 0;
+  void render(const scene::Scene& scene, const Camera& camera, ImageSize size,
+              std::span<std::uint8_t> rgba) {
+    const ViewRequest request{scene, camera, size, rgba};
+    renderBatch(std::span(&request, 1));
+  }
 
   /// Draws several pictures in one turn; each is the one that render would draw, to the bit. When
-  /// it throws, some of the pictures may be missing.
-  virtual void renderBatch(std::span<const ViewRequest> requests);
+  /// it throws, some of the pictures may be missing. Throws InvalidArgument ("eye") for a frustum
+  /// without inside.
+  virtual void renderBatch(std::span<const ViewRequest> requests) = 0;
 
  protected:
   Renderer() = default;

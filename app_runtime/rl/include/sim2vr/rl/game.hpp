@@ -54,8 +54,6 @@ class RLEnv : public scene::Component {
   /// user step's last frame. Of what the head camera has to find, only what it shows or has shown
   /// since it came into being may be told.
   virtual void fillPrivileged(std::span<float> values) const;
-  /// World rotation that the head camera shall have instead of the tracked one.
-  virtual std::optional<Quat> headRotationOverride() const { return std::nullopt; }
 
   float reward() const { return reward_; }
   bool finished() const { return finished_; }

@@ -24,9 +24,9 @@ inline constexpr int kPlayerLooksLayer = 31;
 inline constexpr std::string_view kRigActionSet = "xr_rig";
 inline constexpr std::string_view kGripAction = "grip_pose";
 
-/// Of the head camera; the defaults are what simulated users see.
+/// Of the head camera; the defaults are what simulated users see. How wide it sees is the
+/// session's to say (xr::SessionSettings).
 struct XrRigSettings {
-  double vertical_fov_deg = 90.0;
   double near_m = 0.01;
   double far_m = 10.0;
 };
@@ -53,14 +53,10 @@ class TrackedPoseDriver : public scene::Component {
   int executionOrder() const override { return kExecutionOrder; }
   void Update() override;
 
-  /// Takes the rotation from `env`'s headRotationOverride where it gives one.
-  void setRotationSource(const RLEnv& env) { rotation_source_ = &env; }
-
  private:
   xr::Session& session_;
   xr::Space space_;
   scene::GameObject& moved_;
-  const RLEnv* rotation_source_ = nullptr;
 };
 
 /// Builds the rig, with a headset for outside cameras to see (kPlayerLooksLayer). In a session
@@ -68,8 +64,5 @@ class TrackedPoseDriver : public scene::Component {
 /// actions of its own makes those first. Controllers follow their grip pose. Throws StateError when
 /// the session's sets are attached and the rig's is not among them.
 XrRig buildXrRig(GameContext& context, const XrRigSettings& settings = {});
-
-/// Lets the head camera follow `env`'s headRotationOverride.
-void setHeadRotationSource(const XrRig& rig, const RLEnv& env);
 
 }  // namespace sim2vr::rl

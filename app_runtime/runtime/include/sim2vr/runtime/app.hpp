@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
@@ -10,6 +11,7 @@
 #include <string_view>
 #include <vector>
 
+#include "sim2vr/games/registry.hpp"
 #include "sim2vr/rl/game.hpp"
 #include "sim2vr/runtime/lockstep_app.hpp"
 
@@ -18,6 +20,9 @@ class EpisodeLogger;
 }
 
 namespace sim2vr::runtime {
+
+/// Makes the game that AppSettings::game names; throws InvalidArgument for one it does not know.
+using GameMaker = std::function<std::unique_ptr<rl::Game>(std::string_view name)>;
 
 /// Life of a frame at t_n: every fixed step up to t_n (FixedUpdate, overlaps and trigger callbacks,
 /// with the poses of the previous frame), then the poses of this frame, the game's Update, the
@@ -28,7 +33,7 @@ class App final : public LockstepApp {
   /// memory of its own. Throws InvalidArgument for an unknown game or option and as
   /// AppSettings::validate.
   App(AppSettings settings, std::shared_ptr<render::Renderer> renderer,
-      std::span<std::uint8_t> image = {});
+      std::span<std::uint8_t> image = {}, GameMaker make_game = games::createGame);
   ~App() override;
 
   const AppSettings& settings() const override { return settings_; }
@@ -80,6 +85,7 @@ class App final : public LockstepApp {
 
   AppSettings settings_;
   std::shared_ptr<render::Renderer> renderer_;
+  GameMaker make_game_;
   std::unique_ptr<rl::Game> game_;
   Capabilities capabilities_;
   std::unique_ptr<rl::EpisodeLogger> logger_;
@@ -90,5 +96,8 @@ class App final : public LockstepApp {
   std::span<std::uint8_t> image_;
   std::unique_ptr<Round> round_;
 };
+
+/// Apps of the games that `make_game` knows; gameApps() without it: of the registered ones.
+AppFactory gameApps(GameMaker make_game);
 
 }  // namespace sim2vr::runtime

@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <filesystem>
 #include <memory>
 #include <span>
 #include <string>
@@ -13,12 +14,16 @@
 namespace sim2vr::runtime {
 
 struct BatchSettings {
-  /// Of every app. Where there is a log_dir, app 7 logs to <log_dir>/user007.
+  /// Of every app; its log_dir is not used.
   AppSettings app;
   int apps = 1;
+  /// Root of each app's episode logs; none: none are written.
+  std::vector<std::filesystem::path> log_dirs;
   /// 1 or more; more than apps are not started.
   int threads = 1;
   render::RendererKind renderer = render::RendererKind::automatic;
+  /// What the first threads draw with, from outside; the others make renderers of their own.
+  std::vector<std::shared_ptr<render::Renderer>> renderers;
   /// Channels of the pictures (0 red, 1 green, 2 blue, 3 depth) that vision() holds, in this order.
   std::vector<int> vision_channels;
   AppFactory make = gameApps();
@@ -49,7 +54,8 @@ class AppBatch {
   void load(int index, const std::string& state);
 
   /// Starts rounds: starts[i] and devices[i] are of app indices[i]. When something is refused, what
-  /// the exception names is the first app that refused it; the others have started.
+  /// the exception names (unless there is only one app) is the first app that refused it; the
+  /// others have started.
   void reset(std::span<const int> indices, std::span<const RoundStart> starts,
              std::span<const xr::DeviceState> devices);
 
@@ -67,6 +73,10 @@ class AppBatch {
   /// 1 where the round is over.
   std::span<const std::uint8_t> finished() const { return finished_; }
   std::span<const float> timeFeatures() const { return time_features_; }
+  /// How many haptic pulses and sounds each app's last step or reset brought, for who wants to know
+  /// whether to ask for them (LockstepApp::events).
+  std::span<const std::int32_t> hapticCounts() const { return haptic_counts_; }
+  std::span<const std::int32_t> soundCounts() const { return sound_counts_; }
   /// Names of the log's numbers, the same for every round of a game; empty before the first reset.
   const std::vector<std::string>& logNames() const { return log_names_; }
   /// N x logNames().size().
@@ -85,6 +95,7 @@ class AppBatch {
     return *apps_[static_cast<std::size_t>(indices[i])];
   }
   void separateChannels(int index);
+  void countEvents(int index);
   void fillLog(int index);
   void store(int index, const Outcome& outcome);
 
@@ -95,6 +106,8 @@ class AppBatch {
   std::vector<float> rewards_;
   std::vector<std::uint8_t> finished_;
   std::vector<float> time_features_;
+  std::vector<std::int32_t> haptic_counts_;
+  std::vector<std::int32_t> sound_counts_;
   std::vector<std::string> log_names_;
   std::vector<double> logs_;
   std::vector<float> privileged_;

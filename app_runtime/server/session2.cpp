@@ -176,12 +176,16 @@ Reply Session2::respond(const Header& header, const protocol2::Hello& hello) {
 
 std::string Session2::about(const runtime::AppSettings& settings) const {
   runtime::LockstepApp& app = apps_.front()->app();
+  nlohmann::json facts;
+  if (const auto& tell = host_.settings().facts_json) {
+    facts = nlohmann::json::parse(tell(settings.game));
+  }
   nlohmann::json shared;
   if (shared_ != nullptr) shared = {{"path", shared_->path()}, {"link", shared_->link()}};
   const nlohmann::json json{{"server", "sim2vr-app"},
                             {"version", version()},
                             {"game", settings.game},
-                            {"facts", nullptr},
+                            {"facts", std::move(facts)},
                             {"capabilities", capabilityNames(app)},
                             {"apps", apps_.size()},
                             {"width", settings.headset_size.width},

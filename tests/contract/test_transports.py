@@ -28,7 +28,7 @@ from sim2vr_harness.paths import app_executable
 Player = Callable[[int], DevicePoses]
 GAMES = sorted(list_games())
 PLAYERS = {"scripted": players.whacker, "random": players.flailing}
-REMOTE = [name for name in transports.TRANSPORTS if name != "in process"]
+ALONE, *REMOTE = transports.TRANSPORTS
 FRAMES = 60
 
 
@@ -56,11 +56,11 @@ def test_a_round_is_the_same_to_the_bit(
     transport: str, game: str, player: str, tmp_path: Path
 ) -> None:
     rounds = {}
-    for name in ("in process", transport):
+    for name in (ALONE, transport):
         with transports.TRANSPORTS[name](game, log_dir=tmp_path / name) as app:
             rounds[name] = trace(app, PLAYERS[player], 7) + trace(app, PLAYERS[player], 8)
-    assert rounds[transport] == rounds["in process"]
-    own, other = logs(tmp_path / transport), logs(tmp_path / "in process")
+    assert rounds[transport] == rounds[ALONE]
+    own, other = logs(tmp_path / transport), logs(tmp_path / ALONE)
     assert own == other
     if game == "whacamole":
         assert sum(name.endswith("events.csv") for name in own) == 2
@@ -117,7 +117,15 @@ def test_two_apps_in_one_message_are_as_one_alone(kind: str, game: str) -> None:
 
 
 def one_frame(poses: DevicePoses) -> DevicePoses:
-    rows = {name: None if pose is None else pose[None] for name, pose in vars(poses).items()}
+    return frames_of([poses])
+
+
+def frames_of(moments: list[DevicePoses]) -> DevicePoses:
+    """The devices of several moments as those of one step."""
+    rows = {
+        name: None if first is None else np.stack([getattr(poses, name) for poses in moments])
+        for name, first in vars(moments[0]).items()
+    }
     return DevicePoses(**rows)
 
 
@@ -127,13 +135,7 @@ def test_the_frames_of_a_step(transport: str) -> None:
         rows = [(app.reset(5, players.flailing(0)), app.image.tobytes(), app.state_hash())]
         for step in range(20):
             numbers = [5 * step + k for k in range(1, 6)]
-            single = [players.flailing(number) for number in numbers]
-            poses = DevicePoses(
-                *(
-                    np.stack([getattr(pose, name) for pose in single])
-                    for name in ("head", "right_controller", "left_controller")
-                )
-            )
+            poses = frames_of([players.flailing(number) for number in numbers])
             times = np.array([frame_time_ns(number, 100) for number in numbers])
             rows.append((app.step_frames(times, poses), app.image.tobytes(), app.state_hash()))
         return rows

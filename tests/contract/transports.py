@@ -1,66 +1,46 @@
-"""Apps over every transport, made in the same way."""
+"""Apps over every transport of the table, made in the same way, and over variants of some."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 from sim2vr_harness.client import (
     AppClient,
+    AppsWanted,
     InProcessApp,
     InProcessBatch,
     OptionValue,
-    Protocol1App,
     Protocol2Connection,
-    sim2vr_arguments,
+    list_transports,
     start_sim2vr_app,
+    transport_named,
 )
 from sim2vr_harness.paths import app_executable
 
 
-def over_protocol1(
+def over(
+    transport: str,
     game: str,
     options: Mapping[str, OptionValue] | None = None,
     *,
-    width: int = 120,
-    height: int = 80,
-    renderer: str = "automatic",
     log_dir: Path | None = None,
-) -> Protocol1App:
-    """An app in a server of its own."""
-    arguments = sim2vr_arguments(
-        game, options or {}, width=width, height=height, renderer=renderer, log_dir=log_dir
-    )
-    channel = start_sim2vr_app(app_executable(), arguments).channel(60.0, 60.0)
-    return Protocol1App(channel, width=width, height=height)
-
-
-def connected(apps: int = 1, local: bool = True, **settings: object) -> Protocol2Connection:
-    """A session with a server of its own, through its local socket or ZeroMQ."""
-    channel = start_sim2vr_app(app_executable(), []).channel(60.0, 60.0, local=local)
-    return Protocol2Connection(channel, apps=apps, **settings)  # type: ignore[arg-type]
-
-
-def over_protocol2(
-    game: str,
-    options: Mapping[str, OptionValue] | None = None,
-    *,
-    width: int = 120,
-    height: int = 80,
-    renderer: str = "automatic",
-    log_dir: Path | None = None,
-    local: bool = True,
+    **settings: Any,
 ) -> AppClient:
-    """An app in a server of its own, its images in shared memory."""
-    return connected(
-        local=local,
-        game=game,
-        options=options,
-        width=width,
-        height=height,
-        renderer=renderer,
-        log_dir=log_dir,
+    """The only app of a transport of the table."""
+    wanted = AppsWanted(n=1, game=game, options=options or {}, **settings)
+    return transport_named(transport).apps(wanted)(0, log_dir)
+
+
+def through_the_socket(
+    game: str, options: Mapping[str, OptionValue] | None = None, **settings: Any
+) -> AppClient:
+    """Over protocol 2, without shared memory."""
+    channel = start_sim2vr_app(app_executable(), []).channel(60.0, 60.0)
+    return Protocol2Connection(
+        channel, game=game, options=options, shared_memory=False, **settings
     ).app(0)
 
 
@@ -68,31 +48,21 @@ def in_a_batch(
     game: str,
     options: Mapping[str, OptionValue] | None = None,
     *,
-    width: int = 120,
-    height: int = 80,
-    renderer: str = "automatic",
     log_dir: Path | None = None,
+    **settings: Any,
 ) -> AppClient:
     """The last of three apps that are stepped together in this process, on two threads."""
-    batch = InProcessBatch(
-        3,
-        game,
-        options,
-        width=width,
-        height=height,
-        renderer=renderer,
-        log_dirs=None if log_dir is None else [log_dir / str(i) for i in range(3)],
-        threads=2,
-    )
+    log_dirs = None if log_dir is None else [log_dir / str(i) for i in range(3)]
+    batch = InProcessBatch(3, game, options, threads=2, log_dirs=log_dirs, **settings)
     batch.app(0).close()
     batch.app(1).close()
     return batch.app(2)
 
 
 TRANSPORTS: dict[str, Callable[..., AppClient]] = {
-    "in process": InProcessApp,
-    "in process, batch": in_a_batch,
-    "protocol 1": over_protocol1,
-    "protocol 2": over_protocol2,
-    "protocol 2 over ZeroMQ": partial(over_protocol2, local=False),
+    "alone": InProcessApp,
+    "in a batch": in_a_batch,
+    **{transport.name: partial(over, transport.name) for transport in list_transports()},
+    "protocol2, images through the socket": through_the_socket,
 }
+"""The first is what the others are compared with."""

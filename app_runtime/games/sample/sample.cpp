@@ -4,16 +4,35 @@
 #include "sim2vr/physics/collider.hpp"
 #include "sim2vr/physics/world.hpp"
 #include "sim2vr/render/components.hpp"
+#include "sim2vr/rl/sound.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 #include "sim2vr/scene/scene.hpp"
+#include "sim2vr/xr/session.hpp"
 
 namespace sim2vr::games::sample {
 namespace {
 
+// What the player can do and feel besides moving: OpenXR's actions, each bound to an input or an
+// output of a controller.
+struct Controls {
+  const xr::Action* skip = nullptr;
+  const xr::Action* vibrate = nullptr;
+};
+
+Controls makeControls(xr::Session& xr) {
+  xr::ActionSet& set = xr.createActionSet("play");
+  xr::Action& skip = set.createAction("skip", XR_ACTION_TYPE_BOOLEAN_INPUT);
+  xr.suggestBinding(skip, "/user/hand/right/input/trigger/value");
+  xr::Action& vibrate = set.createAction("vibrate", XR_ACTION_TYPE_VIBRATION_OUTPUT);
+  xr.suggestBinding(vibrate, "/user/hand/right/output/haptic");
+  return {&skip, &vibrate};
+}
+
 // A component is a piece of behaviour on an object of the scene, with Unity's life cycle.
 class Ball : public scene::Component {
  public:
-  explicit Ball(std::uint32_t seed) : random_(seed) {}
+  Ball(std::uint32_t seed, xr::Session& xr, const Controls& controls)
+      : random_(seed), xr_(xr), controls_(controls) {}
 
   // Names the type in saved states.
   std::string_view typeName() const override { return "sample.Ball"; }
@@ -21,10 +40,18 @@ class Ball : public scene::Component {
   // Before the first frame.
   void Start() override { move(); }
 
-  // In the fixed step in which something begins to touch the ball.
+  // In the fixed step in which something begins to touch the ball: it is heard and felt.
   void OnTriggerEnter(const scene::TriggerContact&) override {
     ++points_;
+    gameObject().getComponent<rl::AudioSource>()->PlayOneShot("touch");
+    xr_.applyHapticFeedback(*controls_.vibrate, std::nullopt, kPulse);
     move();
+  }
+
+  // In every frame. A pulled trigger moves the ball on, without a point.
+  void Update() override {
+    const XrActionStateBoolean skip = xr_.getActionStateBoolean(*controls_.skip);
+    if (skip.changedSinceLastSync == XR_TRUE && skip.currentState == XR_TRUE) move();
   }
 
   // Every value that changes during play, so that a state can be saved and loaded.
@@ -43,7 +70,13 @@ class Ball : public scene::Component {
     transform().setPosition({x, y, 0.45});
   }
 
+  // 20 ms at half strength, at the frequency that the controller likes best.
+  static constexpr XrHapticVibration kPulse{XR_TYPE_HAPTIC_VIBRATION, nullptr, 20'000'000,
+                                            XR_FREQUENCY_UNSPECIFIED, 0.5F};
+
   Random random_;  // the only source of chance: a seed fixes the round
+  xr::Session& xr_;
+  Controls controls_;
   int points_ = 0;
 };
 
@@ -140,7 +173,8 @@ void TouchTheBall::configure(Options& options) {
 rl::RLEnv& TouchTheBall::build(rl::GameContext& context) {
   scene::Scene& scene = context.scene;
 
-  // Head camera and controllers, moved by the player.
+  // Head camera and controllers, moved by the player. A game's own actions are made first.
+  const Controls controls = makeControls(context.xr);
   const rl::XrRig rig = rl::buildXrRig(context);
   rig.right_controller->addComponent<physics::Collider>(physics::Sphere{0.03});
 
@@ -151,7 +185,8 @@ rl::RLEnv& TouchTheBall::build(rl::GameContext& context) {
   object.addComponent<physics::Collider>(physics::Sphere{1.0}, Vec3::Zero(), /*is_trigger=*/true);
   object.addComponent<render::MeshRenderer>(render::sphere(16)).material.albedo = {1.0F, 0.4F, 0.0F,
                                                                                    1.0F};
-  auto& ball = object.addComponent<Ball>(context.seed);
+  object.addComponent<rl::AudioSource>(context.sounds);
+  auto& ball = object.addComponent<Ball>(context.seed, context.xr, controls);
 
   scene::GameObject& light = scene.create("Light");
   light.transform().setLocalRotation(Quat::FromTwoVectors(Vec3::UnitZ(), Vec3(0.3, -1.0, 0.5)));

@@ -60,6 +60,12 @@ from sim2vr_harness.client.runtime import (
     list_games,
     runtime_version,
 )
+from sim2vr_harness.client.transport import AppPlace, AppSource, AppsWanted, Transport
+from sim2vr_harness.client.transports import (
+    list_transports,
+    register_transport,
+    transport_named,
+)
 
 __all__ = [
     "APP_FAILURES",
@@ -70,11 +76,14 @@ __all__ = [
     "AppClient",
     "AppDied",
     "AppError",
+    "AppPlace",
     "AppProcess",
     "AppRefused",
     "AppReply",
+    "AppSource",
     "AppTimeout",
     "AppUnsupported",
+    "AppsWanted",
     "Channel",
     "ClockSettings",
     "Condition",
@@ -94,6 +103,7 @@ __all__ = [
     "RewardTerm",
     "SoundEvent",
     "StartingApp",
+    "Transport",
     "connect",
     "describe_game",
     "facts_of_outside",
@@ -103,10 +113,13 @@ __all__ = [
     "input_named",
     "is_sim2vr_app",
     "list_games",
+    "list_transports",
+    "register_transport",
     "require_capability",
     "runtime_version",
     "sim2vr_arguments",
     "start_sim2vr_app",
     "start_unity_app",
+    "transport_named",
     "unity_arguments",
 ]

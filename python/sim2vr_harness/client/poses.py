@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2vr_harness.client.base import DevicePoses, Float64Array, Int64Array
-from sim2vr_harness.client.devices import HANDS, INPUT_COUNT
+from sim2vr_harness.client.base import Float64Array, Int64Array
+from sim2vr_harness.client.devices import HANDS, INPUT_COUNT, DevicePoses
 from sim2vr_harness.client.errors import AppUnsupported
 
 __all__ = [

@@ -22,13 +22,13 @@ from PIL import Image, UnidentifiedImageError
 
 from sim2vr_harness.client.base import (
     AppReply,
-    DevicePoses,
     Int64Array,
     OptionValue,
     ThirdPersonView,
     UInt8Array,
 )
 from sim2vr_harness.client.channel import Channel
+from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, ProtocolError
 from sim2vr_harness.client.poses import (
     check_finite,
@@ -316,8 +316,8 @@ class Protocol1App:
     ) -> dict[str, Any]:
         if capability not in self.capabilities:
             raise AppUnsupported(
-                f"{capability}: {self._channel.app} speaks the reference's protocol, which has no word for "
-                f"{doing}; sim2vr-app can do it"
+                f"{capability}: {self._channel.app} speaks the reference's protocol, which has no "
+                f"word for {doing}; sim2vr-app can do it"
             )
         self._send(fields, doing)
         reply, png = self._receive()

@@ -23,13 +23,13 @@ from sim2vr_harness.client.base import (
     CAPABILITIES,
     AppReply,
     ClockSettings,
-    DevicePoses,
     Int64Array,
     OptionValue,
     ThirdPersonView,
     UInt8Array,
 )
 from sim2vr_harness.client.channel import Channel
+from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, ProtocolError
 from sim2vr_harness.client.poses import frame_times, one_frame, require_devices
 from sim2vr_harness.client.protocol2_wire import (

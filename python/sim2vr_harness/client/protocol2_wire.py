@@ -12,8 +12,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.client.base import AppReply, DevicePoses, Int64Array
-from sim2vr_harness.client.devices import HANDS, INPUT_COUNT, HapticPulse, SoundEvent
+from sim2vr_harness.client.base import AppReply, Int64Array
+from sim2vr_harness.client.devices import (
+    HANDS,
+    INPUT_COUNT,
+    DevicePoses,
+    HapticPulse,
+    SoundEvent,
+)
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, ProtocolError
 from sim2vr_harness.client.poses import input_rows, pose_rows, tracked_devices
 

@@ -23,8 +23,9 @@ from sim2vr_harness.client import (
     InProcessBatch,
     OptionValue,
     SoundEvent,
+    transport_named,
 )
-from sim2vr_harness.envs.apps import IPD_M, AppFactory, app_factory, in_process_batch
+from sim2vr_harness.envs.apps import IPD_M, AppFactory, app_factory, apps_wanted
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.perception import channel_indices, pick_channels
 
@@ -179,8 +180,9 @@ def app_group(
         ValueError: a setting that cannot be used.
         RuntimeError: an app or its renderer cannot be started.
     """
-    if make_app is None and config.app.transport == "in_process":
-        return BatchGroup(in_process_batch(config, n, log_dir, _channels(config), ipd_m), n)
+    batch = transport_named(config.app.transport).batch
+    if make_app is None and batch is not None:
+        return BatchGroup(batch(apps_wanted(config, n, ipd_m), log_dir, _channels(config)), n)
     make = app_factory(config, n, ipd_m) if make_app is None else make_app
     return ClientGroup(make, config, n, log_dir)
 

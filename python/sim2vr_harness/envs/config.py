@@ -13,6 +13,7 @@ from typing import Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from sim2vr_harness.client import list_transports, transport_named
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.devices import INPUT_NAMES
 from sim2vr_harness.perception.registry import SenseConfig, check_list
@@ -195,16 +196,19 @@ class AppConfig(Settings):
     options: dict[str, OptionValue] = Field(default_factory=dict)
     """The game's options; each game has defaults and validates its own (docs/games/)."""
     renderer: Literal["automatic", "egl", "osmesa", "null"] = "automatic"
-    transport: Literal["in_process", "protocol1", "protocol2"] = "in_process"
-    """Where the app runs: in this process, or outside, reached by SIM2VR's protocol (1) or by our
-    faster one (2); see docs/remote_apps.md."""
+    transport: str = "in_process"
+    """Where the app runs: in this process, or outside, reached by SIM2VR's protocol (protocol1), by
+    our faster one (protocol2), or by another transport of the table; see docs/remote_apps.md."""
+    transport_options: dict[str, OptionValue] = Field(default_factory=dict)
+    """What a transport of one's own wants to know beyond the settings below."""
     executable: str | None = None
     """The app to start for every user, for example a Unity build with the SIM2VR asset (protocol
     1); None starts our own sim2vr-app."""
     arguments: tuple[str, ...] = ()
     """Further arguments of the executable."""
     connect: str | None = None
-    """``HOST:PORT`` of an app that runs already, instead of starting one."""
+    """``HOST:PORT`` of an app that runs already, or a ZeroMQ endpoint such as ``ipc:///tmp/app``,
+    instead of starting one."""
     timeout_s: float = Field(default=60.0, gt=0.0)
     """An app outside that does not answer for so long has failed and is started again."""
     start_timeout_s: float = Field(default=60.0, gt=0.0)
@@ -218,7 +222,8 @@ class AppConfig(Settings):
     def _consistent_transport(self) -> AppConfig:
         if self.connect is not None:
             match = _ADDRESS.fullmatch(self.connect)
-            if match is None or not 0 < int(match.group(1)) < 65536:
+            port = match is not None and 0 < int(match.group(1)) < 65536
+            if not port and not self.connect.startswith("ipc://"):
                 raise ValueError(
                     f"connect: got {self.connect!r}, expected HOST:PORT, such as localhost:5555"
                 )
@@ -227,11 +232,21 @@ class AppConfig(Settings):
                     f"connect: got {self.connect!r} next to an executable or arguments, expected "
                     "one of the two: an app that runs already, or one to start"
                 )
+        transport = transport_named(self.transport)
         for name in ("executable", "connect", "arguments"):
-            if self.transport == "in_process" and getattr(self, name):
+            if getattr(self, name) and name not in transport.reads:
+                readers = [repr(one.name) for one in list_transports() if name in one.reads]
                 raise ValueError(
-                    f"transport: got 'in_process' together with {name}, expected 'protocol1' or "
-                    "'protocol2'"
+                    f"transport: got {self.transport!r} together with {name}, expected "
+                    f"{' or '.join(readers)}"
+                )
+        for name in self.transport_options:
+            if name not in transport.options:
+                known = ", ".join(map(repr, transport.options)) or "none"
+                near = difflib.get_close_matches(name, transport.options, n=1)
+                raise ValueError(
+                    f"transport_options: got {name!r} for {self.transport!r}, expected {known}"
+                    + (f"; did you mean {near[0]!r}?" if near else "")
                 )
         return self
 

@@ -22,6 +22,7 @@ namespace sim2vr::games::testing {
 struct Poses {
   Pose head;
   Pose right;
+  float right_trigger = 0.0F;
 };
 
 /// The reference's clock in simulated runs: Unity keeps the fixed step in binary32, so that step 25
@@ -53,6 +54,7 @@ class GameHarness {
     state.head = xr::toXr(poses.head);
     state.hand(xr::Hand::right).active = true;
     state.hand(xr::Hand::right).grip = xr::toXr(poses.right);
+    state.hand(xr::Hand::right).trigger = poses.right_trigger;
     state.hand(xr::Hand::right).aim = state.hand(xr::Hand::right).grip;
     device_.set(state);
     session_.waitFrame(time_ns, 50'000'000);
@@ -84,6 +86,8 @@ class GameHarness {
   scene::Scene& scene() { return scene_; }
   physics::PhysicsWorld& physics() { return physics_; }
   rl::RLEnv& env() { return *env_; }
+  rl::SoundLog& sounds() { return sounds_; }
+  xr::SimulatedDevice& device() { return device_; }
   double log(const std::string& name) const { return env_->log().at(name); }
 
   template <class T>

@@ -27,6 +27,43 @@ TEST(TouchTheBall, TouchScoresAndMovesTheBall) {
   EXPECT_NEAR(round.env().reward(), 1.0 - 0.1 * (second - first).norm(), 1e-5);
 }
 
+TEST(TouchTheBall, ATouchIsHeardAndFelt) {
+  const auto game = createGame("sample");
+  testing::GameHarness round(*game, 1);
+  round.frame(0, {kHead, kAway});
+  const Vec3 ball = ballPosition(round);
+  round.frame(50'000'000, {kHead, {ball, Quat::Identity()}});
+  EXPECT_TRUE(round.sounds().take().empty());
+  EXPECT_TRUE(round.device().takePulses().empty());
+  round.frame(100'000'000, {kHead, {ball, Quat::Identity()}});
+  const auto sounds = round.sounds().take();
+  ASSERT_EQ(sounds.size(), 1U);
+  EXPECT_EQ(sounds[0].name, "touch");
+  EXPECT_EQ(sounds[0].position_m, ball);
+  EXPECT_EQ(sounds[0].gain, 1.0F);
+  const auto pulses = round.device().takePulses();
+  ASSERT_EQ(pulses.size(), 1U);
+  EXPECT_EQ(pulses[0].hand, xr::Hand::right);
+  EXPECT_EQ(pulses[0].amplitude, 0.5F);
+  EXPECT_EQ(pulses[0].frequency_hz, 0.0F);
+  EXPECT_EQ(pulses[0].duration_ns, 20'000'000);
+}
+
+TEST(TouchTheBall, APressOfTheTriggerMovesTheBallOnWithoutAPoint) {
+  const auto game = createGame("sample");
+  testing::GameHarness round(*game, 1);
+  round.frame(0, {kHead, kAway});
+  const Vec3 first = ballPosition(round);
+  round.frame(50'000'000, {kHead, kAway, 0.25F});  // not far enough
+  EXPECT_EQ(ballPosition(round), first);
+  round.frame(100'000'000, {kHead, kAway, 1.0F});
+  const Vec3 second = ballPosition(round);
+  EXPECT_NE(second, first);
+  round.frame(150'000'000, {kHead, kAway, 1.0F});  // held
+  EXPECT_EQ(ballPosition(round), second);
+  EXPECT_EQ(round.log("Points"), 0.0);
+}
+
 TEST(TouchTheBall, RoundEnds) {
   const auto game = createGame("sample");
   testing::GameHarness round(*game, 1, R"({"round_seconds": 1})");

@@ -83,7 +83,7 @@ TEST(Session2, HelloSaysWhatThereIs) {
   EXPECT_EQ(about["renderer_description"], "null renderer: no pictures");
   EXPECT_EQ(about["shared_memory"], nullptr);
   EXPECT_EQ(about["eyes"], 1);
-  EXPECT_TRUE(about.contains("facts"));
+  EXPECT_EQ(about["facts"], Json::parse(games::gameFactsJson("sample")));
   EXPECT_EQ(about["capabilities"], (Json{"save", "views", "frames", "inputs", "left_controller",
                                          "haptics", "sounds", "head_request", "two_eyes"}));
 }
@@ -94,6 +94,7 @@ Json ownLoopHello() { return {{"width", 4}, {"height", 2}, {"apps", 2}}; }
 HostSettings ownLoop(const runtime::Capabilities& capabilities) {
   HostSettings host = settings();
   host.make_app = runtime::testing::OwnLoop::factory(capabilities);
+  host.facts_json = nullptr;
   return host;
 }
 
@@ -103,6 +104,7 @@ TEST(Session2, PlaysAnAppWithALoopOfItsOwn) {
   const Json about = Json::parse(client.greeting.at(1));
   EXPECT_EQ(about["capabilities"], (Json{"frames", "inputs"}));
   EXPECT_EQ(about["renderer_description"], "paints grey");
+  EXPECT_EQ(about["facts"], nullptr);
   Reply reply = client.reset(1, 100);
   EXPECT_EQ(errorOf(reply), "none");
   EXPECT_EQ(reply.at(4), std::string(32, 100));

@@ -207,7 +207,10 @@ def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
         (["evaluate", "{empty}"], "error: RUN: got '{empty}', which holds no config.yaml"),
         (["evaluate"], "error: RUN: got nothing"),
         (["evaluate", "{run}", "--condition", "x"], "error: --condition: got 'x', expected a cond"),
-        (["evaluate", "{run}", "--condition", "harrd"], "error: --condition: got 'harrd', expected"),
+        (
+            ["evaluate", "{run}", "--condition", "harrd"],
+            "error: --condition: got 'harrd', expected",
+        ),
         (["games", "sampel"], "error: game: got 'sampel', expected one of"),
         (["snapshot", "--game", "sampel"], "error: game: got 'sampel', expected one of"),
         (["evaluate", "{run}", "--episodes", "0"], "error: --episodes: got 0, expected"),

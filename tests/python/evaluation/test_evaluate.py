@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from fake_simulation import FakeSimulation
 
-from sim2vr_harness.evaluation import evaluate as module
 from sim2vr_harness.client import Condition, GameFacts, describe_game, facts_of_outside
+from sim2vr_harness.evaluation import evaluate as module
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
@@ -19,7 +19,6 @@ from sim2vr_harness.evaluation.rollouts import Job, jobs_for, play
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder
 from sim2vr_harness.training.trained_users import find_user
-
 
 WHACAMOLE = describe_game("whacamole")
 METRICS = (

@@ -24,7 +24,6 @@ from sim2vr_harness.evaluation.snapshot import parse_size, snapshot
 from sim2vr_harness.evaluation.tables import results_table
 from sim2vr_harness.training.errors import InputError
 
-
 WHACAMOLE = describe_game("whacamole")
 
 

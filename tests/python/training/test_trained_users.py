@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import pytest
 import torch
 
-from sim2vr_harness.client import describe_game
 from sim2vr_harness.cli.main import main
+from sim2vr_harness.client import describe_game
 from sim2vr_harness.envs.contract import contract, contract_hash, differences
 from sim2vr_harness.envs.simulation import observation_space_of
 from sim2vr_harness.evaluation import packing

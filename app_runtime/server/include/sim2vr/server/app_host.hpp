@@ -3,12 +3,14 @@
 
 #include <cstdint>
 #include <filesystem>
+#include <functional>
 #include <map>
 #include <memory>
 #include <optional>
 #include <string>
 #include <vector>
 
+#include "sim2vr/games/registry.hpp"
 #include "sim2vr/runtime/lockstep_app.hpp"
 #include "sim2vr/runtime/recorder.hpp"
 #include "sim2vr/server/protocol1.hpp"
@@ -18,6 +20,8 @@ namespace sim2vr::server {
 struct HostSettings {
   /// Makes the apps.
   runtime::AppFactory make_app = runtime::gameApps();
+  /// What a game of theirs tells of itself, a JSON object (rl/game_facts.hpp); none: nothing.
+  std::function<std::string(std::string_view game)> facts_json = games::gameFactsJson;
   /// What a client does not ask for.
   runtime::AppSettings app;
   std::string renderer = "automatic";

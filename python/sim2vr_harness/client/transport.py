@@ -1,0 +1,106 @@
+"""What a way to an app says of itself, so that nobody else needs to know it by name.
+
+A new one is a file with an entry of its own and a line in :mod:`sim2vr_harness.client.transports`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sim2vr_harness.client.base import AppClient, OptionValue
+from sim2vr_harness.client.in_process_batch import InProcessBatch
+
+__all__ = ["AppPlace", "AppSource", "AppsWanted", "Transport"]
+
+AppSource = Callable[[int, Path | None], AppClient]
+"""Makes the app of a user: (its number, root of the logs or None) -> client. Called again for a
+user whose app has failed and was closed."""
+
+
+@dataclass(frozen=True)
+class AppPlace:
+    """Where the apps are; a transport reads what concerns it (:attr:`Transport.reads`).
+
+    Attributes:
+        executable: app to start; None: our own server.
+        arguments: further ones of the executable.
+        connect: ``HOST:PORT`` or ZeroMQ endpoint of an app that runs already, instead of starting
+            one.
+        timeout_s: deadline of every answer.
+        start_timeout_s: how long an app may take to start.
+        time_scale: how many times faster than real time a Unity app may run at most.
+        processes: servers that share the users; 0: one per core at most.
+        options: of the transport alone (:attr:`Transport.options`).
+    """
+
+    executable: str | None = None
+    arguments: tuple[str, ...] = ()
+    connect: str | None = None
+    timeout_s: float = 60.0
+    start_timeout_s: float = 60.0
+    time_scale: int = 5
+    processes: int = 0
+    options: Mapping[str, OptionValue] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class AppsWanted:
+    """The apps of N users.
+
+    Attributes:
+        n: N.
+        game: its name.
+        options: the game's.
+        width: of one eye's image, pixels.
+        height: of one eye's image, pixels.
+        eyes: 1, or 2 for a picture of each.
+        ipd_m: distance between the pupils, metres.
+        renderer: ``automatic``, ``egl``, ``osmesa`` or ``null``.
+        frequency_hz: user steps per second.
+        threads: for what runs in this process.
+        place: where the apps are.
+    """
+
+    n: int
+    game: str
+    options: Mapping[str, OptionValue] = field(default_factory=dict)
+    width: int = 120
+    height: int = 80
+    eyes: int = 1
+    ipd_m: float = 0.064
+    renderer: str = "automatic"
+    frequency_hz: int = 20
+    threads: int = 1
+    place: AppPlace = AppPlace()
+
+
+@dataclass(frozen=True)
+class Transport:
+    """One way to an app.
+
+    Attributes:
+        name: in configurations, ``env.app.transport``.
+        summary: a line for people.
+        apps: how to get the apps of N users. ValueError where the settings do not serve so many.
+        capabilities: names of :data:`~sim2vr_harness.client.CAPABILITIES` that every app has which
+            is reached so; a single app may have more.
+        reads: fields of :class:`AppPlace` that mean something; others must be left alone.
+        options: names of :attr:`AppPlace.options` that it knows, with a line each.
+        users_per_connection: how many users an app serves; None: any number.
+        knows_options: whether the apps of a place take game options at every reset, rather than at
+            their start or never.
+        batch: for apps of this process that are stepped as arrays: makes them all, (wanted, root
+            of the logs, channels of the pictures to put side by side).
+    """
+
+    name: str
+    summary: str
+    apps: Callable[[AppsWanted], AppSource]
+    capabilities: frozenset[str] = frozenset()
+    reads: frozenset[str] = frozenset()
+    options: Mapping[str, str] = field(default_factory=dict)
+    users_per_connection: int | None = None
+    knows_options: Callable[[AppPlace], bool] = lambda place: True
+    batch: Callable[[AppsWanted, Path | None, Sequence[int]], InProcessBatch] | None = None

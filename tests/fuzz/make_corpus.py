@@ -1,0 +1,103 @@
+"""Writes the first inputs of the targets protocol2 and session2, by the client's own encoding.
+
+To be run when the wire format changes, from the root of the repository; what fuzzing has found in
+the old format is of no use in the new one. Frames are each behind their length (2 bytes,
+little-endian), messages of a session are separated by the length 0xFFFF (targets.hpp).
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from sim2vr_harness.client import INPUT_COUNT, DevicePoses
+from sim2vr_harness.client import protocol2_wire as wire
+from sim2vr_harness.client.protocol2_wire import HEADER, MAGIC, VERSION, Type
+
+CORPUS = Path(__file__).parent / "corpus"
+STEP_NS = 50_000_000
+APP_1 = wire.APP.pack(1)
+
+
+def devices(frame: int, *, left: bool = False, pressed: bool = False) -> DevicePoses:
+    """A player who strikes in every fourth frame."""
+    head = np.array([0.0, 1.17, 0.0, 0.0, 0.0, 0.0, 1.0])
+    hand = np.array([0.15, 1.03, 0.36 if frame % 4 == 3 else 0.2, 0.0, 0.0, 0.0, 1.0])
+    inputs = np.zeros(INPUT_COUNT)
+    inputs[[0, 5]] = 1.0
+    row = inputs if pressed else None
+    return DevicePoses(head, hand, hand if left else None, row, row if left else None)
+
+
+def message(kind: Type, *frames: bytes, count: int = 0) -> bytes:
+    parts = [HEADER.pack(MAGIC, VERSION, kind, 7, count, 0, 0), *frames]
+    return b"".join(len(part).to_bytes(2, "little") + part for part in parts)
+
+
+def text(value: object) -> bytes:
+    return json.dumps(value).encode()
+
+
+def reset(app: int, options: dict[str, object], **given: bool) -> bytes:
+    record = wire.reset_record(app, 3, 0, devices(0, **given))
+    return message(Type.RESET, record, text([options]) if options else b"", count=1)
+
+
+def step(frames_of: dict[int, int], first: int = 1, drawn: int = -1, **given: bool) -> bytes:
+    records, frames = b"", b""
+    for app, count in frames_of.items():
+        records += wire.STEP_RECORD.pack(app, count, drawn, 0)
+        for frame in range(first, first + count):
+            poses = devices(frame, **given)
+            one = DevicePoses(**{k: None if v is None else v[None] for k, v in vars(poses).items()})
+            frames += wire.step_frames(np.array([frame * STEP_NS]), one).tobytes()
+    return message(Type.STEP, records, frames, count=len(frames_of))
+
+
+HELLO = {"client": "fuzz", "apps": 2, "game": "sample", "options": {"round_seconds": 5}, "eyes": 2,
+         "width": 8, "height": 6, "ipd_m": 0.06, "renderer": "null", "log_dir": "",
+         "fixed_delta_time_s": 0.01, "maximum_delta_time_s": 0.5, "fixed_step_tolerance_s": 1e-5,
+         "shared_memory": False, "capabilities": ["haptics", "sounds", "smells"]}  # fmt: skip
+MESSAGES = {
+    "hello": message(Type.HELLO, text(HELLO)),
+    "reset": reset(1, {"condition": "easy"}, left=True, pressed=True),
+    "reset_plain": reset(0, {}),
+    "step": step({1: 2, 0: 1}, drawn=0, left=True, pressed=True),
+    "render": message(Type.RENDER, text({"app": 1, "view": "recorder", "width": 8, "height": 6})),
+    "save": message(Type.SAVE, APP_1),
+    "load": message(Type.LOAD, APP_1, b"a state"),
+    "hash": message(Type.HASH, APP_1),
+    "head_request": message(
+        Type.HEAD_REQUEST, text({"app": 1, "seed": 5, "options": {"condition": "low"}})
+    ),
+    "quit": message(Type.QUIT),
+}
+SAMPLE = message(Type.HELLO, text({"apps": 2, "game": "sample", "width": 8, "height": 6}))
+SESSIONS = {
+    "round": [reset(0, {}), reset(1, {}), step({0: 1, 1: 1}), step({1: 2, 0: 1}, 2),
+              MESSAGES["hash"]],
+    "inputs": [reset(0, {}, left=True, pressed=True),
+               step({0: 3}, drawn=1, left=True, pressed=True)],
+    "early": [step({0: 1}), MESSAGES["save"], MESSAGES["hash"], MESSAGES["render"]],
+    "hello_again": [SAMPLE, reset(1, {}, pressed=True), step({1: 1}, pressed=True)],
+    "two_eyes": [MESSAGES["hello"], reset(0, {}), MESSAGES["head_request"], MESSAGES["quit"]],
+}  # fmt: skip
+
+
+def main() -> None:
+    for target, inputs in (
+        ("protocol2", MESSAGES),
+        ("session2", {name: b"\xff\xff".join(parts) for name, parts in SESSIONS.items()}),
+    ):
+        folder = CORPUS / target
+        folder.mkdir(exist_ok=True)
+        for file in folder.iterdir():
+            file.unlink()
+        for name, data in inputs.items():
+            (folder / name).write_bytes(data)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,19 +1,36 @@
-"""The Gymnasium face: registration, checkers, pictures."""
+"""The Gymnasium face: registration, checkers, pictures, copies."""
 
 from __future__ import annotations
 
+import copy
+import pickle
 import subprocess
 import sys
+import types
 import warnings
+from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.error import DependencyNotInstalled
 from gymnasium.utils.env_checker import check_env as gymnasium_check
 
 import sim2vr_harness.envs as envs
+from sim2vr_harness.client import list_games
 
 WHACAMOLE_ID = "sim2vr/WhacAMole-v0"
+
+ALL_OPTIONS = envs.EnvConfig(
+    vision={"foveation": {"gaze": "moves"}},
+    frames_per_step=5,
+    senses=[
+        {"sense": "vision", "delay_ms": 30, "noise": 0.02, "history_s": 0.1},
+        {"sense": "proprioception", "delay_ms": 30, "noise": 0.01},
+        {"sense": "time"},
+        {"sense": "gaze"},
+    ],
+)
 
 
 @pytest.fixture
@@ -23,17 +40,24 @@ def env():
     env.close()
 
 
-def test_passes_gymnasiums_checker_without_warnings(env) -> None:
+@pytest.fixture(params=["default", "all options"])
+def any_env(request: pytest.FixtureRequest):
+    made = envs.Sim2VREnv(config=None if request.param == "default" else ALL_OPTIONS)
+    yield made
+    made.close()
+
+
+def test_passes_gymnasiums_checker_without_warnings(any_env: envs.Sim2VREnv) -> None:
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        gymnasium_check(env.unwrapped, skip_render_check=True)
+        gymnasium_check(any_env, skip_render_check=True)
 
 
-def test_passes_stable_baselines3s_checker_without_warnings(env) -> None:
+def test_passes_stable_baselines3s_checker_without_warnings(any_env: envs.Sim2VREnv) -> None:
     check_env = pytest.importorskip("stable_baselines3.common.env_checker").check_env
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        check_env(env.unwrapped, warn=True, skip_render_check=True)
+        check_env(any_env, warn=True, skip_render_check=True)
 
 
 def test_spaces(env) -> None:
@@ -63,6 +87,9 @@ def test_reset_options_change_the_condition(env) -> None:
         env.reset(options={"condition": "hihg"})
 
 
+# --- pictures ---------------------------------------------------------------------------------
+
+
 @pytest.mark.parametrize("mode", ["rgb_array", "headset", "body"])
 def test_renders_pictures(mode: str) -> None:
     env = envs.Sim2VREnv(condition="medium", render_mode=mode)
@@ -73,21 +100,148 @@ def test_renders_pictures(mode: str) -> None:
     assert picture.dtype == np.uint8
     assert picture.std() > 5.0
     env.close()
-    with pytest.raises(ValueError, match="render_mode: got 'human'"):
+    with pytest.raises(ValueError, match="render_mode: got 'humna', expected one of"):
+        envs.Sim2VREnv(render_mode="humna")
+
+
+class FakePygame(types.ModuleType):
+    """Writes down what is shown, and how quickly."""
+
+    def __init__(self) -> None:
+        super().__init__("pygame")
+        self.shown: list[np.ndarray] = []
+        self.ticks: list[int] = []
+        self.closed = 0
+        surface = types.SimpleNamespace(blit=lambda drawn, _at: self.shown.append(drawn))
+        self.init = lambda: None
+        self.display = types.SimpleNamespace(
+            init=lambda: None,
+            set_caption=lambda _title: None,
+            set_mode=lambda size: self.sizes.append(size) or surface,
+            flip=lambda: None,
+            quit=self._quit,
+        )
+        self.sizes: list[tuple[int, int]] = []
+        self.time = types.SimpleNamespace(
+            Clock=lambda: types.SimpleNamespace(tick=self.ticks.append)
+        )
+        self.surfarray = types.SimpleNamespace(make_surface=lambda columns: columns.swapaxes(0, 1))
+        self.event = types.SimpleNamespace(pump=lambda: None)
+
+    def _quit(self) -> None:
+        self.closed += 1
+
+
+def test_people_can_look_on(monkeypatch: pytest.MonkeyPatch) -> None:
+    pygame = FakePygame()
+    monkeypatch.setitem(sys.modules, "pygame", pygame)
+    env = gymnasium.make(WHACAMOLE_ID, render_mode="human")
+    env.reset(seed=1)
+    env.step(np.zeros(32, dtype=np.float32))
+    assert env.render() is None
+    assert pygame.sizes == [(640, 480)]
+    assert pygame.ticks == [20, 20]
+    other = envs.Sim2VREnv(render_mode="rgb_array")
+    other.reset(seed=1)
+    np.testing.assert_array_equal(pygame.shown[0], other.render())
+    assert (pygame.shown[1] != pygame.shown[0]).any()
+    env.close()
+    assert pygame.closed == 1
+    other.close()
+
+
+def test_a_window_without_pygame_names_the_extra(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pygame", None)
+    with pytest.raises(DependencyNotInstalled, match=r"pip install sim2vr-harness\[video\]"):
         envs.Sim2VREnv(render_mode="human")
 
 
-@pytest.mark.parametrize(
-    "code",
-    [
-        "import gymnasium, sim2vr_harness.envs; e = gymnasium.make('sim2vr/WhacAMole-v0')",
-        "import gymnasium; e = gymnasium.make('sim2vr_harness.envs:sim2vr/WhacAMole-v0')",
-    ],
-)
-def test_make_finds_the_id_in_a_fresh_interpreter(code: str) -> None:
-    code += "; print(e.reset(seed=0)[0]['vision'].shape); e.close()"
+def test_gymnasium_records_videos(tmp_path) -> None:
+    pytest.importorskip("moviepy", reason="needs pip install sim2vr-harness[video]")
+    env = gymnasium.wrappers.RecordVideo(
+        gymnasium.make(WHACAMOLE_ID, render_mode="rgb_array"), str(tmp_path), disable_logger=True
+    )
+    env.reset(seed=1)
+    for _ in range(5):
+        env.step(env.action_space.sample())
+    env.close()
+    assert next(tmp_path.glob("*.mp4")).stat().st_size > 1000
+
+
+# --- registration -----------------------------------------------------------------------------
+
+
+def run(code: str) -> str:
     result = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=False
     )
     assert result.returncode == 0, result.stderr
-    assert result.stdout.strip() == "(2, 80, 120)"
+    return result.stdout.strip()
+
+
+def test_importing_the_package_registers_every_game_and_loads_nothing_heavy() -> None:
+    out = run(
+        "import sys, gymnasium, sim2vr_harness\n"
+        "print(*sorted(id for id in gymnasium.registry if id.startswith('sim2vr/')))\n"
+        "heavy = ('mujoco', 'torch', 'zmq', 'pydantic', 'stable_baselines3', 'matplotlib')\n"
+        "print([name for name in sys.modules if name.split('.')[0] in heavy])\n"
+        "print([name for name in sys.modules if name.startswith('sim2vr_harness.')])"
+    )
+    ids, heavy, ours = out.splitlines()
+    assert {"sim2vr/WhacAMole-v0", "sim2vr/Sample-v0"} <= set(ids.split())
+    assert len(ids.split()) == len(list_games())
+    assert heavy == "[]"
+    assert ours == "['sim2vr_harness.registration']"
+
+
+@pytest.mark.parametrize("name", ["WhacAMole", "Sample"])
+def test_make_finds_the_ids_in_a_fresh_interpreter(name: str) -> None:
+    code = (
+        f"import gymnasium, sim2vr_harness; e = gymnasium.make('sim2vr/{name}-v0'); "
+        "o, _ = e.reset(seed=0); print(o['vision'].shape, e.unwrapped.simulation.config.app.game)"
+    )
+    assert run(code) == f"(2, 80, 120) {name.lower()}"
+
+
+# --- copies -----------------------------------------------------------------------------------
+
+
+def play(env: Any, steps: int, start: int) -> list[bytes]:
+    rows = []
+    for step in range(start, start + steps):
+        action = np.random.default_rng(step).uniform(-1, 1, env.action_space.shape)
+        observation, reward, *_ = env.step(action.astype(np.float32))
+        rows.append(
+            np.float64(reward).tobytes() + b"".join(v.tobytes() for v in observation.values())
+        )
+    return rows
+
+
+def test_copies_go_on_in_the_middle_of_a_round(any_env: envs.Sim2VREnv) -> None:
+    any_env.reset(seed=3)
+    any_env.action_space.seed(3)
+    play(any_env, 6, 0)
+    copies = [copy.deepcopy(any_env), pickle.loads(pickle.dumps(any_env))]
+    expected = play(any_env, 6, 6)
+    following = any_env.reset()[0]["proprioception"]
+    sampled = any_env.action_space.sample()
+    for other in copies:
+        assert other.simulation is not any_env.simulation
+        assert play(other, 6, 6) == expected
+        np.testing.assert_array_equal(other.reset()[0]["proprioception"], following)
+        np.testing.assert_array_equal(other.action_space.sample(), sampled)
+        other.close()
+    assert len(play(any_env, 1, 0)) == 1  # closing the copies has not closed it
+
+
+def test_what_was_never_reset_and_what_is_wrapped_can_be_copied_too() -> None:
+    env = gymnasium.make(WHACAMOLE_ID, condition="hard", render_mode="rgb_array")
+    fresh = copy.deepcopy(env)
+    assert fresh.unwrapped.simulation.config.app.options["condition"] == "hard"
+    seen = [one.reset(seed=4)[0]["vision"] for one in (env, fresh)]
+    np.testing.assert_array_equal(*seen)
+    env.close()
+    later = pickle.loads(pickle.dumps(fresh))
+    np.testing.assert_array_equal(later.render(), fresh.render())
+    fresh.close()
+    later.close()

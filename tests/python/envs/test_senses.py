@@ -1,0 +1,300 @@
+"""What users perceive in an app: every sense and wrapper end to end, saved, and in any batch."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_device_app import FakeDeviceApp
+
+from sim2vr_harness.client import AppUnsupported, HapticPulse, SoundEvent
+from sim2vr_harness.envs import AppConfig, EnvConfig, SenseConfig, Simulation, VisionConfig
+from sim2vr_harness.envs.contract import contract
+
+SMALL = {"width": 24, "height": 16}
+EVERYTHING: dict[str, Any] = {
+    "vision": {**SMALL, "foveation": {"gaze": "moves"}},
+    "user": {"inputs": ["right.trigger", "right.a"]},
+    "frames_per_step": 5,
+    "senses": [
+        {"sense": "vision", "delay_ms": 80, "noise": 0.02, "history_s": 0.1},
+        {"sense": "proprioception", "delay_ms": 30, "noise": 0.01},
+        {"sense": "time", "name": "clock", "delay_ms": 60},
+        {"sense": "fingers"},
+        {"sense": "gaze", "delay_ms": 20},
+    ],
+}
+
+
+def actions(n: int, step: int, size: int = 32) -> np.ndarray:
+    return np.random.default_rng(step).uniform(-1, 1, (n, size))
+
+
+def config(**changes: Any) -> EnvConfig:
+    app = {"options": {"condition": "medium"}, **changes.pop("app", {})}
+    return EnvConfig(app=AppConfig(**app), **changes)
+
+
+def with_fake_apps(settings: dict[str, Any], n: int = 1, **app: Any) -> tuple[Simulation, list]:
+    apps: list[FakeDeviceApp] = []
+
+    def make(_config: EnvConfig, _index: int, _log_dir: Any) -> Any:
+        apps.append(FakeDeviceApp(**app))
+        return apps[-1]
+
+    vision = {"width": 8, "height": 8, **settings.pop("vision", {})}
+    return Simulation(config(vision=vision, **settings), n, make_app=make), apps
+
+
+def test_the_body_is_felt_as_it_was_30_ms_ago() -> None:
+    late = Simulation(
+        config(app={"renderer": "null"}, senses=[{"sense": "proprioception", "delay_ms": 30}]), 1
+    )
+    late.reset(seeds=[3])
+    now = Simulation(config(app={"renderer": "null"}), 1)
+    now.reset(seeds=[3])
+    at_start = now.observation()["proprioception"]
+    np.testing.assert_array_equal(late.observation()["proprioception"], at_start)
+    for step in range(5):
+        glimpses: list[np.ndarray] = []
+        pause = {10: lambda seen=glimpses: seen.append(now.proprioception.observe(now.users))}
+        now.users.step(actions(1, step), pauses=pause)  # 20 ms into the step
+        late.step(actions(1, step))
+        felt = late.observation()["proprioception"]
+        np.testing.assert_array_equal(felt, glimpses[0])
+        present = now.proprioception.observe(now.users)
+        assert (felt != present).any()
+        # What is felt lies between the two ends, not at one of them.
+        np.testing.assert_allclose(felt[0, :7], present[0, :7], atol=0.5)
+    late.close()
+    now.close()
+
+
+def test_a_delay_of_a_step_is_the_observation_before() -> None:
+    senses = [{"sense": name, "delay_ms": 50} for name in ("vision", "proprioception", "time")]
+    late, now = Simulation(config(vision=SMALL, senses=senses)), Simulation(config(vision=SMALL))
+    late.reset(seeds=[1])
+    now.reset(seeds=[1])
+    for step in range(6):
+        before = now.observation()
+        now.step(actions(1, step))
+        late.step(actions(1, step))
+        for key, value in late.observation().items():
+            np.testing.assert_array_equal(value, before[key])
+    assert (now.observation()["vision"] != before["vision"]).any()
+    late.close()
+    now.close()
+
+
+@pytest.mark.parametrize(
+    ("frames", "delay_ms", "frame_of_step"),
+    [(1, 30, lambda k: k - 1), (5, 30, lambda k: 5 * k - 3), (5, 80, lambda k: 5 * k - 8)],
+)
+def test_the_drawn_frame_is_the_one_of_then(
+    frames: int, delay_ms: float, frame_of_step: Any
+) -> None:
+    simulation, _ = with_fake_apps(
+        {"frames_per_step": frames, "senses": [{"sense": "vision", "delay_ms": delay_ms}]}
+    )
+    simulation.reset(seeds=[1])
+    for step in range(1, 6):
+        simulation.step(actions(1, step))
+        assert simulation.observation()["vision"].max() == max(frame_of_step(step), 0)
+    simulation.close()
+
+
+def test_vibrations_and_sounds_reach_the_users_they_are_for() -> None:
+    pulse, knock = HapticPulse("left", 0.5, 160.0, 0.06), SoundEvent("knock", (5.0, 1.2, 0.0), 1.0)
+    simulation, apps = with_fake_apps(
+        {"senses": [{"sense": "haptics"}, {"sense": "sound"}]},
+        2,
+        haptics={2: (pulse,)},
+        sounds={2: (knock,)},
+    )
+    apps[1].haptics.clear()
+    simulation.reset(seeds=[1, 2])
+    felt, heard = [], []
+    for step in range(4):
+        simulation.step(actions(2, step))
+        observation = simulation.observation()
+        assert sorted(observation) == ["haptics", "sound"]
+        felt.append(observation["haptics"][:, 0].tolist())
+        heard.append(observation["sound"])
+    assert felt == [[0, 0], [0.5, 0], [0.5, 0], [0.5, 0]]  # from 0.1 to 0.16 s
+    assert [bool(loud.any()) for loud in heard] == [False, True, False, False]
+    assert (heard[1][:, 1] > 2.5 * heard[1][:, 0]).all()  # 5 m to the right
+    assert heard[1][0, 1] == pytest.approx(1.78 / 5.0, rel=0.05)
+    simulation.close()
+
+
+def test_what_an_app_cannot_do_is_said_by_name() -> None:
+    cannot = frozenset({"save"})
+    with pytest.raises(AppUnsupported, match="haptics"):
+        with_fake_apps({"senses": [{"sense": "haptics"}]}, capabilities=cannot)
+    with pytest.raises(AppUnsupported, match="two_eyes"):
+        with_fake_apps({"vision": {"eyes": 2}}, capabilities=cannot, eyes=2)
+    with pytest.raises(AppUnsupported, match="inputs"):
+        with_fake_apps({"user": {"inputs": ["right.a"]}}, capabilities=cannot)
+    with_fake_apps({}, capabilities=cannot)[0].close()
+
+
+def test_two_eyes_see_the_left_ones_channels_first() -> None:
+    simulation, apps = with_fake_apps({"vision": {"eyes": 2}}, eyes=2)
+    simulation.reset(seeds=[1])
+    apps[0].image[0], apps[0].image[1] = 10, 20
+    simulation._group._take(0, apps[0]._reply())
+    simulation._senses.take(np.array([0]))
+    seen = simulation.observation()["vision"]
+    assert simulation.observation_space["vision"].shape == (4, 8, 8)
+    assert seen[0, :, 0, 0].tolist() == [10, 10, 20, 20]
+    simulation.close()
+
+
+def trace(simulation: Simulation, steps: int, start: int = 0) -> list[bytes]:
+    """Reward and observation of the last user, whose actions do not depend on N."""
+    size, rows = simulation.action_space.shape[0], []
+    for step in range(start, start + steps):
+        batch = simulation.step(np.repeat(actions(1, step, size), simulation.n, axis=0))
+        seen = simulation.observation()
+        rows.append(batch.reward[-1].tobytes() + b"".join(v[-1].tobytes() for v in seen.values()))
+    return rows
+
+
+def test_all_senses_at_once_depend_on_the_seed_only_and_are_saved() -> None:
+    alone = Simulation(config(**EVERYTHING), 1)
+    assert alone.action_space.shape == (36,)  # 32 muscles, 2 inputs, 2 of the gaze
+    assert {key: space.shape for key, space in alone.observation_space.items()} == {
+        "vision": (4, 16, 24),
+        "proprioception": (56,),
+        "clock": (1,),
+        "fingers": (2,),
+        "gaze": (2,),
+    }
+    alone.reset(seeds=[5])
+    expected = trace(alone, 12)
+    assert alone.observation_space.contains({k: v[0] for k, v in alone.observation().items()})
+    together = Simulation(config(**EVERYTHING, threads=2), 3)
+    together.reset(seeds=[1, 2, 5])
+    assert trace(together, 12) == expected
+    alone.reset(seeds=[6])
+    assert trace(alone, 12) != expected
+    together.reset(seeds=[1, 2, 5])
+    trace(together, 5)
+    state = together.save_state()
+    rest = trace(together, 7, start=5)
+    assert rest == expected[5:]
+    other = Simulation(config(**EVERYTHING), 3)
+    other.load_state(state)
+    assert trace(other, 7, start=5) == rest
+    for simulation in (alone, together, other):
+        simulation.close()
+
+
+def test_delayed_events_are_saved_with_the_state() -> None:
+    settings = {
+        "senses": [{"sense": "haptics", "delay_ms": 30}, {"sense": "sound", "delay_ms": 30}]
+    }
+    haptics = {3: (HapticPulse("right", 1.0, 0.0, 0.01),)}
+    sounds = {3: (SoundEvent("knock", (0.0, 1.0, 1.0), 1.0),)}
+    one, two = (
+        with_fake_apps(dict(settings), 1, haptics=haptics, sounds=sounds)[0] for _ in range(2)
+    )
+    one.reset(seeds=[1])
+    for step in range(3):
+        one.step(actions(1, step))
+    assert not one.observation()["haptics"].any()  # begun, but not felt yet
+    two.load_state(one.save_state())
+    for simulation in (one, two):
+        simulation.step(actions(1, 3))
+        assert simulation.observation()["haptics"][0].tolist() == [0.0, 1.0]
+        assert simulation.observation()["sound"].all()
+        simulation.close()
+
+
+def test_the_noise_of_senses_changes_nothing_else() -> None:
+    noisy = [{"sense": "vision", "noise": 0.1}, {"sense": "proprioception"}, {"sense": "time"}]
+    one, two = Simulation(config(vision=SMALL, senses=noisy)), Simulation(config(vision=SMALL))
+    for simulation in (one, two):
+        simulation.reset(seeds=[1])
+        simulation.reset()  # the second episode of the stream
+        simulation.step(actions(1, 0))
+    seen, clear = one.observation(), two.observation()
+    np.testing.assert_array_equal(seen["proprioception"], clear["proprioception"])
+    off = seen["vision"].astype(int) - clear["vision"]
+    assert 15.0 < off[(clear["vision"] > 80) & (clear["vision"] < 175)].std() < 35.0  # 25.5
+    one.close()
+    two.close()
+
+
+def test_a_picture_is_sharp_where_the_eyes_look() -> None:
+    vision = {"width": 120, "height": 80, "foveation": {"gaze": "moves"}}
+    simulation, clear = Simulation(config(vision=vision)), Simulation(config())
+    for one in (simulation, clear):
+        one.reset(seeds=[1])
+    look = actions(1, 0, 34)
+    look[0, 32:] = [0.5, -0.25]  # 22.5 degrees right, 11.25 down
+    simulation.step(look)
+    clear.step(look[:, :32])
+    seen = simulation.observation()["vision"][0, 0].astype(int)
+    sharp = clear.observation()["vision"][0, 0].astype(int)
+    # 40 tan 22.5 = 16.6 columns right of 59.5; 40 tan 11.25 / cos 22.5 = 8.6 rows below 39.5.
+    np.testing.assert_array_equal(seen[47:50, 75:78], sharp[47:50, 75:78])
+    assert len(np.unique(seen[:8, :8])) < len(np.unique(sharp[:8, :8]))
+    assert np.abs(seen - sharp).mean() > 1.0
+    simulation.close()
+    clear.close()
+
+
+# --- configuration ----------------------------------------------------------------------------
+
+
+def test_the_default_list_is_the_references() -> None:
+    assert [one.sense for one in EnvConfig().senses] == ["vision", "proprioception", "time"]
+    terms = contract(EnvConfig())
+    assert "senses" not in terms
+    assert (
+        contract(EnvConfig(senses=[{"sense": "vision", "delay_ms": 50}, *EnvConfig().senses[1:]]))
+        == terms
+    )
+    two = EnvConfig(
+        vision=VisionConfig(eyes=2, foveation={"gaze": "moves"}),
+        user={"inputs": ["right.trigger"]},
+        senses=[SenseConfig(sense="vision", name="sight", history_s=0.2)],
+    )
+    changed = contract(two)
+    assert changed["senses"] == {"sight": "vision"}
+    assert (changed["eyes"], changed["gaze"], changed["inputs"]) == (2, "moves", ["right.trigger"])
+    assert changed["buffer_s"] == 0.2
+    assert changed["observation"] == {"sight": [[8, 80, 120], "uint8"]}
+
+
+def test_configurations_of_before_are_read() -> None:
+    assert EnvConfig(vision={"buffer_s": None}) == EnvConfig()
+    with pytest.raises(ValueError, match=r"- \{sense: vision, history_s: 0.2\}"):
+        EnvConfig(vision={"buffer_s": 0.2})
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"senses": [{"sense": "visoin"}]}, "sense: got 'visoin', .* did you mean 'vision'"),
+        ({"senses": []}, "senses"),
+        ({"senses": [{"sense": "time"}, {"sense": "time"}]}, "two with the name 'stateful_inf"),
+        (
+            {"senses": [{"sense": "vision"}, {"sense": "vision", "name": "x"}]},
+            "'vision' twice, expected it once: an app draws one picture per step",
+        ),
+        (
+            {"senses": [{"sense": "proprioception", "delay_ms": 31}]},
+            "senses, proprioception: delay_ms: got 31.0, expected a multiple of the physics step",
+        ),
+        ({"senses": [{"sense": "time", "history_s": 0.12}]}, "history_s: got 0.12"),
+        ({"senses": [{"sense": "gaze"}]}, "got 'gaze', expected vision.foveation"),
+        ({"senses": [{"sense": "fingers"}]}, "got 'fingers', expected user.inputs"),
+        ({"senses": [{"sense": "time", "dely_ms": 3}]}, "dely_ms"),
+    ],
+)
+def test_wrong_lists_are_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Simulation(EnvConfig(app=AppConfig(renderer="null"), **change))

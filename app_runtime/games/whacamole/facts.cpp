@@ -64,8 +64,8 @@ rl::GameFacts WhacAMole::facts() const {
   facts.round_seconds = usual.round_s;
   facts.measures = measures();
   facts.score = "hit_rate";
-  facts.reward_terms = {{"DistanceReward", "closeness to targets"},
-                        {"RewardUnsuccessfulContact", "contacts too slow"}};
+  facts.reward_terms = {{"DistanceReward", "target closeness"},
+                        {"RewardUnsuccessfulContact", "slow contacts"}};
   facts.reward_rest = "hits";
   facts.conditions = publishedConditions();
   facts.default_condition = usual.condition;

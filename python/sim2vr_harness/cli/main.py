@@ -176,9 +176,7 @@ def _evaluate_after_training(result: TrainResult, episodes: int) -> None:
     from sim2vr_harness.evaluation.tables import results_table
 
     assert result.checkpoint is not None
-    # Beside the results of later evaluations, which are of more rounds.
-    out = result.folder.evaluation_dir / result.checkpoint.stem / "after_training"
-    request = Request(episodes=episodes, out=out, overwrite=True)
+    request = Request(episodes=episodes)
     with _Share("Evaluating") as share:
         found = evaluate(result.checkpoint, request, on_progress=share.show)
     title = f"After {found.step:,} user steps"

@@ -14,7 +14,7 @@ from functools import lru_cache
 from typing import Any, Literal
 
 from sim2vr_harness.client.base import OptionValue
-from sim2vr_harness.client.in_process import list_games, load_runtime
+from sim2vr_harness.client.runtime import list_games, load_runtime
 
 __all__ = ["Condition", "GameFacts", "Measure", "RewardTerm", "describe_game", "facts_of_outside"]
 

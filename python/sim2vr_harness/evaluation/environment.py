@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.training.config import TrainingConfig, apply_overrides, parse_config
 from sim2vr_harness.training.errors import InputError
@@ -30,11 +30,13 @@ def evaluation_env(
     Raises:
         InputError: They do not go together, or an override is not of the environment.
     """
-    settings = {**config.env.app.model_dump(), **(app or {})}
-    facts = game_facts(AppConfig(**settings))
-    options = {**settings["options"], **facts.evaluation_options}
     tree = config.model_dump()
-    tree["env"]["app"] = {**settings, "options": options}
+    tree["env"]["app"] |= app or {}
+    playing = parse_config(tree).env.app
+    tree["env"]["app"]["options"] = {
+        **playing.options,
+        **game_facts(playing).evaluation_options,
+    }
     for override in overrides:
         if not override.lstrip().startswith("env."):
             raise InputError("--set", repr(override), "env.KEY=VALUE: an evaluation trains nothing")

@@ -22,6 +22,7 @@ from sim2vr_harness.evaluation.results import Results
 from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
 from sim2vr_harness.evaluation.round_logs import RoundLogs
 from sim2vr_harness.evaluation.video import RoundFilmer
+from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.trained_users import TrainedUser, find_user, require_contract
 
@@ -50,7 +51,8 @@ class Request:
         record: Whether to film the first round of every condition.
         log: Whether to write the game's CSV logs.
         out: Where files go; None takes the run's ``evaluation/step_<N>``, and in it a folder named
-            after ``overrides`` if there are any. Results are added to those that are there.
+            after what is different from the run's own settings, if anything is. Results are added
+            to those that are there.
         overwrite: Whether to begin with new results where there are others.
         batch: Rounds played side by side at most.
         app: Settings that replace those of ``env.app``, for example another executable.
@@ -132,7 +134,7 @@ def evaluate(
     names = [condition.name for condition in conditions]
     batch = _batch_for(env, request.batch)
     _check_numbers(episodes, seed, min(batch, episodes * len(conditions)))
-    out = request.out or user.evaluation_dir / _folder_of(request.overrides)
+    out = request.out or user.evaluation_dir / _folder_of(config, request)
     settings: dict[str, Any] = {
         "user": _name_of(user),
         "episodes": episodes,
@@ -220,10 +222,16 @@ def _conditions(facts: GameFacts, names: Sequence[str] | None) -> list[Condition
         raise InputError("--condition", got, expected) from error
 
 
-def _folder_of(overrides: Sequence[str]) -> str:
-    """A folder's name that says what is different; empty if nothing is."""
-    told = ",".join(override.strip().removeprefix("env.") for override in overrides)
-    return re.sub(r"[^\w.,=-]+", "_", told)[:_LONGEST_NAME]
+def _folder_of(config: TrainingConfig, request: Request) -> str:
+    """A folder's name that says what is different from the run's own settings; empty if nothing."""
+    usual = config.evaluation
+    told = [override.strip().removeprefix("env.") for override in request.overrides]
+    for key in ("episodes", "seed", "deterministic"):
+        value = getattr(request, key)
+        if value is not None and value != getattr(usual, key):
+            told.append(f"{key}={value}".lower())
+    told += [f"{key}={value}" for key, value in request.app.items() if value]
+    return re.sub(r"[^\w.,=-]+", "_", ",".join(told))[:_LONGEST_NAME]
 
 
 def _groups(

@@ -21,18 +21,18 @@ PLAYER_MEASURES = (
     Measure(
         "max_fatigued",
         "Muscle fatigue",
-        unit="0 to 1",
+        unit="0-1",
         better="lower",
         digits=3,
         description="Tired share of a muscle's motor units at its worst, mean of all",
     ),
     Measure(
         "action_change",
-        "Jerkiness of actions",
-        unit="0 to 2",
+        "Jerkiness",
+        unit="0-2",
         better="lower",
         digits=3,
-        description="Mean change from command to command; 0 is smooth",
+        description="Mean change from one muscle command to the next; 0: smooth",
     ),
     Measure(
         "effort",

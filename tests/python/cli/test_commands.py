@@ -115,7 +115,7 @@ def test_evaluate_prints_one_json_object(capsys: Any, trained: Path) -> None:
     for key in ("hits", "misses", "contacts", "hit_rate", "hit_speed_mps", "hammer_depth_m",
                 "max_fatigued", "effort", "return", "game_return", "episodes"):  # fmt: skip
         assert key in content["easy"]
-    assert err == ""
+    assert err == "note: this user never practised conditions easy, hard (trained: medium)\n"
     status, out, _ = call(capsys, *arguments, "--deterministic")
     assert status == 0
     assert "deterministic" in out

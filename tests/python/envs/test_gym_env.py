@@ -35,7 +35,7 @@ ALL_OPTIONS = envs.EnvConfig(
 
 @pytest.fixture
 def env():
-    env = gymnasium.make(WHACAMOLE_ID, condition="medium")
+    env = gymnasium.make("sim2vr/WhacAMole-v0", condition="medium")
     yield env
     env.close()
 
@@ -245,3 +245,15 @@ def test_what_was_never_reset_and_what_is_wrapped_can_be_copied_too() -> None:
     np.testing.assert_array_equal(later.render(), fresh.render())
     fresh.close()
     later.close()
+
+
+def test_every_game_has_an_id_of_its_own() -> None:
+    with gymnasium.make("sim2vr/Sample-v0", condition="small", render_mode="rgb_array") as env:
+        app = env.unwrapped.simulation.config.app
+        assert (app.game, app.options) == ("sample", {"ball_radius_m": 0.025})
+        env.reset(seed=1)
+        picture = env.render()
+        assert picture.shape == (480, 640, 3)
+        assert picture.std() > 5.0, "head, hand and ball from outside"
+    with pytest.raises(ValueError, match=r"'smal', expected a condition of sample \(did you mean"):
+        gymnasium.make("sim2vr/Sample-v0", condition="smal")

@@ -158,7 +158,7 @@ def test_the_environment_can_be_another_than_the_training_s(trained: Path) -> No
     assert changed.app.options == {"condition": "medium", "adaptive": True}
     kept = changed.model_copy(update={"app": config.env.app, "user": config.env.user})
     assert kept == config.env
-    found = play_with(trained, Request(episodes=1, overrides=overrides))
+    found = play_with(trained, Request(overrides=overrides))
     assert found.summaries["medium"]["overrides"] == overrides
     folder = "user.noise.constant=white,app.options.adaptive=true"
     place = trained / "evaluation" / "step_000000120" / folder
@@ -258,7 +258,7 @@ def test_results_are_added_and_never_lost(trained: Path, tmp_path: Path) -> None
 
 def test_what_was_never_practised_is_said(trained: Path) -> None:
     """The run practised medium."""
-    assert play_with(trained, Request(conditions=["medium", "mid"], episodes=1)).unpractised == []
+    assert play_with(trained, Request(conditions=["medium"], episodes=1)).unpractised == []
     found = play_with(
         trained,
         Request(

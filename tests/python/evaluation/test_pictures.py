@@ -166,7 +166,7 @@ def test_four_conditions_fit_80_columns() -> None:
     assert max(len(line) for line in lines) <= 80
     row = next(line for line in lines if "Game's reward" in line)
     assert row.count("1408.4±124.0") == 4, "a row is not broken"
-    assert "from closeness to targets" in text
+    assert "from target closeness" in text
     assert "0.50 (no. 0)" in text
     assert "Mean ± SD over 12 rounds of this one user" in text
     assert sum("Per round" in line for line in lines) == 2, "the fifth has a table of its own"

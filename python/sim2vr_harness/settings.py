@@ -8,9 +8,9 @@ __all__ = ["Settings", "check_whole_minibatches"]
 
 
 class Settings(BaseModel):
-    """Unknown keys are errors; values do not change."""
+    """Unknown keys and numbers that are not finite are errors; values do not change."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 def check_whole_minibatches(steps_per_iteration: int, batch_size: int) -> None:

@@ -80,7 +80,7 @@ def _hold_users() -> None:
     from sim2vr_harness.envs.simulation import Simulation
 
     settings = json.load(sys.stdin)
-    config = EnvConfig(**settings["env"]).model_copy(update={"threads": settings["threads"]})
+    config = EnvConfig(**settings["env"]).model_copy(update={"cores": settings["threads"]})
     simulation = Simulation(config, settings["n"])
     simulation.reset(seeds=list(range(settings["n"])))
     shape = simulation.action_space.shape

@@ -59,7 +59,7 @@ class Plan:
             raise InputError("--seconds", f"{seconds:g}", "more than 0")
         if train_steps < 1:
             raise InputError("--train-steps", str(train_steps), "at least 1")
-        usual_threads = str(config.env.threads or len(os.sched_getaffinity(0)))
+        usual_threads = str(config.env.cores or len(os.sched_getaffinity(0)))
         self.config = config
         self.scenes = _names("--scene", scene, NAMES) or list(USUAL)
         self.n = _numbers("--n", n)

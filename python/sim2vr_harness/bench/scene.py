@@ -73,7 +73,7 @@ class Spec:
         settings = config.app.model_dump(include={"game", "options", "renderer"})
         settings |= {"transport": self.transport or IN_PROCESS}
         settings |= {"processes": min(self.threads, self.n), **app}
-        return config.model_copy(update={"app": AppConfig(**settings), "threads": self.threads})
+        return config.model_copy(update={"app": AppConfig(**settings), "cores": self.threads})
 
 
 class Scene(ABC):

@@ -7,7 +7,6 @@ are imported when a command runs, so that ``--help`` is quick.
 from __future__ import annotations
 
 import json as jsonlib
-import os
 import shlex
 import sys
 from functools import partial
@@ -23,6 +22,7 @@ from sim2vr_harness.cli import games, users
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
 from sim2vr_harness.cli.options import finite, writable_file, writable_folder
+from sim2vr_harness.cores import settle_torch
 
 if TYPE_CHECKING:
     from sim2vr_harness.training.trainer import TrainResult
@@ -123,7 +123,7 @@ def _options(
 def train(
     config: Annotated[
         str | None,
-        typer.Argument(metavar="[CONFIG]", help="A YAML file; with --resume, the run's own."),
+        typer.Argument(metavar="[CONFIG]", help="A YAML file; with --resume, the run's folder."),
     ] = None,
     set_: SetOption = None,
     timesteps: Annotated[
@@ -152,15 +152,25 @@ def train(
 
     if resume and overwrite:
         raise InputError("--overwrite", "it together with --resume", "one of them")
-    if config is None:
-        if not resume or out is None:
-            expected = "a configuration file, or --resume with --out RUN"
-            raise InputError("CONFIG", "nothing", expected)
-        config = str(RunFolder.open(out).config_file)
+    if config is not None and RunFolder(config).exists:
+        if not resume:
+            expected = "a configuration file, or --resume with it to continue that run"
+            raise InputError("CONFIG", f"{config!r}, the folder of a run", expected)
+        if out is not None and out.resolve() != Path(config).resolve():
+            raise InputError("--out", f"{str(out)!r}", f"{config!r} as well, or nothing")
+        out = Path(config)
+        config = None
+    if config is None and (not resume or out is None):
+        expected = "a configuration file, or --resume with the folder of a run"
+        raise InputError("CONFIG", "nothing", expected)
     overrides = [*(set_ or []), *([] if seed is None else [f"seed={seed}"])]
     for key, value in _app_settings(app, app_arg, connect, protocol).items():
         overrides.append(f"env.app.{key}={jsonlib.dumps(value)}")
-    settings = load_config(config, overrides)
+    if config is None:
+        assert out is not None
+        settings = RunFolder.open(out).load_config(overrides)
+    else:
+        settings = load_config(config, overrides)
     folder = out or Path("runs") / settings.name
     result = trainer.train(
         settings, folder, timesteps=timesteps, resume=resume, overwrite=overwrite
@@ -185,13 +195,14 @@ def _evaluate_after_training(result: TrainResult, episodes: int) -> None:
 
 def _print_where_next(result: TrainResult, resumable: bool) -> None:
     run = shlex.quote(str(result.folder.path))
-    if result.checkpoint is None:
-        typer.echo("Stopped in a stage before the first trained user; nothing of it is lost.")
-        typer.echo(f"  go on             sim2vr-harness train --resume --out {run}")
-        return
     if result.interrupted:
+        saved = f"; saved: {result.saved}" if result.saved else ", before there was much to save"
         lost = f" ({result.lost_steps:,} steps of an unfinished iteration will be repeated)"
-        typer.echo(f"Stopped at step {result.step:,}{lost if result.lost_steps else ''}.")
+        typer.echo(f"Stopped in stage {result.stage!r}{saved}{lost if result.lost_steps else ''}.")
+    go_on = f"sim2vr-harness train --resume {run}"
+    if result.checkpoint is None:
+        typer.echo(f"Go on with: {go_on}")
+        return
     typer.echo(f"Saved user: {result.checkpoint}")
     lines = [
         ("watch it play", f"sim2vr-harness evaluate {run} --record"),
@@ -199,7 +210,7 @@ def _print_where_next(result: TrainResult, resumable: bool) -> None:
         ("TensorBoard", f"tensorboard --logdir {run}/tensorboard"),
     ]
     if resumable:
-        lines.append(("train on", f"sim2vr-harness train --resume --out {run}"))
+        lines.append(("train on", go_on))
     typer.echo("Where to look next:")
     for what, command in lines:
         typer.echo(f"  {what + ':':17}{command}")
@@ -548,11 +559,7 @@ def _print_json(content: dict[str, Any]) -> None:
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit."""
-    # Torch's threads wait asleep: awake, they slow an update down to a quarter as soon as another
-    # program wants a core. They stay awake for the instant between two operations, without which
-    # practice in the mind takes 1.9 times as long. Read when torch is loaded, hence here.
-    os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
-    os.environ.setdefault("GOMP_SPINCOUNT", "30000")
+    settle_torch()  # before anything loads torch
     given = sys.argv[1:] if arguments is None else arguments
     debug = "--debug" in given
     given = [argument for argument in given if argument != "--debug"] or ["--help"]

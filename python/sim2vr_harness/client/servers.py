@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 from typing import Protocol
@@ -240,7 +239,7 @@ def _protocol2_apps(wanted: AppsWanted) -> AppServers:
             f"app.transport: got 'protocol2' for {place.executable!r}, expected 'protocol1': only "
             "sim2vr-app speaks protocol 2"
         )
-    processes = place.processes or len(os.sched_getaffinity(0))
+    processes = place.processes or wanted.threads
     servers = 1 if place.connect is not None else min(wanted.n, processes)
     return AppServers(wanted, -(-wanted.n // servers), _open_protocol2)
 

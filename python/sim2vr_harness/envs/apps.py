@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -15,6 +14,7 @@ from sim2vr_harness.client import (
     list_transports,
     transport_named,
 )
+from sim2vr_harness.cores import budget
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 
 __all__ = ["IPD_M", "AppFactory", "app_factory", "apps_wanted", "knows_options"]
@@ -45,7 +45,7 @@ def apps_wanted(config: EnvConfig, n: int, ipd_m: float = IPD_M) -> AppsWanted:
         ipd_m=ipd_m,
         renderer=config.app.renderer,
         frequency_hz=config.action_frequency_hz,
-        threads=config.threads or len(os.sched_getaffinity(0)),
+        threads=budget(config.cores),
         place=_place(config.app),
     )
 

@@ -269,8 +269,9 @@ class EnvConfig(Settings):
     tracking at the action frequency; 5 at 20 Hz is tracking at 100 Hz."""
     max_episode_seconds: float = Field(default=1000.0, gt=0.0)
     """An episode that the game has not ended by then is truncated."""
-    threads: int = Field(default=0, ge=0)
-    """Physics threads of a vector of users; 0 takes every core."""
+    cores: int = Field(default=0, ge=0)
+    """Cores that physics, apps and torch may use; 0 takes every core that this process may run on.
+    Results are the same bits for any number."""
 
     @field_validator("senses")
     @classmethod

@@ -18,6 +18,7 @@ from sim2vr_harness.client import (
     require_capability,
 )
 from sim2vr_harness.client.frames import pose_to_app
+from sim2vr_harness.cores import budget
 from sim2vr_harness.envs.app_group import AppFailure, Logs, app_group
 from sim2vr_harness.envs.apps import AppFactory
 from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, body_of
@@ -78,7 +79,7 @@ class Simulation:
         self.users = UserBatch(
             self.body,
             n,
-            threads=config.threads,
+            threads=budget(config.cores),
             effort=config.user.effort.model,
             effort_params=config.user.effort.options(),
             noise=_noise(config.user.noise),

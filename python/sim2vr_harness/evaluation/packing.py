@@ -137,10 +137,12 @@ def _of_the_run(user: TrainedUser) -> dict[str, Any]:
     folder = RunFolder(user.source.parent.parent)
     if not folder.exists:
         return {}
-    config, told = user.config, folder.metadata()
-    sessions = [session for session in told["sessions"] if "ended" in session]
-    stages = {stage: seconds / 60.0 for stage, seconds in told.get("stage_seconds", {}).items()}
-    stages["from pixels"] = sum(map(_minutes, sessions))
+    config, known = user.config, folder.metadata()
+    sessions = [session for session in known["sessions"] if "ended" in session]
+    stages = {stage: seconds / 60.0 for stage, seconds in known.get("stage_seconds", {}).items()}
+    # Runs of before kept no time for the last stage, and sessions for nothing else.
+    last = stages.pop("ppo", None)
+    stages["from pixels"] = sum(map(_minutes, sessions)) if last is None else last
     details: dict[str, Any] = {
         "recipe": config.recipe,
         "seeds": [config.seed],
@@ -148,13 +150,15 @@ def _of_the_run(user: TrainedUser) -> dict[str, Any]:
         "stage_minutes": {stage: round(minutes, 1) for stage, minutes in stages.items()},
     }
     if config.recipe == "distill":
-        teacher, imagination = config.teacher, config.teacher.imagination
-        plays = imagination.first_play_steps + (imagination.cycles - 1) * imagination.play_steps
-        practice = plays * teacher.ppo.n_envs if imagination.cycles else 0
-        details["teacher_steps"] = practice + teacher.total_timesteps
+        teacher, imagined = config.teacher, config.teacher.imagined
+        plays = imagined.first_play_steps + (imagined.cycles - 1) * imagined.play_steps
+        collected = plays * teacher.ppo.n_envs if imagined.cycles else 0
+        details["teacher_steps"] = collected + teacher.total_timesteps
         details["student_frames"] = config.student.frames
     if sessions:
-        details["machine"] = f"{sessions[-1]['cores']} processor cores, {sessions[-1]['device']}"
+        details["machine"] = (
+            f"{sessions[-1]['cores']} processor cores, {sessions[-1].get('device', 'cpu')}"
+        )
     return details
 
 

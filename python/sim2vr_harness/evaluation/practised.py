@@ -7,6 +7,7 @@ from typing import Any
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.games import imagined_game
 from sim2vr_harness.training.config import TrainingConfig
 
 __all__ = ["unpractised", "words_of_change"]
@@ -61,7 +62,8 @@ def _practised_conditions(config: TrainingConfig) -> set[str]:
     facts = game_facts(config.env.app)
     names = {facts.condition_of(config.env.app.options)}
     if config.recipe == "distill":
-        names |= set(config.teacher.conditions)
+        game = imagined_game(config.env.app.game)
+        names |= set(config.teacher.conditions or (game.conditions if game else ()))
     return set().union(*(facts.drawn(name) for name in names if name))
 
 

@@ -1,9 +1,71 @@
 """Learning to play with Stable-Baselines3; the only room that imports it.
 
-- :mod:`.config`: the validated training configuration (no torch needed)
-- :mod:`.policy`: the reference's network
+For users of the library::
+
+    from sim2vr_harness.training import load_config, train
+
+    train(load_config("whacamole_constrained_distill"), "runs/mine", report=print)
+
+- :mod:`.config`, :mod:`.ppo_config`, :mod:`.teacher_config`, :mod:`.student_config`: the validated
+  configuration (no torch needed); :mod:`.retired`: keys that recorded ones may still have
+- :mod:`.trainer`: one training session; :mod:`.stages`: what a stage of a run is, and what runs
+  them; :mod:`.recipes`: which stages a run is made of
+- :mod:`.ppo_stage`, :mod:`.teacher_stage`, :mod:`.student_stage`, :mod:`.imagined`: the stages
+- :mod:`.policy`, :mod:`.teacher_policy`: the reference's network, and that of teachers
 - :mod:`.vec_env`, :mod:`.buffer`, :mod:`.ppo`: the pieces PPO runs on
 - :mod:`.checkpoint`, :mod:`.run_folder`: what is kept of a run, and exact resumption
-- :mod:`.trainer`: one training session from start to table
+- :mod:`.trained_users`: whom others can let play
 - :mod:`.measuring`: what the benchmark needs of Stable-Baselines3
 """
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from sim2vr_harness.cores import settle_torch
+
+if TYPE_CHECKING:
+    from sim2vr_harness.training.config import TrainingConfig, load_config, parse_config
+    from sim2vr_harness.training.errors import InputError
+    from sim2vr_harness.training.stages import Report
+    from sim2vr_harness.training.trained_users import TrainedUser, find_user, list_cards
+    from sim2vr_harness.training.trainer import TrainResult, train
+    from sim2vr_harness.training.vec_env import SimulationVecEnv
+
+__all__ = [
+    "InputError",
+    "Report",
+    "SimulationVecEnv",
+    "TrainResult",
+    "TrainedUser",
+    "TrainingConfig",
+    "find_user",
+    "list_cards",
+    "load_config",
+    "parse_config",
+    "train",
+]
+
+_HOMES = {
+    "InputError": "errors",
+    "Report": "stages",
+    "SimulationVecEnv": "vec_env",
+    "TrainResult": "trainer",
+    "TrainedUser": "trained_users",
+    "TrainingConfig": "config",
+    "find_user": "trained_users",
+    "list_cards": "trained_users",
+    "load_config": "config",
+    "parse_config": "config",
+    "train": "trainer",
+}
+
+settle_torch()
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for: configurations are read without torch."""
+    if name not in _HOMES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)

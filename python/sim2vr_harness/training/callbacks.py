@@ -14,8 +14,9 @@ from stable_baselines3.common.callbacks import BaseCallback
 
 from sim2vr_harness.training import checkpoint
 from sim2vr_harness.training.ppo import PPO
-from sim2vr_harness.training.progress import Phase, Progress, ProgressDisplay
+from sim2vr_harness.training.progress import Phase, Progress
 from sim2vr_harness.training.run_folder import RunFolder
+from sim2vr_harness.training.stages import Callbacks
 from sim2vr_harness.training.vec_env import SimulationVecEnv
 
 __all__ = ["CheckpointCallback", "ProgressCallback"]
@@ -28,7 +29,7 @@ class CheckpointCallback(BaseCallback):
         folder: The run's folder.
         every_steps: User steps between two checkpoints.
         keep: How many of the newest checkpoints to keep; None keeps all.
-        on_written: Told the file and the step of every checkpoint.
+        on_written: Called with the file and the step of every checkpoint.
     """
 
     model: PPO
@@ -88,27 +89,25 @@ class CheckpointCallback(BaseCallback):
 
 
 class ProgressCallback(BaseCallback):
-    """Keeps a :class:`Progress` up to date, during the update as well.
+    """Keeps a :class:`Progress` up to date, during the update as well, and passes rows on.
 
     Args:
-        display: The display of the progress.
+        progress: The numbers to keep.
+        callbacks: The stage's.
     """
 
     model: PPO
 
-    def __init__(self, display: ProgressDisplay) -> None:
+    def __init__(self, progress: Progress, callbacks: Callbacks) -> None:
         super().__init__()
-        self._display = display
+        self._progress, self._callbacks = progress, callbacks
         self._hook: Any = None
         self.failures: list[dict[str, Any]] = []
         """Every app that failed in this session: step of the training, user, step of its round and
         error."""
 
-    @property
-    def _progress(self) -> Progress:
-        return self._display.progress
-
     def _on_training_start(self) -> None:
+        self.model.on_row = self._pass_on
         self._progress.minibatch_seconds = _minibatch_seconds(self.model)
         self._hook = self.model.policy.optimizer.register_step_post_hook(self._count_minibatch)
 
@@ -116,7 +115,7 @@ class ProgressCallback(BaseCallback):
         if self._progress.phase == Phase.LEARNING:
             self._end_learning()
         self._progress.begin(Phase.PLAYING, self._progress.iteration_steps)
-        self._display.update()
+        self._show()
 
     def _on_step(self) -> bool:
         progress = self._progress
@@ -128,16 +127,16 @@ class ProgressCallback(BaseCallback):
                 measure.label: env.last_logs.total(measure.log_key)
                 for measure in progress.game.counters[:2]
             }
-        self._tell_failures()
+        self._report_failures()
         ended = sum("episode" in info for info in self.locals["infos"])
         progress.episodes += ended
         # SB3 takes the ended rounds into its statistics after this call, hence the next step.
         if progress.phase_done % (50 * self.model.n_envs) == 0:
             progress.means = self.model.episode_means()
-        self._display.update()
+        self._show()
         return True
 
-    def _tell_failures(self) -> None:
+    def _report_failures(self) -> None:
         """Say which apps failed since the last step; their users go on with new ones."""
         env = self.model.get_env()
         assert isinstance(env, SimulationVecEnv)
@@ -151,7 +150,7 @@ class ProgressCallback(BaseCallback):
                     "error": failure.error,
                 }
             )
-            self._display.say(
+            self._callbacks.say(
                 f"User {failure.user}: {failure.error.splitlines()[0]}\n"
                 "Its round is over; the app is started again and the training goes on."
             )
@@ -163,27 +162,35 @@ class ProgressCallback(BaseCallback):
         self._progress.means = self.model.episode_means()
         self._progress.end_playing(self._progress.iteration_steps)
         self._progress.begin(Phase.LEARNING, self._progress.minibatches)
-        self._display.update()
+        self._show()
 
     def _on_training_end(self) -> None:
         if self._progress.phase == Phase.LEARNING:
             self._end_learning()
             self._progress.phase_done = self._progress.phase_total
         self.detach()
-        self._display.update(force=True)
+        self._show(force=True)
 
     def detach(self) -> None:
-        """Stop counting minibatches."""
+        """Stop counting minibatches and passing rows on."""
+        if getattr(self, "model", None) is not None:
+            self.model.on_row = None
         if self._hook is not None:
             self._hook.remove()
             self._hook = None
+
+    def _show(self, force: bool = False) -> None:
+        self._callbacks.show(self._progress.view, force=force)
+
+    def _pass_on(self, step: int, row: dict[str, Any]) -> None:
+        self._callbacks.report(step, row)
 
     def _end_learning(self) -> None:
         self._progress.end_learning(self._progress.iteration_steps)
 
     def _count_minibatch(self, *_: Any) -> None:
         self._progress.phase_done += 1
-        self._display.update()
+        self._show()
 
 
 def _minibatch_seconds(model: PPO) -> float:

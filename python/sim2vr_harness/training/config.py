@@ -6,18 +6,21 @@ the dotted key, what was found and the closest valid key.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import pydantic
 import yaml
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field
 
 from sim2vr_harness import paths
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.settings import Settings, check_whole_minibatches
-from sim2vr_harness.training.errors import InputError, closest
+from sim2vr_harness.games import imagined_settings
+from sim2vr_harness.settings import Settings
+from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.training.ppo_config import LearningRateConfig, PPOConfig
 from sim2vr_harness.training.student_config import StudentConfig
 from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.users.bodies import is_file
@@ -58,49 +61,6 @@ class PolicyConfig(Settings):
     scale_proprioception: bool = False
     """True: proprioception is standardised with numbers kept beside the weights, which
     ``UserPolicy.fit_scaling`` sets; False: taken as it is, as in the reference."""
-
-
-class LearningRateConfig(Settings):
-    """Constant at first, then linear in the steps taken, over ``total_timesteps``."""
-
-    initial: float = Field(default=5.0e-5, ge=0.0)
-    final: float = Field(default=1.0e-7, ge=0.0)
-    constant_fraction: float = Field(default=0.2, ge=0.0, lt=1.0)
-    """Share of ``total_timesteps`` during which ``initial`` holds."""
-
-
-class PPOConfig(Settings):
-    """Proximal policy optimisation; names are Stable-Baselines3's."""
-
-    n_envs: int = Field(default=10, ge=1)
-    n_steps: int = Field(default=4000, ge=1)
-    """User steps per environment and iteration."""
-    batch_size: int = Field(default=1000, ge=2)
-    n_epochs: int = Field(default=10, ge=1)
-    gamma: float = Field(default=0.99, ge=0.0, le=1.0)
-    gae_lambda: float = Field(default=0.95, ge=0.0, le=1.0)
-    clip_range: float = Field(default=0.2, gt=0.0)
-    ent_coef: float = 0.0
-    vf_coef: float = 0.5
-    max_grad_norm: float = Field(default=0.5, gt=0.0)
-    target_kl: float | None = Field(default=1.0, gt=0.0)
-    value_warmup_iterations: int = Field(default=0, ge=0)
-    """Iterations at the start in which the critic alone learns: a policy that can play already is
-    not to be judged by a critic that knows nothing."""
-    learning_rate: LearningRateConfig = LearningRateConfig()
-    critic_learning_rate_factor: float = Field(default=1.0, gt=0.0)
-    """Of the weights that only the values depend on: a critic that begins with nothing beside an
-    actor that can play needs a higher rate than the actor bears."""
-
-    @property
-    def steps_per_iteration(self) -> int:
-        """User steps of all environments between two updates."""
-        return self.n_envs * self.n_steps
-
-    @model_validator(mode="after")
-    def _whole_minibatches(self) -> PPOConfig:
-        check_whole_minibatches(self.steps_per_iteration, self.batch_size)
-        return self
 
 
 class CheckpointConfig(Settings):
@@ -147,8 +107,9 @@ class TrainingConfig(Settings):
     """User steps of the complete training, over which the learning-rate schedule runs."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     recipe: Literal["ppo", "distill"] = "ppo"
-    """``ppo``: from pixels alone, as the reference. ``distill``: first a teacher and a student,
-    whose weights PPO begins with; for games that publish privileged numbers (docs/training.md)."""
+    """The stages of the run. ``ppo``: PPO from pixels alone, as the reference. ``distill``: first
+    imagined rollouts, a teacher and a student, whose weights PPO begins with; for games that have a
+    twin (docs/training.md)."""
     teacher: TeacherConfig = TeacherConfig()
     student: StudentConfig = StudentConfig()
     env: EnvConfig = EnvConfig()
@@ -210,11 +171,39 @@ def parse_config(tree: Mapping[str, Any]) -> TrainingConfig:
         InputError: Names the first key that cannot be used.
     """
     try:
-        return TrainingConfig.model_validate(tree)
+        return _with_twin(TrainingConfig.model_validate(tree))
     except pydantic.ValidationError as error:
-        # An unknown key explains more than the wrong value it may have caused.
-        problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
-        raise _input_error(problems[0]) from error
+        raise _first_problem(error) from error
+
+
+_TWIN = ("teacher", "imagined", "game")
+
+
+def _with_twin(config: TrainingConfig) -> TrainingConfig:
+    """Return the configuration with all settings of the game's twin, if the recipe needs them."""
+    if config.recipe != "distill":
+        return config
+    settings = imagined_settings(config.env.app.game)
+    if settings is None:
+        return config  # training it says what is missing
+    given = config.teacher.imagined.game
+    try:
+        complete = settings.model_validate(given).model_dump()
+    except pydantic.ValidationError as error:
+        raise _first_problem(error, _TWIN, settings) from error
+    imagined = config.teacher.imagined.model_copy(update={"game": complete})
+    teacher = config.teacher.model_copy(update={"imagined": imagined})
+    return config.model_copy(update={"teacher": teacher})
+
+
+def _first_problem(
+    error: pydantic.ValidationError,
+    below: Sequence[str] = (),
+    model: type[BaseModel] | None = None,
+) -> InputError:
+    # An unknown key explains more than the wrong value it may have caused.
+    problems = sorted(error.errors(), key=lambda problem: problem["type"] != "extra_forbidden")
+    return _input_error(problems[0], below, model or TrainingConfig)
 
 
 def apply_overrides(tree: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
@@ -292,34 +281,69 @@ def _copied(tree: Mapping[str, Any]) -> dict[str, Any]:
     }
 
 
-def _input_error(problem: Any) -> InputError:
-    """Word one of pydantic's problems: dotted key, got, expected."""
-    location = [str(part) for part in problem["loc"]]
-    field = ".".join(location) or "configuration"
+def _input_error(problem: Any, below: Sequence[str], model: type[BaseModel]) -> InputError:
+    """Word one of pydantic's problems: dotted key, got, expected.
+
+    Args:
+        problem: of pydantic.
+        below: keys that lead to ``model``.
+        model: the one that was validated.
+    """
+    location = _written(model, problem["loc"])
+    field = ".".join([*below, *location]) or "configuration"
     if problem["type"] == "extra_forbidden":
-        return _unknown_key(location)
+        return _unknown_key(location, below, model)
     message = str(problem["msg"]).removeprefix("Value error, ")
-    if problem["type"] == "value_error" and ": got " in message:
-        key, _, rest = message.partition(": got ")
-        got, _, expected = rest.partition(", expected ")
-        return InputError(f"{field}.{key}", got, expected)
+    if problem["type"] == "value_error":
+        key, separator, rest = message.partition("got ")
+        if separator and (not key or key.endswith(": ")):
+            got, _, expected = rest.partition(", expected ")
+            return InputError(".".join([field, key[:-2]]) if key else field, got, expected)
     expected = message.removeprefix("Input should be ")
     if problem["type"] == "model_type":
         expected = "a mapping of keys to values"
     return InputError(field, repr(problem["input"]), expected[:1].lower() + expected[1:])
 
 
-def _unknown_key(location: Sequence[str]) -> InputError:
-    model = _model_at(location[:-1])
+def _written(model: type[BaseModel], location: Sequence[Any]) -> list[str]:
+    """Return the keys of a problem as people write them: without the members of a union."""
+    parts: list[str] = []
+    for part in map(str, location):
+        above = _model_at(parts, model)
+        inside_value = above is None and parts and _model_at(parts[:-1], model) is None
+        if inside_value and part in _UNION_MEMBERS:
+            break
+        parts.append(part)
+    return parts
+
+
+_UNION_MEMBERS = ("bool", "int", "float", "str", "list[float]")
+
+
+def _unknown_key(
+    location: Sequence[str], below: Sequence[str], root: type[BaseModel]
+) -> InputError:
+    model = _model_at(location[:-1], root)
     known = list(model.model_fields) if model else []
-    prefix = "".join(f"{part}." for part in location[:-1])
-    best = _elsewhere(location[-1])
-    if best is None and (near := closest(location[-1], known)):
-        best = prefix + near
+    prefix = "".join(f"{part}." for part in [*below, *location[:-1]])
+    near = _nearest(location[-1], known)
+    here = prefix + near if near else None
+    # What was written without its mapping is meant wherever it is; else it is meant here.
+    best = here if prefix and here else _elsewhere(location[-1]) or here
     hint = f" (did you mean {best!r}?)" if best else ""
     return InputError(
         prefix + location[-1], "an unknown key", f"one of {', '.join(known) or 'no keys'}{hint}"
     )
+
+
+def _nearest(name: str, names: Sequence[str]) -> str | None:
+    """Return the one of ``names`` that is most like ``name``, the first of equals; None if none."""
+    likeness = [difflib.SequenceMatcher(None, name, each).ratio() for each in names]
+    best = max(likeness, default=0.0)
+    return names[likeness.index(best)] if best >= _LIKE else None
+
+
+_LIKE = 0.4
 
 
 def _elsewhere(name: str) -> str | None:
@@ -340,8 +364,8 @@ def _all_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
     return keys
 
 
-def _model_at(location: Sequence[str]) -> type[BaseModel] | None:
-    model: type[BaseModel] | None = TrainingConfig
+def _model_at(location: Sequence[str], root: type[BaseModel]) -> type[BaseModel] | None:
+    model: type[BaseModel] | None = root
     for part in location:
         if model is None or part not in model.model_fields:
             return None

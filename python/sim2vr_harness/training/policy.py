@@ -18,11 +18,11 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.distributions import Distribution
-from stable_baselines3.common.policies import ActorCriticPolicy
 from stable_baselines3.common.torch_layers import BaseFeaturesExtractor
 from torch import Tensor, nn
 from torch.nn import functional
 
+from sim2vr_harness.training.actor_critic import StagePolicy
 from sim2vr_harness.training.config import PolicyConfig
 from sim2vr_harness.training.sharding import in_shards
 from sim2vr_harness.training.threads import torch_threads
@@ -205,7 +205,7 @@ def _hidden_layers(inputs: int, widths: Sequence[int]) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-class UserPolicy(ActorCriticPolicy):
+class UserPolicy(StagePolicy):
     """Actor and critic of a simulated user; see the module's description.
 
     Args:
@@ -213,7 +213,7 @@ class UserPolicy(ActorCriticPolicy):
         action_space: Box(-1, 1, (A,)).
         lr_schedule: Learning rate of the optimiser (Adam, eps 1e-5).
         config: Sizes of the network.
-        kwargs: Further arguments of :class:`ActorCriticPolicy`.
+        kwargs: Further arguments of Stable-Baselines3's ``ActorCriticPolicy``.
     """
 
     def __init__(

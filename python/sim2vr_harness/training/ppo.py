@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
@@ -11,14 +11,16 @@ import stable_baselines3
 import torch
 
 from sim2vr_harness.client import GameFacts
+from sim2vr_harness.training.actor_critic import StagePolicy
 from sim2vr_harness.training.buffer import FrameRolloutBuffer
-from sim2vr_harness.training.config import LearningRateConfig, TrainingConfig
+from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.episodes import episode_means
 from sim2vr_harness.training.policy import UserPolicy, policy_arguments
+from sim2vr_harness.training.ppo_config import LearningRateConfig, PPOConfig
 from sim2vr_harness.training.threads import torch_threads
 from sim2vr_harness.training.vec_env import SimulationVecEnv
 
-__all__ = ["PPO", "LearningRate", "build"]
+__all__ = ["PPO", "LearningRate", "build", "new_learner"]
 
 
 class LearningRate:
@@ -47,11 +49,16 @@ class PPO(stable_baselines3.PPO):
     """
 
     schedule_timesteps: int | None = None
-    value_warmup_iterations: int = 0
+    critic_first_updates: int = 0
     critic_learning_rate_factor: float = 1.0
+    on_row: Callable[[int, dict[str, Any]], None] | None = None
+    """Called with the step and the values of every log row."""
     last_times: tuple[float, float] = (0.0, 0.0)
     """Seconds of the last rollout and of the update that followed it."""
     _rollout_began = _rollout_ended = 0.0
+
+    def _excluded_save_params(self) -> list[str]:
+        return [*super()._excluded_save_params(), "on_row"]
 
     def collect_rollouts(self, *args: Any, **kwargs: Any) -> bool:
         """Play ``n_steps`` user steps in every environment; see the base class."""
@@ -70,8 +77,7 @@ class PPO(stable_baselines3.PPO):
 
     def critic_apart(self, factor: float) -> None:
         """Give the weights that only the values depend on a learning rate of their own."""
-        assert isinstance(self.policy, UserPolicy)
-        critic = self.policy.critic_parameters()
+        critic = self.stage_policy.critic_parameters()
         known = {id(weight) for weight in critic}
         both = self.policy.optimizer.param_groups[0]
         both["params"] = [weight for weight in both["params"] if id(weight) not in known]
@@ -84,6 +90,12 @@ class PPO(stable_baselines3.PPO):
         facts = env.facts if isinstance(env, SimulationVecEnv) else GameFacts("")
         return episode_means(list(self.ep_info_buffer or []), facts)
 
+    @property
+    def stage_policy(self) -> StagePolicy:
+        """The policy, with what is asked of it beyond Stable-Baselines3."""
+        assert isinstance(self.policy, StagePolicy)
+        return self.policy
+
     def dump_logs(self, iteration: int = 0) -> None:
         """Record the rollout's values; they are written after the update."""
         for key, value in self.episode_means().items():
@@ -92,20 +104,23 @@ class PPO(stable_baselines3.PPO):
 
     def train(self) -> None:
         """Update the networks, then write the iteration's log row."""
+        policy = self.stage_policy
         # Shards have their own threads; those of torch's operations would only wait for each other.
-        in_shards = isinstance(self.policy, UserPolicy) and self.policy.in_shards
-        with torch_threads(1 if in_shards else torch.get_num_threads()), self._critic_alone():
+        threads = 1 if policy.in_shards else torch.get_num_threads()
+        with torch_threads(threads), self._critic_first():
             super().train()
+        observations: Any = self.rollout_buffer.observations
+        policy.end_update(observations)
         self._write_row()
 
     @contextmanager
-    def _critic_alone(self) -> Iterator[None]:
-        """Keep the actor, and what it shares with the critic, as it is in the first iterations."""
-        iteration = self.num_timesteps // (self.n_steps * self.n_envs)
-        if iteration > self.value_warmup_iterations or not isinstance(self.policy, UserPolicy):
+    def _critic_first(self) -> Iterator[None]:
+        """Keep the actor, and what it shares with the critic, as it is in the first updates."""
+        update = self.num_timesteps // (self.n_steps * self.n_envs)
+        if update > self.critic_first_updates:
             yield
             return
-        critic = {id(weight) for weight in self.policy.critic_parameters()}
+        critic = {id(weight) for weight in self.stage_policy.critic_parameters()}
         kept = [weight for weight in self.policy.parameters() if id(weight) not in critic]
         asked = [weight.requires_grad for weight in kept]
         for weight in kept:
@@ -124,33 +139,67 @@ class PPO(stable_baselines3.PPO):
         self.logger.record("time/update_seconds", self.last_times[1])
         steps = self.n_steps * self.n_envs
         self.logger.record("time/steps_per_second", steps / sum(self.last_times))
+        row = dict(self.logger.name_to_value)
         self.logger.dump(step=self.num_timesteps)
+        if self.on_row is not None:
+            self.on_row(self.num_timesteps, row)
+
+
+def new_learner(
+    config: PPOConfig,
+    env: SimulationVecEnv,
+    policy: type[StagePolicy],
+    policy_arguments: Mapping[str, Any],
+    *,
+    total_timesteps: int,
+    seed: int,
+    device: str = "cpu",
+) -> PPO:
+    """Return a fresh learner, its networks initialised from ``seed``.
+
+    Args:
+        config: of the learner.
+        env: what it plays in.
+        policy: the class of its network.
+        policy_arguments: of that class.
+        total_timesteps: user steps that the learning rate's schedule runs over.
+        seed: of networks, users and games.
+        device: torch device, or ``auto``.
+    """
+    model = PPO(
+        policy,
+        env,
+        learning_rate=LearningRate(config.learning_rate),
+        n_steps=config.n_steps,
+        batch_size=config.batch_size,
+        n_epochs=config.n_epochs,
+        gamma=config.gamma,
+        gae_lambda=config.gae_lambda,
+        clip_range=config.clip_range,
+        ent_coef=config.ent_coef,
+        vf_coef=config.vf_coef,
+        max_grad_norm=config.max_grad_norm,
+        target_kl=config.target_kl,
+        rollout_buffer_class=FrameRolloutBuffer,
+        policy_kwargs=dict(policy_arguments),
+        seed=seed,
+        device=device,
+    )
+    model.schedule_timesteps = total_timesteps
+    model.critic_first_updates = config.critic_first_updates
+    if config.critic_learning_rate_factor != 1.0:
+        model.critic_apart(config.critic_learning_rate_factor)
+    return model
 
 
 def build(config: TrainingConfig, env: SimulationVecEnv) -> PPO:
-    """Return a fresh PPO learner for ``config``, networks initialised from its seed."""
-    ppo = config.ppo
-    model = PPO(
-        UserPolicy,
+    """Return a fresh learner of a user who sees, networks initialised from the seed."""
+    return new_learner(
+        config.ppo,
         env,
-        learning_rate=LearningRate(ppo.learning_rate),
-        n_steps=ppo.n_steps,
-        batch_size=ppo.batch_size,
-        n_epochs=ppo.n_epochs,
-        gamma=ppo.gamma,
-        gae_lambda=ppo.gae_lambda,
-        clip_range=ppo.clip_range,
-        ent_coef=ppo.ent_coef,
-        vf_coef=ppo.vf_coef,
-        max_grad_norm=ppo.max_grad_norm,
-        target_kl=ppo.target_kl,
-        rollout_buffer_class=FrameRolloutBuffer,
-        policy_kwargs=policy_arguments(config.policy),
+        UserPolicy,
+        policy_arguments(config.policy),
+        total_timesteps=config.total_timesteps,
         seed=config.seed,
         device=config.device,
     )
-    model.schedule_timesteps = config.total_timesteps
-    model.value_warmup_iterations = ppo.value_warmup_iterations
-    if ppo.critic_learning_rate_factor != 1.0:
-        model.critic_apart(ppo.critic_learning_rate_factor)
-    return model

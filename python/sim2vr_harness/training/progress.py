@@ -1,9 +1,8 @@
-"""What a user sees while a training runs: a live panel, or plain lines outside a terminal."""
+"""What people see while a training runs: a live panel, or plain lines outside a terminal."""
 
 from __future__ import annotations
 
 import time
-from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from types import TracebackType
@@ -18,9 +17,26 @@ from rich.text import Text
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.training.episodes import metric_key
 
-__all__ = ["Phase", "Progress", "ProgressDisplay", "StageDisplay", "duration"]
+__all__ = ["Phase", "Progress", "StageDisplay", "View", "duration"]
 
 PLAIN_INTERVAL_S = 15.0
+
+
+@dataclass(frozen=True)
+class View:
+    """What is shown of a stage at one moment.
+
+    Attributes:
+        done: how far it is, of the stage's total.
+        doing: what it does now.
+        seconds_left: to the end of the stage; None if that is not known yet.
+        details: further numbers, a line each in the panel.
+    """
+
+    done: float
+    doing: str
+    seconds_left: float | None = None
+    details: tuple[str, ...] = ()
 
 
 class Phase:
@@ -33,7 +49,7 @@ class Phase:
 
 @dataclass
 class Progress:
-    """The numbers on display.
+    """The numbers of a stage that plays and learns by turns.
 
     Attributes:
         step: User steps taken so far, earlier sessions included.
@@ -142,6 +158,41 @@ class Progress:
             spent += play
         return max(0.0, iterations * (play + learn) - (spent if iterations else 0.0))
 
+    def view(self) -> View:
+        """Return what is shown now."""
+        share = self.phase_done / self.phase_total if self.phase_total else 0.0
+        speed = (
+            f"{_number(self.rate)} steps/s (playing {_number(self.play_rate)}, learning "
+            f"{_number(self.learn_rate)})"
+        )
+        numbers = self.game_numbers()
+        details = [speed]
+        if numbers:
+            details.append("per round: " + ", ".join(f"{name} {value}" for name, value in numbers))
+        elif self.counts_now:
+            counts = [f"{name.lower()} {_number(count)}" for name, count in self.counts_now.items()]
+            details.append("first rounds: " + ", ".join(counts) + " so far")
+        if self.app_failures:
+            details.append(f"app failures {self.app_failures:,}")
+        if self.note:
+            details.append(self.note)
+        doing = f"step {self.step:,}/{self.stop_step:,}, {self.phase} {share:.0%}"
+        return View(self.step, doing, self.seconds_left(), tuple(details))
+
+    def game_numbers(self) -> list[tuple[str, str]]:
+        """Return labels and values of the last rounds' means; none before a round has ended."""
+        means = self.means
+        if not means:
+            return []
+        return [
+            ("return", _number(means.get("ep_rew_mean"), 1)),
+            *(
+                (measure.heading.lower(), _number(means.get(metric_key(measure)), measure.digits))
+                for measure in self.game.headlines
+            ),
+            ("effort", _number(means.get("ep_effort_cost_mean"), 1)),
+        ]
+
 
 def _rate(count: int, seconds: float | None) -> float | None:
     return count / seconds if seconds else None
@@ -165,20 +216,29 @@ def _number(value: float | None, digits: int = 0) -> str:
     return "-" if value is None else f"{value:,.{digits}f}"
 
 
-class _Display(ABC):
-    """A live panel in a terminal, plain lines elsewhere. Use it in a ``with`` block."""
+class StageDisplay:
+    """A live panel in a terminal, plain lines elsewhere. Use it in a ``with`` block.
 
-    def __init__(self, console: Console, interval: float, *, transient: bool) -> None:
+    Args:
+        name: Of the stage.
+        total: What :attr:`View.done` counts up to.
+        console: Where to show it. Outside a terminal a line is printed at most every ``interval``
+            seconds, whenever :meth:`update` is called.
+        interval: Seconds between plain lines.
+    """
+
+    def __init__(
+        self, name: str, total: float, console: Console, interval: float = PLAIN_INTERVAL_S
+    ) -> None:
+        self._name, self._total = name, total
         self._console, self._interval = console, interval
-        self._last_line = -float("inf")
+        self._view: Callable[[], View] = lambda: View(0.0, Phase.STARTING)
+        self._began = time.monotonic()
+        self._last_line = self._began
         self._live: Live | None = None
-        # It asks for the panel at once.
-        if console.is_terminal:
+        if console.is_terminal:  # it asks for the panel at once
             self._live = Live(
-                console=console,
-                get_renderable=self._panel,
-                refresh_per_second=4,
-                transient=transient,
+                console=console, get_renderable=self._panel, refresh_per_second=4, transient=True
             )
 
     def __enter__(self) -> Self:
@@ -195,150 +255,35 @@ class _Display(ABC):
         if self._live is not None:
             self._live.stop()
 
-    def say(self, text: str) -> None:
-        """Print a line that stays, above the panel if there is one."""
-        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
+    def update(self, view: Callable[[], View], *, force: bool = False) -> None:
+        """Show this view from now on; it is asked when something is drawn.
 
-    def _print_if_due(self, line: Callable[[], str], force: bool = False) -> None:
-        """Print a plain line, unless there is a panel or the last one is too recent."""
+        Args:
+            view: what to show.
+            force: print a plain line even if the last one is recent.
+        """
+        self._view = view
         now = time.monotonic()
         if self._live is None and (force or now - self._last_line >= self._interval):
-            self._last_line = now
-            self.say(line())
-
-    @abstractmethod
-    def _panel(self) -> RenderableType:
-        """What the terminal shows now."""
-
-    @staticmethod
-    def _bar(done: float, total: float) -> ProgressBar:
-        return ProgressBar(total=max(total, 1), completed=done, width=36)
-
-
-class ProgressDisplay(_Display):
-    """Shows a :class:`Progress` while it changes.
-
-    Args:
-        progress: The numbers; whoever trains changes them.
-        console: Where to show them. Outside a terminal a line is printed at most every
-            ``interval`` seconds, whenever :meth:`update` is called.
-        interval: Seconds between plain lines.
-    """
-
-    def __init__(
-        self, progress: Progress, console: Console, interval: float = PLAIN_INTERVAL_S
-    ) -> None:
-        self.progress = progress
-        super().__init__(console, interval, transient=False)
-
-    def update(self, force: bool = False) -> None:
-        """Print a plain line if one is due; the live panel refreshes itself."""
-        self._print_if_due(self.line, force)
-
-    def line(self) -> str:
-        """Return the numbers in one line."""
-        p = self.progress
-        share = p.phase_done / p.phase_total if p.phase_total else 0.0
-        parts = [
-            f"step {p.step:,}/{p.stop_step:,}",
-            f"{p.phase} {share:.0%}",
-            f"{_number(p.rate)} steps/s",
-            f"left {duration(p.seconds_left())}",
-        ]
-        parts += [f"{label} {value}" for label, value in self._game_numbers()]
-        if p.app_failures:
-            parts.append(f"app failures {p.app_failures}")
-        return " | ".join(parts)
-
-    def _game_numbers(self) -> list[tuple[str, str]]:
-        means = self.progress.means
-        if not means:
-            return []
-        return [
-            ("return", _number(means.get("ep_rew_mean"), 1)),
-            *(
-                (measure.heading.lower(), _number(means.get(metric_key(measure)), measure.digits))
-                for measure in self.progress.game.headlines
-            ),
-            ("effort", _number(means.get("ep_effort_cost_mean"), 1)),
-        ]
-
-    def _panel(self) -> RenderableType:
-        p = self.progress
-        grid = Table.grid(padding=(0, 2))
-        grid.add_row("Training", self._bar(p.step, p.stop_step), f"{p.step:,} / {p.stop_step:,}")
-        unit = "minibatches" if p.phase == Phase.LEARNING else "steps"
-        grid.add_row(
-            p.phase.capitalize(),
-            self._bar(p.phase_done, p.phase_total),
-            f"{p.phase_done:,} / {p.phase_total:,} {unit}",
-        )
-        lines: list[RenderableType] = [grid, self._speed_line(), self._game_line()]
-        if p.note:
-            lines.append(Text(p.note, style="dim"))
-        return Group(*lines)
-
-    def _speed_line(self) -> Text:
-        p = self.progress
-        elapsed = time.monotonic() - p.started
-        return Text(
-            f"{_number(p.rate)} steps/s (playing {_number(p.play_rate)}, learning "
-            f"{_number(p.learn_rate)})   elapsed {duration(elapsed)}   "
-            f"left {duration(p.seconds_left())}"
-        )
-
-    def _game_line(self) -> Text:
-        p = self.progress
-        numbers = self._game_numbers()
-        if numbers:
-            shown = "   ".join(f"{label} {value}" for label, value in numbers)
-            failures = f", {p.app_failures:,} app failures" if p.app_failures else ""
-            return Text(f"Per round: {shown}   ({p.episodes:,} rounds{failures})")
-        counts = ", ".join(
-            f"{label.lower()} {_number(count)}" for label, count in p.counts_now.items()
-        )
-        return Text(f"First rounds: {counts or 'none has ended'} so far", style="dim")
-
-
-class StageDisplay(_Display):
-    """Shows how far a stage of a training is.
-
-    Args:
-        name: Of the stage.
-        total: What ``done`` counts up to.
-        console: Where to show it. Outside a terminal a line is printed at most every ``interval``
-            seconds, whenever :meth:`update` is called.
-        interval: Seconds between plain lines.
-    """
-
-    def __init__(
-        self, name: str, total: float, console: Console, interval: float = PLAIN_INTERVAL_S
-    ) -> None:
-        self._name, self._total = name, total
-        self._done, self._doing = 0.0, ""
-        self._left: float | None = None
-        self._began = time.monotonic()
-        super().__init__(console, interval, transient=True)
-        self._last_line = self._began
-
-    def update(self, done: float, doing: str, seconds_left: float | None) -> None:
-        """Show that the stage is so far, what it does now, and how long it will take still."""
-        self._done, self._doing, self._left = done, doing, seconds_left
-        self._print_if_due(
-            lambda: f"{self._name} {self._share():.0%} | {doing} | left {duration(seconds_left)}"
-        )
+            self.say(self.line())
 
     def say(self, text: str) -> None:
-        """Print a line that stays, above the bar if there is one; the next one is due later."""
+        """Print a line that stays, above the panel if there is one; the next one is due later."""
         self._last_line = time.monotonic()
-        super().say(text)
+        self._console.print(text, highlight=False, markup=False, soft_wrap=True)
 
-    def _share(self) -> float:
-        return self._done / self._total
+    def line(self) -> str:
+        """Return the present view in one line."""
+        view = self._view()
+        parts = [f"{self._name} {view.done / max(self._total, 1):.0%}", view.doing]
+        return " | ".join([*parts, f"left {duration(view.seconds_left)}", *view.details])
 
     def _panel(self) -> RenderableType:
+        view, total = self._view(), max(self._total, 1)
         elapsed = duration(time.monotonic() - self._began)
-        times = f"elapsed {elapsed}   left {duration(self._left)}"
+        times = f"elapsed {elapsed}   left {duration(view.seconds_left)}"
+        bar = ProgressBar(total=total, completed=view.done, width=36)
         grid = Table.grid(padding=(0, 2))
-        grid.add_row(self._name, self._bar(self._done, self._total), f"{self._share():.0%}", times)
-        return Group(grid, Text(self._doing, style="dim"))
+        grid.add_row(self._name, bar, f"{view.done / total:.0%}", times)
+        lines = [Text(line, style="dim") for line in (view.doing, *view.details)]
+        return Group(grid, *lines)

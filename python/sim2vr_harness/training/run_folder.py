@@ -5,7 +5,7 @@
     config.yaml        the complete configuration
     run.json           versions, git commit, and every session that worked on the run
     metrics.jsonl      one JSON object per iteration
-    teacher/, student/ the first two stages of ``recipe: distill``
+    imagined/, teacher/, student/   the first stages of ``recipe: distill``
     checkpoints/       step_000080000.zip, ...: also readable by stable_baselines3
     tensorboard/       the same metrics for TensorBoard
     evaluation/        what ``sim2vr-harness evaluate`` writes
@@ -19,7 +19,7 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -29,10 +29,26 @@ from typing import Any
 import yaml
 
 from sim2vr_harness import __version__, paths
-from sim2vr_harness.training.config import TrainingConfig, parse_config, to_yaml
+from sim2vr_harness.training.config import (
+    TrainingConfig,
+    apply_overrides,
+    parse_config,
+    to_yaml,
+)
 from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.training.retired import renamed
 
-__all__ = ["RunFolder", "keep_rows", "read_rows", "versions", "write_atomically"]
+__all__ = [
+    "STAGE_FOLDERS",
+    "RunFolder",
+    "keep_rows",
+    "read_rows",
+    "versions",
+    "write_atomically",
+]
+
+STAGE_FOLDERS = ("imagined", "teacher", "student")
+"""What stages call their folders in a run's; the last stage works in the run's own."""
 
 _PACKAGES = ("mujoco", "stable-baselines3", "torch", "gymnasium", "numpy", "scipy")
 
@@ -142,38 +158,53 @@ class RunFolder:
         Raises:
             InputError: The folder holds a run (and ``overwrite`` is False) or other files.
         """
-        if self.path.exists() and not self.path.is_dir():
-            raise InputError("--out", f"{str(self.path)!r}, which is a file", "a folder")
-        if self.exists and not overwrite:
+        if not overwrite:
+            self.require_free()
+        if self.exists:
+            self._delete_run()  # files that others have put there stay
+        else:
+            self._require_place()
+        self.checkpoint_dir.mkdir(parents=True, exist_ok=True)
+        write_atomically(self.run_file, json.dumps({"sessions": []}, indent=2).encode())
+        write_atomically(self.config_file, to_yaml(config).encode())
+
+    def require_free(self) -> None:
+        """Check that a new run can begin in this folder.
+
+        Raises:
+            InputError: The folder holds a run or other files, or is none.
+        """
+        if self.exists:
             raise InputError(
                 "--out",
                 f"{str(self.path)!r}, which holds a run",
                 "a new folder, or --resume to continue that run, or --overwrite to delete it",
             )
-        if self.exists:
-            self._delete_run()
-        elif self.path.is_dir() and any(self.path.iterdir()):
+        self._require_place()
+
+    def _require_place(self) -> None:
+        """Check that the folder holds nothing else, or nothing at all."""
+        if self.path.exists() and not self.path.is_dir():
+            raise InputError("--out", f"{str(self.path)!r}, which is a file", "a folder")
+        if self.path.is_dir() and any(self.path.iterdir()):
             raise InputError(
                 "--out", f"{str(self.path)!r}, which holds other files", "a new or empty folder"
             )
-        self.checkpoint_dir.mkdir(parents=True, exist_ok=True)
-        write_atomically(self.run_file, json.dumps({"sessions": []}, indent=2).encode())
-        write_atomically(self.config_file, to_yaml(config).encode())
 
     def _delete_run(self) -> None:
         """Delete what a run writes, and nothing else."""
         self.config_file.unlink()
         for file in (self.run_file, self.metrics_file):
             file.unlink(missing_ok=True)
-        stages = (self.path / "teacher", self.path / "student")
+        stages = (self.path / name for name in STAGE_FOLDERS)
         for folder in (self.checkpoint_dir, self.tensorboard_dir, self.evaluation_dir, *stages):
             shutil.rmtree(folder, ignore_errors=True)
 
-    def load_config(self) -> TrainingConfig:
-        """Read the run's configuration."""
+    def load_config(self, overrides: Sequence[str] = ()) -> TrainingConfig:
+        """Read the run's configuration; overrides as in :func:`.config.load_config`."""
         try:
             tree = yaml.safe_load(self.config_file.read_text(encoding="utf-8"))
-            return parse_config(tree)
+            return parse_config(apply_overrides(renamed(tree), overrides))
         except InputError as error:
             raise InputError(f"{self.config_file}: {error.field}", error.got, error.expected) from (
                 error
@@ -213,12 +244,16 @@ class RunFolder:
         """Set top-level values of run.json."""
         write_atomically(self.run_file, json.dumps(self.metadata() | values, indent=2).encode())
 
+    def note_session(self, **details: Any) -> None:
+        """Note in run.json what is known of the session; nothing if none was begun."""
+        content = self.metadata()
+        if content["sessions"]:
+            content["sessions"][-1] |= details
+            write_atomically(self.run_file, json.dumps(content, indent=2).encode())
+
     def end_session(self, **details: Any) -> None:
         """Note in run.json how the last session ended."""
-        content = self.metadata()
-        ended = datetime.now(UTC).isoformat(timespec="seconds")
-        content["sessions"][-1] |= {"ended": ended, **details}
-        write_atomically(self.run_file, json.dumps(content, indent=2).encode())
+        self.note_session(ended=datetime.now(UTC).isoformat(timespec="seconds"), **details)
 
     # --- checkpoints and metrics ----------------------------------------------------------------
 
@@ -233,6 +268,12 @@ class RunFolder:
             (file for file in found if file.stem.removeprefix("step_").isdigit()),
             key=lambda file: int(file.stem.removeprefix("step_")),
         )
+
+    @property
+    def step(self) -> int:
+        """User steps of the newest checkpoint; 0 if there is none."""
+        files = self.checkpoints()
+        return int(files[-1].stem.removeprefix("step_")) if files else 0
 
     def latest_checkpoint(self) -> Path:
         """Return the newest checkpoint.

@@ -1,4 +1,4 @@
-"""Postures in which a user is about to strike: reference-state initialisation for a teacher."""
+"""Postures in which a user is about to act: reference-state initialisation for a teacher."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.client import OptionValue
 from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.games import ImaginedGame
 
 __all__ = ["StartPostures", "find_start_postures", "joint_box"]
 
@@ -59,42 +59,33 @@ def joint_box(
 
 def find_start_postures(
     simulation: Simulation,
+    game: ImaginedGame,
     conditions: Sequence[str],
     *,
-    box: tuple[FloatArray, FloatArray],
     near_m: float,
     per_cell: int,
     seed: int,
     most_rounds: int = 400,
-    options: Mapping[str, OptionValue] | None = None,
 ) -> StartPostures:
-    """Look for postures that hold the tool where a stroke may begin, by asking the game.
+    """Look for postures that hold the tool where an action may begin, by asking the game.
 
     Half of the postures tried are drawn from the box of joint angles, half are neighbours of those
-    found already. The game says how far each is from a good start (``aid.start_distance_m``) and
-    for which cell (``aid.start_cell``).
+    found already. The game says how far each is from a good start and for which cell
+    (:attr:`ImaginedGame.start_fields`).
 
     Args:
         simulation: users to try with; their rounds are lost.
+        game: what the fast recipe knows of it.
         conditions: of the game.
-        box: lowest and highest angles, (J,) each.
         near_m: how near is near enough.
         per_cell: how many to find for each cell.
         seed: of the search.
         most_rounds: resets of all users per condition after which the search gives up.
-        options: further options of the game.
-
-    Raises:
-        ValueError: the game does not say where strokes begin.
     """
     batch: Any = simulation.apps[0].batch  # type: ignore[attr-defined]
-    names = list(batch.privileged_names)
-    for name in ("aid.start_distance_m", "aid.start_cell"):
-        if name not in names:
-            raise ValueError(f"near starts: the game does not publish {name!r}, expected it to")
-    columns = [names.index("aid.start_distance_m"), names.index("aid.start_cell")]
+    columns = [list(batch.privileged_names).index(name) for name in game.start_fields]
     rng = np.random.default_rng(seed)
-    low, high = box
+    low, high = joint_box(simulation, game.start_limits)
     found: dict[str, dict[int, FloatArray]] = {}
     for condition in conditions:
         kept: dict[int, list[FloatArray]] = {}
@@ -102,7 +93,7 @@ def find_start_postures(
             tried = _candidates(kept, low, high, simulation.n, rng)
             simulation.reset(
                 seeds=[0] * simulation.n,
-                options={**(options or {}), "condition": condition},
+                options=game.options(condition),
                 postures=list(tried),
             )
             distances, cells = batch.privileged[:, columns].T
@@ -110,13 +101,10 @@ def find_start_postures(
                 postures = kept.setdefault(int(cells[i]), [])
                 if len(postures) < per_cell:
                     postures.append(tried[i])
-            if len(kept) == _GRID and all(len(k) == per_cell for k in kept.values()):
+            if len(kept) == game.cells and all(len(k) == per_cell for k in kept.values()):
                 break
         found[condition] = {cell: np.array(postures) for cell, postures in sorted(kept.items())}
     return StartPostures(found)
-
-
-_GRID = 9
 
 
 def _candidates(

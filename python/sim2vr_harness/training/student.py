@@ -1,18 +1,19 @@
 """A policy that sees learns from a teacher who knows (DAgger, on the app's real pictures).
 
-The student acts, so that it meets the situations its own mistakes lead to, and the teacher says in
-each of them what it would have done. The student's network learns the teacher's mean action; heads
-on its image features, which are dropped afterwards, learn facts that the picture shows, such as
-which targets are there. Ross, Gordon & Bagnell (2011), "A Reduction of Imitation Learning and
+The student acts, so that it meets the situations its own mistakes lead to, and the teacher labels
+each of them with what it would have done. The student's network learns the teacher's mean action;
+heads on its image features, which are dropped afterwards, learn facts that the picture shows, such
+as which targets are there. Ross, Gordon & Bagnell (2011), "A Reduction of Imitation Learning and
 Structured Prediction to No-Regret Online Learning".
 """
 
 from __future__ import annotations
 
+import copy
 import json
 import time
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -22,9 +23,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.training.checkpoint import write_tensors
+from sim2vr_harness.client import GameFacts
 from sim2vr_harness.training.episodes import episode_means
+from sim2vr_harness.training.frames import FrameStore
 from sim2vr_harness.training.policy import UserPolicy
 from sim2vr_harness.training.sharding import in_shards
 from sim2vr_harness.training.student_config import StudentConfig
@@ -33,7 +34,8 @@ from sim2vr_harness.training.threads import torch_threads
 __all__ = ["Guide", "Student", "StudentProgress"]
 
 STATE_FORMAT = 1
-_STATE, _FRAMES = "state.pt", "frames.bin"
+_COLLECTED = 0.4
+"""Share of a round's time that is over after collecting."""
 _TARGETS = ("label", "facts")
 """What a stored frame holds beside the observation."""
 
@@ -73,57 +75,6 @@ class StudentProgress:
     learn_seconds: float
 
 
-class FrameStore:
-    """Every collected user step, in the order of collection, images in a file.
-
-    The file is only ever appended to, so that a stage which is resumed sees just the frames that
-    the stopped one saw.
-
-    Args:
-        file: where images go; made or reused.
-        capacity: number of frames.
-        shapes: key -> (shape, dtype) of what a frame holds.
-    """
-
-    def __init__(
-        self, file: Path, capacity: int, shapes: Mapping[str, tuple[tuple[int, ...], Any]]
-    ) -> None:
-        self.count = 0
-        self.capacity = capacity
-        self._arrays: dict[str, NDArray[Any]] = {}
-        for key, (shape, dtype) in shapes.items():
-            if key == "vision":
-                self._arrays[key] = np.memmap(
-                    file, dtype, "r+" if file.is_file() else "w+", shape=(capacity, *shape)
-                )
-            else:
-                self._arrays[key] = np.zeros((capacity, *shape), dtype)
-
-    def append(self, frame: Mapping[str, NDArray[Any]]) -> None:
-        """Takes (N, ...) of every key."""
-        rows = len(next(iter(frame.values())))
-        for key, array in self._arrays.items():
-            array[self.count : self.count + rows] = frame[key]
-        self.count += rows
-
-    def rows(self, indices: NDArray[np.integer]) -> dict[str, Tensor]:
-        """Copies of these frames."""
-        return {key: torch.from_numpy(array[indices]) for key, array in self._arrays.items()}
-
-    def state(self) -> dict[str, NDArray[Any]]:
-        """All but the images, which are made sure to be in the file."""
-        vision = self._arrays.get("vision")
-        if isinstance(vision, np.memmap):
-            vision.flush()
-        return {key: array[: self.count] for key, array in self._arrays.items() if key != "vision"}
-
-    def restore(self, count: int, state: Mapping[str, NDArray[Any]]) -> None:
-        """Goes back to the first ``count`` frames."""
-        self.count = count
-        for key, values in state.items():
-            self._arrays[key][:count] = values
-
-
 class Student:
     """DAgger on N users.
 
@@ -132,8 +83,9 @@ class Student:
         policy: the network to train; its critic is left alone.
         simulation: N users who see; owned by the caller.
         guide: the teacher.
-        folder: for the collected frames and the stage's state.
+        frames: the file that the collected images go to; made or reused.
         seed: of everything drawn here.
+        game: what the game publishes, for the means of episodes.
         device: torch device of the network.
     """
 
@@ -143,13 +95,15 @@ class Student:
         policy: UserPolicy,
         simulation: Any,
         guide: Guide,
-        folder: Path,
+        frames: Path,
         *,
         seed: int,
+        game: GameFacts | None = None,
         device: str = "cpu",
     ) -> None:
         self.config, self.policy, self.simulation, self.guide = config, policy, simulation, guide
-        self.folder, self._device = folder, torch.device(device)
+        self._device = torch.device(device)
+        self._facts_of_game = game or GameFacts("")
         self.n: int = simulation.n
         self._rng = np.random.default_rng([seed, 77])
         seeds = np.random.SeedSequence([seed, 78]).generate_state(self.n, np.uint32)
@@ -170,13 +124,12 @@ class Student:
         self._optimizer = torch.optim.AdamW(
             self._parameters, lr=config.learning_rate, weight_decay=config.weight_decay
         )
-        folder.mkdir(parents=True, exist_ok=True)
         shapes = {
             key: (value.shape[1:], value.dtype) for key, value in simulation.observation().items()
         }
         actions = simulation.action_space.shape[0]
         self.store = FrameStore(
-            folder / _FRAMES,
+            frames,
             -(-config.frames // (self.n * config.rollout_steps)) * self.n * config.rollout_steps,
             shapes | {"label": ((actions,), np.float32), "facts": ((self._facts,), np.float32)},
         )
@@ -195,14 +148,18 @@ class Student:
 
     # --- a round -----------------------------------------------------------------------------
 
-    def step(self) -> StudentProgress:
-        """One round: collects ``rollout_steps`` of every user, then learns."""
+    def step(self, on_progress: Callable[[float], None] = lambda share: None) -> StudentProgress:
+        """Collect ``rollout_steps`` of every user, then learn.
+
+        Args:
+            on_progress: called with the share of the round that is done, more or less.
+        """
         began = time.monotonic()
         with torch_threads(1):
-            share = self._collect()
+            share = self._collect(on_progress)
         collected = time.monotonic()
         with torch_threads(1 if self.policy.in_shards else torch.get_num_threads()):
-            error, facts_error = self._learn()
+            error, facts_error = self._learn(on_progress)
         self.round += 1
         return StudentProgress(
             frames=self.store.count,
@@ -210,18 +167,19 @@ class Student:
             facts_error=facts_error,
             teacher_share=share,
             episodes=self._ended,
-            means=episode_means(list(self._episodes), game_facts(self.simulation.config.app)),
+            means=episode_means(list(self._episodes), self._facts_of_game),
             collect_seconds=collected - began,
             learn_seconds=time.monotonic() - collected,
         )
 
-    def _collect(self) -> float:
+    def _collect(self, on_progress: Callable[[float], None]) -> float:
         config = self.config
         late = self.round - config.teacher_rounds
         share = 1.0 if late < 0 else config.teacher_share * config.teacher_share_decay**late
         noisy = np.arange(self.n) < config.noisy_users * self.n
         shown = 0
-        for _ in range(config.rollout_steps):
+        for step in range(config.rollout_steps):
+            on_progress(_COLLECTED * step / config.rollout_steps)
             observation = self.simulation.observation()
             label = np.clip(self.guide.actions(self.simulation), -1.0, 1.0)
             facts = self.guide.facts(self.simulation)
@@ -259,7 +217,7 @@ class Student:
             self.simulation.reset(ids=again)
             self._acted[again] = 0
 
-    def _learn(self) -> tuple[float, float]:
+    def _learn(self, on_progress: Callable[[float], None]) -> tuple[float, float]:
         config = self.config
         samples = round(config.samples_per_frame * self.n * config.rollout_steps)
         minibatches = max(1, round(samples / config.batch_size))
@@ -269,7 +227,8 @@ class Student:
             group["lr"] = config.learning_rate * max(fall, 0.02)
         self.policy.train()
         errors, facts_errors = [], []
-        for _ in range(minibatches):
+        for number in range(minibatches):
+            on_progress(_COLLECTED + (1.0 - _COLLECTED) * number / minibatches)
             rows = np.sort(self._rng.integers(0, self.store.count, config.batch_size))
             batch = {key: value.to(self._device) for key, value in self.store.rows(rows).items()}
             error, facts_error = self._losses(batch)
@@ -308,8 +267,8 @@ class Student:
 
     # --- exact resume ------------------------------------------------------------------------
 
-    def save(self) -> None:
-        """Writes everything that the next round depends on."""
+    def snapshot(self) -> dict[str, Any]:
+        """Copy everything that the next round depends on; images stay in the store's file."""
         header = {
             "format": STATE_FORMAT,
             "round": self.round,
@@ -318,17 +277,17 @@ class Student:
             "episodes": list(self._episodes),
             "rng": self._rng.bit_generator.state,
         }
-        tensors = {
-            "policy": self.policy.state_dict(),
-            "heads": None if self._heads is None else self._heads.state_dict(),
-            "optimizer": self._optimizer.state_dict(),
+        simulation = torch.frombuffer(bytearray(self.simulation.save_state()), dtype=torch.uint8)
+        return {
+            "policy": copy.deepcopy(self.policy.state_dict()),
+            "heads": None if self._heads is None else copy.deepcopy(self._heads.state_dict()),
+            "optimizer": copy.deepcopy(self._optimizer.state_dict()),
             "torch_rng": torch.get_rng_state(),
             "arrays": {
-                "simulation": torch.frombuffer(
-                    bytearray(self.simulation.save_state()), dtype=torch.uint8
-                ),
-                "cut": torch.from_numpy(self._cut),
-                "acted": torch.from_numpy(self._acted),
+                "simulation": simulation,
+                "cut": torch.from_numpy(self._cut.copy()),
+                "acted": torch.from_numpy(self._acted.copy()),
+                # Frames are only ever appended: the first ones stay what they are.
                 **{
                     f"store.{key}": torch.from_numpy(value)
                     for key, value in self.store.state().items()
@@ -336,23 +295,22 @@ class Student:
             },
             "header": json.dumps(header),
         }
-        write_tensors(self.folder / _STATE, tensors)
 
-    def restore(self) -> bool:
-        """Goes on from :meth:`save`; False if nothing was saved."""
-        file = self.folder / _STATE
-        if not file.is_file():
-            return False
-        tensors = torch.load(file, weights_only=True, map_location=self._device)
-        header = json.loads(tensors["header"])
+    def load_snapshot(self, state: Mapping[str, Any]) -> None:
+        """Go on from :meth:`snapshot`.
+
+        Raises:
+            ValueError: it is of another format.
+        """
+        header = json.loads(state["header"])
         if header["format"] != STATE_FORMAT:
-            raise RuntimeError(f"{file}: got format {header['format']}, expected {STATE_FORMAT}")
-        arrays = {key: value.cpu().numpy() for key, value in tensors["arrays"].items()}
-        self.policy.load_state_dict(tensors["policy"])
+            raise ValueError(f"got format {header['format']}, expected {STATE_FORMAT}")
+        arrays = {key: value.cpu().numpy() for key, value in state["arrays"].items()}
+        self.policy.load_state_dict(state["policy"])
         if self._heads is not None:
-            self._heads.load_state_dict(tensors["heads"])
-        self._optimizer.load_state_dict(tensors["optimizer"])
-        torch.set_rng_state(tensors["torch_rng"].cpu())
+            self._heads.load_state_dict(state["heads"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        torch.set_rng_state(state["torch_rng"].cpu())
         self.simulation.load_state(arrays["simulation"].tobytes())
         self._cut, self._acted = arrays["cut"].copy(), arrays["acted"].copy()
         self.store.restore(
@@ -366,12 +324,6 @@ class Student:
         self.round, self._ended = header["round"], header["ended"]
         self._episodes.extend(header["episodes"])
         self._rng.bit_generator.state = header["rng"]
-        return True
-
-    def discard(self) -> None:
-        """Deletes the collected frames and the state: nobody needs them once the stage is over."""
-        for name in (_FRAMES, _STATE):
-            (self.folder / name).unlink(missing_ok=True)
 
 
 def _noisy(images: Tensor, std: float) -> Tensor:

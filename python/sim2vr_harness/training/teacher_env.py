@@ -1,4 +1,4 @@
-"""The teacher's world: users in the true game, with privileged sight and aids that fade."""
+"""The teacher's world: users in the true game, with privileged numbers and a curriculum."""
 
 from __future__ import annotations
 
@@ -15,25 +15,45 @@ from numpy.typing import NDArray
 from sim2vr_harness.envs.config import EnvConfig, SenseConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.envs.step_batch import StepBatch
+from sim2vr_harness.games import ImaginedGame, imagined_game, imagined_games
 from sim2vr_harness.training.errors import InputError
-from sim2vr_harness.training.start_postures import (
-    StartPostures,
-    find_start_postures,
-    joint_box,
-)
+from sim2vr_harness.training.start_postures import StartPostures, find_start_postures
 from sim2vr_harness.training.teacher_config import TeacherConfig
 
-__all__ = ["OBSERVATION", "PrivilegedSenses", "TeacherSimulation", "blind_env"]
+__all__ = [
+    "OBSERVATION",
+    "PrivilegedSenses",
+    "TeacherSimulation",
+    "blind_env",
+    "game_of",
+    "hidden_fields",
+]
 
 OBSERVATION = "teacher"
-_CELLS = 9
 _FAIL_RATE_MEMORY = 0.97
-_ELBOW = "elbow_flexion"
 _EXPLORING_NEAR = 0.9
 
 
-def blind_env(env: EnvConfig, timestep_s: float | None = None) -> EnvConfig:
-    """``env`` without pictures, with another physics step if one is given."""
+def game_of(env: EnvConfig) -> ImaginedGame:
+    """Return what the fast recipe knows of the environment's game.
+
+    Raises:
+        InputError: nothing.
+    """
+    app = env.app
+    game = imagined_game(app.game) if app.transport == "in_process" else None
+    if game is None:
+        raise InputError(
+            "recipe",
+            f"'distill' for the game {app.game!r} ({app.transport})",
+            f"a game in this process that has a twin ({', '.join(imagined_games())}), or "
+            "recipe: ppo",
+        )
+    return game
+
+
+def blind_env(env: EnvConfig) -> EnvConfig:
+    """Return ``env`` without pictures."""
     app = env.app.model_copy(update={"renderer": "null"})
     # The least that an app draws; its shape decides what the headset could see.
     scale = max(1, min(env.vision.width, env.vision.height) // 8)
@@ -47,8 +67,7 @@ def blind_env(env: EnvConfig, timestep_s: float | None = None) -> EnvConfig:
     )
     # Its own body, undelayed and clear; the actions stay those of the student.
     senses = (SenseConfig(sense="proprioception"),)
-    user = env.user.model_copy(update={"timestep_s": timestep_s}) if timestep_s else env.user
-    return env.model_copy(update={"app": app, "vision": vision, "senses": senses, "user": user})
+    return env.model_copy(update={"app": app, "vision": vision, "senses": senses})
 
 
 class PrivilegedSenses:
@@ -57,22 +76,12 @@ class PrivilegedSenses:
     Args:
         simulation: users whose apps run in this process.
         hidden: patterns of names that are left out.
-
-    Raises:
-        InputError: the game publishes none.
     """
 
     def __init__(self, simulation: Simulation, hidden: Sequence[str]) -> None:
         self._simulation = simulation
-        self._batch: Any = getattr(simulation.apps[0], "batch", None)
-        self.names: tuple[str, ...] = () if self._batch is None else self._batch.privileged_names
-        if not self.names:
-            app = simulation.config.app
-            raise InputError(
-                "recipe",
-                f"'distill' for the game {app.game!r} ({app.transport})",
-                "a game in this process that publishes privileged numbers, or recipe: ppo",
-            )
+        self._batch: Any = simulation.apps[0].batch  # type: ignore[attr-defined]
+        self.names: tuple[str, ...] = self._batch.privileged_names
         self._body = _shown(simulation.proprioception.names, hidden)
         self._columns = _shown(self.names, hidden)
         self.size = len(self._body) + len(self._columns)
@@ -121,40 +130,33 @@ def _shown(names: Sequence[str], hidden: Sequence[str]) -> NDArray[np.int64]:
 class TeacherSimulation:
     """N users as a teacher's vector environment wants them (``SimulationLike``).
 
-    Rewards are those of the task plus the aids, times ``reward_scale``; ``infos`` hold the task's
-    own. Episodes are cut after a while (truncated), the first ones at different times.
+    Rules and rewards are the true ones, the latter times ``reward_scale``; ``infos`` hold the
+    task's own. Which targets come up and where rounds start is the curriculum's. Episodes are cut
+    after a while (truncated), the first ones at different times.
 
     Args:
         env: the true environment; pictures are switched off here.
         config: of the teacher.
         seed: of conditions, starts and episodes' lengths.
-        postures: start postures; None looks for them if any are wanted.
-        physics_timestep_s: another physics step than the user's own.
+        n: number of users; None takes ``config.ppo.n_envs``.
+
+    Raises:
+        InputError: the game has no twin.
     """
 
     def __init__(
-        self,
-        env: EnvConfig,
-        config: TeacherConfig,
-        seed: int,
-        *,
-        postures: StartPostures | None = None,
-        physics_timestep_s: float | None = None,
+        self, env: EnvConfig, config: TeacherConfig, seed: int, *, n: int | None = None
     ) -> None:
-        self.config = config
-        self.n = config.ppo.n_envs
+        self.config, self.teacher = env, config
+        self.n = n or config.ppo.n_envs
         self.step_count = 0
-        """User steps of all users so far: the aids go by it."""
-        blind = blind_env(env, physics_timestep_s)
-        self.simulation = Simulation(blind, self.n)
-        self.senses = PrivilegedSenses(self.simulation, config.hidden_fields)
+        """User steps of all users so far."""
+        self.game = game_of(env)
+        self.conditions = config.conditions or self.game.conditions
+        self.simulation = Simulation(blind_env(env), self.n)
+        self.senses = PrivilegedSenses(self.simulation, hidden_fields(config, self.game))
         self.observation_space = self.senses.space
         self.action_space = self.simulation.action_space
-        self._elbow = int(
-            self.simulation.body.qpos_independent[
-                self.simulation.body.independent_joints.index(_ELBOW)
-            ]
-        )
         self.step_s = 1.0 / env.action_frequency_hz
         """Duration of a user step."""
         self._exploring_s: float | None = None
@@ -163,44 +165,36 @@ class TeacherSimulation:
         self._next_condition = 0
         self._length = np.zeros(self.n, dtype=np.int64)
         self._limit = np.ones(self.n, dtype=np.int64)
-        self._aids = np.zeros((2, self.n))
-        self.fail_rates = np.ones((len(config.conditions), _CELLS))
+        self.fail_rates = np.ones((len(self.conditions), self.game.cells))
         """Running averages of the fail rates in training, by condition and cell."""
-        self.postures = postures
-        if postures is None and config.aids.near_starts.start > 0.0:
-            self.postures = self._find_postures(seed)
-
-    def _find_postures(self, seed: int) -> StartPostures:
-        aids = self.config.aids
-        return find_start_postures(
-            self.simulation,
-            self.config.conditions,
-            box=joint_box(self.simulation, {_ELBOW: aids.start_elbow_rad}),
-            near_m=aids.near_start_m,
-            per_cell=aids.starts_per_cell,
-            seed=seed,
-        )
+        self.postures: StartPostures | None = None
+        curriculum = config.curriculum
+        if curriculum.near_starts > 0.0:
+            self.postures = find_start_postures(
+                self.simulation,
+                self.game,
+                self.conditions,
+                near_m=curriculum.near_start_m,
+                per_cell=curriculum.starts_per_cell,
+                seed=seed,
+            )
 
     def explore(self, seconds: float | None) -> None:
         """Let episodes be so short and begin near a cell, from the next ones on; None ends it."""
         self._exploring_s = seconds
 
     def condition_of(self, user: int) -> int:
-        """Which of the configured conditions a user plays."""
+        """Which of the conditions a user plays."""
         return int(self._condition[user])
 
-    def told_of(self, number: int) -> dict[str, float]:
-        """What the game says of a condition (``round.*``), by the true rules.
+    def rules_of(self, number: int) -> dict[str, float]:
+        """Return the privileged numbers at the start of a condition's round.
 
         The first user's episode is lost.
         """
-        self.simulation.reset([0], [0], {"condition": self.config.conditions[number]})
+        self.simulation.reset([0], [0], self.game.options(self.conditions[number]))
         first = self.senses.values()[0]
-        return {
-            name: float(value)
-            for name, value in zip(self.senses.names, first, strict=True)
-            if name.startswith("round.")
-        }
+        return {name: float(value) for name, value in zip(self.senses.names, first, strict=True)}
 
     # --- SimulationLike ------------------------------------------------------------------------
 
@@ -216,48 +210,41 @@ class TeacherSimulation:
         first = ids is None
         infos: dict[int, dict[str, Any]] = {}
         for row in rows:
-            self._condition[row] = self._next_condition % len(self.config.conditions)
+            self._condition[row] = self._next_condition % len(self.conditions)
             self._next_condition += 1
-        for number in range(len(self.config.conditions)):
+        for number in range(len(self.conditions)):
             chosen = [k for k, row in enumerate(rows) if self._condition[row] == number]
             if not chosen:
                 continue
             group = [rows[k] for k in chosen]
-            told = self.simulation.reset(
+            started = self.simulation.reset(
                 group,
                 [given[k] for k in chosen],
                 {**self._options(number), **(options or {})},
                 [self._posture(number) for _ in group],
             )
-            infos |= dict(zip(group, told, strict=True))
-        seconds = self._exploring_s or self.config.aids.episode_seconds.at(self.step_count)
+            infos |= dict(zip(group, started, strict=True))
+        seconds = self._exploring_s or self.teacher.curriculum.episode_seconds
         limit = max(1, round(seconds / self.step_s))
         self._length[rows] = 0
         self._limit[rows] = limit
         if first:  # spread the ends over time
             self._limit[rows] = self._rng.integers(1, limit + 1, len(rows))
-        self._aids[:, rows] = self._aid_sums()[:, rows]
         return [infos[row] for row in rows]
 
     def _options(self, number: int) -> dict[str, Any]:
-        aids, step = self.config.aids, self.step_count
-        share = aids.failing_cells.at(step)
+        share = self.teacher.curriculum.failing_cells
         fails = self.fail_rates[number] + 1e-3
-        weights = (1.0 - share) / _CELLS + share * fails / fails.sum()
-        return {
-            "condition": self.config.conditions[number],
-            "strike_threshold_mps": aids.strike_threshold_mps.at(step),
-            "life_seconds": aids.life_seconds.at(step),
-            "spawn_weights": weights.tolist(),
-        }
+        weights = (1.0 - share) / self.game.cells + share * fails / fails.sum()
+        return self.game.options(self.conditions[number], weights.tolist())
 
     def _posture(self, number: int) -> NDArray[np.float64] | None:
-        share = self.config.aids.near_starts.at(self.step_count)
+        share = self.teacher.curriculum.near_starts
         near = self._rng.random() < (share if self._exploring_s is None else _EXPLORING_NEAR)
         if not near or self.postures is None:
             return None
         weights = self.fail_rates[number] + 0.1
-        return self.postures.draw(self.config.conditions[number], weights, self._rng)
+        return self.postures.draw(self.conditions[number], weights, self._rng)
 
     def observation(self) -> dict[str, NDArray[Any]]:
         """``{"teacher": (N, size) float32}``, fresh."""
@@ -269,48 +256,26 @@ class TeacherSimulation:
         self.step_count += self.n
         self._length += 1
         truncated = result.truncated | (~result.terminated & (self._length >= self._limit))
-        reward = (
-            result.reward + self._aid_reward(result.effort_cost)
-        ) * self.config.ppo.reward_scale
         for i in map(int, np.flatnonzero(truncated | result.terminated)):
             self._remember_failures(i, result.logs[i])
+        reward = result.reward * self.teacher.reward_scale
         return dataclasses.replace(result, reward=reward, truncated=truncated)
-
-    def _aid_sums(self) -> NDArray[np.float64]:
-        return np.stack(
-            [self.senses.field("aid.progress_m"), self.senses.field("aid.strike")]
-        ).astype(np.float64)
-
-    def _aid_reward(self, effort: NDArray[np.float64]) -> NDArray[np.float64]:
-        aids, step = self.config.aids, self.step_count
-        sums = self._aid_sums()
-        progress, strike = sums - self._aids
-        self._aids = sums
-        users = self.simulation.users
-        straightness = np.maximum(0.0, aids.elbow_rad - users.qpos[:, self._elbow])
-        return (
-            aids.progress.at(step) * progress
-            + aids.strike.at(step) * strike
-            - aids.straight_elbow.at(step) * straightness
-            + (1.0 - aids.effort.at(step)) * effort
-        )
 
     def _remember_failures(self, i: int, log: Any) -> None:
         rates = self.fail_rates[self._condition[i]]
-        for cell in range(_CELLS):
-            hits = log.get(f"hitsTarget{cell}", 0.0)
-            misses = log.get(f"missesTarget{cell}", 0.0)
-            if hits + misses > 0:
+        succeeded, failed = self.game.outcomes(log)
+        for cell, count in enumerate(succeeded + failed):
+            if count > 0:
                 # A cell that comes up twice moves the average as much as two episodes do.
-                keep = _FAIL_RATE_MEMORY ** (hits + misses)
-                rates[cell] = keep * rates[cell] + (1.0 - keep) * misses / (hits + misses)
+                keep = _FAIL_RATE_MEMORY**count
+                rates[cell] = keep * rates[cell] + (1.0 - keep) * failed[cell] / count
 
     # --- saved states --------------------------------------------------------------------------
 
-    _SAVED = ("_condition", "_length", "_limit", "_aids", "fail_rates")
+    _SAVED = ("_condition", "_length", "_limit", "fail_rates")
 
     def save_state(self) -> bytes:
-        """The exact state, the episodes' and the aids' included."""
+        """Return the exact state, the episodes' and the curriculum's included."""
         header = {
             "step_count": self.step_count,
             "next_condition": self._next_condition,
@@ -335,3 +300,8 @@ class TeacherSimulation:
     def close(self) -> None:
         """Free everything."""
         self.simulation.close()
+
+
+def hidden_fields(config: TeacherConfig, game: ImaginedGame) -> tuple[str, ...]:
+    """Return the patterns of what a teacher does not observe."""
+    return game.hidden_fields if config.hidden_fields is None else config.hidden_fields

@@ -4,19 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.training.teacher_config import TeacherConfig
-from sim2vr_harness.training.teacher_env import OBSERVATION, PrivilegedSenses, blind_env
+from sim2vr_harness.training.teacher_env import (
+    OBSERVATION,
+    PrivilegedSenses,
+    blind_env,
+    game_of,
+    hidden_fields,
+)
 from sim2vr_harness.training.teacher_policy import TeacherPolicy
 
-__all__ = ["TeacherScore", "evaluate_teacher"]
-
-_CELLS = 9
+__all__ = ["TeacherScore", "describe", "evaluate_teacher"]
 
 
 @dataclass(frozen=True)
@@ -26,20 +30,18 @@ class TeacherScore:
     Attributes:
         condition: of the game.
         rounds: how many.
-        hits: mean per round.
-        hit_rate: hits / (hits + misses), pooled.
-        cell_rates: (9,) the same per cell; NaN where nothing came up.
-        hit_speed_mps: mean at the hits.
+        successes: mean per round.
+        success_rate: successes / (successes + failures), pooled.
+        cell_rates: (cells,) the same per cell; NaN where nothing came up.
         effort: mean cost of effort per user step.
         game_return: mean of the rounds' sums of the game's reward.
     """
 
     condition: str
     rounds: int
-    hits: float
-    hit_rate: float
+    successes: float
+    success_rate: float
     cell_rates: tuple[float, ...]
-    hit_speed_mps: float
     effort: float
     game_return: float
 
@@ -59,7 +61,7 @@ def evaluate_teacher(
     deterministic: bool = False,
     conditions: Sequence[str] | None = None,
 ) -> list[TeacherScore]:
-    """Play whole rounds, all side by side; uniform spawns, no aids, true physics.
+    """Play whole rounds, all side by side, without the curriculum.
 
     Args:
         policy: the teacher's.
@@ -70,13 +72,14 @@ def evaluate_teacher(
         deterministic: whether actions are means instead of samples.
         conditions: of the game; None takes the teacher's.
     """
-    names = list(conditions or config.conditions)
+    game = game_of(env)
+    names = list(conditions or config.conditions or game.conditions)
     jobs = [(name, seed + k) for name in names for k in range(rounds)]
     simulation = Simulation(blind_env(env), len(jobs))
     try:
-        senses = PrivilegedSenses(simulation, config.hidden_fields)
+        senses = PrivilegedSenses(simulation, hidden_fields(config, game))
         for i, (name, round_seed) in enumerate(jobs):
-            simulation.reset([i], [round_seed], {"condition": name})
+            simulation.reset([i], [round_seed], game.options(name))
         rng = None if deterministic else np.random.default_rng(seed)
         logs: list[dict[str, float] | None] = [None] * len(jobs)
         effort, returns = np.zeros(len(jobs)), np.zeros(len(jobs))
@@ -99,7 +102,11 @@ def evaluate_teacher(
     return [
         _score(
             name,
-            [log or {} for log, job in zip(logs, jobs, strict=True) if job[0] == name],
+            [
+                game.outcomes(log or {})
+                for log, job in zip(logs, jobs, strict=True)
+                if job[0] == name
+            ],
             float(np.sum(effort[_of(jobs, name)]) / np.sum(steps[_of(jobs, name)])),
             float(np.mean(returns[_of(jobs, name)])),
         )
@@ -112,23 +119,26 @@ def _of(jobs: Sequence[tuple[str, int]], name: str) -> list[int]:
 
 
 def _score(
-    name: str, logs: Sequence[dict[str, Any]], effort: float, game_return: float
+    name: str, outcomes: Sequence[NDArray[np.float64]], effort: float, game_return: float
 ) -> TeacherScore:
-    def total(key: str) -> float:
-        return float(sum(log.get(key, 0.0) for log in logs))
-
-    hits, misses = total("Points"), total("Misses")
-    cells = []
-    for cell in range(_CELLS):
-        hit, missed = total(f"hitsTarget{cell}"), total(f"missesTarget{cell}")
-        cells.append(hit / (hit + missed) if hit + missed else float("nan"))
+    succeeded, failed = np.sum(outcomes, axis=0)
+    shown = succeeded + failed
+    rates = np.where(shown > 0.0, succeeded / np.maximum(shown, 1.0), np.nan)
     return TeacherScore(
         condition=name,
-        rounds=len(logs),
-        hits=hits / len(logs),
-        hit_rate=hits / max(1.0, hits + misses),
-        cell_rates=tuple(cells),
-        hit_speed_mps=total("HitSpeedSum") / max(1.0, hits),
+        rounds=len(outcomes),
+        successes=float(succeeded.sum()) / len(outcomes),
+        success_rate=float(succeeded.sum() / max(1.0, shown.sum())),
+        cell_rates=tuple(map(float, rates)),
         effort=effort,
         game_return=game_return,
+    )
+
+
+def describe(scores: Sequence[TeacherScore]) -> str:
+    """One line for people: success rate of every condition, and its worst cell's."""
+    return "; ".join(
+        f"{score.condition} {score.success_rate:.3f} ({score.successes:.0f} per round, "
+        f"worst cell {int(np.nanargmin(score.cell_rates))} {score.worst_cell:.2f})"
+        for score in scores
     )

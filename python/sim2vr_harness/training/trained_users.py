@@ -25,6 +25,7 @@ from sim2vr_harness.envs.contract import contract, contract_hash, differences
 from sim2vr_harness.training.checkpoint import load_policy_weights
 from sim2vr_harness.training.config import TrainingConfig, parse_config, to_yaml
 from sim2vr_harness.training.errors import InputError, closest
+from sim2vr_harness.training.retired import renamed
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
 
 __all__ = [
@@ -141,7 +142,8 @@ def open_packed(folder: Path, *, evaluation_dir: Path | None = None) -> TrainedU
     expected = "the folder of a packed user: card.json, config.yaml, policy.pt"
     try:
         card = json.loads((folder / _CARD).read_text(encoding="utf-8"))
-        config = parse_config(yaml.safe_load((folder / _CONFIG).read_text(encoding="utf-8")))
+        text = (folder / _CONFIG).read_text(encoding="utf-8")
+        config = parse_config(renamed(yaml.safe_load(text)))
     except (OSError, ValueError, yaml.YAMLError) as error:
         if isinstance(error, InputError):
             raise

@@ -2,40 +2,29 @@
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from types import FrameType
-from typing import Any
 
 import torch
-from gymnasium import spaces
 from rich.console import Console
 
-from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.training import checkpoint, ppo
-from sim2vr_harness.training.buffer import buffer_bytes
-from sim2vr_harness.training.callbacks import CheckpointCallback, ProgressCallback
+from sim2vr_harness.cores import torch_budget
 from sim2vr_harness.training.config import TrainingConfig, first_difference
-from sim2vr_harness.training.distill import distill
 from sim2vr_harness.training.errors import InputError
-from sim2vr_harness.training.memory import keep_freed_memory
-from sim2vr_harness.training.metrics_log import make_logger, require_wandb
-from sim2vr_harness.training.progress import Progress, ProgressDisplay
+from sim2vr_harness.training.memory import keep_freed_memory, require_memory
+from sim2vr_harness.training.metrics_log import require_wandb
+from sim2vr_harness.training.recipes import MakeSimulation, Run, stages_of
 from sim2vr_harness.training.run_folder import RunFolder
-from sim2vr_harness.training.vec_env import SimulationLike, SimulationVecEnv
+from sim2vr_harness.training.stages import Report, remaining, run_stages
+from sim2vr_harness.training.threads import torch_threads
+from sim2vr_harness.training.vec_env import SimulationLike
 
 __all__ = ["MakeSimulation", "TrainResult", "make_simulation", "train"]
 
-MakeSimulation = Callable[[TrainingConfig], SimulationLike]
-"""Makes the users to train with: ``config.ppo.n_envs`` of them."""
-
 CHANGEABLE = (
-    *("name", "total_timesteps", "checkpoint", "evaluation", "wandb", "device"),
+    *("name", "total_timesteps", "checkpoint", "evaluation", "wandb", "device", "env.cores"),
     *(
         f"env.app.{key}"
         for key in (
@@ -46,8 +35,6 @@ CHANGEABLE = (
 )
 """Keys that a resumed run may change; any other would make it a different run."""
 
-NOT_EXACT = "--resume starts new rounds, since this app cannot save its state."
-
 
 @dataclass(frozen=True)
 class TrainResult:
@@ -55,12 +42,14 @@ class TrainResult:
 
     Attributes:
         folder: The run's folder.
-        checkpoint: The newest checkpoint: the trained user; None if the session was stopped in a
-            stage before there is one.
-        step: User steps taken in all sessions, as far as saved.
-        interrupted: Whether it was stopped by Ctrl-C or SIGTERM.
+        checkpoint: The newest checkpoint: the trained user; None if the session was stopped before
+            there is one.
+        step: User steps of the last stage, taken in all sessions, as far as saved.
+        interrupted: Whether it was stopped by Ctrl-C, SIGTERM or the ``stop`` callback.
         lost_steps: User steps of the unfinished iteration, which resuming takes again.
         seconds: Wall time of the session.
+        stage: Name of the stage that the session ended in; empty if there was nothing to do.
+        saved: What that stage has saved, for people; empty if it has not come so far.
     """
 
     folder: RunFolder
@@ -69,6 +58,8 @@ class TrainResult:
     interrupted: bool
     lost_steps: int
     seconds: float
+    stage: str = ""
+    saved: str = ""
 
 
 def make_simulation(config: TrainingConfig) -> SimulationLike:
@@ -86,6 +77,8 @@ def train(
     resume: bool = False,
     overwrite: bool = False,
     console: Console | None = None,
+    report: Callable[[Report], None] | None = None,
+    stop: Callable[[], bool] | None = None,
     simulation: MakeSimulation = make_simulation,
 ) -> TrainResult:
     """Train a simulated user until ``timesteps`` user steps are taken.
@@ -93,71 +86,87 @@ def train(
     Args:
         config: The configuration; with ``resume`` it must agree with the run's own.
         out: The run's folder.
-        timesteps: Where this session stops, counted from the start of the run and rounded up to
-            whole iterations; None goes to ``config.total_timesteps``. The learning-rate schedule
-            runs over ``config.total_timesteps`` either way.
-        resume: Continue the run in ``out`` from its newest checkpoint; a run that has reached
+        timesteps: Where this session stops, counted from the start of the run's last stage and
+            rounded up to whole iterations; None goes to ``config.total_timesteps``. The
+            learning-rate schedule runs over ``config.total_timesteps`` either way.
+        resume: Continue the run in ``out`` from what it has saved; a run that has reached
             ``timesteps`` is left as it is.
         overwrite: Delete the run in ``out`` first.
-        console: Where to report; None reports to the standard error stream.
-        simulation: How to make the users.
+        console: Where to print; None prints to the standard error stream.
+        report: Called after every cycle, round or iteration with a :class:`.Report`: how far which
+            stage is, and the row of its log.
+        stop: Asked at every step; once it returns True the training saves and ends, as after
+            Ctrl-C. It may be called some thousand times a second.
+        simulation: How to make the users of the last stage.
 
     Raises:
         InputError: An argument cannot be used; nothing has been written then.
     """
     console = console or Console(stderr=True)
-    stop = config.total_timesteps if timesteps is None else timesteps
-    if stop < 1:
-        raise InputError("--timesteps", str(stop), "at least 1")
+    until = config.total_timesteps if timesteps is None else timesteps
+    if until < 1:
+        raise InputError("--timesteps", str(until), "at least 1")
     if config.wandb.enabled:
         require_wandb()
     if config.device == "cuda" and not torch.cuda.is_available():
         raise InputError("device", "'cuda', but torch finds no GPU", "'cpu' or 'auto'")
+    require_memory(config)
     folder = RunFolder(out)
-    ready = False
     if resume:
         _check_resumable(folder, config)
-        if not folder.checkpoints():
-            # Stopped before the first checkpoint: from the start is exactly the same, but the
-            # stages before it are not lost.
-            resume, ready = False, config.recipe == "distill"
-            overwrite = not ready
-        elif (reached := _step_of(folder.latest_checkpoint())) >= stop:
-            console.print(f"Nothing to train: {folder.path} has reached step {reached:,}.")
-            return TrainResult(folder, folder.latest_checkpoint(), reached, False, 0, 0.0)
-    elif folder.exists and not overwrite:
-        folder.create(config)  # raises, before anything expensive is made
+    elif not overwrite:
+        folder.require_free()
+    began = time.monotonic()
     keep_freed_memory()
-    student = None
-    if config.recipe == "distill" and not resume:
-        if not ready:
-            folder.create(config, overwrite)
-            ready = True
-        began = time.monotonic()
-        with _sigterm_interrupts():
-            student = distill(config, folder, console)
-        if student is None:
-            seconds = time.monotonic() - began
-            return TrainResult(folder, None, 0, True, 0, seconds)
-        console.print("Stage 3 of 3: the student goes on by itself, from what the user sees.")
-    env = SimulationVecEnv(simulation(config))
-    try:
-        model = ppo.build(config, env)
-        if student is not None:
-            model.policy.load_state_dict(student)
+    stages = stages_of(Run(config, folder, until, simulation))
+    with torch_threads(torch_budget(config.env.cores)):
         if resume:
-            checkpoint.restore(folder.latest_checkpoint(), model)
-            folder.drop_metrics_after(model.num_timesteps)
+            if not remaining(stages):
+                console.print(f"Nothing to train: {folder.path} has reached {stages[-1].saved}.")
+                return _result(folder, began)
             folder.store_config(config)
-        elif not ready:
-            folder.create(config, overwrite)
-        return _run(model, config, folder, stop, console)
-    finally:
-        env.close()
+            opened = None
+        else:
+            # Whatever cannot be used shows before a run that is there is deleted.
+            opened = stages[0]
+            try:
+                opened.open()
+                folder.create(config, overwrite)
+            except BaseException:
+                opened.close()
+                raise
+        folder.begin_session(start_step=folder.step)
+        outcome = run_stages(stages, folder, console, opened=opened, report=report, stop=stop)
+    return _result(
+        folder,
+        began,
+        interrupted=outcome.status != "finished",
+        lost_steps=getattr(stages[-1], "lost_steps", 0),
+        stage=outcome.stage,
+        saved=outcome.saved,
+    )
 
 
-def _step_of(checkpoint_file: Path) -> int:
-    return int(checkpoint_file.stem.removeprefix("step_"))
+def _result(
+    folder: RunFolder,
+    began: float,
+    *,
+    interrupted: bool = False,
+    lost_steps: int = 0,
+    stage: str = "",
+    saved: str = "",
+) -> TrainResult:
+    files = folder.checkpoints()
+    return TrainResult(
+        folder=folder,
+        checkpoint=files[-1] if files else None,
+        step=folder.step,
+        interrupted=interrupted,
+        lost_steps=lost_steps if interrupted else 0,
+        seconds=time.monotonic() - began,
+        stage=stage,
+        saved=saved,
+    )
 
 
 def _check_resumable(folder: RunFolder, config: TrainingConfig) -> None:
@@ -171,130 +180,3 @@ def _check_resumable(folder: RunFolder, config: TrainingConfig) -> None:
         raise InputError(
             key, repr(new), f"{old!r} as in {folder.config_file}: a resumed run keeps its settings"
         )
-
-
-def _run(
-    model: ppo.PPO, config: TrainingConfig, folder: RunFolder, stop: int, console: Console
-) -> TrainResult:
-    """Learn until ``stop``, or until interrupted, and save."""
-    start = model.num_timesteps
-    logger = make_logger(config, folder, start)
-    model.set_logger(logger)
-    size = config.ppo.steps_per_iteration
-    progress = Progress(
-        step=start,
-        start_step=start,
-        stop_step=-(-stop // size) * size,
-        iteration_steps=size,
-        minibatches=size // config.ppo.batch_size * config.ppo.n_epochs,
-        game=game_facts(config.env.app),
-    )
-    display = ProgressDisplay(progress, console)
-
-    def written(file: Path, step: int) -> None:
-        progress.note = f"Saved {file}"
-
-    checkpoints = CheckpointCallback(
-        folder, config.checkpoint.every_steps, config.checkpoint.keep, written
-    )
-    tracker = ProgressCallback(display)
-    folder.begin_session(start, **_describe(model, config))
-    _greet(model, folder, progress, console)
-    interrupted = False
-    status = "failed"
-    try:
-        with _sigterm_interrupts(), display:
-            model.learn(
-                stop - start, callback=[checkpoints, tracker], reset_num_timesteps=start == 0
-            )
-            checkpoints.remember()
-        status = "finished"
-    except KeyboardInterrupt:
-        interrupted, status = True, "interrupted"
-    finally:
-        tracker.detach()
-        with _uninterrupted():
-            saved = checkpoints.write()
-            logger.close()
-            failures = {"app_failures": tracker.failures} if tracker.failures else {}
-            end_step = checkpoints.snapshot_step or start
-            folder.end_session(end_step=end_step, status=status, **failures)
-    if saved is None:
-        raise RuntimeError("interrupted before the first step; nothing was saved")
-    step = checkpoints.snapshot_step or 0
-    return TrainResult(
-        folder=folder,
-        checkpoint=saved,
-        step=step,
-        interrupted=interrupted,
-        lost_steps=max(0, model.num_timesteps - step) if interrupted else 0,
-        seconds=time.monotonic() - progress.started,
-    )
-
-
-def _renderer(model: ppo.PPO) -> str | None:
-    """Return what draws the headset images, if the simulation knows it."""
-    env = model.get_env()
-    assert isinstance(env, SimulationVecEnv)
-    return getattr(env.simulation, "renderer_description", None)
-
-
-def _describe(model: ppo.PPO, config: TrainingConfig) -> dict[str, Any]:
-    return {
-        "device": str(model.device),
-        "renderer": _renderer(model),
-        "torch_threads": torch.get_num_threads(),
-        "parameters": sum(parameter.numel() for parameter in model.policy.parameters()),
-    }
-
-
-def _greet(model: ppo.PPO, folder: RunFolder, progress: Progress, console: Console) -> None:
-    steps = model.n_steps * model.n_envs
-    space = model.rollout_buffer.observation_space
-    assert isinstance(space, spaces.Dict)
-    memory = buffer_bytes(space, steps) / 2**20
-    verb = "Continuing" if progress.start_step else "Training"
-    env = model.get_env()
-    assert isinstance(env, SimulationVecEnv)
-    exact = getattr(env.simulation, "exact_states", True)
-    lines = [
-        f"{verb} in {folder.path}, from step {progress.start_step:,} to {progress.stop_step:,} "
-        f"in iterations of {steps:,} user steps ({model.n_envs} users, {model.device}).",
-        f"Observations of one iteration: {memory:,.0f} MiB. Ctrl-C saves and stops; "
-        + ("--resume continues exactly." if exact else NOT_EXACT),
-    ]
-    renderer = _renderer(model)
-    if renderer is not None:
-        lines.insert(1, f"Headset images by {renderer}.")
-    for line in lines:
-        console.print(line, highlight=False, markup=False, soft_wrap=True)
-
-
-@contextmanager
-def _sigterm_interrupts() -> Iterator[None]:
-    """Let SIGTERM stop a training as Ctrl-C does, so that batch systems lose nothing."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Keep an impatient second Ctrl-C from cutting off the saving."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)

@@ -78,7 +78,7 @@ def test_train_ends_with_the_table_and_where_to_look_next(capsys: Any, tmp_path:
         f"Saved user: {run}/checkpoints/step_000000120.zip",
         f"sim2vr-harness evaluate {run} --record",
         f"tensorboard --logdir {run}/tensorboard",
-        f"sim2vr-harness train --resume --out {run}",
+        f"sim2vr-harness train --resume {run}",
     ):  # fmt: skip
         assert part in out
     status, out, err = call(capsys, "train", "--resume", "--out", str(run), "--timesteps", "180")
@@ -101,7 +101,8 @@ def test_ctrl_c_saves_and_says_so(
     monkeypatch.setattr(module, "Simulation", impatient)
     status, out, _ = train(capsys, tmp_path / "run", "--timesteps", "180")
     assert status == 130
-    assert "Stopped at step 60 (12 steps of an unfinished iteration will be repeated)." in out
+    lost = "(12 steps of an unfinished iteration will be repeated)"
+    assert f"Stopped in stage 'ppo'; saved: step 60 of 180 {lost}." in out
     assert "--resume" in out
     assert (tmp_path / "run" / "checkpoints" / "step_000000060.zip").is_file()
 
@@ -203,6 +204,9 @@ def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
         (["train", "{config}", "--resume", "--overwrite"], "error: --overwrite: got it together"),
         (["train", "{config}", "--resume", "--out", "{empty}"], "error: --resume: got"),
         (["train", "--resume", "--out", "{empty}/x"], "error: RUN: got"),
+        (["train", "{run}"], "error: CONFIG: got '{run}', the folder of a run, expected a conf"),
+        (["train", "{run}", "--resume", "--out", "{empty}"], "error: --out: got '{empty}'"),
+        (["train", "--resume"], "error: CONFIG: got nothing, expected a configuration file, or"),
         (["evaluate", "{empty}/none"], "error: RUN: got '{empty}/none', which does not exist"),
         (["evaluate", "{empty}"], "error: RUN: got '{empty}', which holds no config.yaml"),
         (["evaluate"], "error: RUN: got nothing"),

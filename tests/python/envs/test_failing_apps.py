@@ -32,7 +32,7 @@ TRANSPORTS = {
 
 
 def config(**settings: Any) -> EnvConfig:
-    return EnvConfig(app=AppConfig(options=OPTIONS, renderer="null", **settings), threads=1)
+    return EnvConfig(app=AppConfig(options=OPTIONS, renderer="null", **settings), cores=1)
 
 
 def channel_of(app: Any) -> Channel:

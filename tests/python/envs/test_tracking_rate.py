@@ -114,7 +114,7 @@ def test_an_episode_depends_on_its_seed_only() -> None:
     expected = trace(alone, 12)
     alone.close()
     for n, threads in ((3, 1), (2, 2)):
-        together = Simulation(CONFIG.model_copy(update={"threads": threads}), n)
+        together = Simulation(CONFIG.model_copy(update={"cores": threads}), n)
         together.reset(seeds=[5, *range(100, 99 + n)])
         assert trace(together, 12) == expected
         together.close()

@@ -7,13 +7,7 @@ import pytest
 from rich.console import Console
 
 from sim2vr_harness.client import describe_game
-from sim2vr_harness.training.progress import (
-    Phase,
-    Progress,
-    ProgressDisplay,
-    StageDisplay,
-    duration,
-)
+from sim2vr_harness.training.progress import Phase, Progress, StageDisplay, View, duration
 
 
 @pytest.mark.parametrize(
@@ -49,23 +43,21 @@ def test_rates_and_time_left() -> None:
     assert p.seconds_left() == pytest.approx(30, rel=0.01)
 
 
-def test_plain_lines_outside_a_terminal() -> None:
+def test_a_stage_that_plays_and_learns_in_plain_lines() -> None:
     output = io.StringIO()
     p = progress()
-    display = ProgressDisplay(p, Console(file=output), interval=1000.0)
-    with display:
-        display.update()
+    with StageDisplay("ppo", 400, Console(file=output), interval=1000.0) as display:
+        display.update(p.view)  # too soon
         p.game = describe_game("whacamole")
         p.means = {"ep_rew_mean": 3.25, "ep_Points_mean": 7.0, "ep_hit_rate": 0.5}
-        display.update()  # too soon
-        display.update(force=True)
-    lines = output.getvalue().splitlines()
-    assert len(lines) == 2
-    assert "step 0/400" in lines[0]
-    assert "return 3.2 | hits 7.0 | misses - | hit rate 0.500" in lines[1]
+        p.step = 100
+        display.update(p.view, force=True)
+    (line,) = output.getvalue().splitlines()
+    assert line.startswith("ppo 25% | step 100/400, starting 0% | left - | - steps/s")
+    assert "per round: return 3.2, hits 7.0, misses -, hit rate 0.500" in line
 
 
-def test_live_panel_in_a_terminal() -> None:
+def test_a_stage_that_plays_and_learns_in_a_terminal() -> None:
     output = io.StringIO()
     console = Console(file=output, force_terminal=True, width=100)
     p = progress()
@@ -73,32 +65,36 @@ def test_live_panel_in_a_terminal() -> None:
     p.phase_done = 4
     p.means = {"ep_rew_mean": 3.0, "ep_effort_cost_mean": 120.0}
     p.note = "Saved x.zip"
-    with ProgressDisplay(p, console):
-        pass
+    with StageDisplay("ppo", 400, console) as display:
+        display.update(p.view)
     text = output.getvalue()
-    for part in ("4 / 10 minibatches", "effort 120.0", "Saved x.zip", "steps/s"):
+    for part in ("learning 40%", "effort 120.0", "Saved x.zip", "steps/s"):
         assert part in text
+
+
+def view() -> View:
+    return View(5, "cycle 6 of 20: playing", 61.0)
 
 
 def test_stage_in_plain_lines() -> None:
     output = io.StringIO()
-    with StageDisplay("Practice", 20, Console(file=output), interval=1000.0) as display:
-        display.update(5, "playing", 61.0)  # too soon
+    with StageDisplay("imagined", 20, Console(file=output), interval=1000.0) as display:
+        display.update(view)  # too soon
         display.say("Cycle done.")
-    with StageDisplay("Practice", 20, Console(file=output), interval=0.0) as display:
-        display.update(5, "playing", 61.0)
+    with StageDisplay("imagined", 20, Console(file=output), interval=0.0) as display:
+        display.update(view)
     assert output.getvalue().splitlines() == [
         "Cycle done.",
-        "Practice 25% | playing | left 1 min 01 s",
+        "imagined 25% | cycle 6 of 20: playing | left 1 min 01 s",
     ]
 
 
 def test_stage_in_a_terminal() -> None:
     output = io.StringIO()
     console = Console(file=output, force_terminal=True, width=100)
-    with StageDisplay("Practice", 20, console) as display:
-        display.update(5, "cycle 6 of 20, playing 40%", None)
+    with StageDisplay("imagined", 20, console) as display:
+        display.update(lambda: View(5, "cycle 6 of 20: playing"))
         display.say("Cycle done.")
     text = output.getvalue()
-    for part in ("Practice", "25%", "cycle 6 of 20, playing 40%", "Cycle done.", "left -"):
+    for part in ("imagined", "25%", "cycle 6 of 20: playing", "Cycle done.", "left -"):
         assert part in text

@@ -14,6 +14,8 @@ from sim2vr_harness.training.config import (
     to_yaml,
 )
 from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.training.ppo import LearningRate
+from sim2vr_harness.training.retired import renamed
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 
@@ -49,8 +51,9 @@ def test_the_fast_recipe_s_users_live_in_the_reference_s_environment(group: str)
     assert fast.env.model_copy(update={"app": app}) == reference.env
     assert fast.evaluation.conditions == reference.evaluation.conditions
     assert fast.teacher.conditions == reference.evaluation.conditions
-    aids, end = fast.teacher.aids, fast.teacher.total_timesteps
-    assert (aids.strike_threshold_mps.at(end), aids.life_seconds.at(end)) == (0.8, 1.0)
+    stuck = {"unconstrained": 0.5}.get(group, 0.0)
+    assert fast.teacher.imagined.game["stuck_cost"] == stuck
+    assert fast.teacher.imagined.game["failing_value"] == 1.0
 
 
 def test_written_configuration_reads_back_the_same() -> None:
@@ -64,6 +67,18 @@ def test_written_configuration_reads_back_the_same() -> None:
         ("ppo.n_stepz=3", r"^ppo\.n_stepz: got an unknown key, .*did you mean 'ppo\.n_steps'\?"),
         ("n_steps=3", r"^n_steps: got an unknown key, .*did you mean 'ppo\.n_steps'\?"),
         ("sead=3", r"^sead: got an unknown key, .*did you mean 'seed'\?"),
+        ("env.user.name=foo", r"^env\.user\.name: .*did you mean 'env\.user\.model'\?"),
+        (
+            "ppo.learning_rate=x",
+            r"^ppo\.learning_rate: got 'x', expected a number, or initial, fin",
+        ),
+        (
+            "ppo.learning_rate.initial=.nan",
+            r"^ppo\.learning_rate\.initial: got nan, expected a fin",
+        ),
+        ("ppo.gamma=.inf", r"^ppo\.gamma: got inf, expected"),
+        ("env.app.options.x=.nan", r"^env\.app\.options\.x: got nan, expected"),
+        ("ppo.n_envs=100000000", r"^ppo\.n_envs: got 100000000, expected less than or equal to"),
         ("env.app.gam=x", r"^env\.app\.gam: .*did you mean 'env\.app\.game'\?"),
         ("ppo.n_steps=abc", r"^ppo\.n_steps: got 'abc', expected a valid integer"),
         ("ppo.gamma=1.5", r"^ppo\.gamma: got 1\.5, expected less than or equal to 1"),
@@ -117,3 +132,61 @@ def test_first_difference_names_the_key() -> None:
     other = load_config("whacamole_constrained", ["ppo.learning_rate.final=0.0"])
     assert first_difference(one, other) == ("ppo.learning_rate.final", 1e-7, 0.0)
     assert first_difference(one, other, ignore=["ppo"]) is None
+
+
+def test_a_plain_number_is_a_constant_rate() -> None:
+    rate = load_config("whacamole_constrained", ["ppo.learning_rate=0.0003"]).ppo.learning_rate
+    assert (rate.initial, rate.final) == (3e-4, 3e-4)
+    assert [LearningRate(rate)(left) for left in (1.0, 0.5, 0.0)] == [3e-4] * 3
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        (
+            "overlap=1",
+            r"^teacher\.imagined\.game\.overlap: got an unknown key, .*game\.overlap_m'\?",
+        ),
+        ("speed_mps=0", r"^teacher\.imagined\.game\.speed_mps: got 0, expected greater than 0"),
+    ],
+)
+def test_settings_of_a_game_s_twin_are_checked(override: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_config("whacamole_constrained_distill", [f"teacher.imagined.game.{override}"])
+
+
+def test_recorded_configurations_are_read_with_today_s_keys() -> None:
+    recorded = {
+        "recipe": "distill",
+        "env": {"threads": 2},
+        "ppo": {"value_warmup_iterations": 3},
+        "teacher": {
+            "coarse_physics_s": 0.005,
+            "imagination": {"cycles": 12, "stuck_cost": 0.5},
+            "ppo": {
+                "critic_first_iterations": 4,
+                "reward_scale": 0.3,
+                "net_arch": [16],
+                "learning_rate": 3e-4,
+                "mean_penalty": 1e-3,
+            },
+            "aids": {
+                "near_starts": {"start": 0.5, "end": 0.3, "from_step": 0, "to_step": 9},
+                "near_start_m": 0.1,
+                "progress": {"start": 0.0, "end": 0.0},
+            },
+        },
+    }
+    with pytest.raises(InputError, match="unknown key"):
+        parse_config(recorded)
+    config = parse_config(renamed(recorded))
+    assert config.env.cores == 2
+    assert config.ppo.critic_first_updates == 3
+    teacher = config.teacher
+    assert (teacher.imagined.cycles, teacher.imagined.game["stuck_cost"]) == (12, 0.5)
+    assert (teacher.ppo.critic_first_updates, teacher.reward_scale) == (4, 0.3)
+    assert teacher.policy.net_arch == (16,)
+    assert teacher.ppo.learning_rate.initial == 3e-4
+    assert (teacher.curriculum.near_starts, teacher.curriculum.near_start_m) == (0.3, 0.1)
+    assert renamed(recorded["env"]) == {"threads": 2}, "only where the key is"
+    assert "imagination" in recorded["teacher"], "the recorded one is left as it is"  # type: ignore[operator]

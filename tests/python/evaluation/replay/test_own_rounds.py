@@ -135,7 +135,7 @@ def test_rounds_of_a_body_replay_from_seed_and_poses(tmp_path: Path) -> None:
             options={"condition": "random-easy-medium", "adaptive": True, "round_seconds": 4.0},
             renderer="null",
         ),
-        threads=1,
+        cores=1,
     )
     simulation = Simulation(config, 2, log_dir=tmp_path)
     rng = np.random.default_rng(4)

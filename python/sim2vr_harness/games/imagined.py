@@ -1,0 +1,157 @@
+"""The seam between the fast recipe and a game.
+
+Imagined (model-based) rollouts need rules whose reward has a gradient; a curriculum needs to know
+where a game's targets come up and which of them fail. Both are told here, in tensors and plain
+values, so that a game's room knows nothing of bodies, policies or learners.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.settings import Settings
+
+if TYPE_CHECKING:  # settings are read without torch
+    from torch import Tensor
+
+__all__ = ["ImaginedGame", "ImaginedRounds"]
+
+
+class ImaginedRounds(Protocol):
+    """B rounds without an end, differentiable by where the device is.
+
+    A device's place is (B, 4, 4), its transform in MuJoCo's world frame, m. ``fields`` are the
+    privileged numbers that :attr:`ImaginedGame.fields` names, (K, F).
+    """
+
+    names: tuple[str, ...]
+    """What :meth:`observe` gives, by the names of the true game's privileged numbers."""
+    spawn_weights: Tensor
+    """(C, cells) how often targets come up, by condition and cell; rows sum to 1."""
+    counts: Tensor
+    """(2, C, cells) successes and failures since :meth:`clear_counts`."""
+
+    def calibrate(self, place: Tensor, fields: Tensor) -> None:
+        """Find out from user steps of the true game how the tool is fixed to the device."""
+
+    def start(self, ids: Tensor, place: Tensor, fields: Tensor, cell: Tensor) -> None:
+        """Let rounds ``ids`` (K,) go on from states of the true game.
+
+        Args:
+            ids: (K,) which.
+            place: (K, 4, 4) where their devices are.
+            fields: (K, F) what the true game said there.
+            cell: (K,) where a target lives; -1 leaves all to chance.
+        """
+
+    def condition_of(self, fields: Tensor) -> Tensor:
+        """(K,) in which condition these user steps were taken."""
+
+    def nearest(self, place: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
+        """(K,) how far the tool is from the nearest good start of an action, m, and (K,) its cell.
+
+        Args:
+            place: (K, 4, 4).
+            condition: (K,).
+        """
+
+    def observe(self, place: Tensor) -> Tensor:
+        """(B, F) what a teacher observes of the game, in the order of :attr:`names`."""
+
+    def step(self, place: Tensor, done: float) -> Tensor:
+        """Advance by one user step, at the end of which the devices are at ``place``.
+
+        Args:
+            place: (B, 4, 4).
+            done: share of the imagined rollouts that is over; rewards are soft at first.
+
+        Returns:
+            (B,) rewards, differentiable by all places since :meth:`cut`.
+        """
+
+    def cut(self) -> None:
+        """Forget what led to the present: gradients end here."""
+
+    def clear_counts(self) -> None:
+        """Count successes and failures anew."""
+
+    def adapt(self) -> None:
+        """Change spawns and worth of the cells by what :attr:`counts` says has failed."""
+
+    def state(self) -> dict[str, Tensor]:
+        """Everything that the rounds' future depends on."""
+
+    def load_state(self, state: Mapping[str, Tensor]) -> None:
+        """Go on from :meth:`state`."""
+
+
+class ImaginedGame(Protocol):
+    """What the fast recipe knows of a game.
+
+    Attributes:
+        name: of the game, as the runtime's registry has it.
+        settings: its keys of ``teacher.imagined.game``, with their defaults.
+        device: the worn device whose place decides, by the name of its site.
+        fields: the privileged numbers that :class:`ImaginedRounds` take.
+        cells: how many places targets come up in.
+        conditions: those that a teacher practises unless the configuration names others.
+        hidden_fields: patterns of privileged numbers, and of the own body's, that a teacher does
+            not observe: the twin does not know them, or they would help too much.
+        facts: pattern of the privileged numbers, 0 or 1, that the picture shows: a student's
+            image features learn to name them.
+        start_fields: the privileged numbers that say how far the tool is from the nearest good
+            start of an action, m, and for which cell.
+        start_limits: joint -> lowest and highest angle, rad, of the postures that rounds of the
+            curriculum may start in; joints not named have their whole range.
+    """
+
+    name: str
+    settings: type[Settings]
+    device: str
+    fields: tuple[str, ...]
+    cells: int
+    conditions: tuple[str, ...]
+    hidden_fields: tuple[str, ...]
+    facts: str
+    start_fields: tuple[str, str]
+    start_limits: Mapping[str, tuple[float, float]]
+
+    def options(
+        self, condition: str, weights: Sequence[float] | None = None
+    ) -> dict[str, OptionValue]:
+        """Return the options of a round.
+
+        Args:
+            condition: its name.
+            weights: (cells,) how often targets come up in each; None leaves the game's own.
+        """
+
+    def outcomes(self, log: Mapping[str, float]) -> NDArray[np.float64]:
+        """(2, cells) successes and failures since the round's start, from the game's log."""
+
+    def rounds(
+        self,
+        n: int,
+        conditions: Sequence[Mapping[str, float]],
+        settings: Any,
+        *,
+        step_s: float,
+        seed: int,
+    ) -> ImaginedRounds:
+        """Return N imagined rounds.
+
+        Args:
+            n: how many.
+            conditions: of each condition the privileged numbers at a round's start.
+            settings: an instance of :attr:`settings`.
+            step_s: duration of a user step.
+            seed: of what comes up when and where.
+
+        Raises:
+            ValueError: the twin does not know this duration of a step.
+        """

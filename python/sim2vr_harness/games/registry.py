@@ -1,0 +1,35 @@
+"""Which games have a room here."""
+
+from __future__ import annotations
+
+from importlib import import_module
+
+from sim2vr_harness.games.imagined import ImaginedGame
+from sim2vr_harness.settings import Settings
+
+__all__ = ["imagined_game", "imagined_games", "imagined_settings"]
+
+_ROOMS = {"whacamole": "sim2vr_harness.games.whacamole"}
+"""Name of the game -> its package: ``game.GAME`` is the resident, ``settings.TwinSettings`` what
+may be set of it. A new game is one line."""
+
+
+def imagined_games() -> tuple[str, ...]:
+    """Return the names of the games that have a twin."""
+    return tuple(_ROOMS)
+
+
+def imagined_game(name: str) -> ImaginedGame | None:
+    """Return what the fast recipe knows of a game; None if it has no room here."""
+    if name not in _ROOMS:
+        return None
+    game: ImaginedGame = import_module(f"{_ROOMS[name]}.game").GAME
+    return game
+
+
+def imagined_settings(name: str) -> type[Settings] | None:
+    """Return what may be set of a game's twin, without loading torch; None if it has none."""
+    if name not in _ROOMS:
+        return None
+    settings: type[Settings] = import_module(f"{_ROOMS[name]}.settings").TwinSettings
+    return settings

@@ -1,0 +1,8 @@
+"""Whac-A-Mole for the fast recipe: a differentiable twin of its rules, and what helps to practise.
+
+- :mod:`.rules`: the numbers of the true game, checked against it by tests
+- :mod:`.settings`: the keys of ``teacher.imagined.game``
+- :mod:`.hammer`: where the hammer is, and how deep in a target
+- :mod:`.twin`: B imagined rounds
+- :mod:`.game`: the resident itself
+"""

@@ -1,0 +1,64 @@
+"""The resident: what the fast recipe asks of Whac-A-Mole."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.games.whacamole.rules import CELLS
+from sim2vr_harness.games.whacamole.settings import TwinSettings
+from sim2vr_harness.games.whacamole.twin import FIELDS, ImaginedWhacAMole
+
+__all__ = ["GAME", "WhacAMole"]
+
+
+class WhacAMole:
+    """See :class:`~sim2vr_harness.games.imagined.ImaginedGame`."""
+
+    name = "whacamole"
+    settings = TwinSettings
+    device = "controller_right"
+    fields = FIELDS
+    cells = CELLS
+    conditions = ("low-medium", "medium", "high-medium")
+    hidden_fields = (
+        *("aid.*", "round.elapsed_s", "cell*.?_m", "*.overlap", "nearest.*", "hammer.v?_mps"),
+        *("* qacc", "fingertip *"),
+    )
+    facts = "cell*.present"
+    start_fields = ("aid.start_distance_m", "aid.start_cell")
+    start_limits: Mapping[str, tuple[float, float]] = {"elbow_flexion": (0.5, 1.9)}
+
+    def options(
+        self, condition: str, weights: Sequence[float] | None = None
+    ) -> dict[str, OptionValue]:
+        """See the protocol."""
+        options: dict[str, OptionValue] = {"condition": condition}
+        return options if weights is None else options | {"spawn_weights": list(weights)}
+
+    def outcomes(self, log: Mapping[str, float]) -> NDArray[np.float64]:
+        """See the protocol."""
+        return np.array(
+            [
+                [log.get(f"{kind}Target{cell}", 0.0) for cell in range(CELLS)]
+                for kind in ("hits", "misses")
+            ]
+        )
+
+    def rounds(
+        self,
+        n: int,
+        conditions: Sequence[Mapping[str, float]],
+        settings: TwinSettings,
+        *,
+        step_s: float,
+        seed: int,
+    ) -> ImaginedWhacAMole:
+        """See the protocol."""
+        return ImaginedWhacAMole(n, conditions, settings, step_s=step_s, seed=seed)
+
+
+GAME = WhacAMole()

@@ -1,0 +1,81 @@
+"""Where the hammer is, and how deep it is in a target."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from sim2vr_harness.games.whacamole.rules import (
+    BOX_M,
+    HAMMER_HALF_M,
+    MARKER_M,
+    TARGET_HALF_M,
+)
+
+__all__ = ["POSE_FIELDS", "Hammer", "depths", "points"]
+
+POSE_FIELDS = (
+    *(f"hammer.{axis}_m" for axis in "xyz"),
+    *(f"hammer.{part}_{axis}" for part in ("face", "handle") for axis in "xyz"),
+)
+"""The privileged numbers that :meth:`Hammer.calibrate` goes by."""
+
+
+class Hammer:
+    """The hammer's pose by its controller's place: it is fixed to it."""
+
+    def __init__(self) -> None:
+        self.fixed = torch.zeros(13, 9)
+        """Marker, face and handle, linear in the place's position, rotation and 1."""
+
+    def calibrate(self, place: Tensor, pose: Tensor) -> None:
+        """Find how the hammer is fixed, from (K, 4, 4) places and (K, 9) poses that belong."""
+        known = self._known(place)
+        solution = torch.linalg.lstsq(known.double(), pose.double(), driver="gelsd").solution
+        self.fixed.copy_(solution)
+
+    @staticmethod
+    def _known(place: Tensor) -> Tensor:
+        ones = torch.ones(len(place), 1)
+        return torch.cat([place[:, :3, 3], place[:, :3, :3].flatten(1), ones], 1)
+
+    def __call__(self, place: Tensor) -> tuple[Tensor, Tensor]:
+        """(B, 3) marker from the head, m, and (B, 3, 3) axes x, y, z as rows, the app's axes."""
+        pose = self._known(place) @ self.fixed
+        x, y = -pose[:, 3:6], pose[:, 6:]
+        return pose[:, :3], torch.stack([x, y, torch.cross(x, y, dim=1)], 1)
+
+
+def points(marker: Tensor, axes: Tensor) -> tuple[Tensor, Tensor]:
+    """Root of the hammer and middle of its collider, (B, 3) m each."""
+    root = marker - torch.einsum("k,bkx->bx", torch.tensor(MARKER_M), axes)
+    box = root + torch.einsum("k,bkx->bx", torch.tensor(BOX_M), axes)
+    return root, box
+
+
+def depths(frame: Tensor, cells: Tensor, axes: Tensor, box: Tensor) -> Tensor:
+    """How deep the hammer's box is in the targets' (separating axes), m; all > 0 inside.
+
+    Args:
+        frame: (B, 3, 3) axes of the targets, as rows.
+        cells: (B, C, 3) middles of their boxes.
+        axes: (B, 3, 3) axes of the hammer.
+        box: (B, 3) middle of its box.
+
+    Returns:
+        (B, C, 7): along the axes of the target and of the hammer, and the least along the nine
+        directions across an edge of each. Without the last, 8 % more boxes seem to overlap, and
+        without the hammer's axes 60 %.
+    """
+    hammer, target = torch.tensor(HAMMER_HALF_M), torch.tensor(TARGET_HALF_M)
+    edges = torch.cross(frame[:, :, None], axes[:, None], dim=3).flatten(1, 2)  # (B, 9, 3)
+    length = edges.norm(dim=2, keepdim=True)
+    edges = edges / length.clamp(min=1e-3)
+    directions = torch.cat([frame, axes, edges], 1)
+    reach = ((directions @ frame.transpose(1, 2)).abs() * target).sum(2)
+    reach = reach + ((directions @ axes.transpose(1, 2)).abs() * hammer).sum(2)
+    apart = ((cells - box[:, None]) @ directions.transpose(1, 2)).abs()
+    deep = reach[:, None] - apart  # (B, C, 15)
+    parallel = (length[..., 0] < 1e-2)[:, None]  # no direction of its own
+    across = torch.where(parallel, torch.ones(()), deep[..., 6:]).amin(2, keepdim=True)
+    return torch.cat([deep[..., :6], across], 2)

@@ -1,0 +1,47 @@
+"""Whac-A-Mole's numbers, as the true game has them (docs/games/whacamole.md).
+
+``tests/python/games/test_whacamole_rules.py`` asks the running app for every one of them.
+"""
+
+from __future__ import annotations
+
+import math
+
+CELLS, COLUMNS = 9, 3
+MOST_TARGETS = 3
+"""Most targets of which a teacher learns in the order of their expiry."""
+
+FRAME_S = 0.049999997
+"""A user step in the app's binary32 clock."""
+LIFE_S = 1.098
+"""What a target has left in the frame in which it appears, growing included."""
+GROWING_FRAMES, LAST_FRAME = 2, 21
+"""Frames until a target can be hit, and the last one in which it is there."""
+FADING_FRAMES = 7
+"""Frames in which an ended target still keeps its cell."""
+BAN_S = 0.5
+"""A target may appear up to so long after the one before it."""
+
+_S = math.sqrt(0.5)
+
+# By placement low, mid, high; the app's axes, from the head.
+AREA_M = ((0.15, -0.30, 0.35), (0.15, -0.10, 0.40), (0.15, 0.20, 0.30))
+"""Middle of the target area."""
+UP = ((0.0, _S, _S), (0.0, 1.0, 0.0), (0.0, _S, -_S))
+BEHIND = ((0.0, -_S, _S), (0.0, 0.0, 1.0), (0.0, _S, _S))
+"""The area's axes: up in its plane, and away from the player."""
+STRIKE = ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 1.0))
+"""The direction whose speed a hit is judged by."""
+
+CELL_M = 0.125
+"""Distance of neighbouring cells."""
+VOLUME_BEHIND_M = 0.010
+"""How far the middle of a target's hit volume lies behind the area's plane."""
+TARGET_HALF_M = (0.0225, 0.0225, 0.0125)
+HAMMER_HALF_M = (0.05, 0.0275, 0.0275)
+"""Half sizes of the boxes that meet in a hit, along the axes of each."""
+MARKER_M = (-0.0482, 0.1385, -0.0005)
+BOX_M = (-0.000401, 0.139758, -0.000818)
+"""The marker, and the middle of the hammer's box, from its root along its axes."""
+START_M = 0.10
+"""Where a stroke may begin: so far in front of a cell."""

@@ -1,0 +1,68 @@
+"""What may be set of imagined Whac-A-Mole: the keys of ``teacher.imagined.game``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pydantic import Field
+
+from sim2vr_harness.settings import Settings
+
+__all__ = ["Relaxation", "TwinSettings"]
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """How soft a hit is, and what else is rewarded.
+
+    Attributes:
+        overlap_m: width of the step from apart to overlapping.
+        speed_mps: width of the step from too slow to fast enough.
+        near: reward for being near a living target at speed.
+        distance: reward for the game's own term of distance to living targets, times this.
+        stuck: cost of staying in a target, which must be left before it can be hit: a hit has no
+            gradient that says so.
+    """
+
+    overlap_m: float
+    speed_mps: float
+    near: float
+    distance: float
+    stuck: float = 0.0
+
+
+class TwinSettings(Settings):
+    """How soft hits are, and which cells come up."""
+
+    single_targets: float = Field(default=0.4, ge=0.0, le=1.0)
+    """Share of users who never have more than one target at a time. With several, the policy went
+    for the near ones only, and never learned to reach the far corner."""
+    failing_cells: float = Field(default=0.5, ge=0.0, le=1.0)
+    """Share of spawns that go by the cells' fail rates; the others are uniform."""
+    failing_value: float = Field(default=1.0, ge=0.0)
+    """A hit in a cell that fails k times as often as the mean, at most 3 times, is worth this times
+    k - 1 hits more: with several targets at once the far cells are given up otherwise."""
+    overlap_m: float = Field(default=0.015, gt=0.0)
+    speed_mps: float = Field(default=0.3, gt=0.0)
+    near_reward: float = Field(default=3.0, ge=0.0)
+    distance_reward: float = Field(default=7.0, ge=0.0)
+    """How soft hits are and what helps to find them, at first; by the middle of the imagined
+    rollouts they are 0.004, 0.08, 0.2 and 1 (the game's own)."""
+    stuck_cost: float = Field(default=0.0, ge=0.0)
+    """Cost per user step of the hammer staying in a target that it is in and has not hit. A user
+    who may hit at any speed waits where targets grow into the hammer otherwise."""
+
+    def relaxation(self, done: float) -> Relaxation:
+        """What is rewarded when this share of the rollouts is over."""
+        early = max(0.0, 1.0 - 2.0 * done)
+
+        def towards(end: float, start: float) -> float:
+            return end + (start - end) * early
+
+        return Relaxation(
+            overlap_m=towards(0.004, self.overlap_m),
+            speed_mps=towards(0.08, self.speed_mps),
+            near=towards(0.2, self.near_reward),
+            distance=towards(1.0, self.distance_reward),
+            stuck=self.stuck_cost,
+        )

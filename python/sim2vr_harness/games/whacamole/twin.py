@@ -1,0 +1,328 @@
+"""Whac-A-Mole as a differentiable game.
+
+Targets come and go by the game's own rules: where they are, how long they live, how many at once,
+when the next one comes. What is hit is decided by the rules too, but the reward is relaxed, so that
+it has a gradient: a hit counts with the probability that it would happen if hammer and target met a
+little elsewhere and at a little other speed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor
+
+from sim2vr_harness.games.whacamole.hammer import POSE_FIELDS, Hammer, depths, points
+from sim2vr_harness.games.whacamole.rules import (
+    AREA_M,
+    BAN_S,
+    BEHIND,
+    CELL_M,
+    CELLS,
+    COLUMNS,
+    FADING_FRAMES,
+    FRAME_S,
+    GROWING_FRAMES,
+    LAST_FRAME,
+    LIFE_S,
+    MOST_TARGETS,
+    START_M,
+    STRIKE,
+    UP,
+    VOLUME_BEHIND_M,
+)
+from sim2vr_harness.games.whacamole.settings import Relaxation, TwinSettings
+
+__all__ = ["FIELDS", "ImaginedWhacAMole"]
+
+_ROUND = (
+    *("round.low", "round.mid", "round.high"),
+    *("round.constrained", "round.max_targets", "round.strike_threshold_mps"),
+)
+_ROOT_VELOCITY = tuple(f"hammer.root_v{axis}_mps" for axis in "xyz")
+FIELDS = (*_ROUND, *POSE_FIELDS, *_ROOT_VELOCITY)
+"""The privileged numbers that go with a user step, in this order."""
+
+_SPEED_MARGIN_MPS, _OVERLAP_MARGIN_M, _NEAR_M = 0.05, 0.002, 0.04
+
+
+class ImaginedWhacAMole:
+    """B rounds without an end; see :class:`~sim2vr_harness.games.imagined.ImaginedRounds`.
+
+    Args:
+        n: number of users B.
+        conditions: of each condition, the privileged numbers named ``round.*``.
+        settings: what is relaxed, and which cells come up.
+        step_s: duration of a user step; the rules are told in frames of 50 ms.
+        seed: of spawns.
+
+    Raises:
+        ValueError: another duration than one frame.
+    """
+
+    names: tuple[str, ...]
+
+    def __init__(
+        self,
+        n: int,
+        conditions: Sequence[Mapping[str, float]],
+        settings: TwinSettings,
+        *,
+        step_s: float,
+        seed: int,
+    ) -> None:
+        if abs(step_s - FRAME_S) > 1e-6:
+            raise ValueError(
+                f"action_frequency_hz: got {1.0 / step_s:g}, expected 20, the frames that the "
+                "imagined game is told in"
+            )
+        self.n, self.settings, self.hammer = n, settings, Hammer()
+        self.generator = torch.Generator().manual_seed(seed)
+        placements = ("round.low", "round.mid", "round.high")
+        place = torch.tensor([[c[name] for name in placements] for c in conditions]).argmax(1)
+        self._threshold = torch.tensor([c["round.strike_threshold_mps"] for c in conditions])
+        self._constrained = torch.tensor([c["round.constrained"] for c in conditions])
+        self._most = torch.tensor([int(c["round.max_targets"]) for c in conditions])
+        self._single = torch.arange(n) < round(settings.single_targets * n)
+        self._rules = torch.tensor([[c[name] for name in _ROUND] for c in conditions])
+        cell = torch.arange(CELLS)
+        across, up = (cell % COLUMNS - 1.0) * CELL_M, (1.0 - cell // COLUMNS) * CELL_M
+        area, ups, behind = (torch.tensor(t)[place] for t in (AREA_M, UP, BEHIND))
+        right = torch.tensor([1.0, 0.0, 0.0]).expand_as(ups)
+        self._axes = torch.stack([right, ups, behind], 1)
+        self._area, self._strike = area, torch.tensor(STRIKE)[place]
+        self._cells = (
+            area[:, None]
+            + across[None, :, None] * right[:, None]
+            + up[None, :, None] * ups[:, None]
+            + VOLUME_BEHIND_M * behind[:, None]
+        )
+        self.spawn_weights = torch.full((len(conditions), CELLS), 1.0 / CELLS)
+        """By condition and cell."""
+        self.hit_values = torch.ones(len(conditions), CELLS)
+        """How many ordinary hits a hit is worth, by condition and cell."""
+        self.counts = torch.zeros(2, len(conditions), CELLS)
+        """Hits and misses since :meth:`clear_counts`, by condition and cell."""
+        self.condition = torch.zeros(n, dtype=torch.long)
+        self._velocity, self._root = torch.zeros(n, 3), torch.zeros(n, 3)
+        self._age = torch.full((n, CELLS), -1)
+        self._fading = torch.zeros(n, CELLS, dtype=torch.long)
+        self._ban_s = torch.zeros(n)
+        self._inside = torch.zeros(n, CELLS, dtype=torch.bool)
+        self._hit = torch.zeros(n, CELLS, dtype=torch.bool)
+        self._left = torch.ones(n, CELLS)
+        self._posed: tuple[Tensor, Tensor, Tensor] | None = None
+        self.names = _names()
+
+    # --- rounds ------------------------------------------------------------------------------
+
+    def calibrate(self, place: Tensor, fields: Tensor) -> None:
+        """See the protocol."""
+        first = FIELDS.index(POSE_FIELDS[0])
+        self.hammer.calibrate(place, fields[:, first : first + len(POSE_FIELDS)])
+
+    def start(self, ids: Tensor, place: Tensor, fields: Tensor, cell: Tensor) -> None:
+        """See the protocol."""
+        condition = self.condition_of(fields)
+        with torch.no_grad():
+            self._velocity[ids] = self.velocity_of(fields)
+            self.condition[ids] = condition
+            self._root[ids] = points(*self.hammer(place))[0]
+            self._age[ids] = self._first_ages(ids, condition, cell)
+            count = len(ids)
+            self._fading[ids] = 0
+            self._ban_s[ids] = BAN_S * torch.rand(count, generator=self.generator)
+            self._inside[ids], self._hit[ids], self._left[ids] = False, False, 1.0
+
+    def _first_ages(self, ids: Tensor, condition: Tensor, cell: Tensor) -> Tensor:
+        """(K, cells) ages of the targets that some users begin with, in frames."""
+        count, generator = len(ids), self.generator
+        rows, ages = torch.arange(count), torch.full((count, CELLS), -1)
+        weights = self.spawn_weights[condition]
+        first = torch.multinomial(weights, 1, generator=generator)[:, 0]
+        first = torch.where(cell >= 0, cell, first)
+        ages[rows, first] = torch.randint(0, LAST_FRAME // 2, (count,), generator=generator)
+        more = torch.randint(-LAST_FRAME, LAST_FRAME, (count, CELLS), generator=generator)
+        more = more.clamp(min=-1)
+        allowed = (torch.where(self._single, 1, self._most[self.condition]) - 1)[ids]
+        order = torch.rand(count, CELLS, generator=generator).argsort(1).argsort(1)
+        others = (order < allowed[:, None]) & (torch.arange(CELLS) != first[:, None])
+        return torch.where(others, more, ages)
+
+    def cut(self) -> None:
+        """See the protocol."""
+        self._velocity, self._root = self._velocity.detach(), self._root.detach()
+        self._left = self._left.detach()
+
+    def nearest(self, place: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
+        """(K,) distance from the nearest point 10 cm in front of a cell, m, and (K,) that cell."""
+        with torch.no_grad():
+            marker, _ = self.hammer(place)
+            front = self._cells[condition] - START_M * self._axes[condition, 2][:, None]
+            distance, cell = (front - marker[:, None]).norm(dim=2).min(1)
+        return distance, cell
+
+    def condition_of(self, fields: Tensor) -> Tensor:
+        """(K,) which condition user steps were taken in."""
+        return torch.cdist(fields[:, : len(_ROUND)], self._rules).argmin(1)
+
+    @staticmethod
+    def velocity_of(fields: Tensor) -> Tensor:
+        """(K, 3) the filtered velocity of the hammer's root after user steps, m/s."""
+        first = FIELDS.index(_ROOT_VELOCITY[0])
+        return fields[:, first : first + 3]
+
+    def clear_counts(self) -> None:
+        """See the protocol."""
+        self.counts.zero_()
+
+    def adapt(self) -> None:
+        """Let cells that are missed come up more often, and be worth more."""
+        counts, share = self.counts, self.settings.failing_cells
+        total = counts.sum(0)
+        fails = torch.where(total > 0, counts[1] / total.clamp(min=1.0), torch.ones(())) + 0.02
+        uniform = 1.0 / fails.shape[1]
+        weights = (1.0 - share) * uniform + share * fails / fails.sum(1, keepdim=True)
+        self.spawn_weights.lerp_(weights, 0.5)
+        often = fails / fails.mean(1, keepdim=True)
+        values = 1.0 + self.settings.failing_value * (often.clamp(1.0, 3.0) - 1.0)
+        self.hit_values.lerp_(values, 0.5)
+
+    _STATE = (
+        *("_velocity", "_root", "_age", "_fading", "_ban_s", "_inside", "_hit", "_left"),
+        *("condition", "spawn_weights", "hit_values"),
+    )
+
+    def state(self) -> dict[str, Tensor]:
+        """See the protocol."""
+        own = {name: getattr(self, name).clone() for name in self._STATE}
+        return own | {"hammer": self.hammer.fixed.clone(), "generator": self.generator.get_state()}
+
+    def load_state(self, state: Mapping[str, Tensor]) -> None:
+        """See the protocol."""
+        self._posed = None
+        for name in self._STATE:
+            setattr(self, name, state[name].clone())
+        self.hammer.fixed = state["hammer"].clone()
+        self.generator.set_state(state["generator"])
+
+    # --- what is observed --------------------------------------------------------------------
+
+    def observe(self, place: Tensor) -> Tensor:
+        """(B, F) in the order of :attr:`names`, differentiable by the places."""
+        condition = self.condition
+        marker, axes = self._pose(place)
+        strike = (self._velocity * self._strike[condition]).sum(1, keepdim=True)
+        behind = self._axes[condition, 2]
+        depth = ((marker - self._area[condition]) * behind).sum(1, keepdim=True)
+        present = (self._age >= 0).float()
+        alive = (self._age >= GROWING_FRAMES).float()
+        life = present * (LIFE_S - FRAME_S * self._age)
+        oldest = torch.where(
+            self._age >= 0, self._age + 1e-3 * torch.arange(CELLS).flip(0), torch.tensor(-1.0)
+        ).topk(MOST_TARGETS, 1)
+        there, which = (oldest.values >= 0).float(), oldest.indices
+        rows = torch.arange(self.n)[:, None]
+        places = self._cells[condition][rows, which] - marker[:, None]
+        following = [there, alive.gather(1, which) * there, life.gather(1, which) * there]
+        parts = [
+            self._rules[condition],
+            marker,
+            self._velocity,
+            -axes[:, 0],
+            axes[:, 1],
+            strike,
+            depth,
+            torch.stack([present, alive, life], 2).flatten(1),
+            torch.cat([torch.stack(following, 2), places * there[..., None]], 2).flatten(1),
+        ]
+        return torch.cat(parts, 1)
+
+    # --- a user step -------------------------------------------------------------------------
+
+    def step(self, place: Tensor, done: float) -> Tensor:
+        """See the protocol."""
+        return self.play(place, self.settings.relaxation(done))
+
+    def play(self, place: Tensor, soft: Relaxation) -> Tensor:
+        """Advance by one user step; see :meth:`step`."""
+        self._next_frame()
+        marker, axes = self._pose(place)
+        root, box = points(marker, axes)
+        self._velocity = self._velocity + 0.5 * ((root - self._root) / FRAME_S - self._velocity)
+        self._root = root
+        return self._judge(marker, box, axes, soft)
+
+    def _next_frame(self) -> None:
+        """Targets of the next frame, after hits at the poses of this one."""
+        old = (self._age >= LAST_FRAME) & ~self._hit
+        for number, ended in enumerate((self._hit, old)):
+            row, cell = torch.nonzero(ended, as_tuple=True)
+            where = (self.condition[row], cell)
+            self.counts[number].index_put_(where, torch.ones(len(row)), accumulate=True)
+        gone = self._hit | old
+        self._age = torch.where(gone, -1, torch.where(self._age >= 0, self._age + 1, self._age))
+        self._fading = torch.where(gone, FADING_FRAMES, (self._fading - 1).clamp(min=0))
+        self._ban_s = self._ban_s - FRAME_S
+        free = (self._age < 0) & (self._fading == 0)
+        most = torch.where(self._single, 1, self._most[self.condition])
+        wanted = ((~free).sum(1) < most) & (self._ban_s < 0.0)
+        # The largest of the logarithms plus Gumbel noise: a draw by the weights.
+        noise = torch.rand(self.n, CELLS, generator=self.generator).clamp(1e-9, 1.0 - 1e-7)
+        scores = self.spawn_weights[self.condition].log() - (-noise.log()).log()
+        cell = torch.where(free, scores, torch.tensor(-1e9)).argmax(1)
+        rows = torch.arange(self.n)[wanted]
+        self._age[rows, cell[wanted]] = 0
+        ban = BAN_S * torch.rand(self.n, generator=self.generator)
+        self._ban_s = torch.where(wanted, ban, self._ban_s)
+        left = torch.where(gone, torch.ones(()), self._left)
+        left[rows, cell[wanted]] = 1.0
+        self._left = left
+
+    def _pose(self, place: Tensor) -> tuple[Tensor, Tensor]:
+        """Marker and axes of the hammer; what is observed after a step is the step's own."""
+        if self._posed is None or self._posed[0] is not place:
+            self._posed = (place, *self.hammer(place))
+        return self._posed[1:]
+
+    def _judge(self, marker: Tensor, box: Tensor, axes: Tensor, soft: Relaxation) -> Tensor:
+        condition = self.condition
+        frame, cells = self._axes[condition], self._cells[condition]
+        strike = (self._velocity * self._strike[condition]).sum(1)
+        depth = depths(frame, cells, axes, box)
+        inside = (depth > 0.0).all(2) & (self._age >= 0)
+        alive = self._age >= GROWING_FRAMES
+        counts = alive & ~self._inside  # only coming in is a hit
+        threshold, constrained = self._threshold[condition], self._constrained[condition] > 0.0
+        fast = (strike > threshold) | ~constrained
+        self._hit = inside & counts & fast[:, None]
+        within: Tensor | float = 0.0
+        if soft.stuck > 0.0:  # few trainings pay for it
+            stuck = inside & self._inside
+            within = (stuck * (1.0 + depth.amin(2) / _NEAR_M)).sum(1)
+        speed = torch.sigmoid((strike - threshold - _SPEED_MARGIN_MPS) / soft.speed_mps)
+        speed = torch.where(constrained, speed, torch.ones(()))[:, None]
+        overlap = torch.sigmoid((depth - _OVERLAP_MARGIN_M) / soft.overlap_m).prod(2)
+        chance = counts * overlap * speed
+        hits = (self.hit_values[condition] * self._left * chance).sum(1)
+        still = self._left
+        self._left = still * (1.0 - chance)
+        self._inside = inside
+        towards = torch.sigmoid((strike - threshold) / 0.5)
+        towards = torch.where(constrained, towards, torch.ones(()))[:, None]
+        around = torch.sigmoid(depth / _NEAR_M).prod(2)
+        near = (counts * still.detach() * around * towards).sum(1)
+        distance = (cells - marker[:, None]).norm(dim=2)
+        far = (alive * (torch.exp(-10.0 * distance) - 1.0) / 10.0).sum(1)
+        return 10.0 * hits + soft.near * near + soft.distance * far - soft.stuck * within
+
+
+def _names() -> tuple[str, ...]:
+    """What :meth:`ImaginedWhacAMole.observe` gives, by the true game's names."""
+    pose = (*POSE_FIELDS[:3], *_ROOT_VELOCITY, *POSE_FIELDS[3:])
+    state = ("present", "alive", "life_s")
+    cells = [f"cell{cell}.{name}" for cell in range(CELLS) for name in state]
+    order = (*state, "x_m", "y_m", "z_m")
+    following = [f"next{i}.{name}" for i in range(MOST_TARGETS) for name in order]
+    return (*_ROUND, *pose, "hammer.strike_mps", "hammer.depth_m", *cells, *following)

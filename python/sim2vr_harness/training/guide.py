@@ -1,0 +1,73 @@
+"""A trained teacher beside a student: what it would do, and what the picture shows."""
+
+from __future__ import annotations
+
+import fnmatch
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.training.teacher_config import TeacherConfig
+from sim2vr_harness.training.teacher_env import (
+    OBSERVATION,
+    PrivilegedSenses,
+    game_of,
+    hidden_fields,
+)
+from sim2vr_harness.training.teacher_policy import load_teacher
+
+__all__ = ["TeacherGuide"]
+
+SCALE_STEPS, SCALE_EVERY = 120, 4
+"""User steps in which the teacher shows what a body goes through."""
+
+
+class TeacherGuide:
+    """See :class:`~sim2vr_harness.training.student.Guide`.
+
+    Args:
+        file: the teacher's checkpoint.
+        config: the teacher's.
+        simulation: the student's users, in this process.
+    """
+
+    def __init__(self, file: Path, config: TeacherConfig, simulation: Simulation) -> None:
+        game = game_of(simulation.config)
+        self._senses = PrivilegedSenses(simulation, hidden_fields(config, game))
+        self._policy = load_teacher(
+            file, self._senses.space, simulation.action_space, config.policy
+        )
+        self._facts = [name for name in self._senses.names if fnmatch.fnmatchcase(name, game.facts)]
+
+    def actions(self, simulation: Any) -> NDArray[np.float32]:
+        """See the protocol."""
+        return self._policy.act({OBSERVATION: self._senses.observe()}, None)
+
+    def facts(self, simulation: Any) -> NDArray[np.float32]:
+        """See the protocol: which places have a target."""
+        columns = [self._senses.field(name) for name in self._facts]
+        if not columns:
+            return np.zeros((simulation.n, 0), np.float32)
+        return np.clip(np.stack(columns, axis=1), 0.0, 1.0)
+
+    def proprioception_scale(
+        self, simulation: Simulation
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean and standard deviation of the proprioception while the teacher plays, (P,) each.
+
+        The users' present rounds are lost.
+        """
+        simulation.reset(seeds=list(range(simulation.n)))
+        seen = []
+        for step in range(SCALE_STEPS):
+            if step % SCALE_EVERY == 0:
+                seen.append(simulation.proprioception.observe(simulation.users))
+            result = simulation.step(self.actions(simulation))
+            ended = np.flatnonzero(result.terminated | result.truncated)
+            if len(ended):
+                simulation.reset([int(i) for i in ended])
+        values = np.concatenate(seen).astype(np.float64)
+        return values.mean(0), values.std(0)

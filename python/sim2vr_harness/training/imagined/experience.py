@@ -1,0 +1,77 @@
+"""What users did, in tensors: their motion, and the user steps that a body model is fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+__all__ = ["Experience", "Motion"]
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What the users' joints and muscles do, of B users.
+
+    Attributes:
+        angles: (B, J) independent joints, rad.
+        speeds: (B, J) rad/s.
+        act: (B, M) muscle activations in [0, 1].
+    """
+
+    angles: Tensor
+    speeds: Tensor
+    act: Tensor
+
+    def detach(self) -> Motion:
+        """The same, cut off from what led to it."""
+        return Motion(self.angles.detach(), self.speeds.detach(), self.act.detach())
+
+    def rows(self, ids: Tensor) -> Motion:
+        """Of some users."""
+        return Motion(self.angles[ids], self.speeds[ids], self.act[ids])
+
+
+@dataclass(frozen=True)
+class Experience:
+    """User steps that were taken, K of them.
+
+    Attributes:
+        before: the motion before a step.
+        control: (K, M) muscle controls of the step.
+        after: the motion after it.
+        fields: (K, F) the game's privileged numbers after it.
+    """
+
+    before: Motion
+    control: Tensor
+    after: Motion
+    fields: Tensor
+
+    def __len__(self) -> int:
+        return len(self.control)
+
+    def tensors(self) -> list[Tensor]:
+        """Everything, in the order that :meth:`of` takes."""
+        before, after = self.before, self.after
+        return [
+            *(before.angles, before.speeds, before.act, self.control),
+            *(after.angles, after.speeds, after.act, self.fields),
+        ]
+
+    @staticmethod
+    def of(tensors: Sequence[Tensor]) -> Experience:
+        """Of what :meth:`tensors` gave."""
+        return Experience(Motion(*tensors[:3]), tensors[3], Motion(*tensors[4:7]), tensors[7])
+
+    def rows(self, ids: Tensor) -> Experience:
+        """Some of the steps."""
+        return Experience.of([values[ids] for values in self.tensors()])
+
+    @staticmethod
+    def joined(parts: Sequence[Experience]) -> Experience:
+        """All steps of all parts."""
+        columns = zip(*(part.tensors() for part in parts), strict=True)
+        return Experience.of([torch.cat(column) for column in columns])

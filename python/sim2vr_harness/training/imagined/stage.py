@@ -1,0 +1,158 @@
+"""The stage of imagined rollouts: cycle after cycle, saved after each."""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from sim2vr_harness.training.checkpoint import write_tensors
+from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.training.imagined.rollouts import CycleReport, ImaginedRollouts
+from sim2vr_harness.training.progress import View
+from sim2vr_harness.training.run_folder import keep_rows
+from sim2vr_harness.training.stages import Callbacks
+from sim2vr_harness.training.teacher_env import TeacherSimulation
+from sim2vr_harness.training.teacher_policy import new_teacher
+
+__all__ = ["ImaginedStage"]
+
+_STATE, _POLICY, _LOG = "state.pt", "policy.pt", "cycles.jsonl"
+
+
+class ImaginedStage:
+    """See :class:`~sim2vr_harness.training.stages.Stage`.
+
+    Args:
+        config: of the run.
+        folder: of the stage.
+    """
+
+    name, unit = "imagined", "cycles"
+    title = "a teacher learns from imagined rollouts, by gradients through a body model."
+
+    def __init__(self, config: TrainingConfig, folder: Path) -> None:
+        self._config, self.folder = config, folder
+        self.total = float(config.teacher.imagined.cycles)
+        self._simulation: TeacherSimulation | None = None
+        self._rollouts: ImaginedRollouts | None = None
+        self._state: dict[str, Any] | None = None
+        """After the last cycle, unless it is on disk."""
+        self._cycle_s: float | None = None
+
+    @property
+    def begun(self) -> bool:
+        """See the protocol."""
+        return self.finished or (self.folder / _STATE).is_file()
+
+    @property
+    def finished(self) -> bool:
+        """See the protocol."""
+        return (self.folder / _POLICY).is_file()
+
+    @property
+    def saved(self) -> str:
+        """See the protocol."""
+        if self._cycles_saved == 0:
+            return ""
+        return f"cycle {self._cycles_saved} of {self.total:.0f}"
+
+    def weights(self) -> dict[str, Tensor]:
+        """Return the policy's weights after the last cycle."""
+        weights: dict[str, Tensor] = torch.load(self.folder / _POLICY, weights_only=True)
+        return weights
+
+    def open(self) -> None:
+        """See the protocol."""
+        config = self._config
+        self._simulation = TeacherSimulation(config.env, config.teacher, config.seed)
+        policy = new_teacher(
+            self._simulation.observation_space,
+            self._simulation.action_space,
+            config.teacher.policy,
+            seed=config.seed,
+        )
+        self._rollouts = ImaginedRollouts(
+            config.teacher.imagined, policy, self._simulation, seed=config.seed
+        )
+
+    def run(self, callbacks: Callbacks) -> None:
+        """See the protocol."""
+        rollouts = self._rollouts
+        assert rollouts is not None
+        if (self.folder / _STATE).is_file():
+            rollouts.load_state(
+                torch.load(self.folder / _STATE, weights_only=True, map_location="cpu")
+            )
+            callbacks.say(f"Continuing after cycle {rollouts.cycle}.")
+        self._cycles_saved = rollouts.cycle
+        log = self.folder / _LOG
+        self.folder.mkdir(parents=True, exist_ok=True)
+        keep_rows(log, lambda row: row["cycle"] <= rollouts.cycle)
+        while not rollouts.finished:
+            report = self._cycle(rollouts, callbacks)
+            with log.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(asdict(report)) + "\n")
+            self._state = rollouts.state()
+            self.save()
+            callbacks.say(describe(report, self.total))
+            callbacks.report(report.cycle, asdict(report))
+        write_tensors(self.folder / _POLICY, rollouts.policy.state_dict())
+        (self.folder / _STATE).unlink(missing_ok=True)
+
+    def _cycle(self, rollouts: ImaginedRollouts, callbacks: Callbacks) -> CycleReport:
+        began, cycle, cycle_s = time.monotonic(), rollouts.cycle, self._cycle_s
+
+        def show(doing: str, share: float) -> None:
+            def view() -> View:
+                left = None
+                if cycle_s is not None:
+                    spent = min(time.monotonic() - began, cycle_s)
+                    left = (self.total - cycle) * cycle_s - spent
+                text = f"cycle {cycle + 1} of {self.total:.0f}: {doing}"
+                return View(cycle + share, text, left)
+
+            callbacks.show(view)
+
+        report = rollouts.step(show)
+        if cycle > 0:  # the first one takes longer
+            self._cycle_s = time.monotonic() - began
+        return report
+
+    _cycles_saved = 0
+
+    def save(self) -> None:
+        """See the protocol."""
+        if self._state is None:
+            return
+        assert self._rollouts is not None
+        write_tensors(self.folder / _STATE, self._state)
+        self._state, self._cycles_saved = None, self._rollouts.cycle
+
+    def close(self) -> None:
+        """See the protocol."""
+        if self._simulation is not None:
+            self._simulation.close()
+        self._simulation = self._rollouts = self._state = None
+
+
+def describe(report: CycleReport, cycles: float) -> str:
+    """One line for people: where a cycle has led to."""
+
+    def rates(values: Sequence[float]) -> str:
+        return ", ".join(f"{value:.2f}" for value in values)
+
+    known = any(not math.isnan(rate) for rate in report.played)
+    played = f", {rates(report.played)} in the app" if known else ""
+    return (
+        f"Cycle {report.cycle}/{cycles:.0f}: success rates {rates(report.imagined)} in imagined "
+        f"rollouts (worst cell {report.worst_cell:.2f}){played}; body model error "
+        f"{1000.0 * report.place_error_m:.1f} mm in a step"
+    )

@@ -1,0 +1,90 @@
+"""Recipes: which stages a run is made of. A new recipe is one function and one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from torch import Tensor
+
+from sim2vr_harness.training import ppo
+from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.training.imagined.stage import ImaginedStage
+from sim2vr_harness.training.metrics_log import make_logger
+from sim2vr_harness.training.ppo_stage import PPOStage
+from sim2vr_harness.training.run_folder import RunFolder
+from sim2vr_harness.training.stages import Stage
+from sim2vr_harness.training.student_stage import StudentStage
+from sim2vr_harness.training.teacher_stage import TeacherStage
+from sim2vr_harness.training.vec_env import SimulationLike
+
+__all__ = ["RECIPES", "MakeSimulation", "Run", "stages_of"]
+
+MakeSimulation = Callable[[TrainingConfig], SimulationLike]
+"""Makes the users to train with: ``config.ppo.n_envs`` of them."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a recipe makes stages of.
+
+    Attributes:
+        config: of the run.
+        folder: of the run.
+        stop: user steps after which the last stage ends.
+        make_simulation: makes the users of the last stage.
+    """
+
+    config: TrainingConfig
+    folder: RunFolder
+    stop: int
+    make_simulation: MakeSimulation
+
+
+def _from_pixels(
+    run: Run, title: str, begin: Callable[[], Mapping[str, Tensor] | None] = lambda: None
+) -> PPOStage:
+    """The stage whose checkpoints are the trained users; it works in the run's own folder."""
+    config = run.config
+    return PPOStage(
+        "ppo",
+        title,
+        run.folder,
+        config.ppo,
+        lambda: run.make_simulation(config),
+        lambda env: ppo.build(config, env),
+        lambda start: make_logger(config, run.folder, start),
+        begin=begin,
+        stop=run.stop,
+        checkpoints=config.checkpoint,
+    )
+
+
+def _ppo(run: Run) -> list[Stage]:
+    return [_from_pixels(run, "PPO from what the user senses.")]
+
+
+def _distill(run: Run) -> list[Stage]:
+    """A teacher that knows, a student that sees, then PPO on what it senses itself.
+
+    The result is a policy that is best for its own senses and its own effort.
+    """
+    config, path = run.config, run.folder.path
+    imagined = ImaginedStage(config, path / ImaginedStage.name)
+    practised = config.teacher.imagined.cycles > 0
+    teacher = TeacherStage(
+        config, path / "teacher", imagined.weights if practised else lambda: None
+    )
+    student = StudentStage(config, path / StudentStage.name, teacher.folder.latest_checkpoint)
+    title = "the student goes on by itself: PPO from what the user senses."
+    last = _from_pixels(run, title, begin=student.weights)
+    stages: list[Stage] = [teacher, student, last]
+    return [imagined, *stages] if practised else stages
+
+
+RECIPES: dict[str, Callable[[Run], list[Stage]]] = {"ppo": _ppo, "distill": _distill}
+
+
+def stages_of(run: Run) -> list[Stage]:
+    """Return the stages of a run, in order."""
+    return RECIPES[run.config.recipe](run)

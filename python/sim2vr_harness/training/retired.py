@@ -1,0 +1,89 @@
+"""Keys of recorded configurations that have another name today, or none.
+
+Read for what was recorded only (a run's ``config.yaml``, a shipped user's): a key that is written
+anew must be one of today's. This is the one place that knows the old names.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable, Mapping
+from typing import Any
+
+__all__ = ["renamed"]
+
+_TWIN = (
+    *("single_targets", "failing_cells", "failing_value", "overlap_m", "speed_mps"),
+    *("near_reward", "distance_reward", "stuck_cost"),
+)
+_NETWORK = ("net_arch", "action_scale", "log_std_init", "log_std_min", "observation_clip")
+_RAMPS = ("near_starts", "failing_cells", "episode_seconds")
+
+_RENAMED = {
+    "env.threads": "env.cores",
+    "ppo.value_warmup_iterations": "ppo.critic_first_updates",
+    "teacher.ppo.critic_first_iterations": "teacher.ppo.critic_first_updates",
+    "teacher.ppo.reward_scale": "teacher.reward_scale",
+    **{f"teacher.ppo.{key}": f"teacher.policy.{key}" for key in _NETWORK},
+    **{f"teacher.imagination.{key}": f"teacher.imagined.game.{key}" for key in _TWIN},
+    "teacher.imagination": "teacher.imagined",
+    "teacher.aids.near_start_m": "teacher.curriculum.near_start_m",
+    "teacher.aids.starts_per_cell": "teacher.curriculum.starts_per_cell",
+    **{f"teacher.aids.{key}": f"teacher.curriculum.{key}" for key in _RAMPS},
+}
+"""Old key -> new key, in this order; whole mappings are joined with what is there."""
+
+_GONE = (
+    "teacher.aids",
+    "teacher.coarse_physics_s",
+    "teacher.coarse_until_step",
+    "teacher.evaluate_every_steps",
+    "teacher.ppo.learning_rate_range",
+    "teacher.ppo.mean_penalty",
+)
+"""Aids that no shipped user's training needed, and the learner that only the teacher had."""
+
+_CONVERTED: dict[str, Callable[[Any], Any]] = {
+    # A ramp between two numbers is the number that it ended with.
+    f"teacher.curriculum.{key}": lambda value: value["end"] if isinstance(value, dict) else value
+    for key in _RAMPS
+}
+
+
+def renamed(tree: Any) -> Any:
+    """Return a recorded configuration with today's keys; the argument is left as it is."""
+    if not isinstance(tree, Mapping):
+        return tree
+    result = copy.deepcopy(dict(tree))
+    for old, new in _RENAMED.items():
+        found = _take(result, old)
+        if found is not None:
+            _put(result, new, found[0])
+    for old in _GONE:
+        _take(result, old)
+    for key, convert in _CONVERTED.items():
+        found = _take(result, key)
+        if found is not None:
+            _put(result, key, convert(found[0]))
+    return result
+
+
+def _take(tree: dict[str, Any], key: str) -> tuple[Any] | None:
+    """Remove a dotted key and return its value in a tuple; None if it is not there."""
+    *parents, last = key.split(".")
+    node: Any = tree
+    for parent in parents:
+        node = node.get(parent) if isinstance(node, dict) else None
+    if not isinstance(node, dict) or last not in node:
+        return None
+    return (node.pop(last),)
+
+
+def _put(tree: dict[str, Any], key: str, value: Any) -> None:
+    *parents, last = key.split(".")
+    node = tree
+    for parent in parents:
+        node = node.setdefault(parent, {})
+    if isinstance(value, dict) and isinstance(node.get(last), dict):
+        value = value | node[last]
+    node[last] = value

@@ -1,0 +1,190 @@
+"""The stage in which a policy that sees learns from the teacher."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from sim2vr_harness.envs.config import with_options
+from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.training.checkpoint import write_tensors
+from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.training.guide import TeacherGuide
+from sim2vr_harness.training.policy import UserPolicy
+from sim2vr_harness.training.progress import View
+from sim2vr_harness.training.run_folder import keep_rows
+from sim2vr_harness.training.stages import Callbacks
+from sim2vr_harness.training.student import Student, StudentProgress
+
+__all__ = ["StudentStage"]
+
+_POLICY, _STATE, _FRAMES, _LOG = "policy.pt", "state.pt", "frames.bin", "metrics.jsonl"
+
+
+class StudentStage:
+    """See :class:`~sim2vr_harness.training.stages.Stage`.
+
+    Args:
+        config: of the run.
+        folder: of the stage.
+        teacher: returns the teacher's checkpoint, once there is one.
+    """
+
+    name, unit = "student", "frames"
+    title = "a student learns to do the same from what the user sees."
+
+    def __init__(self, config: TrainingConfig, folder: Path, teacher: Callable[[], Path]) -> None:
+        self._config, self.folder, self._teacher = config, folder, teacher
+        self.total = float(config.student.frames)
+        self._simulation: Simulation | None = None
+        self._student: Student | None = None
+        self._snapshot: dict[str, Any] | None = None
+        """After the last round, unless it is on disk."""
+        self._frames_saved = 0
+
+    @property
+    def begun(self) -> bool:
+        """See the protocol."""
+        return self.finished or (self.folder / _STATE).is_file()
+
+    @property
+    def finished(self) -> bool:
+        """See the protocol."""
+        return (self.folder / _POLICY).is_file()
+
+    @property
+    def saved(self) -> str:
+        """See the protocol."""
+        done = self._frames_saved
+        return f"{done:,} of {self.total:,.0f} frames" if done else ""
+
+    def weights(self) -> dict[str, Tensor]:
+        """Return the policy's weights in the end."""
+        weights: dict[str, Tensor] = torch.load(
+            self.folder / _POLICY, weights_only=True, map_location="cpu"
+        )
+        return weights
+
+    def open(self) -> None:
+        """See the protocol."""
+        config = self._config
+        env = with_options(config.env, config.student.app_options)
+        self._simulation = simulation = Simulation(env, config.student.n_envs)
+        guide = TeacherGuide(self._teacher(), config.teacher, simulation)
+        policy = _new_policy(config, simulation, guide)
+        self.folder.mkdir(parents=True, exist_ok=True)
+        self._student = Student(
+            config.student,
+            policy,
+            simulation,
+            guide,
+            self.folder / _FRAMES,
+            seed=config.seed,
+            game=game_facts(env.app),
+        )
+
+    def run(self, callbacks: Callbacks) -> None:
+        """See the protocol."""
+        student = self._student
+        assert student is not None
+        if (self.folder / _STATE).is_file():
+            student.load_snapshot(
+                torch.load(self.folder / _STATE, weights_only=True, map_location="cpu")
+            )
+            callbacks.say(f"Continuing with {student.store.count:,} frames.")
+        first = self._frames_saved = student.store.count
+        log = self.folder / _LOG
+        keep_rows(log, lambda row: row["step"] <= first)
+        began, doing = time.monotonic(), "collecting the first frames"
+        while not student.finished:
+            view = self._view(student.store.count, first, began, doing)
+            progress = student.step(partial(_show, callbacks, view))
+            row = _row(progress)
+            with log.open("a", encoding="utf-8") as stream:
+                stream.write(json.dumps(row) + "\n")
+            self._snapshot = student.snapshot()
+            if student.finished or student.round % student.config.checkpoint_rounds == 0:
+                self.save()
+            doing = _line(progress, (progress.frames - first) / (time.monotonic() - began))
+            callbacks.report(progress.frames, row)
+        callbacks.say("Student: " + doing)
+        write_tensors(self.folder / _POLICY, student.policy.state_dict())
+        self._discard()
+
+    def _view(self, done: int, first: int, began: float, doing: str) -> Callable[[], View]:
+        def view() -> View:
+            elapsed = time.monotonic() - began
+            left = (self.total - done) * elapsed / (done - first) if done > first else None
+            return View(done, doing, left)
+
+        return view
+
+    def save(self) -> None:
+        """See the protocol."""
+        if self._snapshot is None:
+            return
+        write_tensors(self.folder / _STATE, self._snapshot)
+        self._frames_saved = json.loads(self._snapshot["header"])["count"]
+        self._snapshot = None
+
+    def close(self) -> None:
+        """See the protocol."""
+        if self._simulation is not None:
+            self._simulation.close()
+        self._simulation = self._student = self._snapshot = None
+
+    def _discard(self) -> None:
+        """Delete the collected frames and the state: nobody needs them once the stage is over."""
+        self._snapshot = None
+        for name in (_FRAMES, _STATE):
+            (self.folder / name).unlink(missing_ok=True)
+
+
+def _show(callbacks: Callbacks, view: Callable[[], View], share: float) -> None:
+    callbacks.show(view)
+
+
+def _new_policy(config: TrainingConfig, simulation: Simulation, guide: TeacherGuide) -> UserPolicy:
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(config.seed)
+        policy = UserPolicy(
+            simulation.observation_space,
+            simulation.action_space,
+            lambda _: 0.0,
+            config=config.policy,
+        )
+    if config.policy.scale_proprioception:
+        # What the teacher has met is what the student will meet.
+        policy.fit_scaling(*guide.proprioception_scale(simulation))
+    with torch.no_grad():
+        policy.log_std.fill_(config.student.log_std)
+    return policy
+
+
+def _row(progress: StudentProgress) -> dict[str, Any]:
+    return {
+        "step": progress.frames,
+        **{f"rollout/{key}": value for key, value in progress.means.items()},
+        "student/imitation_error": progress.imitation_error,
+        "student/facts_error": progress.facts_error,
+        "student/teacher_share": progress.teacher_share,
+        "time/collect_seconds": progress.collect_seconds,
+        "time/learn_seconds": progress.learn_seconds,
+    }
+
+
+def _line(progress: StudentProgress, rate: float) -> str:
+    rates = progress.means.get("ep_hit_rate")
+    played = "" if rates is None else f"hit rate {rates:.2f} in its last rounds, "
+    return (
+        f"{progress.frames:,} frames, {played}differs from the teacher by "
+        f"{progress.imitation_error:.3f} ({rate:,.0f} frames/s)"
+    )

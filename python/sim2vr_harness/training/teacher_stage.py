@@ -1,0 +1,81 @@
+"""The teacher's PPO: on the privileged numbers that the game publishes, without pictures."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict
+from pathlib import Path
+
+from stable_baselines3.common.logger import Logger
+from torch import Tensor
+
+from sim2vr_harness.training import ppo
+from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.training.metrics_log import JsonLines
+from sim2vr_harness.training.ppo_stage import PPOStage
+from sim2vr_harness.training.run_folder import RunFolder
+from sim2vr_harness.training.stages import Callbacks
+from sim2vr_harness.training.teacher_env import TeacherSimulation
+from sim2vr_harness.training.teacher_evaluation import describe, evaluate_teacher
+from sim2vr_harness.training.teacher_policy import TeacherPolicy
+
+__all__ = ["TeacherStage"]
+
+
+class TeacherStage(PPOStage):
+    """PPO in the true game, from where the imagined rollouts have led to.
+
+    Args:
+        config: of the run.
+        folder: of the stage.
+        begin: the weights to begin with.
+    """
+
+    def __init__(
+        self,
+        config: TrainingConfig,
+        folder: Path,
+        begin: Callable[[], Mapping[str, Tensor] | None],
+    ) -> None:
+        self._run_config = config
+        teacher, place = config.teacher, RunFolder(folder)
+        super().__init__(
+            "teacher",
+            "the teacher plays the true game on what the game knows, without pictures.",
+            place,
+            teacher.ppo,
+            lambda: TeacherSimulation(config.env, teacher, config.seed),
+            lambda env: ppo.new_learner(
+                teacher.ppo,
+                env,
+                TeacherPolicy,
+                {"config": teacher.policy},
+                total_timesteps=teacher.total_timesteps,
+                seed=config.seed,
+            ),
+            lambda _: Logger(str(folder), [JsonLines(place.metrics_file)]),
+            begin=begin,
+            stop=teacher.total_timesteps,
+            checkpoints=config.checkpoint,
+        )
+
+    def _finish(self, model: ppo.PPO, callbacks: Callbacks) -> None:
+        teacher = self._run_config.teacher
+        if teacher.evaluate_rounds == 0:
+            return
+        policy = model.policy
+        assert isinstance(policy, TeacherPolicy)
+        callbacks.check()
+        scores = evaluate_teacher(
+            policy, self._run_config.env, teacher, rounds=teacher.evaluate_rounds
+        )
+        row = {
+            "step": model.num_timesteps,
+            "cpu_seconds": round(time.process_time(), 1),
+            "scores": [asdict(score) for score in scores],
+        }
+        with (self.folder.path / "scores.jsonl").open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps(row) + "\n")
+        callbacks.say("Teacher: " + describe(scores))

@@ -1,0 +1,179 @@
+"""Imagined Whac-A-Mole by itself: users whose controllers stay where they are told to."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from sim2vr_harness.client.frames import position_to_app
+from sim2vr_harness.games import imagined_game, imagined_games, imagined_settings
+from sim2vr_harness.games.whacamole.hammer import points
+from sim2vr_harness.games.whacamole.rules import FRAME_S
+from sim2vr_harness.games.whacamole.settings import Relaxation, TwinSettings
+from sim2vr_harness.games.whacamole.twin import FIELDS, ImaginedWhacAMole
+
+SOFT = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0)
+RULES = {"round.constrained": 1.0, "round.max_targets": 3.0, "round.strike_threshold_mps": 0.8}
+PLACEMENTS = ("round.low", "round.mid", "round.high")
+CONDITIONS = [RULES | {name: float(name == each) for name in PLACEMENTS} for each in PLACEMENTS]
+
+
+def resting_game(n: int, single: float = 0.0) -> tuple[ImaginedWhacAMole, torch.Tensor]:
+    """N rounds, the conditions in turn, and the places of controllers that stay there."""
+    settings = TwinSettings(single_targets=single)
+    game = ImaginedWhacAMole(n, CONDITIONS, settings, step_s=0.05, seed=2)
+    place = torch.eye(4).expand(n, 4, 4)
+    fields = torch.zeros(n, len(FIELDS))
+    for i in range(n):
+        for name, value in CONDITIONS[i % 3].items():
+            fields[i, FIELDS.index(name)] = value
+    game.start(torch.arange(n), place, fields, torch.full((n,), -1))
+    return game, place
+
+
+def test_the_registry_knows_the_game_by_its_name() -> None:
+    assert imagined_games() == ("whacamole",)
+    game = imagined_game("whacamole")
+    assert game is not None
+    assert game.name == "whacamole"
+    assert imagined_settings("whacamole") is game.settings
+    assert imagined_game("sample") is None
+    assert imagined_settings("sample") is None
+
+
+def test_what_a_log_says_by_cell() -> None:
+    game = imagined_game("whacamole")
+    assert game is not None
+    outcomes = game.outcomes({"hitsTarget4": 3.0, "missesTarget8": 2.0, "Points": 3.0})
+    assert outcomes.shape == (2, game.cells)
+    assert outcomes[0].tolist() == [0, 0, 0, 0, 3, 0, 0, 0, 0]
+    assert outcomes[1].tolist() == [0, 0, 0, 0, 0, 0, 0, 0, 2]
+
+
+def test_another_duration_of_a_step_is_refused() -> None:
+    with pytest.raises(ValueError, match="action_frequency_hz: got 40, expected 20"):
+        ImaginedWhacAMole(1, CONDITIONS, TwinSettings(), step_s=0.025, seed=1)
+
+
+def test_targets_live_as_long_and_come_as_often_as_in_the_game() -> None:
+    game, place = resting_game(60, single=0.5)
+    game._age[:] = -1
+    most_single = most = 0
+    births: dict[tuple[int, int], int] = {}
+    lives = []
+    for frame in range(300):
+        before = game._age.clone()
+        game.play(place, SOFT)
+        there = game._age >= 0
+        most_single = max(most_single, int(there[:30].sum(1).max()))
+        most = max(most, int(there[30:].sum(1).max()))
+        assert ((there & (before < 0)).sum(1) <= 1).all()  # at most one a frame
+        for user, cell in torch.nonzero(there & (before < 0)).tolist():
+            births[user, cell] = frame
+        for user, cell in torch.nonzero(~there & (before >= 0)).tolist():
+            lives.append(frame - births[user, cell])
+    assert (most_single, most) == (1, 3)
+    assert set(lives) == {22}  # 1.1 s, growing included
+    assert game.counts[0].sum() == 0
+    assert game.counts[1].sum() == len(lives)
+    # A target, its fading out, and the mean ban: users with one at a time wait for the longest.
+    assert 30 * 300 / 31 < len(lives) < 60 * 300 / 10
+
+
+def game_at_a_target() -> tuple[ImaginedWhacAMole, torch.Tensor]:
+    """Four users whose hammers are in the middle target of the middle placement.
+
+    The first comes in at 0.9 m/s, the second at 0.7 m/s, the third was inside already, and the
+    fourth one's target is still growing.
+    """
+    game, place = resting_game(4)
+    game.condition[:] = 1
+    # The box is 5 cm along the handle's axis y from the marker, 1.4 mm from it across.
+    game.hammer.fixed.zero_()
+    game.hammer.fixed[12, :3] = game._cells[1, 4]
+    game.hammer.fixed[12, 3:6] = torch.tensor([0.0, 0.0, 1.0])
+    game.hammer.fixed[12, 6:] = torch.tensor([0.0, 1.0, 0.0])
+    root, _ = points(*game.hammer(place))
+    game._age[:], game._fading[:] = -1, 0
+    game._age[:, 4] = torch.tensor([5, 5, 5, 0])
+    game._ban_s[:] = 9.0
+    # The velocity that is judged is half the last frame's and half of what it was.
+    speeds = torch.tensor([0.9, 0.7, 0.9, 0.9])
+    game._velocity = torch.zeros(4, 3)
+    game._root = root.clone()
+    game._root[:, 2] -= speeds * 2.0 * FRAME_S
+    game._inside[2, 4] = True
+    return game, place
+
+
+def test_only_coming_in_fast_enough_is_a_hit() -> None:
+    game, place = game_at_a_target()
+    game.play(place, SOFT)
+    assert game._inside[:, 4].tolist() == [True, True, True, True]
+    assert game._hit[:, 4].tolist() == [True, False, False, False]
+    game.play(place, SOFT)
+    assert game._age[:, 4].tolist() == [-1, 7, 7, 2]
+    assert game.counts[0, 1].tolist() == [0, 0, 0, 0, 1, 0, 0, 0, 0]
+
+
+def test_staying_in_a_target_costs_by_how_deep_the_hammer_is() -> None:
+    rewards = []
+    for stuck in (0.0, 1.0):
+        game, place = game_at_a_target()
+        soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0, stuck=stuck)
+        rewards.append(torch.stack([game.play(place, soft) for _ in range(2)]))
+    # Half sizes of 12.5 mm (target) and 50 mm (hammer), middles 47.8 mm apart: 14.7 mm deep, of 40.
+    cost = 1.0 + (0.0125 + 0.050 - (0.0482 - 0.000401)) / 0.04
+    expected = torch.tensor([[0.0, 0.0, cost, 0.0], [0.0, cost, cost, cost]])
+    torch.testing.assert_close(rewards[0] - rewards[1], expected, atol=1e-4, rtol=0.0)
+
+
+def test_hits_are_worth_what_their_cells_say() -> None:
+    rewards = []
+    for value in (0.0, 1.0, 3.0):
+        game, place = game_at_a_target()
+        game.hit_values.fill_(value)
+        rewards.append(game.play(place, SOFT))
+    assert rewards[1][0] - rewards[0][0] > 1.0
+    torch.testing.assert_close(
+        rewards[2] - rewards[0], 3.0 * (rewards[1] - rewards[0]), atol=1e-4, rtol=1e-4
+    )
+
+
+def test_missed_cells_come_up_more_often_and_are_worth_more() -> None:
+    game, _ = resting_game(3)
+    game.counts[0], game.counts[1] = 10.0, 0.0
+    game.counts[:, 2, 6] = torch.tensor([0.0, 10.0])
+    game.adapt()
+    assert game.spawn_weights[2, 6] > 2.0 * game.spawn_weights[2, 0]
+    torch.testing.assert_close(game.spawn_weights.sum(1), torch.ones(3))
+    # It fails 7.8 times as often as the mean, of which 3 count: worth 2 hits more, half of it now.
+    expected = torch.ones(3, 9)
+    expected[2, 6] = 2.0
+    torch.testing.assert_close(game.hit_values, expected)
+
+
+def test_rewards_are_soft_at_first_and_nearly_the_game_s_from_the_middle_on() -> None:
+    settings = TwinSettings()
+    first, quarter, half = (settings.relaxation(done) for done in (0.0, 0.25, 0.5))
+    assert (first.overlap_m, first.speed_mps, first.near, first.distance) == (0.015, 0.3, 3.0, 7.0)
+    assert (half.overlap_m, half.speed_mps, half.near, half.distance) == (0.004, 0.08, 0.2, 1.0)
+    assert settings.relaxation(1.0) == half
+    assert quarter.near == pytest.approx(1.6)
+
+
+def test_a_saved_game_goes_on_to_the_same_bits() -> None:
+    game, place = resting_game(12)
+    for _ in range(5):
+        game.play(place, SOFT)
+    state = game.state()
+    after = [game.play(place, SOFT) for _ in range(20)]
+    other, _ = resting_game(12)
+    other.load_state(state)
+    assert all(torch.equal(value, other.play(place, SOFT)) for value in after)
+
+
+def test_positions_are_the_app_s() -> None:
+    # What the imagined game takes for granted: up is y, away from the player is z.
+    np.testing.assert_allclose(position_to_app(np.array([[1.0, 2.0, 3.0]])), [[-2.0, 3.0, 1.0]])

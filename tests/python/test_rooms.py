@@ -1,0 +1,78 @@
+"""No arrow runs back up: a room of the package imports only the rooms below it."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).parents[2] / "python" / "sim2vr_harness"
+NAME = "sim2vr_harness"
+
+BELOW: dict[str, tuple[str, ...]] = {
+    "client": (),
+    "users": ("client",),
+    "perception": ("client", "users"),
+    "games": ("client",),
+    "envs": ("client", "users", "perception"),
+    "training": ("client", "users", "perception", "games", "envs"),
+    "evaluation": ("client", "users", "perception", "games", "envs", "training"),
+    "bench": ("client", "users", "perception", "games", "envs", "training"),
+}
+"""What each room may import beside itself; ``cli`` may import all, and nothing imports it."""
+
+ALONE = {"stable_baselines3": {"training"}, "zmq": {"client"}}
+"""Packages that only these rooms import (``bench`` asks training for what it needs of them)."""
+
+
+def imports(file: Path) -> Iterator[tuple[int, str]]:
+    """Line and dotted name of everything that a module imports, wherever in it."""
+    for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from ((node.lineno, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            yield from ((node.lineno, f"{node.module}.{alias.name}") for alias in node.names)
+
+
+def rooms() -> list[str]:
+    return sorted(path.parent.name for path in PACKAGE.glob("*/__init__.py"))
+
+
+def test_every_room_has_its_place() -> None:
+    assert set(rooms()) - {"cli"} <= BELOW.keys()
+
+
+@pytest.mark.parametrize("room", sorted(BELOW))
+def test_a_room_imports_only_the_rooms_below_it(room: str) -> None:
+    wrong = []
+    for file in sorted((PACKAGE / room).rglob("*.py")):
+        for line, name in imports(file):
+            parts = name.split(".")
+            if parts[0] != NAME or len(parts) < 2 or not (PACKAGE / parts[1]).is_dir():
+                continue
+            if parts[1] not in (room, *BELOW[room]):
+                wrong.append(f"{file.relative_to(PACKAGE)}:{line}: {name}")
+    assert wrong == []
+
+
+@pytest.mark.parametrize("package", sorted(ALONE))
+def test_a_package_has_one_importer(package: str) -> None:
+    found = {
+        file.relative_to(PACKAGE).parts[0]
+        for file in PACKAGE.rglob("*.py")
+        for _, name in imports(file)
+        if name.split(".")[0] == package
+    }
+    assert found <= ALONE[package]
+
+
+def test_nothing_but_the_games_own_rooms_names_a_game() -> None:
+    """Defaults of configurations and examples may; code that decides by a game's name may not."""
+    found = []
+    for file in sorted((PACKAGE / "training").rglob("*.py")):
+        for line, name in imports(file):
+            if name.startswith(f"{NAME}.games."):
+                found.append(f"{file.relative_to(PACKAGE)}:{line}: {name}")
+    assert found == []

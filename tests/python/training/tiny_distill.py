@@ -1,0 +1,67 @@
+"""The distilled recipe in seconds: the real game, and as little of everything as there can be."""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from pathlib import Path
+from typing import Any
+
+import torch
+from rich.console import Console
+
+from sim2vr_harness.training import trainer
+from sim2vr_harness.training.config import TrainingConfig, load_config
+
+SETTINGS = [
+    "recipe=distill",
+    "device=cpu",
+    "env.cores=1",
+    "env.app.options.round_seconds=2.0",
+    "policy.scale_proprioception=true",
+    "teacher.total_timesteps=64",
+    "teacher.imagined.cycles=2",
+    "teacher.imagined.first_play_steps=30",
+    "teacher.imagined.play_steps=10",
+    "teacher.imagined.first_fit_minibatches=20",
+    "teacher.imagined.fit_minibatches=20",
+    "teacher.imagined.body_width=16",
+    "teacher.imagined.users=8",
+    "teacher.imagined.updates=2",
+    "teacher.imagined.critic_first_updates=0",
+    "teacher.ppo.n_envs=4",
+    "teacher.ppo.n_steps=8",
+    "teacher.ppo.batch_size=16",
+    "teacher.ppo.n_epochs=1",
+    "teacher.ppo.critic_first_updates=1",
+    "teacher.curriculum.near_starts=0.0",
+    "teacher.evaluate_rounds=0",
+    "student.n_envs=2",
+    "student.frames=96",
+    "student.rollout_steps=8",
+    "student.batch_size=16",
+    "student.checkpoint_rounds=20",
+    "student.stagger_steps=20",
+    "ppo.n_envs=2",
+    "ppo.n_steps=10",
+    "ppo.batch_size=10",
+    "ppo.n_epochs=1",
+    "ppo.critic_first_updates=1",
+    "total_timesteps=40",
+    "checkpoint.every_steps=20",
+]
+
+
+def config(*settings: str) -> TrainingConfig:
+    return load_config("whacamole_constrained", [*SETTINGS, *settings])
+
+
+def train(folder: Path, *settings: str, **how: Any) -> tuple[trainer.TrainResult, str]:
+    text = io.StringIO()
+    console = Console(file=text, width=200)
+    return trainer.train(config(*settings), folder, console=console, **how), text.getvalue()
+
+
+def weights(path: Path) -> dict[str, torch.Tensor]:
+    with zipfile.ZipFile(path) as archive:
+        return torch.load(io.BytesIO(archive.read("policy.pth")), weights_only=True)

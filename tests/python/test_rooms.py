@@ -68,11 +68,13 @@ def test_a_package_has_one_importer(package: str) -> None:
     assert found <= ALONE[package]
 
 
-def test_nothing_but_the_games_own_rooms_names_a_game() -> None:
-    """Defaults of configurations and examples may; code that decides by a game's name may not."""
+def test_a_game_s_own_room_is_found_by_its_name_only() -> None:
+    games = [folder.name for folder in (PACKAGE / "games").iterdir() if folder.is_dir()]
     found = []
-    for file in sorted((PACKAGE / "training").rglob("*.py")):
+    for file in sorted(PACKAGE.rglob("*.py")):
         for line, name in imports(file):
-            if name.startswith(f"{NAME}.games."):
+            parts = name.split(".")
+            theirs = parts[:2] == [NAME, "games"] and len(parts) > 2 and parts[2] in games
+            if theirs and parts[2] not in file.relative_to(PACKAGE).parts:
                 found.append(f"{file.relative_to(PACKAGE)}:{line}: {name}")
     assert found == []

@@ -41,7 +41,6 @@ class JointRow:
     name: str
     body: str
     kind: Literal["hinge", "slide"]
-    independent: bool
     axis: Vector
     limits: Vector | None
     stiffness: float
@@ -183,7 +182,6 @@ def load_model_tables(folder: str) -> ModelTables:
                 name=r["joint"],
                 body=r["body"],
                 kind="slide" if r.get("type") == "slide" else "hinge",
-                independent=r["role"] == "independent",
                 axis=_vector(r["axis"]),
                 limits=_vector(r["range_rad"]) or None,
                 stiffness=float(r["stiffness_Nm_per_rad"]),

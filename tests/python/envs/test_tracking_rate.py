@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.client import DevicePoses, InProcessApp
-from sim2vr_harness.client.frames import pose_to_app, position_to_mujoco
+from sim2vr_harness.client.frames import pose_to_app, position_to_mujoco, rotation_to_app
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
 from sim2vr_harness.users import UserBatch
 
@@ -49,6 +49,8 @@ def frame_time_ns(frame: int, rate_hz: int) -> int:
 class BodyByHand:
     """A user's body in plain MuJoCo, from the start that a seed gives it."""
 
+    head_pitch_deg: float | None = None
+
     def __init__(self, simulation: Simulation, seed: int) -> None:
         rng = np.random.default_rng(seed)
         self.round_seed = int(rng.integers(2**32))
@@ -75,6 +77,9 @@ class BodyByHand:
             pose_to_app(now.site(name).xpos, now.body(name).xquat)
             for name in ("headset", "controller_right")
         )
+        if self.head_pitch_deg is not None:
+            half = np.radians(self.head_pitch_deg) / 2.0
+            head[3:] = rotation_to_app([np.cos(half), 0.0, -np.sin(half), 0.0])
         return DevicePoses(head, right)
 
 
@@ -85,6 +90,8 @@ def test_equals_stepping_body_and_app_by_hand(frames: int) -> None:
     simulation.reset(seeds=[8])
     body = BodyByHand(simulation, 8)
     app = InProcessApp("whacamole", GAME.options)
+    body.head_pitch_deg = app.head_request(body.round_seed)
+    assert body.head_pitch_deg is not None
     app.reset(body.round_seed, body.poses())
     before = 0.0
     for step in range(12):

@@ -6,7 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['AppBatch', 'EngineError', 'InvalidArgument', 'RenderError', 'StateError', 'Unsupported', 'frame_time_ns', 'gl_renderer', 'list_games', 'set_log_level']
+__all__: list[str] = ['AppBatch', 'EngineError', 'InvalidArgument', 'RenderError', 'StateError', 'Unsupported', 'frame_time_ns', 'game_facts', 'gl_renderer', 'list_games', 'set_log_level']
 class EngineError(RuntimeError):
     pass
 class StateError(EngineError):
@@ -136,6 +136,10 @@ class AppBatch:
 def frame_time_ns(frame: typing.Annotated[numpy.typing.ArrayLike, numpy.int64], frame_rate_hz: typing.Annotated[numpy.typing.ArrayLike, numpy.int32]) -> typing.Any:
     """
     Times of frames in lockstep, ns: n times the largest binary32 below the period.
+    """
+def game_facts(name: str) -> str:
+    """
+    What a game tells of itself, as a JSON object: measures, conditions.
     """
 def gl_renderer(kind: str = 'automatic') -> str:
     """

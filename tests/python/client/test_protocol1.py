@@ -125,7 +125,7 @@ def test_the_user_ends_a_round(fake_app: Path, tmp_path: Path) -> None:
 
 def test_what_the_reference_has_no_word_for(fake_app: Path) -> None:
     with started(fake_app, options={"condition": "medium"}) as app:
-        assert not app.capabilities
+        assert app.capabilities == {"left_controller"}
         app.reset(1, POSES, {"condition": "medium"})
         for call in (app.save, app.state_hash, lambda: app.load(b""),
                      lambda: app.render_headset(30, 20),

@@ -6,11 +6,15 @@ import ast
 import os
 import re
 import signal
+import socket
+import stat
+import struct
 import subprocess
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +22,12 @@ import pytest
 import zmq
 
 from sim2vr_harness.client import (
+    INPUT_COUNT,
     AppDied,
     AppError,
     AppRefused,
     AppTimeout,
+    AppUnsupported,
     DevicePoses,
     InProcessApp,
     Protocol1App,
@@ -31,7 +37,8 @@ from sim2vr_harness.client import (
     connect,
     start_sim2vr_app,
 )
-from sim2vr_harness.client.protocol2 import HEADER, MAGIC, REPLY, VERSION
+from sim2vr_harness.client.process import log_folder
+from sim2vr_harness.client.protocol2_wire import HEADER, MAGIC, REPLY, VERSION
 from sim2vr_harness.paths import app_executable
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -52,16 +59,8 @@ def server() -> Iterator[StartingApp]:
     starting.process.log_file.unlink(missing_ok=True)
 
 
-@pytest.fixture(params=["local socket", "ZeroMQ"])
-def carrier(request: pytest.FixtureRequest) -> str:
-    return request.param
-
-
-def session(
-    server: StartingApp, carrier: str = "local socket", **settings: object
-) -> Protocol2Connection:
-    channel = server.channel(20.0, 20.0, local=carrier == "local socket")
-    return Protocol2Connection(channel, **settings)  # type: ignore[arg-type]
+def session(server: StartingApp, **settings: object) -> Protocol2Connection:
+    return Protocol2Connection(server.channel(20.0, 20.0), **settings)  # type: ignore[arg-type]
 
 
 def test_the_example_client_is_short_and_plays(server: StartingApp) -> None:
@@ -102,8 +101,6 @@ def test_images_and_what_is_left_of_them(shared: bool) -> None:
     apps = [connection.app(i) for i in range(2)]
     for app in apps:
         app.reset(1, POSES)
-    # Taken away as soon as it was mapped; its name holds the server's number.
-    assert not [name for name in os.listdir("/dev/shm") if str(starting.process.pid) in name]
     images = [app.image for app in apps]
     assert all(image.shape == (40, 60, 4) and image.std() > 5 for image in images)
     assert not images[0].flags.writeable
@@ -117,8 +114,8 @@ def test_images_and_what_is_left_of_them(shared: bool) -> None:
     assert not starting.process.running
 
 
-def test_a_refused_record_leaves_the_others_alone(server: StartingApp, carrier: str) -> None:
-    connection = session(server, carrier, apps=3)
+def test_a_refused_record_leaves_the_others_alone(server: StartingApp) -> None:
+    connection = session(server, apps=3)
     apps = [connection.app(i) for i in range(3)]
     for app in apps[:2]:
         app.reset(1, POSES)
@@ -149,9 +146,9 @@ def test_a_refused_record_leaves_the_others_alone(server: StartingApp, carrier: 
     ("number", "error"), [(signal.SIGKILL, AppDied), (signal.SIGSTOP, AppTimeout)]
 )
 def test_a_server_that_dies_or_hangs_in_mid_step(
-    server: StartingApp, carrier: str, number: signal.Signals, error: type[Exception]
+    server: StartingApp, number: signal.Signals, error: type[Exception]
 ) -> None:
-    connection = session(server, carrier, apps=2)
+    connection = session(server, apps=2)
     apps = [connection.app(i) for i in range(2)]
     for app in apps:
         app.reset(1, POSES)
@@ -170,11 +167,11 @@ def test_a_server_that_dies_or_hangs_in_mid_step(
     assert not server.process.running
 
 
-def test_a_second_client_is_told_so(server: StartingApp, carrier: str) -> None:
-    connection = session(server, carrier)
+def test_a_second_client_is_told_so(server: StartingApp) -> None:
+    connection = session(server)
     app = connection.app(0)
     app.reset(1, POSES)
-    address = connection.channel.endpoint.removeprefix("tcp://")
+    address = connection.channel.endpoint
     with pytest.raises(AppError, match=r"client"):
         Protocol2Connection(connect(address, 5.0))
     with pytest.raises(AppError, match=r"client"):
@@ -199,7 +196,7 @@ def test_a_client_that_vanishes_in_mid_step_ends_the_server(server: StartingApp)
     channel = server.channel(5.0, 20.0)
     channel.close()
     client = subprocess.Popen(
-        [sys.executable, "-c", CLIENT, channel.endpoint.removeprefix("tcp://")],
+        [sys.executable, "-c", CLIENT, channel.endpoint],
         stdout=subprocess.PIPE,
         text=True,
     )
@@ -216,17 +213,43 @@ def test_a_client_that_vanishes_in_mid_step_ends_the_server(server: StartingApp)
 # --- a server that talks nonsense --------------------------------------------------------------
 
 HELLO_JSON = (
-    b'{"server":"s","version":"0","protocol":2,"game":"g","apps":1,"width":2,"height":1,'
-    b'"renderer_description":"r","shared_memory":null}'
+    b'{"server":"s","version":"0","game":"g","facts":null,"capabilities":["views"],"apps":1,'
+    b'"width":2,"height":1,"eyes":1,"renderer_description":"r","shared_memory":null}'
 )
-RECORD = b"\0" * 32
-LOG_RECORD = RECORD[:20] + b"\1" + RECORD[21:]  # a log value under unknown names
-BAD_RECORD = RECORD[:16] + b"\1" + RECORD[17:]  # refused, without a text
+RECORD = b"\0" * 40
 IMAGE = b"\7" * 8
+
+
+def with_number(offset: int, value: int) -> bytes:
+    """The record with another number at an offset."""
+    return RECORD[:offset] + struct.pack("<I", value) + RECORD[offset + 4 :]
+
+
+LOG_RECORD = with_number(20, 1)  # a log value under unknown names
+BAD_RECORD = with_number(16, 1)  # refused, without a text
+PULSE_RECORD = with_number(28, 1)
+SOUND_RECORD = with_number(32, 1)
+NAN_RECORD = with_number(8, 0x7FC00000)
 
 
 def header(kind: int, sequence: int, count: int = 0, status: int = 0, flags: int = 0) -> bytes:
     return HEADER.pack(MAGIC, VERSION, kind | REPLY, sequence, count, status, flags)
+
+
+def results(
+    sequence: int,
+    records: bytes = RECORD,
+    *,
+    values: bytes = b"",
+    names: bytes = b"",
+    images: bytes = IMAGE,
+    haptics: bytes = b"",
+    sounds: bytes = b"",
+    flags: int = 0,
+) -> list[bytes]:
+    """The reply to a reset, one thing of it other than it should be."""
+    first = header(2, sequence, len(records) // 40, flags=flags)
+    return [first, records, values, names, images, b"", haptics, sounds]
 
 
 def hello_reply(_sequence: int) -> list[bytes]:
@@ -240,22 +263,22 @@ Answer = Callable[[int], list[bytes]]
 def liar(request: pytest.FixtureRequest) -> Iterator[str]:
     """The address of a server that gives prepared answers."""
     answers: list[Answer] = request.param
-    socket = zmq.Context.instance().socket(zmq.REP)
-    socket.linger = 0
-    port = socket.bind_to_random_port("tcp://127.0.0.1")
+    server = zmq.Context.instance().socket(zmq.REP)
+    server.linger = 0
+    port = server.bind_to_random_port("tcp://127.0.0.1")
 
     def serve() -> None:
         for answer in answers:
-            if not socket.poll(5000):
+            if not server.poll(5000):
                 return
-            frames = socket.recv_multipart()
-            socket.send_multipart(answer(HEADER.unpack(frames[0])[3]))
+            frames = server.recv_multipart()
+            server.send_multipart(answer(HEADER.unpack(frames[0])[3]))
 
     thread = threading.Thread(target=serve)
     thread.start()
     yield f"127.0.0.1:{port}"
     thread.join()
-    socket.close()
+    server.close()
 
 
 @pytest.mark.parametrize(
@@ -263,13 +286,18 @@ def liar(request: pytest.FixtureRequest) -> Iterator[str]:
     [
         ([lambda n: [b"{}"]], "expected a header of protocol 2"),
         ([lambda n: [header(1, n)[:20], HELLO_JSON]], "expected a header of protocol 2"),
-        ([lambda n: [header(2, n), HELLO_JSON]], "type 0x8002.*expected 2, 0x8001"),
+        ([lambda n: [header(2, n), HELLO_JSON]], "type 0x8002.*expected 0x8001"),
         ([lambda n: [header(1, n + 1), HELLO_JSON]], "sequence 2; expected"),
         ([lambda n: [header(1, n)]], "hello: IndexError"),
         ([lambda n: [header(1, n), b"{"]], "hello: JSONDecodeError"),
         ([lambda n: [header(1, n), b"{}"]], "hello: KeyError"),
         ([lambda n: [header(1, n), HELLO_JSON.replace(b":2,", b":9,")]], "images of"),
-        ([lambda n: [header(1, n, status=6), b"no version 2"]], "no version 2"),
+        ([lambda n: [header(1, n), HELLO_JSON.replace(b'"eyes":1', b'"eyes":2')]], "images of"),
+        ([lambda n: [header(1, n, status=6), b"no version 3"]], "no version 3"),
+        (
+            [lambda n: [HEADER.pack(MAGIC, 2, 1 | REPLY, n, 0, 6, 0), b"version: got 3"]],
+            "messages of version 2 of protocol 2, expected 3: take app and harness from the same",
+        ),
     ],
     indirect=["liar"],
 )  # fmt: skip
@@ -283,16 +311,21 @@ def test_malformed_hello(liar: str, message: str) -> None:
     [
         ([hello_reply, answer], message)
         for answer, message in (
-            (lambda n: [header(2, n, 1)], "IndexError"),
-            (lambda n: [header(2, n, 1), RECORD[:31], b"", b"", IMAGE, b""], "ValueError"),
-            (lambda n: [header(2, n, 2), RECORD * 2, b"", b"", IMAGE * 2, b""], "records of apps"),
-            (lambda n: [header(2, n, 1), b"\1" + RECORD[1:], b"", b"", IMAGE, b""], "records of"),
-            (lambda n: [header(2, n, 1), RECORD, b"\0", b"", IMAGE, b""], "ValueError"),
-            (lambda n: [header(2, n, 1), RECORD, b"", b"[]", IMAGE, b""], "AttributeError"),
-            (lambda n: [header(2, n, 1), RECORD, b"", b"", IMAGE[1:], b""], "ValueError"),
-            (lambda n: [header(2, n, 1, flags=1), RECORD, b"", b"", b"", b""], "not asked for"),
-            (lambda n: [header(2, n, 1), LOG_RECORD, b"", b"", IMAGE, b""], "KeyError"),
-            (lambda n: [header(2, n, 1), BAD_RECORD, b"", b"", IMAGE, b""], "IndexError"),
+            (lambda n: [header(2, n, 1)], "0 frames after the header, expected 7"),
+            (lambda n: results(n, RECORD[:39]), "ValueError"),
+            (lambda n: results(n, RECORD * 2, images=IMAGE * 2), "records of apps"),
+            (lambda n: results(n, with_number(0, 1)), "records of apps"),
+            (lambda n: results(n, values=b"\0"), "ValueError"),
+            (lambda n: results(n, values=b"\0" * 8), "of another number than the records say"),
+            (lambda n: results(n, names=b"[]"), "TypeError"),
+            (lambda n: results(n, images=IMAGE[1:]), "ValueError"),
+            (lambda n: results(n, images=b"", flags=1), "not asked for"),
+            (lambda n: results(n, LOG_RECORD, values=b"\0" * 8), "KeyError"),
+            (lambda n: results(n, NAN_RECORD), "that is not finite"),
+            (lambda n: results(n, PULSE_RECORD), "of another number than the records say"),
+            (lambda n: results(n, PULSE_RECORD, haptics=b"\7" * 24), "IndexError"),
+            (lambda n: results(n, SOUND_RECORD, sounds=b"\0" * 32), "KeyError"),
+            (lambda n: results(n, sounds=b"\0" * 31), "ValueError"),
         )
     ],
     indirect=["liar"],
@@ -304,3 +337,60 @@ def test_malformed_results(liar: str, message: str) -> None:
     with pytest.raises(AppDied, match="was given up"):
         app.reset(1, POSES)
     app.close()
+
+
+@pytest.mark.parametrize("liar", [[hello_reply]], indirect=True)
+def test_what_an_app_cannot_do_is_not_asked_for(liar: str) -> None:
+    app = Protocol2Connection(connect(liar, 5.0), width=2, height=1).app(0)
+    assert app.capabilities == {"views"}
+    inputs = np.zeros(INPUT_COUNT)
+    inputs[0] = 0.5
+    pressed = replace(POSES, right_inputs=inputs)
+    lefty = replace(POSES, left_controller=POSES.right_controller)
+    two = DevicePoses(np.stack([POSES.head, POSES.head]))
+    for capability, call in {
+        "save": app.save,
+        "inputs": lambda: app.reset(1, pressed),
+        "left_controller": lambda: app.step(STEP, lefty),
+        "frames": lambda: app.step_frames(np.array([STEP, 2 * STEP]), two),
+        "head_request": lambda: app.head_request(1),
+    }.items():
+        with pytest.raises(AppUnsupported, match=f"^{capability}: the app at"):
+            call()
+    app.close()
+
+
+def test_a_closed_port_is_told_in_seconds() -> None:
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        port = closed.getsockname()[1]
+        started = time.monotonic()
+        with pytest.raises(AppTimeout, match=f"127.0.0.1:{port}, where nobody listens"):
+            Protocol2Connection(connect(f"127.0.0.1:{port}", 60.0))
+    assert time.monotonic() - started < 10.0
+
+
+def test_nothing_is_left_of_a_server_killed_after_hello(server: StartingApp) -> None:
+    before = set(os.listdir("/dev/shm"))
+    connection = session(server)
+    file = Path(connection.channel.endpoint.removeprefix("ipc://"))
+    assert stat.S_ISSOCK(file.stat().st_mode)
+    assert file.parent.stat().st_mode & 0o077 == 0
+    os.kill(server.process.pid, signal.SIGKILL)
+    connection.close()
+    assert set(os.listdir("/dev/shm")) <= before
+    assert not file.exists()
+
+
+def test_sockets_of_killed_servers_are_swept() -> None:
+    abandoned = log_folder() / "abandoned.socket"
+    with socket.socket(socket.AF_UNIX) as dead:
+        dead.bind(str(abandoned))
+    os.utime(abandoned, (0.0, 0.0))
+    young = log_folder() / "young.socket"
+    with socket.socket(socket.AF_UNIX) as starting:
+        starting.bind(str(young))
+    start_sim2vr_app(app_executable(), ["--renderer", "null"]).process.kill()
+    assert not abandoned.exists()
+    assert young.exists()
+    young.unlink()

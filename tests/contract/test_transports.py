@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -59,6 +60,10 @@ def test_a_round_is_the_same_to_the_bit(
     for name in (ALONE, transport):
         with transports.TRANSPORTS[name](game, log_dir=tmp_path / name) as app:
             rounds[name] = trace(app, PLAYERS[player], 7) + trace(app, PLAYERS[player], 8)
+    if transport == "protocol1":  # has no words for them
+        rounds[ALONE] = [
+            (replace(reply, haptics=(), sounds=()), *rest) for reply, *rest in rounds[ALONE]
+        ]
     assert rounds[transport] == rounds[ALONE]
     own, other = logs(tmp_path / transport), logs(tmp_path / ALONE)
     assert own == other

@@ -32,12 +32,22 @@ def frame_times(times_ns: Int64Array) -> Int64Array:
 
 
 def one_frame(poses: DevicePoses) -> DevicePoses:
-    """The devices of one moment as those of a step of one frame."""
+    """Return the devices of one moment as those of a step of one frame.
 
-    def frame(row: Float64Array | None) -> Float64Array | None:
-        return None if row is None else np.asarray(row, dtype=np.float64)[None]
-
-    return DevicePoses(**{name: frame(row) for name, row in vars(poses).items()})  # type: ignore[arg-type]
+    Raises:
+        ValueError: a row of another shape; names it.
+    """
+    rows: dict[str, Float64Array | None] = {}
+    for name, row in vars(poses).items():
+        if row is None:
+            rows[name] = None
+            continue
+        given = np.asarray(row, dtype=np.float64)
+        if given.shape != ((INPUT_COUNT,) if name.endswith("_inputs") else (7,)):
+            pose_rows(poses)
+            input_rows(poses)
+        rows[name] = given[None]
+    return DevicePoses(**rows)  # type: ignore[arg-type]
 
 
 def tracked_devices(poses: DevicePoses) -> int:

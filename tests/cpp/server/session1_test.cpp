@@ -214,7 +214,7 @@ TEST(Session1, SaysHowTheHeadShallBeHeld) {
   Json reply = client.ask(state);
   EXPECT_EQ(errorOf(reply), "none");
   EXPECT_NEAR(reply["headRequest"]["pitch_deg"].get<double>(), -30.0, 1e-4);
-  state["headRequest"]["options"] = {{"head_rotation", "device"}};
+  state["headRequest"]["options"] = {{"head_request", false}};
   EXPECT_EQ(client.ask(state)["headRequest"]["pitch_deg"], nullptr);
   EXPECT_EQ(errorOf(client.ask({{"headRequest", {{"seed", -1}}}})).find("malformed_message"), 0U);
   // It has started nothing.

@@ -167,7 +167,7 @@ TEST(Session2, SaysHowTheHeadShallBeHeldInARoundToCome) {
   // 30 degrees down for low targets (docs/games/whacamole.md).
   EXPECT_NEAR(pitch({{"seed", 3}, {"options", {{"condition", "low"}}}}).get<double>(), -30.0, 1e-4);
   EXPECT_NEAR(pitch({{"options", {{"condition", "high"}}}}).get<double>(), 30.0, 1e-4);
-  EXPECT_EQ(pitch({{"options", {{"head_rotation", "device"}}}}), nullptr);
+  EXPECT_EQ(pitch({{"options", {{"head_request", false}}}}), nullptr);
   EXPECT_EQ(client.hash(0), before);
   EXPECT_EQ(errorOf(client.ask(Type::head_request, 0, {R"({"options": {"nosuch": 1}})"}))
                 .find("1 options: got unknown option 'nosuch'"),

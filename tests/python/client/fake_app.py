@@ -11,8 +11,10 @@ import io
 import json
 import os
 import signal
+import struct
 import sys
 import time
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -69,6 +71,16 @@ def png(pixels: np.ndarray) -> bytes:
     return file.getvalue()
 
 
+def huge_png() -> bytes:
+    """The header of a picture that would fill 2 GB."""
+    size = struct.pack(">IIBBBBB", 22000, 22000, 8, 6, 0, 0, 0)
+    chunks = b""
+    for kind, data in ((b"IHDR", size), (b"IDAT", zlib.compress(b"")), (b"IEND", b"")):
+        chunks += struct.pack(">I", len(data)) + kind + data
+        chunks += struct.pack(">I", zlib.crc32(kind + data))
+    return b"\x89PNG\r\n\x1a\n" + chunks
+
+
 def misbehave(kind: str, socket: zmq.Socket, reply: dict) -> bytes:
     """Does what is asked for; returns the reply where there is one."""
     sys.stderr.write(f"fault: {kind}\n")
@@ -90,6 +102,16 @@ def misbehave(kind: str, socket: zmq.Socket, reply: dict) -> bytes:
         return b"[1, 2]"
     elif kind == "reward":
         reply["reward"] = "much"
+    elif kind == "nan":
+        reply["reward"] = float("nan")
+    elif kind == "infinite":
+        return (
+            json.dumps(reply).replace('"timeFeature": ', '"timeFeature": 1e400, "was": ').encode()
+        )
+    elif kind == "log":
+        reply["logDict"] = "[1]"
+    elif kind == "bomb":  # 22,000 x 22,000 pixels in 100 bytes
+        reply["image"] = list(huge_png())
     elif kind == "missing":
         del reply["timeFeature"]
     elif kind == "image":

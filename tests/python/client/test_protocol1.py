@@ -7,6 +7,7 @@ import os
 import signal
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.client import (
+    INPUT_COUNT,
     AppDied,
     AppError,
     AppRefused,
@@ -129,9 +131,12 @@ def test_what_the_reference_has_no_word_for(fake_app: Path) -> None:
         app.reset(1, POSES, {"condition": "medium"})
         for call in (app.save, app.state_hash, lambda: app.load(b""),
                      lambda: app.render_headset(30, 20),
-                     lambda: app.render_third_person(30, 20)):  # fmt: skip
-            with pytest.raises(AppUnsupported, match="no word for"):
+                     lambda: app.render_third_person(30, 20),
+                     lambda: app.head_request(1)):  # fmt: skip
+            with pytest.raises(AppUnsupported, match=r"^(save|views|head_request): .*no word for"):
                 call()
+        with pytest.raises(AppUnsupported, match=r"^inputs: .*of the right controller"):
+            app.step(50_000_000, replace(POSES, right_inputs=np.ones(INPUT_COUNT)))
         np.testing.assert_array_equal(app.render_headset(120, 80), app.image)
         with pytest.raises(AppRefused, match=r"condition: got 'hard'.*expected 'medium'"):
             app.reset(1, POSES, {"condition": "hard"})
@@ -170,6 +175,10 @@ def test_another_image_size_names_the_setting(fake_app: Path) -> None:
         ("missing", ProtocolError, r"KeyError: 'timeFeature'"),
         ("image", ProtocolError, r"image: .*expected an array of bytes"),
         ("picture", ProtocolError, r"image: got 3 bytes .*expected a PNG file"),
+        ("nan", ProtocolError, r"a reward or time feature that is not finite"),
+        ("infinite", ProtocolError, r"a reward or time feature that is not finite"),
+        ("log", ProtocolError, r"AttributeError: 'list' object"),
+        ("bomb", ProtocolError, r"image: got .*decompression bomb.*expected a PNG file"),
     ],
 )
 def test_faults_in_mid_step(

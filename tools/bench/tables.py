@@ -83,6 +83,24 @@ def table_memory(run: Run) -> str | None:
     return markdown(["users", "peak of the process, MB", "per user added, MB"], lines)
 
 
+def table_senses(run: Run) -> str | None:
+    """What a sense, or something done to one, adds to a user step."""
+    rows = [row for row in run if row["scene"] == "env" and "without" in row["ratios"]]
+    if not rows:
+        return None
+    lines = []
+    for row in rows:
+        step_us = 1e6 / row["rate_per_s"]
+        more_us, more_cpu_us = (
+            whole * (1.0 - row["ratios"][key])
+            for whole, key in ((step_us, "without"), (row["cpu_us_per_step"], "without, cpu"))
+        )
+        lines.append([row["variant"], f"{more_us:+,.0f}", f"{more_cpu_us:+,.0f}"])
+    head = ["env with", "us per step more", "processor time more, us"]
+    where = f"N = {rows[0]['n']}, {rows[0]['threads']} threads. {machine(rows[0])}"
+    return f"{where}\n\n{markdown(head, lines)}"
+
+
 def table_transports(run: Run) -> str | None:
     """Ways to the app, as shares of in process."""
     rows = {(row["scene"], row["transport"], row["n"]): row for row in run if not row["variant"]}
@@ -104,6 +122,7 @@ TABLES: dict[str, Callable[[Run], str | None]] = {
     "scaling": table_scaling,
     "memory": table_memory,
     "transports": table_transports,
+    "senses": table_senses,
 }
 
 

@@ -2,6 +2,7 @@
 
 - :mod:`.scene`: what a scene is; seeds, actions and hashes that all of them share
 - :mod:`.scenes`: the scenes: the body alone, drawing apps, whole users, the learner
+- :mod:`.senses`: variants of whole users with one sense more
 - :mod:`.plan`: which scenes, with how many users and threads, over which transports
 - :mod:`.run`: a run: scenes take turns, rows are compared
 - :mod:`.turns`: the measurement itself

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from typing import get_args
 
 from sim2vr_harness.bench.scene import IN_PROCESS, Spec
+from sim2vr_harness.bench.senses import sense_variants
 from sim2vr_harness.envs.config import AppConfig
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.errors import InputError, unknown_name
@@ -15,8 +16,9 @@ from sim2vr_harness.training.errors import InputError, unknown_name
 __all__ = ["NAMES", "USUAL", "Plan", "specs", "transports"]
 
 USUAL = ("physics", "render", "env", "train")
-NAMES = (*USUAL, "memory")
-"""What ``--scene`` takes; ``memory`` has no rate."""
+NAMES = (*USUAL, "senses", "memory")
+"""What ``--scene`` takes; ``senses`` is ``env`` with one sense more at a time, ``memory`` has no
+rate."""
 
 DEFAULT_N = 64
 _OVER_TRANSPORTS = ("render", "env")
@@ -106,6 +108,9 @@ def _specs(plan: Plan, name: str, n: int, threads: int) -> list[Spec]:
         return []
     if name == "physics":
         return [Spec(name, plan.config, n, threads, transport=None)]
+    if name == "senses":
+        variants = [("", plan.config), *sense_variants(plan.config)]
+        return [Spec("env", config, n, threads, variant=variant) for variant, config in variants]
     if name == "train":
         return [Spec(name, plan.config, n, threads, train_steps=plan.train_steps)]
     assert name in _OVER_TRANSPORTS

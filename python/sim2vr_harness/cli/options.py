@@ -71,4 +71,4 @@ def _check(option: str, given: Path, folder: Path) -> None:
 
 def _name(parameter: Any) -> str:
     options = [name for name in parameter.opts if name.startswith("--")]
-    return options[0] if options else str(parameter.name)
+    return options[0] if options else str(parameter.name).upper()

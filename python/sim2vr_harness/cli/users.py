@@ -12,7 +12,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from sim2vr_harness.cli.options import writable_folder
+from sim2vr_harness.cli.options import finite, writable_file, writable_folder
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.tables import cell
 
@@ -169,17 +169,21 @@ def bodies() -> None:
 @app.command("export")
 def export(
     name: Annotated[str, typer.Argument(help="A body's name, or a YAML file that describes one.")],
-    file: Annotated[Path, typer.Argument(help="MJCF file to write, such as body.xml.")],
-    stature_m: Annotated[float | None, typer.Option(help="Body height in m.")] = None,
-    mass_kg: Annotated[float | None, typer.Option(help="Body mass in kg.")] = None,
+    file: Annotated[
+        Path, typer.Argument(help="MJCF file to write, such as body.xml.", callback=writable_file)
+    ],
+    stature_m: Annotated[
+        float | None, typer.Option(help="Body height in m.", callback=finite)
+    ] = None,
+    mass_kg: Annotated[float | None, typer.Option(help="Body mass in kg.", callback=finite)] = None,
     segment: Annotated[
         list[str] | None,
         typer.Option(metavar="NAME=M", help="Length of a segment in m; may be repeated."),
     ] = None,
-    strength: Annotated[float, typer.Option(help="Factor on peak forces.")] = 1.0,
+    strength: Annotated[float, typer.Option(help="Factor on peak forces.", callback=finite)] = 1.0,
     hand: Annotated[str | None, typer.Option(help="right or left: the hand that plays.")] = None,
     skull_rotation_deg: Annotated[
-        float, typer.Option(help="How far the head looks down, degrees.")
+        float, typer.Option(help="How far the head looks down, degrees.", callback=finite)
     ] = 10.0,
 ) -> None:
     """Write a body, devices included, as MJCF that MuJoCo loads.

@@ -45,7 +45,7 @@ def results_table(
 
 def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Table:
     tight = len(summaries) == _SIDE_BY_SIDE
-    table = Table(box=box.SIMPLE_HEAD, padding=(0, 1, 0, 0) if tight else (0, 1))
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0) if tight else (0, 1))
     table.add_column("Per round", no_wrap=True)
     for condition in summaries:
         table.add_column(condition, justify="right", overflow="fold")

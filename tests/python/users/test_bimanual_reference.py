@@ -135,7 +135,7 @@ def test_an_app_is_sent_both_controllers() -> None:
         {
             "app": {"renderer": "null"},
             "user": {"model": NAME, "effort": {"model": "neural", "weight": 0.001}},
-            "threads": 1,
+            "cores": 1,
             "frames_per_step": 5,
         }
     )

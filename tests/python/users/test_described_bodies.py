@@ -22,7 +22,7 @@ from sim2vr_harness.users import UserBatch, load_body
 def _config(**changes: Any) -> EnvConfig:
     app = {"game": "whacamole", "options": {"condition": "easy"}, "renderer": "null"}
     user = {"model": str(OWN_ARM), "effort": {"model": "neural"}}
-    return EnvConfig.model_validate({"app": app, "user": user, "threads": 1, **changes})
+    return EnvConfig.model_validate({"app": app, "user": user, "cores": 1, **changes})
 
 
 def test_own_arm_plays_a_round() -> None:

@@ -47,7 +47,7 @@ def test_it_is_an_arm_with_32_muscles(body: Body) -> None:
 
 
 def test_it_plays_a_round_with_random_muscles() -> None:
-    with closing(Simulation(EnvConfig.model_validate({**CONFIG, "threads": 2}), 2)) as users:
+    with closing(Simulation(EnvConfig.model_validate({**CONFIG, "cores": 2}), 2)) as users:
         users.reset(seeds=[1, 2])
         rng = np.random.default_rng(0)
         for _ in range(1201):

@@ -1,18 +1,19 @@
-"""Writes the first inputs of the targets protocol2 and session2, by the client's own encoding.
+"""Writes the first inputs of the fuzz targets whose formats are our own.
 
-To be run when the wire format changes, from the root of the repository; what fuzzing has found in
-the old format is of no use in the new one. Frames are each behind their length (2 bytes,
-little-endian), messages of a session are separated by the length 0xFFFF (targets.hpp).
+To be run when the wire format or the saved states change; what fuzzing has found in the old format
+is of no use in the new one. Frames are each behind their length (2 bytes, little-endian), messages
+of a session are separated by the length 0xFFFF (targets.hpp).
 """
 
 from __future__ import annotations
 
+import base64
 import json
 from pathlib import Path
 
 import numpy as np
 
-from sim2vr_harness.client import INPUT_COUNT, DevicePoses
+from sim2vr_harness.client import INPUT_COUNT, DevicePoses, InProcessApp
 from sim2vr_harness.client import protocol2_wire as wire
 from sim2vr_harness.client.protocol2_wire import HEADER, MAGIC, VERSION, Type
 
@@ -86,10 +87,34 @@ SESSIONS = {
 }  # fmt: skip
 
 
+def saved_states() -> dict[str, bytes]:
+    """Of the app of the target, at the start, in the middle and after the end of a round."""
+    options = {"condition": "hard", "round_seconds": 1.0}
+    states = {}
+    with InProcessApp("whacamole", options, width=8, height=6, renderer="null") as app:
+        app.reset(3, devices(0))
+        for frame in range(1, 22):
+            app.step(frame * STEP_NS, devices(frame))
+            name = {1: "start", 10: "play", 21: "over"}.get(frame)
+            if name is not None:
+                states[name] = app.save()
+    return states
+
+
+def load_message(state: bytes) -> bytes:
+    """Of protocol 1: the second of three messages that zero bytes separate."""
+    file = CORPUS / "session1" / "load"
+    first, _, last = file.read_bytes().split(b"\0")
+    return b"\0".join([first, text({"load": base64.b64encode(state).decode()}), last])
+
+
 def main() -> None:
+    states = saved_states()
+    (CORPUS / "session1" / "load").write_bytes(load_message(states["play"]))
     for target, inputs in (
         ("protocol2", MESSAGES),
         ("session2", {name: b"\xff\xff".join(parts) for name, parts in SESSIONS.items()}),
+        ("saved_state", states),
     ):
         folder = CORPUS / target
         folder.mkdir(exist_ok=True)

@@ -43,6 +43,31 @@ void decoding(Work work) {
   }
 }
 
+/// Picture sizes, numbers of frames and of apps are bounded by the server, but at a scale of
+/// seconds.
+bool costly(const server::protocol1::State& state) {
+  return state.frames.size() > kMaximumFrames ||
+         (state.render && state.render->size.pixels() > kMaximumPicturePixels);
+}
+
+bool costly(const server::protocol2::Request& request) {
+  if (const auto* hello = std::get_if<server::protocol2::Hello>(&request)) {
+    return hello->apps > 2 || hello->width.value_or(8) > 64 || hello->height.value_or(8) > 64 ||
+           hello->renderer.value_or("null") != "null";
+  }
+  if (const auto* picture = std::get_if<server::PictureRequest>(&request)) {
+    return picture->size.pixels() > kMaximumPicturePixels;
+  }
+  if (const auto* step = std::get_if<server::protocol2::Step>(&request)) {
+    for (const auto& record : step->records) {
+      if (record.frames.size() > kMaximumFrames) return true;
+    }
+  }
+  return false;
+}
+
+}  // namespace
+
 std::vector<std::string_view> takeFrames(std::string_view& input) {
   std::vector<std::string_view> frames;
   while (input.size() >= 2) {
@@ -68,31 +93,6 @@ server::HostSettings hostSettings() {
   settings.local = false;
   return settings;
 }
-
-/// Picture sizes, numbers of frames and of apps are bounded by the server, but at a scale of
-/// seconds.
-bool costly(const server::protocol1::State& state) {
-  return state.frames.size() > kMaximumFrames ||
-         (state.render && state.render->size.pixels() > kMaximumPicturePixels);
-}
-
-bool costly(const server::protocol2::Request& request) {
-  if (const auto* hello = std::get_if<server::protocol2::Hello>(&request)) {
-    return hello->apps > 2 || hello->width.value_or(8) > 64 || hello->height.value_or(8) > 64 ||
-           hello->renderer.value_or("null") != "null";
-  }
-  if (const auto* picture = std::get_if<server::PictureRequest>(&request)) {
-    return picture->size.pixels() > kMaximumPicturePixels;
-  }
-  if (const auto* step = std::get_if<server::protocol2::Step>(&request)) {
-    for (const auto& record : step->records) {
-      if (record.frames.size() > kMaximumFrames) return true;
-    }
-  }
-  return false;
-}
-
-}  // namespace
 
 void protocol1(std::string_view input) {
   decoding([&] {

@@ -4,6 +4,9 @@
 
 #include <array>
 #include <string_view>
+#include <vector>
+
+#include "sim2vr/server/session.hpp"
 
 namespace sim2vr::fuzz {
 
@@ -21,6 +24,11 @@ void session1(std::string_view input);
 void session2(std::string_view input);
 /// Saved states of an app.
 void savedState(std::string_view input);
+
+/// The first message of an input of session2, which is shortened by it.
+std::vector<std::string_view> takeFrames(std::string_view& input);
+/// Of the apps that are fuzzed.
+server::HostSettings hostSettings();
 
 struct Target {
   std::string_view name;

@@ -33,7 +33,7 @@ class _Run:
 
     name: str
     facts: GameFacts
-    practice: Rows
+    imagined: Rows
     student: Rows
     rows: Rows
 
@@ -76,7 +76,7 @@ def plot(runs: Sequence[str | Path], out: Path) -> Path:
         raise InputError("--out", repr(str(out)), "a file name that ends in .png")
     found = [_read(run) for run in runs]
     for run, each in zip(runs, found, strict=True):
-        if not (each.rows or each.practice or each.student):
+        if not (each.rows or each.imagined or each.student):
             raise InputError("RUN", f"{str(run)!r}, which has no metrics yet", "a trained run")
     _draw(found, out)
     return out
@@ -89,7 +89,7 @@ def pack_curves(run: Path, place: Path) -> None:
         return
     found = _of_folder(folder)
     content = {
-        "practice": _thinned(found.practice, None),
+        "imagined": _thinned(found.imagined, None),
         "student": _thinned(found.student, ("student/", "rollout/ep_")),
         "rows": _thinned(found.rows, tuple(key for key, _ in _panels(found.facts))),
     }
@@ -124,17 +124,25 @@ def _of_packed(user: TrainedUser, run: str | Path) -> _Run:
         )
     rows = json.loads(file.read_text(encoding="utf-8"))
     facts = game_facts(user.config.env.app)
-    return _Run(str(user.card["name"]), facts, rows["practice"], rows["student"], rows["rows"])
+    return _Run(str(user.card["name"]), facts, rows["imagined"], rows["student"], rows["rows"])
 
 
 def _of_folder(folder: RunFolder) -> _Run:
     return _Run(
         name=folder.path.name,
         facts=game_facts(folder.load_config().env.app),
-        practice=read_rows(folder.path / "teacher" / "practice.jsonl"),
+        imagined=_first_rows(
+            folder.path / "imagined" / "cycles.jsonl",
+            folder.path / "teacher" / "practice.jsonl",  # of runs of version 0.1
+        ),
         student=read_rows(folder.path / "student" / "metrics.jsonl"),
         rows=folder.metrics(),
     )
+
+
+def _first_rows(*files: Path) -> Rows:
+    """Rows of the first of these files that has any."""
+    return next((rows for rows in map(read_rows, files) if rows), [])
 
 
 def _draw(runs: Sequence[_Run], out: Path) -> None:
@@ -142,7 +150,7 @@ def _draw(runs: Sequence[_Run], out: Path) -> None:
     from matplotlib.figure import Figure
 
     facts = runs[0].facts
-    stages = any(run.practice or run.student for run in runs)
+    stages = any(run.imagined or run.student for run in runs)
     height = 3 if stages else 2
     figure = Figure(figsize=(12, 3.5 * height), layout="constrained")
     FigureCanvasAgg(figure)
@@ -167,7 +175,7 @@ def _draw_stages(grid: Sequence[Any], runs: Sequence[_Run], facts: GameFacts) ->
         color = f"C{number % 10}"
         for key, style, where in (("imagined", "--", "imagined"), ("played", "-", "in the app")):
             steps, values = [], []
-            for row in run.practice:
+            for row in run.imagined:
                 known = [rate for rate in row[key] if not math.isnan(rate)]
                 if known:
                     steps.append(row["step"])

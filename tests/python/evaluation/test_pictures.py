@@ -185,8 +185,8 @@ def test_a_table_has_the_game_s_own_measures() -> None:
 def test_curves_of_a_distilled_run_show_its_stages(trained: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(trained, run)
-    (run / "teacher").mkdir()
-    (run / "teacher" / "practice.jsonl").write_text(
+    (run / "imagined").mkdir()
+    (run / "imagined" / "cycles.jsonl").write_text(
         '{"step": 10, "imagined": [0.1, 0.3], "played": [NaN, NaN]}\n'
         '{"step": 20, "imagined": [0.5, 0.7], "played": [0.4, NaN]}\n'
     )

@@ -1,0 +1,199 @@
+"""The twin's numbers are the true game's: the running app is asked for every one of them."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.games.whacamole import rules
+from sim2vr_harness.games.whacamole.hammer import depths, points
+from sim2vr_harness.training.config import apply_overrides
+from sim2vr_harness.training.teacher_config import TeacherConfig
+from sim2vr_harness.training.teacher_env import TeacherSimulation
+
+pytest.importorskip("sim2vr_harness._app_runtime")
+
+N, STEPS = 24, 240
+AXES = "xyz"
+
+
+@pytest.fixture(scope="module")
+def played() -> dict[str, np.ndarray]:
+    """Privileged numbers of users who begin near targets and move about: name -> (steps, N)."""
+    config = TeacherConfig.model_validate(
+        apply_overrides(
+            {},
+            [
+                f"ppo.n_envs={N}",
+                *("ppo.batch_size=96", "curriculum.starts_per_cell=4"),
+                *("curriculum.near_starts=1.0", "curriculum.episode_seconds=60"),
+            ],
+        )
+    )
+    users = TeacherSimulation(EnvConfig(app=AppConfig(), cores=1), config, seed=1)
+    users.reset(seeds=list(range(N)))
+    users._limit[:] = STEPS + 1  # no round is cut
+    rng = np.random.default_rng(2)
+    wild = np.zeros((N, 32))
+    rows = [users.senses.values()]
+    for _ in range(STEPS):
+        wild = 0.8 * wild + 0.6 * rng.standard_normal(wild.shape)
+        users.step(0.2 * wild + 0.3 * (0.1 - users.simulation.users.act))
+        rows.append(users.senses.values())
+    names = users.senses.names
+    users.close()
+    every = np.stack(rows)
+    return {name: every[:, :, k].astype(np.float64) for k, name in enumerate(names)}
+
+
+def vectors(played: dict[str, np.ndarray], pattern: str) -> np.ndarray:
+    return np.stack([played[pattern.format(axis)] for axis in AXES], -1)
+
+
+def by_placement(played: dict[str, np.ndarray], table: Any) -> np.ndarray:
+    """Rows of a table for the placement of every round."""
+    which = np.stack([played[f"round.{name}"] for name in ("low", "mid", "high")], -1).argmax(-1)
+    assert set(np.unique(which)) == {0, 1, 2}
+    return np.array(table)[which]
+
+
+def test_where_targets_are(played: dict[str, np.ndarray]) -> None:
+    marker = vectors(played, "hammer.{}_m")
+    area, up, behind = (
+        by_placement(played, table) for table in (rules.AREA_M, rules.UP, rules.BEHIND)
+    )
+    for cell in range(rules.CELLS):
+        there = played[f"cell{cell}.present"] > 0
+        assert there.sum() > 50
+        row, column = divmod(cell, rules.COLUMNS)
+        middle = area + (1.0 - row) * rules.CELL_M * up + rules.VOLUME_BEHIND_M * behind
+        middle[..., 0] += (column - 1.0) * rules.CELL_M
+        from_head = marker + vectors(played, f"cell{cell}.{{}}_m")
+        np.testing.assert_allclose(from_head[there], middle[there], atol=5e-4)
+    # The area is placed once; the head gives way by up to 0.4 mm afterwards.
+    depth = ((marker - area) * behind).sum(-1)
+    np.testing.assert_allclose(played["hammer.depth_m"], depth, atol=5e-4)
+
+
+def test_how_long_targets_live_and_when_they_come(played: dict[str, np.ndarray]) -> None:
+    lives: list[int] = []
+    gaps: list[int] = []
+    births = np.zeros((STEPS + 1, N))
+    for cell in range(rules.CELLS):
+        there = played[f"cell{cell}.present"] > 0
+        life, alive = played[f"cell{cell}.life_s"], played[f"cell{cell}.alive"] > 0
+        for user in range(N):
+            begins = np.flatnonzero(there[1:, user] & ~there[:-1, user]) + 1
+            ends = np.flatnonzero(~there[1:, user] & there[:-1, user]) + 1
+            for begin in begins:
+                # Told from the first frame on, if the head camera sees it then.
+                if abs(life[begin, user] - rules.LIFE_S) > 1e-4:
+                    continue
+                births[begin, user] += 1
+                end = ends[ends > begin]
+                if len(end) == 0:
+                    continue
+                ages = np.arange(end[0] - begin)
+                expected = rules.LIFE_S - rules.FRAME_S * ages
+                np.testing.assert_allclose(life[begin : end[0], user], expected, atol=1e-4)
+                np.testing.assert_array_equal(
+                    alive[begin : end[0], user], ages >= rules.GROWING_FRAMES
+                )
+                lives.append(len(ages))
+                later = begins[begins > end[0]]
+                if len(later):
+                    gaps.append(int(later[0] - end[0]))
+    assert len(lives) > 300
+    # Most are missed; a life may be over a frame later, by the rounding of the clock.
+    assert lives.count(rules.LAST_FRAME + 1) > 0.5 * len(lives)
+    assert max(lives) <= rules.LAST_FRAME + 2
+    assert min(gaps) == rules.FADING_FRAMES
+    assert births.max() == 1, "at most one a frame"
+    shown = sum(played[f"cell{cell}.present"] for cell in range(rules.CELLS))
+    assert shown.max() == rules.MOST_TARGETS
+
+
+def test_pauses_are_drawn_up_to_the_ban(played: dict[str, np.ndarray]) -> None:
+    """While a target could come, the next one is at most so far from the one before."""
+    longest, pauses = 0, []
+    for user in range(N):
+        since = 0
+        there = np.stack([played[f"cell{c}.present"][:, user] > 0 for c in range(rules.CELLS)])
+        kept = there.copy()
+        for late in range(1, rules.FADING_FRAMES + 1):
+            kept[:, late:] |= there[:, :-late]
+        new = (there[:, 1:] & ~there[:, :-1]).any(0)
+        for frame, came in enumerate(new, start=1):
+            since += 1
+            if came:
+                pauses.append(since)
+                since = 0
+            elif kept[:, frame].sum() < rules.MOST_TARGETS:
+                longest = max(longest, since)
+    # A ban of 0.5 s at most, and the frames at both of its ends.
+    frames = round(rules.BAN_S / rules.FRAME_S)
+    assert longest <= frames + rules.FADING_FRAMES + rules.LAST_FRAME
+    assert min(pauses) == 1
+    assert np.mean(np.array(pauses) <= frames + 1) > 0.5
+
+
+def test_the_velocity_that_hits_are_judged_by(played: dict[str, np.ndarray]) -> None:
+    marker, axes = hammer(played)
+    flat = points(marker.flatten(0, 1), axes.flatten(0, 1))[0]
+    root = flat.reshape(marker.shape).numpy()
+    velocity = vectors(played, "hammer.root_v{}_mps")
+    step = (root[1:] - root[:-1]) / rules.FRAME_S
+    expected = velocity[:-1] + 0.5 * (step - velocity[:-1])
+    np.testing.assert_allclose(velocity[1:], expected, atol=5e-3)
+    strike = (velocity * by_placement(played, rules.STRIKE)).sum(-1)
+    np.testing.assert_allclose(played["hammer.strike_mps"], strike, atol=1e-5)
+
+
+def hammer(played: dict[str, np.ndarray]) -> tuple[torch.Tensor, torch.Tensor]:
+    face, handle = vectors(played, "hammer.face_{}"), vectors(played, "hammer.handle_{}")
+    axes = np.stack([-face, handle, np.cross(-face, handle)], -2)
+    marker = vectors(played, "hammer.{}_m")
+    return torch.tensor(marker, dtype=torch.float32), torch.tensor(axes, dtype=torch.float32)
+
+
+def wrong_overlaps(played: dict[str, np.ndarray]) -> tuple[int, int]:
+    """How many of the game's overlaps there are, and how often the twin disagrees by 0.3 mm."""
+    marker, axes = (part.flatten(0, 1) for part in hammer(played))
+    box = points(marker, axes)[1]
+    up, behind = (
+        torch.tensor(by_placement(played, table), dtype=torch.float32).flatten(0, 1)
+        for table in (rules.UP, rules.BEHIND)
+    )
+    right = torch.tensor([1.0, 0.0, 0.0]).expand_as(up)
+    frame = torch.stack([right, up, behind], 1)
+    count = wrong = 0
+    for cell in range(rules.CELLS):
+        there = played[f"cell{cell}.present"].ravel() > 0
+        middle = marker + torch.tensor(
+            vectors(played, f"cell{cell}.{{}}_m"), dtype=torch.float32
+        ).flatten(0, 1)
+        deep = depths(frame, middle[:, None], axes, box)[:, 0].amin(1).numpy()
+        overlap = played[f"cell{cell}.overlap"].ravel() > 0
+        clear = there & (np.abs(deep) > 3e-4)
+        count += int(overlap.sum())
+        wrong += int((overlap[clear] != (deep[clear] > 0)).sum())
+    return count, wrong
+
+
+def test_the_boxes_that_meet_in_a_hit(
+    played: dict[str, np.ndarray], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    count, wrong = wrong_overlaps(played)
+    assert count > 20
+    assert wrong == 0
+    # The test is as sharp as this: 3 mm more of either box, or of its place, would show.
+    from sim2vr_harness.games.whacamole import hammer as module
+
+    for name in ("TARGET_HALF_M", "HAMMER_HALF_M", "BOX_M"):
+        with monkeypatch.context() as patch:
+            patch.setattr(module, name, tuple(part + 0.003 for part in getattr(rules, name)))
+            assert wrong_overlaps(played)[1] > 0, name

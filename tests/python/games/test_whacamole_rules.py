@@ -105,13 +105,14 @@ def test_how_long_targets_live_and_when_they_come(played: dict[str, np.ndarray])
                 )
                 lives.append(len(ages))
                 later = begins[begins > end[0]]
-                if len(later):
-                    gaps.append(int(later[0] - end[0]))
+                if len(later) and len(ages) > rules.LAST_FRAME:
+                    gaps.append(int(later[0] - begin))
     assert len(lives) > 300
     # Most are missed; a life may be over a frame later, by the rounding of the clock.
     assert lives.count(rules.LAST_FRAME + 1) > 0.5 * len(lives)
     assert max(lives) <= rules.LAST_FRAME + 2
-    assert min(gaps) == rules.FADING_FRAMES
+    # From one birth in a cell to the next: a life that nobody ends, and its fading out.
+    assert min(gaps) == rules.LAST_FRAME + 1 + rules.FADING_FRAMES
     assert births.max() == 1, "at most one a frame"
     shown = sum(played[f"cell{cell}.present"] for cell in range(rules.CELLS))
     assert shown.max() == rules.MOST_TARGETS

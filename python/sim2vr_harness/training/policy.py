@@ -29,8 +29,12 @@ from sim2vr_harness.training.threads import torch_threads
 
 __all__ = ["UserFeatures", "UserPolicy", "policy_arguments"]
 
-VISION = "vision"
 PROPRIOCEPTION = "proprioception"
+
+
+def is_image(space: spaces.Space[Any]) -> bool:
+    """Return whether an observation is a picture: (C, H, W) bytes, whatever it is called."""
+    return space.dtype == np.uint8 and len(space.shape or ()) == 3
 
 
 class VisionEncoder(nn.Module):
@@ -126,18 +130,17 @@ class Scaling(nn.Module):
 
 
 class UserFeatures(BaseFeaturesExtractor):
-    """Encoders side by side: vision, proprioception, and everything else as it is.
+    """Encoders side by side: pictures, proprioception, and everything else as it is.
 
     Args:
-        observation_space: A dictionary of boxes; ``vision`` and ``proprioception`` have encoders.
+        observation_space: A dictionary of boxes; pictures and ``proprioception`` have encoders.
         config: Sizes of the encoders.
     """
 
     def __init__(self, observation_space: spaces.Dict, config: PolicyConfig) -> None:
-        known = {
-            VISION: config.vision_features,
-            PROPRIOCEPTION: config.proprioception_features,
-        }
+        images = sorted(key for key, box in observation_space.spaces.items() if is_image(box))
+        known = dict.fromkeys(images, config.vision_features)
+        known[PROPRIOCEPTION] = config.proprioception_features
         # A fixed order, whatever order the space was written in.
         names = [key for key in known if key in observation_space.spaces]
         names += sorted(observation_space.spaces.keys() - known.keys())
@@ -149,7 +152,7 @@ class UserFeatures(BaseFeaturesExtractor):
         encoders: dict[str, nn.Module] = {}
         for key in names:
             shape = observation_space[key].shape or ()
-            if key == VISION:
+            if key in images:
                 dtype = getattr(torch, config.vision_precision)
                 encoders[key] = VisionEncoder(shape, config.vision_channels, sizes[key], dtype)
             elif key == PROPRIOCEPTION:
@@ -160,6 +163,7 @@ class UserFeatures(BaseFeaturesExtractor):
             else:
                 encoders[key] = nn.Flatten()
         self.encoders = nn.ModuleDict(encoders)
+        self._images = frozenset(images)
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
         """Encode a batch of observations.
@@ -173,7 +177,7 @@ class UserFeatures(BaseFeaturesExtractor):
         parts = []
         for key, encoder in self.encoders.items():
             observation = observations[key]
-            parts.append(encoder(observation if key == VISION else observation.float()))
+            parts.append(encoder(observation if key in self._images else observation.float()))
         return torch.cat(parts, dim=1)
 
 
@@ -299,7 +303,8 @@ class UserPolicy(StagePolicy):
     @property
     def in_shards(self) -> bool:
         """Whether batches are computed in shards, one thread each: images, on the CPU."""
-        has_images = VISION in self.observation_space.spaces  # type: ignore[attr-defined]
+        entries: Any = self.observation_space
+        has_images = any(is_image(space) for space in entries.spaces.values())
         return has_images and self.device.type == "cpu"
 
     def extract_features(  # type: ignore[override]

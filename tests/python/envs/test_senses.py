@@ -9,6 +9,7 @@ import pytest
 from fake_device_app import FakeDeviceApp
 
 from sim2vr_harness.client import AppUnsupported, HapticPulse, SoundEvent
+from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs import AppConfig, EnvConfig, SenseConfig, Simulation, VisionConfig
 from sim2vr_harness.envs.contract import contract
 
@@ -298,3 +299,41 @@ def test_configurations_of_before_are_read() -> None:
 def test_wrong_lists_are_refused(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ValueError, match=message):
         Simulation(EnvConfig(app=AppConfig(renderer="null"), **change))
+
+
+@pytest.mark.parametrize("transport", ["in_process", "protocol2"])
+def test_the_sample_is_felt_and_heard_where_it_is_touched(
+    transport: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A hand that goes to and fro where the ball may be; docs of the sample: 20 ms at 0.5."""
+    small = {"width": 8, "height": 8}
+    app = AppConfig(game="sample", renderer="null", transport=transport)
+    senses = [{"sense": "haptics"}, {"sense": "sound"}]
+    simulation = Simulation(EnvConfig(app=app, vision=small, senses=senses))
+    head = np.array([0.0, 1.17, 0.0])
+    way = [(x, y) for y in np.arange(0.9, 1.31, 0.08) for x in np.linspace(-0.3, 0.4, 8)]
+
+    def device_poses(name: str, sample: int = -1) -> tuple[np.ndarray, np.ndarray]:
+        hand = np.array([*way[int(simulation._steps[0])], 0.45])
+        position = position_to_mujoco(head if name == "headset" else hand)
+        return position[None], np.array([[1.0, 0.0, 0.0, 0.0]])
+
+    monkeypatch.setattr(simulation.users, "device_poses", device_poses)
+    simulation.reset(seeds=[1])
+    points, touches = 0.0, 0
+    for step in range(1, 25):
+        log = simulation.step(np.zeros((1, 32))).logs[0]
+        seen = simulation.observation()
+        touched, points = log["Points"] > points, log["Points"]
+        if touched:
+            touches += 1
+            assert seen["haptics"][0].tolist() == [0.0, 0.5]
+            left, right = seen["sound"][0]
+            assert min(left, right) > 0.4  # within 1 m, shadowed by 1.7 at most
+            # The ball is within the reach of the two spheres, 8 cm, of the hand of then.
+            if abs(way[step][0]) > 0.1:
+                assert (right > left) == (way[step][0] > 0)
+        else:
+            assert not seen["sound"].any()
+    assert touches >= 2
+    simulation.close()

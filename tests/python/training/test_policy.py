@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import math
+import pickle
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -195,3 +198,44 @@ def test_scaling_refuses_what_it_cannot_use() -> None:
         policy.fit_scaling(np.zeros(56), np.ones(3))
     with pytest.raises(ValueError, match=r"(?s)std: got .*-1.*expected finite numbers, no"):
         policy.fit_scaling(np.zeros(56), np.full(56, -1.0))
+
+
+def test_any_picture_has_an_encoder_and_any_other_sense_is_taken_as_it_is() -> None:
+    space = spaces.Dict(
+        {
+            "sight": spaces.Box(0, 255, (4, 16, 24), np.uint8),
+            "fingers": spaces.Box(-1, 1, (2,), np.float32),
+            "haptics": spaces.Box(0, 1, (2,), np.float32),
+            "proprioception": spaces.Box(-np.inf, np.inf, (112,), np.float32),  # with its history
+        }
+    )
+    policy = UserPolicy(space, ACTIONS, lambda _: 5e-5, config=PolicyConfig())
+    assert list(policy.features_extractor.encoders) == [
+        "sight",
+        "proprioception",
+        "fingers",
+        "haptics",
+    ]
+    assert policy.features_dim == 256 + 128 + 2 + 2
+    assert policy.in_shards
+    seen = {key: torch.as_tensor(box.sample()[None]) for key, box in space.spaces.items()}
+    seen["proprioception"] = torch.zeros((1, 112))
+    with torch.no_grad():
+        one = policy.action_mean(seen)
+        other = policy.action_mean({**seen, "sight": 255 - seen["sight"]})
+    assert (one != other).any()
+    blind = spaces.Dict({"proprioception": space["proprioception"]})
+    assert not UserPolicy(blind, ACTIONS, lambda _: 5e-5).in_shards
+
+
+@pytest.mark.parametrize("how", [copy.deepcopy, lambda policy: pickle.loads(pickle.dumps(policy))])
+def test_policies_can_be_copied(how: Callable[[UserPolicy], UserPolicy]) -> None:
+    policy = make(scale_proprioception=True)
+    policy.fit_scaling(np.full(56, 0.5), np.full(56, 2.0))
+    other = how(policy)
+    seen = batch(3)
+    with torch.no_grad():
+        expected = policy.action_mean(seen)
+        np.testing.assert_array_equal(other.action_mean(seen), expected)
+        next(other.parameters()).add_(1.0)
+        np.testing.assert_array_equal(policy.action_mean(seen), expected)  # shares nothing

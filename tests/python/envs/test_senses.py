@@ -175,7 +175,7 @@ def test_all_senses_at_once_depend_on_the_seed_only_and_are_saved() -> None:
     alone.reset(seeds=[5])
     expected = trace(alone, 12)
     assert alone.observation_space.contains({k: v[0] for k, v in alone.observation().items()})
-    together = Simulation(config(**EVERYTHING, threads=2), 3)
+    together = Simulation(config(**EVERYTHING, cores=2), 3)
     together.reset(seeds=[1, 2, 5])
     assert trace(together, 12) == expected
     alone.reset(seeds=[6])

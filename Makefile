@@ -58,12 +58,13 @@ stubs: setup  ## Regenerate python/sim2vr_harness/_app_runtime.pyi
 lock: setup  ## Regenerate requirements.lock from pyproject.toml
 	$(VENV)/bin/python tools/dev/lock.py
 
-bench: setup  ## Measure this machine and write the tables of docs/performance.md (some six minutes)
+bench: setup  ## Measure this machine and write the tables of docs/performance.md (some seven minutes)
 	mkdir -p build/bench
 	rm -f $(ROWS)
 	$(BENCH) --seconds 5 --train-steps 4000
 	$(BENCH) --scene physics,env,memory --n 1,4,16,64,256,512 --threads 1,$$(nproc) --seconds 4
 	$(BENCH) --scene render,env --transport all --n 1,8 --seconds 3
+	$(BENCH) --scene senses --seconds 3
 	$(VENV)/bin/python tools/bench/tables.py $(ROWS) docs/performance.md
 
 clean:  ## Remove build outputs

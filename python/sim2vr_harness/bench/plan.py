@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Sequence
-from typing import get_args
 
 from sim2vr_harness.bench.scene import IN_PROCESS, Spec
 from sim2vr_harness.bench.senses import sense_variants
-from sim2vr_harness.envs.config import AppConfig
+from sim2vr_harness.client import list_transports
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.errors import InputError, unknown_name
 
@@ -25,9 +24,9 @@ _OVER_TRANSPORTS = ("render", "env")
 
 
 def transports() -> tuple[str, ...]:
-    """The ways to an app that the configuration knows, in process first."""
-    known: tuple[str, ...] = get_args(AppConfig.model_fields["transport"].annotation)
-    return (IN_PROCESS, *(name for name in known if name != IN_PROCESS))
+    """The ways to an app that there are, in process first."""
+    names = [transport.name for transport in list_transports()]
+    return (IN_PROCESS, *(name for name in names if name != IN_PROCESS))
 
 
 class Plan:

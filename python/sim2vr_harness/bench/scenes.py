@@ -91,8 +91,12 @@ class RenderScene(Scene):
         head, hand = self._circle[0][places], self._circle[1][places]
         if self._over:
             self._frame, self._over = 0, False
+            requests_deg = self._group.head_requests(self._everyone, self._everyone, None)
+            self._looking = _looking_up(np.nan_to_num(requests_deg))
+            head[:, 3:] = self._looking
             self._group.reset(self._everyone, self._everyone, DevicePoses(head, hand), None)
             return
+        head[:, 3:] = self._looking
         self._frame += 1
         times = np.full((self.n, 1), frame_time_ns(self._frame, self._frequency_hz))
         steps = np.full(self.n, self._frame)
@@ -111,6 +115,12 @@ def _circling_poses(count: int) -> tuple[NDArray[np.float64], NDArray[np.float64
     head = np.stack([0.01 * np.sin(turn), 1.17 * one, zero, *rest], axis=1)
     hand = [0.15 + 0.1 * np.cos(turn), 1.07 + 0.1 * np.sin(turn), 0.35 * one]
     return head, np.stack([*hand, *rest], axis=1)
+
+
+def _looking_up(pitch_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 4) rotations x y z w in the app's frame (left-handed, x right) of heads pitched up."""
+    half, zero = np.radians(pitch_deg) / 2.0, np.zeros(len(pitch_deg))
+    return np.stack([-np.sin(half), zero, zero, np.cos(half)], axis=1)
 
 
 class EnvScene(Scene):

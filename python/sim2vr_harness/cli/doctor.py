@@ -8,6 +8,7 @@ process with a deadline.
 from __future__ import annotations
 
 import dataclasses
+import importlib.util
 import json as jsonlib
 import os
 import platform
@@ -145,10 +146,47 @@ def _mujoco_gl_check() -> Iterator[Check]:
     for backend in [chosen] if chosen else ["egl", "osmesa"]:
         drawn, answer = _probe(code, MUJOCO_GL=backend)
         if drawn:
-            yield Check("MuJoCo renderer", "ok", f"{backend}: {answer}")
+            chooses = "from MUJOCO_GL" if chosen else "MUJOCO_GL would choose another"
+            yield Check("MuJoCo renderer", "ok", f"{backend}: {answer} ({chooses})")
             return
         answers.append(f"{backend}: {answer}")
     yield Check("MuJoCo renderer", "warning", "; ".join(answers), _apt("libegl1 libgl1-mesa-dri"))
+
+
+def _looking_checks() -> Iterator[Check]:
+    """Look for what people look with: letters in pictures, films, windows, a viewer of bodies."""
+    try:
+        from PIL import features
+
+        drawn = bool(features.check("freetype2"))
+    except ImportError:
+        drawn = False
+    found = "Pillow's own" if drawn else "Pillow without FreeType: letters in pictures are tiny"
+    mend = "" if drawn else f"{sys.executable} -m pip install --force-reinstall pillow"
+    yield Check("font", "ok" if drawn else "warning", found, mend)
+    try:
+        import imageio_ffmpeg
+
+        yield Check("ffmpeg", "ok", str(imageio_ffmpeg.get_ffmpeg_exe()))
+    except (ImportError, RuntimeError) as error:
+        yield Check("ffmpeg", "warning", str(error), _install_command("imageio-ffmpeg>=0.5"))
+    absent = [name for name in ("pygame", "moviepy") if importlib.util.find_spec(name) is None]
+    yield Check(
+        "windows and RecordVideo",
+        "info" if absent else "ok",
+        f"no {' and '.join(absent)}; pip install 'sim2vr-harness[video]' brings them"
+        if absent
+        else "pygame and moviepy",
+    )
+    studio = shutil.which("mujoco-studio", path=os.path.dirname(sys.executable))
+    studio = studio or shutil.which("mujoco-studio")
+    yield Check(
+        "viewer of bodies",
+        "ok" if studio else "info",
+        "mujoco-studio FILE.xml, for what `users export` writes (--gfx web without a display)"
+        if studio
+        else "no mujoco-studio; it comes with mujoco 4",
+    )
 
 
 def _machine_checks() -> Iterator[Check]:
@@ -157,12 +195,6 @@ def _machine_checks() -> Iterator[Check]:
     memory_gib = os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE") / 2**30
     yield Check("memory", "ok" if memory_gib >= 4 else "warning", f"{memory_gib:.1f} GiB")
     yield _gpu_check()
-    try:
-        import imageio_ffmpeg
-
-        yield Check("ffmpeg", "ok", str(imageio_ffmpeg.get_ffmpeg_exe()))
-    except (ImportError, RuntimeError) as error:
-        yield Check("ffmpeg", "warning", str(error), _install_command("imageio-ffmpeg>=0.5"))
 
 
 def _gpu_check() -> Check:
@@ -229,6 +261,7 @@ def collect() -> list[Check]:
         _python_checks,
         _app_checks,
         _mujoco_gl_check,
+        _looking_checks,
         _machine_checks,
         _debian_checks,
     ]

@@ -430,7 +430,10 @@ def snapshot(
         str | None, typer.Option(help="A trained user; without, the arm moves at random.")
     ] = None,
 ) -> None:
-    """Write pictures of a game: headset view, third person and body."""
+    """Write pictures of a game: headset view, third person and body.
+
+    The body is drawn by MuJoCo without a display; MUJOCO_GL=egl or osmesa chooses how.
+    """
     from sim2vr_harness.evaluation import snapshot as pictures
 
     files = pictures.snapshot(

@@ -15,9 +15,12 @@ from sim2vr_harness.bench import scene as shared
 from sim2vr_harness.bench.plan import transports
 from sim2vr_harness.bench.scene import Spec
 from sim2vr_harness.bench.scenes import EnvScene, open_scene, short_iteration
+from sim2vr_harness.bench.senses import sense_variants
+from sim2vr_harness.perception import SENSES, WRAPPERS
 from sim2vr_harness.training.config import TrainingConfig, parse_config
 
 PACKAGE = "sim2vr_harness.bench"
+MORE_ACTIONS = ("sense=fingers", "sense=gaze")
 
 
 @pytest.fixture(autouse=True)
@@ -109,6 +112,29 @@ def test_training_measures_whole_minibatches(config: TrainingConfig) -> None:
     assert (one.n_envs, one.n_steps, one.batch_size) == (64, 16, 1024)
     four = short_iteration(config, 64, 4000).ppo
     assert (four.n_envs, four.n_steps, four.batch_size) == (64, 64, 1024)
+
+
+def test_every_sense_and_wrapper_has_a_variant(config: TrainingConfig) -> None:
+    variants = dict(sense_variants(config))
+    had = {"vision", "proprioception", "time"}
+    assert {name for name in variants if name.startswith("sense=")} == {
+        f"sense={name}" for name in set(SENSES) - had
+    }
+    wrapped = [name for name in variants if name.startswith("vision ") and "=" in name]
+    assert {name.split()[1].partition("=")[0] for name in wrapped} == {*WRAPPERS, "eyes"}
+    plain = hashes(Spec("env", config, 2, 1))
+    for name, changed in variants.items():
+        with closing(open_scene(Spec("env", changed, 2, 1, variant=name))) as scene:
+            assert scene.observation_hash != plain[1], name
+            # Users without further actions move as they do without the sense.
+            assert (scene.state_hash == plain[0]) == (name not in MORE_ACTIONS), name
+
+
+def test_the_player_looks_where_the_app_wishes() -> None:
+    from sim2vr_harness.bench.scenes import _looking_up
+
+    up = _looking_up(np.array([0.0, -90.0]))
+    assert up == pytest.approx(np.array([[0, 0, 0, 1], [0.5**0.5, 0, 0, 0.5**0.5]]))
 
 
 def test_nothing_in_bench_imports_in_a_circle() -> None:

@@ -67,3 +67,15 @@ def test_missing_debian_packages_are_named_with_the_command(monkeypatch):
 def test_this_installation_is_whole():
     missing = [check for check in doctor.collect() if check.status == "missing"]
     assert not missing, missing
+
+
+def test_what_people_look_with_is_named(monkeypatch):
+    checks = {check.name: check for check in doctor._looking_checks()}
+    assert list(checks) == ["font", "ffmpeg", "windows and RecordVideo", "viewer of bodies"]
+    assert checks["font"].status == "ok"
+    assert "mujoco-studio FILE.xml" in checks["viewer of bodies"].found
+    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
+    monkeypatch.setattr("shutil.which", lambda *name, **path: None)
+    checks = {check.name: check for check in doctor._looking_checks()}
+    assert "sim2vr-harness[video]" in checks["windows and RecordVideo"].found
+    assert {check.status for check in checks.values()} == {"ok", "info"}

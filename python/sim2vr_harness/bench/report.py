@@ -21,8 +21,10 @@ def print_rows(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
         console: where to.
     """
     console.print(_table(rows))
-    for label, text in ratio_lines(rows):
-        console.print(f"{label:<42}{text}", highlight=False, soft_wrap=True)
+    lines = ratio_lines(rows)
+    width = max((len(label) for label, _ in lines), default=0)
+    for label, text in lines:
+        console.print(f"{label:<{width}}  {text}", highlight=False, soft_wrap=True)
     first = rows[0]
     commit = first["commit"] or f"version {first['version']}"
     console.print(
@@ -35,7 +37,7 @@ def print_rows(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
 
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
-    table = Table(box=None, pad_edge=False, header_style="bold")
+    table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
     table.add_column("scene", no_wrap=True)
     for name in ("users", "threads", "rate/s", "spread", "us", "cpu us", "state"):
         table.add_column(name, justify="right", no_wrap=True)

@@ -36,7 +36,7 @@ SHORTER = {
     "tests/contract/test_app_contract.py -k mygame",
     "--timesteps 20000": "--timesteps 1000 --set ppo.n_envs=2 --set ppo.n_steps=250 "
     "--set ppo.batch_size=250 --set ppo.n_epochs=1 --set policy.net_arch=[16] "
-    "--set evaluation.episodes_after_training=1",
+    "--set evaluation.episodes_after_training=1 --set env.app.options.round_seconds=2.0",
     ".venv/bin/sim2vr-app": "build/release/app_runtime/sim2vr-app",
     ".venv/bin/sim2vr-harness": f"{PYTHON} -m sim2vr_harness.cli.main",
 }

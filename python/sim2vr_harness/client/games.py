@@ -147,7 +147,7 @@ class GameFacts:
     published: bool = True
 
     def condition(self, name: str) -> Condition:
-        """The condition of that name.
+        """The condition of that name; of an app that publishes nothing, any name is one.
 
         Raises:
             ValueError: The game has no such condition; names the nearest.
@@ -155,7 +155,7 @@ class GameFacts:
         for condition in self.conditions:
             if condition.name == name:
                 return condition
-        if not self.conditions:
+        if not self.published:
             return Condition(name, options={_CONDITION_ARGUMENT: name})
         names = [condition.name for condition in self.conditions]
         near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)

@@ -303,6 +303,8 @@ def test_conditions_are_sets_of_options() -> None:
     assert WHACAMOLE.condition_of({"condition": "random", "adaptive": True}) == "random"
     assert WHACAMOLE.drawn("random-easy") == {"low-easy", "easy", "high-easy"}
     assert WHACAMOLE.drawn("mid-medium") == {"medium"}
+    assert facts_of_outside("whacamole").condition("easy").options == {"condition": "easy"}
+    assert facts_of_outside("whacamole").condition("a").options == {"condition": "a"}
     assert facts_of_outside("other").condition("a") == Condition("a", options={"condition": "a"})
 
 

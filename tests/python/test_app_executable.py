@@ -68,7 +68,7 @@ def test_the_program_and_the_module_play_the_same_bits() -> None:
         (["--options", "[1]"], "options: got '[1]', expected a JSON object"),
         (["--view", "spektator"], "did you mean 'spectator'"),
         (["--renderer", "vulkan"], "renderer"),
-        (["--width", "0", "--record", "unused"], "image size: got 0 x 80"),
+        (["--width", "0", "--record", "unused"], "--width: got '0', expected a whole number from 1"),
         (["--nosuch"], "--nosuch"),
     ],
 )
@@ -152,7 +152,7 @@ def test_a_killed_client_ends_the_server(tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
 def test_shared_memory_goes_with_the_server(number: int) -> None:
     def ask(client: zmq.Socket[bytes], kind: int, *frames: bytes) -> list[bytes]:
-        header = b"S2VR" + bytes([2, 0, kind, 0]) + bytes(16)
+        header = b"S2VR" + bytes([3, 0, kind, 0]) + bytes(16)
         client.send_multipart([header, *frames])
         return client.recv_multipart()
 

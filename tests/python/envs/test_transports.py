@@ -96,7 +96,7 @@ def test_what_nobody_can_carry_is_said_before_anything_starts() -> None:
     two_eyes = EnvConfig(app=AppConfig(transport="protocol1"), vision=VisionConfig(eyes=2))
     with pytest.raises(
         AppUnsupported,
-        match="two_eyes: vision.eyes: got 2, which the transport 'protocol1' cannot carry, "
+        match=r"two_eyes: vision.eyes: got 2, which the transport 'protocol1' cannot carry, "
         "expected 'in_process' or 'protocol2'",
     ):
         app_factory(two_eyes, 1)

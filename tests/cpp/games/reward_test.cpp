@@ -43,7 +43,7 @@ TEST(Reward, DistanceTermSumsLiveTargetsOnly) {
   EXPECT_TRUE(saw_several);
 }
 
-// A strike over d in one frame from rest is judged as 10 d m/s (test_target.cpp).
+// A strike over d in one frame from rest is judged as 10 d m/s (target_test.cpp).
 void strike(WhacAMoleRound& round, double from_m) {
   const Target& target = round.waitFor(Target::State::kAlive);
   const Vec3 center = round.hitCenter(target);

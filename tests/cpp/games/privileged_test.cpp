@@ -240,7 +240,7 @@ TEST(Privileged, NothingIsLeftAfterTheRound) {
   EXPECT_EQ(Told(round).present(), 0);
 }
 
-// 7.5 cm in a frame from rest is judged as 0.75 m/s (test_target.cpp).
+// 7.5 cm in a frame from rest is judged as 0.75 m/s (target_test.cpp).
 TEST(StrikeThreshold, IsAnOption) {
   for (const auto& [threshold, hits] : {std::pair{"0.7", 1}, std::pair{"0.8", 0}}) {
     WhacAMoleRound round(std::string(R"({"condition": "easy", "strike_threshold_mps": )") +

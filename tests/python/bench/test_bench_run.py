@@ -137,7 +137,7 @@ def test_a_plan_knows_every_transport_and_the_threads_of_the_configuration() -> 
     ways = plans.transports()
     assert ways[0] == "in_process"
     assert {"protocol1", "protocol2"} <= set(ways)
-    plan = plans.Plan(parse_config({"env": {"threads": 3}}), ["all"], n="8,2,8", transport=["all"])
+    plan = plans.Plan(parse_config({"env": {"cores": 3}}), ["all"], n="8,2,8", transport=["all"])
     chosen = [spec for spec in plans.specs(plan) if not spec.variant]  # those are of senses
     found = [(spec.scene, spec.transport, spec.n, spec.threads) for spec in chosen]
     expected = [("physics", None), *(("render", way) for way in ways)]

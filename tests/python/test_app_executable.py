@@ -68,7 +68,10 @@ def test_the_program_and_the_module_play_the_same_bits() -> None:
         (["--options", "[1]"], "options: got '[1]', expected a JSON object"),
         (["--view", "spektator"], "did you mean 'spectator'"),
         (["--renderer", "vulkan"], "renderer"),
-        (["--width", "0", "--record", "unused"], "--width: got '0', expected a whole number from 1"),
+        (
+            ["--width", "0", "--record", "unused"],
+            "--width: got '0', expected a whole number from 1",
+        ),
         (["--nosuch"], "--nosuch"),
     ],
 )

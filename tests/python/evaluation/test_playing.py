@@ -56,7 +56,9 @@ def test_observations_of_many_users_are_taken_one_by_one(policy: UserPolicy) -> 
 
 def test_another_environment_is_refused_with_every_difference(policy: UserPolicy) -> None:
     other = policy.config.model_copy(update={"action_frequency_hz": 10})
-    with pytest.raises(InputError, match=r"action_frequency_hz 10.*expected action_frequency_hz 20"):
+    with pytest.raises(
+        InputError, match=r"action_frequency_hz 10.*expected action_frequency_hz 20"
+    ):
         policy.make_env(config=other)
 
 

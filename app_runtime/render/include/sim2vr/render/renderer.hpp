@@ -34,7 +34,7 @@ RendererKind rendererKindFromName(std::string_view name);
 /// not be symmetric.
 struct EyeView {
   /// Eye coordinates to camera coordinates (x right, y up, z forward, metres).
-  Pose camera_T_eye;
+  Pose camera_T_eye = Pose();
   /// Slopes of the side planes, metres aside per metre ahead: left < right, down < up.
   double left = -1.0, right = 1.0, down = -1.0, up = 1.0;
 };

@@ -32,7 +32,6 @@ class Window:
         """Shows a picture, (H, W, 3) uint8, no sooner than one frame after the last."""
         pygame, size = self._pygame, (picture.shape[1], picture.shape[0])
         if self._surface is None:
-            pygame.init()
             pygame.display.init()
             pygame.display.set_caption(self._title)
             self._surface = pygame.display.set_mode(size)

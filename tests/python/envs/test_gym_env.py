@@ -113,7 +113,6 @@ class FakePygame(types.ModuleType):
         self.ticks: list[int] = []
         self.closed = 0
         surface = types.SimpleNamespace(blit=lambda drawn, _at: self.shown.append(drawn))
-        self.init = lambda: None
         self.display = types.SimpleNamespace(
             init=lambda: None,
             set_caption=lambda _title: None,

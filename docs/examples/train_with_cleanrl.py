@@ -17,7 +17,7 @@ from gymnasium.vector import AutoresetMode
 from torch import Tensor, nn
 from torch.distributions import Normal
 
-import sim2vr_harness.envs  # noqa: F401 - registers the environments
+import sim2vr_harness  # noqa: F401 - registers the environments
 
 GAMMA, LAMBDA, CLIP, EPOCHS, MINIBATCHES, RATE = 0.99, 0.95, 0.2, 4, 8, 3e-4
 Batch = dict[str, Tensor]

@@ -16,7 +16,7 @@ from ray.tune.registry import register_env
 
 def make_env(settings: dict[str, Any]) -> gymnasium.Env:
     """Runs in a worker: import and registration happen there."""
-    import sim2vr_harness.envs  # noqa: F401 - registers the environments
+    import sim2vr_harness  # noqa: F401 - registers the environments
 
     env = gymnasium.make("sim2vr/WhacAMole-v0", **settings)
     # RLlib's default networks take one box: the numbers here, see its docs for pictures beside.

@@ -145,7 +145,7 @@ def test_unknown_game_and_condition_name_the_nearest(make_app) -> None:
         make_app("wackamole")
     with pytest.raises(ValueError, match=r"condition.*'meduim'.*did you mean 'medium'"):
         make_app("whacamole", {"condition": "meduim"})
-    with pytest.raises(ValueError, match="image size|--width"):
+    with pytest.raises(ValueError, match=r"image size|--width"):
         make_app("whacamole", width=0, height=80)
 
 

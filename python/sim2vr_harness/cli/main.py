@@ -196,7 +196,7 @@ def _evaluate_after_training(result: TrainResult, episodes: int) -> None:
 def _print_where_next(result: TrainResult, resumable: bool) -> None:
     run = shlex.quote(str(result.folder.path))
     if result.interrupted:
-        saved = f"; saved: {result.saved}" if result.saved else ", before there was much to save"
+        saved = f"; saved: {result.saved}" if result.saved else ", which will begin again"
         lost = f" ({result.lost_steps:,} steps of an unfinished iteration will be repeated)"
         typer.echo(f"Stopped in stage {result.stage!r}{saved}{lost if result.lost_steps else ''}.")
     go_on = f"sim2vr-harness train --resume {run}"

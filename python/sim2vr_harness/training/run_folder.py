@@ -206,6 +206,8 @@ class RunFolder:
             tree = yaml.safe_load(self.config_file.read_text(encoding="utf-8"))
             return parse_config(apply_overrides(renamed(tree), overrides))
         except InputError as error:
+            if overrides:  # the file itself could be read before
+                raise
             raise InputError(f"{self.config_file}: {error.field}", error.got, error.expected) from (
                 error
             )

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import pytest
 import torch
-from tiny_distill import train, weights
+from tiny_distill import SETTINGS, train, weights
 
+from sim2vr_harness.cli.main import main
 from sim2vr_harness.training.run_folder import RunFolder
 from sim2vr_harness.training.stages import Callbacks
 
@@ -83,6 +84,30 @@ def test_a_stopped_stage_goes_on_to_the_same_bits(
     assert [session["status"] for session in sessions] == [first, "finished"]
     assert len((folder / "imagined" / "cycles.jsonl").read_text().splitlines()) == 2
     assert train(folder, resume=True)[1].startswith("Nothing to train")
+
+
+def test_the_command_says_what_is_saved_and_how_to_go_on(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    calls, check = 0, Callbacks.check
+
+    def counting(self: Callbacks) -> None:
+        nonlocal calls
+        calls += 1
+        if calls == CUTS["imagined"][0]:
+            os.kill(os.getpid(), signal.SIGINT)
+        check(self)
+
+    run, settings = tmp_path / "run", [part for s in SETTINGS for part in ("--set", s)]
+    with monkeypatch.context() as patch:
+        patch.setattr(Callbacks, "check", counting)
+        with pytest.raises(SystemExit) as ended:
+            main(["train", "whacamole_constrained", *settings, "--out", str(run)])
+    assert ended.value.code == 130
+    assert capsys.readouterr().out.splitlines() == [
+        "Stopped in stage 'imagined'; saved: cycle 1 of 2.",
+        f"Go on with: sim2vr-harness train --resume {run}",
+    ]
 
 
 def test_a_run_stopped_before_anything_was_saved_begins_again(

@@ -103,7 +103,7 @@ class Student:
     ) -> None:
         self.config, self.policy, self.simulation, self.guide = config, policy, simulation, guide
         self._device = torch.device(device)
-        self._facts_of_game = game or GameFacts("")
+        self.game = game or GameFacts("")
         self.n: int = simulation.n
         self._rng = np.random.default_rng([seed, 77])
         seeds = np.random.SeedSequence([seed, 78]).generate_state(self.n, np.uint32)
@@ -167,7 +167,7 @@ class Student:
             facts_error=facts_error,
             teacher_share=share,
             episodes=self._ended,
-            means=episode_means(list(self._episodes), self._facts_of_game),
+            means=episode_means(list(self._episodes), self.game),
             collect_seconds=collected - began,
             learn_seconds=time.monotonic() - collected,
         )

@@ -12,11 +12,13 @@ from typing import Any
 import torch
 from torch import Tensor
 
+from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.config import with_options
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.training.checkpoint import write_tensors
 from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.training.episodes import metric_key
 from sim2vr_harness.training.guide import TeacherGuide
 from sim2vr_harness.training.policy import UserPolicy
 from sim2vr_harness.training.progress import View
@@ -113,7 +115,8 @@ class StudentStage:
             self._snapshot = student.snapshot()
             if student.finished or student.round % student.config.checkpoint_rounds == 0:
                 self.save()
-            doing = _line(progress, (progress.frames - first) / (time.monotonic() - began))
+            rate = (progress.frames - first) / (time.monotonic() - began)
+            doing = _line(progress, rate, student.game)
             callbacks.report(progress.frames, row)
         callbacks.say("Student: " + doing)
         write_tensors(self.folder / _POLICY, student.policy.state_dict())
@@ -181,9 +184,13 @@ def _row(progress: StudentProgress) -> dict[str, Any]:
     }
 
 
-def _line(progress: StudentProgress, rate: float) -> str:
-    rates = progress.means.get("ep_hit_rate")
-    played = "" if rates is None else f"hit rate {rates:.2f} in its last rounds, "
+def _line(progress: StudentProgress, rate: float, game: GameFacts) -> str:
+    played = "".join(
+        f"{measure.heading.lower()} {value:.{measure.digits}f} in its last rounds, "
+        for measure in game.scalars
+        if measure.name == game.score
+        and (value := progress.means.get(metric_key(measure))) is not None
+    )
     return (
         f"{progress.frames:,} frames, {played}differs from the teacher by "
         f"{progress.imitation_error:.3f} ({rate:,.0f} frames/s)"

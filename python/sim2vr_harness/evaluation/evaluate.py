@@ -65,7 +65,7 @@ class Request:
     deterministic: bool | None = None
     record: bool = False
     log: bool = False
-    out: Path | None = None
+    out: str | Path | None = None
     overwrite: bool = False
     batch: int = 10
     app: Mapping[str, Any] = field(default_factory=dict)
@@ -134,7 +134,7 @@ def evaluate(
     names = [condition.name for condition in conditions]
     batch = _batch_for(env, request.batch)
     _check_numbers(episodes, seed, min(batch, episodes * len(conditions)))
-    out = request.out or user.evaluation_dir / _folder_of(config, request)
+    out = Path(request.out) if request.out else user.evaluation_dir / _folder_of(config, request)
     settings: dict[str, Any] = {
         "user": _name_of(user),
         "episodes": episodes,

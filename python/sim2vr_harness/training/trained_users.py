@@ -12,6 +12,7 @@ import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -86,7 +87,7 @@ def find_user(run: str | Path) -> TrainedUser:
         config=folder.load_config(),
         card={},
         evaluation_dir=folder.evaluation_dir / checkpoint.stem,
-        load=lambda policy: load_policy_weights(checkpoint, policy),
+        load=partial(load_policy_weights, checkpoint),
     )
 
 
@@ -153,7 +154,7 @@ def open_packed(folder: Path, *, evaluation_dir: Path | None = None) -> TrainedU
         config=config,
         card=card,
         evaluation_dir=evaluation_dir or folder / "evaluation",
-        load=lambda policy: _load_packed(folder / _WEIGHTS, int(card["steps"]), policy),
+        load=partial(_load_packed, folder / _WEIGHTS, int(card["steps"])),
     )
     require_contract(user, config.env)
     return user

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +18,18 @@ from sim2vr_harness.training.errors import InputError
 @pytest.fixture(scope="module")
 def policy() -> UserPolicy:
     return sim2vr_harness.load_user_policy("whacamole_constrained")
+
+
+def seen_by_three(policy: UserPolicy) -> dict[str, np.ndarray]:
+    rng = np.random.default_rng(1)
+    return {
+        key: (
+            rng.integers(0, 256, (3, *space.shape), dtype=np.uint8)
+            if space.dtype == np.uint8
+            else rng.uniform(-1, 1, (3, *space.shape)).astype(np.float32)
+        )
+        for key, space in policy.observation_space.spaces.items()
+    }
 
 
 def test_a_shipped_user_plays_in_its_environment(policy: UserPolicy) -> None:
@@ -36,17 +51,22 @@ def test_a_shipped_user_plays_in_its_environment(policy: UserPolicy) -> None:
         assert np.array_equal(policy.predict(observation)[0], actions[0])
 
 
+@pytest.mark.parametrize("how", [copy.deepcopy, lambda user: pickle.loads(pickle.dumps(user))])
+def test_a_copied_user_goes_on_with_the_same_random_numbers(
+    policy: UserPolicy, how: Callable[[UserPolicy], UserPolicy]
+) -> None:
+    policy.seed(3)
+    seen = seen_by_three(policy)
+    policy.predict(seen)
+    other = how(policy)
+    for _ in range(2):
+        assert np.array_equal(policy.predict(seen)[0], other.predict(seen)[0])
+    with other.make_env("easy") as env:
+        env.reset(seed=1)
+
+
 def test_observations_of_many_users_are_taken_one_by_one(policy: UserPolicy) -> None:
-    rng = np.random.default_rng(1)
-    spaces = policy.observation_space.spaces
-    batch = {
-        key: (
-            rng.integers(0, 256, (3, *space.shape), dtype=np.uint8)
-            if space.dtype == np.uint8
-            else rng.uniform(-1, 1, (3, *space.shape)).astype(np.float32)
-        )
-        for key, space in spaces.items()
-    }
+    batch = seen_by_three(policy)
     actions, _ = policy.predict(batch, deterministic=True)
     assert actions.shape == (3, 32)
     alone, _ = policy.predict({key: rows[2] for key, rows in batch.items()}, deterministic=True)
@@ -73,7 +93,7 @@ def test_evaluate_takes_what_the_command_takes(tmp_path: Path) -> None:
         "whacamole_constrained",
         conditions=["easy"],
         episodes=1,
-        out=tmp_path,
+        out=str(tmp_path),
         overrides=["env.app.options.round_seconds=1.0"],
     )
     assert list(found.summaries) == ["easy"]

@@ -20,6 +20,8 @@ from sim2vr_harness.training.imagined import ImaginedRollouts
 from sim2vr_harness.training.imagined.body import fit_body
 from sim2vr_harness.training.imagined.experience import Experience, Motion
 from sim2vr_harness.training.imagined.noise import ImaginedNoise
+from sim2vr_harness.training.imagined.rollouts import CycleReport
+from sim2vr_harness.training.imagined.stage import describe
 from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher_env import OBSERVATION, TeacherSimulation
 from sim2vr_harness.training.teacher_policy import new_teacher
@@ -269,3 +271,11 @@ def test_only_what_the_twin_knows_may_be_observed() -> None:
 def test_a_twin_that_cannot_be_used_says_so() -> None:
     with pytest.raises(InputError, match=r"teacher.imagined: .*action_frequency_hz: got 50"):
         new_rollouts(env=ENV.model_copy(update={"action_frequency_hz": 50}))
+
+
+def test_a_condition_without_targets_has_no_rate() -> None:
+    report = CycleReport(7, 64, 2, (float("nan"), 0.25), (0.5, 0.5), 0.1, 0.0098)
+    assert describe(report, 40) == (
+        "Cycle 7/40: success rates 0.50, 0.50 in imagined rollouts (worst cell 0.10), -, 0.25 in "
+        "the app; body model error 9.8 mm in a step"
+    )

@@ -147,7 +147,7 @@ def describe(report: CycleReport, cycles: float) -> str:
     """One line for people: where a cycle has led to."""
 
     def rates(values: Sequence[float]) -> str:
-        return ", ".join(f"{value:.2f}" for value in values)
+        return ", ".join("-" if math.isnan(value) else f"{value:.2f}" for value in values)
 
     known = any(not math.isnan(rate) for rate in report.played)
     played = f", {rates(report.played)} in the app" if known else ""

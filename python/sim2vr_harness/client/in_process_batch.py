@@ -270,10 +270,6 @@ class InProcessBatch:
 
     def _run_started(self) -> None:
         started, self._started = self._started, {}
-        if len(started) == 1:
-            ((index, (times, poses, drawn)),) = started.items()
-            self.step_frames([index], times[None], _one_app(poses), drawn)
-            return
         # Apps that differ in frames or devices go one group after the other.
         groups: dict[tuple[Any, ...], list[int]] = {}
         for index, (times, poses, drawn) in started.items():
@@ -297,6 +293,7 @@ class InProcessBatchApp:
     def __init__(self, batch: InProcessBatch, index: int) -> None:
         self._batch: InProcessBatch | None = batch
         self._index = index
+        self._indices = np.array([index], dtype=np.int32)
         self._capabilities = batch.capabilities
 
     @property
@@ -344,12 +341,20 @@ class InProcessBatchApp:
 
     def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
         """See :class:`AppClient`."""
-        return self.step_frames(np.array([time_ns]), _one_app(poses))
+        rows = [None if row is None else np.asarray(row)[None, None] for row in _arguments(poses)]
+        return self._run(np.array([[time_ns]]), rows, -1)
 
     def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
         """See :class:`AppClient`."""
-        self.start_step(times_ns, poses, drawn)
-        return self.finish_step()
+        return self._run(np.asarray(times_ns)[None], _arguments(_one_app(poses)), drawn)
+
+    def _run(
+        self, times_ns: Int64Array, devices: list[Float64Array | None], drawn: int
+    ) -> AppReply:
+        """Runs (1, K) frames of this app alone, whatever other apps have started."""
+        batch = self.batch
+        batch.native.step(self._indices, times_ns, *devices, drawn)
+        return batch.reply(self._index)
 
     def start_step(
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False

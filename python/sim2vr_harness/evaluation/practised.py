@@ -28,7 +28,7 @@ def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str
     by_condition = {key for condition in facts.conditions for key in condition.options}
     ignored = {
         *(f"app.options.{key}" for key in by_condition | set(facts.evaluation_options)),
-        "threads",
+        "cores",
         "max_episode_seconds",
     }
     new = []

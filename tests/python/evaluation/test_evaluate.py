@@ -267,6 +267,7 @@ def test_what_was_never_practised_is_said(trained: Path) -> None:
             overrides=[
                 "env.user.noise.constant=white",
                 "env.app.options.life_seconds=2.0",
+                "env.cores=1",
                 "env.user.effort.weight=0.5",  # counts otherwise, and is nothing to practise
             ],
         ),

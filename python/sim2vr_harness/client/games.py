@@ -16,7 +16,15 @@ from typing import Any, Literal
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.runtime import list_games, load_runtime
 
-__all__ = ["Condition", "GameFacts", "Measure", "RewardTerm", "describe_game", "facts_of_outside"]
+__all__ = [
+    "Condition",
+    "GameFacts",
+    "Measure",
+    "RewardTerm",
+    "describe_game",
+    "facts_of_outside",
+    "read_facts",
+]
 
 _CONDITION_ARGUMENT = "condition"
 """SIM2VR's own apps take the name of a condition as the argument ``-condition``."""
@@ -227,7 +235,7 @@ def describe_game(name: str) -> GameFacts:
     Raises:
         ValueError: There is no such game; names the nearest.
     """
-    return _facts(json.loads(load_runtime().game_facts(name)))
+    return read_facts(json.loads(load_runtime().game_facts(name)))
 
 
 def facts_of_outside(name: str) -> GameFacts:
@@ -240,7 +248,12 @@ def facts_of_outside(name: str) -> GameFacts:
     return GameFacts(name=name, published=False)
 
 
-def _facts(told: Mapping[str, Any]) -> GameFacts:
+def read_facts(told: Mapping[str, Any]) -> GameFacts:
+    """What a game publishes, as it says it in JSON (docs/protocol.md, hello).
+
+    Raises:
+        KeyError, TypeError: Something is missing, or not known here.
+    """
     measures = tuple(
         Measure(**{**measure, "grid": None if measure["grid"] is None else tuple(measure["grid"])})
         for measure in told["measures"]

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import closing
+from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
 from sim2vr_harness import paths
 from sim2vr_harness.client.base import CAPABILITIES, AppClient
 from sim2vr_harness.client.channel import Channel
-from sim2vr_harness.client.errors import AppDied, AppRefused, AppTimeout, AppUnsupported
+from sim2vr_harness.client.errors import (
+    AppDied,
+    AppRefused,
+    AppTimeout,
+    AppUnsupported,
+    ProtocolError,
+)
+from sim2vr_harness.client.games import GameFacts, read_facts
 from sim2vr_harness.client.launch import (
     StartingApp,
     connect,
@@ -244,6 +253,28 @@ def _protocol2_apps(wanted: AppsWanted) -> AppServers:
     return AppServers(wanted, -(-wanted.n // servers), _open_protocol2)
 
 
+@lru_cache
+def _published(address: str, timeout_s: float, game: str) -> GameFacts | None:
+    """What a server that runs already says of its game, in a session of its own."""
+    channel = connect(address, timeout_s)
+    with closing(Protocol2Connection(channel, game=game, renderer="null")) as connection:
+        if connection.facts is None:
+            return None
+        try:
+            return read_facts(connection.facts)
+        except (KeyError, TypeError) as error:
+            raise ProtocolError(
+                f"hello: got facts of {game!r} with {error}, expected those of docs/protocol.md; "
+                "the app may be of another version"
+            ) from error
+
+
+def _protocol2_facts(place: AppPlace, game: str) -> GameFacts | None:
+    if place.connect is None:
+        return None
+    return _published(place.connect, place.timeout_s, game)
+
+
 PROTOCOL2 = Transport(
     name="protocol2",
     summary="our own protocol, several times as fast: sim2vr-app, on this machine or another",
@@ -251,4 +282,5 @@ PROTOCOL2 = Transport(
     capabilities=frozenset(CAPABILITIES) - {"privileged"},
     reads=_STARTED_OR_FOUND - {"time_scale"} | {"processes"},
     knows_options=lambda place: place.connect is None,
+    facts=_protocol2_facts,
 )

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from sim2vr_harness.client.base import AppClient, OptionValue
+from sim2vr_harness.client.games import GameFacts
 from sim2vr_harness.client.in_process_batch import InProcessBatch
 
 __all__ = ["AppPlace", "AppSource", "AppsWanted", "Transport"]
@@ -91,6 +92,8 @@ class Transport:
         users_per_connection: how many users an app serves; None: any number.
         knows_options: whether the apps of a place take game options at every reset, rather than at
             their start or never.
+        facts: asks the apps of a place what their game publishes, (place, name of the game); None
+            where they do not say.
         batch: for apps of this process that are stepped as arrays: makes them all, (wanted, root
             of the logs, channels of the pictures to put side by side).
     """
@@ -103,4 +106,5 @@ class Transport:
     options: Mapping[str, str] = field(default_factory=dict)
     users_per_connection: int | None = None
     knows_options: Callable[[AppPlace], bool] = lambda place: True
+    facts: Callable[[AppPlace, str], GameFacts | None] = lambda place, game: None
     batch: Callable[[AppsWanted, Path | None, Sequence[int]], InProcessBatch] | None = None

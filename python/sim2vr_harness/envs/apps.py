@@ -10,6 +10,7 @@ from sim2vr_harness.client import (
     AppPlace,
     AppsWanted,
     AppUnsupported,
+    GameFacts,
     Transport,
     list_transports,
     transport_named,
@@ -17,7 +18,7 @@ from sim2vr_harness.client import (
 from sim2vr_harness.cores import budget
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 
-__all__ = ["IPD_M", "AppFactory", "app_factory", "apps_wanted", "knows_options"]
+__all__ = ["IPD_M", "AppFactory", "app_factory", "apps_wanted", "facts_told", "knows_options"]
 
 AppFactory = Callable[[EnvConfig, int, Path | None], AppClient]
 """Makes the app of user i: (config, i, log folder) -> client. Called again for a user whose app has
@@ -104,3 +105,12 @@ def knows_options(app: AppConfig) -> bool:
     already, nothing is known.
     """
     return transport_named(app.transport).knows_options(_place(app))
+
+
+def facts_told(app: AppConfig) -> GameFacts | None:
+    """What an app outside says of its game, asked for; None where it does not say.
+
+    Raises:
+        RuntimeError: it runs already, as is written, and does not answer.
+    """
+    return transport_named(app.transport).facts(_place(app), app.game)

@@ -3,21 +3,27 @@
 from __future__ import annotations
 
 from sim2vr_harness.client import GameFacts, describe_game, facts_of_outside, list_games
-from sim2vr_harness.envs.apps import knows_options
+from sim2vr_harness.envs.apps import facts_told, knows_options
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, with_options
 
 __all__ = ["game_facts", "with_condition", "with_game"]
 
 
-def game_facts(app: AppConfig) -> GameFacts:
+def game_facts(app: AppConfig, *, ask: bool = True) -> GameFacts:
     """What is known of the game that an app plays.
+
+    Args:
+        app: The app's settings.
+        ask: Whether an app that runs already is asked about a game that the runtime does not have.
 
     Raises:
         ValueError: The runtime has no such game; names the nearest.
+        RuntimeError: The app that was asked does not answer.
     """
     if knows_options(app) or (app.transport == "protocol2" and app.game in list_games()):
         return describe_game(app.game)
-    return facts_of_outside(app.game)
+    told = facts_told(app) if ask and app.game not in list_games() else None
+    return told or facts_of_outside(app.game)
 
 
 def with_condition(config: EnvConfig, condition: str | None) -> EnvConfig:

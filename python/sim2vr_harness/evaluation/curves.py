@@ -123,14 +123,14 @@ def _of_packed(user: TrainedUser, run: str | Path) -> _Run:
             "a run's folder, or a user packed since they are kept (curves.json)",
         )
     rows = json.loads(file.read_text(encoding="utf-8"))
-    facts = game_facts(user.config.env.app)
+    facts = game_facts(user.config.env.app, ask=False)
     return _Run(str(user.card["name"]), facts, rows["imagined"], rows["student"], rows["rows"])
 
 
 def _of_folder(folder: RunFolder) -> _Run:
     return _Run(
         name=folder.path.name,
-        facts=game_facts(folder.load_config().env.app),
+        facts=game_facts(folder.load_config().env.app, ask=False),
         imagined=_first_rows(
             folder.path / "imagined" / "cycles.jsonl",
             folder.path / "teacher" / "practice.jsonl",  # of runs of version 0.1

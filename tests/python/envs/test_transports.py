@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +15,16 @@ from sim2vr_harness.client import (
     AppUnsupported,
     InProcessApp,
     Transport,
+    describe_game,
     list_transports,
     register_transport,
+    start_sim2vr_app,
     transports,
 )
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, UserConfig, VisionConfig
 from sim2vr_harness.envs.apps import app_factory
+from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.paths import app_executable
 
 
 def loopback(wanted: AppsWanted) -> object:
@@ -105,3 +110,21 @@ def test_what_nobody_can_carry_is_said_before_anything_starts() -> None:
     )
     with pytest.raises(AppUnsupported, match=r"inputs: user.inputs: got right.trigger, which"):
         app_factory(fingers, 1)
+
+
+def test_a_game_that_only_the_server_has_says_what_it_measures(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """As of a server built from other sources; this client's runtime is made to lack the game."""
+    monkeypatch.setattr("sim2vr_harness.envs.games.list_games", lambda: {"whacamole": ""})
+    starting = start_sim2vr_app(
+        app_executable(), ["--keep", "--renderer", "null", "--game", "sample"]
+    )
+    try:
+        with closing(starting.channel(20.0, 20.0)) as channel:
+            app = AppConfig(game="sample", transport="protocol2", connect=channel.endpoint)
+            assert game_facts(app) == describe_game("sample")
+            assert not game_facts(app, ask=False).published
+    finally:
+        starting.process.kill()
+        starting.process.log_file.unlink(missing_ok=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing
-from functools import lru_cache
 from pathlib import Path
 from typing import Protocol
 
@@ -226,7 +225,7 @@ PROTOCOL1 = Transport(
 def _open_protocol2(
     channel: Channel, wanted: AppsWanted, apps: int, log_dir: Path | None
 ) -> Protocol2Connection:
-    return Protocol2Connection(
+    connection = Protocol2Connection(
         channel,
         apps=apps,
         game=wanted.game,
@@ -239,6 +238,9 @@ def _open_protocol2(
         log_dir=log_dir,
         start_timeout_s=wanted.place.start_timeout_s,
     )
+    if wanted.place.connect is not None:
+        _note_facts(wanted.place.connect, connection)
+    return connection
 
 
 def _protocol2_apps(wanted: AppsWanted) -> AppServers:
@@ -253,26 +255,33 @@ def _protocol2_apps(wanted: AppsWanted) -> AppServers:
     return AppServers(wanted, -(-wanted.n // servers), _open_protocol2)
 
 
-@lru_cache
-def _published(address: str, timeout_s: float, game: str) -> GameFacts | None:
-    """What a server that runs already says of its game, in a session of its own."""
-    channel = connect(address, timeout_s)
-    with closing(Protocol2Connection(channel, game=game, renderer="null")) as connection:
-        if connection.facts is None:
-            return None
-        try:
-            return read_facts(connection.facts)
-        except (KeyError, TypeError) as error:
-            raise ProtocolError(
-                f"hello: got facts of {game!r} with {error}, expected those of docs/protocol.md; "
-                "the app may be of another version"
-            ) from error
+_PUBLISHED: dict[tuple[str, str], GameFacts | None] = {}
+"""What servers that run already have said of their games, by address and game: while a session
+lasts, such a server cannot be asked in another."""
+
+
+def _note_facts(address: str, connection: Protocol2Connection) -> GameFacts | None:
+    facts = connection.facts
+    try:
+        known = None if facts is None else read_facts(facts)
+    except (KeyError, TypeError) as error:
+        connection.close()
+        raise ProtocolError(
+            f"hello: got facts of {connection.game!r} with {error}, expected those of "
+            "docs/protocol.md; the app may be of another version"
+        ) from error
+    _PUBLISHED[address, connection.game] = known
+    return known
 
 
 def _protocol2_facts(place: AppPlace, game: str) -> GameFacts | None:
     if place.connect is None:
         return None
-    return _published(place.connect, place.timeout_s, game)
+    if (place.connect, game) in _PUBLISHED:
+        return _PUBLISHED[place.connect, game]
+    channel = connect(place.connect, place.timeout_s)
+    with closing(Protocol2Connection(channel, game=game, renderer="null")) as connection:
+        return _note_facts(place.connect, connection)
 
 
 PROTOCOL2 = Transport(

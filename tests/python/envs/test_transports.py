@@ -112,8 +112,9 @@ def test_what_nobody_can_carry_is_said_before_anything_starts() -> None:
         app_factory(fingers, 1)
 
 
+@pytest.mark.parametrize("session", [False, True])
 def test_a_game_that_only_the_server_has_says_what_it_measures(
-    monkeypatch: pytest.MonkeyPatch,
+    session: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """As of a server built from other sources; this client's runtime is made to lack the game."""
     monkeypatch.setattr("sim2vr_harness.envs.games.list_games", lambda: {"whacamole": ""})
@@ -123,8 +124,13 @@ def test_a_game_that_only_the_server_has_says_what_it_measures(
     try:
         with closing(starting.channel(20.0, 20.0)) as channel:
             app = AppConfig(game="sample", transport="protocol2", connect=channel.endpoint)
-            assert game_facts(app) == describe_game("sample")
             assert not game_facts(app, ask=False).published
+            if session:  # which such a server has one of: its own hello says it
+                vision = VisionConfig(width=12, height=8)
+                simulation = Simulation(EnvConfig(app=app, vision=vision), 1)
+            assert game_facts(app) == describe_game("sample")
+            if session:
+                simulation.close()
     finally:
         starting.process.kill()
         starting.process.log_file.unlink(missing_ok=True)

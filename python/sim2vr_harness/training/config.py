@@ -302,7 +302,20 @@ def _input_error(problem: Any, below: Sequence[str], model: type[BaseModel]) -> 
     expected = message.removeprefix("Input should be ")
     if problem["type"] == "model_type":
         expected = "a mapping of keys to values"
+    elif problem["type"] in _WORDS:
+        expected = _WORDS[problem["type"]]
     return InputError(field, repr(problem["input"]), expected[:1].lower() + expected[1:])
+
+
+_WORDS = {
+    "int_parsing": "a whole number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "float_parsing": "a number",
+    "float_type": "a number",
+    "bool_parsing": "true or false",
+    "bool_type": "true or false",
+}
 
 
 def _written(model: type[BaseModel], location: Sequence[Any]) -> list[str]:

@@ -116,6 +116,15 @@ void checkScore(const Json& measures, const std::string& score) {
   if (!found) throw InvalidArgument("score", "'" + score + "'", "the name of a measure, no grid");
 }
 
+void checkDevices(const std::vector<std::string>& devices) {
+  for (const std::string& device : devices) {
+    if (device != "controller_right" && device != "controller_left") {
+      throw InvalidArgument("devices", "'" + device + "'",
+                            "'controller_right' or 'controller_left'");
+    }
+  }
+}
+
 }  // namespace
 
 std::string factsJson(std::string_view name, std::string_view description, GameFacts facts) {
@@ -137,6 +146,7 @@ std::string factsJson(std::string_view name, std::string_view description, GameF
   for (const RewardTerm& term : facts.reward_terms) {
     terms.push_back({{"log_key", term.log_key}, {"label", term.label}});
   }
+  checkDevices(facts.devices);
   checkScore(measures, facts.score);
   checkConditions(conditions, facts.default_condition);
   const Json all{
@@ -144,6 +154,8 @@ std::string factsJson(std::string_view name, std::string_view description, GameF
       {"description", description},
       {"id", facts.id.empty() ? inCapitals(name) : facts.id},
       {"round_seconds", facts.round_seconds},
+      {"devices", facts.devices},
+      {"hand_option", textOrNull(facts.hand_option)},
       {"measures", measures},
       {"score", textOrNull(facts.score)},
       {"reward_terms", terms},

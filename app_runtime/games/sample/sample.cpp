@@ -132,6 +132,7 @@ class BallEnv : public rl::RLEnv {
 rl::GameFacts TouchTheBall::facts() const {
   rl::GameFacts facts;
   facts.round_seconds = 20.0;
+  facts.devices = {"controller_right"};
   facts.measures = {
       {.name = "points", .label = "Points", .log_key = "Points"},
       {.name = "distance_m",

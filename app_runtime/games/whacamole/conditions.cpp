@@ -130,16 +130,17 @@ Quat aboutX(double x, double w) { return Quat(w, x, 0.0, 0.0).normalized(); }
 
 }  // namespace
 
-PlacementGeometry geometry(Placement placement) {
+PlacementGeometry geometry(Placement placement, xr::Hand hand) {
+  const double side_m = hand == xr::Hand::left ? -0.15 : 0.15;
   switch (placement) {
     case Placement::kLow:
-      return {{0.15, -0.30, 0.35}, aboutX(0.3826834, 0.9238795), -30.0};
+      return {{side_m, -0.30, 0.35}, aboutX(0.3826834, 0.9238795), -30.0};
     case Placement::kHigh:
-      return {{0.15, 0.20, 0.30}, aboutX(-0.3826834, 0.9238795), 30.0};
+      return {{side_m, 0.20, 0.30}, aboutX(-0.3826834, 0.9238795), 30.0};
     case Placement::kMid:
       break;
   }
-  return {{0.15, -0.10, 0.40}, Quat::Identity(), -10.0};
+  return {{side_m, -0.10, 0.40}, Quat::Identity(), -10.0};
 }
 
 double strikeSpeed(Placement placement, const Vec3& velocity_mps) {
@@ -221,6 +222,7 @@ std::string Settings::playOptionsJson() const {
   add("hammer_margin_m", hammer_margin_m, usual.hammer_margin_m);
   add("spawn_weights", spawn_weights, usual.spawn_weights);
   if (velocity_point == VelocityPoint::kHead) options["velocity_point"] = "head";
+  if (hand == xr::Hand::left) options["hand"] = "left";
   for (const ScheduledSpawn& spawn : spawns) {
     options["spawn_times"].push_back(spawn.time_s);
     options["spawn_cells"].push_back(spawn.cell);
@@ -231,6 +233,7 @@ std::string Settings::playOptionsJson() const {
 Settings Settings::fromOptions(Options& options) {
   static const std::vector<std::string> kRewards{"reference", "paper"};
   static const std::vector<std::string> kVelocityPoints{"root", "head"};
+  static const std::vector<std::string> kHands{"right", "left"};
   Settings settings;
   settings.condition = options.getChoice("condition", settings.condition, conditionNames());
   settings.adaptive = options.getBool("adaptive", settings.adaptive);
@@ -242,6 +245,8 @@ Settings Settings::fromOptions(Options& options) {
   settings.countdown_s = static_cast<float>(options.getNumber("countdown_seconds", 0.0, 0.0, 60.0));
   settings.head_request = options.getBool("head_request", settings.head_request);
   settings.show_controllers = options.getBool("show_controllers", settings.show_controllers);
+  settings.hand =
+      options.getChoice("hand", "right", kHands) == "left" ? xr::Hand::left : xr::Hand::right;
   settings.spawns = spawnsFromOptions(options);
   settings.spawn_weights = weightsFromOptions(options);
   settings.fade_in_s = static_cast<float>(options.getNumber("fade_in_seconds", 0.1, 0.0, 60.0));

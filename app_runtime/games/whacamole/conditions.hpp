@@ -10,6 +10,7 @@
 #include "sim2vr/core/math.hpp"
 #include "sim2vr/core/options.hpp"
 #include "sim2vr/rl/game_facts.hpp"
+#include "sim2vr/xr/device.hpp"
 
 namespace sim2vr::games::whacamole {
 
@@ -29,7 +30,8 @@ struct PlacementGeometry {
   Quat rotation;          // of the area, world
   double head_pitch_deg;  // how the head is best held, up positive
 };
-PlacementGeometry geometry(Placement placement);
+/// For a left-handed player the area lies on the other side of the head.
+PlacementGeometry geometry(Placement placement, xr::Hand hand = xr::Hand::right);
 
 /// Component of the hammer's velocity that a constrained hit is judged by, m/s: downward speed for
 /// the low area, forward speed for the others.
@@ -79,6 +81,8 @@ struct Settings {
   /// Ask the player before a round to hold the head as suits the placement.
   bool head_request = true;
   bool show_controllers = true;
+  /// Which controller holds the hammer; left: everything is the mirror image.
+  xr::Hand hand = xr::Hand::right;
   /// In order of time. When there are any, they replace the random spawns of the round.
   std::vector<ScheduledSpawn> spawns;
   /// Chance of each cell, up to a factor; empty when all are equal. Wins over `adaptive`.

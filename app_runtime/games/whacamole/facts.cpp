@@ -62,6 +62,8 @@ rl::GameFacts WhacAMole::facts() const {
   rl::GameFacts facts;
   facts.id = "WhacAMole";
   facts.round_seconds = usual.round_s;
+  facts.devices = {"controller_right"};
+  facts.hand_option = "hand";
   facts.measures = measures();
   facts.score = "hit_rate";
   facts.reward_terms = {{"DistanceReward", "target closeness"},

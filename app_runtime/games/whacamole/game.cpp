@@ -45,8 +45,10 @@ rl::RLEnv& WhacAMole::build(rl::GameContext& context) {
   tally_ = CellTally{};
 
   setup.rig = rl::buildXrRig(context);
-  if (settings_.show_controllers) addControllerLooks(*setup.rig.right_controller);
-  Hammer& hammer = buildHammer(*setup.rig.right_controller, settings_);
+  scene::GameObject& controller =
+      settings_.hand == xr::Hand::left ? *setup.rig.left_controller : *setup.rig.right_controller;
+  if (settings_.show_controllers) addControllerLooks(controller, settings_.hand);
+  Hammer& hammer = buildHammer(controller, settings_);
   setup.area = &buildArea(scene);
   setup.hammer = &hammer;
   setup.tally = &tally_;

@@ -19,6 +19,20 @@ const Vec3 kMarker(-0.482, 1.385, -0.005);
 const Vec3 kHeadSize(1.0, 0.55, 0.55);
 const Vec3 kHeadCenter(-0.004010893, 1.3975825, -0.008178129);
 
+// A left hand's hammer is the mirror image, x turned round in the controller's frame. Its own frame
+// is mirrored along z, so that the striking face still looks along -x and the handle along y.
+Vec3 ofHand(xr::Hand hand, const Vec3& in_hammer) {
+  return hand == xr::Hand::left ? Vec3(in_hammer.x(), in_hammer.y(), -in_hammer.z()) : in_hammer;
+}
+
+Pose mount(xr::Hand hand) {
+  if (hand == xr::Hand::right) return {kPosition_m, kRotation};
+  // With reflections X and Z of those axes X R Z = (X R X)(X Z), and X Z is half a turn about y.
+  const Quat mirrored(kRotation.w(), kRotation.x(), -kRotation.y(), -kRotation.z());
+  return {Vec3(-kPosition_m.x(), kPosition_m.y(), kPosition_m.z()),
+          mirrored * Quat(0.0, 0.0, 1.0, 0.0)};
+}
+
 }  // namespace
 
 void Hammer::Update() {
@@ -33,7 +47,7 @@ void Hammer::Update() {
 
 Vec3 Hammer::measuredPoint() const {
   return point_ == VelocityPoint::kRoot ? transform().position()
-                                        : transform().transformPoint(kHeadCenter);
+                                        : transform().transformPoint(ofHand(hand_, kHeadCenter));
 }
 
 void Hammer::fields(Archive& archive) {
@@ -42,19 +56,20 @@ void Hammer::fields(Archive& archive) {
   archive.field("has_position", has_position_);
 }
 
-Hammer& buildHammer(scene::GameObject& right_controller, const Settings& settings) {
-  scene::Scene& scene = right_controller.scene();
-  scene::GameObject& object = scene.create("Hammer", &right_controller);
+Hammer& buildHammer(scene::GameObject& controller, const Settings& settings) {
+  scene::Scene& scene = controller.scene();
+  scene::GameObject& object = scene.create("Hammer", &controller);
   object.setLayer(kPlayerLayer);
-  object.transform().setLocalPosition(kPosition_m);
-  object.transform().setLocalRotation(kRotation);
+  const Pose held = mount(settings.hand);
+  object.transform().setLocalPosition(held.position);
+  object.transform().setLocalRotation(held.rotation);
   object.transform().setLocalScale(kScale);
   auto& hammer = object.addComponent<Hammer>(settings);
   const Vec3 margin = Vec3::Constant(2.0 * settings.hammer_margin_m / kScale);
-  object.addComponent<physics::Collider>(physics::Box{kHeadSize + margin}, kHeadCenter,
-                                         /*is_trigger=*/false);
+  object.addComponent<physics::Collider>(physics::Box{kHeadSize + margin},
+                                         ofHand(settings.hand, kHeadCenter), /*is_trigger=*/false);
   scene::GameObject& marker = scene.create("Marker", &object);
-  marker.transform().setLocalPosition(kMarker);
+  marker.transform().setLocalPosition(ofHand(settings.hand, kMarker));
   hammer.setMarker(marker);
   addHammerLooks(object);
   return hammer;

@@ -1,4 +1,4 @@
-// The hammer in the player's right hand.
+// The hammer in the player's hand.
 #pragma once
 
 #include "sim2vr/scene/component.hpp"
@@ -13,7 +13,9 @@ namespace sim2vr::games::whacamole {
 class Hammer : public scene::Component {
  public:
   explicit Hammer(const Settings& settings)
-      : smoothing_(settings.velocity_smoothing), point_(settings.velocity_point) {}
+      : smoothing_(settings.velocity_smoothing),
+        point_(settings.velocity_point),
+        hand_(settings.hand) {}
 
   std::string_view typeName() const override { return "whacamole.Hammer"; }
   void Update() override;
@@ -32,13 +34,14 @@ class Hammer : public scene::Component {
 
   double smoothing_;
   VelocityPoint point_;
+  xr::Hand hand_;
   const scene::GameObject* marker_ = nullptr;
   Vec3 velocity_ = Vec3::Zero();
   Vec3 last_position_ = Vec3::Zero();
   bool has_position_ = false;
 };
 
-/// Builds hammer, marker and hit collider below the right controller.
-Hammer& buildHammer(scene::GameObject& right_controller, const Settings& settings);
+/// Builds hammer, marker and hit collider below the controller of the hand of the settings.
+Hammer& buildHammer(scene::GameObject& controller, const Settings& settings);
 
 }  // namespace sim2vr::games::whacamole

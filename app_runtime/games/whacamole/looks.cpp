@@ -229,7 +229,7 @@ void addCameras(scene::Scene& scene) {
   // It stands where the player's head is.
   recorder.culling_mask = ~(1U << rl::kPlayerLooksLayer);
   // Ours, for people who watch; the round moves it to where the player stands.
-  const Pose pose = spectatorPose({0.0, 1.17, 0.0});
+  const Pose pose = spectatorPose({0.0, 1.17, 0.0}, xr::Hand::right);
   render::Camera& spectator = addCamera(scene, rl::kSpectatorCameraPath, pose);
   spectator.vertical_fov_deg = 50.0;
 }
@@ -249,16 +249,17 @@ void addHammerLooks(scene::GameObject& hammer) {
 
 // Simplified from the pictures of the original: a body along the hammer's handle, and the tracking
 // ring, tilted, above the hand.
-void addControllerLooks(scene::GameObject& controller) {
+void addControllerLooks(scene::GameObject& controller, xr::Hand hand) {
+  const double side = hand == xr::Hand::left ? -1.0 : 1.0;
   Material plastic = translucent({0.113F, 0.083F, 0.083F, 0.51F}, 0.6F);
   plastic.metallic = 0.5F;
   scene::GameObject& body = addPart(controller, "Body", controllerBody(), plastic);
-  body.transform().setLocalPosition({0.0096, -0.0479, -0.0555});
-  body.transform().setLocalRotation(aroundAxis({0.004690, 0.635087, 0.772427}));
+  body.transform().setLocalPosition({side * 0.0096, -0.0479, -0.0555});
+  body.transform().setLocalRotation(aroundAxis({side * 0.004690, 0.635087, 0.772427}));
   plastic.cull_back = false;
   scene::GameObject& ring = addPart(controller, "Ring", controllerRing(), plastic);
-  ring.transform().setLocalPosition({0.0096, 0.0352, -0.0085});
-  ring.transform().setLocalRotation(aroundAxis({0.278, 0.67, 0.68}));
+  ring.transform().setLocalPosition({side * 0.0096, 0.0352, -0.0085});
+  ring.transform().setLocalRotation(aroundAxis({side * 0.278, 0.67, 0.68}));
 }
 
 void addAreaLooks(scene::GameObject& area) {
@@ -267,9 +268,10 @@ void addAreaLooks(scene::GameObject& area) {
   sheet.transform().setLocalScale({0.3, 0.3, 0.001});
 }
 
-Pose spectatorPose(const Vec3& head_m) {
-  const Vec3 offset(0.80, 0.22, -0.40);
-  const Vec3 aim(0.08, -0.05, 0.22);
+Pose spectatorPose(const Vec3& head_m, xr::Hand hand) {
+  const double side = hand == xr::Hand::left ? -1.0 : 1.0;
+  const Vec3 offset(side * 0.80, 0.22, -0.40);
+  const Vec3 aim(side * 0.08, -0.05, 0.22);
   return {head_m + offset, lookAlong(aim - offset)};
 }
 

@@ -4,18 +4,20 @@
 #include "sim2vr/core/math.hpp"
 #include "sim2vr/scene/game_object.hpp"
 #include "sim2vr/scene/scene.hpp"
+#include "sim2vr/xr/device.hpp"
 
 namespace sim2vr::games::whacamole {
 
 /// Barrel head and handle below the hammer's root (hammer units are a tenth of a metre).
 void addHammerLooks(scene::GameObject& hammer);
 /// The translucent controller around the hammer's handle.
-void addControllerLooks(scene::GameObject& controller);
+void addControllerLooks(scene::GameObject& controller, xr::Hand hand);
 /// The translucent sheet that the targets come out of.
 void addAreaLooks(scene::GameObject& area);
 /// Where the spectators' camera stands for a round that starts with the head at `head_m` (world):
-/// behind the player on the right, with head, hammer and each of the areas in view.
-Pose spectatorPose(const Vec3& head_m);
+/// behind the player on the side of the hammer's hand, with head, hammer and each of the areas in
+/// view.
+Pose spectatorPose(const Vec3& head_m, xr::Hand hand);
 /// Platform, floor arrow, lights, sky and the two outside cameras.
 void addRoomLooks(scene::Scene& scene);
 

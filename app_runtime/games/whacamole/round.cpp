@@ -69,11 +69,11 @@ void Round::Update() {
 }
 
 void Round::placeArea() {
-  const PlacementGeometry place = geometry(setup_.condition.placement);
+  const PlacementGeometry place = geometry(setup_.condition.placement, setup_.settings.hand);
   const Vec3 head = setup_.rig.camera->transform().position();
   setup_.area->transform().setPose({head + place.offset_m, place.rotation});
   if (scene::GameObject* spectator = scene().find(rl::kSpectatorCameraPath)) {
-    spectator->transform().setPose(spectatorPose(head));
+    spectator->transform().setPose(spectatorPose(head, setup_.settings.hand));
   }
   setup_.area->setActive(true);
   openLog();

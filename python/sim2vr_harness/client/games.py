@@ -131,6 +131,8 @@ class GameFacts:
         description: In a line.
         id: Its name in Gymnasium ids: ``Sample`` in ``sim2vr/Sample-v0``.
         round_seconds: Length of a round with default options; 0: rounds have no usual length.
+        devices: Controllers without which a right-handed player cannot play; see :meth:`needs`.
+        hand_option: The option that takes ``right`` or ``left``, the hand that plays, if any.
         measures: In the order of the tables.
         score: Name of the measure by which users are compared; None: the return.
         reward_terms: Parts of the reward that the log sums up.
@@ -145,6 +147,8 @@ class GameFacts:
     description: str = ""
     id: str = ""
     round_seconds: float = 0.0
+    devices: tuple[str, ...] = ()
+    hand_option: str | None = None
     measures: tuple[Measure, ...] = ()
     score: str | None = None
     reward_terms: tuple[RewardTerm, ...] = ()
@@ -169,6 +173,13 @@ class GameFacts:
         near = difflib.get_close_matches(name, names, n=1, cutoff=0.4)
         hint = f" (did you mean {near[0]!r}?)" if near else f", such as {names[0]!r}"
         raise ValueError(f"condition: got {name!r}, expected a condition of {self.name}{hint}")
+
+    def needs(self, hand: OptionValue) -> tuple[str, ...]:
+        """The controllers without which a player of that hand cannot play."""
+        if hand != "left":
+            return self.devices
+        other = {"controller_right": "controller_left", "controller_left": "controller_right"}
+        return tuple(other[device] for device in self.devices)
 
     @property
     def evaluated(self) -> tuple[str, ...]:
@@ -244,7 +255,7 @@ def facts_of_outside(name: str) -> GameFacts:
     That of the runtime's game of the same name, if there is one; see :meth:`GameFacts.with_log`.
     """
     if name in list_games():
-        return replace(describe_game(name), published=False)
+        return replace(describe_game(name), published=False, devices=(), hand_option=None)
     return GameFacts(name=name, published=False)
 
 
@@ -264,5 +275,11 @@ def read_facts(told: Mapping[str, Any]) -> GameFacts:
     )
     terms = tuple(RewardTerm(**term) for term in told["reward_terms"])
     return GameFacts(
-        **{**told, "measures": measures, "conditions": conditions, "reward_terms": terms}
+        **{
+            **told,
+            "devices": tuple(told["devices"]),
+            "measures": measures,
+            "conditions": conditions,
+            "reward_terms": terms,
+        }
     )

@@ -5,8 +5,9 @@ from __future__ import annotations
 from sim2vr_harness.client import GameFacts, describe_game, facts_of_outside, list_games
 from sim2vr_harness.envs.apps import facts_told, knows_options
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, with_options
+from sim2vr_harness.users import Body
 
-__all__ = ["game_facts", "with_condition", "with_game"]
+__all__ = ["game_facts", "with_condition", "with_game", "with_hand"]
 
 
 def game_facts(app: AppConfig, *, ask: bool = True) -> GameFacts:
@@ -42,3 +43,31 @@ def with_game(config: EnvConfig, game: str | None) -> EnvConfig:
     if game is None or game == config.app.game:
         return config
     return config.model_copy(update={"app": config.app.model_copy(update={"game": game})})
+
+
+def with_hand(config: EnvConfig, body: Body) -> EnvConfig:
+    """The configuration in which a game is played with the hand that the user plays with.
+
+    That is the person's `handedness`, as far as they wear a controller there, or the only hand with
+    a controller. A hand among the game's options stays.
+
+    Raises:
+        ValueError: the user does not wear the controllers that the game is played with.
+    """
+    facts = game_facts(config.app)
+    option = facts.hand_option
+    if option is not None and option not in config.app.options:
+        worn = [hand for hand in ("right", "left") if f"controller_{hand}" in body.devices]
+        own = config.user.person.handedness
+        hand = own if own in worn else next(iter(worn), "right")
+        if hand == "left":
+            config = with_options(config, {option: hand})
+    hand_played = config.app.options.get(option, "right") if option else "right"
+    for device in facts.needs(hand_played):
+        if device not in body.devices:
+            how = f" with {option}={hand_played}" if option else ""
+            raise ValueError(
+                f"user: got {body.name!r} wearing {', '.join(body.devices)}, expected "
+                f"{device}, which {facts.name}{how} is played with"
+            )
+    return config

@@ -21,7 +21,8 @@ from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.cores import budget
 from sim2vr_harness.envs.app_group import AppFailure, Logs, app_group
 from sim2vr_harness.envs.apps import AppFactory
-from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, body_of
+from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, body_of, with_options
+from sim2vr_harness.envs.games import game_facts, with_hand
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
 from sim2vr_harness.envs.states import packed, unpacked
 from sim2vr_harness.envs.step_batch import StepBatch
@@ -70,10 +71,14 @@ class Simulation:
         log_dir: Path | None = None,
         make_app: AppFactory | None = None,
     ) -> None:
-        self.config = config
         self.n = n
         self._make_app = make_app
         self.body: Body = body_of(config.user)
+        self._hand_option: str | None = None
+        if make_app is None:
+            config = with_hand(config, self.body)
+            self._hand_option = game_facts(config.app).hand_option
+        self.config = config
         substeps = _substeps(config.action_frequency_hz, self.body.timestep)
         _check_frames(config.frames_per_step, substeps)
         self.users = UserBatch(
@@ -150,6 +155,8 @@ class Simulation:
         rows = list(range(self.n)) if ids is None else [int(i) for i in ids]
         if not rows:
             return []
+        if options and self._hand_option in options:
+            with_hand(with_options(self.config, options), self.body)
         given = [None] * len(rows) if seeds is None else list(seeds)
         if len(given) != len(rows):
             raise ValueError(f"seeds: got {len(given)} seeds, expected {len(rows)}, one per user")

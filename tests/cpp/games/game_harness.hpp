@@ -21,8 +21,10 @@ namespace sim2vr::games::testing {
 
 struct Poses {
   Pose head;
-  Pose right;
-  float right_trigger = 0.0F;
+  Pose controller;
+  float trigger = 0.0F;
+  /// The other hand has none.
+  xr::Hand hand = xr::Hand::right;
 };
 
 /// The reference's clock in simulated runs: Unity keeps the fixed step in binary32, so that step 25
@@ -52,10 +54,11 @@ class GameHarness {
   void frame(std::int64_t time_ns, const Poses& poses) {
     xr::DeviceState state;
     state.head = xr::toXr(poses.head);
-    state.hand(xr::Hand::right).active = true;
-    state.hand(xr::Hand::right).grip = xr::toXr(poses.right);
-    state.hand(xr::Hand::right).trigger = poses.right_trigger;
-    state.hand(xr::Hand::right).aim = state.hand(xr::Hand::right).grip;
+    xr::ControllerState& controller = state.hand(poses.hand);
+    controller.active = true;
+    controller.grip = xr::toXr(poses.controller);
+    controller.trigger = poses.trigger;
+    controller.aim = controller.grip;
     device_.set(state);
     session_.waitFrame(time_ns, 50'000'000);
     session_.beginFrame();

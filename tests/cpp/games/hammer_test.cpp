@@ -80,6 +80,47 @@ TEST(Hammer, MarginGrowsTheHitBoxOnEverySide) {
   EXPECT_TRUE((box.size * 0.1).isApprox(Vec3(0.102, 0.057, 0.057), 1e-12));
 }
 
+// Column 0 of the cells is column 2 in the mirror.
+TEST(Hammer, LeftHandPlaysTheMirrorImageOfARound) {
+  for (const std::string condition : {"easy", "low-easy", "high-easy"}) {
+    const std::string start = R"({"condition": ")" + condition +
+                              R"(", "spawn_times": [0.1, 1.6, 3.1, 4.6, 6.1], "spawn_cells": )";
+    WhacAMoleRound right(start + "[0, 4, 5, 6, 7]}");
+    WhacAMoleRound left(start + R"([2, 4, 3, 8, 7], "hand": "left"})");
+    right.head.x() = left.head.x() = 0.02;
+    ScriptedPlayer player;
+    for (int i = 0; i < 160; ++i) {
+      player.frame(right);
+      left.frameMirrored(right);
+      Vec3 mirrored = right.round().hammer().markerPosition();
+      mirrored.x() = -mirrored.x();
+      ASSERT_LT((left.round().hammer().markerPosition() - mirrored).norm(), 1e-6);
+    }
+    EXPECT_EQ(right.harness.log("Points"), 5.0) << condition;
+    EXPECT_EQ(left.harness.log("Points"), 5.0) << condition;
+    EXPECT_NEAR(left.harness.log("HitSpeed"), right.harness.log("HitSpeed"), 1e-5);
+    EXPECT_NEAR(left.harness.log("HammerDepthNormal"), right.harness.log("HammerDepthNormal"),
+                1e-6);
+  }
+}
+
+TEST(Hammer, OfTheLeftHandFacesAndReachesAsInAMirror) {
+  WhacAMoleRound right("{}");
+  WhacAMoleRound left(R"({"hand": "left"})");
+  right.idle();
+  left.frameMirrored(right);
+  const auto mirrored = [](Vec3 v) { return Vec3(-v.x(), v.y(), v.z()); };
+  const auto& one = *right.harness.scene().find("XR Rig/RightHand Controller/Hammer");
+  const auto& other = *left.harness.scene().find("XR Rig/LeftHand Controller/Hammer");
+  EXPECT_TRUE(other.transform().right().isApprox(mirrored(one.transform().right()), 1e-6));
+  EXPECT_TRUE(other.transform().up().isApprox(mirrored(one.transform().up()), 1e-6));
+  const auto center = [](const scene::GameObject& hammer) {
+    return hammer.transform().transformPoint(hammer.getComponent<physics::Collider>()->center());
+  };
+  EXPECT_LT((center(other) - mirrored(center(one))).norm(), 1e-6);
+  EXPECT_EQ(left.harness.scene().find("XR Rig/RightHand Controller/Hammer"), nullptr);
+}
+
 TEST(Hammer, TwoFramesAtTheSameTimeKeepTheVelocity) {
   WhacAMoleRound round("{}", 1, testing::referenceTime(), nullptr, 0);
   round.frameWithRoot(Vec3(0.0, 1.0, 0.0));

@@ -36,7 +36,17 @@ class WhacAMoleRound {
       : harness(game, seed, options_json, time, 0, logger), period_ns_(period_ns) {}
 
   void frameWithRoot(const Vec3& root) {
-    harness.frame(frames_++ * period_ns_, {{head, Quat::Identity()}, controllerForRoot(root)});
+    controller = controllerForRoot(root);
+    harness.frame(frames_++ * period_ns_, {{head, Quat::Identity()}, controller});
+  }
+  /// What the player of another round did last, as its mirror image: head and left hand.
+  void frameMirrored(const WhacAMoleRound& other) {
+    const auto [position, rotation] = other.controller;
+    controller = {{-position.x(), position.y(), position.z()},
+                  Quat(rotation.w(), rotation.x(), -rotation.y(), -rotation.z())};
+    head = {-other.head.x(), other.head.y(), other.head.z()};
+    harness.frame(frames_++ * period_ns_,
+                  {{head, Quat::Identity()}, controller, 0.0F, xr::Hand::left});
   }
   /// The head's centre at a world position.
   void frameWithHead(const Vec3& center) { frameWithRoot(center - kHammerToHead_m); }
@@ -71,6 +81,7 @@ class WhacAMoleRound {
   WhacAMole game;
   testing::GameHarness harness;
   Vec3 head{0.0, 1.2, 0.0};
+  Pose controller;  // of the last frame
 
  private:
   std::int64_t period_ns_;

@@ -50,6 +50,10 @@ TEST(GameFacts, ContradictionsAreNamed) {
   EXPECT_EQ(refusal(facts), "");
   facts.measures.push_back(facts.measures[0]);
   EXPECT_EQ(refusal(facts), "measures: got 'hits' twice, expected every name once");
+  facts.devices = {"controler_left"};
+  EXPECT_EQ(refusal(facts),
+            "devices: got 'controler_left', expected 'controller_right' or 'controller_left'");
+  facts.devices = {};
   facts.measures = {{.name = "hits", .label = "Hits"}};
   EXPECT_EQ(refusal(facts), "measures: got 'hits', expected a name, a label and a log_key");
 

@@ -76,6 +76,7 @@ class Recording:
         finished: The round was played to its end.
         fixed_step_s: Period of the game's fixed steps, or None when the source does not say.
         options: Of the game, as far as our log says that they were not the usual ones.
+        left: (N, 7) poses of the left controller, if that one held the hammer.
     """
 
     name: str
@@ -89,6 +90,7 @@ class Recording:
     finished: bool
     fixed_step_s: float | None = None
     options: Mapping[str, OptionValue] = field(default_factory=dict)
+    left: FloatArray | None = None
 
     @property
     def constrained(self) -> bool:
@@ -161,6 +163,7 @@ def _logged_round(states: Path, unconstrained: bool) -> Recording:
     plain = states.name == "states.csv"
     name = states.stem.removesuffix("states").rstrip("_-. ")
     ends = [line for line in read_lines(events) if line.strip(" ,\t")][-3:]
+    options = _logged_options(events)
     return Recording(
         name=states.parent.resolve().name if plain else name,
         source=states.parent if plain else states,
@@ -168,10 +171,11 @@ def _logged_round(states: Path, unconstrained: bool) -> Recording:
         seed=log.seed,
         times_s=log.times_s,
         right=log.right,
+        left=log.left if options.get("hand") == "left" else None,
         head=log.head,
         events=read_events(events),
         finished=any("episode statistics" in line for line in ends),
-        options=_logged_options(events),
+        options=options,
     )
 
 

@@ -105,7 +105,8 @@ def _play(app: AppClient, recording: Recording, timing: Timing, watch: Watch | N
 
 
 def _poses(recording: Recording, frames: int | slice) -> DevicePoses:
-    return DevicePoses(recording.head[frames], recording.right[frames])
+    left = None if recording.left is None else recording.left[frames]
+    return DevicePoses(recording.head[frames], recording.right[frames], left)
 
 
 def replay_all(

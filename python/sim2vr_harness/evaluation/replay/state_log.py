@@ -37,6 +37,7 @@ class StateLog:
         times_s: (N,) absolute game time.
         head: (N, 7) poses of the head, app frame: position (m), rotation x y z w.
         right: (N, 7) poses of the right controller.
+        left: (N, 7) poses of the left controller; the origin while it was off.
     """
 
     condition: str
@@ -44,6 +45,7 @@ class StateLog:
     times_s: FloatArray
     head: FloatArray
     right: FloatArray
+    left: FloatArray
 
 
 def read_state_log(path: Path) -> StateLog:
@@ -57,11 +59,10 @@ def read_state_log(path: Path) -> StateLog:
     if len(lines) < 2:
         raise InputError(f"{path}, line 2", "nothing", "the names of the columns")
     names = _FIELD.findall(lines[1])
-    _, head, right = (_pose_column(path, names, part) for part in ("left", "head", "right"))
+    columns = [_pose_column(path, names, part) for part in ("left", "head", "right")]
     rows = np.array(_rows(path, lines, len(names)))
-    return StateLog(
-        condition, seed, rows[:, 0], rows[:, head : head + 7], rows[:, right : right + 7]
-    )
+    left, head, right = (rows[:, column : column + 7] for column in columns)
+    return StateLog(condition, seed, rows[:, 0], head, right, left)
 
 
 def read_lines(path: Path) -> list[str]:

@@ -61,6 +61,12 @@ struct RewardTerm {
 struct GameFacts {
   /// Of a round with default options; 0 when rounds have no usual length.
   double round_seconds = 0.0;
+  /// Controllers without which a right-handed player cannot play: "controller_right",
+  /// "controller_left". A user who does not wear them gets an error instead of empty rounds.
+  std::vector<std::string> devices = {};
+  /// The option that takes "right" or "left", the hand that plays; "left" needs the other
+  /// controllers. Empty: the game has none.
+  std::string hand_option = {};
   /// In the order of the tables.
   std::vector<Measure> measures = {};
   /// Name of the measure by which users are compared; empty: the return.

@@ -258,11 +258,12 @@ void bindAppBatch(py::module_& module) {
            py::arg("head"), py::arg("left_controller") = py::none(),
            py::arg("right_controller") = py::none(), py::arg("left_inputs") = py::none(),
            py::arg("right_inputs") = py::none(), py::arg("time_ns") = 0,
-           "Starts rounds at time_ns: indices (M,), seeds (M,), poses (M, 7), inputs (M, 13). Errors "
+           "Starts rounds at time_ns: indices (M,), seeds (M,), poses (M, 7), inputs (M, 13). "
+           "Errors "
            "name the first app that refused; the others have started.")
-      .def("step", &PyAppBatch::step, py::arg("indices"), py::arg("times_ns"), py::arg("head"), py::arg("left_controller") = py::none(),
-           py::arg("right_controller") = py::none(), py::arg("left_inputs") = py::none(),
-           py::arg("right_inputs") = py::none(), 
+      .def("step", &PyAppBatch::step, py::arg("indices"), py::arg("times_ns"), py::arg("head"),
+           py::arg("left_controller") = py::none(), py::arg("right_controller") = py::none(),
+           py::arg("left_inputs") = py::none(), py::arg("right_inputs") = py::none(),
            py::arg("drawn") = runtime::kLastFrame,
            "One user step of K frames, of which `drawn` (-1: the last) is drawn: indices (M,), "
            "times_ns (M, K), poses (M, K, 7), inputs (M, K, 13). Errors as in reset.")

@@ -15,6 +15,9 @@ __all__ = ["unpractised", "words_of_change"]
 _COSTS_ONLY = "user.effort."
 """Changes what is counted, not what the user does."""
 
+_FELT = ("user.", "app.options.", "senses.", "vision.")
+"""Groups of settings that a user notices."""
+
 
 def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str]) -> list[str]:
     """What is new to a trained user, a line each; empty if nothing is.
@@ -32,9 +35,11 @@ def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str
         "max_episode_seconds",
     }
     new = []
-    trained, now = dict(_flat(config.env.model_dump())), dict(_flat(env.model_dump()))
+    trained, now = _settings(config.env), _settings(env)
     for key in sorted({*trained, *now}):
-        plays = key.startswith(("user.", "app.options.")) or "." not in key
+        plays = key.startswith(_FELT) or "." not in key
+        if _switched(key, trained, now):
+            continue
         if key in ignored or not plays or key.startswith(_COSTS_ONLY):
             continue
         if trained.get(key) != now.get(key):
@@ -52,7 +57,7 @@ def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str
 
 def words_of_change(key: str, value: Any) -> str:
     """A changed setting for people: ``env.user.noise.constant``, white -> noise constant: white."""
-    for prefix in ("env.", "user.", "app.options."):
+    for prefix in ("env.", "user.", "app.options.", "senses."):
         key = key.removeprefix(prefix)
     return f"{key.replace('.', ' ').replace('_', ' ')}: {_plain(value)}"
 
@@ -67,6 +72,22 @@ def _practised_conditions(config: TrainingConfig) -> set[str]:
     return set().union(*(facts.drawn(name) for name in names if name))
 
 
+def _settings(env: EnvConfig) -> dict[str, Any]:
+    """Dotted keys and values; senses by the key that they have in the observation."""
+    tree = env.model_dump()
+    tree["senses"] = {sense["name"] or sense["sense"]: sense for sense in tree["senses"]}
+    flat = dict(_flat(tree))
+    groups = {key.rpartition(".")[0] for key in flat}
+    # An optional group, such as vision.foveation, is on or off before its members count.
+    return {**flat, **{group: True for group in groups if group.startswith("vision.")}}
+
+
+def _switched(key: str, *both: Mapping[str, Any]) -> bool:
+    """Whether the group of this key is there on one side only, which is said of the group."""
+    group = key.rpartition(".")[0]
+    return group.startswith("vision.") and any(not each.get(group) for each in both)
+
+
 def _flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     for key, value in tree.items():
         if isinstance(value, Mapping):
@@ -76,8 +97,8 @@ def _flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]
 
 
 def _plain(value: Any) -> str:
-    return (
-        {None: "none", True: "yes", False: "no"}.get(value, str(value))
-        if not isinstance(value, (list, tuple))
-        else ", ".join(map(str, value))
-    )
+    if isinstance(value, (list, tuple)):
+        return ", ".join(map(str, value))
+    if value is None:
+        return "none"
+    return str(value) if not isinstance(value, bool) else "yes" if value else "no"

@@ -10,12 +10,15 @@ import pytest
 from fake_simulation import FakeSimulation
 
 from sim2vr_harness.client import Condition, GameFacts, describe_game, facts_of_outside
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.evaluation import evaluate as module
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
 from sim2vr_harness.evaluation.player import Player
+from sim2vr_harness.evaluation.practised import unpractised
 from sim2vr_harness.evaluation.rollouts import Job, jobs_for, play
+from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder
 from sim2vr_harness.training.trained_users import find_user
@@ -278,6 +281,22 @@ def test_what_was_never_practised_is_said(trained: Path) -> None:
         "condition hard (trained: medium)",
     ]
     assert found.summaries["hard"]["unpractised"] == found.unpractised
+
+
+def test_another_way_of_sensing_was_never_practised() -> None:
+    config = TrainingConfig(name="test")
+    senses = [{"sense": "vision", "delay_ms": 100}, {"sense": "proprioception"}, {"sense": "time"}]
+    vision = {"foveation": {"gaze": "ahead"}}
+    env = EnvConfig.model_validate({"senses": senses, "vision": vision})
+    assert unpractised(config, config.env, []) == []
+    assert unpractised(config, env, []) == [
+        "vision delay ms: 100.0 (trained: 0.0)",
+        "vision foveation: yes (trained: none)",
+    ]
+    softer = EnvConfig.model_validate({"senses": senses, "vision": {"foveation": {"e2_deg": 5}}})
+    assert unpractised(config.model_copy(update={"env": env}), softer, []) == [
+        "vision foveation e2 deg: 5.0 (trained: 2.3)"
+    ]
 
 
 def test_an_app_that_publishes_nothing_is_measured_by_its_log() -> None:

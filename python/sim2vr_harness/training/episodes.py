@@ -33,6 +33,14 @@ def episode_means(episodes: list[dict[str, Any]], facts: GameFacts) -> dict[str,
         values = [episode["log"][key] for episode in episodes if key in episode["log"]]
         log[key] = means[f"ep_{key}_mean"] = float(np.mean(values))
     for measure in facts.scalars:
+        if measure.only_if is not None and measure.rate_with is None and measure.log_key in log:
+            # Episodes without the number (no hit, no hit speed) are left out, as in evaluations.
+            own = [measure.value(episode.get("log", {})) for episode in episodes]
+            known = [value for value in own if value is not None]
+            del means[metric_key(measure)]
+            if known:
+                means[metric_key(measure)] = float(np.mean(known))
+    for measure in facts.scalars:
         share = measure.value(log) if measure.rate_with is not None else None
         if share is not None:
             means[metric_key(measure)] = share

@@ -329,6 +329,11 @@ def test_episode_means_by_hand() -> None:
     assert means["ep_len_mean"] == 5.0
     assert means["ep_effort_cost_mean"] == 1.0
     assert means["ep_hit_rate"] == 3 / 8
+    # Hitting speed of the episodes that have a hit; none in episodes without any.
+    for episode, speed in zip(episodes, (1.5, 0.0), strict=True):
+        episode["log"]["HitSpeed"] = speed  # type: ignore[index]
+    assert episode_means(episodes, describe_game("whacamole"))["ep_HitSpeed_mean"] == 1.5
+    assert "ep_HitSpeed_mean" not in episode_means(episodes[1:], describe_game("whacamole"))
     assert episode_means([], describe_game("whacamole")) == {}
     assert "ep_hit_rate" not in episode_means(episodes, describe_game("sample"))
 

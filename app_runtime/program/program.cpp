@@ -40,6 +40,18 @@ int runArguments(const std::vector<std::string>& words) {
   return runMode(arguments);
 }
 
+// The options that the game's condition of that name stands for.
+nlohmann::json conditionOptions(const Arguments& arguments) {
+  const nlohmann::json facts = nlohmann::json::parse(games::gameFactsJson(arguments.game));
+  std::vector<std::string> known;
+  for (const nlohmann::json& condition : facts["conditions"]) {
+    if (condition["name"] == arguments.condition) return condition["options"];
+    known.push_back(condition["name"]);
+  }
+  throw InvalidArgument("--condition", "'" + arguments.condition + "'",
+                        oneOf(known, arguments.condition));
+}
+
 }  // namespace
 
 std::string gameOptions(const Arguments& arguments) {
@@ -47,18 +59,24 @@ std::string gameOptions(const Arguments& arguments) {
   if (!options.is_object()) {
     throw InvalidArgument("options", "'" + arguments.options.substr(0, 80) + "'", "a JSON object");
   }
-  const auto set = [&options](const char* name, const nlohmann::json& value) {
+  const auto set = [&options](const std::string& argument, const std::string& name,
+                              const nlohmann::json& value) {
     const auto found = options.find(name);
     if (found != options.end() && *found != value) {
-      throw InvalidArgument(std::string("--") + name,
-                            value.dump() + " next to --options with " + found->dump(),
+      throw InvalidArgument(argument,
+                            name + " " + value.dump() + " next to --options with " + found->dump(),
                             "one of the two");
     }
     options[name] = value;
   };
-  if (!arguments.condition.empty()) set("condition", arguments.condition);
-  if (arguments.adaptive) set("adaptive", true);
-  if (arguments.sparse) set("sparse", true);
+  if (!arguments.condition.empty()) {
+    const nlohmann::json stands_for = conditionOptions(arguments);
+    for (const auto& [name, value] : stands_for.items()) {
+      set("--condition", name, value);
+    }
+  }
+  if (arguments.adaptive) set("--adaptive", "adaptive", true);
+  if (arguments.sparse) set("--sparse", "sparse", true);
   return options.dump();
 }
 

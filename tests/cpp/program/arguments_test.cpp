@@ -143,6 +143,19 @@ TEST(Arguments, HelpFits80Columns) {
   }
 }
 
+TEST(Arguments, AConditionIsTheOptionsThatItsGamePublishes) {
+  EXPECT_EQ(gameOptions(parseArguments({"--game", "sample", "--condition", "small"})),
+            R"({"ball_radius_m":0.025})");
+  try {
+    gameOptions(parseArguments({"--game", "sample", "--condition", "smal"}));
+    FAIL();
+  } catch (const InvalidArgument& error) {
+    EXPECT_STREQ(error.what(),
+                 "--condition: got 'smal', expected one of 'big', 'usual' or 'small'; did you mean "
+                 "'small'?");
+  }
+}
+
 TEST(Arguments, OptionsThatContradictEachOther) {
   EXPECT_EQ(gameOptions(parseArguments(
                 {"--options", R"({"condition":"easy","reward":"paper"})", "--condition", "easy"})),

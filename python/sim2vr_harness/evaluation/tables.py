@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from textwrap import fill
 from typing import Any
 
 from rich import box
@@ -17,6 +18,12 @@ __all__ = ["cell", "results_table"]
 
 _SIDE_BY_SIDE = 4
 """Conditions that fit 80 columns beside the names of the numbers."""
+
+_LABEL_COLUMNS = 28
+"""Longer labels go on in the next line; four numbers with their deviations fit beside."""
+
+_CONDITION_COLUMNS = 12
+"""Longer names of conditions are broken at hyphens, where they have any."""
 
 
 def results_table(
@@ -46,9 +53,10 @@ def results_table(
 def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Table:
     tight = len(summaries) == _SIDE_BY_SIDE
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 0) if tight else (0, 1))
-    table.add_column("Per round", no_wrap=True)
+    table.add_column("Per round", max_width=_LABEL_COLUMNS, no_wrap=False)
     for condition in summaries:
-        table.add_column(condition, justify="right", overflow="fold")
+        heading = fill(condition, _CONDITION_COLUMNS) if tight else condition
+        table.add_column(heading, justify="right", overflow="fold")
     table.add_row("Rounds", *(str(summary["episodes"]) for summary in summaries.values()))
     for measure in measures_of(facts):
         cells = [
@@ -74,7 +82,8 @@ def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Tabl
     for measure in facts.grids:
         if any(_has(summary, measure) for summary in summaries.values()):
             worst = [
-                _worst(summary.get(measure.name, []), measure) for summary in summaries.values()
+                _worst(summary.get(measure.name, []), measure, tight=tight)
+                for summary in summaries.values()
             ]
             table.add_row(f"{measure.label}, worst", *worst)
     for key, heading in (("diverged", "Diverged"), ("app_failed", "App failed (not counted)")):
@@ -104,12 +113,13 @@ def _has(summary: Mapping[str, Any], measure: Measure) -> bool:
     return any(value is not None for value in found or ())
 
 
-def _worst(values: Sequence[float | None], measure: Measure) -> str:
+def _worst(values: Sequence[float | None], measure: Measure, *, tight: bool = False) -> str:
     known = [(value, item) for item, value in enumerate(values) if value is not None]
     if not known:
         return "-"
     value, item = max(known) if measure.better == "lower" else min(known)
-    return f"{value:.{measure.digits}f} (no. {item})"
+    between = "\n" if tight else " "
+    return f"{value:.{measure.digits}f}{between}(no. {item})"
 
 
 def _lower(text: str) -> str:

@@ -15,7 +15,7 @@ from PIL import Image
 from rich.console import Console
 
 from sim2vr_harness import paths
-from sim2vr_harness.client import describe_game
+from sim2vr_harness.client import GameFacts, Measure, describe_game
 from sim2vr_harness.evaluation import pictures, video
 from sim2vr_harness.evaluation.curves import curve, pack_curves, plot
 from sim2vr_harness.evaluation.metrics import round_result
@@ -170,6 +170,20 @@ def test_four_conditions_fit_80_columns() -> None:
     assert "0.50 (no. 0)" in text
     assert "Mean ± SD over 12 rounds of this one user" in text
     assert sum("Per round" in line for line in lines) == 2, "the fifth has a table of its own"
+
+
+def test_long_names_and_labels_are_broken_where_people_would() -> None:
+    label = "Jars dropped because the hand was too far away"
+    facts = GameFacts("rack", measures=(Measure("drops", label, log_key="Drops"),))
+    names = ["both-hands-six-jars", "right-hand-six-jars", "both-hands-three-jars", "one"]
+    console = Console(width=80)
+    with console.capture() as capture:
+        summary = {"episodes": 2, "drops": 1234.5, "drops_sd": 123.4}
+        console.print(results_table(dict.fromkeys(names, summary), facts, "Results"))
+    lines = capture.get().splitlines()
+    assert max(len(line) for line in lines) <= 80
+    assert {"both-hands-", "right-hand-", "six-jars", "three-jars"} <= set(capture.get().split())
+    assert any(line.count("1234.5±123.4") == 4 for line in lines)
 
 
 def test_a_table_has_the_game_s_own_measures() -> None:

@@ -24,7 +24,7 @@ void bindGames(py::module_& module) {
   module.def("list_games", &listGames, "Names of the games with their descriptions.");
   module.def(
       "game_facts", [](const std::string& name) { return games::gameFactsJson(name); },
-      py::arg("name"), "What a game tells of itself, as a JSON object: measures, conditions.");
+      py::arg("name"), "What a game publishes, as a JSON object: measures, conditions.");
 }
 
 }  // namespace sim2vr::bindings

@@ -1,4 +1,4 @@
-"""What a game tells of itself: measures, conditions, names.
+"""What a game publishes: measures, conditions, names.
 
 Games publish it in C++ beside their rules (``GameFacts`` in ``rl/game_facts.hpp``); tables,
 learning curves, progress and pictures are made of it.

@@ -1,4 +1,4 @@
-"""Which game an environment plays, and what that game tells of itself."""
+"""Which game an environment plays, and what that game publishes."""
 
 from __future__ import annotations
 

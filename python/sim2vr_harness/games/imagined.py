@@ -1,7 +1,7 @@
 """The seam between the fast recipe and a game.
 
 Imagined (model-based) rollouts need rules whose reward has a gradient; a curriculum needs to know
-where a game's targets come up and which of them fail. Both are told here, in tensors and plain
+where a game's targets come up and which of them fail. Both are stated here, in tensors and plain
 values, so that a game's room knows nothing of bodies, policies or learners.
 """
 

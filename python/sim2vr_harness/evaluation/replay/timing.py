@@ -144,7 +144,7 @@ def _countdown(times_ns: NDArray[np.int64], start_ns: int) -> float:
 
 
 def _round_length(recording: Recording, times_ns: NDArray[np.int64], start_ns: int) -> float:
-    """The round ends with the last frame; no log of the original tells its length."""
+    """The round ends with the last frame; no log of the original has its length."""
     if not recording.finished:
         return 3600.0
     before_s, after_s = (float(t - start_ns) / 1e9 for t in times_ns[-2:])

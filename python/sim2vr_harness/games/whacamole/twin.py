@@ -54,7 +54,7 @@ class ImaginedWhacAMole:
         n: number of users B.
         conditions: of each condition, the privileged numbers named ``round.*``.
         settings: what is relaxed, and which cells come up.
-        step_s: duration of a user step; the rules are told in frames of 50 ms.
+        step_s: duration of a user step; the rules go by frames of 50 ms.
         seed: of spawns.
 
     Raises:
@@ -75,7 +75,7 @@ class ImaginedWhacAMole:
         if abs(step_s - FRAME_S) > 1e-6:
             raise ValueError(
                 f"action_frequency_hz: got {1.0 / step_s:g}, expected 20, the frames that the "
-                "imagined game is told in"
+                "imagined game is made of"
             )
         self.n, self.settings, self.hammer = n, settings, Hammer()
         self.generator = torch.Generator().manual_seed(seed)

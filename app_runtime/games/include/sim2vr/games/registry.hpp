@@ -16,7 +16,7 @@ std::span<const rl::GameEntry> registry();
 /// A new game. Throws InvalidArgument ("game") with the known names and the nearest one.
 std::unique_ptr<rl::Game> createGame(std::string_view name);
 
-/// What the game tells of itself, as a JSON object (rl/game_facts.hpp). Throws as createGame.
+/// What the game publishes, as a JSON object (rl/game_facts.hpp). Throws as createGame.
 std::string gameFactsJson(std::string_view name);
 
 }  // namespace sim2vr::games

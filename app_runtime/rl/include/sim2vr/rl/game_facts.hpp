@@ -1,4 +1,4 @@
-// What a game tells the harness about itself: how its rounds are measured, which conditions it
+// What a game publishes about itself: how its rounds are measured, which conditions it
 // has, what its cameras and names are called. Tables, curves, progress and pictures are made of it.
 #pragma once
 

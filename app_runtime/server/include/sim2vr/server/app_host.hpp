@@ -20,7 +20,7 @@ namespace sim2vr::server {
 struct HostSettings {
   /// Makes the apps.
   runtime::AppFactory make_app = runtime::gameApps();
-  /// What a game of theirs tells of itself, a JSON object (rl/game_facts.hpp); none: nothing.
+  /// What a game of theirs publishes, a JSON object (rl/game_facts.hpp); none: nothing.
   std::function<std::string(std::string_view game)> facts_json = games::gameFactsJson;
   /// What a client does not ask for.
   runtime::AppSettings app;

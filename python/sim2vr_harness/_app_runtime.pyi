@@ -139,7 +139,7 @@ def frame_time_ns(frame: typing.Annotated[numpy.typing.ArrayLike, numpy.int64], 
     """
 def game_facts(name: str) -> str:
     """
-    What a game tells of itself, as a JSON object: measures, conditions.
+    What a game publishes, as a JSON object: measures, conditions.
     """
 def gl_renderer(kind: str = 'automatic') -> str:
     """

@@ -138,10 +138,13 @@ def body_states(qpos: NDArray, qvel: NDArray, act: NDArray) -> list[bytes]:
 
 
 def user_state(simulation: Any, i: int) -> bytes:
-    """Body and app of user i of a Simulation."""
+    """Body of user i of a Simulation, and the app as far as it can say its state."""
     users = simulation.users
     (body,) = body_states(users.qpos[i, None], users.qvel[i, None], users.act[i, None])
-    return body + int(simulation.apps[i].state_hash()).to_bytes(8, "little")
+    app = simulation.apps[i]
+    if "save" not in app.capabilities:
+        return body
+    return body + int(app.state_hash()).to_bytes(8, "little")
 
 
 def observation_digest(observation: dict[str, NDArray]) -> str:

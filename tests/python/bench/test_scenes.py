@@ -6,6 +6,7 @@ import ast
 from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -158,3 +159,13 @@ def imported_siblings(file: Path) -> set[str]:
         elif isinstance(node, ast.Import):
             found |= {x.name.removeprefix(f"{PACKAGE}.") for x in node.names}
     return found
+
+
+def test_an_app_that_cannot_say_its_state_is_measured_by_its_user_s_body() -> None:
+    def simulation(capabilities: frozenset[str]) -> SimpleNamespace:
+        app = SimpleNamespace(capabilities=capabilities, state_hash=lambda: 7)
+        row = np.ones((1, 2))
+        return SimpleNamespace(apps=[app], users=SimpleNamespace(qpos=row, qvel=row, act=row))
+
+    body = shared.user_state(simulation(frozenset()), 0)
+    assert shared.user_state(simulation(frozenset({"save"})), 0) == body + bytes([7] + [0] * 7)

@@ -207,6 +207,10 @@ def test_warnings_are_counted_per_user(tmp_path: Path, monkeypatch: pytest.Monke
             "devices.headset.site: got 'eye', expected one of .*'eyes'.*did you mean 'eyes'",
         ),
         (
+            {"effort": {"peak_forces": {"turn": -40.0}}},
+            "effort.peak_forces.turn: got -40.0, expected greater than 0",
+        ),
+        (
             {"devices": {"headset": {"body": "haed"}}},
             "devices.headset.body: got 'haed', .*did you mean 'head'",
         ),

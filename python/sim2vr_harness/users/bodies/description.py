@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import pydantic
 import yaml
@@ -74,7 +74,7 @@ class EffortDescription(Settings):
 
     lifting: tuple[str, ...] = ()
     """Actuators (or patterns) that hold the arm up."""
-    peak_forces: dict[str, float] = Field(default_factory=dict)
+    peak_forces: dict[str, Annotated[float, Field(gt=0.0)]] = Field(default_factory=dict)
     """Peak forces (N; motors Nm) of those that do not say so themselves."""
 
 

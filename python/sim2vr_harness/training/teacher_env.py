@@ -12,7 +12,8 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from sim2vr_harness.envs.config import EnvConfig, SenseConfig
+from sim2vr_harness.envs.config import EnvConfig, SenseConfig, body_of
+from sim2vr_harness.envs.games import game_facts, with_hand
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.games import ImaginedGame, imagined_game, imagined_games
@@ -38,7 +39,7 @@ def game_of(env: EnvConfig) -> ImaginedGame:
     """Return what the fast recipe knows of the environment's game.
 
     Raises:
-        InputError: nothing.
+        InputError: nothing, or nothing for the hand that the user plays with.
     """
     app = env.app
     game = imagined_game(app.game) if app.transport == "in_process" else None
@@ -48,6 +49,15 @@ def game_of(env: EnvConfig) -> ImaginedGame:
             f"'distill' for the game {app.game!r} ({app.transport})",
             f"a game in this process that has a twin ({', '.join(imagined_games())}), or "
             "recipe: ppo",
+        )
+    facts = game_facts(app)
+    playing = with_hand(env, body_of(env.user)).app.options
+    hand = playing.get(facts.hand_option or "", "right")
+    if facts.devices and game.device not in facts.needs(hand):
+        raise InputError(
+            "recipe",
+            f"'distill' for a user who plays {app.game} with the {hand} hand",
+            f"one with {game.device}, which its twin is made for, or recipe: ppo",
         )
     return game
 

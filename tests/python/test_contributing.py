@@ -62,6 +62,12 @@ class Workplace:
             if (ROOT / name).is_file():
                 (folder / name).parent.mkdir(parents=True, exist_ok=True)
                 shutil.copy2(ROOT / name, folder / name)
+        # An editable install finds this checkout's package before any path is looked at.
+        (folder / "python" / "sitecustomize.py").write_text(
+            "import sys\n"
+            "sys.meta_path[:] = [finder for finder in sys.meta_path\n"
+            "                    if not type(finder).__module__.startswith('_editable_')]\n"
+        )
         self._environment = {
             **{key: value for key, value in os.environ.items() if not key.startswith("SIM2VR_")},
             "PYTHONPATH": str(folder / "python"),

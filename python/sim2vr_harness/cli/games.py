@@ -50,12 +50,14 @@ def games(
         else:
             console.print(_in_short(each), highlight=False, markup=False)
             console.print(_conditions(each))
-            console.print(_measures(each))
+            console.print(_measures(each) if each.measures else "No measures but the player's own.")
 
 
 def _in_short(facts: GameFacts) -> str:
     length = f"rounds of {facts.round_seconds:g} s; " if facts.round_seconds else ""
-    return f"{length}Gymnasium id sim2vr/{facts.id}-v0; {len(facts.conditions)} conditions"
+    count = len(facts.conditions)
+    conditions = f"{count} condition{'' if count == 1 else 's'}"
+    return f"{length}Gymnasium id sim2vr/{facts.id}-v0; {conditions}"
 
 
 def _conditions(facts: GameFacts) -> Table:

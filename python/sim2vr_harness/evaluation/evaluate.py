@@ -189,7 +189,7 @@ def evaluate(
             "rounds": [result.as_dict() for result in own],
         }
     files = [results.add(summaries, overwrite=request.overwrite), *(filmer.files if filmer else [])]
-    if logs is not None:
+    if logs is not None and logs.any:
         files.append(out / "logs")
     step = int(settings["trained_steps"])
     return Evaluation(summaries, facts, step, user.source, files, rounds, new)

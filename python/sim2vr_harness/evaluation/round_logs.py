@@ -38,6 +38,11 @@ class RoundLogs:
         for abandoned in root.glob(".playing*"):
             shutil.rmtree(abandoned)
 
+    @property
+    def any(self) -> bool:
+        """Whether there are logs: games need not write any."""
+        return self._root.is_dir() and next(self._root.iterdir(), None) is not None
+
     def folder(self) -> Path:
         """A folder for the logs of one more simulation."""
         self._playing.append(self._root / f".playing{len(self._playing)}")

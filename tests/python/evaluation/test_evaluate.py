@@ -200,6 +200,15 @@ def test_bad_requests(trained: Path, tmp_path: Path) -> None:
         play_with(tmp_path / "run", Request())
 
 
+def test_a_game_that_writes_no_logs_gets_no_folder_named(trained: Path, tmp_path: Path) -> None:
+    def simulation(config: Any, n: int, *, log_dir: Path | None = None) -> FakeSimulation:
+        return FakeSimulation(config, n, log_dir=log_dir)
+
+    request = Request(conditions=["easy"], episodes=1, log=True, out=tmp_path)
+    found = evaluate(trained, request, simulation=simulation)
+    assert tmp_path / "logs" not in found.files
+
+
 def test_progress_and_logs(trained: Path, tmp_path: Path) -> None:
     """Every round's log has a folder of its own, whoever played it when."""
     shares: list[float] = []

@@ -45,8 +45,8 @@ struct Mine {
   double row = 0.0;
 };
 
-/// Not to be touched by the head. It covers columns [column, column + width] and rows
-/// [row, row + height] in cells, cell i from i - 0.5 to i + 0.5 around its centre.
+/// Not to be touched by the head. It covers `width` cells from the left edge of cell `column` and
+/// `height` cells from the lower edge of cell `row` on.
 struct Wall {
   double time_s = 0.0;
   double duration_s = 0.0;
@@ -70,8 +70,8 @@ struct Level {
   std::vector<Box> boxes;
   std::vector<Mine> mines;
   std::vector<Wall> walls;
-  /// SHA-256 or a hash as good of the bytes that the level was made of, as hexadecimal digits: part of the
-  /// state, so that a saved round is not continued in another level.
+  /// Of the bytes that the level was made of, as hexadecimal digits: part of the state, so that a
+  /// saved round is not continued in another level.
   std::string hash;
 };
 

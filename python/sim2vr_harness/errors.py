@@ -1,0 +1,59 @@
+"""One way to say that an input cannot be used: field, got, expected."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+__all__ = ["InputError", "closest", "reason", "shown", "unknown_name"]
+
+_LONGEST = 100
+"""Characters of a value or a reason that a sentence quotes."""
+
+
+class InputError(ValueError):
+    """An input of the user cannot be used.
+
+    Attributes:
+        field: What the user wrote it in: a dotted configuration key, an option, a path.
+        got: What was found there.
+        expected: What would have been right.
+    """
+
+    def __init__(self, field: str, got: str, expected: str) -> None:
+        self.field, self.got, self.expected = field, got, expected
+        super().__init__(f"{field}: got {got}, expected {expected}")
+
+
+def shown(value: object, longest: int = _LONGEST) -> str:
+    """Return what Python writes for a value, cut in the middle where it is long."""
+    return _short(repr(value), longest)
+
+
+def reason(error: BaseException) -> str:
+    """Return what an error of somebody else's says, in one short line; its kind if it is silent."""
+    system = isinstance(error, OSError) and error.strerror
+    text = " ".join((str(system) if system else str(error)).split())
+    text = "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+    text = text[:1].lower() + text[1:] if system else text
+    return _short(text, _LONGEST) or type(error).__name__
+
+
+def _short(text: str, longest: int) -> str:
+    if len(text) <= longest:
+        return text
+    return f"{text[: longest * 2 // 3]}...{text[-longest // 4 :]}"
+
+
+def closest(name: str, names: Iterable[str]) -> str | None:
+    """Return the one of ``names`` that ``name`` is most probably a slip of, or None."""
+    found = difflib.get_close_matches(name, list(names), n=1, cutoff=0.5)
+    return found[0] if found else None
+
+
+def unknown_name(field: str, got: str, names: Iterable[str]) -> InputError:
+    """Word the error for a name that is not among ``names``, the closest one pointed out."""
+    known = list(names)
+    best = closest(got, known)
+    hint = f" (did you mean {best!r}?)" if best else ""
+    return InputError(field, repr(got), f"one of {', '.join(known)}{hint}")

@@ -36,6 +36,9 @@ struct Box {
   CutDirection cut = CutDirection::kAny;
   /// Added to the cut direction, counter-clockwise as the player sees it.
   double angle_offset_deg = 0.0;
+  /// A link of a chain: lies between the cells, close behind the chain's head or another link, so
+  /// that the head's stroke goes through it; to be cut in any direction.
+  bool link = false;
 };
 
 /// Not to be touched by a blade.

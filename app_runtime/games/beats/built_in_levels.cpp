@@ -1,0 +1,24 @@
+#include "beats/built_in_levels.hpp"
+
+#include "beats/level_hash.hpp"
+
+namespace sim2vr::games::beats {
+
+Level firstLevel() {
+  // Inwards and down, then back the way the blade came: a stroke begins where the last one ended.
+  constexpr double kRow = 1.0;
+  Level level;
+  level.name = "first";
+  level.length_s = 10.0;
+  level.beats_per_minute = 120.0;
+  level.speed_mps = 10.0;
+  level.approach_s = 1.5;
+  level.boxes = {{2.0, 1.0, kRow, Hand::kLeft, CutDirection::kDownRight},
+                 {4.0, 2.0, kRow, Hand::kRight, CutDirection::kDownLeft},
+                 {6.0, 1.0, kRow, Hand::kLeft, CutDirection::kUpLeft},
+                 {8.0, 2.0, kRow, Hand::kRight, CutDirection::kUpRight}};
+  level.hash = contentHash(level);
+  return level;
+}
+
+}  // namespace sim2vr::games::beats

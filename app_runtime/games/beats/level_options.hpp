@@ -1,0 +1,35 @@
+// From a round's options to its level.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <string>
+
+#include "beats/level.hpp"
+#include "beats/level_generator.hpp"
+#include "sim2vr/core/options.hpp"
+
+namespace sim2vr::games::beats {
+
+/// What the options say of the level. A level of a file is read with them, so that what is wrong
+/// with it is said before a round begins.
+struct LevelSettings {
+  /// "first", "full", "generated" or the path of a map.
+  std::string level = "first";
+  /// Of maps: which of their difficulties.
+  std::string difficulty = {};
+  std::string characteristic = {};
+  GeneratorSettings generator = {};
+  /// "full", or what the file held; none for levels that are made when they are played.
+  std::shared_ptr<const Level> loaded = nullptr;
+};
+
+/// Reads the options `level`, `difficulty`, `characteristic` and the generator's
+/// (docs/games/beats_levels.md); the generator's serve "generated" alone. Throws InvalidArgument
+/// naming the option, or the file, object and field that cannot be used.
+LevelSettings readLevelSettings(Options& options);
+
+/// The level to play. Same settings and seed, same bits; the seed matters to "generated" alone.
+Level makeLevel(const LevelSettings& settings, std::uint32_t seed);
+
+}  // namespace sim2vr::games::beats

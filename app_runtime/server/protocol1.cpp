@@ -7,8 +7,8 @@
 #include <limits>
 #include <nlohmann/json.hpp>
 
-#include "json_reader.hpp"
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/json_reader.hpp"
 #include "sim2vr/server/base64.hpp"
 
 namespace sim2vr::server::protocol1 {
@@ -131,7 +131,9 @@ HeadRotation headRotationFromName(const std::string& field, const std::string& n
   throw InvalidArgument(field, "'" + name + "'", "'app' or 'device'");
 }
 
-Handshake decodeHandshake(std::string_view text) {
+namespace {
+
+Handshake readHandshake(std::string_view text) {
   const Json json = parseJson(text, "handshake");
   const JsonFields message(json, "handshake");
   Handshake handshake;
@@ -151,25 +153,20 @@ Handshake decodeHandshake(std::string_view text) {
   if (!(handshake.time_scale > 0.0)) {
     throw MalformedMessage("handshake.timeScale: got none or 0, expected a number above 0");
   }
-  try {
-    if (message.has("frameTime")) {
-      handshake.frame_time =
-          frameTimeFromName("handshake.frameTime", message.text("frameTime", ""));
-    }
-    if (message.has("clock")) {
-      handshake.clock = clockOriginFromName("handshake.clock", message.text("clock", ""));
-    }
-    if (message.has("headRotation")) {
-      handshake.head_rotation =
-          headRotationFromName("handshake.headRotation", message.text("headRotation", ""));
-    }
-  } catch (const InvalidArgument& error) {
-    throw MalformedMessage(error.what());
+  if (message.has("frameTime")) {
+    handshake.frame_time = frameTimeFromName("handshake.frameTime", message.text("frameTime", ""));
+  }
+  if (message.has("clock")) {
+    handshake.clock = clockOriginFromName("handshake.clock", message.text("clock", ""));
+  }
+  if (message.has("headRotation")) {
+    handshake.head_rotation =
+        headRotationFromName("handshake.headRotation", message.text("headRotation", ""));
   }
   return handshake;
 }
 
-State decodeState(std::string_view text) {
+State readState(std::string_view text) {
   const Json json = parseJson(text, "state");
   const JsonFields message(json, "state");
   State state;
@@ -186,6 +183,16 @@ State decodeState(std::string_view text) {
   state.query_only = asks && !has_poses && !state.reset && !state.quit;
   state.is_handshake = message.has("sampleFrequency");
   return state;
+}
+
+}  // namespace
+
+Handshake decodeHandshake(std::string_view text) {
+  return decoded([&] { return readHandshake(text); });
+}
+
+State decodeState(std::string_view text) {
+  return decoded([&] { return readState(text); });
 }
 
 std::string encodeObservation(const Observation& observation) {

@@ -4,7 +4,7 @@
 #include <nlohmann/json.hpp>
 #include <type_traits>
 
-#include "json_reader.hpp"
+#include "sim2vr/core/json_reader.hpp"
 #include "wire.hpp"
 
 namespace sim2vr::server::protocol2 {
@@ -193,6 +193,34 @@ PictureRequest decodeRender(Frames body) {
   return request;
 }
 
+Request readRequest(const Header& header, Frames body) {
+  switch (static_cast<Type>(header.type)) {
+    case Type::hello:
+      return decodeHello(body);
+    case Type::reset:
+      return decodeReset(header, body);
+    case Type::step:
+      return decodeStep(header, body);
+    case Type::render:
+      return decodeRender(body);
+    case Type::save:
+      checkFrames(body, 2, "save");
+      return Save{decodeApp("save app", body[1])};
+    case Type::load:
+      checkFrames(body, 3, "load");
+      return Load{decodeApp("load app", body[1]), std::string(body[2])};
+    case Type::hash:
+      checkFrames(body, 2, "hash");
+      return Hash{decodeApp("hash app", body[1])};
+    case Type::quit:
+      checkFrames(body, 1, "quit");
+      return Quit{};
+    case Type::head_request:
+      return decodeHeadRequest(body);
+  }
+  refuse("header type", std::to_string(header.type), "a request, 1 to 9");
+}
+
 }  // namespace
 
 bool isProtocol2(Frames body) { return !body.empty() && body[0].starts_with(kMagic); }
@@ -223,31 +251,7 @@ std::string encodeHeader(const Header& header) {
 }
 
 Request decodeRequest(const Header& header, Frames body) {
-  switch (static_cast<Type>(header.type)) {
-    case Type::hello:
-      return decodeHello(body);
-    case Type::reset:
-      return decodeReset(header, body);
-    case Type::step:
-      return decodeStep(header, body);
-    case Type::render:
-      return decodeRender(body);
-    case Type::save:
-      checkFrames(body, 2, "save");
-      return Save{decodeApp("save app", body[1])};
-    case Type::load:
-      checkFrames(body, 3, "load");
-      return Load{decodeApp("load app", body[1]), std::string(body[2])};
-    case Type::hash:
-      checkFrames(body, 2, "hash");
-      return Hash{decodeApp("hash app", body[1])};
-    case Type::quit:
-      checkFrames(body, 1, "quit");
-      return Quit{};
-    case Type::head_request:
-      return decodeHeadRequest(body);
-  }
-  refuse("header type", std::to_string(header.type), "a request, 1 to 9");
+  return decoded([&] { return readRequest(header, body); });
 }
 
 }  // namespace sim2vr::server::protocol2

@@ -43,7 +43,7 @@ TEST(Protocol1, FixedDeltaTimeReplacesTheTimestep) {
 
 TEST(Protocol1, HandshakesThatCannotBe) {
   const std::pair<const char*, const char*> texts[] = {
-      {"", "handshake: not JSON"},
+      {"", "handshake: got no JSON"},
       {"[1]", "handshake: got an array, expected a JSON object"},
       {"{}", "handshake.sampleFrequency: got none or 0"},
       {R"({"sampleFrequency": 20, "timeScale": 1})", "handshake.timestep: got none or 0"},
@@ -51,8 +51,8 @@ TEST(Protocol1, HandshakesThatCannotBe) {
       {R"({"sampleFrequency": "20"})", "handshake.sampleFrequency: got \"20\", expected a whole"},
       {R"({"sampleFrequency": 20.5})", "handshake.sampleFrequency: got 20.5, expected a whole"},
       {R"({"sampleFrequency": 1e300})", "handshake.sampleFrequency: got 1e+300"},
-      {R"({"sampleFrequency": 20, "timestep": NaN})", "handshake: not JSON (NaN"},
-      {R"({"sampleFrequency": 20, "timestep": 1e999})", "handshake: not JSON"},
+      {R"({"sampleFrequency": 20, "timestep": NaN})", "handshake: got no JSON (NaN"},
+      {R"({"sampleFrequency": 20, "timestep": 1e999})", "handshake: got no JSON"},
       {R"({"sampleFrequency": 20, "timestep": 0.1, "timeScale": 1, "clock": "moon"})",
        "handshake.clock: got 'moon', expected 'absolute' or 'round'"}};
   for (const auto& [text, message] : texts) {
@@ -136,7 +136,7 @@ TEST(Protocol1, StatesThatCannotBe) {
       {R"({"frames": [{}, {"time_ns": 0.5}]})", "state.frames[1].time_ns: got 0.5"},
       {R"({"load": "Z"})", "base64: got 1 characters"},
       {R"({"render": {"width": 100000}})", "state.render.width: got 100000"},
-      {"{\"options\": {\"a\": \"\xff\"}}", "state: not JSON"}};
+      {"{\"options\": {\"a\": \"\xff\"}}", "state: got no JSON"}};
   for (const auto& [text, message] : texts) {
     EXPECT_EQ(refusal(decodeState, text).find(message), 0U) << text << "\n"
                                                             << refusal(decodeState, text);

@@ -150,7 +150,7 @@ TEST(Protocol2, MessagesThatCannotBe) {
       {testing::message2(static_cast<Type>(10), 0, {}), "header type: got 10"},
       {testing::message2(Type::hello, 0, {}), "hello: got 1 frames, expected 2 with the header"},
       {testing::message2(Type::hello, 0, {"{}", "{}"}), "hello: got 3 frames"},
-      {testing::message2(Type::hello, 0, {"hello"}), "hello: not JSON"},
+      {testing::message2(Type::hello, 0, {"hello"}), "hello: got no JSON"},
       {testing::message2(Type::hello, 0, {R"({"aps": 2})"}),
        "hello: got the unknown field 'aps', expected one of 15 names; did you mean 'apps'?"},
       {testing::message2(Type::hello, 0, {R"({"eyes": 3})"}), "hello.eyes: got 3"},

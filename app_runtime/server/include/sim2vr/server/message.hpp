@@ -9,6 +9,7 @@
 #include <string_view>
 #include <vector>
 
+#include "sim2vr/core/errors.hpp"
 #include "sim2vr/runtime/lockstep_app.hpp"
 #include "sim2vr/xr/device.hpp"
 #include "sim2vr/xr/pose_row.hpp"
@@ -21,6 +22,16 @@ class MalformedMessage : public std::runtime_error {
  public:
   using std::runtime_error::runtime_error;
 };
+
+/// What `decode` returns; what reading JSON finds wrong becomes a MalformedMessage.
+template <class Decode>
+auto decoded(Decode decode) {
+  try {
+    return decode();
+  } catch (const InvalidArgument& error) {
+    throw MalformedMessage(error.what());
+  }
+}
 
 /// The body of a received message, without identity and delimiter.
 using Frames = std::span<const std::string_view>;

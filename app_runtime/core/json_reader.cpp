@@ -1,23 +1,21 @@
-#include "json_reader.hpp"
+#include "sim2vr/core/json_reader.hpp"
 
 #include <algorithm>
 #include <cmath>
 
 #include "sim2vr/core/errors.hpp"
-#include "sim2vr/server/message.hpp"
 
-namespace sim2vr::server {
+namespace sim2vr {
 namespace {
 
 using Json = nlohmann::json;
 
 constexpr int kMaximumDepth = 32;
-constexpr std::size_t kMaximumValues = 1'000'000;
 constexpr std::size_t kShownCharacters = 60;
 
 [[noreturn]] void refuse(const std::string& field, const std::string& got,
                          const std::string& expected) {
-  throw MalformedMessage(field + ": got " + got + ", expected " + expected);
+  throw InvalidArgument(field, got, expected);
 }
 
 std::string describe(const Json& value) {
@@ -27,7 +25,7 @@ std::string describe(const Json& value) {
 }
 
 /// Before anything is built in memory.
-void checkShape(std::string_view text, const std::string& what) {
+void checkShape(std::string_view text, const std::string& what, std::size_t maximum_values) {
   int depth = 0;
   std::size_t values = 0;
   bool quoted = false;
@@ -45,21 +43,22 @@ void checkShape(std::string_view text, const std::string& what) {
     if (depth > kMaximumDepth) {
       refuse(what, "JSON nested deeper", std::to_string(kMaximumDepth) + " levels at most");
     }
-    if (values > kMaximumValues) {
-      refuse(what, "JSON with more values", std::to_string(kMaximumValues) + " at most");
+    if (values > maximum_values) {
+      refuse(what, "JSON with more values", std::to_string(maximum_values) + " at most");
     }
   }
 }
 
 }  // namespace
 
-Json parseJson(std::string_view text, const std::string& what) {
-  checkShape(text, what);
+Json parseJson(std::string_view text, const std::string& what, std::size_t maximum_values) {
+  checkShape(text, what, maximum_values);
   Json parsed;
   try {
     parsed = Json::parse(text);
   } catch (const Json::exception& error) {
-    throw MalformedMessage(what + ": not JSON (NaN and Infinity are none either): " + error.what());
+    refuse(what, "no JSON (NaN and Infinity are none either): " + std::string(error.what()),
+           "a JSON object");
   }
   if (!parsed.is_object()) refuse(what, describe(parsed), "a JSON object");
   return parsed;
@@ -80,6 +79,13 @@ double JsonFields::number(const char* name, double fallback) const {
   if (value == nullptr) return fallback;
   if (!value->is_number()) refuse(path(name), describe(*value), "a number");
   return value->get<double>();
+}
+
+double JsonFields::number(const char* name, double fallback, double minimum, double maximum) const {
+  const double value = number(name, fallback);
+  if (value >= minimum && value <= maximum) return value;
+  refuse(path(name), Json(value).dump(),
+         "a number from " + Json(minimum).dump() + " to " + Json(maximum).dump());
 }
 
 std::int64_t JsonFields::integer(const char* name, std::int64_t fallback, std::int64_t minimum,
@@ -156,6 +162,10 @@ std::vector<JsonFields> JsonFields::objects(const char* name) const {
   return items;
 }
 
+void JsonFields::expect(const char* name, const std::string& expected) const {
+  if (!has(name)) refuse(path(name), "none", expected);
+}
+
 void JsonFields::expectOnly(const std::vector<std::string>& known) const {
   for (const auto& item : object_->items()) {
     if (std::find(known.begin(), known.end(), item.key()) != known.end()) continue;
@@ -163,4 +173,10 @@ void JsonFields::expectOnly(const std::vector<std::string>& known) const {
   }
 }
 
-}  // namespace sim2vr::server
+std::vector<std::string> JsonFields::names() const {
+  std::vector<std::string> found;
+  for (const auto& item : object_->items()) found.push_back(item.key());
+  return found;
+}
+
+}  // namespace sim2vr

@@ -18,7 +18,14 @@ from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.devices import INPUT_NAMES
 from sim2vr_harness.perception.registry import SenseConfig, check_list
 from sim2vr_harness.settings import Settings
-from sim2vr_harness.users import Body, EffortName, Person, effort_options, load_body
+from sim2vr_harness.users import (
+    Body,
+    EffortName,
+    Person,
+    ResetOptions,
+    effort_options,
+    load_body,
+)
 
 __all__ = [
     "DEFAULT_SENSES",
@@ -100,6 +107,10 @@ class UserConfig(Settings):
     """How the person differs from the one that the body was measured on."""
     skull_rotation_deg: float = Field(default=10.0, ge=-90.0, le=90.0)
     """Downward pitch of the skull and with it of the headset, degrees."""
+    torso: bool = False
+    """Whether trunk and neck move, by six motors more (docs/bodies.md)."""
+    reset: ResetOptions = ResetOptions()
+    """How episodes begin, where that differs from the body's own way."""
     effort: EffortConfig = EffortConfig()
     noise: NoiseConfig = NoiseConfig()
     timestep_s: float | None = Field(default=None, gt=0.0)
@@ -141,6 +152,8 @@ def body_of(config: UserConfig) -> Body:
         devices=config.devices,
         person=config.person,
         timestep_s=config.timestep_s,
+        torso=config.torso,
+        reset=config.reset,
     )
 
 

@@ -56,6 +56,8 @@ _TORSO_OUTLINE = np.array(
     ]
 )
 
+_WAIST_M = -0.40  # height y of the waist, in the thorax frame
+
 # Torso and neck are drawn as surfaces, so their bones would only poke through.
 _COVERED_BODIES = {"thorax", "skull"}
 _HAND_BODIES = {"hand", "index0", "index1", "index2", "index3", "proximal_row"}
@@ -67,10 +69,12 @@ def dress(spec: mujoco.MjSpec, tables: ModelTables, devices: Sequence[str]) -> N
     """Adds everything drawn to `spec` in place; `devices` names those that it wears."""
     pen = _Pen(spec)
     draw_room(spec)
-    _draw_torso(pen)
+    moves = any(row.name == "pelvis" for row in tables.bodies)
+    seat = "pelvis" if moves else "thorax"
+    _draw_torso(pen, seat, neck="skull" if moves else "thorax")
     if not any(row.name == "humerus_l" for row in tables.bodies):
         _draw_left_arm(pen)
-    _draw_legs_and_stool(pen)
+    _draw_legs_and_stool(pen, seat)
     _draw_head(pen)
     _draw_arms(pen, tables)
     draw_devices(spec, devices)
@@ -257,10 +261,16 @@ def picture_settings(spec: mujoco.MjSpec) -> None:
     spec.visual.map.zfar = 30.0
 
 
-def _draw_torso(pen: _Pen) -> None:
-    pen.loft("thorax", "shirt", _TORSO_OUTLINE, _SHIRT)
-    pen.capsule("thorax", [-0.045, 0.0, 0], [-0.028, 0.11, 0], 0.046, _SKIN)
-    pen.ellipsoid("thorax", [-0.035, -0.470, 0], [0.100, 0.085, 0.150], _TROUSERS)
+def _draw_torso(pen: _Pen, seat: str, neck: str) -> None:
+    """Draws neck, trunk and pelvis; a trunk that moves on its seat ends at the waist."""
+    outline = (
+        _TORSO_OUTLINE if seat == "thorax" else _TORSO_OUTLINE[_TORSO_OUTLINE[:, 0] > _WAIST_M]
+    )
+    pen.loft("thorax", "shirt", outline, _SHIRT)
+    if seat != "thorax":
+        pen.ellipsoid("thorax", [-0.040, _WAIST_M + 0.005, 0], [0.094, 0.075, 0.138], _SHIRT)
+    pen.capsule(neck, [-0.045, 0.0, 0], [-0.028, 0.11, 0], 0.046, _SKIN)
+    pen.ellipsoid(seat, [-0.035, -0.470, 0], [0.100, 0.085, 0.150], _TROUSERS)
 
 
 def _draw_left_arm(pen: _Pen) -> None:
@@ -272,17 +282,17 @@ def _draw_left_arm(pen: _Pen) -> None:
     pen.ellipsoid("thorax", [0.245, -0.398, -0.135], [0.062, 0.020, 0.040], _SKIN)
 
 
-def _draw_legs_and_stool(pen: _Pen) -> None:
+def _draw_legs_and_stool(pen: _Pen, seat: str) -> None:
     for side in (-1.0, 1.0):
         hip, knee = [-0.02, -0.485, side * 0.085], [0.37, -0.465, side * 0.115]
         ankle, toe = [0.33, -0.925, side * 0.115], [0.50, -0.965, side * 0.135]
-        pen.capsule("thorax", hip, knee, 0.068, _TROUSERS)
-        pen.capsule("thorax", knee, ankle, 0.047, _TROUSERS)
-        pen.capsule("thorax", [0.31, -0.963, side * 0.115], toe, 0.034, _SHOES)
+        pen.capsule(seat, hip, knee, 0.068, _TROUSERS)
+        pen.capsule(seat, knee, ankle, 0.047, _TROUSERS)
+        pen.capsule(seat, [0.31, -0.963, side * 0.115], toe, 0.034, _SHOES)
     # The thorax is 1 m above the ground with its y upwards; the stool grows with who sits on it.
-    pen.cylinder("thorax", [-0.03, -0.60, 0], [-0.03, -0.56, 0], 0.19, _WOOD)
-    pen.cylinder("thorax", [-0.03, -0.98, 0], [-0.03, -0.60, 0], 0.025, _SHOES)
-    pen.cylinder("thorax", [-0.03, -1.0, 0], [-0.03, -0.98, 0], 0.20, _SHOES)
+    pen.cylinder(seat, [-0.03, -0.60, 0], [-0.03, -0.56, 0], 0.19, _WOOD)
+    pen.cylinder(seat, [-0.03, -0.98, 0], [-0.03, -0.60, 0], 0.025, _SHOES)
+    pen.cylinder(seat, [-0.03, -1.0, 0], [-0.03, -0.98, 0], 0.20, _SHOES)
 
 
 def _draw_head(pen: _Pen) -> None:

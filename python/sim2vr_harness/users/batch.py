@@ -93,9 +93,9 @@ class UserBatch:
         self.dt = substeps * body.timestep
         self.muscle_count = len(body.muscles)
         self.action_size = body.action_size
+        self._actuation = Actuation(body)
         self.effort = self._make_effort(effort, effort_weight, effort_params)
         self.noise = MotorNoise(noise, n, self.muscle_count) if noise else None
-        self._actuation = Actuation(body)
 
         model = body.physics_model
         self._batch = Batch(model, n, threads)
@@ -128,12 +128,13 @@ class UserBatch:
                 "effort_weight, effort_params: got values next to a ready effort model, expected "
                 "None; give them to the model instead"
             )
+        loads = self.muscle_count + len(self.body.effort_inputs.loads)
         given = (effort.n, effort.muscle_count, effort.actuator_count)
-        if given != (self.n, self.muscle_count, self.action_size):
+        if given != (self.n, loads, self.action_size):
             raise ValueError(
                 f"effort: got a model of {effort.n} users with {effort.muscle_count} muscles of "
                 f"{effort.actuator_count} actuators, expected {self.n} users with "
-                f"{self.muscle_count} of {self.action_size}"
+                f"{loads} of {self.action_size}"
             )
         return effort
 
@@ -149,9 +150,9 @@ class UserBatch:
 
         Independent joint angles and velocities are uniform about the body's reset posture
         (`Body.reset_rule`; +-0.05 rad and rad/s about 0 in the reference), activations and motors
-        uniform in [0, 1]. Each generator is asked in this order: angles, velocities, activations,
-        motors, seed of the motor noise (also when there is none, so that noise does not change the
-        start).
+        uniform in [0, 1]; motors that the rule holds aim at where their joints are. Each generator
+        is asked in this order: angles, velocities, activations, motors, seed of the motor noise
+        (also when there is none, so that noise does not change the start).
 
         Args:
             ids: (K,) distinct user indices, in any order.
@@ -180,6 +181,7 @@ class UserBatch:
             noise_seeds.append(int(rng.integers(2**63)))
             if posture is not None:
                 self._qpos[i] = self.body.coupled_qpos(posture)
+            self._actuation.hold(self._motor[i], self._qpos[i])
         if self.noise is not None:
             self.noise.reset(ids, noise_seeds)
         self._diverged[ids] = False
@@ -200,7 +202,8 @@ class UserBatch:
         if rule.fit_couplings:
             self._qpos[i] = body.coupled_qpos(angles)
         self._qvel[i, dofs] = rng.uniform(-rule.velocity_range, rule.velocity_range, len(dofs))
-        self._act[i, self._actuation.activations] = rng.uniform(0.0, 1.0, self.muscle_count)
+        activations = rng.uniform(*rule.activation_range, self.muscle_count)
+        self._act[i, self._actuation.activations] = activations
         self._motor[i] = rng.uniform(0.0, 1.0, self._motor.shape[1])
 
     def turn_head(
@@ -208,10 +211,12 @@ class UserBatch:
         ids: Sequence[int] | NDArray[np.integer],
         pitch_deg: float | Sequence[float | None] | None,
     ) -> None:
-        """Has these users' headsets look up or down until their next reset.
+        """Has these users look up or down.
 
-        These bodies have no neck, so what is answered is the reported rotation alone: a pure pitch
-        of the headset about where it is, as in the reference (SIM2VR paper's release).
+        A body with a neck (`Body.nod`) begins its episode so, as far as the neck goes: call this
+        after a reset. From there on its motors move the head. Without one, what is answered is the
+        reported rotation alone, until the next reset: a pure pitch of the headset about where it
+        is, as in the reference (SIM2VR paper's release).
 
         Args:
             ids: (K,) distinct user indices.
@@ -231,7 +236,29 @@ class UserBatch:
             raise ValueError(f"pitch_deg: got {pitches[wrong][0]}, expected -90 to 90 degrees")
         if "headset" not in self.body.devices and not np.isnan(pitches).all():
             raise ValueError(f"pitch_deg: got {pitch_deg} for a body without a headset")
-        self._worn.head_pitch_deg[ids] = pitches
+        if self.body.nod is None:
+            self._worn.head_pitch_deg[ids] = pitches
+        else:
+            asked = ~np.isnan(pitches)
+            self._nod(ids[asked], pitches[asked], self.body.nod)
+
+    def _nod(self, ids: IntArray, pitches_deg: FloatArray, joint: str) -> None:
+        """Bends necks until the headsets look as asked, and has the motor keep them there."""
+        if len(ids) == 0:
+            return
+        hinge = self.body.physics_model.joint(joint)
+        low, high = hinge.range
+        w, x, y, z = self._worn.poses("headset", -1)[1][ids].T
+        looking_up = np.arcsin(np.clip(2.0 * (x * z - w * y), -1.0, 1.0))
+        angles = self._qpos[ids, hinge.qposadr[0]] + looking_up - np.radians(pitches_deg)
+        self._qpos[ids, hinge.qposadr[0]] = np.clip(angles, low, high)
+        for i in ids:
+            self._actuation.hold(self._motor[i], self._qpos[i])
+        self._batch.forward(ids, _ACC)
+        self._copy_forces(ids)
+        self._worn.copy(ids, slice(None))
+        self.effort.reset(ids)
+        self._update_effort(ids)
 
     def step(
         self,
@@ -334,11 +361,10 @@ class UserBatch:
     def _update_effort(self, ids: IntArray) -> None:
         if len(ids):
             actuators = self._actuation.actuators
+            force = self._force[np.ix_(ids, actuators)]
+            act = self._act[np.ix_(ids, self._actuation.activations)]
             self._cost[ids] = self.effort.update(
-                self._act[np.ix_(ids, self._actuation.activations)],
-                self._ctrl[np.ix_(ids, actuators)],
-                self._force[np.ix_(ids, actuators)],
-                ids,
+                self._actuation.loads(act, force), self._ctrl[np.ix_(ids, actuators)], force, ids
             )
 
     # --- what the simulation says ------------------------------------------------------------

@@ -32,7 +32,7 @@ class EffortModel(ABC):
 
     Args:
         n: number of users.
-        muscle_count: number of muscles M.
+        muscle_count: number of muscles M, with motors whose torques tire as muscles do.
         actuator_count: number of actuators A; None if there are only muscles.
         weight: factor on the cost; None takes the model's `default_weight`.
         dt: duration of one environment step in s.
@@ -72,7 +72,8 @@ class EffortModel(ABC):
         """Advances one environment step.
 
         Args:
-            act: (K, M) muscle activations in [0, 1] at the end of the step.
+            act: (K, M) muscle activations in [0, 1] at the end of the step, and torques of
+                motors as shares of their capacity (`EffortInputs.loads`).
             ctrl: (K, A) controls of the step, raw: in [0, 1] of muscles, targets of motors.
             force: (K, A) actuator forces in N; only consumed endurance needs them.
             ids: the K users that the rows belong to; all N by default.
@@ -377,7 +378,7 @@ def make_effort(
     try:
         return model(
             n,
-            len(body.muscles),
+            len(body.muscles) + len(body.effort_inputs.loads),
             actuator_count=body.action_size,
             weight=weight,
             **params,

@@ -12,7 +12,7 @@ from sim2vr_harness.users.bodies.body import (
     EffortInputs,
     ResetRule,
 )
-from sim2vr_harness.users.bodies.options import Person
+from sim2vr_harness.users.bodies.options import Person, ResetOptions
 from sim2vr_harness.users.bodies.registry import is_file, list_bodies, load_body
 from sim2vr_harness.users.bodies.spec_body import Plan, SpecBody
 
@@ -24,6 +24,7 @@ __all__ = [
     "EffortInputs",
     "Person",
     "Plan",
+    "ResetOptions",
     "ResetRule",
     "SpecBody",
     "is_file",

@@ -45,6 +45,9 @@ class ResetRule:
         posture: angles (rad, slides m) of joints to start near; 0 for those left out.
         position_range: angles are uniform in +- this about the posture.
         velocity_range: velocities are uniform in +- this (rad/s, slides m/s).
+        activation_range: muscles' activations are uniform in it; [0, 1] in the reference.
+        held: position servos that begin aiming at the angle that their joint has; the targets of
+            the others are uniform in their range, as in the reference.
         fit_couplings: whether the dependent joints follow their couplings at the start; the
             reference starts them at 0 and lets the soft couplings pull (User-in-the-Box).
     """
@@ -52,6 +55,8 @@ class ResetRule:
     posture: Mapping[str, float] = field(default_factory=dict)
     position_range: float = 0.05
     velocity_range: float = 0.05
+    activation_range: tuple[float, float] = (0.0, 1.0)
+    held: tuple[str, ...] = ()
     fit_couplings: bool = False
 
 
@@ -61,10 +66,12 @@ class EffortInputs:
 
     Attributes:
         lifting: actuators that hold the arm up, for consumed endurance.
+        loads: motors whose share of their peak force tires as a muscle's activation does.
         peak_forces: peak force (N) or torque (Nm) of actuators that do not say so themselves.
     """
 
     lifting: tuple[str, ...] = ()
+    loads: tuple[str, ...] = ()
     peak_forces: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -85,6 +92,7 @@ class Body(Protocol):
         end_effectors: sites whose positions the user senses.
         reset_rule: how an episode starts.
         effort_inputs: what the effort models need.
+        nod: the hinge that tips the head forward, worked by a position servo; None: no neck.
         ipd_m: distance of the pupils.
         timestep: physics step in s.
     """
@@ -98,6 +106,7 @@ class Body(Protocol):
     end_effectors: tuple[str, ...]
     reset_rule: ResetRule
     effort_inputs: EffortInputs
+    nod: str | None
     ipd_m: float
     timestep: float
 

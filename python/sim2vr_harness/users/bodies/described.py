@@ -52,6 +52,10 @@ def described_body(file: Path, options: BodyOptions) -> Body:
             file and the key.
     """
     description = read_description(file)
+    if options.torso:
+        raise ValueError(
+            f"{file}: torso: got true, expected false: trunk and neck are what the MJCF has"
+        )
     try:
         return _Described(description, file, options).body()
     except ValueError as error:
@@ -125,7 +129,8 @@ class _Described:
             else _found("observed_joints", observed, joints),
             reset_rule=ResetRule(**description.reset.model_dump()),
             effort_inputs=EffortInputs(
-                _found("effort.lifting", lifting, used), dict(description.effort.peak_forces)
+                lifting=_found("effort.lifting", lifting, used),
+                peak_forces=dict(description.effort.peak_forces),
             ),
             ipd_m=description.ipd_m or MEAN_IPD_M,
         )

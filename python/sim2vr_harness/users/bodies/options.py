@@ -1,11 +1,11 @@
-"""What can be asked of a body when it is loaded: who the person is, what it wears."""
+"""What can be asked of a body when it is loaded: who it is, what it wears, how it begins."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from sim2vr_harness.settings import Settings
 
@@ -28,6 +28,29 @@ class Person(Settings):
     """Distance of the pupils; None keeps the body's own."""
 
 
+class ResetOptions(Settings):
+    """How episodes begin, where that differs from the body's own (docs/bodies.md)."""
+
+    posture: str | dict[str, float] | None = None
+    """The name of one of the body's postures, or angles (rad; slides m) of joints, 0 for those left
+    out. None keeps the body's own."""
+    position_range: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    """Angles are uniform in +- this about the posture."""
+    velocity_range: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    """Velocities are uniform in +- this (rad/s; slides m/s)."""
+    activation_range: tuple[float, float] | None = None
+    """Muscles' activations are uniform in it."""
+    hold: bool = False
+    """Position servos begin aiming at their joints' angles; without, anywhere in their range."""
+
+    @field_validator("activation_range")
+    @classmethod
+    def _in_order(cls, limits: tuple[float, float] | None) -> tuple[float, float] | None:
+        if limits is not None and not 0.0 <= limits[0] <= limits[1] <= 1.0:
+            raise ValueError(f"got {list(limits)}, expected 0 <= low <= high <= 1")
+        return limits
+
+
 @dataclass(frozen=True)
 class BodyOptions:
     """Arguments of `load_body`, which says what they mean."""
@@ -38,6 +61,8 @@ class BodyOptions:
     person: Person
     appearance: bool
     timestep_s: float | None
+    torso: bool = False
+    reset: ResetOptions = field(default_factory=ResetOptions)
 
     def __post_init__(self) -> None:
         if self.timestep_s is not None and not 0.0 < self.timestep_s < float("inf"):

@@ -8,11 +8,12 @@ from pathlib import Path
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.bodies.described import DESCRIPTIONS, described_body
 from sim2vr_harness.users.bodies.from_tables import table_body
-from sim2vr_harness.users.bodies.options import BodyOptions, Person
+from sim2vr_harness.users.bodies.options import BodyOptions, Person, ResetOptions
 from sim2vr_harness.users.names import unknown_name
 
 _TABLES: dict[str, Callable[[BodyOptions], Body]] = {
     "mobl_arms_wrist": table_body,
+    "mobl_arms_bimanual": table_body,
     "mobl_arms_bimanual_motor": table_body,
 }
 
@@ -30,6 +31,8 @@ def load_body(
     person: Person | None = None,
     appearance: bool = True,
     timestep_s: float | None = None,
+    torso: bool = False,
+    reset: ResetOptions | None = None,
 ) -> Body:
     """Loads a body.
 
@@ -37,13 +40,17 @@ def load_body(
         name: one of `list_bodies()`, or a YAML file that describes a body (docs/bodies.md).
             "mobl_arms_wrist" is the right arm with 7 independent joints and 32 muscles (Saul et
             al. 2015), the SIM2VR paper's Whac-A-Mole user; "mobl_arms_bimanual_motor" has both
-            arms and 14 motors, the SIM2VR paper's Beats user.
-        skull_rotation_deg: how far the head, and with it the headset, looks down, degrees.
+            arms and 14 motors, the SIM2VR paper's Beats user; "mobl_arms_bimanual" the first one's
+            arm on both sides, 64 muscles.
+        skull_rotation_deg: how far the head, and with it the headset, looks down, degrees; with a
+            torso at the start only, as the neck moves.
         devices: names of the devices to wear, of those that the body can; None for all of them.
         person: stature, mass, segment lengths, strength and handedness; None for the body as it is.
         appearance: whether the model has drawn (massless, contact-free) shapes, lights, cameras.
         timestep_s: physics step; None takes the body's own (2 ms). At 5 ms a user step costs less
             than half and ends within a millimetre (median, random controls) of where it would.
+        torso: whether trunk and neck move, by six motors more.
+        reset: how episodes begin, where that differs from the body's own way.
 
     Raises:
         ValueError: an unknown body, device or part of one, or an option that it cannot have.
@@ -55,6 +62,8 @@ def load_body(
         person=person or Person(),
         appearance=appearance,
         timestep_s=timestep_s,
+        torso=torso,
+        reset=reset or ResetOptions(),
     )
     if options.name in _TABLES:
         return _TABLES[options.name](options)

@@ -35,6 +35,7 @@ class Plan:
 
     Attributes:
         observed_joints: None observes the independent ones.
+        postures: name -> angles (rad; slides m) of joints, to begin episodes in.
         timestep: physics step in s.
     """
 
@@ -45,7 +46,9 @@ class Plan:
     timestep: float
     observed_joints: tuple[str, ...] | None = None
     reset_rule: ResetRule = field(default_factory=ResetRule)
+    postures: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     effort_inputs: EffortInputs = field(default_factory=EffortInputs)
+    nod: str | None = None
     ipd_m: float = MEAN_IPD_M
 
 
@@ -71,6 +74,7 @@ class SpecBody:
         self.end_effectors = plan.end_effectors
         self.reset_rule = plan.reset_rule
         self.effort_inputs = plan.effort_inputs
+        self.nod = plan.nod
         self.ipd_m = plan.ipd_m
         self.timestep = plan.timestep
         self.appearance = appearance
@@ -110,7 +114,10 @@ class SpecBody:
             ("end_effectors", plan.end_effectors, sites),
             ("devices", plan.devices, sites),
             ("reset posture", tuple(plan.reset_rule.posture), joints),
+            ("reset held", plan.reset_rule.held, actuators),
+            ("nod", (plan.nod,) if plan.nod else (), joints),
             ("effort lifting", plan.effort_inputs.lifting, actuators),
+            ("effort loads", plan.effort_inputs.loads, actuators),
             ("effort peak_forces", tuple(plan.effort_inputs.peak_forces), actuators),
             *(("actuators", group.actuators, actuators) for group in plan.actuator_groups),
         ]

@@ -46,6 +46,8 @@ class JointRow:
     stiffness: float
     damping: float
     armature: float
+    pos: Vector = (0.0, 0.0, 0.0)
+    """Where it is in the body's frame, m."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +72,17 @@ class MuscleRow:
 
 @dataclass(frozen=True)
 class MotorRow:
-    """A position servo: kp (Nm/rad), kd (Nm s/rad), range of target angles (rad)."""
+    """A position servo: kp (Nm/rad), kd (Nm s/rad), range of target angles (rad).
+
+    `torques` (Nm) are its limits, None for one without.
+    """
 
     name: str
     joint: str
     kp: float
     kd: float
     limits: Vector
+    torques: Vector | None = None
 
 
 @dataclass(frozen=True)
@@ -111,6 +117,15 @@ class ModelTables:
     points: tuple[PointRow, ...]
     bones: tuple[BoneRow, ...]
     settings: dict[str, Any]
+
+
+@dataclass(frozen=True)
+class TorsoTables:
+    """Trunk and neck that move, for bodies whose own do not."""
+
+    bodies: tuple[BodyRow, ...]
+    joints: tuple[JointRow, ...]
+    motors: tuple[MotorRow, ...]
 
 
 @dataclass(frozen=True)
@@ -153,6 +168,53 @@ def _vector(cell: str) -> Vector:
     return tuple(float(number) for number in cell.split())
 
 
+def _bodies(folder: str) -> tuple[BodyRow, ...]:
+    return tuple(
+        BodyRow(
+            name=r["body"],
+            parent=r["parent"],
+            pos=_vector(r["pos_m"]),
+            quat_wxyz=_vector(r["quat_wxyz"]),
+            mass=float(r["mass_kg"]),
+            com=_vector(r["com_m"]),
+            inertia_quat_wxyz=_vector(r["inertia_quat_wxyz"]),
+            inertia=_vector(r["inertia_kgm2"]),
+        )
+        for r in _rows(folder, "bodies.csv")
+    )
+
+
+def _joints(folder: str) -> tuple[JointRow, ...]:
+    return tuple(
+        JointRow(
+            name=r["joint"],
+            body=r["body"],
+            kind="slide" if r.get("type") == "slide" else "hinge",
+            axis=_vector(r["axis"]),
+            limits=_vector(r["range_rad"]) or None,
+            stiffness=float(r["stiffness_Nm_per_rad"]),
+            damping=float(r["damping_Nms_per_rad"]),
+            armature=float(r["armature_kgm2"]),
+            pos=_vector(r.get("pos_m", "0.0 0.0 0.0")),
+        )
+        for r in _rows(folder, "joints.csv")
+    )
+
+
+def _motors(folder: str) -> tuple[MotorRow, ...]:
+    return tuple(
+        MotorRow(
+            name=r["motor"],
+            joint=r["joint"],
+            kp=float(r["kp_Nm_per_rad"]),
+            kd=float(r["kd_Nms_per_rad"]),
+            limits=_vector(r["range_rad"]),
+            torques=_vector(r.get("torque_Nm", "")) or None,
+        )
+        for r in _rows(folder, "motors.csv", optional=True)
+    )
+
+
 @cache
 def load_model_tables(folder: str) -> ModelTables:
     """Reads the tables of one user model from the package folder `data/<folder>`."""
@@ -164,32 +226,8 @@ def load_model_tables(folder: str) -> ModelTables:
     for r in _rows(folder, "muscle_points.csv", optional=True):
         paths.setdefault(r["muscle"], []).append(r["point"])
     return ModelTables(
-        bodies=tuple(
-            BodyRow(
-                name=r["body"],
-                parent=r["parent"],
-                pos=_vector(r["pos_m"]),
-                quat_wxyz=_vector(r["quat_wxyz"]),
-                mass=float(r["mass_kg"]),
-                com=_vector(r["com_m"]),
-                inertia_quat_wxyz=_vector(r["inertia_quat_wxyz"]),
-                inertia=_vector(r["inertia_kgm2"]),
-            )
-            for r in _rows(folder, "bodies.csv")
-        ),
-        joints=tuple(
-            JointRow(
-                name=r["joint"],
-                body=r["body"],
-                kind="slide" if r.get("type") == "slide" else "hinge",
-                axis=_vector(r["axis"]),
-                limits=_vector(r["range_rad"]) or None,
-                stiffness=float(r["stiffness_Nm_per_rad"]),
-                damping=float(r["damping_Nms_per_rad"]),
-                armature=float(r["armature_kgm2"]),
-            )
-            for r in _rows(folder, "joints.csv")
-        ),
+        bodies=_bodies(folder),
+        joints=_joints(folder),
         couplings=tuple(
             CouplingRow(
                 r["dependent"], r["driver"], _vector(r["coefficients"]), _vector(r["solimp"])
@@ -205,16 +243,7 @@ def load_model_tables(folder: str) -> ModelTables:
             )
             for r in _rows(folder, "muscles.csv", optional=True)
         ),
-        motors=tuple(
-            MotorRow(
-                name=r["motor"],
-                joint=r["joint"],
-                kp=float(r["kp_Nm_per_rad"]),
-                kd=float(r["kd_Nms_per_rad"]),
-                limits=_vector(r["range_rad"]),
-            )
-            for r in _rows(folder, "motors.csv", optional=True)
-        ),
+        motors=_motors(folder),
         points=points,
         bones=tuple(
             BoneRow(
@@ -226,8 +255,20 @@ def load_model_tables(folder: str) -> ModelTables:
             )
             for r in _rows(folder, "bones.csv")
         ),
-        settings=json.loads(_text(folder, "model.json")),
+        settings=load_settings(folder),
     )
+
+
+@cache
+def load_torso_tables() -> TorsoTables:
+    """Reads the tables of trunk and neck, `data/torso`; every row names its source."""
+    return TorsoTables(_bodies("torso"), _joints("torso"), _motors("torso"))
+
+
+def load_settings(folder: str) -> dict[str, Any]:
+    """Reads model.json of the package folder `data/<folder>`."""
+    settings: dict[str, Any] = json.loads(_text(folder, "model.json"))
+    return settings
 
 
 @cache

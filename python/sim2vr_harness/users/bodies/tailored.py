@@ -7,10 +7,13 @@ from dataclasses import replace
 
 import mujoco
 
+from sim2vr_harness.users.bodies.body import ResetRule
 from sim2vr_harness.users.bodies.mirror import mirror, swapped
-from sim2vr_harness.users.bodies.options import BodyOptions
+from sim2vr_harness.users.bodies.options import BodyOptions, ResetOptions
 from sim2vr_harness.users.bodies.person import Anatomy, resize, strengthen
+from sim2vr_harness.users.bodies.rules import Motor
 from sim2vr_harness.users.bodies.spec_body import Plan, SpecBody
+from sim2vr_harness.users.names import unknown_name
 
 
 def tailored_body(
@@ -25,11 +28,11 @@ def tailored_body(
         plan: what the body's parts are for, before it is mirrored.
         build: makes a fresh specification of the body as it was measured, with drawn shapes or
             without, devices included.
-        options: who the person is.
+        options: who the person is, how episodes begin.
         anatomy: who the body was measured on.
 
     Raises:
-        ValueError: a person that the body cannot be.
+        ValueError: a person that the body cannot be, or a posture that it does not have.
     """
     person = options.person
     mirrored = person.handedness is not None and person.handedness != _own_hand(plan)
@@ -50,7 +53,28 @@ def tailored_body(
         )
     if person.ipd_m is not None:
         plan = replace(plan, ipd_m=person.ipd_m)
+    plan = replace(plan, reset_rule=_beginning(plan, options.reset))
     return SpecBody(plan, made, options.appearance)
+
+
+def _beginning(plan: Plan, reset: ResetOptions) -> ResetRule:
+    """The body's own way to begin, changed by what `reset` sets; joints left out stay."""
+    rule = plan.reset_rule
+    if isinstance(reset.posture, str) and reset.posture not in plan.postures:
+        raise ValueError(unknown_name("reset.posture", reset.posture, plan.postures))
+    posture = plan.postures[reset.posture] if isinstance(reset.posture, str) else reset.posture
+    if posture is not None:
+        rule = replace(rule, posture={**rule.posture, **posture})
+    if reset.position_range is not None:
+        rule = replace(rule, position_range=reset.position_range)
+    if reset.velocity_range is not None:
+        rule = replace(rule, velocity_range=reset.velocity_range)
+    if reset.activation_range is not None:
+        rule = replace(rule, activation_range=reset.activation_range)
+    if reset.hold:
+        motors = (g.actuators for g in plan.actuator_groups if g.rule == Motor.name)
+        rule = replace(rule, held=tuple(name for names in motors for name in names))
+    return rule
 
 
 def _own_hand(plan: Plan) -> str:

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from pathlib import Path
 
-__all__ = ["InputError", "closest", "reason", "shown", "unknown_name"]
+__all__ = ["InputError", "UnusableFile", "closest", "reason", "shown", "unknown_name"]
 
 _LONGEST = 100
 """Characters of a value or a reason that a sentence quotes."""
@@ -23,6 +24,21 @@ class InputError(ValueError):
     def __init__(self, field: str, got: str, expected: str) -> None:
         self.field, self.got, self.expected = field, got, expected
         super().__init__(f"{field}: got {got}, expected {expected}")
+
+
+class UnusableFile(InputError):
+    """A file of a run cannot be used: cut off, damaged, not finite, of another network.
+
+    Attributes:
+        file: which one.
+        reason: why.
+        instead: the newest one of the same kind that can be used; None without any.
+    """
+
+    def __init__(self, file: Path, reason: str, expected: str, instead: Path | None = None) -> None:
+        self.file, self.reason, self.instead = file, reason, instead
+        hint = "" if instead is None else f"; the last good one is {str(instead)!r}"
+        super().__init__("RUN", f"{str(file)!r} ({reason})", expected + hint)
 
 
 def shown(value: object, longest: int = _LONGEST) -> str:

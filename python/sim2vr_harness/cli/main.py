@@ -21,7 +21,7 @@ from sim2vr_harness import __version__
 from sim2vr_harness.cli import games, users
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
-from sim2vr_harness.cli.options import finite, writable_file, writable_folder
+from sim2vr_harness.cli.options import TrustOption, finite, writable_file, writable_folder
 from sim2vr_harness.cores import settle_torch
 
 if TYPE_CHECKING:
@@ -139,19 +139,31 @@ def train(
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Delete the run that is there.")
     ] = False,
+    set_aside: Annotated[
+        bool,
+        typer.Option(
+            "--set-aside",
+            help="With --resume: put files that cannot be used aside, go on from the last good "
+            "ones.",
+        ),
+    ] = False,
     app: AppOption = None,
     app_arg: AppArgOption = None,
     connect: ConnectOption = None,
     protocol: ProtocolOption = None,
+    trust_app: TrustOption = False,
 ) -> int:
     """Train a simulated user; Ctrl-C saves, --resume continues exactly."""
     from sim2vr_harness.training import trainer
     from sim2vr_harness.training.config import load_config
     from sim2vr_harness.training.errors import InputError
     from sim2vr_harness.training.run_folder import RunFolder
+    from sim2vr_harness.training.trust import named_app, require_trust
 
     if resume and overwrite:
         raise InputError("--overwrite", "it together with --resume", "one of them")
+    if set_aside and not resume:
+        raise InputError("--set-aside", "it without --resume", "it together with --resume")
     if config is not None and RunFolder(config).exists:
         if not resume:
             expected = "a configuration file, or --resume with it to continue that run"
@@ -172,8 +184,15 @@ def train(
     else:
         settings = load_config(config, overrides)
     folder = out or Path("runs") / settings.name
+    source = folder if config is None else Path(config)
+    require_trust(settings.env.app, source, named=named_app(overrides), trust=trust_app)
     result = trainer.train(
-        settings, folder, timesteps=timesteps, resume=resume, overwrite=overwrite
+        settings,
+        folder,
+        timesteps=timesteps,
+        resume=resume,
+        overwrite=overwrite,
+        set_aside=set_aside,
     )
     if not result.interrupted and settings.evaluation.episodes_after_training:
         _evaluate_after_training(result, settings.evaluation.episodes_after_training)
@@ -186,7 +205,7 @@ def _evaluate_after_training(result: TrainResult, episodes: int) -> None:
     from sim2vr_harness.evaluation.tables import results_table
 
     assert result.checkpoint is not None
-    request = Request(episodes=episodes)
+    request = Request(episodes=episodes, trust_app=True)  # it was trained with this moment
     with _Share("Evaluating") as share:
         found = evaluate(result.checkpoint, request, on_progress=share.show)
     title = f"After {found.step:,} user steps"
@@ -270,6 +289,7 @@ def evaluate(
     app_arg: AppArgOption = None,
     connect: ConnectOption = None,
     protocol: ProtocolOption = None,
+    trust_app: TrustOption = False,
     overrides: EnvSetOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -292,6 +312,7 @@ def evaluate(
         batch=batch,
         app=remote,
         overrides=overrides or (),
+        trust_app=trust_app,
     )
     with _Share("Playing") as share:
         found = evaluate_run(run, request, on_progress=share.show)
@@ -429,6 +450,7 @@ def snapshot(
     run: Annotated[
         str | None, typer.Option(help="A trained user; without, the arm moves at random.")
     ] = None,
+    trust_app: TrustOption = False,
 ) -> None:
     """Write pictures of a game: headset view, third person and body.
 
@@ -444,6 +466,7 @@ def snapshot(
         seconds=seconds,
         seed=seed,
         run=run,
+        trust_app=trust_app,
     )
     for file in files:
         typer.echo(f"Written: {file}")
@@ -490,6 +513,7 @@ def bench(
             metavar="FILE", help="Add the JSON rows to this file.", callback=writable_file
         ),
     ] = None,
+    trust_app: TrustOption = False,
     json: Annotated[
         bool, typer.Option("--json", help="Print JSON rows, one per line, nothing else.")
     ] = False,
@@ -500,8 +524,11 @@ def bench(
     from sim2vr_harness.bench.rows import append_rows
     from sim2vr_harness.bench.run import run as measure
     from sim2vr_harness.training.config import defaults, load_config
+    from sim2vr_harness.training.trust import named_app, require_trust
 
     settings = load_config(config, set_ or []) if config else defaults(set_ or [])
+    source = Path(config or "the defaults")
+    require_trust(settings.env.app, source, named=named_app(set_ or []), trust=trust_app)
     plan = Plan(
         settings,
         scene,

@@ -8,13 +8,21 @@ from __future__ import annotations
 import math
 import tempfile
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import typer
 
 from sim2vr_harness.training.errors import InputError
 
-__all__ = ["finite", "writable_file", "writable_folder"]
+__all__ = ["TrustOption", "finite", "writable_file", "writable_folder"]
+
+TrustOption = Annotated[
+    bool,
+    typer.Option(
+        "--trust-app",
+        help="Start the app that a file names, though you never have; remembered.",
+    ),
+]
 
 
 def finite(parameter: typer.CallbackParam, value: float | None) -> float | None:

@@ -12,7 +12,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from sim2vr_harness.cli.options import finite, writable_file, writable_folder
+from sim2vr_harness.cli.options import TrustOption, finite, writable_file, writable_folder
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.tables import cell
 
@@ -135,6 +135,7 @@ def pack(
     details: Annotated[
         Path | None, typer.Option(help="JSON object with further entries of the card.")
     ] = None,
+    trust_app: TrustOption = False,
 ) -> None:
     """Pack the user of a run, and measure what was packed."""
     from sim2vr_harness.evaluation.packing import pack_measured
@@ -150,6 +151,7 @@ def pack(
             **({"description": description} if description else {}),
         },
         other_seeds=other_seed or (),
+        trust_app=trust_app,
     )
     if other_seed:
         typer.echo(f"{_seed(card).capitalize()}:")

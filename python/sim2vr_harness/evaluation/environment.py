@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.training.config import TrainingConfig, apply_overrides, parse_config
 from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.training.trust import named_app, require_trust
 
 __all__ = ["evaluation_env"]
 
@@ -17,6 +19,9 @@ def evaluation_env(
     config: TrainingConfig,
     app: Mapping[str, Any] | None = None,
     overrides: Sequence[str] = (),
+    *,
+    source: str | Path = "the configuration",
+    trust_app: bool = False,
 ) -> EnvConfig:
     """Return the environment to evaluate in: the training's, with the game's evaluation options.
 
@@ -26,18 +31,24 @@ def evaluation_env(
         config: The run's configuration.
         app: Settings that replace those of ``env.app``.
         overrides: ``env.key=value``, what else is different.
+        source: Where the configuration comes from, for people.
+        trust_app: Whether the app that it names may be started, though this user never has.
 
     Raises:
-        InputError: They do not go together, or an override is not of the environment.
+        InputError: They do not go together, an override is not of the environment, or the
+            configuration names a program that this user has never started.
     """
+    for override in overrides:
+        if not override.lstrip().startswith("env."):
+            raise InputError("--set", repr(override), "env.KEY=VALUE: an evaluation trains nothing")
     tree = config.model_dump()
     tree["env"]["app"] |= app or {}
+    named = named_app(overrides, app)
+    final = parse_config(apply_overrides(tree, overrides)).env.app
+    require_trust(final, source, named=named, trust=trust_app)
     playing = parse_config(tree).env.app
     tree["env"]["app"]["options"] = {
         **playing.options,
         **game_facts(playing).evaluation_options,
     }
-    for override in overrides:
-        if not override.lstrip().startswith("env."):
-            raise InputError("--set", repr(override), "env.KEY=VALUE: an evaluation trains nothing")
     return parse_config(apply_overrides(tree, overrides)).env

@@ -57,6 +57,8 @@ class Request:
         batch: Rounds played side by side at most.
         app: Settings that replace those of ``env.app``, for example another executable.
         overrides: ``env.key=value``, what else is different from the training's environment.
+        trust_app: Whether the program that the run names as its app may be started, though this
+            user has never done so (docs/remote_apps.md).
     """
 
     conditions: Sequence[str] | None = None
@@ -70,6 +72,7 @@ class Request:
     batch: int = 10
     app: Mapping[str, Any] = field(default_factory=dict)
     overrides: Sequence[str] = ()
+    trust_app: bool = False
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,9 @@ def evaluate(
     deterministic = request.deterministic
     if deterministic is None:
         deterministic = config.evaluation.deterministic
-    env = evaluation_env(config, request.app, request.overrides)
+    env = evaluation_env(
+        config, request.app, request.overrides, source=run, trust_app=request.trust_app
+    )
     require_contract(user, env)
     facts = game_facts(env.app)
     conditions = _conditions(facts, request.conditions or config.evaluation.conditions)

@@ -20,6 +20,7 @@ from sim2vr_harness.training.config import first_difference
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
 from sim2vr_harness.training.trained_users import TrainedUser, find_user, pack
+from sim2vr_harness.training.trust import require_trust
 
 __all__ = ["card_measures", "measured_keys", "pack_measured", "seed_keys"]
 
@@ -33,6 +34,7 @@ def pack_measured(
     episodes: int,
     details: Mapping[str, Any],
     other_seeds: Sequence[str | Path] = (),
+    trust_app: bool = False,
 ) -> dict[str, Any]:
     """Write the user of a run into ``folder`` and its card with measured results.
 
@@ -48,6 +50,7 @@ def pack_measured(
         episodes: rounds per condition.
         details: further entries of the card; what the run says of itself need not be given.
         other_seeds: runs that differ from ``run`` in their seed alone.
+        trust_app: whether the app that they name may be started, though this user never has.
 
     Returns:
         The card.
@@ -57,6 +60,8 @@ def pack_measured(
     """
     users = [find_user(each) for each in (run, *other_seeds)]
     _check_seeds(users)
+    for each, user in zip((run, *other_seeds), users, strict=True):
+        require_trust(user.config.env.app, each, trust=trust_app)
     with TemporaryDirectory() as scratch:
         cards = {}
         for user in users:
@@ -65,7 +70,9 @@ def pack_measured(
             card = pack(user, policy, place, name, {**_of_the_run(user), **details})
             pack_curves(user.source.parent.parent, place)
             measured = Path(scratch) / f"measured_{user.config.seed}"
-            request = Request(conditions=conditions, episodes=episodes, out=measured)
+            request = Request(
+                conditions=conditions, episodes=episodes, out=measured, trust_app=True
+            )
             found = evaluate(place, request)
             card["results"] = {
                 condition: {key: _rounded(summary.get(key)) for key in measured_keys(found.facts)}

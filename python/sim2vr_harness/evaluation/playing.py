@@ -27,14 +27,15 @@ class UserPolicy:
     Args:
         run: ``pretrained:NAME`` or the NAME of a shipped user, the folder of a packed user, a
             run's folder, or one of its checkpoints.
+        trust_app: Whether the app that it names may be started, though you never have.
 
     Raises:
-        InputError: It is none of them.
+        InputError: It is none of them, or names an app that you have never started.
     """
 
-    def __init__(self, run: str | Path) -> None:
+    def __init__(self, run: str | Path, *, trust_app: bool = False) -> None:
         self._user = find_user(run)
-        self.config: EnvConfig = evaluation_env(self._user.config)
+        self.config: EnvConfig = evaluation_env(self._user.config, source=run, trust_app=trust_app)
         """The environment that it was trained in, ready for an evaluation."""
         self.observation_space = observation_space_of(self.config)
         self._player = Player(self._user, self.observation_space)
@@ -91,16 +92,17 @@ class UserPolicy:
         return np.stack(actions), None
 
 
-def load_user_policy(run: str | Path) -> UserPolicy:
+def load_user_policy(run: str | Path, *, trust_app: bool = False) -> UserPolicy:
     """A trained user, ready to play: ``load_user_policy("whacamole_constrained")``.
 
     Args:
         run: As of :class:`UserPolicy`.
+        trust_app: As of :class:`UserPolicy`.
 
     Raises:
         InputError: There is no such user.
     """
-    return UserPolicy(run)
+    return UserPolicy(run, trust_app=trust_app)
 
 
 def evaluate(run: str | Path, **what: Any) -> Evaluation:

@@ -46,6 +46,7 @@ def snapshot(
     seed: int = 1,
     game: str | None = None,
     run: str | Path | None = None,
+    trust_app: bool = False,
     simulation: Callable[..., Any] | None = None,
 ) -> list[Path]:
     """Play a little and write what it looks like.
@@ -59,6 +60,7 @@ def snapshot(
         seed: Seed of the round.
         game: The game; None takes the run's, or that of a default environment.
         run: A trained user to play; None lets the user act at random, gently.
+        trust_app: Whether the app that the run names may be started, though this user never has.
         simulation: How to make the user: (EnvConfig, n) -> simulation.
 
     Returns:
@@ -77,7 +79,10 @@ def snapshot(
 
         simulation = Simulation
     user = None if run is None else find_user(run)
-    config = with_game(EnvConfig() if user is None else evaluation_env(user.config), game)
+    config = EnvConfig()
+    if user is not None:
+        config = evaluation_env(user.config, source=str(run), trust_app=trust_app)
+    config = with_game(config, game)
     if user is not None:
         require_contract(user, config)
     facts = game_facts(config.app)

@@ -13,6 +13,7 @@ from gymnasium import spaces
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sim2vr_harness.training import checkpoint
+from sim2vr_harness.training.finite import NotFinite
 from sim2vr_harness.training.ppo import PPO
 from sim2vr_harness.training.progress import Phase, Progress
 from sim2vr_harness.training.run_folder import RunFolder
@@ -61,13 +62,30 @@ class CheckpointCallback(BaseCallback):
         return True
 
     def remember(self) -> None:
-        """Take a snapshot now, between two iterations, and write it if it is due."""
+        """Take a snapshot now, between two iterations, and write it if it is due.
+
+        Raises:
+            NotFinite: The last update has spoilt the learner; the snapshot before it is written.
+        """
+        self.require_finite()
         self._snapshot = checkpoint.take(self.model)
         step = self._snapshot.step
         if self._written_step is None:  # The session starts: on disk already, or step 0.
             self._written_step = step
         elif step // self._every_steps > self._written_step // self._every_steps:
             self.write()
+
+    def require_finite(self) -> None:
+        """Check that the learner may be saved; otherwise write the last snapshot and say so.
+
+        Raises:
+            NotFinite: A weight or a moment of the optimiser is NaN or infinite.
+        """
+        try:
+            checkpoint.require_finite_learner(self.model, None)
+        except NotFinite:
+            checkpoint.require_finite_learner(self.model, self.write())
+            raise
 
     def write(self) -> Path | None:
         """Write the last snapshot unless it is on disk, and return its file."""

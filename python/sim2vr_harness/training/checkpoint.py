@@ -11,11 +11,13 @@ from __future__ import annotations
 import copy
 import io
 import json
+import pickle
 import random
 import zipfile
+import zlib
 from collections import deque
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -25,29 +27,76 @@ import torch
 from numpy.typing import NDArray
 
 from sim2vr_harness import __version__
-from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.training.errors import InputError, UnusableFile
+from sim2vr_harness.training.finite import first_not_finite, require_finite
 from sim2vr_harness.training.ppo import PPO
-from sim2vr_harness.training.run_folder import write_atomically
+from sim2vr_harness.training.run_folder import checkpoints_in, step_of, write_atomically
 from sim2vr_harness.training.vec_env import SimulationVecEnv
 
 __all__ = [
     "Snapshot",
+    "last_good",
     "load_policy_weights",
     "preserved_random_state",
+    "read_tensors",
+    "require_readable",
     "restore",
     "take",
     "write_tensors",
 ]
 
 FORMAT = 1
+_EXPECTED = "a checkpoint written by sim2vr-harness train"
 _RESUME = "resume.npz"
 
 
+DAMAGE = (
+    *(ArithmeticError, AttributeError, EOFError, LookupError, OSError, RuntimeError, TypeError),
+    *(ValueError, AssertionError, zipfile.BadZipFile, zlib.error, pickle.UnpicklingError),
+)
+"""What reading a damaged file may raise: torch, NumPy and zipfile each have their own."""
+
+
+def in_words(error: Exception) -> str:
+    """Return an error's first sentence, on one line, for people who do not know torch."""
+    if isinstance(error, pickle.UnpicklingError):
+        return "no file of tensors, or damaged"
+    text = " ".join(str(error).split())
+    text = text.strip("'") if isinstance(error, KeyError) else text
+    return (text if len(text) <= 200 else f"{text[:197]}...") or type(error).__name__
+
+
 def write_tensors(path: Path, content: Mapping[str, Any]) -> None:
-    """Write tensors so that the file is either complete or not there; ``torch.load`` reads it."""
+    """Write tensors so that the file is either complete or not there."""
     stream = io.BytesIO()
     torch.save(dict(content), stream)
     write_atomically(path, stream.getvalue())
+
+
+def read_tensors(path: Path, expected: str) -> dict[str, Any]:
+    """Read what :func:`write_tensors` has written, onto the CPU: tensors and plain values only.
+
+    Args:
+        path: the file.
+        expected: what it should be, for people.
+
+    Raises:
+        UnusableFile: it is something else, or damaged.
+    """
+    try:
+        return tensors_of(path.read_bytes(), torch.device("cpu"))
+    except FileNotFoundError:
+        raise
+    except DAMAGE as error:
+        raise UnusableFile(path, in_words(error), expected) from error
+
+
+def tensors_of(content: bytes, device: torch.device) -> dict[str, Any]:
+    """Read tensors and plain values; whatever else is in a pickle is refused."""
+    tensors = torch.load(io.BytesIO(content), map_location=device, weights_only=True)
+    if not isinstance(tensors, dict):
+        raise ValueError(f"a {type(tensors).__name__} instead of named tensors")
+    return tensors
 
 
 @dataclass(frozen=True)
@@ -79,6 +128,19 @@ class Snapshot:
         with zipfile.ZipFile(archive, "a") as members:
             members.writestr(_RESUME, arrays.getvalue(), zipfile.ZIP_DEFLATED)
         write_atomically(path, archive.getvalue())
+
+
+def require_finite_learner(model: PPO, last_good: Path | None) -> None:
+    """Check that what a learner has learned may be saved.
+
+    Raises:
+        NotFinite: a weight or a moment of its optimiser is NaN or infinite.
+    """
+    learned = {
+        "policy": model.policy.state_dict(),
+        "optimizer": model.policy.optimizer.state_dict(),
+    }
+    require_finite(learned, f"after {model.num_timesteps:,} user steps", last_good)
 
 
 def take(model: PPO) -> Snapshot:
@@ -116,46 +178,73 @@ def restore(path: Path, model: PPO) -> None:
     """Bring a freshly built learner and its environment to the state of a checkpoint.
 
     Raises:
-        InputError: The file is no checkpoint or belongs to another configuration.
+        UnusableFile: The file is no checkpoint, is damaged or belongs to another configuration. The
+            learner and its environment may be at no moment at all then: they are to be made anew.
     """
-    weights, optimizer, header, arrays = _read(path, model.device)
+    weights, optimizer, header, arrays = _good(path, model.policy, model.device)
     env = model.get_env()
     assert isinstance(env, SimulationVecEnv)
-    _load_weights(path, model, weights)
-    model.policy.optimizer.load_state_dict(optimizer)
-    model.num_timesteps = int(header["num_timesteps"])
-    model._n_updates = int(header["n_updates"])
-    model._current_progress_remaining = float(header["progress_remaining"])
-    anew = env.load_state(arrays["environment"].tobytes())
-    observation = {
-        key.removeprefix("observation."): value
-        for key, value in arrays.items()
-        if key.startswith("observation.")
-    }
-    if anew:
-        arrays["episode_starts"][anew] = True
-        for key, value in env.simulation.observation().items():
-            observation[key][anew] = value[anew]
-    model._last_obs = observation
-    model._last_episode_starts = arrays["episode_starts"]
-    # SB3 makes the statistics' buffers when it starts learning, unless they are there.
-    model.ep_info_buffer = deque(header["episodes"], maxlen=model._stats_window_size)
-    model.ep_success_buffer = deque(maxlen=model._stats_window_size)
-    _set_random_state(header["random"], arrays)
+    try:
+        model.policy.load_state_dict(weights)
+        model.policy.optimizer.load_state_dict(optimizer)
+        _require_same_shapes(model.policy.optimizer)
+        model.num_timesteps = int(header["num_timesteps"])
+        model._n_updates = int(header["n_updates"])
+        model._current_progress_remaining = float(header["progress_remaining"])
+        anew = env.load_state(arrays["environment"].tobytes())
+        observation = {
+            key.removeprefix("observation."): value
+            for key, value in arrays.items()
+            if key.startswith("observation.")
+        }
+        starts = arrays["episode_starts"]
+        if anew:
+            starts[anew] = True
+            for key, value in env.simulation.observation().items():
+                observation[key][anew] = value[anew]
+        model._last_obs, model._last_episode_starts = observation, starts
+        # SB3 makes the statistics' buffers when it starts learning, unless they are there.
+        model.ep_info_buffer = deque(header["episodes"], maxlen=model._stats_window_size)
+        model.ep_success_buffer = deque(maxlen=model._stats_window_size)
+        _set_random_state(header["random"], arrays)
+    except DAMAGE as error:
+        instead = last_good(path, model.policy)
+        raise UnusableFile(path, in_words(error), _EXPECTED, instead) from error
 
 
 def load_policy_weights(path: Path, policy: torch.nn.Module) -> int:
     """Load a checkpoint's weights into a policy and return the checkpoint's step.
 
     Raises:
-        InputError: The file is no checkpoint or its network has other shapes.
+        UnusableFile: The file is no checkpoint, is damaged or its network has other shapes.
     """
-    weights, _, header, _ = _read(path, torch.device("cpu"))
-    try:
-        policy.load_state_dict(weights)
-    except RuntimeError as error:
-        raise _other_network(path, error) from error
+    weights, _, header, _ = _good(path, policy, torch.device("cpu"))
+    policy.load_state_dict(weights)
     return int(header["num_timesteps"])
+
+
+def require_readable(path: Path) -> None:
+    """Check a checkpoint of which nothing is needed now.
+
+    Raises:
+        UnusableFile: It is damaged, or not finite.
+    """
+    _good(path, None, torch.device("cpu"))
+
+
+def last_good(path: Path, policy: torch.nn.Module | None) -> Path | None:
+    """Return the newest checkpoint before this one that can be read, or None.
+
+    Args:
+        path: of a checkpoint.
+        policy: the network that it is for; None takes any.
+    """
+    before = [file for file in checkpoints_in(path.parent) if step_of(file) < step_of(path)]
+    for file in reversed(before):
+        with suppress(UnusableFile):
+            _checked(file, policy, torch.device("cpu"))
+            return file
+    return None
 
 
 @contextmanager
@@ -168,49 +257,72 @@ def preserved_random_state() -> Iterator[None]:
         _set_random_state(generators, arrays)
 
 
-def _read(
-    path: Path, device: torch.device
-) -> tuple[dict[str, torch.Tensor], dict[str, Any], dict[str, Any], dict[str, NDArray]]:
-    expected = "a checkpoint written by sim2vr-harness train"
+_Parts = tuple[dict[str, torch.Tensor], dict[str, Any], dict[str, Any], dict[str, NDArray]]
+"""Weights, optimiser, header and arrays of a checkpoint."""
+
+
+def _good(path: Path, policy: torch.nn.Module | None, device: torch.device) -> _Parts:
+    """Read a checkpoint, or say what is wrong with it and which one before it is not."""
     try:
-        with zipfile.ZipFile(path) as archive:
-            weights = _tensors(archive, "policy.pth", device)
-            optimizer = _tensors(archive, "policy.optimizer.pth", device)
-            with np.load(io.BytesIO(archive.read(_RESUME)), allow_pickle=False) as loaded:
-                arrays = {key: loaded[key] for key in loaded.files}
+        return _checked(path, policy, device)
+    except UnusableFile as error:
+        instead = last_good(path, policy)
+        expected = error.expected
+        raise UnusableFile(path, error.reason, expected, instead) from error
+
+
+def _checked(path: Path, policy: torch.nn.Module | None, device: torch.device) -> _Parts:
+    """Read a checkpoint of this network; see :func:`restore`."""
+    try:
+        parts = _read(path, device)
+        weights, optimizer, header, _ = parts
+        if header["format"] != FORMAT:
+            raise ValueError(
+                f"format {header['format']}, written by sim2vr-harness {header['version']}, "
+                f"expected format {FORMAT}"
+            )
+        found = first_not_finite({"policy": weights, "optimizer": optimizer})
+        if found is not None:
+            raise ValueError(f"{found} is not finite")
     except FileNotFoundError as error:
-        raise InputError("RUN", f"{str(path)!r}, which does not exist", expected) from error
-    except (zipfile.BadZipFile, KeyError, OSError, ValueError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError("RUN", f"{str(path)!r} ({reason})", expected) from error
+        raise InputError("RUN", f"{str(path)!r}, which does not exist", _EXPECTED) from error
+    except DAMAGE as error:
+        raise UnusableFile(path, in_words(error), _EXPECTED) from error
+    difference = None if policy is None else _different_network(weights, policy)
+    if difference is not None:
+        reason = f"whose network differs: {difference}"
+        raise UnusableFile(path, reason, "the network of config.yaml")
+    return parts
+
+
+def _read(path: Path, device: torch.device) -> _Parts:
+    with zipfile.ZipFile(path) as archive:
+        weights = tensors_of(archive.read("policy.pth"), device)
+        optimizer = tensors_of(archive.read("policy.optimizer.pth"), device)
+        with np.load(io.BytesIO(archive.read(_RESUME)), allow_pickle=False) as loaded:
+            arrays = {key: loaded[key] for key in loaded.files}
     header = json.loads(arrays.pop("header").tobytes())
-    if header["format"] != FORMAT:
-        raise InputError(
-            "RUN",
-            f"{str(path)!r} of format {header['format']} (written by {header['version']})",
-            f"format {FORMAT}; use that version of sim2vr-harness",
-        )
     return weights, optimizer, header, arrays
 
 
-def _tensors(archive: zipfile.ZipFile, name: str, device: torch.device) -> dict[str, Any]:
-    content = io.BytesIO(archive.read(name))
-    tensors: dict[str, Any] = torch.load(content, map_location=device, weights_only=True)
-    return tensors
+def _different_network(weights: Mapping[str, torch.Tensor], policy: torch.nn.Module) -> str | None:
+    """Return the first weight that a network lacks, has in excess or has in another shape."""
+    own = policy.state_dict()
+    for name in [*own, *(name for name in weights if name not in own)]:
+        have, want = weights.get(name), own.get(name)
+        if have is None or want is None or have.shape != want.shape:
+            shapes = ["none" if part is None else tuple(part.shape) for part in (have, want)]
+            return f"{name} of shape {shapes[0]}, expected {shapes[1]}"
+    return None
 
 
-def _load_weights(path: Path, model: PPO, weights: dict[str, torch.Tensor]) -> None:
-    try:
-        model.policy.load_state_dict(weights)
-    except RuntimeError as error:
-        raise _other_network(path, error) from error
-
-
-def _other_network(path: Path, error: RuntimeError) -> InputError:
-    reason = " ".join(str(error).split())
-    return InputError(
-        "RUN", f"{str(path)!r}, whose network differs ({reason})", "the network of config.yaml"
-    )
+def _require_same_shapes(optimizer: torch.optim.Optimizer) -> None:
+    """Check what torch does not: that moments have the shape of their weights."""
+    for weight, state in optimizer.state.items():
+        for name, value in state.items():
+            if isinstance(value, torch.Tensor) and value.dim() and value.shape != weight.shape:
+                shapes = f"{tuple(value.shape)}, expected {tuple(weight.shape)}"
+                raise ValueError(f"{name} of the optimiser of shape {shapes}")
 
 
 @contextmanager

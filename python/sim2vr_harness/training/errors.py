@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from sim2vr_harness.errors import InputError, closest, unknown_name
+from sim2vr_harness.errors import InputError, UnusableFile, closest, unknown_name
 
-__all__ = ["InputError", "closest", "unknown_name"]
+__all__ = ["InputError", "UnusableFile", "closest", "unknown_name"]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib
-import json
 import math
 import uuid
 from collections.abc import Mapping
@@ -15,7 +14,7 @@ from stable_baselines3.common.logger import KVWriter, Logger
 
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.errors import InputError
-from sim2vr_harness.training.run_folder import RunFolder
+from sim2vr_harness.training.run_folder import RunFolder, append_row
 
 __all__ = ["make_logger", "require_wandb"]
 
@@ -45,9 +44,7 @@ class JsonLines(KVWriter):
         }
         for key, value in sorted(_numbers(key_values).items()):
             row[key] = value if math.isfinite(value) else None
-        # Opened for every row, so that a crash loses none.
-        with self._path.open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps(row) + "\n")
+        append_row(self._path, row)
 
     def close(self) -> None:
         """Nothing is open between two rows."""

@@ -14,6 +14,7 @@ from sim2vr_harness.training import checkpoint, ppo
 from sim2vr_harness.training.buffer import buffer_bytes
 from sim2vr_harness.training.callbacks import CheckpointCallback, ProgressCallback
 from sim2vr_harness.training.config import CheckpointConfig
+from sim2vr_harness.training.finite import NotFinite
 from sim2vr_harness.training.ppo_config import PPOConfig
 from sim2vr_harness.training.progress import Progress
 from sim2vr_harness.training.run_folder import RunFolder
@@ -121,6 +122,12 @@ class PPOStage:
             )
             self._checkpoints.remember()
             self._finish(model, callbacks)
+        except NotFinite:
+            raise
+        except Exception:
+            # What torch says of weights that are NaN is pages of them.
+            self._checkpoints.require_finite()
+            raise
         finally:
             tracker.detach()
             logger.close()
@@ -154,6 +161,9 @@ class PPOStage:
         if self._env is not None:
             self._env.close()
         self._env = self._model = self._checkpoints = None
+
+    def tidy(self) -> None:
+        """See the protocol; checkpoints are kept."""
 
     def _greet(self, callbacks: Callbacks, progress: Progress) -> None:
         model, env = self._model, self._env

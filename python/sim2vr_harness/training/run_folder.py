@@ -6,7 +6,9 @@
     run.json           versions, git commit, and every session that worked on the run
     metrics.jsonl      one JSON object per iteration
     imagined/, teacher/, student/   the first stages of ``recipe: distill``
-    checkpoints/       step_000080000.zip, ...: also readable by stable_baselines3
+    checkpoints/       step_000080000.zip, ...: also readable by stable_baselines3; what a training
+                       was told to put aside ends in .aside
+    .lock              held by the training that works on the run
     tensorboard/       the same metrics for TensorBoard
     evaluation/        what ``sim2vr-harness evaluate`` writes
 """
@@ -19,7 +21,7 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -36,13 +38,17 @@ from sim2vr_harness.training.config import (
     to_yaml,
 )
 from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.training.locking import is_temporary, temporary_of
 from sim2vr_harness.training.retired import renamed
 
 __all__ = [
     "STAGE_FOLDERS",
     "RunFolder",
+    "append_row",
+    "checkpoints_in",
     "keep_rows",
     "read_rows",
+    "step_of",
     "versions",
     "write_atomically",
 ]
@@ -59,7 +65,7 @@ def write_atomically(path: Path, content: bytes) -> None:
     Folders that are missing are made: what took minutes is not lost for want of one.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    temporary = temporary_of(path)
     try:
         with temporary.open("wb") as stream:
             stream.write(content)
@@ -74,16 +80,38 @@ def read_rows(file: Path) -> list[dict[str, Any]]:
     """Return the rows of a log, one JSON object a line; one cut off by a crash is left out."""
     rows: list[dict[str, Any]] = []
     if file.is_file():
-        for line in file.read_text(encoding="utf-8").splitlines():
+        for line in file.read_text(encoding="utf-8", errors="replace").splitlines():
             with suppress(json.JSONDecodeError):
-                rows.append(json.loads(line))
+                row = json.loads(line)
+                if isinstance(row, dict):
+                    rows.append(row)
     return rows
+
+
+def append_row(file: Path, row: Mapping[str, Any]) -> None:
+    """Add a row to a log, which is opened for each, so that a crash loses none."""
+    with file.open("a", encoding="utf-8") as stream:
+        stream.write(json.dumps(row) + "\n")
 
 
 def keep_rows(file: Path, wanted: Callable[[dict[str, Any]], bool]) -> None:
     """Forget the other rows of a log: of what a resumed run will do again."""
-    text = "".join(json.dumps(row) + "\n" for row in read_rows(file) if wanted(row))
-    write_atomically(file, text.encode())
+    if file.is_file():
+        text = "".join(json.dumps(row) + "\n" for row in read_rows(file) if wanted(row))
+        write_atomically(file, text.encode())
+
+
+def step_of(checkpoint: Path) -> int:
+    """User steps after which a checkpoint was written, by its name."""
+    return int(checkpoint.stem.removeprefix("step_"))
+
+
+def checkpoints_in(folder: Path) -> list[Path]:
+    """Return all checkpoints of a folder, the oldest first."""
+    found = folder.glob("step_*.zip")
+    return sorted(
+        (file for file in found if file.stem.removeprefix("step_").isdecimal()), key=step_of
+    )
 
 
 def versions() -> dict[str, str]:
@@ -121,6 +149,7 @@ class RunFolder:
         self.config_file = self.path / "config.yaml"
         self.run_file = self.path / "run.json"
         self.metrics_file = self.path / "metrics.jsonl"
+        self.lock_file = self.path / ".lock"
         self.checkpoint_dir = self.path / "checkpoints"
         self.tensorboard_dir = self.path / "tensorboard"
         self.evaluation_dir = self.path / "evaluation"
@@ -160,10 +189,10 @@ class RunFolder:
         """
         if not overwrite:
             self.require_free()
-        if self.exists:
-            self._delete_run()  # files that others have put there stay
-        else:
+        if not self.exists:
             self._require_place()
+        # A run that was killed in its first write leaves traces, too; files of others stay.
+        self._delete_run()
         self.checkpoint_dir.mkdir(parents=True, exist_ok=True)
         write_atomically(self.run_file, json.dumps({"sessions": []}, indent=2).encode())
         write_atomically(self.config_file, to_yaml(config).encode())
@@ -183,17 +212,23 @@ class RunFolder:
         self._require_place()
 
     def _require_place(self) -> None:
-        """Check that the folder holds nothing else, or nothing at all."""
+        """Check that the folder holds nothing, or only what a run left that never began."""
         if self.path.exists() and not self.path.is_dir():
             raise InputError("--out", f"{str(self.path)!r}, which is a file", "a folder")
-        if self.path.is_dir() and any(self.path.iterdir()):
+        if self.path.is_dir() and not all(map(self._is_trace, self.path.iterdir())):
             raise InputError(
                 "--out", f"{str(self.path)!r}, which holds other files", "a new or empty folder"
             )
 
+    def _is_trace(self, file: Path) -> bool:
+        """Whether a training that was killed before it wrote config.yaml may have left this."""
+        if file == self.checkpoint_dir:
+            return file.is_dir() and not any(file.iterdir())
+        return file in (self.run_file, self.lock_file) or is_temporary(file)
+
     def _delete_run(self) -> None:
         """Delete what a run writes, and nothing else."""
-        self.config_file.unlink()
+        self.config_file.unlink(missing_ok=True)
         for file in (self.run_file, self.metrics_file):
             file.unlink(missing_ok=True)
         stages = (self.path / name for name in STAGE_FOLDERS)
@@ -222,7 +257,14 @@ class RunFolder:
         """Return the content of run.json."""
         if not self.run_file.is_file():
             return {"sessions": []}
-        content: dict[str, Any] = json.loads(self.run_file.read_text(encoding="utf-8"))
+        try:
+            content = json.loads(self.run_file.read_text(encoding="utf-8"))
+            if not isinstance(content, dict) or not isinstance(content.get("sessions"), list):
+                raise ValueError("no list of sessions in it")
+        except ValueError as error:
+            reason = " ".join(str(error).split())
+            expected = "what a training has written; without the file a new one is begun"
+            raise InputError(str(self.run_file), f"something else ({reason})", expected) from error
         return content
 
     def begin_session(self, start_step: int, **details: Any) -> None:
@@ -265,17 +307,13 @@ class RunFolder:
 
     def checkpoints(self) -> list[Path]:
         """Return all checkpoints, the oldest first."""
-        found = self.checkpoint_dir.glob("step_*.zip")
-        return sorted(
-            (file for file in found if file.stem.removeprefix("step_").isdigit()),
-            key=lambda file: int(file.stem.removeprefix("step_")),
-        )
+        return checkpoints_in(self.checkpoint_dir)
 
     @property
     def step(self) -> int:
         """User steps of the newest checkpoint; 0 if there is none."""
         files = self.checkpoints()
-        return int(files[-1].stem.removeprefix("step_")) if files else 0
+        return step_of(files[-1]) if files else 0
 
     def latest_checkpoint(self) -> Path:
         """Return the newest checkpoint.

@@ -94,6 +94,9 @@ class Stage(Protocol):
     def close(self) -> None:
         """Free what :meth:`open` has made."""
 
+    def tidy(self) -> None:
+        """Delete what a finished stage left because it was killed while it deleted it."""
+
 
 class Callbacks:
     """What a stage calls while it runs.
@@ -203,6 +206,9 @@ def run_stages(
         How it ended. An error passes through, after the stage has saved.
     """
     outcome = Outcome()
+    for stage in stages:
+        if stage.finished:
+            stage.tidy()
     with _sigterm_interrupts():
         for number, stage in remaining(stages):
             outcome.stage = stage.name

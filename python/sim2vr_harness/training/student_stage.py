@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,13 +16,15 @@ from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.config import with_options
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.training.checkpoint import write_tensors
+from sim2vr_harness.training.checkpoint import DAMAGE, in_words, read_tensors, write_tensors
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.episodes import metric_key
+from sim2vr_harness.training.errors import UnusableFile
+from sim2vr_harness.training.finite import NotFinite, require_finite
 from sim2vr_harness.training.guide import TeacherGuide
 from sim2vr_harness.training.policy import UserPolicy
 from sim2vr_harness.training.progress import View
-from sim2vr_harness.training.run_folder import keep_rows
+from sim2vr_harness.training.run_folder import append_row, keep_rows
 from sim2vr_harness.training.stages import Callbacks
 from sim2vr_harness.training.student import Student, StudentProgress
 
@@ -70,10 +72,7 @@ class StudentStage:
 
     def weights(self) -> dict[str, Tensor]:
         """Return the policy's weights in the end."""
-        weights: dict[str, Tensor] = torch.load(
-            self.folder / _POLICY, weights_only=True, map_location="cpu"
-        )
-        return weights
+        return read_tensors(self.folder / _POLICY, "the student's weights")
 
     def open(self) -> None:
         """See the protocol."""
@@ -98,9 +97,7 @@ class StudentStage:
         student = self._student
         assert student is not None
         if (self.folder / _STATE).is_file():
-            student.load_snapshot(
-                torch.load(self.folder / _STATE, weights_only=True, map_location="cpu")
-            )
+            self._restore(student, self.folder / _STATE)
             callbacks.say(f"Continuing with {student.store.count:,} frames.")
         first = self._frames_saved = student.store.count
         log = self.folder / _LOG
@@ -110,9 +107,8 @@ class StudentStage:
             view = self._view(student.store.count, first, began, doing)
             progress = student.step(partial(_show, callbacks, view))
             row = _row(progress)
-            with log.open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps(row) + "\n")
-            self._snapshot = student.snapshot()
+            append_row(log, row)
+            self._remember(student)
             if student.finished or student.round % student.config.checkpoint_rounds == 0:
                 self.save()
             rate = (progress.frames - first) / (time.monotonic() - began)
@@ -120,7 +116,30 @@ class StudentStage:
             callbacks.report(progress.frames, row)
         callbacks.say("Student: " + doing)
         write_tensors(self.folder / _POLICY, student.policy.state_dict())
-        self._discard()
+        self.tidy()
+
+    def _restore(self, student: Student, file: Path) -> None:
+        state = read_tensors(file, "the state of a student")
+        try:
+            _require_finite(state, None)
+            student.load_snapshot(state)
+        except (*DAMAGE, NotFinite) as error:
+            raise UnusableFile(file, in_words(error), "the state of this student") from error
+
+    def _remember(self, student: Student) -> None:
+        """Take a snapshot after a round.
+
+        Raises:
+            NotFinite: the round has spoilt the student; the snapshot before it is written.
+        """
+        snapshot = student.snapshot()
+        try:
+            _require_finite(snapshot, None)
+        except NotFinite:
+            self.save()
+            file = self.folder / _STATE
+            _require_finite(snapshot, file if file.is_file() else None)
+        self._snapshot = snapshot
 
     def _view(self, done: int, first: int, began: float, doing: str) -> Callable[[], View]:
         def view() -> View:
@@ -144,11 +163,17 @@ class StudentStage:
             self._simulation.close()
         self._simulation = self._student = self._snapshot = None
 
-    def _discard(self) -> None:
-        """Delete the collected frames and the state: nobody needs them once the stage is over."""
+    def tidy(self) -> None:
+        """See the protocol: the collected frames and the state, which nobody needs any more."""
         self._snapshot = None
         for name in (_FRAMES, _STATE):
             (self.folder / name).unlink(missing_ok=True)
+
+
+def _require_finite(snapshot: Mapping[str, Any], last_good: Path | None) -> None:
+    learned = {part: snapshot[part] for part in ("policy", "heads", "optimizer")}
+    frames = json.loads(snapshot["header"])["count"]
+    require_finite(learned, f"after {frames:,} frames", last_good)
 
 
 def _show(callbacks: Callbacks, view: Callable[[], View], share: float) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict
@@ -15,7 +14,7 @@ from sim2vr_harness.training import ppo
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.metrics_log import JsonLines
 from sim2vr_harness.training.ppo_stage import PPOStage
-from sim2vr_harness.training.run_folder import RunFolder
+from sim2vr_harness.training.run_folder import RunFolder, append_row, keep_rows, read_rows
 from sim2vr_harness.training.stages import Callbacks
 from sim2vr_harness.training.teacher_env import TeacherSimulation
 from sim2vr_harness.training.teacher_evaluation import describe, evaluate_teacher
@@ -61,6 +60,18 @@ class TeacherStage(PPOStage):
             checkpoints=config.checkpoint,
         )
 
+    @property
+    def _scores_file(self) -> Path:
+        return self.folder.path / "scores.jsonl"
+
+    @property
+    def finished(self) -> bool:
+        """See the protocol; a teacher that was to be judged and was not is judged first."""
+        judged = self._run_config.teacher.evaluate_rounds == 0 or any(
+            row["step"] >= self.folder.step for row in read_rows(self._scores_file)
+        )
+        return super().finished and judged
+
     def _finish(self, model: ppo.PPO, callbacks: Callbacks) -> None:
         teacher = self._run_config.teacher
         if teacher.evaluate_rounds == 0:
@@ -76,6 +87,6 @@ class TeacherStage(PPOStage):
             "cpu_seconds": round(time.process_time(), 1),
             "scores": [asdict(score) for score in scores],
         }
-        with (self.folder.path / "scores.jsonl").open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps(row) + "\n")
+        keep_rows(self._scores_file, lambda old: old["step"] < model.num_timesteps)
+        append_row(self._scores_file, row)
         callbacks.say("Teacher: " + describe(scores))

@@ -6,9 +6,7 @@ A packed user is a folder with ``card.json`` (who it is, what it was measured to
 
 from __future__ import annotations
 
-import io
 import json
-import pickle
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -16,16 +14,22 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import torch
 import yaml
 from torch import nn
 
 from sim2vr_harness import __version__, paths
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.contract import contract, contract_hash, differences
-from sim2vr_harness.training.checkpoint import load_policy_weights
+from sim2vr_harness.training.checkpoint import (
+    DAMAGE,
+    in_words,
+    load_policy_weights,
+    read_tensors,
+    write_tensors,
+)
 from sim2vr_harness.training.config import TrainingConfig, parse_config, to_yaml
-from sim2vr_harness.training.errors import InputError, closest
+from sim2vr_harness.training.errors import InputError, UnusableFile, closest
+from sim2vr_harness.training.finite import first_not_finite
 from sim2vr_harness.training.retired import renamed
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
 
@@ -184,12 +188,17 @@ def _short(value: Any) -> str:
 
 def _load_packed(file: Path, steps: int, policy: nn.Module) -> int:
     try:
-        weights = torch.load(file, weights_only=True, map_location="cpu")
+        weights = read_tensors(file, "weights of this network")
         first = _first_names(policy)
-        policy.load_state_dict({key: weights[first[key]].float() for key in first})
-    except (OSError, KeyError, RuntimeError, ValueError, pickle.UnpicklingError) as error:
-        reason = " ".join(str(error).split())
-        raise InputError("RUN", f"{str(file)!r} ({reason})", "weights of this network") from error
+        chosen = {key: weights[first[key]].float() for key in first}
+        found = first_not_finite(chosen)
+        if found is not None:
+            raise ValueError(f"{found} is not finite")
+        policy.load_state_dict(chosen)
+    except UnusableFile:
+        raise
+    except DAMAGE as error:
+        raise UnusableFile(file, in_words(error), "weights of this network") from error
     return steps
 
 
@@ -217,12 +226,16 @@ def pack(
 
     Returns:
         The card.
+
+    Raises:
+        InputError: a weight is too large for binary16.
     """
     steps = user.load(policy)
     state, kept = policy.state_dict(), set(_first_names(policy).values())
     weights = {key: state[key].detach().cpu().half() for key in state if key in kept}
-    content = io.BytesIO()
-    torch.save(weights, content)
+    too_large = first_not_finite(weights)
+    if too_large is not None:
+        raise InputError("RUN", f"{too_large} above 65504", "weights that binary16 can hold")
     terms = contract(user.config.env)
     card = {
         "name": name,
@@ -233,7 +246,7 @@ def pack(
         "sim2vr_harness": __version__,
         "packed": datetime.now(UTC).date().isoformat(),
     }
-    write_atomically(folder / _WEIGHTS, content.getvalue())
+    write_tensors(folder / _WEIGHTS, weights)
     write_atomically(folder / _CONFIG, to_yaml(user.config).encode())
     write_atomically(folder / _CARD, (json.dumps(card, indent=2) + "\n").encode())
     return card

@@ -2,23 +2,29 @@
 
 from __future__ import annotations
 
+import shlex
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import torch
 from rich.console import Console
 
 from sim2vr_harness.cores import torch_budget
+from sim2vr_harness.training.checkpoint import require_readable
 from sim2vr_harness.training.config import TrainingConfig, first_difference
-from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.training.errors import InputError, UnusableFile
+from sim2vr_harness.training.locking import sole_training
 from sim2vr_harness.training.memory import keep_freed_memory, require_memory
 from sim2vr_harness.training.metrics_log import require_wandb
 from sim2vr_harness.training.recipes import MakeSimulation, Run, stages_of
 from sim2vr_harness.training.run_folder import RunFolder
 from sim2vr_harness.training.stages import Report, remaining, run_stages
 from sim2vr_harness.training.threads import torch_threads
+from sim2vr_harness.training.trust import remember
 from sim2vr_harness.training.vec_env import SimulationLike
 
 __all__ = ["MakeSimulation", "TrainResult", "make_simulation", "train"]
@@ -76,6 +82,7 @@ def train(
     timesteps: int | None = None,
     resume: bool = False,
     overwrite: bool = False,
+    set_aside: bool = False,
     console: Console | None = None,
     report: Callable[[Report], None] | None = None,
     stop: Callable[[], bool] | None = None,
@@ -92,6 +99,8 @@ def train(
         resume: Continue the run in ``out`` from what it has saved; a run that has reached
             ``timesteps`` is left as it is.
         overwrite: Delete the run in ``out`` first.
+        set_aside: With ``resume``: rename files of the run that cannot be used (to ``NAME.aside``)
+            and go on from the newest ones that can.
         console: Where to print; None prints to the standard error stream.
         report: Called after every cycle, round or iteration with a :class:`.Report`: how far which
             stage is, and the row of its log.
@@ -101,6 +110,8 @@ def train(
 
     Raises:
         InputError: An argument cannot be used; nothing has been written then.
+        UnusableFile: With ``resume``: what the run would go on from is damaged, or not finite.
+        NotFinite: What is learned has become NaN or infinite; the moment before it is saved.
     """
     console = console or Console(stderr=True)
     until = config.total_timesteps if timesteps is None else timesteps
@@ -118,25 +129,42 @@ def train(
         folder.require_free()
     began = time.monotonic()
     keep_freed_memory()
-    stages = stages_of(Run(config, folder, until, simulation))
-    with torch_threads(torch_budget(config.env.cores)):
-        if resume:
-            if not remaining(stages):
-                console.print(f"Nothing to train: {folder.path} has reached {stages[-1].saved}.")
-                return _result(folder, began)
-            folder.store_config(config)
-            opened = None
-        else:
+    with torch_threads(torch_budget(config.env.cores)), ExitStack() as held:
+        if folder.path.is_dir():
+            held.enter_context(sole_training(folder.path, folder.lock_file))
+        stages = stages_of(Run(config, folder, until, simulation))
+        opened = None
+        if not resume:
             # Whatever cannot be used shows before a run that is there is deleted.
             opened = stages[0]
             try:
                 opened.open()
+                if not folder.path.is_dir():
+                    held.enter_context(sole_training(folder.path, folder.lock_file))
                 folder.create(config, overwrite)
             except BaseException:
                 opened.close()
                 raise
-        folder.begin_session(start_step=folder.step)
-        outcome = run_stages(stages, folder, console, opened=opened, report=report, stop=stop)
+        while True:
+            try:
+                if resume and not remaining(stages):
+                    require_readable(folder.latest_checkpoint())
+                    reached = f"{folder.path} has reached {stages[-1].saved}"
+                    console.print(f"Nothing to train: {reached}.")
+                    return _result(folder, began)
+                if resume:
+                    folder.store_config(config)
+                remember(config.env.app, folder.path)
+                folder.begin_session(start_step=folder.step)
+                outcome = run_stages(
+                    stages, folder, console, opened=opened, report=report, stop=stop
+                )
+                break
+            except UnusableFile as error:
+                if not set_aside:
+                    raise _with_offer(error, folder) from error
+                _put_aside(error, console)
+                stages = stages_of(Run(config, folder, until, simulation))
     return _result(
         folder,
         began,
@@ -145,6 +173,30 @@ def train(
         stage=outcome.stage,
         saved=outcome.saved,
     )
+
+
+def _with_offer(error: UnusableFile, folder: RunFolder) -> UnusableFile:
+    """Return the error with the command that goes on all the same."""
+    command = f"sim2vr-harness train --resume {shlex.quote(str(folder.path))} --set-aside"
+    where = "from that one" if error.instead else "with what is left"
+    offer = f"; to go on {where} and keep this file as {_aside(error.file).name}: {command}"
+    expected = error.expected.partition("; the last good one is ")[0]
+    changed = UnusableFile(error.file, error.reason, expected, error.instead)
+    changed.args = (f"{changed}{offer}",)
+    return changed
+
+
+def _put_aside(error: UnusableFile, console: Console) -> None:
+    aside = _aside(error.file)
+    error.file.rename(aside)
+    text = f"{error.file} cannot be used ({error.reason}); it is kept as {aside.name}."
+    console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def _aside(file: Path) -> Path:
+    """Return a name that is free, and that no stage looks for."""
+    names = (f"{file.name}.aside{number or ''}" for number in count())
+    return next(place for name in names if not (place := file.with_name(name)).exists())
 
 
 def _result(
@@ -171,9 +223,10 @@ def _result(
 
 def _check_resumable(folder: RunFolder, config: TrainingConfig) -> None:
     if not folder.exists:
-        raise InputError(
-            "--resume", f"{str(folder.path)!r}, which holds no run", "a folder with a run in it"
-        )
+        expected = "a folder with a run in it"
+        if folder.run_file.is_file():
+            expected += "; a run that was killed before it began is begun again without --resume"
+        raise InputError("--resume", f"{str(folder.path)!r}, which holds no run", expected)
     difference = first_difference(config, folder.load_config(), ignore=CHANGEABLE)
     if difference is not None:
         key, new, old = difference

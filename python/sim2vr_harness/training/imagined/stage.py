@@ -5,19 +5,20 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-import torch
 from torch import Tensor
 
-from sim2vr_harness.training.checkpoint import write_tensors
+from sim2vr_harness.training.checkpoint import DAMAGE, in_words, read_tensors, write_tensors
 from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.training.errors import UnusableFile
+from sim2vr_harness.training.finite import NotFinite, require_finite
 from sim2vr_harness.training.imagined.rollouts import CycleReport, ImaginedRollouts
 from sim2vr_harness.training.progress import View
-from sim2vr_harness.training.run_folder import keep_rows
+from sim2vr_harness.training.run_folder import append_row, keep_rows
 from sim2vr_harness.training.stages import Callbacks
 from sim2vr_harness.training.teacher_env import TeacherSimulation
 from sim2vr_harness.training.teacher_policy import new_teacher
@@ -66,8 +67,7 @@ class ImaginedStage:
 
     def weights(self) -> dict[str, Tensor]:
         """Return the policy's weights after the last cycle."""
-        weights: dict[str, Tensor] = torch.load(self.folder / _POLICY, weights_only=True)
-        return weights
+        return read_tensors(self.folder / _POLICY, "the weights of imagined rollouts")
 
     def open(self) -> None:
         """See the protocol."""
@@ -88,9 +88,7 @@ class ImaginedStage:
         rollouts = self._rollouts
         assert rollouts is not None
         if (self.folder / _STATE).is_file():
-            rollouts.load_state(
-                torch.load(self.folder / _STATE, weights_only=True, map_location="cpu")
-            )
+            _restore(rollouts, self.folder / _STATE)
             callbacks.say(f"Continuing after cycle {rollouts.cycle}.")
         self._cycles_saved = rollouts.cycle
         log = self.folder / _LOG
@@ -98,14 +96,15 @@ class ImaginedStage:
         keep_rows(log, lambda row: row["cycle"] <= rollouts.cycle)
         while not rollouts.finished:
             report = self._cycle(rollouts, callbacks)
-            with log.open("a", encoding="utf-8") as stream:
-                stream.write(json.dumps(asdict(report)) + "\n")
-            self._state = rollouts.state()
+            append_row(log, asdict(report))
+            state, file = rollouts.state(), self.folder / _STATE
+            _require_finite(state, file if file.is_file() else None)
+            self._state = state
             self.save()
             callbacks.say(describe(report, self.total))
             callbacks.report(report.cycle, asdict(report))
         write_tensors(self.folder / _POLICY, rollouts.policy.state_dict())
-        (self.folder / _STATE).unlink(missing_ok=True)
+        self.tidy()
 
     def _cycle(self, rollouts: ImaginedRollouts, callbacks: Callbacks) -> CycleReport:
         began, cycle, cycle_s = time.monotonic(), rollouts.cycle, self._cycle_s
@@ -136,11 +135,35 @@ class ImaginedStage:
         write_tensors(self.folder / _STATE, self._state)
         self._state, self._cycles_saved = None, self._rollouts.cycle
 
+    def tidy(self) -> None:
+        """See the protocol."""
+        (self.folder / _STATE).unlink(missing_ok=True)
+
     def close(self) -> None:
         """See the protocol."""
         if self._simulation is not None:
             self._simulation.close()
         self._simulation = self._rollouts = self._state = None
+
+
+def _restore(rollouts: ImaginedRollouts, file: Path) -> None:
+    state = read_tensors(file, "the state of imagined rollouts")
+    try:
+        _require_finite(state, None)
+        rollouts.load_state(state)
+    except (*DAMAGE, NotFinite) as error:
+        raise UnusableFile(file, in_words(error), "the state of these rollouts") from error
+
+
+def _require_finite(state: Mapping[str, Any], last_good: Path | None) -> None:
+    learned = {
+        "policy": state["policy"],
+        "body model": state["body"],
+        "critic": state["critic"],
+        "optimizer": state["optimizer"],
+    }
+    cycle = json.loads(state["header"])["cycle"]
+    require_finite(learned, f"after cycle {cycle}", last_good)
 
 
 def describe(report: CycleReport, cycles: float) -> str:

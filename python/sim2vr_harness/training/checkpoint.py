@@ -61,8 +61,8 @@ def in_words(error: Exception) -> str:
     """Return an error's first sentence, on one line, for people who do not know torch."""
     if isinstance(error, pickle.UnpicklingError):
         return "no file of tensors, or damaged"
-    text = " ".join(str(error).split())
-    text = text.strip("'") if isinstance(error, KeyError) else text
+    said = error.args[0] if isinstance(error, KeyError) and error.args else error
+    text = " ".join(str(said).split())
     return (text if len(text) <= 200 else f"{text[:197]}...") or type(error).__name__
 
 

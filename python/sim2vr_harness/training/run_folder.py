@@ -63,6 +63,9 @@ def write_atomically(path: Path, content: bytes) -> None:
     """Write a file so that it is either complete or not there, whatever happens meanwhile.
 
     Folders that are missing are made: what took minutes is not lost for want of one.
+
+    Raises:
+        OSError: names the file, also where the system does not (a full disk).
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = temporary_of(path)
@@ -72,8 +75,14 @@ def write_atomically(path: Path, content: bytes) -> None:
             stream.flush()
             os.fsync(stream.fileno())
         temporary.replace(path)
+    except OSError as error:
+        raise _with_name(error, path) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def _with_name(error: OSError, path: Path) -> OSError:
+    return type(error)(error.errno, error.strerror or str(error), str(path))
 
 
 def read_rows(file: Path) -> list[dict[str, Any]]:
@@ -90,8 +99,12 @@ def read_rows(file: Path) -> list[dict[str, Any]]:
 
 def append_row(file: Path, row: Mapping[str, Any]) -> None:
     """Add a row to a log, which is opened for each, so that a crash loses none."""
-    with file.open("a", encoding="utf-8") as stream:
-        stream.write(json.dumps(row) + "\n")
+    file.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with file.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps(row) + "\n")
+    except OSError as error:
+        raise _with_name(error, file) from error
 
 
 def keep_rows(file: Path, wanted: Callable[[dict[str, Any]], bool]) -> None:

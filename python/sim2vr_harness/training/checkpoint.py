@@ -11,23 +11,22 @@ from __future__ import annotations
 import copy
 import io
 import json
-import pickle
 import random
 import zipfile
-import zlib
 from collections import deque
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from sim2vr_harness import __version__
-from sim2vr_harness.training.errors import InputError, UnusableFile
+from sim2vr_harness import __version__, files
+from sim2vr_harness.errors import InputError, UnusableFile, reason
 from sim2vr_harness.training.finite import first_not_finite, require_finite
 from sim2vr_harness.training.ppo import PPO
 from sim2vr_harness.training.run_folder import checkpoints_in, step_of, write_atomically
@@ -48,22 +47,19 @@ __all__ = [
 FORMAT = 1
 _EXPECTED = "a checkpoint written by sim2vr-harness train"
 _RESUME = "resume.npz"
+_MEMBERS = ("policy.pth", "policy.optimizer.pth", _RESUME)
 
 
 DAMAGE = (
-    *(ArithmeticError, AttributeError, EOFError, LookupError, OSError, RuntimeError, TypeError),
-    *(ValueError, AssertionError, zipfile.BadZipFile, zlib.error, pickle.UnpicklingError),
+    *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, RuntimeError),
+    *(TypeError, ValueError, UnpicklingError),
 )
-"""What reading a damaged file may raise: torch, NumPy and zipfile each have their own."""
+"""What taking in a state that can be decoded, and is of something else, may raise."""
 
 
 def in_words(error: Exception) -> str:
-    """Return an error's first sentence, on one line, for people who do not know torch."""
-    if isinstance(error, pickle.UnpicklingError):
-        return "no file of tensors, or damaged"
-    said = error.args[0] if isinstance(error, KeyError) and error.args else error
-    text = " ".join(str(said).split())
-    return (text if len(text) <= 200 else f"{text[:197]}...") or type(error).__name__
+    """Return why a file cannot be used, on one line."""
+    return error.got if isinstance(error, InputError) else reason(error)
 
 
 def write_tensors(path: Path, content: Mapping[str, Any]) -> None:
@@ -84,19 +80,9 @@ def read_tensors(path: Path, expected: str) -> dict[str, Any]:
         UnusableFile: it is something else, or damaged.
     """
     try:
-        return tensors_of(path.read_bytes(), torch.device("cpu"))
-    except FileNotFoundError:
-        raise
-    except DAMAGE as error:
-        raise UnusableFile(path, in_words(error), expected) from error
-
-
-def tensors_of(content: bytes, device: torch.device) -> dict[str, Any]:
-    """Read tensors and plain values; whatever else is in a pickle is refused."""
-    tensors = torch.load(io.BytesIO(content), map_location=device, weights_only=True)
-    if not isinstance(tensors, dict):
-        raise ValueError(f"a {type(tensors).__name__} instead of named tensors")
-    return tensors
+        return files.read_tensors(path, expected)
+    except InputError as error:
+        raise UnusableFile(path, error.got, expected) from error
 
 
 @dataclass(frozen=True)
@@ -273,6 +259,8 @@ def _good(path: Path, policy: torch.nn.Module | None, device: torch.device) -> _
 
 def _checked(path: Path, policy: torch.nn.Module | None, device: torch.device) -> _Parts:
     """Read a checkpoint of this network; see :func:`restore`."""
+    if not path.exists():
+        raise InputError("RUN", f"{str(path)!r}, which does not exist", _EXPECTED)
     try:
         parts = _read(path, device)
         weights, optimizer, header, _ = parts
@@ -284,25 +272,26 @@ def _checked(path: Path, policy: torch.nn.Module | None, device: torch.device) -
         found = first_not_finite({"policy": weights, "optimizer": optimizer})
         if found is not None:
             raise ValueError(f"{found} is not finite")
-    except FileNotFoundError as error:
-        raise InputError("RUN", f"{str(path)!r}, which does not exist", _EXPECTED) from error
     except DAMAGE as error:
         raise UnusableFile(path, in_words(error), _EXPECTED) from error
     difference = None if policy is None else _different_network(weights, policy)
     if difference is not None:
-        reason = f"whose network differs: {difference}"
-        raise UnusableFile(path, reason, "the network of config.yaml")
+        why = f"whose network differs: {difference}"
+        raise UnusableFile(path, why, "the network of config.yaml")
     return parts
 
 
 def _read(path: Path, device: torch.device) -> _Parts:
-    with zipfile.ZipFile(path) as archive:
-        weights = tensors_of(archive.read("policy.pth"), device)
-        optimizer = tensors_of(archive.read("policy.optimizer.pth"), device)
-        with np.load(io.BytesIO(archive.read(_RESUME)), allow_pickle=False) as loaded:
-            arrays = {key: loaded[key] for key in loaded.files}
-    header = json.loads(arrays.pop("header").tobytes())
-    return weights, optimizer, header, arrays
+    weights, optimizer, resume = _MEMBERS
+    members = files.read_members(path, _MEMBERS, _EXPECTED)
+    arrays = files.parse_arrays(members[resume], resume, _EXPECTED)
+    header = files.parse_json(arrays.pop("header").tobytes(), resume, _EXPECTED)
+    return (
+        files.parse_tensors(members[weights], weights, _EXPECTED, device),
+        files.parse_tensors(members[optimizer], optimizer, _EXPECTED, device),
+        header,
+        arrays,
+    )
 
 
 def _different_network(weights: Mapping[str, torch.Tensor], policy: torch.nn.Module) -> str | None:

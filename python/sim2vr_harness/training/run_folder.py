@@ -31,6 +31,7 @@ from typing import Any
 import yaml
 
 from sim2vr_harness import __version__, paths
+from sim2vr_harness.files import file_name, naming, read_json
 from sim2vr_harness.training.config import (
     TrainingConfig,
     apply_overrides,
@@ -69,20 +70,15 @@ def write_atomically(path: Path, content: bytes) -> None:
     """
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = temporary_of(path)
-    try:
-        with temporary.open("wb") as stream:
-            stream.write(content)
-            stream.flush()
-            os.fsync(stream.fileno())
-        temporary.replace(path)
-    except OSError as error:
-        raise _with_name(error, path) from error
-    finally:
-        temporary.unlink(missing_ok=True)
-
-
-def _with_name(error: OSError, path: Path) -> OSError:
-    return type(error)(error.errno, error.strerror or str(error), str(path))
+    with naming(path):
+        try:
+            with temporary.open("wb") as stream:
+                stream.write(content)
+                stream.flush()
+                os.fsync(stream.fileno())
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
 
 
 def read_rows(file: Path) -> list[dict[str, Any]]:
@@ -100,11 +96,8 @@ def read_rows(file: Path) -> list[dict[str, Any]]:
 def append_row(file: Path, row: Mapping[str, Any]) -> None:
     """Add a row to a log, which is opened for each, so that a crash loses none."""
     file.parent.mkdir(parents=True, exist_ok=True)
-    try:
-        with file.open("a", encoding="utf-8") as stream:
-            stream.write(json.dumps(row) + "\n")
-    except OSError as error:
-        raise _with_name(error, file) from error
+    with naming(file), file.open("a", encoding="utf-8") as stream:
+        stream.write(json.dumps(row) + "\n")
 
 
 def keep_rows(file: Path, wanted: Callable[[dict[str, Any]], bool]) -> None:
@@ -270,14 +263,10 @@ class RunFolder:
         """Return the content of run.json."""
         if not self.run_file.is_file():
             return {"sessions": []}
-        try:
-            content = json.loads(self.run_file.read_text(encoding="utf-8"))
-            if not isinstance(content, dict) or not isinstance(content.get("sessions"), list):
-                raise ValueError("no list of sessions in it")
-        except ValueError as error:
-            reason = " ".join(str(error).split())
-            expected = "what a training has written; without the file a new one is begun"
-            raise InputError(str(self.run_file), f"something else ({reason})", expected) from error
+        expected = "what a training has written; without the file a new one is begun"
+        content = read_json(self.run_file, expected)
+        if not isinstance(content.get("sessions"), list):
+            raise InputError(file_name(self.run_file), "no list of sessions", expected)
         return content
 
     def begin_session(self, start_step: int, **details: Any) -> None:

@@ -19,6 +19,7 @@ from sim2vr_harness.client import AppProcess
 from sim2vr_harness.client.launch import PortReservation
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.training import trainer
+from sim2vr_harness.training.checkpoint import require_readable
 from sim2vr_harness.training.config import TrainingConfig, load_config
 
 FAKE_APP = Path(__file__).parents[1] / "client/fake_app.py"
@@ -82,6 +83,25 @@ def test_training_goes_on_and_says_so(tmp_path: Path, unity_settings: list[str])
     again, said = train(config(*unity_settings, arguments), tmp_path / "run", 180, resume=True)
     assert again.step == 180
     assert "app failures" not in said
+
+
+@pytest.mark.parametrize("fault", ["nan", "infinite"])
+def test_an_app_that_sends_what_is_not_finite_spoils_nothing(
+    tmp_path: Path, unity_settings: list[str], fault: str
+) -> None:
+    # Every app does so in its second round: the handshake, a reset and 9 steps are before it.
+    arguments = with_arguments("-round", "0.4", "-fault", f"{fault}@12")
+    result, _ = train(config(*unity_settings, arguments), tmp_path / "run", 120)
+    assert (result.step, result.interrupted) == (120, False)
+    failures = result.folder.metadata()["sessions"][-1]["app_failures"]
+    assert len(failures) >= 4, "60 steps of two users are more than 3 rounds each"
+    assert all("not finite" in failure["error"] for failure in failures)
+    for file in result.folder.checkpoints():
+        require_readable(file)  # which weights that are not finite are not
+    rows = result.folder.metrics()
+    assert all(row["train/loss"] is not None for row in rows)
+    # Rounds that were cut short are in no mean: the others have 9 steps.
+    assert {row["rollout/ep_len_mean"] for row in rows} == {9.0}
 
 
 def test_an_app_that_always_fails_ends_the_training_with_a_checkpoint(
@@ -162,6 +182,7 @@ import signal, sys
 from pathlib import Path
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
 from sim2vr_harness.training import trainer
+from sim2vr_harness.training.checkpoint import require_readable
 from sim2vr_harness.training.config import load_config
 trainer.train(load_config("whacamole_constrained", sys.argv[2:]), Path(sys.argv[1]))
 """

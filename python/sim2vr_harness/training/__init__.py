@@ -13,8 +13,8 @@ For users of the library::
 - :mod:`.ppo_stage`, :mod:`.teacher_stage`, :mod:`.student_stage`, :mod:`.imagined`: the stages
 - :mod:`.policy`, :mod:`.teacher_policy`: the reference's network, and that of teachers
 - :mod:`.vec_env`, :mod:`.buffer`, :mod:`.ppo`: the pieces PPO runs on
-- :mod:`.checkpoint`, :mod:`.run_folder`: what is kept of a run, and exact resumption; :mod:`.finite`,
-  :mod:`.locking`: what may be kept, and who may write it
+- :mod:`.checkpoint`, :mod:`.run_folder`: what is kept of a run, and exact resumption;
+  :mod:`.finite`, :mod:`.locking`, :mod:`.interrupts`: what is kept, who writes, what may stop it
 - :mod:`.trust`: programs that files name are started only if the user has said so
 - :mod:`.trained_users`: whom others can let play
 - :mod:`.measuring`: what the benchmark needs of Stable-Baselines3

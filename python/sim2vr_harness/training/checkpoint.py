@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from sim2vr_harness import __version__, files
 from sim2vr_harness.errors import InputError, UnusableFile, reason
 from sim2vr_harness.training.finite import first_not_finite, require_finite
+from sim2vr_harness.training.interrupts import interrupts_deferred
 from sim2vr_harness.training.ppo import PPO
 from sim2vr_harness.training.run_folder import checkpoints_in, step_of, write_atomically
 from sim2vr_harness.training.vec_env import SimulationVecEnv
@@ -65,7 +66,8 @@ def in_words(error: Exception) -> str:
 def write_tensors(path: Path, content: Mapping[str, Any]) -> None:
     """Write tensors so that the file is either complete or not there."""
     stream = io.BytesIO()
-    torch.save(dict(content), stream)
+    with interrupts_deferred():
+        torch.save(dict(content), stream)
     write_atomically(path, stream.getvalue())
 
 
@@ -106,7 +108,7 @@ class Snapshot:
     def write(self, path: Path, model: PPO) -> None:
         """Write the checkpoint; ``model`` gives the parts that never change."""
         archive = io.BytesIO()
-        with _holding(model, self):
+        with interrupts_deferred(), _holding(model, self):
             model.save(archive)
         header = np.frombuffer(json.dumps(self.header).encode(), dtype=np.uint8)
         arrays = io.BytesIO()

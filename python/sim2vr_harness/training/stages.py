@@ -7,17 +7,14 @@ ends, and a resumed run goes on from there to the same bits.
 
 from __future__ import annotations
 
-import signal
-import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from types import FrameType
 from typing import Any, Protocol
 
 from rich.console import Console
 
+from sim2vr_harness.training.interrupts import interrupts_ignored, sigterm_interrupts
 from sim2vr_harness.training.progress import StageDisplay, View
 from sim2vr_harness.training.run_folder import RunFolder
 
@@ -209,7 +206,7 @@ def run_stages(
     for stage in stages:
         if stage.finished:
             stage.tidy()
-    with _sigterm_interrupts():
+    with sigterm_interrupts():
         for number, stage in remaining(stages):
             outcome.stage = stage.name
             if len(stages) > 1:
@@ -229,7 +226,7 @@ def run_stages(
             except StageStopped:
                 outcome.status = "stopped"
             finally:
-                with _uninterrupted():
+                with interrupts_ignored():
                     stage.save()
                     stage.close()
                     outcome.saved = stage.saved
@@ -250,35 +247,3 @@ def _add_seconds(folder: RunFolder, stage: str, seconds: float) -> None:
     known = dict(folder.metadata().get("stage_seconds", {}))
     known[stage] = round(known.get(stage, 0.0) + seconds, 1)
     folder.note(stage_seconds=known)
-
-
-@contextmanager
-def _sigterm_interrupts() -> Iterator[None]:
-    """Let SIGTERM stop a training as Ctrl-C does, so that batch systems lose nothing."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-
-    def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
-
-    before = signal.signal(signal.SIGTERM, interrupt)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
-
-
-@contextmanager
-def _uninterrupted() -> Iterator[None]:
-    """Keep an impatient second Ctrl-C or SIGTERM from cutting off the saving."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    numbers = (signal.SIGINT, signal.SIGTERM)
-    before = [signal.signal(number, signal.SIG_IGN) for number in numbers]
-    try:
-        yield
-    finally:
-        for number, handler in zip(numbers, before, strict=True):
-            signal.signal(number, handler)

@@ -6,6 +6,7 @@ import io
 import json
 import os
 import re
+import signal
 import subprocess
 import sys
 import zipfile
@@ -21,6 +22,7 @@ from test_trainer import ITERATION, assert_same_learner, rows_without_times, run
 from sim2vr_harness.training import checkpoint, trainer
 from sim2vr_harness.training.errors import InputError, UnusableFile
 from sim2vr_harness.training.finite import NotFinite, first_not_finite
+from sim2vr_harness.training.interrupts import interrupts_deferred, interrupts_ignored
 from sim2vr_harness.training.locking import sole_training, sweep
 from sim2vr_harness.training.run_folder import RunFolder
 from sim2vr_harness.training.trained_users import find_user
@@ -388,3 +390,42 @@ def test_console_and_trainer_go_together(tmp_path: Path) -> None:
     said = out.getvalue()
     assert f"{newest} cannot be used (no zip archive" in said
     assert "; it is kept as step_000000120.zip.aside." in said
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_signals_wait_while_torch_writes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    # Torch calls back into Python: an exception there was another one, or the process's end.
+    whole, folder = run(tmp_path / "whole", 3 * ITERATION), tmp_path / "run"
+    save, saved = torch.save, []
+
+    class Impatient(io.BytesIO):
+        def write(self, part: Any) -> int:
+            if len(saved) == 2:
+                os.kill(os.getpid(), number)  # at every single call
+            return super().write(part)
+
+    def saving(content: Any, file: Any, *more: Any, **how: Any) -> None:
+        saved.append(file)
+        stream = Impatient()
+        save(content, stream, *more, **how)
+        file.write(stream.getvalue())
+
+    with monkeypatch.context() as patch:
+        patch.setattr(torch, "save", saving)
+        result = run(folder, 3 * ITERATION)
+    assert (result.interrupted, result.step) == (True, 2 * ITERATION)
+    assert RunFolder(folder).metadata()["sessions"][-1]["status"] == "interrupted"
+    checkpoint.require_readable(result.checkpoint)
+    last = run(folder, 3 * ITERATION, resume=True)
+    assert_same_learner(whole.checkpoint, last.checkpoint)
+
+
+def test_deferred_signals_come_afterwards_and_ignored_ones_never() -> None:
+    with pytest.raises(KeyboardInterrupt), interrupts_deferred():
+        os.kill(os.getpid(), signal.SIGINT)
+        done = True
+    assert done
+    with interrupts_ignored(), interrupts_deferred():
+        os.kill(os.getpid(), signal.SIGINT)

@@ -6,14 +6,14 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
-__all__ = ["InputError", "UnusableFile", "closest", "reason", "shown", "unknown_name"]
+__all__ = ["InputError", "UnusableFile", "closest", "printable", "reason", "shown", "unknown_name"]
 
 _LONGEST = 100
 """Characters of a value or a reason that a sentence quotes."""
 
 
 class InputError(ValueError):
-    """An input of the user cannot be used.
+    """An input of the user cannot be used; says so in one line, whatever is in the input.
 
     Attributes:
         field: What the user wrote it in: a dotted configuration key, an option, a path.
@@ -23,7 +23,8 @@ class InputError(ValueError):
 
     def __init__(self, field: str, got: str, expected: str) -> None:
         self.field, self.got, self.expected = field, got, expected
-        super().__init__(f"{field}: got {got}, expected {expected}")
+        text = f"{_short(field, 4 * _LONGEST)}: got {got}, expected {expected}"
+        super().__init__(printable(text))
 
 
 class UnusableFile(InputError):
@@ -50,9 +51,14 @@ def reason(error: BaseException) -> str:
     """Return what an error of somebody else's says, in one short line; its kind if it is silent."""
     system = isinstance(error, OSError) and error.strerror
     text = " ".join((str(system) if system else str(error)).split())
-    text = "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
+    text = printable(text)
     text = text[:1].lower() + text[1:] if system else text
     return _short(text, _LONGEST) or type(error).__name__
+
+
+def printable(text: str) -> str:
+    """Escape line breaks and control characters, which a terminal would act upon."""
+    return "".join(each if each.isprintable() else ascii(each)[1:-1] for each in text)
 
 
 def _short(text: str, longest: int) -> str:

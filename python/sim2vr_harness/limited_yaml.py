@@ -12,7 +12,7 @@ import yaml
 
 from sim2vr_harness.errors import InputError, reason, shown
 
-__all__ = ["parse_yaml"]
+__all__ = ["MOST_DEPTH", "parse_yaml"]
 
 MOST_DEPTH = 32
 """Mappings and lists within each other."""

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import typer
 
-from sim2vr_harness.training.errors import closest, unknown_name
+from sim2vr_harness.errors import closest, printable, reason, unknown_name
+from sim2vr_harness.files import file_name
 
 __all__ = ["BAD_INPUT", "FAILED", "INTERRUPTED", "report"]
 
@@ -44,7 +46,8 @@ def report(
     except Exception as error:
         if debug:
             raise
-        return _say(_words(error), BAD_INPUT if isinstance(error, ValueError) else FAILED)
+        bad = isinstance(error, ValueError) or _is_bad_path(error)
+        return _say(_words(error), BAD_INPUT if bad else FAILED)
 
 
 def _usage(error: Exception, given: Sequence[str]) -> str:
@@ -120,10 +123,16 @@ def _missing(parameter: Any) -> str:
     return sentence[:1].lower() + sentence[1:] if sentence else "a value"
 
 
+def _is_bad_path(error: Exception) -> bool:
+    """Whether the system says that no file can have such a path."""
+    wrong = (errno.ENAMETOOLONG, errno.ELOOP, errno.ENOTDIR, errno.EISDIR, errno.EINVAL)
+    return isinstance(error, OSError) and error.errno in wrong
+
+
 def _words(error: Exception) -> str:
     if isinstance(error, OSError) and error.filename is not None and error.strerror:
         file = error.filename.decode() if isinstance(error.filename, bytes) else error.filename
-        return f"{file}: got {error.strerror.lower()!r}, expected to read or write it"
+        return f"{file_name(file)}: got {reason(error)!r}, expected to read or write it"
     text = " ".join(str(error).split())
     if not text:
         return type(error).__name__
@@ -133,5 +142,5 @@ def _words(error: Exception) -> str:
 
 
 def _say(message: str, status: int) -> int:
-    sys.stderr.write(f"error: {message}\n")
+    sys.stderr.write(f"error: {printable(message)}\n")
     return status

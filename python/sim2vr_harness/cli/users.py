@@ -15,6 +15,7 @@ from rich.table import Table
 from sim2vr_harness.cli.options import TrustOption, finite, writable_file, writable_folder
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.tables import cell
+from sim2vr_harness.files import read_json
 
 app = typer.Typer(
     help="Trained users and bodies: list them, look at one, pack one of a run, export a body.",
@@ -147,7 +148,7 @@ def pack(
         conditions=condition,
         episodes=episodes,
         details={
-            **({} if details is None else jsonlib.loads(details.read_text(encoding="utf-8"))),
+            **({} if details is None else read_json(details, "entries of the card in JSON")),
             **({"description": description} if description else {}),
         },
         other_seeds=other_seed or (),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import re
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -17,7 +17,7 @@ from sim2vr_harness.client import list_transports, transport_named
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.devices import INPUT_NAMES
 from sim2vr_harness.perception.registry import SenseConfig, check_list
-from sim2vr_harness.settings import Settings
+from sim2vr_harness.settings import Settings, Weight
 from sim2vr_harness.users import (
     Body,
     EffortName,
@@ -26,6 +26,7 @@ from sim2vr_harness.users import (
     effort_options,
     load_body,
 )
+from sim2vr_harness.users.bodies.options import PhysicsStep
 
 __all__ = [
     "DEFAULT_SENSES",
@@ -43,24 +44,27 @@ __all__ = [
 _ADDRESS = re.compile(r"[^\s:/]+:([0-9]{1,5})")
 
 
+Rate = Annotated[float, Field(ge=0.0, le=1e4)]
+
+
 class EffortConfig(Settings):
     """Cost of muscular effort, subtracted from the game's reward in every user step."""
 
     model: EffortName = "cumulative_fatigue_3ccr"
-    weight: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    weight: Weight | None = None
     """Reward per unit of the model's cost; None takes the model's own: 0.1 for
     cumulative_fatigue_3ccr, the reference's value for Whac-A-Mole."""
-    r: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    r: Rate | None = None
     """cumulative_fatigue_3ccr: how many times faster units recover while the load is met; 7.5."""
-    fatigue: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    fatigue: Rate | None = None
     """The same model: rate at which active units tire, 1/s; 0.0146."""
-    recovery: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    recovery: Rate | None = None
     """The same model: rate at which tired units recover, 1/s; 0.0022."""
-    development: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    development: Rate | None = None
     """The same model: gain with which force is built up, 1/s; 10."""
-    relaxation: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    relaxation: Rate | None = None
     """The same model: gain with which force is released, 1/s; 10."""
-    finger_effort: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
+    finger_effort: Weight = 0.0
     """Reward that each input held by a finger costs per user step, times how far it is held from
     rest (a pressed button: 1). 0: fingers are free."""
 
@@ -113,8 +117,9 @@ class UserConfig(Settings):
     """How episodes begin, where that differs from the body's own way."""
     effort: EffortConfig = EffortConfig()
     noise: NoiseConfig = NoiseConfig()
-    timestep_s: float | None = Field(default=None, gt=0.0)
-    """Physics step; None takes the model's 2 ms. Coarser physics is for trainings only."""
+    timestep_s: PhysicsStep | None = None
+    """Physics step, 0.0001 to 0.02 s; None takes the model's 2 ms. Coarser physics is for trainings
+    only."""
     devices: tuple[str, ...] | None = None
     """What the user wears of what the body can: headset, controller_right, controller_left; None:
     all of it. The body says where (docs/bodies.md)."""
@@ -162,14 +167,14 @@ class FoveationConfig(Settings):
 
     gaze: Literal["ahead", "moves"] = "ahead"
     """``moves``: two more actions, the last ones, direct it: right and up."""
-    gaze_range_deg: float = Field(default=45.0, gt=0.0, le=90.0)
+    gaze_range_deg: float = Field(default=45.0, ge=0.1, le=90.0)
     """How far the eyes turn from straight ahead, to every side, where an action is 1; people's
     turn by 40 to 55 degrees (Guitton and Volle 1987)."""
-    e2_deg: float = Field(default=2.3, gt=0.0)
+    e2_deg: float = Field(default=2.3, ge=0.01, le=180.0)
     """Eccentricity at which the smallest detail is twice the fovea's."""
-    detail_deg: float | None = Field(default=None, gt=0.0)
+    detail_deg: float | None = Field(default=None, ge=1e-4, le=90.0)
     """Smallest detail at the fovea; None: a pixel in the picture's middle. A person's is 1/60."""
-    vertical_fov_deg: float = Field(default=90.0, gt=0.0, lt=180.0)
+    vertical_fov_deg: float = Field(default=90.0, ge=1.0, le=179.0)
     """Full vertical angle of the app's headset picture."""
 
 
@@ -222,13 +227,13 @@ class AppConfig(Settings):
     connect: str | None = None
     """``HOST:PORT`` of an app that runs already, or a ZeroMQ endpoint such as ``ipc:///tmp/app``,
     instead of starting one."""
-    timeout_s: float = Field(default=60.0, gt=0.0)
+    timeout_s: float = Field(default=60.0, ge=0.001, le=86_400.0)
     """An app outside that does not answer for so long has failed and is started again."""
-    start_timeout_s: float = Field(default=60.0, gt=0.0)
+    start_timeout_s: float = Field(default=60.0, ge=0.001, le=86_400.0)
     """How long an app outside may take to start."""
     time_scale: int = Field(default=5, ge=1, le=100)
     """How many times faster than real time a Unity app may run at most."""
-    processes: int = Field(default=0, ge=0)
+    processes: int = Field(default=0, ge=0, le=1024)
     """Protocol 2: server processes that share the users; 0 takes one per core at most."""
 
     @model_validator(mode="after")
@@ -276,13 +281,13 @@ class EnvConfig(Settings):
     """What the user perceives: one entry of the observation each."""
     action_frequency_hz: int = Field(default=20, ge=1, le=500)
     """User steps per second; one image each."""
-    frames_per_step: int = Field(default=1, ge=1)
+    frames_per_step: int = Field(default=1, ge=1, le=10_000)
     """App frames per user step, each with the device poses of its own moment; the last one is
     drawn. Divides the physics steps of a user step (25 at 20 Hz: 1, 5 or 25). 1 is the reference:
     tracking at the action frequency; 5 at 20 Hz is tracking at 100 Hz."""
-    max_episode_seconds: float = Field(default=1000.0, gt=0.0)
+    max_episode_seconds: float = Field(default=1000.0, gt=0.0, le=1e6)
     """An episode that the game has not ended by then is truncated."""
-    cores: int = Field(default=0, ge=0)
+    cores: int = Field(default=0, ge=0, le=4096)
     """Cores that physics, apps and torch may use; 0 takes every core that this process may run on.
     Results are the same bits for any number."""
 

@@ -11,8 +11,9 @@ from typing import Any
 
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.errors import InputError, shown
+from sim2vr_harness.files import file_name, naming, read_json
 from sim2vr_harness.training.episodes import metric_key
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder, read_rows, write_atomically
 from sim2vr_harness.training.trained_users import TrainedUser, find_user, is_packed
 
@@ -122,7 +123,12 @@ def _of_packed(user: TrainedUser, run: str | Path) -> _Run:
             f"{str(run)!r}, which was packed without its learning curves",
             "a run's folder, or a user packed since they are kept (curves.json)",
         )
-    rows = json.loads(file.read_text(encoding="utf-8"))
+    expected = "learning curves: a JSON object with lists of rows"
+    rows = read_json(file, expected)
+    for key in ("imagined", "student", "rows"):
+        found = rows.get(key)
+        if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
+            raise InputError(file_name(file), f"{key}: {shown(found, 40)}", expected)
     facts = game_facts(user.config.env.app, ask=False)
     return _Run(str(user.card["name"]), facts, rows["imagined"], rows["student"], rows["rows"])
 
@@ -163,7 +169,8 @@ def _draw(runs: Sequence[_Run], out: Path) -> None:
         _dress(axes, f"{title} (from pixels)" if stages else title)
     grid[0].legend(fontsize=8)
     out.parent.mkdir(parents=True, exist_ok=True)
-    figure.savefig(out, dpi=120)
+    with naming(out):
+        figure.savefig(out, dpi=120)
 
 
 def _draw_stages(grid: Sequence[Any], runs: Sequence[_Run], facts: GameFacts) -> None:

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.errors import InputError, shown
+from sim2vr_harness.files import file_name, read_json
 from sim2vr_harness.training.run_folder import write_atomically
 
 __all__ = ["Results"]
@@ -38,12 +39,14 @@ class Results:
     def __init__(self, folder: Path) -> None:
         self.file = folder / "results.json"
         self._there: dict[str, dict[str, Any]] = {}
-        if self.file.is_file():
-            try:
-                self._there = json.loads(self.file.read_text(encoding="utf-8"))
-            except (OSError, ValueError) as error:
-                got = f"{str(self.file)!r}, which cannot be read ({error})"
-                raise InputError("--out", got, "a folder of results, or another one") from error
+        if self.file.exists() or self.file.is_symlink():
+            expected = "results of an evaluation, or another --out"
+            there = read_json(self.file, expected)
+            for condition, summary in there.items():
+                if not isinstance(summary, dict):
+                    got = f"{shown(condition)} of {shown(summary, 40)}"
+                    raise InputError(file_name(self.file), got, expected)
+            self._there = there
 
     def require_room(self, conditions: Sequence[str], settings: Mapping[str, Any]) -> None:
         """Check that results with these settings can be added without losing others.

@@ -18,7 +18,7 @@ from sim2vr_harness.perception.sense import IntArray, Moment, Sense, Sensed, flo
 from sim2vr_harness.perception.sound import Hearing
 from sim2vr_harness.perception.vision import vision
 from sim2vr_harness.perception.wrappers import Delayed, History, Noisy
-from sim2vr_harness.settings import Settings
+from sim2vr_harness.settings import Settings, Weight
 
 __all__ = ["SENSES", "WRAPPERS", "SenseConfig", "SenseKind", "Surroundings", "make_sense"]
 
@@ -72,10 +72,10 @@ class SenseConfig(Settings):
     delay_ms: float = Field(default=0.0, ge=0.0, le=60_000.0)
     """How late it is perceived: a multiple of the physics step. Pictures, which exist for app
     frames only, are the youngest that are not younger; see ``frames_per_step``."""
-    noise: float = Field(default=0.0, ge=0.0)
+    noise: Weight = 0.0
     """Standard deviation of noise on it, in its own unit; of a picture, in parts of the full
     scale."""
-    history_s: float | None = Field(default=None, gt=0.0)
+    history_s: float | None = Field(default=None, gt=0.0, le=60.0)
     """Stacks behind the newest what was so many seconds before: a multiple of the user step."""
 
 

@@ -28,14 +28,13 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from sim2vr_harness import __version__, paths
 from sim2vr_harness.files import file_name, naming, read_json
 from sim2vr_harness.training.config import (
     TrainingConfig,
     apply_overrides,
     parse_config,
+    read_mapping,
     to_yaml,
 )
 from sim2vr_harness.training.errors import InputError
@@ -244,7 +243,7 @@ class RunFolder:
     def load_config(self, overrides: Sequence[str] = ()) -> TrainingConfig:
         """Read the run's configuration; overrides as in :func:`.config.load_config`."""
         try:
-            tree = yaml.safe_load(self.config_file.read_text(encoding="utf-8"))
+            tree = read_mapping(self.config_file)
             return parse_config(apply_overrides(renamed(tree), overrides))
         except InputError as error:
             if overrides:  # the file itself could be read before

@@ -5,8 +5,22 @@ from __future__ import annotations
 from pydantic import Field
 
 from sim2vr_harness.client.base import OptionValue
-from sim2vr_harness.settings import Settings
-from sim2vr_harness.training.ppo_config import MOST_USERS, LearningRateConfig, PPOConfig
+from sim2vr_harness.settings import (
+    MOST_STEPS,
+    Chance,
+    Factor,
+    LearningRate,
+    Norm,
+    Settings,
+    Weight,
+    Width,
+)
+from sim2vr_harness.training.ppo_config import (
+    MOST_BATCH,
+    MOST_USERS,
+    LearningRateConfig,
+    PPOConfig,
+)
 
 __all__ = [
     "CurriculumConfig",
@@ -25,47 +39,47 @@ class ImaginedConfig(Settings):
     game's differentiable twin.
     """
 
-    cycles: int = Field(default=22, ge=0)
+    cycles: int = Field(default=22, ge=0, le=100_000)
     """0: none, the teacher begins with nothing."""
-    first_play_steps: int = Field(default=600, ge=1)
+    first_play_steps: int = Field(default=600, ge=1, le=1_000_000)
     """User steps of every user in the first cycle, in which they move about at random."""
-    wild_seconds: float = Field(default=1.0, gt=0.0)
+    wild_seconds: float = Field(default=1.0, gt=0.0, le=1e6)
     """Their episodes last so long, and begin near a good start of an action."""
-    play_steps: int = Field(default=100, ge=1)
+    play_steps: int = Field(default=100, ge=1, le=1_000_000)
     """User steps of every user in a later cycle."""
-    kept_cycles: int = Field(default=12, ge=1)
+    kept_cycles: int = Field(default=12, ge=1, le=100_000)
     """Cycles whose user steps are kept, beside the first."""
-    first_fit_minibatches: int = Field(default=1500, ge=20)
-    fit_minibatches: int = Field(default=215, ge=20)
+    first_fit_minibatches: int = Field(default=1500, ge=20, le=10_000_000)
+    fit_minibatches: int = Field(default=215, ge=20, le=10_000_000)
     """Minibatches of 1024 user steps that the body model is fitted to."""
-    body_width: int = Field(default=256, ge=1)
-    critic_width: int = Field(default=256, ge=1)
-    users: int = Field(default=512, ge=1)
+    body_width: Width = 256
+    critic_width: Width = 256
+    users: int = Field(default=512, ge=1, le=100_000)
     """Imagined ones."""
-    updates: int = Field(default=90, ge=1)
+    updates: int = Field(default=90, ge=1, le=1_000_000)
     """Of the policy in a cycle."""
-    window_steps: int = Field(default=16, ge=1)
+    window_steps: int = Field(default=16, ge=1, le=10_000)
     """User steps through which gradients go."""
-    gamma: float = Field(default=0.96, ge=0.0, le=1.0)
-    lam: float = Field(default=0.9, ge=0.0, le=1.0)
+    gamma: Chance = 0.96
+    lam: Chance = 0.9
     """Of the critic's returns."""
-    learning_rate: float = Field(default=1e-3, gt=0.0)
+    learning_rate: LearningRate = 1e-3
     """Constant for the first half of the updates, then linear to almost nothing."""
-    critic_learning_rate: float = Field(default=1e-3, gt=0.0)
-    critic_first_updates: int = Field(default=30, ge=0)
+    critic_learning_rate: LearningRate = 1e-3
+    critic_first_updates: int = Field(default=30, ge=0, le=MOST_STEPS)
     """Updates at the start in which the critic alone learns."""
-    action_noise: float = Field(default=0.12, ge=0.0)
+    action_noise: Weight = 0.12
     """Standard deviation on the actions, true and imagined, so that what is learned bears the noise
     of a policy that explores."""
-    error_share: float = Field(default=0.3, ge=0.0)
+    error_share: Weight = 0.3
     """Noise on the imagined motion, in units of the body model's error."""
-    restart_share: float = Field(default=0.2, ge=0.0, le=1.0)
+    restart_share: Chance = 0.2
     """Users who go on from a state of the true game after a window."""
-    near_starts: float = Field(default=0.5, ge=0.0, le=1.0)
+    near_starts: Chance = 0.5
     """Share of those who begin near a living target."""
-    near_m: float = Field(default=0.12, gt=0.0)
+    near_m: float = Field(default=0.12, gt=0.0, le=10.0)
     """How near: the tool's distance from a good start of an action on it."""
-    effort: float = Field(default=0.1, ge=0.0)
+    effort: Weight = 0.1
     """Cost of the mean square of activations per user step."""
     game: dict[str, OptionValue] = Field(default_factory=dict)
     """Settings of the game's twin (``games/NAME/settings.py``)."""
@@ -74,28 +88,28 @@ class ImaginedConfig(Settings):
 class CurriculumConfig(Settings):
     """How the teacher's rounds in the true game differ from true ones; rewards and rules do not."""
 
-    near_starts: float = Field(default=0.3, ge=0.0, le=1.0)
+    near_starts: Chance = 0.3
     """Share of episodes that start near a good start of an action, instead of the true start."""
-    near_start_m: float = Field(default=0.08, gt=0.0)
+    near_start_m: float = Field(default=0.08, gt=0.0, le=10.0)
     """How near."""
-    starts_per_cell: int = Field(default=40, ge=1)
+    starts_per_cell: int = Field(default=40, ge=1, le=10_000)
     """Start postures that are looked for, for each cell and condition."""
-    failing_cells: float = Field(default=0.3, ge=0.0, le=1.0)
+    failing_cells: Chance = 0.3
     """Share of spawns that go by the cells' fail rates; the others are uniform."""
-    episode_seconds: float = Field(default=12.0, gt=0.0)
+    episode_seconds: float = Field(default=12.0, gt=0.0, le=1e6)
     """Episodes are cut after this time; the value of the state stands for the rest."""
 
 
 class TeacherPolicyConfig(Settings):
     """The teacher's network: actor and critic on normalised numbers."""
 
-    net_arch: tuple[int, ...] = (256, 256)
+    net_arch: tuple[Width, ...] = Field(default=(256, 256), max_length=20)
     """Hidden layers of actor and critic each, SiLU."""
-    action_scale: float = Field(default=0.5, gt=0.0)
+    action_scale: Factor = 0.5
     """Means are the actor's outputs times this."""
-    log_std_init: float = -2.1
-    log_std_min: float = -3.0
-    observation_clip: float = Field(default=8.0, gt=0.0)
+    log_std_init: float = Field(default=-2.1, ge=-20.0, le=5.0)
+    log_std_min: float = Field(default=-3.0, ge=-20.0, le=5.0)
+    observation_clip: Factor = 8.0
     """Of the normalised observation."""
 
 
@@ -103,14 +117,14 @@ class TeacherPPOConfig(PPOConfig):
     """The same PPO, with defaults for cheap updates on numbers."""
 
     n_envs: int = Field(default=128, ge=1, le=MOST_USERS)
-    n_steps: int = Field(default=32, ge=1)
-    batch_size: int = Field(default=1024, ge=2)
-    n_epochs: int = Field(default=6, ge=1)
-    gamma: float = Field(default=0.96, ge=0.0, le=1.0)
-    gae_lambda: float = Field(default=0.93, ge=0.0, le=1.0)
-    max_grad_norm: float = Field(default=1.0, gt=0.0)
-    target_kl: float | None = Field(default=0.05, gt=0.0)
-    critic_first_updates: int = Field(default=10, ge=0)
+    n_steps: int = Field(default=32, ge=1, le=MOST_BATCH)
+    batch_size: int = Field(default=1024, ge=2, le=MOST_BATCH)
+    n_epochs: int = Field(default=6, ge=1, le=10_000)
+    gamma: Chance = 0.96
+    gae_lambda: Chance = 0.93
+    max_grad_norm: Norm = 1.0
+    target_kl: Factor | None = 0.05
+    critic_first_updates: int = Field(default=10, ge=0, le=MOST_STEPS)
     learning_rate: LearningRateConfig = LearningRateConfig(
         initial=3.0e-4, final=3.0e-4, constant_fraction=0.0
     )
@@ -119,7 +133,7 @@ class TeacherPPOConfig(PPOConfig):
 class TeacherConfig(Settings):
     """The first two stages of a distilled training: a policy on privileged numbers, no pictures."""
 
-    total_timesteps: int = Field(default=3_000_000, ge=1)
+    total_timesteps: int = Field(default=3_000_000, ge=1, le=MOST_STEPS)
     """User steps of PPO, after the imagined rollouts."""
     conditions: tuple[str, ...] | None = None
     """The game's conditions, in turn; None takes those that its twin names."""
@@ -128,9 +142,9 @@ class TeacherConfig(Settings):
     None takes those that the game's twin names."""
     imagined: ImaginedConfig = ImaginedConfig()
     curriculum: CurriculumConfig = CurriculumConfig()
-    reward_scale: float = Field(default=0.2, gt=0.0)
+    reward_scale: Factor = 0.2
     policy: TeacherPolicyConfig = TeacherPolicyConfig()
     ppo: TeacherPPOConfig = TeacherPPOConfig()
-    evaluate_rounds: int = Field(default=4, ge=0)
+    evaluate_rounds: int = Field(default=4, ge=0, le=1_000_000)
     """Rounds per condition by which the teacher is judged in the end: true rules, stochastic
     policy."""

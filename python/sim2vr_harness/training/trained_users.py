@@ -14,12 +14,13 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import yaml
 from torch import nn
 
 from sim2vr_harness import __version__, paths
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.contract import contract, contract_hash, differences
+from sim2vr_harness.errors import InputError, UnusableFile, closest, shown
+from sim2vr_harness.files import file_name, read_json
 from sim2vr_harness.training.checkpoint import (
     DAMAGE,
     in_words,
@@ -27,8 +28,7 @@ from sim2vr_harness.training.checkpoint import (
     read_tensors,
     write_tensors,
 )
-from sim2vr_harness.training.config import TrainingConfig, parse_config, to_yaml
-from sim2vr_harness.training.errors import InputError, UnusableFile, closest
+from sim2vr_harness.training.config import TrainingConfig, parse_config, read_mapping, to_yaml
 from sim2vr_harness.training.finite import first_not_finite
 from sim2vr_harness.training.retired import renamed
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
@@ -45,6 +45,7 @@ __all__ = [
 
 PREFIX = "pretrained:"
 _CARD, _CONFIG, _WEIGHTS = "card.json", "config.yaml", "policy.pt"
+_CARD_EXPECTED = "the card of a packed user, a JSON object with name and steps"
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,7 @@ def list_cards() -> list[dict[str, Any]]:
     """The cards of the users that ship with the package, by name."""
     root = _shipped_dir()
     files = sorted(root.glob(f"*/{_CARD}")) if root.is_dir() else []
-    return [json.loads(file.read_text(encoding="utf-8")) for file in files]
+    return [read_json(file, _CARD_EXPECTED) for file in files]
 
 
 def open_packed(folder: Path, *, evaluation_dir: Path | None = None) -> TrainedUser:
@@ -144,21 +145,23 @@ def open_packed(folder: Path, *, evaluation_dir: Path | None = None) -> TrainedU
     Raises:
         InputError: A file is missing or cannot be read, or the card is not of this configuration.
     """
-    expected = "the folder of a packed user: card.json, config.yaml, policy.pt"
+    card = read_json(folder / _CARD, _CARD_EXPECTED)
+    steps = card.get("steps")
+    if not isinstance(steps, int) or not isinstance(card.get("name"), str):
+        got = f"name {shown(card.get('name'))} and steps {shown(steps)}"
+        raise InputError(file_name(folder / _CARD), got, _CARD_EXPECTED)
     try:
-        card = json.loads((folder / _CARD).read_text(encoding="utf-8"))
-        text = (folder / _CONFIG).read_text(encoding="utf-8")
-        config = parse_config(renamed(yaml.safe_load(text)))
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError("RUN", f"{str(folder)!r} ({error})", expected) from error
+        config = parse_config(renamed(read_mapping(folder / _CONFIG)))
+    except InputError as error:
+        file = file_name(folder / _CONFIG)
+        field = error.field if error.field.startswith(file) else f"{file}: {error.field}"
+        raise InputError(field, error.got, error.expected) from error
     user = TrainedUser(
         source=folder / _WEIGHTS,
         config=config,
         card=card,
         evaluation_dir=evaluation_dir or folder / "evaluation",
-        load=partial(_load_packed, folder / _WEIGHTS, int(card["steps"])),
+        load=partial(_load_packed, folder / _WEIGHTS, steps),
     )
     require_contract(user, config.env)
     return user

@@ -121,13 +121,20 @@ def test_missing_and_unreadable_files(tmp_path: Path) -> None:
         load_config("nope.yaml")
     file = tmp_path / "a.yaml"
     file.write_text("a: [1")
-    with pytest.raises(InputError, match="a file that is not YAML"):
+    with pytest.raises(InputError, match=r"a\.yaml, line 1: got text that is not YAML \(expected"):
         load_config(file)
     file.write_text("- 1")
-    with pytest.raises(InputError, match="got a list, expected a mapping"):
+    with pytest.raises(
+        InputError, match=r"a\.yaml: got YAML of \[1\], expected a configuration in YAML, a mapping"
+    ):
         load_config(file)
-    file.write_text("")
-    assert load_config(file) == TrainingConfig()
+    file.write_text("# nothing yet\n")
+    with pytest.raises(InputError, match=r"a\.yaml: got an empty file, expected a configuration"):
+        load_config(file)
+    bomb = "\n".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 10))
+    file.write_text(f"a0: &a0 [x]\n{bomb}\nname: *a9\n")
+    with pytest.raises(InputError, match=r"a\.yaml, line 6: got more than 20,000 values"):
+        load_config(file)
 
 
 def test_first_difference_names_the_key() -> None:
@@ -150,7 +157,10 @@ def test_a_plain_number_is_a_constant_rate() -> None:
             "overlap=1",
             r"^teacher\.imagined\.game\.overlap: got an unknown key, .*game\.overlap_m'\?",
         ),
-        ("speed_mps=0", r"^teacher\.imagined\.game\.speed_mps: got 0, expected greater than 0"),
+        (
+            "speed_mps=0",
+            r"^teacher\.imagined\.game\.speed_mps: got 0, expected greater than or equal",
+        ),
     ],
 )
 def test_settings_of_a_game_s_twin_are_checked(override: str, message: str) -> None:

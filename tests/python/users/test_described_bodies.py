@@ -255,7 +255,21 @@ def test_warnings_are_counted_per_user(tmp_path: Path, monkeypatch: pytest.Monke
             {"mjcf": None, "package": "json", "model": "arm"},
             r"model: got 'arm' of 'json', which has no load_spec\(name\)",
         ),
-        ({"timestep_s": "fast"}, "timestep_s: got 'fast', expected a valid number"),
+        ({"timestep_s": "fast"}, "timestep_s: got 'fast', expected a number"),
+        ({"timestep_s": 1.0}, r"timestep_s: got 1\.0, expected less than or equal to 0\.02"),
+        ({"actuators": []}, r"actuators: got \[\], expected at least 1 entries"),
+        ({"actuators": [{"names": []}]}, r"actuators\.0\.names: got \[\], expected at least 1"),
+        ({"observed_joints": []}, r"observed_joints: got \[\], expected at least 1 entries"),
+        (
+            {"reset": {"posture": {"elbow_flexion": 10.0}}},
+            r"reset\.posture\.elbow_flexion: got 10, expected an angle .* joint's limits, 0 to ",
+        ),
+        (
+            {"anatomy": {"segments": {"arm": {"bodies": ["head"], "start": "a", "end": "a"}}}},
+            r"anatomy\.segments\.arm\.end: got 'a', as start; expected another body or site",
+        ),
+        ({"devices": {"helmet": {"body": "head"}}}, r"devices\.helmet: got 'helmet', expected 'h"),
+        ({"place": {"pos_m": [1e300, 0, 0]}}, r"place\.pos_m\.0: got 1e\+300, expected less than"),
         (
             {"anatomy": {"segments": {"arm": {"bodies": ["arm"], "start": "head", "end": "eyes"}}}},
             "anatomy.segments: got 'arm', .*did you mean 'forearm'",
@@ -277,14 +291,16 @@ def test_errors_name_file_key_and_the_nearest(
 
 
 def test_files_that_are_no_descriptions(tmp_path: Path) -> None:
-    with pytest.raises(ValueError, match=r"user model: got '.*none.yaml' \(No such file"):
+    with pytest.raises(ValueError, match=r"none.yaml: got nothing: there is no such file"):
         load_body(tmp_path / "none.yaml")
     file = tmp_path / "body.yaml"
     file.write_text("a: [")
-    with pytest.raises(ValueError, match=r"body.yaml: got a file that is not YAML"):
+    with pytest.raises(ValueError, match=r"body.yaml, line 1: got text that is not YAML"):
         load_body(file)
     file.write_text("- a")
-    with pytest.raises(ValueError, match=r"body.yaml: got a list, expected a mapping"):
+    with pytest.raises(
+        ValueError, match=r"body.yaml: got YAML of \['a'\], expected the description of a body"
+    ):
         load_body(file)
     file.write_text("mjcf: body.xml\ndevices: {headset: {body: head}}")
     (tmp_path / "body.xml").write_text("<mujoco><world/></mujoco>")

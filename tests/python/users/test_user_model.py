@@ -89,7 +89,10 @@ def test_skull_rotation(user: Body) -> None:
         ({"devices": ("headse",)}, "device: got 'headse'.*did you mean 'headset'"),
         ({"devices": ("headset", "headset")}, "devices: got .* expected each device at most"),
         ({"skull_rotation_deg": 95.0}, "skull_rotation_deg: got 95.0, expected -90 to 90"),
-        ({"timestep_s": float("nan")}, "timestep_s: got nan, expected a number above 0"),
+        (
+            {"timestep_s": float("nan")},
+            "timestep_s: got nan, expected a number from 0.0001 to 0.02",
+        ),
     ],
 )
 def test_wrong_arguments(arguments: dict[str, object], message: str) -> None:

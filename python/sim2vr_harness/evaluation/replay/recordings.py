@@ -11,7 +11,6 @@ metres, rotation x y z w.
 from __future__ import annotations
 
 import csv
-import json
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -22,8 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.client import OptionValue
+from sim2vr_harness.errors import InputError, shown
 from sim2vr_harness.evaluation.replay.state_log import read_lines, read_state_log
-from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.files import file_name, parse_json, read_arrays, read_json
 
 __all__ = ["GAME", "Event", "Recording", "read_events", "read_recordings"]
 
@@ -35,6 +35,7 @@ FloatArray = NDArray[np.float64]
 _UNCONSTRAINED = "-unconstrained"
 _KINDS = ("spawn", "hit", "contact", "miss")
 _LEAST_FRAMES = 3
+_PERIOD = "a period from 0.0001 to 1 s"
 # As a spreadsheet may save it: tabs, and commas behind short lines.
 _SEPARATORS = re.compile(r" *[,\t][ ,\t]*")
 _TARGET_EVENT = re.compile(
@@ -185,9 +186,11 @@ def _logged_options(events: Path) -> dict[str, OptionValue]:
         if not found:
             continue
         try:
-            return dict(json.loads(text))
-        except (ValueError, TypeError) as error:
-            raise InputError(f"{events}, line {number}", repr(text[:60]), "JSON") from error
+            return parse_json(text, "", "")
+        except InputError as error:
+            place = f"{file_name(events)}, line {number}"
+            expected = "the game's options as a JSON object"
+            raise InputError(place, shown(text, 60), expected) from error
     return {}
 
 
@@ -250,12 +253,20 @@ def _event(t: str, kind: str, target: str, cell: str, velocity: list[str]) -> Ev
 
 
 def _trials(manifest: Path) -> list[dict[str, Any]]:
-    try:
-        trials = json.loads(manifest.read_text())["trials"]
-        return [trial for trial in trials if trial["file"] and "seed" in trial]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        got = f"{type(error).__name__}: {error}"
-        raise InputError(str(manifest), got, "a JSON object with a list 'trials'") from error
+    expected = "a JSON object with a list 'trials'"
+    trials = read_json(manifest, expected).get("trials")
+    if not isinstance(trials, list):
+        raise InputError(file_name(manifest), f"trials: {shown(trials, 40)}", expected)
+    for trial in trials:
+        if not isinstance(trial, dict) or not _is_file_name(trial.get("file")):
+            expected = "trials with the name of a file beside the manifest"
+            raise InputError(file_name(manifest), shown(trial, 60), expected)
+    return [trial for trial in trials if trial.get("file") and "seed" in trial]
+
+
+def _is_file_name(name: Any) -> bool:
+    """Whether this is the name of a file in the manifest's folder; None of one that is missing."""
+    return name is None or (isinstance(name, str) and Path(name).name == name)
 
 
 def _trial(packed: Path) -> dict[str, Any]:
@@ -270,16 +281,19 @@ def _trial(packed: Path) -> dict[str, Any]:
 
 
 def _packed_round(trial: dict[str, Any], file: Path, unconstrained: bool) -> Recording:
-    try:
-        with np.load(file) as packed:
-            t, head, right = (packed[key].astype(float) for key in ("t", "head", "right"))
-    except (OSError, ValueError, KeyError) as error:
-        raise InputError(str(file), str(error), "arrays t, head and right") from error
+    expected = "numbers t (N,), head and right (N, 7), N of 3 or more, in an .npz file"
+    arrays = read_arrays(file, expected)
+    for key in ("t", "head", "right"):
+        if key not in arrays or arrays[key].dtype.kind not in "fiu":
+            got = f"{key} of {arrays[key].dtype}" if key in arrays else f"no array {key!r}"
+            raise InputError(file_name(file), got, expected)
+    t, head, right = (arrays[key].astype(float) for key in ("t", "head", "right"))
     if not (t.ndim == 1 and len(t) >= 3 and head.shape == right.shape == (len(t), 7)):
         got = f"shapes {t.shape}, {head.shape}, {right.shape}"
-        raise InputError(str(file), got, "t (N,), head and right (N, 7), N of 3 or more")
+        raise InputError(file_name(file), got, expected)
     _checked_frames(file, np.column_stack([t, head, right]))
-    condition = str(trial["condition"])
+    trial = _checked_trial(file, trial)
+    condition = trial["condition"]
     if (unconstrained or not trial.get("constrained", True)) and not condition.endswith(
         _UNCONSTRAINED
     ):
@@ -288,7 +302,7 @@ def _packed_round(trial: dict[str, Any], file: Path, unconstrained: bool) -> Rec
         name=str(trial["file"]),
         source=file,
         condition=condition,
-        seed=int(trial["seed"]) % 2**32,
+        seed=trial["seed"] % 2**32,
         times_s=t,
         head=head,
         right=right,
@@ -296,6 +310,22 @@ def _packed_round(trial: dict[str, Any], file: Path, unconstrained: bool) -> Rec
         finished=True,
         fixed_step_s=trial.get("fixed_timestep"),
     )
+
+
+def _checked_trial(file: Path, trial: dict[str, Any]) -> dict[str, Any]:
+    """A trial of the manifest with what a replay needs of it, all of the right kind."""
+    step = trial.get("fixed_timestep")
+    number = isinstance(step, (int, float)) and not isinstance(step, bool)
+    for key, wrong, expected in (
+        ("condition", not isinstance(trial.get("condition"), str), "the name of a condition"),
+        ("seed", type(trial.get("seed")) is not int, "a whole number"),
+        ("constrained", type(trial.get("constrained", True)) is not bool, "true or false"),
+        ("fixed_timestep", not (step is None or (number and 1e-4 <= step <= 1.0)), _PERIOD),
+    ):
+        if wrong:
+            place = f"{file_name(file.with_name('manifest.json'))}, trial {file_name(file.stem)}"
+            raise InputError(f"{place}: {key}", shown(trial.get(key), 40), expected)
+    return trial
 
 
 def _packed_events(path: Path) -> tuple[Event, ...]:

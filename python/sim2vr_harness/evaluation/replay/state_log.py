@@ -15,7 +15,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.files import read_text
 
 __all__ = ["StateLog", "read_lines", "read_state_log"]
 
@@ -71,12 +72,8 @@ def read_lines(path: Path) -> list[str]:
     Raises:
         InputError: The file cannot be read.
     """
-    try:
-        return path.read_text(encoding="utf-8-sig").split("\n")
-    except OSError as error:
-        raise InputError("PATH", f"{path} ({error.strerror})", "a readable log") from error
-    except UnicodeDecodeError as error:
-        raise InputError("PATH", f"{path}, which is no UTF-8 text", "a readable log") from error
+    text = read_text(path, "the log of a round")
+    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 
 def _title(path: Path, lines: list[str]) -> tuple[str, int]:

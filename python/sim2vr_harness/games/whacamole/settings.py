@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from sim2vr_harness.settings import Settings
+from sim2vr_harness.settings import Chance, Settings, Weight
 
 __all__ = ["Relaxation", "TwinSettings"]
 
@@ -34,21 +34,21 @@ class Relaxation:
 class TwinSettings(Settings):
     """How soft hits are, and which cells come up."""
 
-    single_targets: float = Field(default=0.4, ge=0.0, le=1.0)
+    single_targets: Chance = 0.4
     """Share of users who never have more than one target at a time. With several, the policy went
     for the near ones only, and never learned to reach the far corner."""
-    failing_cells: float = Field(default=0.5, ge=0.0, le=1.0)
+    failing_cells: Chance = 0.5
     """Share of spawns that go by the cells' fail rates; the others are uniform."""
-    failing_value: float = Field(default=1.0, ge=0.0)
+    failing_value: Weight = 1.0
     """A hit in a cell that fails k times as often as the mean, at most 3 times, is worth this times
     k - 1 hits more: with several targets at once the far cells are given up otherwise."""
-    overlap_m: float = Field(default=0.015, gt=0.0)
-    speed_mps: float = Field(default=0.3, gt=0.0)
-    near_reward: float = Field(default=3.0, ge=0.0)
-    distance_reward: float = Field(default=7.0, ge=0.0)
+    overlap_m: float = Field(default=0.015, ge=1e-6, le=10.0)
+    speed_mps: float = Field(default=0.3, ge=1e-6, le=100.0)
+    near_reward: Weight = 3.0
+    distance_reward: Weight = 7.0
     """How soft hits are and what helps to find them, at first; by the middle of the imagined
     rollouts they are 0.004, 0.08, 0.2 and 1 (the game's own)."""
-    stuck_cost: float = Field(default=0.0, ge=0.0)
+    stuck_cost: Weight = 0.0
     """Cost per user step of the hammer staying in a target that it is in and has not hit. A user
     who may hit at any speed waits where targets grow into the hammer otherwise."""
 

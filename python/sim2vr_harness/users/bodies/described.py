@@ -30,7 +30,7 @@ from sim2vr_harness.users.bodies.description import (
 from sim2vr_harness.users.bodies.devices import attach_device
 from sim2vr_harness.users.bodies.locking import lock_joints
 from sim2vr_harness.users.bodies.meshes import compose
-from sim2vr_harness.users.bodies.options import BodyOptions
+from sim2vr_harness.users.bodies.options import LEAST_STEP_S, MOST_STEP_S, BodyOptions
 from sim2vr_harness.users.bodies.person import Anatomy, Segment
 from sim2vr_harness.users.bodies.rules import usual_rule
 from sim2vr_harness.users.bodies.spec_body import MEAN_IPD_M, Plan
@@ -97,6 +97,7 @@ class _Described:
         self._devices = self._worn()
         for name in self._devices:
             self._check_device(name)
+        self._check_posture(model)
         for segment in description.anatomy.segments.values():
             for body in segment.bodies:
                 _known("anatomy.segments", body, self._parts.bodies)
@@ -113,10 +114,13 @@ class _Described:
             effectors = tuple(n for n in self._devices if n != "headset") or ("headset",)
         for name in effectors:
             _known("end_effectors", name, (*self._parts.sites, *self._devices))
-        for name in description.reset.posture:
-            _known("reset.posture", name, joints)
         lifting = description.effort.lifting
         step = self._options.timestep_s or description.timestep_s or self._own_step
+        if not LEAST_STEP_S <= step <= MOST_STEP_S:
+            raise ValueError(
+                f"timestep_s: got the MJCF's own, {step:g}, expected a number from "
+                f"{LEAST_STEP_S:g} to {MOST_STEP_S:g} (s)"
+            )
         used = [name for group in self._groups for name in group.actuators]
         plan = Plan(
             name=description.name or self._file.stem,
@@ -160,9 +164,8 @@ class _Described:
 
     def _actuator_groups(self, model: mujoco.MjModel) -> tuple[ActuatorGroup, ...]:
         wanted = self._description.actuators
-        every = (ActuatorsDescription(names=("*",)),)
         groups: list[ActuatorGroup] = []
-        for group in wanted or every:
+        for group in wanted or (ActuatorsDescription(names=("*",)),):
             for name in _found("actuators", group.names, self._parts.actuators):
                 rule = group.rule or usual_rule(model, model.actuator(name).id)
                 if groups and groups[-1].rule == rule:
@@ -188,6 +191,19 @@ class _Described:
                     "another joint, or actuators without it"
                 )
         return locked
+
+    def _check_posture(self, model: mujoco.MjModel) -> None:
+        """Check that episodes can start in the posture: joints that move, within their limits."""
+        joints = [name for name in self._parts.joints if name not in self._locked]
+        for name, angle in self._description.reset.posture.items():
+            _known("reset.posture", name, joints)
+            joint = model.joint(name)
+            low, high = joint.range.tolist() if joint.limited[0] else (-math.inf, math.inf)
+            if not low <= angle <= high:
+                raise ValueError(
+                    f"reset.posture.{name}: got {angle:g}, expected an angle (rad; slides m) within "
+                    f"the joint's limits, {low:.4g} to {high:.4g}"
+                )
 
     def _worn(self) -> tuple[str, ...]:
         wearable = tuple(name for name in DEVICES if name in self._description.devices)

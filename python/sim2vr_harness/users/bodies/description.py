@@ -3,24 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 import pydantic
-import yaml
 from pydantic import Field, model_validator
 
-from sim2vr_harness.settings import Settings
-from sim2vr_harness.users.names import nearest
+from sim2vr_harness.errors import InputError, shown
+from sim2vr_harness.files import file_name, read_yaml
+from sim2vr_harness.settings import Settings, first_problem
+from sim2vr_harness.users.bodies.options import PhysicsStep
 
-Three = tuple[float, float, float]
-Four = tuple[float, float, float, float]
+Metres = Annotated[float, Field(ge=-100.0, le=100.0)]
+Share = Annotated[float, Field(ge=-1.001, le=1.001)]
+Angle = Annotated[float, Field(ge=-100.0, le=100.0)]
+"""In rad; of a slide a place in m."""
+Three = tuple[Metres, Metres, Metres]
+Four = tuple[Share, Share, Share, Share]
+Names = Annotated[tuple[str, ...], Field(min_length=1)]
 
 
 class PlaceDescription(Settings):
     """Where the body is: moved as a whole in the world (x forward, y left, z up)."""
 
     pos_m: Three = (0.0, 0.0, 0.0)
-    yaw_deg: float = 0.0
+    yaw_deg: float = Field(default=0.0, ge=-360.0, le=360.0)
     """Turned about the vertical first, to the left positive."""
 
 
@@ -53,7 +59,7 @@ class DeviceDescription(Settings):
 class ActuatorsDescription(Settings):
     """A group of actuators."""
 
-    names: tuple[str, ...]
+    names: Names
     """Names or patterns such as ``BIC*``."""
     rule: Literal["muscle", "motor", "direct"] | None = None
     """What an action does; None: ``muscle`` for muscles, ``motor`` for the others."""
@@ -62,10 +68,10 @@ class ActuatorsDescription(Settings):
 class ResetDescription(Settings):
     """How an episode starts."""
 
-    posture: dict[str, float] = Field(default_factory=dict)
+    posture: dict[str, Angle] = Field(default_factory=dict)
     """Angles (rad; slides m) to start near; 0 for joints left out."""
-    position_range: float = Field(default=0.05, ge=0.0)
-    velocity_range: float = Field(default=0.05, ge=0.0)
+    position_range: float = Field(default=0.05, ge=0.0, le=10.0)
+    velocity_range: float = Field(default=0.05, ge=0.0, le=100.0)
     fit_couplings: bool = True
 
 
@@ -74,24 +80,30 @@ class EffortDescription(Settings):
 
     lifting: tuple[str, ...] = ()
     """Actuators (or patterns) that hold the arm up."""
-    peak_forces: dict[str, Annotated[float, Field(gt=0.0)]] = Field(default_factory=dict)
+    peak_forces: dict[str, Annotated[float, Field(gt=0.0, le=1e6)]] = Field(default_factory=dict)
     """Peak forces (N; motors Nm) of those that do not say so themselves."""
 
 
 class SegmentDescription(Settings):
     """A segment that a person can have longer or shorter."""
 
-    bodies: tuple[str, ...]
+    bodies: Names
     start: str
     """Body or site where it begins; its length is from there to ``end``."""
     end: str
+
+    @model_validator(mode="after")
+    def _has_a_length(self) -> SegmentDescription:
+        if self.start == self.end:
+            raise ValueError(f"end: got {self.end!r}, as start; expected another body or site")
+        return self
 
 
 class AnatomyDescription(Settings):
     """Whom the body was measured on."""
 
-    stature_m: float | None = Field(default=None, gt=0.0)
-    mass_kg: float | None = Field(default=None, gt=0.0)
+    stature_m: float | None = Field(default=None, ge=0.3, le=3.0)
+    mass_kg: float | None = Field(default=None, ge=1.0, le=500.0)
     segments: dict[str, SegmentDescription] = Field(default_factory=dict)
 
 
@@ -108,17 +120,17 @@ class BodyDescription(Settings):
     """The model's name, for a package that offers ``load_spec(name)``."""
     contacts: bool = True
     """False: bodies pass through each other and everything else."""
-    timestep_s: float | None = Field(default=None, gt=0.0)
+    timestep_s: PhysicsStep | None = None
     """Physics step; None takes the model's own."""
     place: PlaceDescription = PlaceDescription()
     devices: dict[Literal["headset", "controller_right", "controller_left"], DeviceDescription]
-    locked_joints: dict[str, float] = Field(default_factory=dict)
+    locked_joints: dict[str, Angle] = Field(default_factory=dict)
     """Joints (or patterns) that do not move, and their angles (rad; slides m)."""
-    actuators: tuple[ActuatorsDescription, ...] = ()
-    """None: all there are. Those left out are taken away."""
-    observed_joints: tuple[str, ...] | None = None
+    actuators: tuple[ActuatorsDescription, ...] | None = Field(default=None, min_length=1)
+    """None: all there are. Those left out are taken away; at least one stays."""
+    observed_joints: Names | None = None
     """Joints (or patterns) that the user senses; None: all that move freely."""
-    end_effectors: tuple[str, ...] | None = None
+    end_effectors: Names | None = None
     """Sites that the user senses; None: those of the controllers."""
     reset: ResetDescription = ResetDescription()
     effort: EffortDescription = EffortDescription()
@@ -147,54 +159,13 @@ def read_description(file: Path) -> BodyDescription:
         ValueError: the file is missing or not YAML, or has a key or value that cannot be used;
             names the file, the key, what was got and what was expected.
     """
-    try:
-        tree: Any = yaml.safe_load(file.read_text(encoding="utf-8"))
-    except OSError as error:
-        reason = error.strerror
-        raise ValueError(f"user model: got {str(file)!r} ({reason}), expected a file") from error
-    except (yaml.YAMLError, UnicodeDecodeError) as error:
-        reason = " ".join(str(error).split())
-        raise ValueError(
-            f"{file}: got a file that is not YAML, expected YAML ({reason})"
-        ) from error
+    expected = "the description of a body in YAML, a mapping of keys to values"
+    tree = read_yaml(file, expected)
     if not isinstance(tree, dict):
-        raise ValueError(f"{file}: got a {type(tree).__name__}, expected a mapping of keys")
+        raise InputError(file_name(file), f"YAML of {shown(tree, 40)}", expected)
     try:
         return BodyDescription.model_validate(tree)
     except pydantic.ValidationError as error:
-        problems = sorted(error.errors(), key=lambda each: each["type"] != "extra_forbidden")
-        raise ValueError(f"{file}: {_worded(problems[0])}") from error
-
-
-def _worded(problem: Any) -> str:
-    """One of pydantic's problems: key, got, expected."""
-    location = [str(part) for part in problem["loc"] if part != "[key]"]
-    key = ".".join(location)
-    message = str(problem["msg"]).removeprefix("Value error, ")
-    if problem["type"] == "extra_forbidden":
-        known = _keys(location[:-1])
-        close = nearest(location[-1], known)
-        hint = f" (did you mean {close!r}?)" if close else ""
-        return f"{key}: got an unknown key, expected one of {', '.join(known)}{hint}"
-    if problem["type"] == "value_error" and ": got " in message:
-        return f"{key}.{message}" if key else message
-    if problem["type"] == "missing":
-        return f"{key}: got nothing, expected a value: this key is needed"
-    expected = message.removeprefix("Input should be ")
-    return f"{key}: got {problem['input']!r}, expected {expected[:1].lower() + expected[1:]}"
-
-
-def _keys(location: list[str]) -> list[str]:
-    tables: dict[str, type[Settings]] = {
-        "place": PlaceDescription,
-        "devices": DeviceDescription,
-        "actuators": ActuatorsDescription,
-        "reset": ResetDescription,
-        "effort": EffortDescription,
-        "segments": SegmentDescription,
-        "anatomy": AnatomyDescription,
-    }
-    for part in reversed(location):
-        if part in tables:
-            return list(tables[part].model_fields)
-    return list(BodyDescription.model_fields)
+        problem = first_problem(error, BodyDescription)
+        field = f"{file_name(file)}: {problem.field}"
+        raise InputError(field, problem.got, problem.expected) from error

@@ -3,24 +3,31 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
 from sim2vr_harness.settings import Settings
 
+LEAST_STEP_S, MOST_STEP_S = 1e-4, 0.02
+
+PhysicsStep = Annotated[float, Field(ge=LEAST_STEP_S, le=MOST_STEP_S)]
+"""In s. A body falls apart above it; below, a user step takes minutes."""
+
+Length = Annotated[float, Field(gt=0.0, le=1000.0)]
+
 
 class Person(Settings):
     """How a person differs from the one that the body was measured on (docs/bodies.md)."""
 
-    stature_m: float | None = Field(default=None, ge=1.0, le=2.5, allow_inf_nan=False)
+    stature_m: float | None = Field(default=None, ge=1.0, le=2.5)
     """Body height; every length scales with it. None keeps the body's own."""
-    mass_kg: float | None = Field(default=None, ge=20.0, le=300.0, allow_inf_nan=False)
+    mass_kg: float | None = Field(default=None, ge=20.0, le=300.0)
     """Body mass; every segment keeps its share. None keeps the body-mass index: mass grows with
     the square of the stature."""
-    segment_lengths_m: dict[str, float] = Field(default_factory=dict)
+    segment_lengths_m: dict[str, Length] = Field(default_factory=dict)
     """Lengths of single segments, such as ``upper_arm: 0.31``; the others follow the stature."""
-    strength: float = Field(default=1.0, gt=0.0, le=10.0, allow_inf_nan=False)
+    strength: float = Field(default=1.0, gt=0.0, le=10.0)
     """Factor on the peak forces of muscles and the torques of motors."""
     handedness: Literal["right", "left"] | None = None
     """The hand that plays; the other one than the body's own mirrors it. None leaves it."""
@@ -65,8 +72,10 @@ class BodyOptions:
     reset: ResetOptions = field(default_factory=ResetOptions)
 
     def __post_init__(self) -> None:
-        if self.timestep_s is not None and not 0.0 < self.timestep_s < float("inf"):
-            raise ValueError(f"timestep_s: got {self.timestep_s}, expected a number above 0")
+        step = self.timestep_s
+        if step is not None and not LEAST_STEP_S <= step <= MOST_STEP_S:
+            expected = f"a number from {LEAST_STEP_S:g} to {MOST_STEP_S:g} (s)"
+            raise ValueError(f"timestep_s: got {step}, expected {expected}")
         if not -90.0 <= self.skull_rotation_deg <= 90.0:
             raise ValueError(
                 f"skull_rotation_deg: got {self.skull_rotation_deg}, expected -90 to 90 degrees"

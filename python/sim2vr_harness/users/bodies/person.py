@@ -24,6 +24,8 @@ from sim2vr_harness.users.names import unknown_name
 
 FloatArray = NDArray[np.float64]
 
+_LEAST_LENGTH_M = 1e-3
+
 _SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
 _JOINT_EQUALITY = mujoco.mjtEq.mjEQ_JOINT
 _MUSCLE = mujoco.mjtGain.mjGAIN_MUSCLE
@@ -68,6 +70,11 @@ def resize(spec: mujoco.MjSpec, person: Person, anatomy: Anatomy) -> None:
             raise ValueError(unknown_name("person.segment_lengths_m", name, anatomy.segments))
         segment = anatomy.segments[name]
         own = segment_length(model, segment)
+        if own < _LEAST_LENGTH_M:
+            raise ValueError(
+                f"anatomy.segments.{name}: got {segment.start!r} and {segment.end!r} in one place, "
+                "expected two ends with a length between them"
+            )
         if not own / 3.0 <= length_m <= own * 3.0:
             raise ValueError(
                 f"person.segment_lengths_m.{name}: got {length_m} m, expected a third to three "

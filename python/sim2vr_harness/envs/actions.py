@@ -61,7 +61,10 @@ class Actions:
         """
         if len(self.names) == self._body:
             return actions  # the body checks its own
-        given = np.asarray(actions, dtype=np.float64)
+        given = np.asarray(actions)
+        if not np.issubdtype(given.dtype, np.number) or np.iscomplexobj(given):
+            raise ValueError(f"action: got dtype {given.dtype}, expected real numbers")
+        given = given.astype(np.float64)
         if given.shape != (self._n, len(self.names)):
             expected = (self._n, len(self.names))
             raise ValueError(f"action: got shape {given.shape}, expected {expected}")

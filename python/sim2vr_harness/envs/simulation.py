@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.cores import budget
 from sim2vr_harness.envs.app_group import AppFailure, Logs, app_group
 from sim2vr_harness.envs.apps import AppFactory
+from sim2vr_harness.envs.checks import checked_options, checked_seeds, checked_users
 from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, body_of, with_options
 from sim2vr_harness.envs.games import game_facts, with_hand
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
@@ -148,28 +150,29 @@ class Simulation:
             K info dictionaries with ``seed`` (of the app's round) and ``log``.
 
         Raises:
-            ValueError: an option or seed that cannot be used.
+            ValueError: an option, a seed or a user that there is not; rounds go on as they were.
             RuntimeError: the simulation is closed.
         """
         self._require_open()
-        rows = list(range(self.n)) if ids is None else [int(i) for i in ids]
+        rows = checked_users("ids", ids, self.n)
+        given = checked_seeds(seeds, len(rows))
+        options = checked_options(options)
         if not rows:
             return []
-        if options and self._hand_option in options:
+        if self._hand_option in options:
             with_hand(with_options(self.config, options), self.body)
-        given = [None] * len(rows) if seeds is None else list(seeds)
-        if len(given) != len(rows):
-            raise ValueError(f"seeds: got {len(given)} seeds, expected {len(rows)}, one per user")
-        for i, seed in zip(rows, given, strict=True):
-            if seed is not None:
-                if seed < 0:
-                    raise ValueError(f"seed: got {seed}, expected an integer of 0 or above")
-                self._seeds[i] = np.random.default_rng(seed)
-        round_seeds = [int(self._seeds[i].integers(2**32)) for i in rows]
-        self.users.reset(rows, [self._seeds[i] for i in rows], postures)
+        streams = [
+            copy.deepcopy(self._seeds[i]) if seed is None else np.random.default_rng(seed)
+            for i, seed in zip(rows, given, strict=True)
+        ]
+        round_seeds = [int(stream.integers(2**32)) for stream in streams]
         users = np.array(rows, dtype=np.int64)
         numbers = np.array(round_seeds, dtype=np.int64)
+        # Asked first: an option that the game refuses leaves everything as it was.
         requests = self._group.head_requests(users, numbers, options)
+        self.users.reset(rows, streams, postures)
+        for i, stream in zip(rows, streams, strict=True):
+            self._seeds[i] = stream
         if not np.isnan(requests).all():
             self.users.turn_head(users, requests)  # type: ignore[arg-type]
         self._group.reset(users, numbers, self._poses(users, -1), options)
@@ -214,7 +217,7 @@ class Simulation:
         """
         self._require_open()
         active = np.ones(self.n, dtype=bool)
-        active[np.asarray(resting, dtype=np.int64)] = False
+        active[checked_users("resting", resting, self.n)] = False
         if (self._over & active).any():
             over = np.flatnonzero(self._over & active).tolist()
             raise RuntimeError(f"step: the episodes of users {over} are over; reset them first")
@@ -348,7 +351,7 @@ class Simulation:
             RuntimeError: an app refuses its part, or the simulation is closed.
         """
         self._require_open()
-        saved = unpacked(state, self.n)
+        saved = unpacked(state, self.n, ("seeds", "users", "actions", "senses", "apps", "arrays"))
         for i in range(self.n):
             self._seeds[i].bit_generator.state = saved["seeds"][i]
             self.users.set_state(i, saved["users"][i])

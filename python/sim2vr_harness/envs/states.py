@@ -6,6 +6,8 @@ import io
 import pickle
 from typing import Any
 
+from sim2vr_harness.errors import reason
+
 __all__ = ["packed", "unpacked"]
 
 _FORMAT = "sim2vr simulation state 3"
@@ -16,15 +18,24 @@ def packed(n: int, parts: dict[str, Any]) -> bytes:
     return pickle.dumps({"format": _FORMAT, "n": n, **parts})
 
 
-def unpacked(state: bytes, n: int) -> dict[str, Any]:
+def unpacked(state: bytes, n: int, parts: tuple[str, ...]) -> dict[str, Any]:
     """The parts again.
 
     Raises:
-        ValueError: the bytes are of something else or of another number of users.
+        ValueError: the bytes are of something else, damaged, without one of these parts, or of
+            another number of users.
     """
-    saved = _PlainUnpickler(io.BytesIO(state)).load()
+    try:
+        saved = _PlainUnpickler(io.BytesIO(state)).load()
+    except ValueError:
+        raise
+    except Exception as error:  # a damaged pickle raises anything
+        got = f"damaged bytes ({reason(error)})"
+        raise ValueError(f"state: got {got}, expected a '{_FORMAT}'") from error
     if not isinstance(saved, dict) or saved.get("format") != _FORMAT:
         raise ValueError(f"state: got other bytes, expected a '{_FORMAT}'")
+    if any(part not in saved for part in ("n", *parts)):
+        raise ValueError("state: got one that lacks a part, expected all of a simulation's")
     if saved["n"] != n:
         raise ValueError(f"state: got one of {saved['n']} users, expected {n}")
     return saved

@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from sim2vr_harness.client import OptionValue
+from sim2vr_harness.envs.checks import checked_options, checked_seeds
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import with_condition, with_game
 from sim2vr_harness.envs.pictures import RENDER_MODES, Views
@@ -105,8 +106,11 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
             seed: user i gets seed + i, or the i-th of N.
             options: game options from this round on; ``reset_mask`` (N,) bool starts only some
                 users anew.
+
+        Raises:
+            ValueError: an option, a seed or a mask that cannot be used; rounds go on as they were.
         """
-        game_options: dict[str, OptionValue] = dict(options or {})
+        game_options: dict[str, Any] = checked_options(options)
         mask = game_options.pop("reset_mask", np.ones(self.num_envs, dtype=bool))
         if np.shape(mask) != (self.num_envs,) or np.asarray(mask).dtype != np.bool_:
             raise ValueError(
@@ -114,10 +118,9 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
                 f"({self.num_envs},)"
             )
         ids = np.flatnonzero(np.asarray(mask)).tolist()
-        if isinstance(seed, int):
-            seeds: Sequence[int | None] = [seed + i for i in range(self.num_envs)]
-        else:
-            seeds = [None] * self.num_envs if seed is None else list(seed)
+        if isinstance(seed, (int, np.integer)) and not isinstance(seed, bool):
+            seed = [int(seed) + i for i in range(self.num_envs)]
+        seeds = checked_seeds(seed, self.num_envs)
         chosen = [seeds[i] for i in ids]
         infos = self._start({}, ids, chosen, game_options or None)
         return self.simulation.observation(), infos

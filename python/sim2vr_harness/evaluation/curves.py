@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeGuard
 
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.games import game_facts
@@ -20,6 +19,7 @@ from sim2vr_harness.training.trained_users import TrainedUser, find_user, is_pac
 __all__ = ["curve", "pack_curves", "plot"]
 
 _PANELS = 6
+_MOST_DRAWN = 1e100
 _CURVES = "curves.json"
 """In the folder of a packed user: what its run had written down."""
 _MOST_ROWS = 500
@@ -55,9 +55,15 @@ def _panels(facts: GameFacts) -> tuple[tuple[str, str], ...]:
 
 
 def curve(rows: Rows, key: str) -> tuple[list[float], list[float]]:
-    """Return steps and values of one metric; rows without it are left out."""
-    points = [(row["step"], row[key]) for row in rows if row.get(key) is not None]
+    """Return steps and values of one metric; rows without it, or without a step, are left out."""
+    pairs = ((row.get("step"), row.get(key)) for row in rows)
+    points = [(step, value) for step, value in pairs if _is_number(step) and _is_number(value)]
     return [point[0] for point in points], [point[1] for point in points]
+
+
+def _is_number(value: Any) -> TypeGuard[float]:
+    """Whether this is a number that can be drawn."""
+    return isinstance(value, (int, float)) and abs(value) <= _MOST_DRAWN
 
 
 def plot(runs: Sequence[str | Path], out: Path) -> Path:
@@ -183,8 +189,9 @@ def _draw_stages(grid: Sequence[Any], runs: Sequence[_Run], facts: GameFacts) ->
         for key, style, where in (("imagined", "--", "imagined"), ("played", "-", "in the app")):
             steps, values = [], []
             for row in run.imagined:
-                known = [rate for rate in row[key] if not math.isnan(rate)]
-                if known:
+                rates = row.get(key)
+                known = [rate for rate in rates or () if _is_number(rate)]
+                if known and _is_number(row.get("step")):
                     steps.append(row["step"])
                     values.append(sum(known) / len(known))
             _line(grid[0], steps, values, style, color=color, label=f"{run.name}, {where}")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from sim2vr_harness.client import GameFacts
+from sim2vr_harness.envs.checks import checked_options, checked_seeds, checked_users
 from sim2vr_harness.envs.games import game_facts
 
 __all__ = ["SimulationLike", "SimulationVecEnv"]
@@ -54,6 +55,19 @@ class SimulationLike(Protocol):
         """Free everything."""
 
 
+def _alike(options: Sequence[Mapping[str, Any]]) -> list[list[int]]:
+    """Users in groups of equal options, in the order of each group's first."""
+    groups: list[list[int]] = []
+    for i, one in enumerate(options):
+        for group in groups:
+            if options[group[0]] == one:
+                group.append(i)
+                break
+        else:
+            groups.append([i])
+    return groups
+
+
 class SimulationVecEnv(VecEnv):
     """N simulated users with autoreset, as Stable-Baselines3 expects them.
 
@@ -89,28 +103,63 @@ class SimulationVecEnv(VecEnv):
         They are drawn from ``seed``, not counted up from it: an evaluation, whose rounds have the
         seeds 1, 2, ..., shall not repeat rounds of the training.
         """
-        drawn = np.random.SeedSequence(seed).generate_state(self.num_envs, np.uint32)
+        (checked,) = checked_seeds([seed], 1)
+        drawn = np.random.SeedSequence(checked).generate_state(self.num_envs, np.uint32)
         self._seeds = [int(value) for value in drawn]
         return self._seeds
 
     def reset(self) -> dict[str, NDArray]:
-        """Start a new episode for everyone, with the seeds given to :meth:`seed` if any."""
-        self.reset_infos = self.simulation.reset(seeds=list(self._seeds))
+        """Start a new episode for everyone.
+
+        With the seeds given to :meth:`seed` and the options given to :meth:`set_options`, if any.
+        Options hold from this round on, as those of a single environment's ``reset`` do.
+
+        Raises:
+            ValueError: The game refuses an option.
+        """
+        seeds, options = list(self._seeds), [dict(one) for one in self._options]
         self._reset_seeds()
         self._reset_options()
+        for ids in _alike(options):
+            infos = self.simulation.reset(
+                ids=ids, seeds=[seeds[i] for i in ids], options=options[ids[0]] or None
+            )
+            for i, info in zip(ids, infos, strict=True):
+                self.reset_infos[i] = info
+        self._actions = None
         self._clear(slice(None))
         return self.simulation.observation()
 
+    def set_options(self, options: list[dict[str, Any]] | dict[str, Any] | None = None) -> None:
+        """Set the game's options of the next :meth:`reset`: of all users, or one mapping for each.
+
+        Raises:
+            ValueError: They are neither.
+        """
+        given = options if isinstance(options, list) else [options] * self.num_envs
+        if len(given) != self.num_envs:
+            raise ValueError(f"options: got {len(given)}, expected {self.num_envs}, one per user")
+        self._options = [checked_options(one) for one in given]
+
     def step_async(self, actions: NDArray) -> None:
-        """Take the actions, (N, A) in [-1, 1], of the next :meth:`step_wait`."""
-        self._actions = actions
+        """Take a copy of the actions, (N, A) in [-1, 1], of the next :meth:`step_wait`.
+
+        Raises:
+            ValueError: Another shape, or no numbers.
+        """
+        taken, shape = np.array(actions), (self.num_envs, *self.action_space.shape)
+        if taken.shape != shape or taken.dtype.kind not in "fiu":
+            raise ValueError(
+                f"actions: got {taken.dtype} {taken.shape}, expected real numbers {shape}"
+            )
+        self._actions = taken
 
     def step_wait(self) -> tuple[dict[str, NDArray], NDArray, NDArray, list[dict[str, Any]]]:
         """Advance every user by one step; see the class for episodes that end."""
         if self._actions is None:
             raise RuntimeError("step_wait was called without step_async")
-        result = self.simulation.step(self._actions)
-        self._actions = None
+        actions, self._actions = self._actions, None
+        result = self.simulation.step(actions)
         self._returns += result.reward
         self._lengths += 1
         for name, sums in self._sums.items():
@@ -188,15 +237,24 @@ class SimulationVecEnv(VecEnv):
 
     # --- what SB3 asks of single environments ---------------------------------------------------
 
+    def _get_indices(self, indices: Any) -> list[int]:
+        """The users that are meant.
+
+        Raises:
+            ValueError: There is no such user, or one comes twice.
+        """
+        return checked_users("indices", indices, self.num_envs)
+
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
         """Return an attribute of the simulation, once per environment."""
-        count = len(list(self._get_indices(indices)))
+        count = len(self._get_indices(indices))
         if attr_name == "render_mode":
             return [None] * count
         return [getattr(self.simulation, attr_name)] * count
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
         """Refuse: the users of one simulation share their settings."""
+        self._get_indices(indices)
         raise NotImplementedError(
             f"cannot set {attr_name!r}: the users of one simulation share their settings; "
             "make a new one with another EnvConfig"

@@ -525,8 +525,11 @@ class UserBatch:
         return given.astype(np.int64)
 
     def _checked_action(self, action: ArrayLike) -> FloatArray:
-        given = np.asarray(action)
         shape = (self.n, self.action_size)
+        try:
+            given = np.asarray(action)
+        except ValueError as error:
+            raise ValueError(f"action: got rows of several lengths, expected {shape}") from error
         if given.shape != shape:
             raise ValueError(f"action: got shape {given.shape}, expected {shape}")
         if not np.issubdtype(given.dtype, np.number) or np.iscomplexobj(given):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import pickle
 
 import gymnasium
 import numpy as np
@@ -11,10 +12,12 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import sim2vr_harness.envs
 from sim2vr_harness.envs import AppConfig, EnvConfig, Sim2VREnv, Sim2VRVectorEnv
+from sim2vr_harness.envs.config import SenseConfig
 
 # Enough for every user to end a round, and for some to end two.
 CONFIG = EnvConfig(app=AppConfig(options={"condition": "medium", "round_seconds": 0.4}))
 STEPS = 16
+QUICK = (SenseConfig(sense="proprioception"), SenseConfig(sense="time"))
 
 
 def actions(step: int) -> np.ndarray:
@@ -87,6 +90,63 @@ def test_it_draws_everybody_and_can_be_copied() -> None:
         Sim2VRVectorEnv(1, render_mode="human")
     with pytest.raises(ValueError, match="autoreset_mode: got 'later', expected one of"):
         Sim2VRVectorEnv(1, autoreset_mode="later")
+
+
+def test_options_of_stable_baselines_reach_the_game() -> None:
+    from sim2vr_harness.envs.simulation import Simulation
+    from sim2vr_harness.training.vec_env import SimulationVecEnv
+
+    env = SimulationVecEnv(Simulation(CONFIG.model_copy(update={"senses": QUICK}), 2))
+    env.set_options({"round_seconds": 0.2})
+    env.reset()
+    ends = [bool(env.step(actions(step)[:2])[2].all()) for step in range(6)]
+    # The round ends in the first frame after 0.2 s: the fifth of 50 ms each.
+    assert ends.index(True) == 4
+    other = pickle.loads(pickle.dumps(env))
+    one, two = env.step(actions(9)[:2]), other.step(actions(9)[:2])
+    np.testing.assert_array_equal(one[0]["proprioception"], two[0]["proprioception"])
+    for vector in (env, other):
+        vector.close()
+        vector.close()
+        with pytest.raises(RuntimeError, match="the simulation is closed"):
+            vector.step(actions(0)[:2])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"seed": [1]}, "seeds: got 1 seeds, expected 3, one per user"),
+        ({"seed": [1, 2, 3, 4]}, "seeds: got 4 seeds, expected 3, one per user"),
+        ({"seed": [1, 2, -3]}, "seed: got -3, expected an integer of 0 or above"),
+        ({"seed": 1.5}, r"seeds: got 1\.5, expected 3, one per user"),
+        ({"seed": True}, "seeds: got True, expected 3, one per user"),
+        ({"options": [1]}, r"options: got \[1\], expected names of options and values"),
+        ({"options": {1: 2}}, r"options: got \{1: 2\}, expected names of options and values"),
+        ({"options": {"round_seconds": "x"}}, "option 'round_seconds': got \"x\", expected a num"),
+        ({"options": {"reset_mask": [1, 0, 1]}}, r"reset_mask: got int64 \(3,\), expected bool"),
+    ],
+)
+def test_a_refused_reset_leaves_the_rounds_as_they_were(
+    arguments: dict[str, object], message: str
+) -> None:
+    config = CONFIG.model_copy(update={"senses": QUICK})
+    env, other = Sim2VRVectorEnv(3, config=config), Sim2VRVectorEnv(3, config=config)
+    for each in (env, other):
+        each.reset(seed=np.int64(5))
+        each.step(actions(0))
+    with pytest.raises(ValueError, match=message):
+        env.reset(**arguments)  # type: ignore[arg-type]
+    for step in range(1, 3):
+        one, reward, *_ = env.step(actions(step))
+        two, expected, *_ = other.step(actions(step))
+        np.testing.assert_array_equal(one["proprioception"], two["proprioception"])
+        np.testing.assert_array_equal(reward, expected)
+    # Streams of seeds are where they were, too.
+    np.testing.assert_array_equal(
+        env.reset()[0]["proprioception"], other.reset()[0]["proprioception"]
+    )
+    env.close()
+    other.close()
 
 
 def test_make_vec_makes_it() -> None:

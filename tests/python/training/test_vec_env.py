@@ -94,3 +94,88 @@ def test_questions_to_single_environments() -> None:
         env.get_attr("nothing")
     env.close()
     assert env.simulation.closed
+
+
+def test_actions_are_taken_when_they_are_given() -> None:
+    env, other = make(), make()
+    env.reset(), other.reset()
+    actions = np.full((4, 3), 0.5)
+    env.step_async(actions)
+    actions[:] = -0.5
+    observation, *_ = env.step_wait()
+    expected, *_ = other.step(np.full((4, 3), 0.5))
+    assert np.array_equal(observation["proprioception"], expected["proprioception"])
+    with pytest.raises(RuntimeError, match="step_wait was called without step_async"):
+        env.step_wait()
+
+
+@pytest.mark.parametrize(
+    ("actions", "message"),
+    [
+        (np.zeros((3, 3)), r"actions: got float64 \(3, 3\), expected real numbers \(4, 3\)"),
+        (np.zeros((4, 3), complex), r"actions: got complex128 \(4, 3\), expected real numbers"),
+        (np.zeros((4, 3), object), "actions: got object"),
+        (None, r"actions: got object \(\)"),
+    ],
+)
+def test_wrong_actions_are_refused_at_once(actions: object, message: str) -> None:
+    env = make()
+    env.reset()
+    with pytest.raises(ValueError, match=message):
+        env.step_async(actions)
+    with pytest.raises(RuntimeError, match="without step_async"):
+        env.step_wait()
+
+
+def test_options_hold_from_the_next_round_on() -> None:
+    env, plain = make(), make()
+    env.set_options({"condition": "hard"})
+    assert np.array_equal(env.reset()["vision"], plain.reset()["vision"])
+    assert env.simulation.conditions == ["hard"] * 4
+    env.reset()
+    assert env.simulation.conditions == ["hard"] * 4
+    env.seed(1), plain.seed(1)
+    env.set_options([{"condition": "easy"}, {}, {"condition": "easy"}, {"condition": "medium"}])
+    assert np.array_equal(env.reset()["vision"], plain.reset()["vision"])
+    assert env.simulation.conditions == ["easy", "hard", "easy", "medium"]
+    env.set_options({"condition": "none"})
+    with pytest.raises(ValueError, match="condition: got 'none', expected easy, medium or hard"):
+        env.reset()
+    env.reset()
+    with pytest.raises(ValueError, match="options: got 2, expected 4, one per user"):
+        env.set_options([{}, {}])
+    with pytest.raises(ValueError, match=r"options: got 5, expected names of options and values"):
+        env.set_options(5)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("indices", "message"),
+    [
+        ([7], "indices: got 7, expected whole numbers 0 to 3"),
+        (4, "indices: got 4, expected whole numbers 0 to 3"),
+        ([-1], "indices: got -1, expected whole numbers 0 to 3"),
+        ([True], "indices: got True, expected whole numbers 0 to 3"),
+        ([1, 1], r"indices: got \[1, 1\], expected each user at most once"),
+        ("0", "indices: got '0', expected whole numbers 0 to 3"),
+        (1.0, r"indices: got 1\.0, expected whole numbers 0 to 3"),
+    ],
+)
+def test_users_that_there_are_not(indices: object, message: str) -> None:
+    env = make()
+    for ask in (
+        lambda: env.get_attr("renderer_description", indices),
+        lambda: env.get_attr("render_mode", indices),
+        lambda: env.set_attr("weight", 1, indices),
+        lambda: env.env_method("render_headset", 6, 4, indices=indices),
+        lambda: env.env_is_wrapped(Monitor, indices),
+    ):
+        with pytest.raises(ValueError, match=message):
+            ask()
+    assert env.get_attr("renderer_description", np.array([3, 1])) == ["fake", "fake"]
+
+
+def test_seeds_that_are_none() -> None:
+    env = make()
+    for seed in (-1, 1.5, "1", True):
+        with pytest.raises(ValueError, match=r"seed: got .*, expected an integer of 0 or above"):
+            env.seed(seed)  # type: ignore[arg-type]

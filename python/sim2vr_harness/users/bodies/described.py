@@ -201,8 +201,8 @@ class _Described:
             low, high = joint.range.tolist() if joint.limited[0] else (-math.inf, math.inf)
             if not low <= angle <= high:
                 raise ValueError(
-                    f"reset.posture.{name}: got {angle:g}, expected an angle (rad; slides m) within "
-                    f"the joint's limits, {low:.4g} to {high:.4g}"
+                    f"reset.posture.{name}: got {angle:g}, expected an angle (rad; slides m) "
+                    f"within the joint's limits, {low:.4g} to {high:.4g}"
                 )
 
     def _worn(self) -> tuple[str, ...]:

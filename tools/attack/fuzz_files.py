@@ -236,7 +236,8 @@ def _states() -> bytes:
     parts = ("left", "head", "right")
     axes = ("pos_x", "pos_y", "pos_z", "rot_x", "rot_y", "rot_z", "rot_w")
     names = ", ".join(["timestamp", *(f"{part}_{axis}" for part in parts for axis in axes)])
-    rows = [", ".join([f"{0.05 * k:.3f}", *["0.25"] * 21]) for k in range(5)]
+    pose = ["0.1", "1.2", "0.3", "0", "0", "0", "1"]
+    rows = [", ".join([f"{0.05 * k:.3f}", *pose * 3]) for k in range(5)]
     return "\n".join(["condition easy, random seed 7", names, *rows, ""]).encode()
 
 

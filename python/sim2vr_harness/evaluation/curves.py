@@ -190,7 +190,9 @@ def _draw_stages(grid: Sequence[Any], runs: Sequence[_Run], facts: GameFacts) ->
             steps, values = [], []
             for row in run.imagined:
                 rates = row.get(key)
-                known = [rate for rate in rates or () if _is_number(rate)]
+                known = (
+                    [rate for rate in rates if _is_number(rate)] if isinstance(rates, list) else []
+                )
                 if known and _is_number(row.get("step")):
                     steps.append(row["step"])
                     values.append(sum(known) / len(known))

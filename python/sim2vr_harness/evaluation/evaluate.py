@@ -204,7 +204,7 @@ def _name_of(user: TrainedUser) -> str:
     """A packed user's name, or the run's and the checkpoint's."""
     if "name" in user.card:
         return str(user.card["name"])
-    return f"{user.source.resolve().parents[1].name}/{user.source.stem}"
+    return f"{Path(os.path.realpath(user.source)).parents[1].name}/{user.source.stem}"
 
 
 def _conditions(facts: GameFacts, names: Sequence[str] | None) -> list[Condition]:

@@ -10,7 +10,6 @@ metres, rotation x y z w.
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -38,6 +37,7 @@ _LEAST_FRAMES = 3
 _PERIOD = "a period from 0.0001 to 1 s"
 # As a spreadsheet may save it: tabs, and commas behind short lines.
 _SEPARATORS = re.compile(r" *[,\t][ ,\t]*")
+_TIMED = re.compile(r"\s*-?\d[\d.eE+-]*[ ,\t]")
 _TARGET_EVENT = re.compile(
     r"(?P<t>[^, ]+), target_(?P<kind>\w+), target ID (?P<target>\d+), grid ID (?P<cell>\d+)"
     r"(?:, velocity (?P<velocity>.*\S))?"
@@ -215,6 +215,9 @@ def read_events(path: Path) -> tuple[Event, ...]:
     """
     events = []
     lines = read_lines(path)
+    if not any(map(_TIMED.match, lines)):
+        got = f"no line of an event, such as {shown(lines[0], 40)}"
+        raise InputError(file_name(path), got, "lines of a time in s, a comma and what happened")
     filled = [number for number, line in enumerate(lines, start=1) if line.strip(" ,\t")]
     for number, line in enumerate(lines, start=1):
         if "target_" not in line:
@@ -329,12 +332,21 @@ def _checked_trial(file: Path, trial: dict[str, Any]) -> dict[str, Any]:
 
 
 def _packed_events(path: Path) -> tuple[Event, ...]:
+    lines = read_lines(path)
+    expected = "t,type,target_id,grid_id,vx,vy,vz"
+    if not set(expected.split(",")) <= set(lines[0].split(",")):
+        raise InputError(f"{file_name(path)}, line 1", shown(lines[0], 60), f"columns {expected}")
     events = []
-    for number, row in enumerate(csv.DictReader(read_lines(path)), start=2):
+    # A line at a time: a quote that is never closed would swallow the rest.
+    names = lines[0].split(",")
+    for number, line in enumerate(lines[1:], start=2):
+        if not line:
+            continue
+        row = dict(zip(names, line.split(","), strict=False))
         try:
             velocity = [row[axis] for axis in ("vx", "vy", "vz") if row[axis]]
             events.append(_event(row["t"], row["type"], row["target_id"], row["grid_id"], velocity))
         except (KeyError, TypeError, ValueError):
-            expected = "t,type,target_id,grid_id,vx,vy,vz"
-            raise InputError(f"{path}, line {number}", repr(row), expected) from None
+            place = f"{file_name(path)}, line {number}"
+            raise InputError(place, shown(line, 60), expected) from None
     return tuple(events)

@@ -13,6 +13,7 @@ from sim2vr_harness.client import AppClient, AppReply, DevicePoses, InProcessApp
 from sim2vr_harness.evaluation.replay.film import ReplayFilm
 from sim2vr_harness.evaluation.replay.recordings import GAME, Event, Recording, read_events
 from sim2vr_harness.evaluation.replay.timing import Timing, spawn_schedule, timing_of
+from sim2vr_harness.files import file_name
 
 __all__ = ["Replay", "replay", "replay_all"]
 
@@ -58,6 +59,24 @@ def replay(
     Raises:
         InputError: The recording is none of this game, or its clock cannot be worked out.
     """
+    try:
+        return _replayed(recording, closed_loop, fixed_step_s, options, log_dir, watch, renderer)
+    except ValueError as error:
+        text, source = str(error), file_name(recording.source)
+        if text.startswith(source):
+            raise
+        raise ValueError(f"{source}: {text}") from error
+
+
+def _replayed(
+    recording: Recording,
+    closed_loop: bool,
+    fixed_step_s: float | None,
+    options: Mapping[str, OptionValue] | None,
+    log_dir: Path | None,
+    watch: Watch | None,
+    renderer: str,
+) -> Replay:
     timing = timing_of(recording, fixed_step_s)
     with tempfile.TemporaryDirectory() as temporary:
         root = Path(temporary) if log_dir is None else log_dir / recording.name

@@ -11,6 +11,7 @@ import io
 import json
 import os
 import stat
+import warnings
 import zipfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -216,7 +217,9 @@ def parse_tensors(
     import torch
 
     def load() -> dict[str, Any]:
-        found = torch.load(io.BytesIO(content), map_location=device, weights_only=True)
+        with warnings.catch_warnings():  # of damaged files, on lines of their own
+            warnings.simplefilter("ignore")
+            found = torch.load(io.BytesIO(content), map_location=device, weights_only=True)
         if not isinstance(found, Mapping) or not all(isinstance(key, str) for key in found):
             raise ValueError(f"a {type(found).__name__} in it")
         return dict(found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Sequence
 from types import UnionType
-from typing import Annotated, Any, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin
 
 import pydantic
 from pydantic import BaseModel, ConfigDict, Field
@@ -41,10 +41,8 @@ Weight = Annotated[float, Field(ge=0.0, le=1e6)]
 Width = Annotated[int, Field(ge=1, le=8192)]
 """Of a layer of a network."""
 
-_Model: Any = type(BaseModel)
 
-
-class _OneSentence(_Model):  # type: ignore[misc]
+class _OneSentence(type(BaseModel)):  # type: ignore[misc]
     """Lets ``Person(stature_m=9)`` say in one sentence what is wrong, as a file's reader does."""
 
     def __call__(cls, *args: Any, **values: Any) -> Any:
@@ -54,7 +52,15 @@ class _OneSentence(_Model):  # type: ignore[misc]
             raise first_problem(error, cls) from error
 
 
-class Settings(BaseModel, metaclass=_OneSentence):
+if TYPE_CHECKING:
+    _Model = BaseModel
+else:
+
+    class _Model(BaseModel, metaclass=_OneSentence):
+        """What the type checker need not know: how errors of the constructor read."""
+
+
+class Settings(_Model):
     """Unknown keys and numbers that are not finite are errors; values do not change.
 
     Every number has bounds, below and above (``tests/python/test_bounds.py``): what cannot be meant

@@ -288,7 +288,7 @@ def _change(data: bytearray, seeds: list[bytes], rng: random.Random) -> None:
         case 3:
             del data[at:]
         case 4:
-            data[at:at] = data[at:to] * rng.choice((1, 2, 30))
+            data[at:at] = bytes(data[at:to]) * rng.choice((1, 2, 30))
         case 5:
             other = rng.choice(seeds)
             start = rng.randrange(len(other) + 1)
@@ -296,7 +296,7 @@ def _change(data: bytearray, seeds: list[bytes], rng: random.Random) -> None:
         case 6:
             _change_number(data, rng)
         case 7:
-            lines = data.split(b"\n")
+            lines = bytes(data).split(b"\n")
             i, j = rng.randrange(len(lines)), rng.randrange(len(lines))
             lines[i] = lines[j] if rng.random() < 0.5 else b""
             data[:] = b"\n".join(lines)
@@ -343,6 +343,9 @@ def attack(
             for name, (seeds, _) in targets.items()
             if only in (None, name)
         }
+        for name in inputs:  # what is imported at first use is not an input's time
+            valid, case = targets[name]
+            case(valid[0])
         spent = dict.fromkeys(inputs, 0.0)
         until = time.monotonic() + seconds
         while inputs and (began := time.monotonic()) < until:
@@ -370,9 +373,9 @@ def attack(
 def _try(case: Case, content: bytes) -> str | None:
     """Return what broke, None for a refusal in one sentence, and nothing if it was read."""
     began = time.monotonic()
+    problem: str | None = ""
     try:
         case(content)
-        problem = ""
     except ValueError as error:
         text = str(error)
         wrong = "\n" in text or len(text) > 2000 or ("expected" not in text)

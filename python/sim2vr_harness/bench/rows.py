@@ -16,6 +16,7 @@ import numpy as np
 from sim2vr_harness import __version__
 from sim2vr_harness.bench.turns import spread
 from sim2vr_harness.client import gl_renderer
+from sim2vr_harness.files import naming
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.run_folder import git_commit, versions
 
@@ -148,5 +149,5 @@ def _cpu_model() -> str:
 def append_rows(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
     """Adds rows to a file of one JSON object per line; makes its folder."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("a", encoding="utf-8") as stream:
+    with naming(path), path.open("a", encoding="utf-8") as stream:
         stream.writelines(json.dumps(row) + "\n" for row in rows)

@@ -10,6 +10,7 @@ import json as jsonlib
 import shlex
 import sys
 from functools import partial
+from io import TextIOWrapper
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -590,6 +591,9 @@ def _print_json(content: dict[str, Any]) -> None:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit."""
     settle_torch()  # before anything loads torch
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):  # names of files need not be UTF-8
+            stream.reconfigure(errors="backslashreplace")
     given = sys.argv[1:] if arguments is None else arguments
     debug = "--debug" in given
     given = [argument for argument in given if argument != "--debug"] or ["--help"]

@@ -6,6 +6,7 @@ Before a command starts, so that nothing is played and then lost.
 from __future__ import annotations
 
 import math
+import os
 import tempfile
 from pathlib import Path
 from typing import Annotated, Any
@@ -56,6 +57,8 @@ def writable_file(parameter: typer.CallbackParam, value: Path | None) -> Path | 
     if value is not None:
         if value.is_dir():
             raise InputError(_name(parameter), f"{str(value)!r}, which is a folder", "a file")
+        if value.is_symlink() and not value.exists():
+            raise InputError(_name(parameter), f"{str(value)!r}, a link to nothing", "a file")
         _check(_name(parameter), value, value.absolute().parent)
     return value
 
@@ -63,10 +66,12 @@ def writable_file(parameter: typer.CallbackParam, value: Path | None) -> Path | 
 def _check(option: str, given: Path, folder: Path) -> None:
     """Try to write in the folder, or in the nearest one above it that exists."""
     above = folder.absolute()
-    while not above.exists() and above != above.parent:
+    while not os.path.lexists(above) and above != above.parent:
         above = above.parent
     got = repr(str(given))
     if not above.is_dir():
+        if above.is_symlink() and not above.exists():
+            raise InputError(option, f"{got}, but {above} is a link to nothing", "a folder")
         problem = "which is a file" if above == folder.absolute() else f"but {above} is a file"
         raise InputError(option, f"{got}, {problem}", "a folder")
     try:

@@ -41,6 +41,7 @@ __all__ = [
     "with_options",
 ]
 
+_LONGEST_ADDRESS = 106
 _ADDRESS = re.compile(r"[^\s:/]+:([0-9]{1,5})")
 
 
@@ -244,6 +245,11 @@ class AppConfig(Settings):
             if not port and not self.connect.startswith("ipc://"):
                 raise ValueError(
                     f"connect: got {self.connect!r}, expected HOST:PORT, such as localhost:5555"
+                )
+            if len(self.connect.encode()) > _LONGEST_ADDRESS:
+                raise ValueError(
+                    f"connect: got an address of {len(self.connect.encode()):,} bytes, expected at "
+                    f"most {_LONGEST_ADDRESS}, as many as the name of a socket can have"
                 )
             if self.executable is not None or self.arguments:
                 raise ValueError(

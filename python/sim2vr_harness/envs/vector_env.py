@@ -120,7 +120,7 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         ids = np.flatnonzero(np.asarray(mask)).tolist()
         if isinstance(seed, (int, np.integer)) and not isinstance(seed, bool):
             seed = [int(seed) + i for i in range(self.num_envs)]
-        seeds = checked_seeds(seed, self.num_envs)
+        seeds = checked_seeds(seed, self.num_envs)  # type: ignore[arg-type]
         chosen = [seeds[i] for i in ids]
         infos = self._start({}, ids, chosen, game_options or None)
         return self.simulation.observation(), infos

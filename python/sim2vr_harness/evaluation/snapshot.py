@@ -16,6 +16,7 @@ from sim2vr_harness.envs.games import game_facts, with_condition, with_game
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.pictures import BodyPainter, compose, score_text
 from sim2vr_harness.evaluation.player import Player
+from sim2vr_harness.files import naming
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.trained_users import find_user, require_contract
 
@@ -145,6 +146,7 @@ def _write(out: Path, pictures: Mapping[str, Any]) -> list[Path]:
     files = []
     for name, picture in pictures.items():
         file = out / f"{name}.png"
-        Image.fromarray(np.ascontiguousarray(picture)).save(file)
+        with naming(file):
+            Image.fromarray(np.ascontiguousarray(picture)).save(file)
         files.append(file)
     return files

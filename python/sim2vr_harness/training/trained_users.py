@@ -190,16 +190,14 @@ def _short(value: Any) -> str:
 
 
 def _load_packed(file: Path, steps: int, policy: nn.Module) -> int:
+    weights = read_tensors(file, "weights of this network")
     try:
-        weights = read_tensors(file, "weights of this network")
         first = _first_names(policy)
         chosen = {key: weights[first[key]].float() for key in first}
         found = first_not_finite(chosen)
         if found is not None:
             raise ValueError(f"{found} is not finite")
         policy.load_state_dict(chosen)
-    except UnusableFile:
-        raise
     except DAMAGE as error:
         raise UnusableFile(file, in_words(error), "weights of this network") from error
     return steps

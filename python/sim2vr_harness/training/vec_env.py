@@ -147,7 +147,7 @@ class SimulationVecEnv(VecEnv):
         Raises:
             ValueError: Another shape, or no numbers.
         """
-        taken, shape = np.array(actions), (self.num_envs, *self.action_space.shape)
+        taken, shape = np.array(actions), (self.num_envs, *(self.action_space.shape or ()))
         if taken.shape != shape or taken.dtype.kind not in "fiu":
             raise ValueError(
                 f"actions: got {taken.dtype} {taken.shape}, expected real numbers {shape}"

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import mujoco
 
+from sim2vr_harness.files import naming
 from sim2vr_harness.users.bodies.body import Body
 
 
@@ -35,7 +36,8 @@ def export_body(body: Body, file: Path) -> list[Path]:
         # Every number exactly as it is in the specification; compiled ones have six digits.
         spec.compiler.savecompiled = False
         text = spec.to_xml()
-    file.write_text(text, encoding="utf-8")
+    with naming(file):
+        file.write_text(text, encoding="utf-8")
     try:
         again = mujoco.MjModel.from_xml_path(str(file))
     except ValueError as error:
@@ -61,7 +63,8 @@ def _copied_assets(spec: mujoco.MjSpec, file: Path) -> list[Path]:
             if source not in copies:
                 folder.mkdir(exist_ok=True)
                 copies[source] = folder / f"{len(copies)}_{source.name}"
-                copies[source].write_bytes(source.read_bytes())
+                with naming(copies[source]):
+                    copies[source].write_bytes(source.read_bytes())
             asset.file = str(copies[source].resolve())
     return list(copies.values())
 

@@ -5,10 +5,11 @@ Only names are registered: bodies, apps and learners are loaded when an environm
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 
 import gymnasium
+
+from sim2vr_harness.files import read_json
 
 __all__ = ["GAMES_FILE", "env_id", "register_envs"]
 
@@ -36,5 +37,5 @@ def register_envs() -> None:
 def _games() -> dict[str, str]:
     """Name in ids -> name of the game, of every game that was built."""
     if GAMES_FILE.is_file():
-        return dict(json.loads(GAMES_FILE.read_text(encoding="utf-8")))
+        return read_json(GAMES_FILE, "the games of this build; build again")
     return {}  # nothing is built, so nothing can be played

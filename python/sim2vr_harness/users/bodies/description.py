@@ -11,12 +11,10 @@ from pydantic import Field, model_validator
 from sim2vr_harness.errors import InputError, shown
 from sim2vr_harness.files import file_name, read_yaml
 from sim2vr_harness.settings import Settings, first_problem
-from sim2vr_harness.users.bodies.options import PhysicsStep
+from sim2vr_harness.users.bodies.options import Angle, PhysicsStep
 
 Metres = Annotated[float, Field(ge=-100.0, le=100.0)]
 Share = Annotated[float, Field(ge=-1.001, le=1.001)]
-Angle = Annotated[float, Field(ge=-100.0, le=100.0)]
-"""In rad; of a slide a place in m."""
 Three = tuple[Metres, Metres, Metres]
 Four = tuple[Share, Share, Share, Share]
 Names = Annotated[tuple[str, ...], Field(min_length=1)]

@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator
 
-from sim2vr_harness.settings import Settings
+from sim2vr_harness.settings import Chance, Settings
 
 LEAST_STEP_S, MOST_STEP_S = 1e-4, 0.02
 
@@ -15,6 +15,9 @@ PhysicsStep = Annotated[float, Field(ge=LEAST_STEP_S, le=MOST_STEP_S)]
 """In s. A body falls apart above it; below, a user step takes minutes."""
 
 Length = Annotated[float, Field(gt=0.0, le=1000.0)]
+"""In m; a body says more exactly what its segments can have."""
+Angle = Annotated[float, Field(ge=-100.0, le=100.0)]
+"""In rad; of a slide a place in m."""
 
 
 class Person(Settings):
@@ -38,14 +41,14 @@ class Person(Settings):
 class ResetOptions(Settings):
     """How episodes begin, where that differs from the body's own (docs/bodies.md)."""
 
-    posture: str | dict[str, float] | None = None
+    posture: str | dict[str, Angle] | None = None
     """The name of one of the body's postures, or angles (rad; slides m) of joints, 0 for those left
     out. None keeps the body's own."""
-    position_range: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    position_range: float | None = Field(default=None, ge=0.0, le=10.0)
     """Angles are uniform in +- this about the posture."""
-    velocity_range: float | None = Field(default=None, ge=0.0, allow_inf_nan=False)
+    velocity_range: float | None = Field(default=None, ge=0.0, le=100.0)
     """Velocities are uniform in +- this (rad/s; slides m/s)."""
-    activation_range: tuple[float, float] | None = None
+    activation_range: tuple[Chance, Chance] | None = None
     """Muscles' activations are uniform in it."""
     hold: bool = False
     """Position servos begin aiming at their joints' angles; without, anywhere in their range."""

@@ -21,12 +21,13 @@ from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.measuring import silent_logger
 from sim2vr_harness.training.memory import keep_freed_memory
 from sim2vr_harness.training.vec_env import SimulationVecEnv
+from sim2vr_harness.users.actuation import Actuation
 
 __all__ = ["EnvScene", "PhysicsScene", "RenderScene", "TrainScene", "open_scene", "short_iteration"]
 
 
 class PhysicsScene(Scene):
-    """MuJoCo's own Batch: the user's model, its physics steps per user step, random muscle control.
+    """MuJoCo's own Batch: the user's model, its physics steps per user step, random actions.
 
     The floor below which no environment of such users can come.
     """
@@ -36,12 +37,14 @@ class PhysicsScene(Scene):
         config = spec.env(transport=shared.IN_PROCESS, renderer="null")
         with closing(Simulation(config, spec.n)) as start:  # draws the start postures
             self._substeps = start.users.substeps
+            self._actuation = Actuation(start.body)
             self._batch = Batch(start.body.physics_model, spec.n, spec.threads)
             self._act, self._ctrl = self._batch.bind("act"), self._batch.bind("ctrl")
             self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
             self._qpos[:], self._qvel[:] = start.users.qpos, start.users.qvel
-            self._act[:] = start.users.act
-        self._actions = actions(spec.n, self._act.shape[1])
+            self._act[:, self._actuation.activations] = start.users.act
+            self._motor = start.users.motor
+        self._actions = actions(spec.n, self._ctrl.shape[1]).astype(np.float64)
         self._steps = 0
         for _ in range(shared.WARM_UP_STEPS):
             self.step()
@@ -50,7 +53,8 @@ class PhysicsScene(Scene):
     def step(self) -> None:
         """See the base class."""
         action = self._actions[self._steps % shared.ACTIONS]
-        np.clip(self._act + action, 0.0, 1.0, out=self._ctrl)
+        controls = self._actuation.controls(action, self._act, self._motor)
+        self._ctrl[:, self._actuation.actuators] = controls
         self._batch.step(nstep=self._substeps)
         self._steps += 1
 

@@ -188,6 +188,9 @@ def export(
     skull_rotation_deg: Annotated[
         float, typer.Option(help="How far the head looks down, degrees.", callback=finite)
     ] = 10.0,
+    torso: Annotated[
+        bool, typer.Option("--torso", help="With a trunk and a neck that move.")
+    ] = False,
 ) -> None:
     """Write a body, devices included, as MJCF that MuJoCo loads.
 
@@ -224,6 +227,6 @@ def export(
         )
         expected = str(problem["msg"]).removeprefix("Input should be ")
         raise InputError(f"--{option}", repr(problem["input"]), expected) from error
-    body = load_body(name, person=person, skull_rotation_deg=skull_rotation_deg)
+    body = load_body(name, person=person, skull_rotation_deg=skull_rotation_deg, torso=torso)
     for written in export_body(body, file):
         typer.echo(f"Written: {written}")

@@ -1,21 +1,15 @@
-"""The body with two arms and 14 motors against the User-in-the-Box conversion.
-
-The excerpts beside the tests always run; the full reference files run where they are found, in the
-folder that SIM2VR_SHARED names or in `shared` next to the repository.
-"""
+"""The body with two arms and 14 motors against the User-in-the-Box conversion."""
 
 from __future__ import annotations
 
-import json
-import os
 from contextlib import closing
-from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
+from python.users.references import coupling_jacobian, gap, load_reference
 from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.contract import contract
@@ -23,21 +17,14 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception import Proprioception
 from sim2vr_harness.users import Body, Person, UserBatch, load_body
 
-REPOSITORY = Path(__file__).resolve().parents[3]
-EXCERPTS = REPOSITORY / "tests" / "data" / "mobl_arms"
 NAME = "mobl_arms_bimanual_motor"
 
 
 @pytest.fixture(params=["excerpt", "full"])
 def reference(request: pytest.FixtureRequest) -> Any:
     def load(name: str) -> dict[str, Any]:
-        root = Path(os.environ.get("SIM2VR_SHARED", REPOSITORY.parent / "shared"))
-        path = root / "facts" / "mobl_arms" / "bimanual_motor" / f"{name}.json"
-        if request.param == "excerpt":
-            path = EXCERPTS / f"bimanual_{name}_excerpt.json"
-        if not path.exists():
-            pytest.skip(f"full reference file {path} not found; set SIM2VR_SHARED to its root")
-        return json.loads(path.read_text())
+        excerpt = f"bimanual_{name}_excerpt.json" if request.param == "excerpt" else None
+        return load_reference("bimanual_motor", name, excerpt)
 
     return load
 
@@ -45,10 +32,6 @@ def reference(request: pytest.FixtureRequest) -> Any:
 @pytest.fixture(scope="module")
 def bare() -> Body:
     return load_body(NAME, skull_rotation_deg=0.0, devices=(), appearance=False)
-
-
-def _gap(got: Any, expected: Any) -> float:
-    return float(np.abs(np.asarray(got) - np.asarray(expected)).max())
 
 
 def test_trace(reference: Any, bare: Body) -> None:
@@ -67,14 +50,14 @@ def test_trace(reference: Any, bare: Body) -> None:
             "qvel": batch.qvel[0, bare.qvel_independent],
         }
         for what, got in got_and_expected.items():
-            assert _gap(got, step[what]) < 1e-7, f"{what} at step {k}"
+            assert gap(got, step[what]) < 1e-7, f"{what} at step {k}"
 
 
 def test_postures(reference: Any, bare: Body) -> None:
     facts, worn = reference("validation"), load_body(NAME, appearance=False)
     model, data = bare.physics_model, mujoco.MjData(bare.physics_model)
     other = mujoco.MjData(worn.physics_model)
-    assert _gap(model.body_subtreemass[0], facts["total_mass_kg"]) < 1e-6
+    assert gap(model.body_subtreemass[0], facts["total_mass_kg"]) < 1e-6
     for posture in facts["postures"]:
         q = np.array(posture["q"])
         data.qpos[:] = other.qpos[:] = bare.coupled_qpos(q)
@@ -82,23 +65,17 @@ def test_postures(reference: Any, bare: Body) -> None:
             data.ctrl[:] = model.actuator_ctrlrange[:, column]
             mujoco.mj_forward(model, data)
             torque = data.actuator_force
-            assert _gap(torque, posture[f"torque_at_ctrl_{end}_Nm"]) < 0.05
+            assert gap(torque, posture[f"torque_at_ctrl_{end}_Nm"]) < 0.05
         for hand in ("hand_r", "hand_l"):
-            assert _gap(data.body(hand).xpos, posture[f"{hand}_pos"]) < 1e-8
-        follow = np.stack(
-            [
-                (bare.coupled_qpos(q + 1e-6 * e) - bare.coupled_qpos(q - 1e-6 * e)) / 2e-6
-                for e in np.eye(14)
-            ],
-            axis=1,
-        )
+            assert gap(data.body(hand).xpos, posture[f"{hand}_pos"]) < 1e-8
+        follow = coupling_jacobian(bare, q)
         inertia = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, inertia)
-        assert _gap(follow.T @ inertia @ follow, posture["mass_matrix_eff"]) < 5e-6
-        assert _gap(follow.T @ data.qfrc_bias, posture["bias_gravity_eff_Nm"]) < 5e-6
+        assert gap(follow.T @ inertia @ follow, posture["mass_matrix_eff"]) < 5e-6
+        assert gap(follow.T @ data.qfrc_bias, posture["bias_gravity_eff_Nm"]) < 5e-6
         mujoco.mj_kinematics(worn.physics_model, other)
         for device in ("controller_right", "controller_left"):
-            assert _gap(other.body(device).xpos, posture[f"{device}_pos"]) < 1e-7
+            assert gap(other.body(device).xpos, posture[f"{device}_pos"]) < 1e-7
             turned, expected = other.body(device).xquat, posture[f"{device}_quat_wxyz"]
             assert abs(float(turned @ expected)) == pytest.approx(1.0, abs=1e-8)
 

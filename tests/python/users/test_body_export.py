@@ -48,6 +48,15 @@ def test_the_command(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     assert model.actuator("biceps").gainprm[2] == pytest.approx(480.0)
 
 
+def test_the_command_with_a_torso(tmp_path: Path) -> None:
+    file = tmp_path / "torso.xml"
+    with pytest.raises(SystemExit) as end:
+        main(["users", "export", "mobl_arms_bimanual", str(file), "--torso"])
+    assert end.value.code == 0
+    model = mujoco.MjModel.from_xml_path(str(file))
+    assert (model.nu, model.joint("neck_flexion").id >= 0) == (70, True)
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [

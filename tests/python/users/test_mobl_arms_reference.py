@@ -1,66 +1,27 @@
-"""The rebuilt wrist model against reference values of the User-in-the-Box conversion.
-
-The excerpts beside the tests always run; the full reference files run where they are found, in the
-folder that SIM2VR_SHARED names or in `shared` next to the repository.
-"""
+"""The rebuilt wrist model against reference values of the User-in-the-Box conversion."""
 
 from __future__ import annotations
 
-import json
-import os
-from pathlib import Path
 from typing import Any
 
 import mujoco
 import numpy as np
 import pytest
 
+from python.users.references import (
+    coupling_jacobian,
+    gap,
+    load_reference,
+    moment_arms,
+    rotation_gap,
+)
 from sim2vr_harness.users import Body, load_body
-
-REPOSITORY = Path(__file__).resolve().parents[3]
-EXCERPTS = REPOSITORY / "tests" / "data" / "mobl_arms"
-
-
-def _full(name: str) -> Path:
-    root = Path(os.environ.get("SIM2VR_SHARED", REPOSITORY.parent / "shared"))
-    return root / "facts" / "mobl_arms" / "wrist" / f"{name}.json"
 
 
 @pytest.fixture(params=["excerpt", "full"])
 def reference(request: pytest.FixtureRequest) -> Any:
-    def load(name: str) -> dict[str, Any]:
-        path = EXCERPTS / f"{name}_excerpt.json" if request.param == "excerpt" else _full(name)
-        if not path.exists():
-            pytest.skip(f"full reference file {path} not found; set SIM2VR_SHARED to its root")
-        return json.loads(path.read_text())
-
-    return load
-
-
-def _gap(got: Any, expected: Any) -> float:
-    return float(np.abs(np.asarray(got) - np.asarray(expected)).max())
-
-
-def _rotation_gap(got: Any, expected: Any) -> float:
-    """Quaternions q and -q are the same rotation."""
-    return min(_gap(got, expected), _gap(got, -np.asarray(expected)))
-
-
-def _coupling_jacobian(user: Body, q: np.ndarray) -> np.ndarray:
-    """(nv, 7) d qpos / d q_independent; all joints are hinges, so qpos and dofs coincide."""
-    h = 1e-6
-    columns = [
-        (user.coupled_qpos(q + h * e) - user.coupled_qpos(q - h * e)) / (2 * h) for e in np.eye(7)
-    ]
-    return np.stack(columns, axis=1)
-
-
-def _moment_arms(model: mujoco.MjModel, data: mujoco.MjData) -> np.ndarray:
-    dense = np.zeros((model.ntendon, model.nv))
-    mujoco.mju_sparse2dense(
-        dense, data.ten_J, model.ten_J_rownnz, model.ten_J_rowadr, model.ten_J_colind
-    )
-    return dense
+    excerpt = request.param == "excerpt"
+    return lambda name: load_reference("wrist", name, f"{name}_excerpt.json" if excerpt else None)
 
 
 @pytest.fixture(scope="module")
@@ -74,8 +35,8 @@ def test_postures(reference: Any, bare: Body) -> None:
     data = mujoco.MjData(model)
     assert list(bare.independent_joints) == facts["independent_joints"]
     assert list(bare.muscles) == facts["muscles"]
-    assert _gap(model.body_subtreemass[0], facts["total_mass_kg"]) < 1e-7
-    assert _gap(model.body("clavicle").subtreemass[0], facts["arm_mass_kg"]) < 1e-7
+    assert gap(model.body_subtreemass[0], facts["total_mass_kg"]) < 1e-7
+    assert gap(model.body("clavicle").subtreemass[0], facts["arm_mass_kg"]) < 1e-7
     for posture in facts["postures"]:
         q = np.array(posture["q"])
         data.qpos[:] = bare.coupled_qpos(q)
@@ -85,27 +46,27 @@ def test_postures(reference: Any, bare: Body) -> None:
             assert data.joint(joint).qpos[0] == pytest.approx(angle, abs=1e-8), joint
 
         # Reference numbers are rounded; within 10x of what the tables alone are known to reach.
-        assert _gap(data.ten_length, posture["tendon_length_m"]) < 1e-8
-        assert _gap(data.body("hand").xpos, posture["hand_pos"]) < 1e-8
-        assert _rotation_gap(data.body("hand").xquat, posture["hand_quat_wxyz"]) < 1e-8
+        assert gap(data.ten_length, posture["tendon_length_m"]) < 1e-8
+        assert gap(data.body("hand").xpos, posture["hand_pos"]) < 1e-8
+        assert rotation_gap(data.body("hand").xquat, posture["hand_quat_wxyz"]) < 1e-8
         tip = posture["fingertip_geom_hand_2distph_pos"]
-        assert _gap(data.site(bare.end_effectors[0]).xpos, tip) < 1e-8
-        assert _gap(data.body("humerus").xpos, posture["humerus_pos"]) < 1e-8
-        assert _gap(data.body("ulna").xpos, posture["ulna_pos"]) < 1e-8
+        assert gap(data.site(bare.end_effectors[0]).xpos, tip) < 1e-8
+        assert gap(data.body("humerus").xpos, posture["humerus_pos"]) < 1e-8
+        assert gap(data.body("ulna").xpos, posture["ulna_pos"]) < 1e-8
 
         # MuJoCo counts pulling as negative force.
         pulled = np.array(posture["F_act_N"]) + np.array(posture["F_pas_N"])
-        assert _gap(-data.actuator_force, pulled) < 0.05
+        assert gap(-data.actuator_force, pulled) < 0.05
 
-        follow = _coupling_jacobian(bare, q)
-        arms = _moment_arms(model, data) @ follow
-        assert _gap(arms, posture["moment_arm_m"]) < 1e-7
+        follow = coupling_jacobian(bare, q)
+        arms = moment_arms(model, data) @ follow
+        assert gap(arms, posture["moment_arm_m"]) < 1e-7
         inertia = np.zeros((model.nv, model.nv))
         mujoco.mj_fullM(model, data, inertia)
-        assert _gap(follow.T @ inertia @ follow, posture["mass_matrix_eff"]) < 5e-6
-        assert _gap(follow.T @ data.qfrc_bias, posture["bias_gravity_eff_Nm"]) < 5e-6
+        assert gap(follow.T @ inertia @ follow, posture["mass_matrix_eff"]) < 5e-6
+        assert gap(follow.T @ data.qfrc_bias, posture["bias_gravity_eff_Nm"]) < 5e-6
         springs = posture["passive_spring_damper_eff_Nm"]
-        assert _gap(follow.T @ data.qfrc_passive, springs) < 5e-6
+        assert gap(follow.T @ data.qfrc_passive, springs) < 5e-6
 
 
 def test_device_poses_in_postures(reference: Any) -> None:
@@ -115,8 +76,8 @@ def test_device_poses_in_postures(reference: Any) -> None:
         data.qpos[:] = user.coupled_qpos(np.array(posture["q"]))
         mujoco.mj_kinematics(user.model, data)
         controller = data.body("controller_right")
-        assert _gap(controller.xpos, posture["controller_right_pos"]) < 1e-8
-        assert _rotation_gap(controller.xquat, posture["controller_right_quat_wxyz"]) < 1e-8
+        assert gap(controller.xpos, posture["controller_right_pos"]) < 1e-8
+        assert rotation_gap(controller.xquat, posture["controller_right_quat_wxyz"]) < 1e-8
 
 
 def test_start_poses_of_a_recorded_run(reference: Any) -> None:
@@ -126,8 +87,8 @@ def test_start_poses_of_a_recorded_run(reference: Any) -> None:
     recorded = reference("validation")["reference_initial_world_poses_from_recorded_run"]
     for device in ("headset", "controller_right"):
         # The recording has six significant digits.
-        assert _gap(data.body(device).xpos, recorded[device]["pos"]) < 5.1e-6
-        assert _rotation_gap(data.body(device).xquat, recorded[device]["quat"]) < 1e-6
+        assert gap(data.body(device).xpos, recorded[device]["pos"]) < 5.1e-6
+        assert rotation_gap(data.body(device).xquat, recorded[device]["quat"]) < 1e-6
 
 
 def test_trace_with_attached_hardware(reference: Any) -> None:
@@ -153,6 +114,6 @@ def test_trace_with_attached_hardware(reference: Any) -> None:
             "headset": (data.body("headset").xpos, step["headset_pos"]),
         }
         for what, (got, expected) in got_and_expected.items():
-            assert _gap(got, expected) < 1.3e-7, f"{what} at step {k}"
+            assert gap(got, expected) < 1.3e-7, f"{what} at step {k}"
         turned = data.body("controller_right").xquat
-        assert _rotation_gap(turned, step["controller_right_quat"]) < 1.3e-7
+        assert rotation_gap(turned, step["controller_right_quat"]) < 1.3e-7

@@ -64,7 +64,8 @@ def _beginning(plan: Plan, reset: ResetOptions) -> ResetRule:
         raise ValueError(unknown_name("reset.posture", reset.posture, plan.postures))
     posture = plan.postures[reset.posture] if isinstance(reset.posture, str) else reset.posture
     if posture is not None:
-        rule = replace(rule, posture={**rule.posture, **posture})
+        # Far from 0 the dependent joints cannot start there: the couplings would yank the arm.
+        rule = replace(rule, posture={**rule.posture, **posture}, fit_couplings=True)
     if reset.position_range is not None:
         rule = replace(rule, position_range=reset.position_range)
     if reset.velocity_range is not None:

@@ -15,7 +15,7 @@ import pytest
 from sim2vr_harness.bench import scene as shared
 from sim2vr_harness.bench.plan import transports
 from sim2vr_harness.bench.scene import Spec
-from sim2vr_harness.bench.scenes import EnvScene, open_scene, short_iteration
+from sim2vr_harness.bench.scenes import EnvScene, PhysicsScene, open_scene, short_iteration
 from sim2vr_harness.bench.senses import sense_variants
 from sim2vr_harness.perception import SENSES, WRAPPERS
 from sim2vr_harness.training.config import TrainingConfig, parse_config
@@ -92,6 +92,21 @@ def test_other_games_and_apps_that_draw_nothing(
         assert state is not None
         assert state != hashes(Spec(name, config, 2, 1))[0]
         assert (pictures is None) == (name == "render")
+
+
+def test_bodies_with_motors(config: TrainingConfig) -> None:
+    """The floor drives motors and muscles by the body's own rules."""
+    user = {"model": "mobl_arms_bimanual", "torso": True, "effort": {"model": "neural"}}
+    env = config.env.model_validate({"user": user, "app": {"game": "sample", "renderer": "null"}})
+    motors = config.model_copy(update={"env": env})
+    assert len({hashes(Spec("physics", motors, 2, threads)) for threads in (1, 2)}) == 1
+    with closing(PhysicsScene(Spec("physics", motors, 1, 1))) as floor:
+        before = floor._motor.copy()
+        action = np.clip(np.random.default_rng([7, 0]).standard_normal((32, 70)), -1.0, 1.0)
+        floor.step()  # m <- 0.1 m + 0.9 clip(m + a, 0, 1), with the step's actions
+        moved = 0.1 * before + 0.9 * np.clip(before + action[12, :6].astype(np.float32), 0.0, 1.0)
+        np.testing.assert_allclose(floor._motor, moved, atol=1e-12)
+        assert (floor._ctrl[0, -6:] > 1.0).any() or (floor._ctrl[0, -6:] < 0.0).any()  # angles
 
 
 def test_actions_are_those_of_the_user() -> None:

@@ -11,6 +11,18 @@ void RLEnv::Start() {
 void RLEnv::Update() {
   CalculateReward();
   UpdateIsFinished();
+  step_begins_ = false;
+}
+
+void RLEnv::beginStep(int frames) {
+  frames_per_step_ = frames;
+  step_begins_ = true;
+}
+
+void RLEnv::logTerm(const std::string& name, double value) {
+  double& step = log_[name];
+  step = step_begins_ ? value : step + value;
+  log_[name + kSumSuffix] += value;
 }
 
 void RLEnv::fillPrivileged(std::span<float>) const {}

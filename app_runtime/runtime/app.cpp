@@ -21,7 +21,7 @@
 namespace sim2vr::runtime {
 namespace {
 
-constexpr std::string_view kStateFormat = "sim2vr app state 1";
+constexpr std::string_view kStateFormat = "sim2vr app state 2";
 constexpr double kNsPerSecond = 1e9;
 
 xr::SessionSettings sessionSettings(const AppSettings& app) {
@@ -183,7 +183,7 @@ void App::doStartStep(std::span<const FrameInput> frames, std::size_t drawn) {
     }
     previous_ns = frame.time_ns;
   }
-  current.env->setFramesPerStep(static_cast<int>(frames.size()));
+  current.env->beginStep(static_cast<int>(frames.size()));
   step_.run = 0;
   step_.reward = 0.0F;
   step_.open = true;

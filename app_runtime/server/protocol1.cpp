@@ -227,7 +227,9 @@ std::string encodeObservation(const Observation& observation) {
 
 std::string logText(const std::map<std::string, double>& log) {
   Json json = Json::object();
-  for (const auto& [name, value] : log) json[name] = value;
+  for (const auto& [name, value] : log) {
+    if (std::isfinite(value)) json[name] = value;
+  }
   return json.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 #include <cmath>
+#include <limits>
 #include <string>
 
 #include "sim2vr/scene/scene.hpp"
@@ -16,6 +17,8 @@ constexpr double kPointReward = 10.0;
 constexpr double kContactReward = 2.0;
 constexpr double kDistanceRate_per_m = 10.0;
 constexpr double kReferenceDistanceWeight = 0.1;
+/// In the log: a number that the round has not.
+constexpr double kNone = std::numeric_limits<double>::quiet_NaN();
 
 struct CellNames {
   std::string fail_rate, hits, misses;
@@ -55,8 +58,8 @@ void Env::CalculateReward() {
   if (!round_.settings().sparse) reward += contact + distance;
   points_ = round_.counts().hits;
   first_contacts_ = round_.counts().first_contacts;
-  contact_reward_sum_ += contact;
-  distance_reward_sum_ += distance;
+  logTerm("RewardUnsuccessfulContact", round_.settings().sparse ? kNone : contact);
+  logTerm("DistanceReward", round_.settings().sparse ? kNone : distance);
   reward_ = static_cast<float>(reward);
   updateLog();
   privileged_.look();
@@ -94,8 +97,6 @@ void Env::updateLog() {
   log_["Points"] = counts.hits;
   log_["Misses"] = counts.misses;
   log_["Contacts"] = counts.contacts;
-  log_["RewardUnsuccessfulContact"] = contact_reward_sum_;
-  log_["DistanceReward"] = distance_reward_sum_;
   log_["HitSpeedSum"] = counts.hit_speed_sum_mps;
   log_["HitSpeed"] = meanOf(counts.hit_speed_sum_mps, counts.hits);
   log_["HitLatency"] = meanOf(counts.hit_latency_sum_s, counts.hits);
@@ -113,8 +114,6 @@ void Env::fields(Archive& archive) {
   RLEnv::fields(archive);
   archive.field("points", points_);
   archive.field("first_contacts", first_contacts_);
-  archive.field("contact_reward_sum", contact_reward_sum_);
-  archive.field("distance_reward_sum", distance_reward_sum_);
   archive.field("privileged", privileged_);
 }
 

@@ -41,8 +41,6 @@ class Env : public rl::RLEnv {
   Privileged privileged_;
   int points_ = 0;
   int first_contacts_ = 0;
-  double contact_reward_sum_ = 0.0;
-  double distance_reward_sum_ = 0.0;
 };
 
 }  // namespace sim2vr::games::whacamole

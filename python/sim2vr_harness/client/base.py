@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
@@ -60,10 +60,24 @@ class AppReply:
     time_feature: float
     """Game-defined, Whac-A-Mole: 2 * elapsed / round length - 1."""
     log: dict[str, float]
+    """Named numbers of the round so far and of this step, without those that the round has not."""
     haptics: tuple[HapticPulse, ...] = ()
     """What the frames of this step or reset asked the controllers for, in order."""
     sounds: tuple[SoundEvent, ...] = ()
     """Sounds that began in them, in order."""
+
+
+def numbers_of_log(names: Sequence[str], values: Sequence[float]) -> dict[str, float]:
+    """Return an app's named numbers; NaN stands for one that the round has not, and is left out.
+
+    Raises:
+        ValueError: not as many values as names.
+    """
+    return {
+        name: value
+        for name, value in zip(names, values, strict=True)
+        if value == value  # no NaN
+    }
 
 
 CAPABILITIES: dict[str, str] = {

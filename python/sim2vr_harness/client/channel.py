@@ -9,13 +9,29 @@ from sim2vr_harness.client.connection import Connection
 from sim2vr_harness.client.errors import AppDied, AppError, AppTimeout
 from sim2vr_harness.client.process import AppProcess
 
-__all__ = ["Channel"]
+__all__ = ["LONGEST_S", "Channel", "checked_duration_s"]
+
+LONGEST_S = 1e9
+"""Longest time that is taken as one to wait for something, as of sim2vr-app: some 30 years."""
 
 _SLICE_S = 0.25
 """How often a process is looked at whose end does not wake anybody."""
 
 _CONNECT_S = 5.0
 """How long somebody may take to accept the connection where nothing is known to be starting."""
+
+
+def checked_duration_s(field: str, value_s: float) -> float:
+    """Return ``value_s``, a time to wait for something.
+
+    Raises:
+        ValueError: it is not above 0, not finite or above 1e9 s, some 30 years; names ``field``.
+    """
+    if not 0.0 < value_s <= LONGEST_S:
+        raise ValueError(
+            f"{field}: got {value_s}, expected a number above 0, at most {LONGEST_S:g} s"
+        )
+    return value_s
 
 
 class Channel:
@@ -31,6 +47,9 @@ class Channel:
         timeout_s: how long to wait for an answer.
         process: the app's process where this side has started it. Without one somebody must
             listen already: that nobody does is told after five seconds.
+
+    Raises:
+        ValueError: ``timeout_s`` is no time to wait.
     """
 
     def __init__(
@@ -41,7 +60,7 @@ class Channel:
         process: AppProcess | None = None,
     ) -> None:
         self.endpoint = endpoint
-        self.timeout_s = timeout_s
+        self.timeout_s = checked_duration_s("timeout_s", timeout_s)
         self.process = process
         self.awaiting = False
         self._failure: str | None = None

@@ -111,15 +111,20 @@ class Condition:
 
 @dataclass(frozen=True)
 class RewardTerm:
-    """A part of the reward that the log sums up.
+    """A part of the reward.
 
     Attributes:
-        log_key: The log's number.
+        log_key: The log's number of what it was in the latest user step.
         label: For tables.
     """
 
     log_key: str
     label: str
+
+    @property
+    def sum_key(self) -> str:
+        """The log's number of what it was in the round so far."""
+        return f"{self.log_key}Sum"
 
 
 @dataclass(frozen=True)
@@ -135,7 +140,7 @@ class GameFacts:
         hand_option: The option that takes ``right`` or ``left``, the hand that plays, if any.
         measures: In the order of the tables.
         score: Name of the measure by which users are compared; None: the return.
-        reward_terms: Parts of the reward that the log sums up.
+        reward_terms: Parts of the reward that the log has.
         reward_rest: What to call the rest of the reward.
         conditions: In the order in which they are listed; empty for an app that publishes none.
         default_condition: What a round without options is.

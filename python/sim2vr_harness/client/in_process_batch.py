@@ -23,6 +23,7 @@ from sim2vr_harness.client.base import (
     SoundEvent,
     ThirdPersonView,
     UInt8Array,
+    numbers_of_log,
     require_capability,
 )
 from sim2vr_harness.client.runtime import checked_seed, load_runtime
@@ -227,7 +228,7 @@ class InProcessBatch:
             float(self.rewards[index]),
             bool(self.finished[index]),
             float(self.time_features[index]),
-            dict(zip(self.log_names, self.logs[index].tolist(), strict=True)),
+            numbers_of_log(self.log_names, self.logs[index].tolist()),
             self.haptics(index),
             self.sounds(index),
         )

@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from sim2vr_harness.client.base import OptionValue
-from sim2vr_harness.client.channel import Channel
+from sim2vr_harness.client.channel import Channel, checked_duration_s
 from sim2vr_harness.client.process import AppProcess, log_folder
 
 __all__ = [
@@ -74,8 +74,10 @@ class StartingApp:
         Raises:
             AppRefused: the app does not take its arguments; says its own words.
             AppTimeout, AppDied: it does not start.
+            ValueError: a deadline is no time to wait.
         """
         try:
+            checked_duration_s("start_timeout_s", start_timeout_s)
             if self._port is not None:
                 endpoint = f"tcp://127.0.0.1:{self._port.number}"
             else:

@@ -26,8 +26,9 @@ from sim2vr_harness.client.base import (
     OptionValue,
     ThirdPersonView,
     UInt8Array,
+    numbers_of_log,
 )
-from sim2vr_harness.client.channel import Channel
+from sim2vr_harness.client.channel import Channel, checked_duration_s
 from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, ProtocolError
 from sim2vr_harness.client.poses import (
@@ -77,6 +78,7 @@ class Protocol1App:
     Raises:
         AppRefused: the app does not take the handshake.
         AppTimeout, AppDied, ProtocolError: there is no such app.
+        ValueError: ``start_timeout_s`` is no time to wait.
     """
 
     def __init__(
@@ -102,6 +104,7 @@ class Protocol1App:
         self._ending = False
         self._in_round = False
         try:
+            checked_duration_s("start_timeout_s", start_timeout_s)
             reply = self._handshake(fixed_delta_time_s, time_scale, start_timeout_s)
         except BaseException:
             self._abandon()
@@ -430,11 +433,9 @@ def _on_grid(seconds: float, frequency_hz: int) -> float:
 
 def _log(text: Any) -> dict[str, float]:
     """The game's named numbers out of logDict, a string that holds a JSON object."""
-    found = json.loads(text) if text else {}
-    return {
-        str(name): math.nan if value is None else float(value)
-        for name, value in (found or {}).items()
-    }
+    found = (json.loads(text) if text else None) or {}
+    values = [math.nan if value is None else float(value) for value in found.values()]
+    return numbers_of_log(list(found), values)
 
 
 def _app_error(error: Any) -> Exception:

@@ -28,7 +28,7 @@ from sim2vr_harness.client.base import (
     ThirdPersonView,
     UInt8Array,
 )
-from sim2vr_harness.client.channel import Channel
+from sim2vr_harness.client.channel import Channel, checked_duration_s
 from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, ProtocolError
 from sim2vr_harness.client.poses import frame_times, one_frame, require_devices
@@ -148,6 +148,7 @@ class Protocol2Connection:
             "shared_memory": shared_memory,
         }
         try:
+            checked_duration_s("start_timeout_s", start_timeout_s)
             self._hello({k: v for k, v in wanted.items() if v is not None}, start_timeout_s)
         except BaseException:
             self._abandon()

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.client.base import AppReply, Int64Array
+from sim2vr_harness.client.base import AppReply, Int64Array, numbers_of_log
 from sim2vr_harness.client.devices import (
     HANDS,
     INPUT_COUNT,
@@ -199,7 +199,7 @@ class Results:
                     reward,
                     bool(finished),
                     time_feature,
-                    dict(zip(names.logs[log_names], log, strict=True)) if log_count else {},
+                    numbers_of_log(names.logs[log_names], log) if log_count else {},
                     pulses[pulse - p : pulse],
                     heard[sound - s : sound],
                 )

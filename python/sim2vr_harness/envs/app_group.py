@@ -25,6 +25,7 @@ from sim2vr_harness.client import (
     SoundEvent,
     transport_named,
 )
+from sim2vr_harness.client.base import numbers_of_log
 from sim2vr_harness.envs.apps import IPD_M, AppFactory, app_factory, apps_wanted
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.perception import channel_indices, pick_channels
@@ -266,12 +267,12 @@ class _LogRows:
         self._names, self._rows = names, rows
 
     def __getitem__(self, i: int) -> Mapping[str, float]:
-        return dict(zip(self._names, self._rows[i].tolist(), strict=True))
+        return numbers_of_log(self._names, self._rows[i].tolist())
 
     def total(self, name: str) -> float:
         if name not in self._names:
             return 0.0
-        return float(self._rows[:, self._names.index(name)].sum())
+        return float(np.nansum(self._rows[:, self._names.index(name)]))
 
 
 class _LogList:

@@ -193,9 +193,9 @@ def _return_terms(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, 
     if not played:
         return {}
     terms = {
-        term.log_key: float(np.mean([result.log.get(term.log_key, 0.0) for result in played]))
+        term.log_key: float(np.mean([result.log.get(term.sum_key, 0.0) for result in played]))
         for term in facts.reward_terms
-        if any(term.log_key in result.log for result in played)
+        if any(term.sum_key in result.log for result in played)
     }
     game = float(np.mean([result.values["game_return"] or 0.0 for result in played]))
     effort = float(np.mean([result.values["effort"] or 0.0 for result in played]))

@@ -63,6 +63,7 @@ class GameHarness {
     session_.waitFrame(time_ns, 50'000'000);
     session_.beginFrame();
     session_.syncActions();
+    env_->beginStep(1);
     scene_.runFrame(time_ns, [this] {
       if (before_physics) before_physics();
       physics_.step();

@@ -62,7 +62,10 @@ std::vector<std::string> publishedKeys(const nlohmann::json& facts) {
     add(measure["rate_with"], measure["grid"]);
     add(measure["only_if"], nullptr);
   }
-  for (const auto& term : facts["reward_terms"]) add(term["log_key"], nullptr);
+  for (const auto& term : facts["reward_terms"]) {
+    add(term["log_key"], nullptr);
+    add(term["log_key"].get<std::string>() + rl::kSumSuffix, nullptr);
+  }
   return keys;
 }
 

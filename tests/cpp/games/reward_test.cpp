@@ -1,5 +1,6 @@
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <string>
 
 #include "whacamole_player.hpp"
@@ -22,6 +23,25 @@ TEST(Reward, DistanceTerm) {
   EXPECT_NEAR(rewardAtTenCentimetres(R"({"condition": "easy", "reward": "paper"})"), -0.6321206F,
               1e-4F);
   EXPECT_EQ(rewardAtTenCentimetres(R"({"condition": "easy", "sparse": true})"), 0.0F);
+}
+
+// The log has each term of a user step and its sum over the round; what the round has not is NaN.
+TEST(Reward, TermsOfAStepAndOfTheRound) {
+  WhacAMoleRound round(R"({"condition": "easy"})");
+  const Target& target = round.waitFor(Target::State::kAlive);
+  const double before = round.harness.log("DistanceRewardSum");
+  const Vec3 marker = target.transform().position() - Vec3(0, 0, 0.1);
+  for (int n = 1; n <= 3; ++n) {
+    round.frameWithMarker(marker);
+    EXPECT_NEAR(round.harness.log("DistanceReward"), -0.06321206, 1e-5) << n;
+    EXPECT_NEAR(round.harness.log("DistanceRewardSum") - before, -0.06321206 * n, 1e-5);
+  }
+  WhacAMoleRound sparse(R"({"condition": "easy", "sparse": true})");
+  sparse.waitFor(Target::State::kAlive);
+  for (const char* name : {"DistanceReward", "DistanceRewardSum", "RewardUnsuccessfulContact",
+                           "RewardUnsuccessfulContactSum"}) {
+    EXPECT_TRUE(std::isnan(sparse.harness.log(name))) << name;
+  }
 }
 
 TEST(Reward, DistanceTermSumsLiveTargetsOnly) {
@@ -77,6 +97,8 @@ TEST(Reward, FirstContactGivesABonusByTheReferenceAndAPenaltyByThePaper) {
     EXPECT_NEAR(round.harness.log("RewardUnsuccessfulContact"), sign * 1.875, 2e-3) << kind;
     round.frameWithHead(round.hitCenter(round.target()));
     EXPECT_NEAR(round.harness.env().reward(), distance, 1e-4) << "only once";
+    EXPECT_EQ(round.harness.log("RewardUnsuccessfulContact"), 0.0) << "of the step";
+    EXPECT_NEAR(round.harness.log("RewardUnsuccessfulContactSum"), sign * 1.875, 2e-3);
   }
 }
 

@@ -162,11 +162,12 @@ TEST(Protocol1, ObservationHasTheReferencesFields) {
   observation.reward = 0.1F;
   observation.png = std::string("\x89PNG\x00\xff", 6);
   observation.time_feature = -1.0F;
-  observation.log_json =
-      logText({{"Points", 3.0}, {"Rate", std::numeric_limits<double>::infinity()}});
+  observation.log_json = logText({{"Points", 3.0},
+                                  {"Rate", std::numeric_limits<double>::infinity()},
+                                  {"Term", std::numeric_limits<double>::quiet_NaN()}});
   const std::string text = encodeObservation(observation);
   EXPECT_EQ(text, R"({"isFinished":true,"reward":0.10000000149011612,"image":[137,80,78,71,0,255],)"
-                  R"("timeFeature":-1.0,"logDict":"{\"Points\":3.0,\"Rate\":null}"})");
+                  R"("timeFeature":-1.0,"logDict":"{\"Points\":3.0}"})");
   EXPECT_EQ(static_cast<float>(Json::parse(text)["reward"].get<double>()), 0.1F);
 }
 

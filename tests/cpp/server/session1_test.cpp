@@ -384,5 +384,56 @@ TEST(Session1, ImagesArePngsOfTheSamePixels) {
   EXPECT_TRUE(testing::decodePng(reply["render"]).rgba == picture);
 }
 
+/// The player with a hammer that creeps, at 0.24 m/s: it touches targets too slowly to hit them.
+TrackedPoses creepingPlayer(int n) {
+  TrackedPoses poses = playerPoses(n);
+  poses.right[2] = 0.2 + 0.012 * (n % 14);
+  return poses;
+}
+
+// User-in-the-Box's monitor adds up what each step logs under the reference's names.
+TEST(Session1, StepsOfARoundLogTheReferencesTermsAndTheirSums) {
+  for (const int frames : {1, 3}) {
+    Client client(settings(), ourHandshake());
+    client.ask(stateJson(playerPoses(0), 0.0, true));
+    double distance = 0.0;
+    double contacts = 0.0;
+    double reward = 0.0;
+    Json log;
+    for (int n = 1; n <= 200; ++n) {
+      Json state = stateJson(creepingPlayer(n), 0.05 * n);
+      for (int k = 1; frames > 1 && k <= frames; ++k) {
+        Json frame = testing::posesJson(creepingPlayer(n));
+        frame["time_ns"] = frameNs(n - 1) + k * (frameNs(n) - frameNs(n - 1)) / frames;
+        state["frames"].push_back(frame);
+      }
+      const Json reply = client.ask(state);
+      log = Json::parse(reply["logDict"].get<std::string>());
+      distance += log["DistanceReward"].get<double>();
+      contacts += log["RewardUnsuccessfulContact"].get<double>();
+      reward += reply["reward"].get<double>();
+    }
+    EXPECT_LT(distance, -1.0);
+    EXPECT_GT(contacts, 0.0);
+    EXPECT_NEAR(distance, log["DistanceRewardSum"].get<double>(), 1e-9);
+    EXPECT_NEAR(contacts, log["RewardUnsuccessfulContactSum"].get<double>(), 1e-9);
+    EXPECT_NEAR(reward, distance + contacts + 10.0 * log["Points"].get<double>(), 1e-4);
+  }
+}
+
+TEST(Session1, ASparseRewardHasNoTerms) {
+  HostSettings sparse = settings();
+  sparse.app.options_json = R"({"condition": "hard", "sparse": true})";
+  Client client(sparse);
+  client.ask(stateJson(playerPoses(0), 0.0, true));
+  const Json reply = client.ask(stateJson(playerPoses(1), 0.05));
+  const Json log = Json::parse(reply["logDict"].get<std::string>());
+  for (const char* name : {"DistanceReward", "DistanceRewardSum", "RewardUnsuccessfulContact",
+                           "RewardUnsuccessfulContactSum"}) {
+    EXPECT_FALSE(log.contains(name)) << name;
+  }
+  EXPECT_EQ(log["Points"], 0.0);
+}
+
 }  // namespace
 }  // namespace sim2vr::server

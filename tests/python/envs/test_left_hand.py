@@ -38,7 +38,7 @@ def test_a_left_handers_round_is_the_mirror_image(tmp_path: Path) -> None:
     right = play({}, [3, 4, 7, 6], tmp_path / "right")
     left = play(LEFT, [5, 4, 7, 8], tmp_path / "left")
     assert right["Points"] > 0
-    for key in ("Points", "Misses", "Contacts", "DistanceReward", "HammerDepthZ"):
+    for key in ("Points", "Misses", "Contacts", "DistanceRewardSum", "HammerDepthZ"):
         assert left[key] == pytest.approx(right[key], abs=1e-4), key
 
 

@@ -93,24 +93,28 @@ def test_equals_stepping_body_and_app_by_hand(frames: int) -> None:
     body.head_pitch_deg = app.head_request(body.round_seed)
     assert body.head_pitch_deg is not None
     app.reset(body.round_seed, body.poses())
-    before = 0.0
+    total = 0.0
     for step in range(12):
         body.control(actions(1, step)[0])
-        events, distance = 0.0, 0.0
+        events, distance, contacts = 0.0, 0.0, 0.0
         for frame in range(step * frames + 1, (step + 1) * frames + 1):
             body.advance(25 // frames)
             reply = app.step(frame_time_ns(frame, 20 * frames), body.poses())
             # Alone, a frame is worth a whole step of the distance term.
-            distance += reply.log["DistanceReward"] - before
-            events += reply.reward - (reply.log["DistanceReward"] - before)
-            before = reply.log["DistanceReward"]
+            distance += reply.log["DistanceReward"]
+            contacts += reply.log["RewardUnsuccessfulContact"]
+            events += reply.reward - reply.log["DistanceReward"]
         info = simulation.step(actions(1, step)).infos[0]
         assert info["game_reward"] == pytest.approx(events + distance / frames, abs=1e-6)
-        by_hand = {k: v for k, v in reply.log.items() if k != "DistanceReward"}
-        assert {k: v for k, v in info["log"].items() if k != "DistanceReward"} == by_hand
-        assert info["log"]["DistanceReward"] == pytest.approx(before / frames, abs=1e-9)
+        total += distance / frames
+        terms = {
+            "DistanceReward": pytest.approx(distance / frames, abs=1e-9),
+            "DistanceRewardSum": pytest.approx(total, abs=1e-9),
+            "RewardUnsuccessfulContact": pytest.approx(contacts, abs=1e-9),
+        }
+        assert info["log"] == reply.log | terms
         np.testing.assert_array_equal(simulation.apps[0].image, app.image)
-    assert before < -0.1  # some target was alive
+    assert total < -0.1  # some target was alive
     app.close()
     simulation.close()
 

@@ -65,9 +65,9 @@ def test_numbers_of_a_round_by_hand() -> None:
 
 def test_the_return_s_terms_add_up_and_cells_are_pooled() -> None:
     one = result(
-        3.0, 1.0, DistanceReward=-30.0, hitsTarget0=1.0, missesTarget0=3.0, hitsTarget2=2.0
+        3.0, 1.0, DistanceRewardSum=-30.0, hitsTarget0=1.0, missesTarget0=3.0, hitsTarget2=2.0
     )
-    other = result(3.0, 1.0, DistanceReward=-50.0, hitsTarget0=2.0, missesTarget0=0.0)
+    other = result(3.0, 1.0, DistanceRewardSum=-50.0, hitsTarget0=2.0, missesTarget0=0.0)
     summary = summarise([one, other], WHACAMOLE)
     terms = summary["return_terms"]
     assert terms == {"rest": 140.0, "DistanceReward": -40.0, "effort": -20.0}

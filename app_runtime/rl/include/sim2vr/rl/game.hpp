@@ -57,14 +57,16 @@ class RLEnv : public scene::Component {
 
   float reward() const { return reward_; }
   bool finished() const { return finished_; }
-  /// Named numbers of the episode so far, for training logs and evaluation.
+  /// Named numbers of the episode so far, and of its latest user step (logTerm), for training logs
+  /// and evaluation; the same names for every round. One that a round has not is NaN, and is left
+  /// out of what clients get.
   const std::map<std::string, double>& log() const { return log_; }
   std::map<std::string, double>& log() { return log_; }
 
-  /// The runtime says how many frames the present user step has: a reward term that flows all the
+  /// The runtime says that a user step of so many frames begins: a reward term that flows all the
   /// time, other than one for an event, is divided by it, so that a user step is worth the same
   /// whatever the tracking rate.
-  void setFramesPerStep(int frames) { frames_per_step_ = frames; }
+  void beginStep(int frames);
   int framesPerStep() const { return frames_per_step_; }
 
   void Start() final;
@@ -73,12 +75,19 @@ class RLEnv : public scene::Component {
   void fields(Archive& archive) override;
 
  protected:
+  /// Logs a part of the frame's reward; to be called in every frame. The log has the sum over the
+  /// user step's frames under `name`, and over the round's under `name` + kSumSuffix. NaN: the
+  /// round has no such part.
+  void logTerm(const std::string& name, double value);
+
   float reward_ = 0.0F;
   bool finished_ = false;
   std::map<std::string, double> log_;
 
  private:
   int frames_per_step_ = 1;
+  /// No frame of the user step has been run.
+  bool step_begins_ = true;
 };
 
 /// What Game::build may use. The references outlive the scene's content.

@@ -52,7 +52,11 @@ struct GameCondition {
   bool evaluated = false;
 };
 
-/// A part of the reward that the log sums up.
+/// What the log's name of a reward term's sum over the round ends with.
+inline constexpr const char* kSumSuffix = "Sum";
+
+/// A part of the reward that the environment logs with RLEnv::logTerm: a user step's under
+/// `log_key`, the round's under `log_key` + kSumSuffix.
 struct RewardTerm {
   std::string log_key;
   std::string label;

@@ -100,7 +100,7 @@ struct Observation {
 
 std::string encodeObservation(const Observation& observation);
 
-/// The app's log as JSON text; numbers that are not finite become null.
+/// The app's log as JSON text, without numbers that are not finite.
 std::string logText(const std::map<std::string, double>& log);
 
 }  // namespace sim2vr::server::protocol1

@@ -1,0 +1,50 @@
+"""Times to wait that cannot be waited are refused before anything is started."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+from pathlib import Path
+
+import pytest
+from pydantic import ValidationError
+
+from sim2vr_harness.client import Channel, Protocol1App, Protocol2Connection, connect
+from sim2vr_harness.client.launch import start_sim2vr_app
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.paths import app_executable
+
+NO_TIMES = [math.nan, math.inf, -math.inf, -1.0, 0.0, 1e300]
+NOWHERE = "tcp://127.0.0.1:9"
+
+
+def words(field: str, value: float) -> str:
+    return re.escape(f"{field}: got {value}, expected a number above 0, at most 1e+09 s")
+
+
+@pytest.mark.parametrize("value", NO_TIMES)
+def test_clients_say_so(value: float) -> None:
+    with pytest.raises(ValueError, match=words("timeout_s", value)):
+        Channel(NOWHERE, timeout_s=value)
+    for client in (Protocol1App, Protocol2Connection):
+        with pytest.raises(ValueError, match=words("start_timeout_s", value)):
+            client(connect(NOWHERE, 1.0), start_timeout_s=value)
+
+
+def test_an_app_that_was_started_is_ended(tmp_path: Path) -> None:
+    starting = start_sim2vr_app(app_executable(), ["--renderer", "null"])
+    with pytest.raises(ValueError, match="start_timeout_s: got nan"):
+        starting.channel(1.0, math.nan)
+    assert not starting.process.running
+    with pytest.raises(ProcessLookupError):
+        os.kill(starting.process.pid, 0)
+
+
+@pytest.mark.parametrize("value", NO_TIMES)
+@pytest.mark.parametrize("field", ["timeout_s", "start_timeout_s"])
+def test_configurations_say_so(field: str, value: float) -> None:
+    with pytest.raises(ValidationError, match=field):
+        AppConfig.model_validate({field: value})
+    with pytest.raises(ValidationError, match="max_episode_seconds"):
+        EnvConfig.model_validate({"max_episode_seconds": value})

@@ -1,5 +1,7 @@
 #include "sim2vr/core/errors.hpp"
 
+#include <fmt/format.h>
+
 #include <algorithm>
 #include <numeric>
 #include <vector>
@@ -10,11 +12,27 @@ namespace {
 /// More names than that bury the one that was meant.
 constexpr std::size_t kReadableList = 12;
 
+/// Control characters as JSON spells them: they end texts and lines, or colour the terminal.
+std::string oneLine(std::string_view text) {
+  std::string line;
+  for (const char c : text) {
+    const auto code = static_cast<unsigned char>(c);
+    if (c == '\n') {
+      line += "\\n";
+    } else if (code < 0x20 || code == 0x7f) {
+      line += fmt::format("\\u{:04x}", static_cast<unsigned>(code));
+    } else {
+      line += c;
+    }
+  }
+  return line;
+}
+
 std::string composeMessage(std::string_view field, std::string_view got,
                            std::string_view expected) {
   std::string message(field);
   message.append(": got ").append(got).append(", expected ").append(expected);
-  return message;
+  return oneLine(message);
 }
 
 std::size_t editDistance(std::string_view a, std::string_view b) {

@@ -1,10 +1,9 @@
-#include <fstream>
 #include <iostream>
-#include <iterator>
 #include <memory>
 
 #include "sim2vr/core/clock.hpp"
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/text.hpp"
 #include "sim2vr/program/program.hpp"
 #include "sim2vr/render/image_io.hpp"
 #include "sim2vr/runtime/app.hpp"
@@ -22,16 +21,18 @@ xr::DeviceState restingPlayer() {
   return xr::devicesFromRows(kHead, nullptr, kRight);
 }
 
-std::string readFile(const std::string& path) {
-  std::ifstream file(path);
-  if (!file) throw InvalidArgument("--script", "'" + path + "'", "a readable JSON file");
-  return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
+std::unique_ptr<xr::Device> readScript(const std::string& path) {
+  const std::string text = readTextFile("--script", path, "a readable JSON file");
+  try {
+    return std::make_unique<xr::ScriptedDevice>(xr::ScriptedDevice::fromJson(text));
+  } catch (const InvalidArgument& error) {
+    throw InvalidArgument("--script '" + printable(path) + "', " + error.field(), error.got(),
+                          error.expected());
+  }
 }
 
 std::unique_ptr<xr::Device> makePlayer(const std::string& script) {
-  if (!script.empty()) {
-    return std::make_unique<xr::ScriptedDevice>(xr::ScriptedDevice::fromJson(readFile(script)));
-  }
+  if (!script.empty()) return readScript(script);
   return std::make_unique<xr::ScriptedDevice>(
       std::vector<xr::Keyframe>{{.time = 0, .state = restingPlayer()}});
 }

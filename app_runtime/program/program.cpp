@@ -1,5 +1,7 @@
 #include "sim2vr/program/program.hpp"
 
+#include <fcntl.h>
+
 #include <iostream>
 #include <nlohmann/json.hpp>
 
@@ -37,7 +39,20 @@ int runArguments(const std::vector<std::string>& words) {
   // "-" is Unity's word for the standard output; ours is for the launcher's line.
   if (!arguments.log_file.empty() && arguments.log_file != "-") setLogFile(arguments.log_file);
   for (const std::string& warning : arguments.warnings) logger().warn("{}", warning);
-  return runMode(arguments);
+  const int code = runMode(arguments);
+  // A launcher need not listen to a server any more; of the others the output is what they are for.
+  if (arguments.mode != Mode::serve && !std::cout.flush()) {
+    throw EngineError("the standard output cannot be written");
+  }
+  return code;
+}
+
+/// Without this the first socket of a program that was started with its standard output closed
+/// would be taken for the output.
+void openStandardStreams() {
+  for (int stream = 0; stream <= 2; ++stream) {
+    if (::fcntl(stream, F_GETFD) == -1) ::open("/dev/null", O_RDWR);
+  }
 }
 
 // The options that the game's condition of that name stands for.
@@ -81,6 +96,7 @@ std::string gameOptions(const Arguments& arguments) {
 }
 
 int run(int argc, const char* const* argv) {
+  openStandardStreams();
   try {
     return runArguments(std::vector<std::string>(argv + (argc > 0 ? 1 : 0), argv + argc));
   } catch (const Finished& finished) {

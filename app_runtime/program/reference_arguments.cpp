@@ -1,9 +1,11 @@
 // The reference's single-dash arguments.
 #include <array>
 #include <cctype>
+#include <charconv>
 #include <string_view>
 
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/text.hpp"
 #include "sim2vr/program/arguments.hpp"
 
 namespace sim2vr::program {
@@ -57,6 +59,19 @@ bool isOption(const std::string& word) {
   return word.starts_with("--") || isReferenceArgument(word);
 }
 
+/// The reference's app plays with seed 0 where it cannot read the seed; one that ended instead
+/// would let its client wait for ever.
+std::string readableSeed(const std::string& value, std::vector<std::string>& warnings) {
+  std::uint32_t seed = 0;
+  const char* end = value.data() + value.size();
+  const auto [stop, problem] = std::from_chars(value.data(), end, seed);
+  if (problem == std::errc() && stop == end) return value;
+  warnings.push_back("-fixedSeed: got '" + printable(value) +
+                     "', expected a whole number from 0 to 4294967295; it counts as 0, as in the "
+                     "reference: seeds are drawn");
+  return "0";
+}
+
 }  // namespace
 
 std::vector<std::string> translateReferenceArguments(const std::vector<std::string>& words,
@@ -82,6 +97,7 @@ std::vector<std::string> translateReferenceArguments(const std::vector<std::stri
       translated.emplace_back(known->option);
     } else {
       if (value_follows) value = words[++i];
+      if (name == "-fixedSeed") value = readableSeed(value.value_or(""), warnings);
       if (!value || value->empty()) throw InvalidArgument(name, "no value", "one after it");
       translated.push_back(std::string(known->option) + "=" + *value);
     }

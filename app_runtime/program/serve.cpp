@@ -21,12 +21,12 @@ constexpr double kTimeout_s = 60.0;
 constexpr double kDebugTimeout_s = 600.0;
 
 /// For the signal handler, which can have no other context.
-const server::StopRequest* signalled = nullptr;
+server::StopRequest* signalled = nullptr;
 
 /// SIGINT and SIGTERM ask the server to end; a second one ends the process.
 class Signals {
  public:
-  explicit Signals(const server::StopRequest& stop) {
+  explicit Signals(server::StopRequest& stop) {
     signalled = &stop;
     struct sigaction action{};
     action.sa_handler = [](int) { signalled->raise(); };
@@ -94,7 +94,7 @@ int exitCode(server::Ending ending) {
 int serve(const Arguments& arguments) {
   const server::ServerSettings settings = serverSettings(arguments);
   validate(arguments, settings);
-  const server::StopRequest stop;
+  server::StopRequest stop;
   const Signals signals(stop);
   server::Server server(settings);
   if (!settings.isLocal()) {

@@ -3,10 +3,9 @@
 #include <algorithm>
 #include <charconv>
 #include <cmath>
-#include <fstream>
-#include <iterator>
 
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/text.hpp"
 
 namespace sim2vr::rl {
 namespace {
@@ -38,7 +37,7 @@ class Lines {
 
   [[noreturn]] void refuse(std::string_view got, std::string_view expected) const {
     throw InvalidArgument("states.csv line " + std::to_string(number_),
-                          "'" + std::string(got.substr(0, 60)) + "'", expected);
+                          "'" + printable(got, 60) + "'", expected);
   }
 
  private:
@@ -163,12 +162,13 @@ StateLog parseStateLog(std::string_view text) {
 }
 
 StateLog readStateLog(const std::filesystem::path& path) {
-  std::ifstream file(path, std::ios::binary);
-  if (!file || std::filesystem::is_directory(path)) {
-    throw InvalidArgument("state log", "'" + path.string() + "'", "a readable states.csv");
+  const std::string text = readTextFile("state log", path, "a readable states.csv");
+  try {
+    return parseStateLog(text);
+  } catch (const InvalidArgument& error) {
+    throw InvalidArgument("state log '" + printable(path.string()) + "', " + error.field(),
+                          error.got(), error.expected());
   }
-  const std::string text{std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
-  return parseStateLog(text);
 }
 
 }  // namespace sim2vr::rl

@@ -201,6 +201,7 @@ Outcome App::finishStep() {
 void App::runFramesTo(std::size_t end) {
   const rl::RLEnv& env = *round_->env;
   for (; step_.run < end && !env.finished(); ++step_.run) {
+    throwIfStopped();
     runFrame(step_.frames[step_.run]);
     step_.reward += env.reward();
   }

@@ -59,7 +59,13 @@ void LockstepApp::requireInput(const xr::DeviceState& devices) const {
   require(Capability::inputs, (left.active && !atRest(left)) || (right.active && !atRest(right)));
 }
 
+void LockstepApp::throwIfStopped() const {
+  if (stop_ == nullptr || !stop_->load(std::memory_order_relaxed)) return;
+  throw Interrupted("the app was asked to end");
+}
+
 Outcome LockstepApp::begin(const RoundStart& start, const xr::DeviceState& devices) {
+  throwIfStopped();
   requireInput(devices);
   return doBegin(start, devices);
 }
@@ -73,6 +79,7 @@ void LockstepApp::startStep(std::span<const FrameInput> frames, int drawn) {
   }
   if (last > 0 && !can(Capability::frames)) throw Unsupported(Capability::frames);
   for (const FrameInput& frame : frames) requireInput(frame.devices);
+  throwIfStopped();
   doStartStep(frames, static_cast<std::size_t>(drawn == kLastFrame ? last : drawn));
 }
 

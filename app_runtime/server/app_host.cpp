@@ -86,6 +86,7 @@ std::vector<std::unique_ptr<HostedApp>> AppHost::makeApps(const runtime::AppSett
     const int worker = static_cast<int>(i) % settings_.threads;
     apps.push_back(std::make_unique<HostedApp>(
         settings_.make_app(own, renderer(renderer_kind, worker), {}), std::move(recorder)));
+    apps.back()->app().stopOn(stop_);
   }
   return apps;
 }

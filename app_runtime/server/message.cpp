@@ -7,7 +7,6 @@
 namespace sim2vr::server {
 namespace {
 
-constexpr std::size_t kLogCharacters = 200;
 constexpr std::size_t kMaximumPictureBytes = std::size_t{64} << 20;
 
 }  // namespace
@@ -56,19 +55,6 @@ std::string validUtf8(std::string_view text) {
   using Json = nlohmann::json;
   const std::string quoted = Json(text).dump(-1, ' ', false, Json::error_handler_t::replace);
   return Json::parse(quoted).get<std::string>();
-}
-
-std::string forLog(std::string_view text) {
-  using Json = nlohmann::json;
-  const bool cut = text.size() > kLogCharacters;
-  // JSON's words for control characters, and nothing but ASCII.
-  std::string quoted =
-      Json(text.substr(0, kLogCharacters)).dump(-1, ' ', true, Json::error_handler_t::replace);
-  quoted = quoted.substr(1, quoted.size() - 2);
-  for (std::size_t at = 0; (at = quoted.find('\x7f', at)) != std::string::npos;) {
-    quoted.replace(at, 1, "\\u007f");
-  }
-  return cut ? quoted + "..." : quoted;
 }
 
 }  // namespace sim2vr::server

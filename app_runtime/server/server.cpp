@@ -11,6 +11,7 @@
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
+#include "sim2vr/core/text.hpp"
 #include "sim2vr/server/session.hpp"
 #include "transport.hpp"
 
@@ -53,7 +54,8 @@ StopRequest::StopRequest() : descriptor_(::eventfd(0, EFD_CLOEXEC | EFD_NONBLOCK
 
 StopRequest::~StopRequest() { ::close(descriptor_); }
 
-void StopRequest::raise() const {
+void StopRequest::raise() {
+  raised_.store(true);
   const std::uint64_t one = 1;
   [[maybe_unused]] const ssize_t written = ::write(descriptor_, &one, sizeof(one));
 }
@@ -69,6 +71,7 @@ class Server::Implementation {
 
   Ending run(const StopRequest& stop) {
     last_message_ = Clock::now();
+    host_.stopOn(&stop.raised());
     while (true) {
       Transport::Events events = transport_.wait(stop.descriptor(), timeLeft());
       if (events.stop) return end(Ending::stopped);
@@ -139,7 +142,7 @@ class Server::Implementation {
     session_ = std::move(opening.session);
     if (session_ == nullptr) {
       if (++refusals_ <= kLoggedRefusals) {
-        logger().warn("a client was refused: {}", forLog(opening.refusal));
+        logger().warn("a client was refused: {}", printable(opening.refusal));
       }
     } else {
       owner_ = message.client;

@@ -7,6 +7,7 @@
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
+#include "sim2vr/core/text.hpp"
 #include "sim2vr/core/version.hpp"
 
 namespace sim2vr::server {
@@ -169,7 +170,7 @@ Reply Session2::respond(const Header& header, const protocol2::Hello& hello) {
   sends_haptics_ = takes(hello, runtime::Capability::haptics);
   sends_sounds_ = takes(hello, runtime::Capability::sounds);
   logger().info("protocol 2: {} for {}, {} app(s), images through {}", settings.game,
-                forLog(hello.client), apps_.size(),
+                printable(hello.client), apps_.size(),
                 shared_ != nullptr ? "shared memory" : "the socket");
   return protocol2::encodeReply(header, about(settings));
 }

@@ -1,5 +1,9 @@
 // The server's socket: ROUTER, so that a second client can be told that it is the second, with a
 // monitor that notices when a client's connection goes away. The only user of ZeroMQ.
+//
+// Where the process has no descriptor left for a connection that waits, ZeroMQ tries to accept it
+// again and again, on all of a core. A spare one is kept for that: it lets such connections in, one
+// after the other, to be closed at once.
 #pragma once
 
 #include <chrono>
@@ -27,7 +31,7 @@ struct Envelope {
 
 class Transport {
  public:
-  /// Throws InvalidArgument when the endpoint cannot be bound.
+  /// Throws InvalidArgument when the endpoint cannot be bound, or too few files may be opened.
   explicit Transport(const std::string& endpoint);
   ~Transport();
 
@@ -48,13 +52,17 @@ class Transport {
   void send(const Envelope& to, Reply reply);
 
  private:
-  void closedConnections(std::vector<int>& closed);
+  void readMonitor(std::vector<int>& closed);
+  void giveSpare();
   std::optional<Envelope> receive();
 
   zmq::context_t context_;
   zmq::socket_t router_;
   zmq::socket_t monitor_;
   std::string endpoint_;
+  /// An open descriptor for nothing; -1 while it is given away.
+  int spare_ = -1;
+  bool told_of_descriptors_ = false;
 };
 
 }  // namespace sim2vr::server

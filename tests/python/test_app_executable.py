@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import socket
 import subprocess
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -64,7 +66,7 @@ def test_the_program_and_the_module_play_the_same_bits() -> None:
     [
         (["--condition", "meduim"], "did you mean 'medium'"),
         (["--game", "wackamole"], "did you mean 'whacamole'"),
-        (["--script", "nosuch.json"], "--script: got 'nosuch.json', expected a readable JSON"),
+        (["--script", "nosuch.json"], "--script: got 'nosuch.json' (No such file"),
         (["--options", "[1]"], "options: got '[1]', expected a JSON object"),
         (["--view", "spektator"], "did you mean 'spectator'"),
         (["--renderer", "vulkan"], "renderer"),
@@ -91,9 +93,13 @@ def test_version_and_games() -> None:
 
 
 @contextmanager
-def serving(*arguments: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
-    """A server with the null renderer, and where it listens."""
+def serving(
+    *arguments: str, limit: int | None = None
+) -> Iterator[tuple[subprocess.Popen[str], str]]:
+    """A server with the null renderer, and where it listens; ``limit``: of its descriptors."""
     command = [str(app_executable()), "--port", "0", "--renderer", "null", *arguments]
+    if limit is not None:
+        command = ["sh", "-c", f'ulimit -n {limit}; exec "$@"', "sh", *command]
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     ) as process:
@@ -179,3 +185,113 @@ def test_a_port_in_use_is_one_line_and_exit_code_2() -> None:
     assert result.stderr.startswith("sim2vr-app: port: got")
     assert result.stderr.count("\n") == 1
     assert result.stdout == ""
+
+
+def test_files_that_are_none_are_named_in_one_sentence(tmp_path: Path) -> None:
+    binary = tmp_path / "binary"
+    binary.write_bytes(bytes(range(256)))
+    empty = tmp_path / "empty"
+    empty.touch()
+    wrong = {
+        str(tmp_path): "a folder",
+        str(empty): "empty",
+        str(binary): r"\u0000\u0001",
+        str(tmp_path / "none"): "No such file",
+        f"{binary}/below": "Not a directory",
+        "": "",
+    }
+    for path, words in wrong.items():
+        for arguments in (["--script", path], ["--replay", "--state-log", path]):
+            if not path and arguments[0] == "--script":
+                continue  # as good as none: the resting player
+            result = run(*arguments, "--renderer", "null")
+            assert result.returncode == 2, (arguments, result)
+            assert result.stderr.count("\n") == 1, result.stderr
+            assert result.stderr.isprintable() or result.stderr[:-1].isprintable()
+            assert path in result.stderr and words in result.stderr, result.stderr
+    for arguments in (
+        *(["--log-file", str(tmp_path)], ["--log-dir", str(binary)]),
+        *(["--record", str(binary)], ["--record", f"{binary}/below"]),
+        *(["--logging", "--output-folder", str(binary)], ["--log-file", f"{binary}/x.log"]),
+    ):
+        for mode in (["--port", "0"], ["--seconds", "0.1"]):
+            result = run(*arguments, *mode, "--renderer", "null")
+            assert result.returncode == 2, (arguments, result)
+            assert result.stderr.count("\n") == 1, result.stderr
+            assert arguments[-1] in result.stderr, result.stderr
+
+
+def test_a_closed_output_is_no_socket() -> None:
+    """The first descriptor that a server opened would be taken for the output."""
+    command = [str(app_executable()), "--bind", "127.0.0.1", "--port", "0", "--timeout", "0.2"]
+    script = '"$@" >&- 2>/dev/null'
+    result = subprocess.run(["sh", "-c", script, "sh", *command, "--renderer", "null"], check=False)
+    assert result.returncode == 3, "timed out: nobody has asked it to end"
+
+
+def test_results_that_nobody_gets_are_an_error() -> None:
+    with Path("/dev/full").open("w") as full:
+        for arguments in (["--list-games"], ["--seconds", "0.1", "--renderer", "null"]):
+            result = subprocess.run(
+                [str(app_executable()), *arguments],
+                stdout=full,
+                stderr=subprocess.PIPE,
+                text=True,
+                check=False,
+            )
+            assert result.returncode == 1
+            assert result.stderr.splitlines()[-1] == (
+                "sim2vr-app: the standard output cannot be written"
+            )
+
+
+def cpu_s(pid: int) -> float:
+    """Processor time that a process has used."""
+    fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@pytest.mark.parametrize("limit", [8, 13, 20])
+def test_too_few_descriptors_to_begin_with_are_one_line(limit: int) -> None:
+    """ZeroMQ would end the process with words about its own source files."""
+    command = [str(app_executable()), "--port", "0", "--renderer", "null"]
+    result = subprocess.run(
+        ["sh", "-c", f'ulimit -n {limit}; exec "$@"', "sh", *command],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert result.returncode == 2
+    assert re.fullmatch(
+        r"sim2vr-app: open files: got \d+ more that may be opened, expected 16 or more; "
+        r"'ulimit -n' sets their number\n",
+        result.stderr,
+    )
+
+
+def test_a_server_without_descriptors_rests_and_goes_on() -> None:
+    """Strangers take all of them; the owner plays on, and when they go the next ones get in."""
+    limit = 48
+    with serving("--keep", limit=limit) as (process, endpoint):
+        address = ("127.0.0.1", int(endpoint.rpartition(":")[2]))
+        with connected(endpoint) as client:
+            start_round(client)
+            with ExitStack() as strangers:
+                for _ in range(2 * limit):
+                    strangers.enter_context(socket.create_connection(address, 20))
+                assert process.stderr is not None
+                while "no descriptor is left" not in process.stderr.readline():
+                    pass
+                before, since = cpu_s(process.pid), time.monotonic()
+                time.sleep(1.5)
+                # A core that tries to accept again and again is busy all the time.
+                assert cpu_s(process.pid) - before < 0.4 * (time.monotonic() - since)
+                client.send_string('{"stateHash": true}')
+                assert "stateHash" in json.loads(client.recv_string())
+            client.send_string('{"quitApplication": true}')
+            assert "error" not in json.loads(client.recv_string())
+        with connected(endpoint) as client:
+            start_round(client)
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(20) == 0
+        assert process.stderr.read().count("no descriptor") == 0, "said once"

@@ -19,6 +19,14 @@ TEST(Errors, MessageNamesFieldGotAndExpected) {
   EXPECT_EQ(error.field(), "radius_m");
 }
 
+// Whatever a file or a message held, the sentence is one line, and all of it.
+TEST(Errors, ControlCharactersAreSpeltOut) {
+  const std::string got("a\nb\0c\x1b[31m\x7f", 11);
+  const InvalidArgument error("options", got, "a JSON object");
+  EXPECT_STREQ(error.what(), R"(options: got a\nb\u0000c\u001b[31m\u007f, expected a JSON object)");
+  EXPECT_EQ(error.got(), got);
+}
+
 TEST(Errors, FamiliesAreCaughtByTheirBase) {
   EXPECT_THROW(throw StateError("x"), EngineError);
   EXPECT_THROW(throw RenderError("x"), EngineError);

@@ -24,7 +24,7 @@ TEST(ReferenceArguments, InAnyOrderAndForm) {
             (Words{"--condition=medium", "--adaptive", "--resolution=640x480", "--record"}));
   // Our own options pass as they are, negative numbers are values.
   EXPECT_EQ(translated({"--port", "0", "-fixedSeed", "-5"}),
-            (Words{"--port", "0", "--fixed-seed=-5"}));
+            (Words{"--port", "0", "--fixed-seed=0"}));
 }
 
 TEST(ReferenceArguments, UnknownOnesAreWarnedAboutOnceAndSkipped) {
@@ -48,6 +48,22 @@ TEST(ReferenceArguments, MissingValues) {
     }
   }
   EXPECT_THROW(translated({"-adaptive=1"}), InvalidArgument);
+}
+
+// The reference plays on with seed 0; a program that ends lets its client wait for ever.
+TEST(ReferenceArguments, AnUnreadableFixedSeedIsNone) {
+  for (const Words& words :
+       {Words{"-fixedSeed", "abc"}, Words{"-fixedSeed", "-5"}, Words{"-fixedSeed=1.5"},
+        Words{"-fixedSeed", "4294967296"}, Words{"-fixedSeed", "1 2"}, Words{"-fixedSeed"},
+        Words{"-fixedSeed="}}) {
+    std::vector<std::string> warnings;
+    EXPECT_EQ(translateReferenceArguments(words, warnings), Words{"--fixed-seed=0"});
+    ASSERT_EQ(warnings.size(), 1U);
+    EXPECT_EQ(warnings[0].find("-fixedSeed: got '"), 0U) << warnings[0];
+  }
+  EXPECT_EQ(translated({"-fixedSeed", "4294967295"}), Words{"--fixed-seed=4294967295"});
+  EXPECT_EQ(parseArguments({"-fixedSeed", "abc"}).fixed_seed, 0U);
+  EXPECT_THROW(parseArguments({"--fixed-seed", "abc"}), InvalidArgument) << "ours says so";
 }
 
 TEST(Arguments, ModeFollowsFromWhatIsAskedFor) {

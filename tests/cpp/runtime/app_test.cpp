@@ -3,6 +3,7 @@
 #include <gtest/gtest.h>
 
 #include <algorithm>
+#include <atomic>
 #include <thread>
 #include <vector>
 
@@ -153,6 +154,27 @@ TEST(App, AStepEndsWithTheRound) {
   StepResult last;
   for (int n = 1; n <= 11; ++n) last = single.step({n * kFrameNs, player(0.2)});
   EXPECT_EQ(result.time_feature, last.time_feature);
+}
+
+// A step of 10,000 frames is not waited for when the process is asked to end.
+TEST(App, IsAskedToEndBetweenTheFramesOfAStep) {
+  App app(settings(), nullRenderer());
+  std::atomic<bool> stop = false;
+  app.stopOn(&stop);
+  app.reset({.seed = 3}, player(0.2));
+  const std::vector<FrameInput> frames{{kFrameNs, player(0.2)}, {2 * kFrameNs, player(0.2)}};
+  app.startStep(frames, 0);
+  const std::uint64_t after_one = app.stateHash();
+  stop = true;
+  EXPECT_THROW(app.finishStep(), Interrupted);
+  EXPECT_EQ(app.stateHash(), after_one) << "no frame was run";
+  EXPECT_THROW(app.reset({.seed = 3}, player(0.2)), Interrupted);
+  EXPECT_EQ(app.stateHash(), after_one);
+  stop = false;
+  EXPECT_EQ(play(app, 4), [] {
+    App other(settings(), nullRenderer());
+    return play(other, 4);
+  }());
 }
 
 TEST(App, ARefusedFrameLeavesTheRoundAsItWas) {

@@ -17,12 +17,6 @@ std::string refusal(const auto& call) {
   return "accepted";
 }
 
-TEST(ForLog, ShowsWhatAStrangerWroteInOneShortLine) {
-  EXPECT_EQ(forLog("sim2vr-harness, Python 3.11"), "sim2vr-harness, Python 3.11");
-  EXPECT_EQ(forLog("a\nb\x1b[31m\x7f\"\xff"), R"(a\nb\u001b[31m\u007f\"\ufffd)");
-  EXPECT_EQ(forLog(std::string(1000, 'x')), std::string(200, 'x') + "...");
-}
-
 TEST(TrackedPoses, InputsOfTrackedControllersReachTheApp) {
   TrackedPoses poses = testing::playerPoses(0);
   poses.right_inputs[0] = 0.25;

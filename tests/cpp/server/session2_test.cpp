@@ -4,6 +4,7 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
+#include <atomic>
 #include <filesystem>
 #include <limits>
 
@@ -86,6 +87,22 @@ TEST(Session2, HelloSaysWhatThereIs) {
   EXPECT_EQ(about["facts"], Json::parse(games::gameFactsJson("sample")));
   EXPECT_EQ(about["capabilities"], (Json{"save", "views", "frames", "inputs", "left_controller",
                                          "haptics", "sounds", "head_request", "two_eyes"}));
+}
+
+TEST(Session2, AnswersAtOnceWhenTheServerIsAskedToEnd) {
+  std::atomic<bool> stop = false;
+  AppHost host(settings());
+  host.stopOn(&stop);
+  Opening opening =
+      openSession(host, testing::views(message2(Type::hello, 0, {Json{{"apps", 2}}.dump()})));
+  stop = true;
+  const std::string records =
+      resetRecord(0, 1, 0, playerPoses(0)) + resetRecord(1, 2, 0, playerPoses(0));
+  const Reply reply =
+      opening.session->answer(testing::views(message2(Type::reset, 2, {records, ""})));
+  EXPECT_EQ(recordStatus(reply, 0), static_cast<std::uint32_t>(protocol2::Status::state_error));
+  EXPECT_EQ(recordStatus(reply, 1), static_cast<std::uint32_t>(protocol2::Status::state_error));
+  EXPECT_EQ(reply.at(5), R"(["the app was asked to end","the app was asked to end"])");
 }
 
 /// As messages say it.

@@ -2,6 +2,7 @@
 // played through it. runtime::App is the one that plays the games of games::registry().
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -119,6 +120,13 @@ class Unsupported : public EngineError {
   Capability capability_;
 };
 
+/// A step or reset ended before its next frame because somebody asked for that
+/// (LockstepApp::stopOn).
+class Interrupted : public StateError {
+ public:
+  using StateError::StateError;
+};
+
 /// Index of the last frame of a step, whatever their number.
 inline constexpr int kLastFrame = -1;
 
@@ -156,6 +164,11 @@ class LockstepApp {
   /// Runs the frames that are left. The reward is the sum over all frames of the step; when the
   /// round ends before the last one, the rest are not run. Throws StateError without startStep.
   virtual Outcome finishStep() = 0;
+
+  /// As soon as `stop` is true, whoever set it, begin, startStep and finishStep throw Interrupted
+  /// instead of running their next frame: thousands of frames may be under way when a process is
+  /// asked to end. What the app is worth then is no user step's. Null: never. Outlives the app.
+  void stopOn(const std::atomic<bool>* stop) { stop_ = stop; }
 
   // --- Pictures.
 
@@ -210,6 +223,8 @@ class LockstepApp {
 
  protected:
   LockstepApp() = default;
+  /// For before each frame of a step.
+  void throwIfStopped() const;
 
  private:
   /// begin, and startStep with the index of a frame, of what the app is able to take.
@@ -217,6 +232,8 @@ class LockstepApp {
   virtual void doStartStep(std::span<const FrameInput> frames, std::size_t drawn) = 0;
 
   void requireInput(const xr::DeviceState& devices) const;
+
+  const std::atomic<bool>* stop_ = nullptr;
 };
 
 /// Makes an app. `renderer` is what it may draw with; `image`: where its headset image goes,

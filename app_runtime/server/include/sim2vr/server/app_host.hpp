@@ -1,6 +1,7 @@
 // Makes the apps of the sessions from the command line's settings and the clients' wishes.
 #pragma once
 
+#include <atomic>
 #include <cstdint>
 #include <filesystem>
 #include <functional>
@@ -76,6 +77,10 @@ class AppHost {
                                                    const std::string& renderer,
                                                    std::uint32_t count);
 
+  /// The apps made from now on are interrupted in the middle of a step when `stop` becomes true
+  /// (runtime::LockstepApp::stopOn).
+  void stopOn(const std::atomic<bool>* stop) { stop_ = stop; }
+
   /// The apps made from now on are another session's.
   void endSession() { ++session_; }
 
@@ -89,6 +94,7 @@ class AppHost {
   HostSettings settings_;
   std::map<std::pair<std::string, int>, std::shared_ptr<render::Renderer>> renderers_;
   int session_ = 0;
+  const std::atomic<bool>* stop_ = nullptr;
   std::uint64_t drawn_seeds_ = 0;
   std::uint64_t entropy_ = 0;
 };

@@ -89,8 +89,4 @@ std::vector<std::uint8_t> drawPicture(runtime::LockstepApp& app, const PictureRe
 /// `text` with bytes that are not UTF-8 replaced.
 std::string validUtf8(std::string_view text);
 
-/// What a stranger wrote, for a line of the log: 200 characters at most, and control characters,
-/// which could begin lines or colour the terminal, as \n or \u001b.
-std::string forLog(std::string_view text);
-
 }  // namespace sim2vr::server

@@ -1,6 +1,7 @@
 // The lockstep server: one socket, one client at a time, an answer to every message.
 #pragma once
 
+#include <atomic>
 #include <chrono>
 #include <cstdint>
 #include <memory>
@@ -36,11 +37,16 @@ class StopRequest {
   StopRequest& operator=(const StopRequest&) = delete;
 
   /// Async-signal-safe.
-  void raise() const;
+  void raise();
   /// Becomes readable when raised.
   int descriptor() const { return descriptor_; }
+  /// Becomes true when raised.
+  const std::atomic<bool>& raised() const { return raised_; }
 
  private:
+  static_assert(std::atomic<bool>::is_always_lock_free);
+
+  std::atomic<bool> raised_ = false;
   int descriptor_;
 };
 
@@ -59,8 +65,9 @@ class Server {
   /// Where it listens, e.g. "tcp://127.0.0.1:5555".
   const std::string& endpoint() const;
 
-  /// Serves until the session is over (every session with settings.keep) or `stop` is raised. Says
-  /// in the log why a session ended.
+  /// Serves until the session is over (every session with settings.keep) or `stop` is raised, which
+  /// is looked for between the frames of a step, too. Says in the log why a session ended. `stop`
+  /// outlives the server.
   Ending run(const StopRequest& stop);
 
  private:

@@ -1,6 +1,7 @@
 #include <iostream>
 #include <memory>
 
+#include "outputs.hpp"
 #include "sim2vr/core/clock.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/text.hpp"
@@ -69,6 +70,7 @@ class FrameWriter {
 }  // namespace
 
 int play(const Arguments& arguments) {
+  requireWritable(arguments);
   runtime::AppSettings settings;
   settings.game = arguments.game;
   settings.options_json = gameOptions(arguments);

@@ -1,6 +1,9 @@
 #include <signal.h>
+#include <sys/resource.h>
 #include <unistd.h>
 
+#include <algorithm>
+#include <cmath>
 #include <iostream>
 #include <system_error>
 
@@ -41,6 +44,17 @@ class Signals {
   }
 };
 
+/// Takes the descriptors that the hard limit allows, up to a number that is enough: where none is
+/// left for a connection, new ones must be closed, and over a Unix socket ZeroMQ 4.3.4 ends the
+/// process (ipc_listener.cpp does not expect EMFILE).
+void raiseDescriptorLimit() {
+  constexpr rlim_t kEnough = 65536;
+  struct rlimit limit{};
+  if (::getrlimit(RLIMIT_NOFILE, &limit) != 0) return;
+  limit.rlim_cur = std::max(limit.rlim_cur, std::min(limit.rlim_max, kEnough));
+  ::setrlimit(RLIMIT_NOFILE, &limit);
+}
+
 void requireCondition(const Arguments& arguments, const std::string& options) {
   if (!arguments.simulated) return;
   Options given = Options::fromJson(options);
@@ -57,7 +71,7 @@ server::ServerSettings serverSettings(const Arguments& arguments) {
   settings.port = arguments.port;
   const double usual_s = arguments.port == kReferencePort ? kDebugTimeout_s : kTimeout_s;
   settings.timeout = std::chrono::milliseconds(
-      static_cast<std::int64_t>(1000.0 * arguments.timeout_s.value_or(usual_s)));
+      static_cast<std::int64_t>(std::ceil(1000.0 * arguments.timeout_s.value_or(usual_s))));
   settings.keep = arguments.keep;
   server::HostSettings& host = settings.host;
   host.app.game = arguments.game;
@@ -94,6 +108,7 @@ int exitCode(server::Ending ending) {
 int serve(const Arguments& arguments) {
   const server::ServerSettings settings = serverSettings(arguments);
   validate(arguments, settings);
+  raiseDescriptorLimit();
   server::StopRequest stop;
   const Signals signals(stop);
   server::Server server(settings);

@@ -251,7 +251,7 @@ def cpu_s(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
-@pytest.mark.parametrize("limit", [8, 13, 20])
+@pytest.mark.parametrize("limit", [8, 13, 18])
 def test_too_few_descriptors_to_begin_with_are_one_line(limit: int) -> None:
     """ZeroMQ would end the process with words about its own source files."""
     command = [str(app_executable()), "--port", "0", "--renderer", "null"]
@@ -295,3 +295,27 @@ def test_a_server_without_descriptors_rests_and_goes_on() -> None:
         process.send_signal(signal.SIGTERM)
         assert process.wait(20) == 0
         assert process.stderr.read().count("no descriptor") == 0, "said once"
+
+
+def test_a_soft_limit_of_descriptors_is_raised(tmp_path: Path) -> None:
+    """Over a Unix socket ZeroMQ ends a process that has none left for a connection."""
+    file = tmp_path / "app.socket"
+    command = [str(app_executable()), "--bind", f"ipc://{file}", "--renderer", "null"]
+    with subprocess.Popen(
+        ["sh", "-c", 'ulimit -Sn 24; exec "$@"', "sh", *command], stdout=subprocess.PIPE, text=True
+    ) as process:
+        try:
+            assert process.stdout is not None
+            assert "listening" in process.stdout.readline()
+            with connected(f"ipc://{file}") as client, ExitStack() as strangers:
+                start_round(client)
+                for _ in range(48):
+                    stranger = strangers.enter_context(socket.socket(socket.AF_UNIX))
+                    stranger.connect(str(file))
+                client.send_string('{"stateHash": true}')
+                assert "stateHash" in json.loads(client.recv_string())
+                client.send_string('{"quitApplication": true}')
+                client.recv_string()
+            assert process.wait(20) == 0
+        finally:
+            process.kill()

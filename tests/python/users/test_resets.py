@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -60,7 +61,7 @@ def test_motors_that_hold_aim_at_their_joints() -> None:
 def test_ranges() -> None:
     names = ("elbow_flexion_r", "shoulder_elv_l")
     body = _body(
-        posture={names[0]: 1.2},
+        angles={names[0]: 1.2},
         position_range=0.0,
         velocity_range=0.0,
     )
@@ -77,7 +78,7 @@ def test_ranges() -> None:
 
 
 def test_couplings_fit_a_posture_that_is_asked_for() -> None:
-    body = _body(posture={"shoulder_elv_r": 1.5}, position_range=0.0)
+    body = _body(angles={"shoulder_elv_r": 1.5}, position_range=0.0)
     batch = _batch(body)
     joint = body.physics_model.joint("acromioclavicular_r3_r")
     assert batch.qpos[0, joint.qposadr[0]] == pytest.approx(1.5 * 0.396, abs=1e-3)
@@ -94,18 +95,29 @@ def test_the_configuration_says_it() -> None:
 
 
 def test_a_described_body_can_be_told_too() -> None:
-    batch = _batch(_body(OWN_ARM, posture={"elbow_flexion": 0.9}, position_range=0.0), 1)
+    batch = _batch(_body(OWN_ARM, angles={"elbow_flexion": 0.9}, position_range=0.0), 1)
     joint = batch.body.physics_model.joint("elbow_flexion")
     assert batch.qpos[0, joint.qposadr[0]] == 0.9
+
+
+def test_a_description_says_how_muscles_begin(tmp_path: Path) -> None:
+    text = OWN_ARM.read_text().replace("arm.xml", str(OWN_ARM.parent / "arm.xml"))
+    text = text.replace("reset:\n", "reset:\n  activation_range: [0.2, 0.3]\n")
+    (tmp_path / "body.yaml").write_text(text)
+    batch = _batch(_body(tmp_path / "body.yaml"))
+    assert (batch.act >= 0.2).all()
+    assert (batch.act <= 0.3).all()
 
 
 @pytest.mark.parametrize(
     ("reset", "message"),
     [
         ({"posture": "redy"}, r"reset.posture: got 'redy', expected one of 'ready'; did you mean"),
-        ({"posture": {"elbow": 1.0}}, r"reset posture: got 'elbow'.*did you mean 'elbow_flexion_"),
+        ({"angles": {"elbow": 1.0}}, r"reset.posture: got 'elbow'.*did you mean 'elbow_flexion_"),
+        ({"angles": {"elbow_flexion_r": 3.0}}, r"elbow_flexion_r: got 3, .* limits, 0 to 2.269"),
+        ({"angles": {"wrist_hand_r1_r": 0.1}}, r"reset.posture: got 'wrist_hand_r1_r', expected"),
         ({"position_range": -1.0}, r"position_range\n"),
-        ({"activation_range": [0.6, 0.2]}, r"got \[0.6, 0.2\], expected 0 <= low <= high <= 1"),
+        ({"activation_range": [0.6, 0.2]}, r"got \[0.6, 0.2\], expected the lower one first"),
     ],
 )
 def test_errors(reset: dict[str, Any], message: str) -> None:
@@ -113,7 +125,7 @@ def test_errors(reset: dict[str, Any], message: str) -> None:
         _body(**reset)
 
 
-def test_a_motor_that_is_no_servo_cannot_hold(tmp_path: Any) -> None:
+def test_a_motor_that_is_no_servo_cannot_hold(tmp_path: Path) -> None:
     file = write_body(tmp_path, PENDULUM, PENDULUM_DESCRIPTION)
     with pytest.raises(ValueError, match=r"reset.hold: got the motor 'drive', which is no"):
         _batch(_body(file, hold=True))

@@ -97,7 +97,6 @@ class _Described:
         self._devices = self._worn()
         for name in self._devices:
             self._check_device(name)
-        self._check_posture(model)
         for segment in description.anatomy.segments.values():
             for body in segment.bodies:
                 _known("anatomy.segments", body, self._parts.bodies)
@@ -191,19 +190,6 @@ class _Described:
                     "another joint, or actuators without it"
                 )
         return locked
-
-    def _check_posture(self, model: mujoco.MjModel) -> None:
-        """Check that episodes can start in the posture: joints that move, within their limits."""
-        joints = [name for name in self._parts.joints if name not in self._locked]
-        for name, angle in self._description.reset.posture.items():
-            _known("reset.posture", name, joints)
-            joint = model.joint(name)
-            low, high = joint.range.tolist() if joint.limited[0] else (-math.inf, math.inf)
-            if not low <= angle <= high:
-                raise ValueError(
-                    f"reset.posture.{name}: got {angle:g}, expected an angle (rad; slides m) "
-                    f"within the joint's limits, {low:.4g} to {high:.4g}"
-                )
 
     def _worn(self) -> tuple[str, ...]:
         wearable = tuple(name for name in DEVICES if name in self._description.devices)

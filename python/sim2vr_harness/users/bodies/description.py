@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 from sim2vr_harness.errors import InputError, shown
 from sim2vr_harness.files import file_name, read_yaml
 from sim2vr_harness.settings import Settings, first_problem
-from sim2vr_harness.users.bodies.options import Angle, PhysicsStep
+from sim2vr_harness.users.bodies.options import ActivationRange, Angle, PhysicsStep
 
 Metres = Annotated[float, Field(ge=-100.0, le=100.0)]
 Share = Annotated[float, Field(ge=-1.001, le=1.001)]
@@ -70,6 +70,8 @@ class ResetDescription(Settings):
     """Angles (rad; slides m) to start near; 0 for joints left out."""
     position_range: float = Field(default=0.05, ge=0.0, le=10.0)
     velocity_range: float = Field(default=0.05, ge=0.0, le=100.0)
+    activation_range: ActivationRange = (0.0, 1.0)
+    """Activations of muscles are uniform in it."""
     fit_couplings: bool = True
 
 

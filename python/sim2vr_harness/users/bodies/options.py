@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field
 
 from sim2vr_harness.settings import Chance, Settings
 
@@ -18,6 +18,16 @@ Length = Annotated[float, Field(gt=0.0, le=1000.0)]
 """In m; a body says more exactly what its segments can have."""
 Angle = Annotated[float, Field(ge=-100.0, le=100.0)]
 """In rad; of a slide a place in m."""
+
+
+def _in_order(limits: tuple[float, float]) -> tuple[float, float]:
+    if limits[0] > limits[1]:
+        raise ValueError(f"got {list(limits)}, expected the lower one first")
+    return limits
+
+
+ActivationRange = Annotated[tuple[Chance, Chance], AfterValidator(_in_order)]
+"""From the least to the greatest activation, within [0, 1]."""
 
 
 class Person(Settings):
@@ -41,24 +51,18 @@ class Person(Settings):
 class ResetOptions(Settings):
     """How episodes begin, where that differs from the body's own (docs/bodies.md)."""
 
-    posture: str | dict[str, Angle] | None = None
-    """The name of one of the body's postures, or angles (rad; slides m) of joints, 0 for those left
-    out. None keeps the body's own."""
+    posture: str | None = None
+    """The name of one of the body's postures to start near; None keeps the body's own."""
+    angles: dict[str, Angle] = Field(default_factory=dict)
+    """Angles (rad; slides m) of single joints in it."""
     position_range: float | None = Field(default=None, ge=0.0, le=10.0)
     """Angles are uniform in +- this about the posture."""
     velocity_range: float | None = Field(default=None, ge=0.0, le=100.0)
     """Velocities are uniform in +- this (rad/s; slides m/s)."""
-    activation_range: tuple[Chance, Chance] | None = None
+    activation_range: ActivationRange | None = None
     """Muscles' activations are uniform in it."""
     hold: bool = False
     """Position servos begin aiming at their joints' angles; without, anywhere in their range."""
-
-    @field_validator("activation_range")
-    @classmethod
-    def _in_order(cls, limits: tuple[float, float] | None) -> tuple[float, float] | None:
-        if limits is not None and not 0.0 <= limits[0] <= limits[1] <= 1.0:
-            raise ValueError(f"got {list(limits)}, expected 0 <= low <= high <= 1")
-        return limits
 
 
 @dataclass(frozen=True)

@@ -81,6 +81,7 @@ class SpecBody:
         self._build = build
         self._check(plan)
         self.independent_joints = self._independent()
+        self._check_posture(plan.reset_rule.posture)
         self.observed_joints = (
             self.independent_joints if plan.observed_joints is None else plan.observed_joints
         )
@@ -113,7 +114,6 @@ class SpecBody:
             ("observed_joints", plan.observed_joints or (), joints),
             ("end_effectors", plan.end_effectors, sites),
             ("devices", plan.devices, sites),
-            ("reset posture", tuple(plan.reset_rule.posture), joints),
             ("reset held", plan.reset_rule.held, actuators),
             ("nod", (plan.nod,) if plan.nod else (), joints),
             ("effort lifting", plan.effort_inputs.lifting, actuators),
@@ -133,6 +133,19 @@ class SpecBody:
             if group.rule not in RULES:
                 raise ValueError(unknown_name("rule", group.rule, RULES))
             RULES[group.rule](model, group.actuators)
+
+    def _check_posture(self, posture: Mapping[str, float]) -> None:
+        """Check that episodes can start in it: joints that move freely, within their limits."""
+        for name, angle in posture.items():
+            if name not in self.independent_joints:
+                raise ValueError(unknown_name("reset.posture", name, self.independent_joints))
+            joint = self.physics_model.joint(name)
+            low, high = joint.range.tolist() if joint.limited[0] else (-np.inf, np.inf)
+            if not low <= angle <= high:
+                raise ValueError(
+                    f"reset.posture.{name}: got {angle:g}, expected an angle (rad; slides m) "
+                    f"within the joint's limits, {low:.4g} to {high:.4g}"
+                )
 
     # --- actuators ---------------------------------------------------------------------------
 

@@ -60,10 +60,10 @@ def tailored_body(
 def _beginning(plan: Plan, reset: ResetOptions) -> ResetRule:
     """The body's own way to begin, changed by what `reset` sets; joints left out stay."""
     rule = plan.reset_rule
-    if isinstance(reset.posture, str) and reset.posture not in plan.postures:
+    if reset.posture is not None and reset.posture not in plan.postures:
         raise ValueError(unknown_name("reset.posture", reset.posture, plan.postures))
-    posture = plan.postures[reset.posture] if isinstance(reset.posture, str) else reset.posture
-    if posture is not None:
+    named = {} if reset.posture is None else plan.postures[reset.posture]
+    if posture := {**named, **reset.angles}:
         # Far from 0 the dependent joints cannot start there: the couplings would yank the arm.
         rule = replace(rule, posture={**rule.posture, **posture}, fit_couplings=True)
     if reset.position_range is not None:

@@ -12,6 +12,7 @@ import copy
 import io
 import json
 import random
+import struct
 import zipfile
 from collections import deque
 from collections.abc import Iterator, Mapping
@@ -26,6 +27,7 @@ import torch
 from numpy.typing import NDArray
 
 from sim2vr_harness import __version__, files
+from sim2vr_harness.client.errors import AppDied, AppTimeout
 from sim2vr_harness.errors import InputError, UnusableFile, reason
 from sim2vr_harness.training.finite import first_not_finite, require_finite
 from sim2vr_harness.training.interrupts import interrupts_deferred
@@ -53,7 +55,7 @@ _MEMBERS = ("policy.pth", "policy.optimizer.pth", _RESUME)
 
 DAMAGE = (
     *(ArithmeticError, AssertionError, AttributeError, EOFError, LookupError, RuntimeError),
-    *(TypeError, ValueError, UnpicklingError),
+    *(TypeError, ValueError, UnpicklingError, struct.error),
 )
 """What taking in a state that can be decoded, and is of something else, may raise."""
 
@@ -195,6 +197,8 @@ def restore(path: Path, model: PPO) -> None:
         model.ep_info_buffer = deque(header["episodes"], maxlen=model._stats_window_size)
         model.ep_success_buffer = deque(maxlen=model._stats_window_size)
         _set_random_state(header["random"], arrays)
+    except (AppDied, AppTimeout):
+        raise  # the file may be good
     except DAMAGE as error:
         instead = last_good(path, model.policy)
         raise UnusableFile(path, in_words(error), _EXPECTED, instead) from error

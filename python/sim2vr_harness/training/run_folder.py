@@ -85,7 +85,7 @@ def read_rows(file: Path) -> list[dict[str, Any]]:
     rows: list[dict[str, Any]] = []
     if file.is_file():
         for line in file.read_text(encoding="utf-8", errors="replace").splitlines():
-            with suppress(json.JSONDecodeError):
+            with suppress(json.JSONDecodeError, RecursionError):
                 row = json.loads(line)
                 if isinstance(row, dict):
                     rows.append(row)

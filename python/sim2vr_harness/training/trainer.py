@@ -156,9 +156,13 @@ def train(
                     folder.store_config(config)
                 remember(config.env.app, folder.path)
                 folder.begin_session(start_step=folder.step)
-                outcome = run_stages(
-                    stages, folder, console, opened=opened, report=report, stop=stop
-                )
+                try:
+                    outcome = run_stages(
+                        stages, folder, console, opened=opened, report=report, stop=stop
+                    )
+                finally:
+                    if not folder.exists:  # the folder was removed meanwhile: nobody else knows it
+                        folder.store_config(config)
                 break
             except UnusableFile as error:
                 if not set_aside:

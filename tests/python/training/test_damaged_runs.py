@@ -6,6 +6,7 @@ import io
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -429,3 +430,28 @@ def test_deferred_signals_come_afterwards_and_ignored_ones_never() -> None:
     assert done
     with interrupts_ignored(), interrupts_deferred():
         os.kill(os.getpid(), signal.SIGINT)
+
+
+# TensorBoard's own thread dies of the folder as well.
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_a_folder_removed_under_a_training_is_made_again(tmp_path: Path) -> None:
+    whole, folder = run(tmp_path / "whole", 3 * ITERATION), tmp_path / "run"
+
+    def simulation(settings: Any) -> FakeSimulation:
+        made = FakeSimulation(settings.env, settings.ppo.n_envs)
+        step = made.step
+
+        def removing(actions: Any) -> Any:
+            if made.total_steps == 45:  # in the third iteration, after the first checkpoint
+                shutil.rmtree(folder)
+            return step(actions)
+
+        made.step = removing
+        return made
+
+    console = Console(file=io.StringIO())
+    with pytest.raises(FileNotFoundError, match="tensorboard"):
+        trainer.train(tiny(), folder, timesteps=150, console=console, simulation=simulation)
+    # The last iteration is saved, and config.yaml beside it: the run goes on.
+    last = run(folder, 3 * ITERATION, resume=True)
+    assert_same_learner(whole.checkpoint, last.checkpoint)

@@ -203,7 +203,8 @@ class Targets:
         words = [word.replace("PLACE", str(self._place)) for word in _text(content).split("\x1f")]
         words = [word.replace("\x00", "") for word in words]
         out, err = io.StringIO(), io.StringIO()
-        with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        silent = contextlib.redirect_stdout(out), contextlib.redirect_stderr(err)
+        with silent[0], silent[1], contextlib.chdir(self._place):
             status = report(lambda: app(words, prog_name="p", standalone_mode=False), words)
         said = err.getvalue()
         if status not in (0, 2) or said.count("\n") > 1 or "Traceback" in said:
@@ -246,9 +247,10 @@ def _events() -> bytes:
 
 
 def _commands() -> list[bytes]:
+    """Commands that name nothing that exists, so that none begins to train or to play."""
     commands = (
         "train PLACE/none.yaml --set ppo.n_envs=4 --timesteps 0 --out PLACE/run",
-        "train whacamole_constrained --set env.user.timestep_s=0.002 --timesteps 0 --out PLACE/run",
+        "train --resume --out PLACE/none --set env.user.timestep_s=0.002 --seed 3",
         "evaluate PLACE/none --episodes 0 --condition easy --set env.user.noise.constant=white",
         "evaluate pretrained:nobody --seed -1 --batch 0 --out PLACE/out",
         "replay PLACE/none --fixed-step 0.002 --size 640x480 --fps 30",

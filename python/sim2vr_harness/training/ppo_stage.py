@@ -126,7 +126,8 @@ class PPOStage:
             raise
         except Exception:
             # What torch says of weights that are NaN is pages of them.
-            self._checkpoints.require_finite()
+            if self._checkpoints.snapshot_step is not None:
+                self._checkpoints.require_finite()
             raise
         finally:
             tracker.detach()

@@ -2,6 +2,7 @@
 
 #include <pybind11/stl.h>
 
+#include <cstdint>
 #include <map>
 #include <string>
 
@@ -25,6 +26,13 @@ void bindGames(py::module_& module) {
   module.def(
       "game_facts", [](const std::string& name) { return games::gameFactsJson(name); },
       py::arg("name"), "What a game publishes, as a JSON object: measures, conditions.");
+  module.def(
+      "game_timeline",
+      [](const std::string& name, const std::string& options, std::uint32_t seed) {
+        return games::gameTimelineJson(name, options, seed);
+      },
+      py::arg("name"), py::arg("options"), py::arg("seed"),
+      "What comes when in a round of these options (a JSON object), as a JSON object.");
 }
 
 }  // namespace sim2vr::bindings

@@ -46,4 +46,17 @@ std::string gameFactsJson(std::string_view name) {
   return rl::factsJson(game->name(), game->description(), game->facts());
 }
 
+std::string gameTimelineJson(std::string_view name, std::string_view options_json,
+                             std::uint32_t seed) {
+  const std::unique_ptr<rl::Game> game = createGame(name);
+  Options options = Options::fromJson(options_json);
+  game->configure(options);
+  options.expectAllRead();
+  std::string timeline = game->timelineJson(seed);
+  if (timeline.empty()) {
+    throw InvalidArgument("game", "'" + std::string(name) + "'", "a game with levels");
+  }
+  return timeline;
+}
+
 }  // namespace sim2vr::games

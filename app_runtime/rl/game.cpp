@@ -35,6 +35,8 @@ void RLEnv::fields(Archive& archive) {
 
 std::optional<double> Game::headRequest(std::uint32_t) const { return std::nullopt; }
 
+std::string Game::timelineJson(std::uint32_t) const { return ""; }
+
 const std::vector<std::string>& Game::privilegedNames() const {
   static const std::vector<std::string> none;
   return none;

@@ -156,6 +156,7 @@ std::string factsJson(std::string_view name, std::string_view description, GameF
       {"round_seconds", facts.round_seconds},
       {"devices", facts.devices},
       {"hand_option", textOrNull(facts.hand_option)},
+      {"level_option", textOrNull(facts.level_option)},
       {"measures", measures},
       {"score", textOrNull(facts.score)},
       {"reward_terms", terms},

@@ -8,7 +8,9 @@ of a session are separated by the length 0xFFFF (targets.hpp).
 from __future__ import annotations
 
 import base64
+import io
 import json
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +20,7 @@ from sim2vr_harness.client import protocol2_wire as wire
 from sim2vr_harness.client.protocol2_wire import HEADER, MAGIC, VERSION, Type
 
 CORPUS = Path(__file__).parent / "corpus"
+MAPS = Path(__file__).parents[1] / "data" / "beats_maps"
 STEP_NS = 50_000_000
 APP_1 = wire.APP.pack(1)
 
@@ -108,6 +111,40 @@ def load_message(state: bytes) -> bytes:
     return b"\0".join([first, text({"load": base64.b64encode(state).decode()}), last])
 
 
+def map_files(folder: Path) -> dict[str, bytes]:
+    return {file.name: file.read_bytes() for file in sorted(folder.iterdir())}
+
+
+def levels() -> dict[str, bytes]:
+    """The maps of the tests, each as Info.dat, difficulty and audio file (targets.hpp)."""
+    found = {}
+    for folder in sorted(MAPS.iterdir()):
+        files = {name.lower(): data for name, data in map_files(folder).items()}
+        parts = [files.get(name, b"") for name in ("info.dat", "hard.dat", "audiodata.dat")]
+        found[folder.name] = b"\0".join(parts)
+    info = found["v2"].split(b"\0")[0]
+    chain = {"b": 2, "x": 1, "y": 2, "d": 1, "tb": 3, "tx": 1, "ty": 0, "sc": 3, "s": 0.5}
+    chains = {"version": "3.3.0", "colorNotes": [{"b": 2, "a": 30}], "burstSliders": [chain]}
+    found["chains"] = b"\0".join([info, text(chains), b""])
+    return found
+
+
+def zipped_levels() -> dict[str, bytes]:
+    """The same zipped: plainly, deflated, and in a folder of the archive."""
+    found = {}
+    for name, method, prefix in (
+        ("v2", zipfile.ZIP_STORED, ""),
+        ("v3", zipfile.ZIP_DEFLATED, "map/"),
+        ("v4", zipfile.ZIP_DEFLATED, ""),
+    ):
+        stream = io.BytesIO()
+        with zipfile.ZipFile(stream, "w", method) as archive:
+            for file, data in map_files(MAPS / name).items():
+                archive.writestr(zipfile.ZipInfo(prefix + file), data, method)
+        found[name] = stream.getvalue()
+    return found
+
+
 def main() -> None:
     states = saved_states()
     (CORPUS / "session1" / "load").write_bytes(load_message(states["play"]))
@@ -115,6 +152,8 @@ def main() -> None:
         ("protocol2", MESSAGES),
         ("session2", {name: b"\xff\xff".join(parts) for name, parts in SESSIONS.items()}),
         ("saved_state", states),
+        ("level", levels()),
+        ("level_zip", zipped_levels()),
     ):
         folder = CORPUS / target
         folder.mkdir(exist_ok=True)

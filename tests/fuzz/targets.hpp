@@ -25,6 +25,12 @@ void session2(std::string_view input);
 /// Saved states of an app.
 void savedState(std::string_view input);
 
+/// A map of Beats: Info.dat, its difficulty and its audio file, separated by zero bytes; they are
+/// found under whatever names Info.dat has for them.
+void level(std::string_view input);
+/// A zipped map.
+void levelZip(std::string_view input);
+
 /// The first message of an input of session2, which is shortened by it.
 std::vector<std::string_view> takeFrames(std::string_view& input);
 /// Of the apps that are fuzzed.
@@ -35,12 +41,14 @@ struct Target {
   void (*run)(std::string_view input);
 };
 
-inline constexpr std::array<Target, 7> kTargets{{{"protocol1", &protocol1},
+inline constexpr std::array<Target, 9> kTargets{{{"protocol1", &protocol1},
                                                  {"protocol2", &protocol2},
                                                  {"base64", &base64},
                                                  {"state_log", &stateLog},
                                                  {"session1", &session1},
                                                  {"session2", &session2},
-                                                 {"saved_state", &savedState}}};
+                                                 {"saved_state", &savedState},
+                                                 {"level", &level},
+                                                 {"level_zip", &levelZip}}};
 
 }  // namespace sim2vr::fuzz

@@ -1,6 +1,7 @@
 #include "beats/built_in_levels.hpp"
 
 #include "beats/level_hash.hpp"
+#include "beats/map_level.hpp"
 
 namespace sim2vr::games::beats {
 
@@ -18,6 +19,15 @@ Level firstLevel() {
                  {6.0, 1.0, kRow, Hand::kLeft, CutDirection::kUpLeft},
                  {8.0, 2.0, kRow, Hand::kRight, CutDirection::kUpRight}};
   level.hash = contentHash(level);
+  return level;
+}
+
+std::shared_ptr<const Level> fullLevel() {
+  static const auto level = [] {
+    Level read = readMapLevel(MemoryFiles(fullMap(), "level 'full'"), "", "");
+    read.name = "full";
+    return std::make_shared<const Level>(std::move(read));
+  }();
   return level;
 }
 

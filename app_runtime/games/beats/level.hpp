@@ -1,9 +1,9 @@
 // What is played: boxes, mines and walls of one level with their times, wherever it came from.
 //
-// The grid is Beat Saber's: 4 columns from left (0) to right (3), 3 rows from bottom (0) to top (2).
-// Places may lie between or beyond the cells (mapping extensions, generated levels), hence doubles.
-// Beats have become seconds when a level is made (changes of tempo included); times count from the
-// level's first beat.
+// The grid is Beat Saber's: 4 columns from left (0) to right (3), 3 rows from bottom (0) to top
+// (2). Places may lie between or beyond the cells (mapping extensions, generated levels), hence
+// doubles. Beats have become seconds when a level is made (changes of tempo included); times count
+// from the level's first beat.
 #pragma once
 
 #include <cstdint>
@@ -59,6 +59,12 @@ struct Wall {
   double height = 3.0;
 };
 
+/// From here on beats follow each other at another rate.
+struct TempoChange {
+  double time_s = 0.0;
+  double beats_per_minute = 120.0;
+};
+
 /// All lists are in order of time; equal times keep the order of the source.
 struct Level {
   std::string name;
@@ -66,6 +72,8 @@ struct Level {
   double length_s = 0.0;
   /// At the level's start; for the display of beats, not for times.
   double beats_per_minute = 120.0;
+  /// Of the beats behind the start; for their display, too.
+  std::vector<TempoChange> tempo_changes;
   /// Speed of approach ("note jump speed").
   double speed_mps = 10.0;
   /// From appearing to reaching the player ("half jump duration" in seconds).

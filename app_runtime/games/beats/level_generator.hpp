@@ -1,21 +1,36 @@
 // Levels made of a seed, for training and for levels that nobody has seen.
+//
+// They can be played: a hand's cuts go back and forth (down, up, down ...), so that each stroke
+// begins where the last one ended; no box lies in a wall that the head avoids, walls leave time to
+// dodge, and no mine lies where a stroke has to pass.
 #pragma once
 
+#include <cstdint>
+#include <span>
 #include <string>
+
+#include "beats/level.hpp"
 
 namespace sim2vr::games::beats {
 
 struct GeneratorSettings {
-  /// Boxes per second.
-  double density_hz = 1.0;
-  /// One of patternNames().
+  /// On average; a little less where walls keep boxes out.
+  double boxes_per_second = 1.0;
+  /// One of generatorPatterns().
   std::string pattern = "mixed";
-  /// Of approach, m/s.
+  /// Of approach.
   double speed_mps = 8.0;
-  /// Walls and mines per minute.
-  double walls_per_min = 6.0;
-  double mines_per_min = 6.0;
+  double walls_per_minute = 6.0;
+  /// Fewer where strokes leave no room.
+  double mines_per_minute = 6.0;
   double seconds = 60.0;
 };
+
+/// "alternating": left, right, left ... "together": both hands at once. "any": alternating, to be
+/// cut in any direction. "mixed": alternating, together, and one hand twice.
+std::span<const std::string> generatorPatterns();
+
+/// Same settings and seed, same bits on every platform.
+Level generateLevel(const GeneratorSettings& settings, std::uint32_t seed);
 
 }  // namespace sim2vr::games::beats

@@ -56,6 +56,10 @@ std::string contentHash(Level level) {
   archive.field("beats_per_minute", level.beats_per_minute);
   archive.field("speed_mps", level.speed_mps);
   archive.field("approach_s", level.approach_s);
+  for (TempoChange& change : level.tempo_changes) {
+    archive.field("time_s", change.time_s);
+    archive.field("beats_per_minute", change.beats_per_minute);
+  }
   addBoxes(archive, level);
   addMines(archive, level);
   addWalls(archive, level);

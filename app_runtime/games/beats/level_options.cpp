@@ -1,18 +1,60 @@
 #include "beats/level_options.hpp"
 
 #include <array>
+#include <filesystem>
+#include <string>
 
 #include "beats/built_in_levels.hpp"
+#include "beats/map_level.hpp"
+#include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::games::beats {
+namespace {
 
-LevelSettings readLevelSettings(Options& options) {
-  static const std::array<std::string, 1> kNames{"first"};
-  LevelSettings settings;
-  settings.level = options.getChoice("level", settings.level, kNames);
+const std::array<std::string, 3> kNames{"first", "full", "generated"};
+
+GeneratorSettings readGenerator(Options& options) {
+  GeneratorSettings settings;
+  settings.boxes_per_second =
+      options.getNumber("boxes_per_second", settings.boxes_per_second, 0.1, 3.0);
+  settings.pattern = options.getChoice("pattern", settings.pattern, generatorPatterns());
+  settings.speed_mps = options.getNumber("speed_mps", settings.speed_mps, 2.0, 20.0);
+  settings.walls_per_minute =
+      options.getNumber("walls_per_minute", settings.walls_per_minute, 0.0, 15.0);
+  settings.mines_per_minute =
+      options.getNumber("mines_per_minute", settings.mines_per_minute, 0.0, 60.0);
+  settings.seconds = options.getNumber("level_seconds", settings.seconds, 10.0, 600.0);
   return settings;
 }
 
-Level makeLevel(const LevelSettings& /*settings*/, std::uint32_t /*seed*/) { return firstLevel(); }
+void expectMap(const std::string& path) {
+  std::error_code error;
+  if (std::filesystem::exists(path, error)) return;
+  throw InvalidArgument("option 'level'", "'" + path + "'",
+                        listChoices(kNames) + ", or the path of a map" + didYouMean(path, kNames));
+}
+
+}  // namespace
+
+LevelSettings readLevelSettings(Options& options) {
+  LevelSettings settings;
+  settings.level = options.getString("level", settings.level);
+  settings.difficulty = options.getString("difficulty", "");
+  settings.characteristic = options.getString("characteristic", "");
+  settings.generator = readGenerator(options);
+  if (settings.level == "full") {
+    settings.loaded = fullLevel();
+  } else if (settings.level != "first" && settings.level != "generated") {
+    expectMap(settings.level);
+    settings.loaded = std::make_shared<const Level>(
+        loadLevel(settings.level, settings.characteristic, settings.difficulty));
+  }
+  return settings;
+}
+
+Level makeLevel(const LevelSettings& settings, std::uint32_t seed) {
+  if (settings.loaded != nullptr) return *settings.loaded;
+  return settings.level == "generated" ? generateLevel(settings.generator, seed) : firstLevel();
+}
 
 }  // namespace sim2vr::games::beats

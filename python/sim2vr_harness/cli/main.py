@@ -19,7 +19,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from sim2vr_harness import __version__
-from sim2vr_harness.cli import games, users
+from sim2vr_harness.cli import games, level, users
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
 from sim2vr_harness.cli.options import TrustOption, finite, writable_file, writable_folder
@@ -41,6 +41,7 @@ app = typer.Typer(
 
 app.add_typer(users.app, name="users")
 app.command("games")(games.games)
+app.command("level")(level.level)
 
 RunArgument = Annotated[
     str,

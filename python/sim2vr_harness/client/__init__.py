@@ -60,6 +60,7 @@ from sim2vr_harness.client.runtime import (
     list_games,
     runtime_version,
 )
+from sim2vr_harness.client.timeline import Timeline, TimelineItem, describe_level
 from sim2vr_harness.client.transport import AppPlace, AppSource, AppsWanted, Transport
 from sim2vr_harness.client.transports import (
     list_transports,
@@ -103,9 +104,12 @@ __all__ = [
     "RewardTerm",
     "SoundEvent",
     "StartingApp",
+    "Timeline",
+    "TimelineItem",
     "Transport",
     "connect",
     "describe_game",
+    "describe_level",
     "facts_of_outside",
     "frame_time_ns",
     "frame_times_ns",

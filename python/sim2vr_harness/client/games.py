@@ -138,6 +138,8 @@ class GameFacts:
         round_seconds: Length of a round with default options; 0: rounds have no usual length.
         devices: Controllers without which a right-handed player cannot play; see :meth:`needs`.
         hand_option: The option that takes ``right`` or ``left``, the hand that plays, if any.
+        level_option: The option that names the level to play, if any; the game then has
+            timelines (:func:`describe_level`).
         measures: In the order of the tables.
         score: Name of the measure by which users are compared; None: the return.
         reward_terms: Parts of the reward that the log has.
@@ -154,6 +156,7 @@ class GameFacts:
     round_seconds: float = 0.0
     devices: tuple[str, ...] = ()
     hand_option: str | None = None
+    level_option: str | None = None
     measures: tuple[Measure, ...] = ()
     score: str | None = None
     reward_terms: tuple[RewardTerm, ...] = ()

@@ -36,6 +36,15 @@ TEST(Registry, SuggestsTheNearestGame) {
   }
 }
 
+TEST(Registry, RefusesATimelineOfAGameWithoutLevels) {
+  try {
+    gameTimelineJson("sample", "{}", 1);
+    FAIL();
+  } catch (const InvalidArgument& error) {
+    EXPECT_STREQ(error.what(), "game: got 'sample', expected a game with levels");
+  }
+}
+
 // What the runtime relies on, for every game.
 TEST(Registry, EveryGameHasAHeadCameraAndDefaults) {
   for (const rl::GameEntry& entry : registry()) {

@@ -1,6 +1,7 @@
 // Every game that the runtime can play.
 #pragma once
 
+#include <cstdint>
 #include <memory>
 #include <span>
 #include <string>
@@ -18,5 +19,10 @@ std::unique_ptr<rl::Game> createGame(std::string_view name);
 
 /// What the game publishes, as a JSON object (rl/game_facts.hpp). Throws as createGame.
 std::string gameFactsJson(std::string_view name);
+
+/// What comes when in a round (rl::Game::timelineJson). Throws as createGame, InvalidArgument for
+/// options that the game refuses, and "game" for one without timelines.
+std::string gameTimelineJson(std::string_view name, std::string_view options_json,
+                             std::uint32_t seed);
 
 }  // namespace sim2vr::games

@@ -131,6 +131,14 @@ class Game {
   /// player likes.
   virtual std::optional<double> headRequest(std::uint32_t seed) const;
 
+  /// What comes when in the round that `seed` and the present options would start, for a picture
+  /// of it: a JSON object with `name`, `length_s`, `lanes` (names, bottom up), `beats_s` (lines of
+  /// a grid), `items` and `facts` (texts and numbers in order). An item has `time_s`, `lane`,
+  /// `shape` ("box", "disc", "dot" or "bar"; a bar has `duration_s` and `lanes`, upwards from
+  /// `lane`), `color` ("#rrggbb"), `kind`, and may have `arrow_deg` (counter-clockwise from right)
+  /// and `marked`. Empty: nothing is known before it is played.
+  virtual std::string timelineJson(std::uint32_t seed) const;
+
   /// Names, unit last, of the numbers behind the picture that a teacher learns from (RLEnv's
   /// fillPrivileged); the same for every round. Those that begin with "aid." are not for its
   /// observation but for its reward and its start. None: the game does not help teachers.

@@ -71,6 +71,9 @@ struct GameFacts {
   /// The option that takes "right" or "left", the hand that plays; "left" needs the other
   /// controllers. Empty: the game has none.
   std::string hand_option = {};
+  /// The option that names the level to play; the game then has a timeline (Game::timelineJson).
+  /// Empty: the game has none.
+  std::string level_option = {};
   /// In the order of the tables.
   std::vector<Measure> measures = {};
   /// Name of the measure by which users are compared; empty: the return.

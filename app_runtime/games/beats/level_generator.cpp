@@ -1,0 +1,205 @@
+#include "beats/level_generator.hpp"
+
+#include <algorithm>
+#include <array>
+#include <cmath>
+#include <vector>
+
+#include "beats/directions.hpp"
+#include "beats/level_hash.hpp"
+#include "beats/level_walls.hpp"
+#include "sim2vr/core/random.hpp"
+
+namespace sim2vr::games::beats {
+namespace {
+
+constexpr double kBeatsPerMinute = 100.0;
+/// Boxes and mines come on half beats.
+constexpr double kSlot_s = 30.0 / kBeatsPerMinute;
+constexpr double kFirst_s = 2.0;
+/// Nothing comes in the last second.
+constexpr double kEnding_s = 1.0;
+/// Between two boxes of one hand at least.
+constexpr double kHandGap_s = 0.55;
+/// Boxes appear so far away, unless that is sooner or later than kSoonest_s and kLatest_s.
+constexpr double kSight_m = 14.0;
+constexpr double kSoonest_s = 1.0;
+constexpr double kLatest_s = 3.0;
+/// Half the time of a stroke, and the blade's reach along the lane to both sides of the cut plane.
+constexpr double kHalfStroke_s = 0.15;
+constexpr double kReach_m = 0.9;
+
+struct HandState {
+  Hand hand;
+  double last_s = -10.0;
+  /// Where the next stroke begins: behind the last one's end.
+  CutDirection last = CutDirection::kUp;
+  int column = 0;
+  int row = 1;
+};
+
+class Composer {
+ public:
+  Composer(const GeneratorSettings& settings, std::uint32_t seed)
+      : settings_(settings), random_(seed) {
+    level_.name = "generated " + std::to_string(seed);
+    level_.length_s = settings.seconds;
+    level_.beats_per_minute = kBeatsPerMinute;
+    level_.speed_mps = settings.speed_mps;
+    level_.approach_s = std::clamp(kSight_m / settings.speed_mps, kSoonest_s, kLatest_s);
+  }
+
+  Level compose() {
+    level_.walls =
+        placeWalls(settings_.walls_per_minute, kFirst_s, settings_.seconds - kEnding_s, random_);
+    const int slots = slotBefore(settings_.seconds - kEnding_s);
+    double due = 0.0;
+    for (int slot = firstSlot(); slot <= slots; ++slot) {
+      due = std::min(due + settings_.boxes_per_second * kSlot_s, kMostDue);
+      const double patience = 0.25 * random_.range(0, 4);
+      if (due < 1.0 + patience * kPlay) continue;
+      due -= static_cast<double>(addBoxes(slot * kSlot_s));
+    }
+    addMines();
+    level_.hash = contentHash(level_);
+    return std::move(level_);
+  }
+
+ private:
+  /// Boxes that are put off because a wall is in the way are not all made up for.
+  static constexpr double kMostDue = 2.0;
+  /// How far boxes stray from their even spacing.
+  static constexpr double kPlay = 0.8;
+
+  static int firstSlot() { return static_cast<int>(std::ceil(kFirst_s / kSlot_s)); }
+  static int slotBefore(double time_s) { return static_cast<int>(std::floor(time_s / kSlot_s)); }
+
+  /// Returns how many there are.
+  std::size_t addBoxes(double time_s) {
+    const std::size_t before = level_.boxes.size();
+    const bool together = settings_.pattern == "together" ||
+                          (settings_.pattern == "mixed" && random_.range(0, 5) == 0);
+    if (together && isFree(left_, time_s) && isFree(right_, time_s)) {
+      addBox(left_, time_s, true);
+      addBox(right_, time_s, true);
+      return level_.boxes.size() - before;
+    }
+    const bool again = settings_.pattern == "mixed" && random_.range(0, 5) == 0;
+    HandState& next = (last_ == Hand::kLeft) == again ? left_ : right_;
+    HandState& other = &next == &left_ ? right_ : left_;
+    for (HandState* hand : {&next, &other}) {
+      if (!isFree(*hand, time_s)) continue;
+      addBox(*hand, time_s, false);
+      break;
+    }
+    return level_.boxes.size() - before;
+  }
+
+  bool isFree(const HandState& hand, double time_s) const {
+    if (time_s - hand.last_s < kHandGap_s) return false;
+    const double inner = hand.hand == Hand::kLeft ? 1.0 : 2.0;
+    // The lowest row is free wherever any is.
+    return !isBehindWall(level_.walls, time_s, inner, 0.0);
+  }
+
+  void addBox(HandState& hand, double time_s, bool together) {
+    Box box;
+    box.time_s = time_s;
+    box.hand = hand.hand;
+    box.cut = chooseCut(hand, together);
+    choosePlace(hand, time_s);
+    box.column = hand.column;
+    box.row = hand.row;
+    hand.last = box.cut;
+    hand.last_s = time_s;
+    if (settings_.pattern == "any") box.cut = CutDirection::kAny;
+    last_ = hand.hand;
+    level_.boxes.push_back(box);
+  }
+
+  /// Back the way the blade came, or 45 degrees beside that; never level, and not towards the other
+  /// hand's box at the same time.
+  CutDirection chooseCut(const HandState& hand, bool together) {
+    using enum CutDirection;
+    const Eigen::Vector2d back = -directionVector(hand.last);
+    std::array<CutDirection, 3> candidates{kDown, kDownLeft, kDownRight};
+    if (back.y() > 0.0) candidates = {kUp, kUpLeft, kUpRight};
+    std::vector<CutDirection> fitting;
+    for (const CutDirection candidate : candidates) {
+      const Eigen::Vector2d cut = directionVector(candidate);
+      const bool inwards = (cut.x() > 0.0) == (hand.hand == Hand::kLeft) && cut.x() != 0.0;
+      if (cut.dot(back) > 0.1 && !(together && inwards)) fitting.push_back(candidate);
+    }
+    return fitting[static_cast<std::size_t>(random_.range(0, static_cast<int>(fitting.size())))];
+  }
+
+  /// A cell on the hand's side, no further than one from the last one in each direction.
+  void choosePlace(HandState& hand, double time_s) {
+    const int inner = hand.hand == Hand::kLeft ? 1 : 2;
+    const int outer = hand.hand == Hand::kLeft ? 0 : 3;
+    hand.column = random_.range(0, 3) == 0 ? outer : inner;
+    const int row = std::clamp(hand.row + random_.range(-1, 2), 0, 2);
+    hand.row = row;
+    while (hand.row > 0 && isBehindWall(level_.walls, time_s, hand.column, hand.row)) --hand.row;
+  }
+
+  void addMines() {
+    const auto wanted =
+        static_cast<int>(settings_.mines_per_minute * settings_.seconds / 60.0 + 0.5);
+    constexpr int kTries = 12;
+    for (int i = 0; i < wanted; ++i) {
+      for (int tries = 0; tries < kTries; ++tries) {
+        const int slot = random_.range(firstSlot(), slotBefore(settings_.seconds - kEnding_s) + 1);
+        Mine mine{slot * kSlot_s, 0.0, 0.0};
+        mine.column = random_.range(0, 4);
+        mine.row = random_.range(0, 3);
+        if (!isHarmless(mine)) continue;
+        level_.mines.push_back(mine);
+        break;
+      }
+    }
+    std::stable_sort(level_.mines.begin(), level_.mines.end(),
+                     [](const Mine& a, const Mine& b) { return a.time_s < b.time_s; });
+  }
+
+  /// Whether every box can be cut without touching the mine, and it can be seen.
+  bool isHarmless(const Mine& mine) const {
+    const double near_s = kHalfStroke_s + kReach_m / settings_.speed_mps;
+    for (const Box& box : level_.boxes) {
+      if (std::abs(box.time_s - mine.time_s) < near_s && isInTheWay(mine, box)) return false;
+    }
+    for (const Mine& other : level_.mines) {
+      if (other.time_s == mine.time_s && other.column == mine.column) return false;
+    }
+    return !isBehindWall(level_.walls, mine.time_s, mine.column, mine.row);
+  }
+
+  /// Same or next column, which the blade covers on its way to the box, or on the stroke's line.
+  static bool isInTheWay(const Mine& mine, const Box& box) {
+    const Eigen::Vector2d apart(mine.column - box.column, mine.row - box.row);
+    if (std::abs(apart.x()) < 1.5) return true;
+    const Eigen::Vector2d cut = cutVector(box);
+    const double beside = std::abs(cut.x() * apart.y() - cut.y() * apart.x());
+    return !cut.isZero() && beside < 0.75;
+  }
+
+  const GeneratorSettings& settings_;
+  Random random_;
+  Level level_;
+  HandState left_{.hand = Hand::kLeft, .column = 1};
+  HandState right_{.hand = Hand::kRight, .column = 2};
+  Hand last_ = Hand::kRight;
+};
+
+}  // namespace
+
+std::span<const std::string> generatorPatterns() {
+  static const std::array<std::string, 4> kPatterns{"mixed", "alternating", "together", "any"};
+  return kPatterns;
+}
+
+Level generateLevel(const GeneratorSettings& settings, std::uint32_t seed) {
+  return Composer(settings, seed).compose();
+}
+
+}  // namespace sim2vr::games::beats

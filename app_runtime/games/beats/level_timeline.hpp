@@ -1,0 +1,14 @@
+// A level as a picture over time, in the words that the harness draws any game's timeline with.
+#pragma once
+
+#include <string>
+
+#include "beats/level.hpp"
+
+namespace sim2vr::games::beats {
+
+/// A JSON object as rl::Game::timelineJson says: the cells of the grid are its lanes, row by row
+/// from the bottom.
+std::string timelineJson(const Level& level);
+
+}  // namespace sim2vr::games::beats

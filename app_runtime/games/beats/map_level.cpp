@@ -1,0 +1,205 @@
+#include "beats/map_level.hpp"
+
+#include <algorithm>
+#include <filesystem>
+
+#include "beats/beatmap.hpp"
+#include "beats/chain.hpp"
+#include "beats/level_hash.hpp"
+#include "beats/map_info.hpp"
+#include "beats/map_reader.hpp"
+#include "sim2vr/core/errors.hpp"
+
+namespace sim2vr::games::beats {
+namespace {
+
+namespace fs = std::filesystem;
+
+constexpr double kLongest_s = 4.0 * 3600.0;
+/// Play goes on for so long behind the last thing, where the map does not tell the music's length.
+constexpr double kEnding_s = 1.0;
+constexpr double kUsualSpeed_mps = 10.0;
+constexpr const char* kInfoFile = "Info.dat";
+
+/// Files as they are read, for the hash: the same map has the same one in a folder and zipped.
+class Reading {
+ public:
+  explicit Reading(const MapFiles& files) : files_(files) {}
+
+  std::string read(const std::string& name, const std::string& who_asks) {
+    const std::string found = files_.find(name);
+    if (found.empty()) {
+      throw InvalidArgument(files_.place(name), "no such file",
+                            "the file that " + who_asks + " names");
+    }
+    std::string bytes = files_.read(found);
+    read_ += bytes + '\0';
+    return bytes;
+  }
+  std::string place(const std::string& name) const {
+    const std::string found = files_.find(name);
+    return files_.place(found.empty() ? name : found);
+  }
+  std::string hash() const { return bytesHash(read_); }
+
+ private:
+  const MapFiles& files_;
+  std::string read_;
+};
+
+template <class Things>
+void sortByTime(Things& things) {
+  std::stable_sort(things.begin(), things.end(),
+                   [](const auto& a, const auto& b) { return a.time_s < b.time_s; });
+}
+
+void addTempo(const TempoMap& tempo, Level& level) {
+  level.beats_per_minute = tempo.beatsPerMinuteAt(0.0);
+  for (const TempoMap::Piece& piece : tempo.pieces()) {
+    if (piece.beat > 0.0) {
+      level.tempo_changes.push_back({tempo.seconds(piece.beat), 60.0 / piece.beat_s});
+    }
+  }
+}
+
+void addChains(const std::vector<Chain>& chains, const TempoMap& tempo, Level& level) {
+  std::vector<Box> all;
+  for (const Chain& chain : chains) {
+    const std::vector<Box> boxes =
+        chainBoxes(chain, tempo.seconds(chain.beat), tempo.seconds(chain.tail_beat), level.boxes);
+    all.insert(all.end(), boxes.begin(), boxes.end());
+    if (all.size() > kMaximumObjects) {
+      throw InvalidArgument("links of chains", "more",
+                            std::to_string(kMaximumObjects) + " at most");
+    }
+  }
+  level.boxes.insert(level.boxes.end(), all.begin(), all.end());
+  sortByTime(level.boxes);
+}
+
+void addObjects(const Beatmap& beatmap, const TempoMap& tempo, Level& level) {
+  for (const auto& [beat, box] : beatmap.boxes) {
+    level.boxes.push_back(box);
+    level.boxes.back().time_s = tempo.seconds(beat);
+  }
+  for (const auto& [beat, mine] : beatmap.mines) {
+    level.mines.push_back(mine);
+    level.mines.back().time_s = tempo.seconds(beat);
+  }
+  for (const auto& [beat, beats, wall] : beatmap.walls) {
+    level.walls.push_back(wall);
+    level.walls.back().time_s = tempo.seconds(beat);
+    level.walls.back().duration_s = tempo.seconds(beat + beats) - tempo.seconds(beat);
+  }
+  sortByTime(level.boxes);
+  sortByTime(level.mines);
+  sortByTime(level.walls);
+  addChains(beatmap.chains, tempo, level);
+}
+
+double endOf(const Level& level) {
+  double end_s = 0.0;
+  for (const Box& box : level.boxes) end_s = std::max(end_s, box.time_s);
+  for (const Mine& mine : level.mines) end_s = std::max(end_s, mine.time_s);
+  for (const Wall& wall : level.walls) end_s = std::max(end_s, wall.time_s + wall.duration_s);
+  return end_s + kEnding_s;
+}
+
+Level makeLevel(const Beatmap& beatmap, const TempoMap& tempo, const std::string& place,
+                double song_s) {
+  Level level;
+  addTempo(tempo, level);
+  addObjects(beatmap, tempo, level);
+  level.length_s = std::max(endOf(level), song_s);
+  if (level.boxes.empty()) throw InvalidArgument(place, "no boxes", "boxes to cut");
+  if (!(level.length_s <= kLongest_s)) {
+    throw InvalidArgument(place, std::to_string(level.length_s) + " s of play", "4 hours at most");
+  }
+  return level;
+}
+
+TempoMap readTempoMap(const Beatmap& beatmap, const MapInfo& info, Reading& reading) {
+  if (beatmap.version < 4) return {info.beats_per_minute, beatmap.tempo_changes};
+  if (!info.audio_file.empty()) {
+    const auto regions =
+        readRegions(reading.read(info.audio_file, kInfoFile), reading.place(info.audio_file));
+    if (!regions.empty()) return TempoMap(regions);
+  }
+  return {info.beats_per_minute, {}};
+}
+
+Level readDifficulty(const MapInfo& info, const MapDifficulty& chosen, Reading& reading) {
+  const std::string place = reading.place(chosen.file);
+  const Beatmap beatmap = readBeatmap(reading.read(chosen.file, kInfoFile), place);
+  Level level = makeLevel(beatmap, readTempoMap(beatmap, info, reading), place, info.song_s);
+  level.name = info.title + " (" + chosen.difficulty + ")";
+  level.speed_mps = jumpSpeed_mps(chosen);
+  level.approach_s = approachSeconds(level.speed_mps, chosen.offset_beats, info.beats_per_minute);
+  level.hash = reading.hash();
+  return level;
+}
+
+/// A difficulty that no Info.dat lists.
+Level readAlone(const fs::path& path) {
+  const std::string text = readBytes(path, kMaximumMapFileBytes);
+  const Beatmap beatmap = readBeatmap(text, path.string());
+  if (beatmap.tempo_changes.empty() || beatmap.tempo_changes.front().beat > 0.0) {
+    throw InvalidArgument(path.string(), "a difficulty without tempo",
+                          "an Info.dat beside it that lists it, or its own tempo at beat 0");
+  }
+  const TempoMap tempo(beatmap.tempo_changes.front().beats_per_minute, beatmap.tempo_changes);
+  Level level = makeLevel(beatmap, tempo, path.string(), 0.0);
+  level.name = path.stem().string();
+  level.speed_mps = kUsualSpeed_mps;
+  level.approach_s = approachSeconds(level.speed_mps, 0.0, level.beats_per_minute);
+  level.hash = bytesHash(text);
+  return level;
+}
+
+Level loadSingle(const fs::path& path) {
+  const fs::path folder = path.parent_path().empty() ? fs::path(".") : path.parent_path();
+  const auto files = filesOfFolder(folder);
+  if (files->find(kInfoFile).empty()) return readAlone(path);
+  Reading reading(*files);
+  const MapInfo info = readMapInfo(reading.read(kInfoFile, ""), reading.place(kInfoFile));
+  const std::string name = path.filename().string();
+  for (const MapDifficulty& listed : info.difficulties) {
+    if (files->find(listed.file) == name) return readDifficulty(info, listed, reading);
+  }
+  return readAlone(path);
+}
+
+}  // namespace
+
+Level readMapLevel(const MapFiles& files, const std::string& characteristic,
+                   const std::string& difficulty) {
+  Reading reading(files);
+  if (files.find(kInfoFile).empty()) {
+    throw InvalidArgument(files.where(), "no Info.dat in it", "a map with its Info.dat");
+  }
+  const MapInfo info = readMapInfo(reading.read(kInfoFile, ""), reading.place(kInfoFile));
+  return readDifficulty(info, chooseDifficulty(info, characteristic, difficulty), reading);
+}
+
+Level loadLevel(const std::string& path, const std::string& characteristic,
+                const std::string& difficulty) {
+  std::error_code error;
+  if (fs::is_directory(path, error)) {
+    return readMapLevel(*filesOfFolder(path), characteristic, difficulty);
+  }
+  const std::string extension = fs::path(path).extension().string();
+  if (extension == ".zip") {
+    return readMapLevel(*filesOfZip(readBytes(path, kMaximumArchiveBytes), path), characteristic,
+                        difficulty);
+  }
+  for (const auto& [option, value] :
+       {std::pair("characteristic", characteristic), std::pair("difficulty", difficulty)}) {
+    if (value.empty()) continue;
+    throw InvalidArgument("option '" + std::string(option) + "'",
+                          "'" + value + "' with a single difficulty",
+                          "none, or the map's folder or archive as the level");
+  }
+  return loadSingle(path);
+}
+
+}  // namespace sim2vr::games::beats

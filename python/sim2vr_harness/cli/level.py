@@ -1,0 +1,94 @@
+"""``sim2vr-harness level``: what comes when in a level, as a picture and a few numbers."""
+
+from __future__ import annotations
+
+import json as jsonlib
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+import yaml
+
+from sim2vr_harness.cli.options import writable_file
+from sim2vr_harness.client import OptionValue, describe_game, describe_level, list_games
+from sim2vr_harness.training.errors import InputError
+
+__all__ = ["level"]
+
+
+def level(
+    name: Annotated[
+        str,
+        typer.Argument(
+            metavar="LEVEL", help="A level that comes with the game, or the file of one."
+        ),
+    ],
+    game: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="The game; without, the one that has levels."),
+    ] = None,
+    difficulty: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of a map with several.")
+    ] = None,
+    characteristic: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Of a map with several.")
+    ] = None,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="OPTION=VALUE", help="Another option of the game; may be repeated."
+        ),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Of a level that is made of one.")] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.png", help="Draw the level into this file.", callback=writable_file
+        ),
+    ] = None,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print the facts as JSON, nothing else.")
+    ] = False,
+) -> None:
+    """Say what is in a level, and draw it over time."""
+    from sim2vr_harness.evaluation.timeline import draw_timeline
+
+    chosen, option = _game_with_levels(game)
+    options: dict[str, OptionValue] = {option: name}
+    if difficulty is not None:
+        options["difficulty"] = difficulty
+    if characteristic is not None:
+        options["characteristic"] = characteristic
+    for given in set_ or []:
+        key, value = _read_option(given)
+        options[key] = value
+    timeline = describe_level(chosen, options, seed)
+    written = None if out is None else draw_timeline(timeline, out)
+    if json:
+        typer.echo(jsonlib.dumps({"name": timeline.name, **timeline.facts}, indent=2))
+        return
+    told = ", ".join(f"{label} {value}" for label, value in timeline.facts.items())
+    typer.echo(f"{timeline.name}: {told}")
+    if written is not None:
+        typer.echo(f"Written: {written}")
+
+
+def _game_with_levels(wanted: str | None) -> tuple[str, str]:
+    """The game and its option that names the level."""
+    names = [wanted] if wanted is not None else sorted(list_games())
+    for name in names:
+        option = describe_game(name).level_option
+        if option is not None:
+            return name, option
+    raise InputError("--game", repr(wanted) if wanted else "none", "a game with levels")
+
+
+def _read_option(text: str) -> tuple[str, Any]:
+    key, equals, value = text.partition("=")
+    if not equals or not key.strip():
+        raise InputError("--set", repr(text), "OPTION=VALUE")
+    try:
+        read = yaml.safe_load(value)
+    except yaml.YAMLError as error:
+        raise InputError("--set", repr(text), "OPTION=VALUE") from error
+    return key.strip(), read

@@ -1,0 +1,81 @@
+"""What comes when in a round: levels of games that have them, for pictures and a line of facts.
+
+Games tell it in C++ (``Game::timelineJson`` in ``rl/game.hpp``).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.client.runtime import checked_seed, load_runtime
+
+__all__ = ["Timeline", "TimelineItem", "describe_level"]
+
+
+@dataclass(frozen=True)
+class TimelineItem:
+    """A thing that comes at a time.
+
+    Attributes:
+        time_s: When, s after the round's start.
+        lane: Where, counted from the lowest lane; may lie between two.
+        shape: ``box``, ``disc``, ``dot`` or ``bar``.
+        color: ``#rrggbb``.
+        kind: For the legend.
+        duration_s: Of a bar.
+        lanes: Of a bar, upwards from ``lane``.
+        arrow_deg: Direction of an arrow on it, counter-clockwise from right; None: it has none.
+        marked: Something is wrong with it.
+    """
+
+    time_s: float
+    lane: float
+    shape: str
+    color: str
+    kind: str
+    duration_s: float = 0.0
+    lanes: float = 1.0
+    arrow_deg: float | None = None
+    marked: bool = False
+
+
+@dataclass(frozen=True)
+class Timeline:
+    """What comes when in a round.
+
+    Attributes:
+        name: The level's.
+        length_s: Of the round, s.
+        lanes: Their names, bottom up.
+        beats_s: Times of the beats, s.
+        items: In no order.
+        facts: Label and text or number, in the order in which they are told.
+    """
+
+    name: str
+    length_s: float
+    lanes: tuple[str, ...]
+    beats_s: tuple[float, ...]
+    items: tuple[TimelineItem, ...]
+    facts: Mapping[str, Any]
+
+
+def describe_level(game: str, options: Mapping[str, OptionValue], seed: int) -> Timeline:
+    """What comes when in the round that these options and this seed start.
+
+    Raises:
+        ValueError: There is no such game, it has no levels, or it refuses the options.
+    """
+    told = json.loads(load_runtime().game_timeline(game, json.dumps(options), checked_seed(seed)))
+    return Timeline(
+        name=told["name"],
+        length_s=told["length_s"],
+        lanes=tuple(told["lanes"]),
+        beats_s=tuple(told["beats_s"]),
+        items=tuple(TimelineItem(**item) for item in told["items"]),
+        facts=told["facts"],
+    )

@@ -6,7 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['AppBatch', 'EngineError', 'InvalidArgument', 'RenderError', 'StateError', 'Unsupported', 'frame_time_ns', 'game_facts', 'gl_renderer', 'list_games', 'set_log_level']
+__all__: list[str] = ['AppBatch', 'EngineError', 'InvalidArgument', 'RenderError', 'StateError', 'Unsupported', 'frame_time_ns', 'game_facts', 'game_timeline', 'gl_renderer', 'list_games', 'set_log_level']
 class EngineError(RuntimeError):
     pass
 class StateError(EngineError):
@@ -140,6 +140,10 @@ def frame_time_ns(frame: typing.Annotated[numpy.typing.ArrayLike, numpy.int64], 
 def game_facts(name: str) -> str:
     """
     What a game publishes, as a JSON object: measures, conditions.
+    """
+def game_timeline(name: str, options: str, seed: typing.SupportsInt | typing.SupportsIndex) -> str:
+    """
+    What comes when in a round of these options (a JSON object), as a JSON object.
     """
 def gl_renderer(kind: str = 'automatic') -> str:
     """

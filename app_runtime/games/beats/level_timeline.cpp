@@ -129,6 +129,40 @@ Json factsOf(const Level& level, const LevelFacts& facts) {
           {"hash", level.hash}};
 }
 
+/// The level itself, in the order of its lists.
+Json contentOf(const Level& level) {
+  Json boxes = Json::array();
+  for (const Box& box : level.boxes) {
+    boxes.push_back({{"time_s", box.time_s},
+                     {"column", box.column},
+                     {"row", box.row},
+                     {"hand", box.hand},
+                     {"cut", box.cut},
+                     {"angle_offset_deg", box.angle_offset_deg},
+                     {"link", box.link}});
+  }
+  Json mines = Json::array();
+  for (const Mine& mine : level.mines) {
+    mines.push_back({{"time_s", mine.time_s}, {"column", mine.column}, {"row", mine.row}});
+  }
+  Json walls = Json::array();
+  for (const Wall& wall : level.walls) {
+    walls.push_back({{"time_s", wall.time_s},
+                     {"duration_s", wall.duration_s},
+                     {"column", wall.column},
+                     {"row", wall.row},
+                     {"width", wall.width},
+                     {"height", wall.height}});
+  }
+  return {{"hash", level.hash},
+          {"length_s", level.length_s},
+          {"speed_mps", level.speed_mps},
+          {"approach_s", level.approach_s},
+          {"boxes", boxes},
+          {"mines", mines},
+          {"walls", walls}};
+}
+
 }  // namespace
 
 std::string timelineJson(const Level& level) {
@@ -144,7 +178,8 @@ std::string timelineJson(const Level& level) {
                       {"lanes", lanes},
                       {"beats_s", beatsOf(level)},
                       {"items", itemsOf(level, facts)},
-                      {"facts", factsOf(level, facts)}};
+                      {"facts", factsOf(level, facts)},
+                      {"level", contentOf(level)}};
   return timeline.dump(-1, ' ', false, Json::error_handler_t::replace);
 }
 

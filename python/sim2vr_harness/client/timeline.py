@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from sim2vr_harness.client.base import OptionValue
@@ -54,6 +54,7 @@ class Timeline:
         beats_s: Times of the beats, s.
         items: In no order.
         facts: Label and text or number, in the order in which they are told.
+        level: The level as the game has it, for those who play it elsewhere.
     """
 
     name: str
@@ -62,6 +63,7 @@ class Timeline:
     beats_s: tuple[float, ...]
     items: tuple[TimelineItem, ...]
     facts: Mapping[str, Any]
+    level: Mapping[str, Any] = field(default_factory=dict)
 
 
 def describe_level(game: str, options: Mapping[str, OptionValue], seed: int) -> Timeline:
@@ -78,4 +80,5 @@ def describe_level(game: str, options: Mapping[str, OptionValue], seed: int) -> 
         beats_s=tuple(told["beats_s"]),
         items=tuple(TimelineItem(**item) for item in told["items"]),
         facts=told["facts"],
+        level=told["level"],
     )

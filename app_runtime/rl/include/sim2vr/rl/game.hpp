@@ -133,7 +133,8 @@ class Game {
 
   /// What comes when in the round that `seed` and the present options would start, for a picture
   /// of it: a JSON object with `name`, `length_s`, `lanes` (names, bottom up), `beats_s` (lines of
-  /// a grid), `items` and `facts` (texts and numbers in order). An item has `time_s`, `lane`,
+  /// a grid), `items`, `facts` (texts and numbers in order) and `level` (an object, as the game has
+  /// it, for those who play the level elsewhere). An item has `time_s`, `lane`,
   /// `shape` ("box", "disc", "dot" or "bar"; a bar has `duration_s` and `lanes`, upwards from
   /// `lane`), `color` ("#rrggbb"), `kind`, and may have `arrow_deg` (counter-clockwise from right)
   /// and `marked`. Empty: nothing is known before it is played.

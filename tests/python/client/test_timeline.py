@@ -1,0 +1,36 @@
+"""Timelines of levels, of every game that has them."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import pytest
+
+from sim2vr_harness.client import describe_game, describe_level, list_games
+
+GAMES = [name for name in sorted(list_games()) if describe_game(name).level_option]
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_the_usual_level_has_things_within_its_length_and_lanes(game: str) -> None:
+    level = describe_level(game, {}, 1)
+    assert level.name
+    assert level.items
+    assert level.level
+    assert all(0.0 <= item.time_s <= level.length_s for item in level.items)
+    assert all(-0.5 <= item.lane <= len(level.lanes) - 0.5 for item in level.items)
+    steps = [later - earlier for earlier, later in pairwise(level.beats_s)]
+    assert min(steps) > 0.0
+
+
+@pytest.mark.parametrize("game", GAMES)
+def test_a_level_that_is_not_there_is_named(game: str) -> None:
+    option = describe_game(game).level_option
+    assert option is not None
+    with pytest.raises(ValueError, match=f"option '{option}': got 'no such level'"):
+        describe_level(game, {option: "no such level"}, 1)
+
+
+def test_a_game_without_levels_says_so() -> None:
+    with pytest.raises(ValueError, match="game: got 'sample', expected a game with levels"):
+        describe_level("sample", {}, 1)

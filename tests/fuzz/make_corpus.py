@@ -122,6 +122,10 @@ def levels() -> dict[str, bytes]:
         files = {name.lower(): data for name, data in map_files(folder).items()}
         parts = [files.get(name, b"") for name in ("info.dat", "hard.dat", "audiodata.dat")]
         found[folder.name] = b"\0".join(parts)
+    # Between these regions time went back once.
+    regions = [{"ei": 40, "eb": 4}, {"si": 40, "ei": 60, "sb": 60, "eb": 62}]
+    audio = {"songFrequency": 10, "bpmData": regions}
+    found["gap"] = b"\0".join([*found["v4"].split(b"\0")[:2], text(audio)])
     info = found["v2"].split(b"\0")[0]
     chain = {"b": 2, "x": 1, "y": 2, "d": 1, "tb": 3, "tx": 1, "ty": 0, "sc": 3, "s": 0.5}
     chains = {"version": "3.3.0", "colorNotes": [{"b": 2, "a": 30}], "burstSliders": [chain]}

@@ -1,5 +1,7 @@
 // Version 4: what and where in one list, when in another that points into it. A field that is not
 // there is 0.
+#include <fmt/format.h>
+
 #include "beats/map_reader.hpp"
 #include "sim2vr/core/errors.hpp"
 
@@ -97,6 +99,26 @@ Beatmap readVersion4(const JsonFields& map, UnknownFields& unknown) {
   return beatmap;
 }
 
+namespace {
+
+/// Regions that follow each other without a gap: what lies between two belongs to the earlier one.
+void closeGaps(std::vector<TempoMap::Region>& regions, const std::vector<JsonFields>& objects) {
+  for (std::size_t i = 0; i < regions.size(); ++i) {
+    TempoMap::Region& region = regions[i];
+    if (i + 1 < regions.size()) {
+      region.end_beat = regions[i + 1].start_beat;
+      region.end_s = regions[i + 1].start_s;
+    }
+    const double beats_per_minute =
+        60.0 * (region.end_beat - region.start_beat) / (region.end_s - region.start_s);
+    if (beats_per_minute >= 1.0 && beats_per_minute <= 100'000.0) continue;
+    throw InvalidArgument(objects[i].path("eb"), fmt::format("{:g}", beats_per_minute),
+                          "a region of 1 to 100,000 beats per minute");
+  }
+}
+
+}  // namespace
+
 std::vector<TempoMap::Region> readRegions(std::string_view text, const std::string& place) {
   const nlohmann::json json = parseJson(text, place, kMaximumMapValues);
   const JsonFields audio(json, place);
@@ -118,16 +140,9 @@ std::vector<TempoMap::Region> readRegions(std::string_view text, const std::stri
     last_sample = object.number("ei", 0.0, first, kMaximumSample);
     const double start_beat = object.number("sb", 0.0, last_beat, kMaximumBeat);
     last_beat = object.number("eb", 0.0, start_beat, kMaximumBeat);
-    const TempoMap::Region region{start_beat, last_beat, first / frequency_hz,
-                                  last_sample / frequency_hz};
-    const double beats_per_minute =
-        60.0 * (region.end_beat - region.start_beat) / (region.end_s - region.start_s);
-    if (!(beats_per_minute >= 1.0 && beats_per_minute <= 100'000.0)) {
-      throw InvalidArgument(object.path("eb"), nlohmann::json(beats_per_minute).dump(),
-                            "a region of 1 to 100,000 beats per minute");
-    }
-    regions.push_back(region);
+    regions.push_back({start_beat, last_beat, first / frequency_hz, last_sample / frequency_hz});
   }
+  closeGaps(regions, objects);
   unknown.warn();
   return regions;
 }

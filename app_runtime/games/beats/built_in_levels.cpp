@@ -11,13 +11,14 @@ Level firstLevel() {
   Level level;
   level.name = "first";
   level.length_s = 10.0;
-  level.beats_per_minute = 120.0;
-  level.speed_mps = 10.0;
-  level.approach_s = 1.5;
-  level.boxes = {{2.0, 1.0, kRow, Hand::kLeft, CutDirection::kDownRight},
-                 {4.0, 2.0, kRow, Hand::kRight, CutDirection::kDownLeft},
-                 {6.0, 1.0, kRow, Hand::kLeft, CutDirection::kUpLeft},
-                 {8.0, 2.0, kRow, Hand::kRight, CutDirection::kUpRight}};
+  level.beats_per_minute = 100.0;
+  // Slow, as first levels are: a box is within the blade's reach for a quarter of a second.
+  level.speed_mps = 5.0;
+  level.approach_s = 2.0;
+  level.boxes = {{2.4, 1.0, kRow, Hand::kLeft, CutDirection::kDownRight},
+                 {4.8, 2.0, kRow, Hand::kRight, CutDirection::kDownLeft},
+                 {7.2, 1.0, kRow, Hand::kLeft, CutDirection::kUpLeft},
+                 {9.6, 2.0, kRow, Hand::kRight, CutDirection::kUpRight}};
   level.hash = contentHash(level);
   return level;
 }

@@ -19,7 +19,7 @@ struct GeneratorSettings {
   /// One of generatorPatterns().
   std::string pattern = "mixed";
   /// Of approach.
-  double speed_mps = 8.0;
+  double speed_mps = 5.0;
   double walls_per_minute = 6.0;
   /// Fewer where strokes leave no room.
   double mines_per_minute = 6.0;

@@ -31,8 +31,8 @@ class TempoMap {
   /// A constant tempo up to the first change; changes in order of their beats, equal ones: the last
   /// counts.
   TempoMap(double beats_per_minute, const std::vector<Change>& changes);
-  /// Regions in order; before the first and behind the last the nearest one's tempo goes on, and a
-  /// gap between two belongs to the earlier one.
+  /// Regions in order, each beginning where the last one ends; before the first and behind the last
+  /// the nearest one's tempo goes on.
   explicit TempoMap(const std::vector<Region>& regions);
 
   /// Time of a beat, s after beat 0.

@@ -7,6 +7,7 @@
 #include <memory>
 #include <sstream>
 
+#include "beats/beatmap.hpp"
 #include "beats/map_info.hpp"
 #include "beats_maps.hpp"
 #include "sim2vr/core/log.hpp"
@@ -79,6 +80,21 @@ TEST(BeatsMapErrors, OfVersion4NameTheIndex) {
             }),
             "map: Easy.dat.colorNotes[0].i: got 1, expected an index into the 1 entries of "
             "colorNotesData");
+}
+
+TEST(BeatsMapErrors, OfRegionsNameTheRegion) {
+  const auto read = [](const std::string& regions) {
+    return readRegions(R"({"songFrequency": 10, "bpmData": [)" + regions + "]}", "audio");
+  };
+  const std::string first = R"({"si": 0, "ei": 40, "sb": 0, "eb": 4}, )";
+  EXPECT_EQ(errorOf([&] { read(first + R"({"si": 30, "ei": 50, "sb": 4, "eb": 5})"); }),
+            "audio.bpmData[1].si: got 30.0, expected a number from 40.0 to 1000000000000.0");
+  EXPECT_EQ(errorOf([&] { read(first + R"({"si": 40, "ei": 40, "sb": 4, "eb": 5})"); }),
+            "audio.bpmData[1].eb: got inf, expected a region of 1 to 100,000 beats per minute");
+  // A gap belongs to the earlier one: it ends at beat 6 and 5 s, so that time never goes back.
+  const auto regions = read(first + R"({"si": 50, "ei": 60, "sb": 6, "eb": 7})");
+  EXPECT_EQ(regions[0].end_beat, 6.0);
+  EXPECT_EQ(regions[0].end_s, 5.0);
 }
 
 TEST(BeatsMapErrors, NameTheVersions) {

@@ -24,6 +24,8 @@ struct Case {
   std::string error;
 };
 
+void PrintTo(const Case& test, std::ostream* out) { *out << test.error; }
+
 class BeatsMapErrors3 : public ::testing::TestWithParam<Case> {};
 
 TEST_P(BeatsMapErrors3, NameTheField) {

@@ -4,6 +4,7 @@
 #include <string>
 #include <vector>
 
+#include "beats/game.hpp"
 #include "sample/sample.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "whacamole/game.hpp"
@@ -27,6 +28,7 @@ rl::GameEntry entry() {
 std::span<const rl::GameEntry> registry() {
   static const std::array entries{
       entry<whacamole::WhacAMole>(),
+      entry<beats::Beats>(),
       entry<sample::TouchTheBall>(),
   };
   return entries;

@@ -59,6 +59,10 @@ class GameHarness {
     controller.grip = xr::toXr(poses.controller);
     controller.trigger = poses.trigger;
     controller.aim = controller.grip;
+    frame(time_ns, state);
+  }
+
+  void frame(std::int64_t time_ns, const xr::DeviceState& state) {
     device_.set(state);
     session_.waitFrame(time_ns, 50'000'000);
     session_.beginFrame();

@@ -1,0 +1,142 @@
+// How rounds of Beats are measured; docs/games/beats.md has the log's definitions.
+#include "beats/game.hpp"
+
+namespace sim2vr::games::beats {
+namespace {
+
+std::vector<rl::Measure> countedMeasures() {
+  return {
+      {.name = "correct_slices",
+       .label = "Correct slices",
+       .log_key = "AccumulatedCorrectSlices",
+       .digits = 2},
+      {.name = "boxes",
+       .label = "Boxes",
+       .log_key = "Boxes",
+       .better = rl::Better::kNone,
+       .description = "In the level, whether the round lasted until they came or not"},
+      {.name = "slice_rate",
+       .label = "Slice rate",
+       .log_key = "AccumulatedCorrectSlices",
+       .digits = 3,
+       .description = "Correct slices / boxes of the level, from 0 to 1",
+       .rate_with = "BoxesNotSliced"},
+      {.name = "errors",
+       .label = "Errors",
+       .log_key = "AccumulatedErrors",
+       .better = rl::Better::kLower,
+       .description = "Wrong hand, wrong direction, mines, walls"},
+      {.name = "score", .label = "Score", .log_key = "Score", .digits = 0},
+      {.name = "misses",
+       .label = "Misses",
+       .log_key = "Misses",
+       .better = rl::Better::kLower,
+       .description = "Boxes that went by uncut"},
+      {.name = "wrong_hand",
+       .label = "Wrong hand",
+       .log_key = "WrongHand",
+       .better = rl::Better::kLower},
+      {.name = "wrong_direction",
+       .label = "Wrong direction",
+       .log_key = "WrongDirection",
+       .better = rl::Better::kLower},
+      {.name = "max_combo",
+       .label = "Longest combo",
+       .log_key = "MaxCombo",
+       .description = "Correct slices in a row"},
+  };
+}
+
+std::vector<rl::Measure> dodgedMeasures() {
+  return {
+      {.name = "mine_rate",
+       .label = "Mines touched",
+       .log_key = "MineHits",
+       .better = rl::Better::kLower,
+       .digits = 3,
+       .description = "Share of the mines that came by",
+       .rate_with = "MinesAvoided"},
+      {.name = "wall_rate",
+       .label = "Walls touched",
+       .log_key = "WallHits",
+       .better = rl::Better::kLower,
+       .digits = 3,
+       .description = "Share of the walls that the head was in",
+       .rate_with = "WallsAvoided"},
+      {.name = "wall_seconds",
+       .label = "Time in walls",
+       .unit = "s",
+       .log_key = "WallSeconds",
+       .better = rl::Better::kLower,
+       .digits = 2},
+  };
+}
+
+std::vector<rl::Measure> movementMeasures() {
+  return {
+      {.name = "cut_speed_mps",
+       .label = "Cut speed",
+       .unit = "m/s",
+       .log_key = "CutSpeed",
+       .better = rl::Better::kNone,
+       .digits = 2,
+       .description = "Of the blade at the box, mean over correct slices",
+       .only_if = "AccumulatedCorrectSlices"},
+      {.name = "cut_angle_deg",
+       .label = "Cut angle error",
+       .unit = "deg",
+       .log_key = "CutAngleError",
+       .better = rl::Better::kLower,
+       .description = "From the demanded direction, mean over correct slices",
+       .only_if = "AccumulatedCorrectSlices"},
+      {.name = "hand_travel_m",
+       .label = "Hand travel",
+       .unit = "m",
+       .log_key = "HandTravel",
+       .better = rl::Better::kNone,
+       .description = "Way of both grips"},
+      {.name = "hand_travel_left_m",
+       .label = "Hand travel, left",
+       .unit = "m",
+       .log_key = "HandTravelLeft",
+       .better = rl::Better::kNone},
+      {.name = "hand_travel_right_m",
+       .label = "Hand travel, right",
+       .unit = "m",
+       .log_key = "HandTravelRight",
+       .better = rl::Better::kNone},
+  };
+}
+
+}  // namespace
+
+rl::GameFacts Beats::facts() const {
+  rl::GameFacts facts;
+  facts.round_seconds = makeLevel({}, 0).length_s;
+  facts.devices = {"controller_left", "controller_right"};
+  for (const auto& group : {countedMeasures(), dodgedMeasures(), movementMeasures()}) {
+    facts.measures.insert(facts.measures.end(), group.begin(), group.end());
+  }
+  facts.score = "slice_rate";
+  facts.reward_terms = {{"ApproachReward", "blade closeness"},
+                        {"PenaltyReward", "misses and errors"}};
+  facts.reward_rest = "score";
+  facts.conditions = {
+      {.name = "first",
+       .description = "Ten seconds with four boxes; a missed one ends the round",
+       .options_json = R"({"level": "first", "end_on_miss": true})",
+       .evaluated = true},
+      {.name = "level",
+       .description = "A generated level, another for each seed, with mines and walls",
+       .options_json = R"({"level": "generated", "end_on_miss": false})",
+       .evaluated = true},
+      {.name = "full",
+       .description = "The built-in level of 60 s with mines and walls",
+       .options_json = R"({"level": "full", "end_on_miss": false})",
+       .evaluated = true},
+  };
+  facts.default_condition = "first";
+  return facts;
+}
+
+}  // namespace sim2vr::games::beats

@@ -1,0 +1,71 @@
+#include "beats/layout.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <numbers>
+
+namespace sim2vr::games::beats {
+namespace {
+
+constexpr double kMiddleOfColumns = 1.5;
+
+// Counter-clockwise from the right, in the order of CutDirection.
+constexpr std::array<double, 8> kAngles_deg{90.0, 270.0, 180.0, 0.0, 135.0, 45.0, 225.0, 315.0};
+constexpr double kDown_deg = 270.0;
+
+double radians(double degrees) { return degrees * std::numbers::pi / 180.0; }
+
+double angle_deg(const Box& box) {
+  const double angle =
+      box.cut == CutDirection::kAny ? kDown_deg : kAngles_deg.at(static_cast<std::size_t>(box.cut));
+  return angle + box.angle_offset_deg;
+}
+
+Vec3 cellCenter_m(const Layout& layout, double column, double row, double z_m) {
+  return {(column - kMiddleOfColumns) * layout.cell_width_m,
+          layout.middle_row_m + (row - 1.0) * layout.cell_height_m, z_m};
+}
+
+double depth_m(const Level& level, const Wall& wall) {
+  return std::max(wall.duration_s * level.speed_mps, kShallowestWall_m);
+}
+
+}  // namespace
+
+std::array<double, 2> cutVector(const Box& box) {
+  if (box.cut == CutDirection::kAny) return {0.0, 0.0};
+  const double angle = radians(angle_deg(box));
+  return {std::cos(angle), std::sin(angle)};
+}
+
+double boxTurn_rad(const Box& box) { return radians(angle_deg(box) - kDown_deg); }
+
+Block boxAt(const Layout& layout, const Level& level, const Box& box, double time_s) {
+  const double z_m = layout.cut_distance_m + level.speed_mps * (box.time_s - time_s);
+  return {cellCenter_m(layout, box.column, box.row, z_m), Vec3::Constant(layout.box_edge_m / 2.0),
+          boxTurn_rad(box)};
+}
+
+Block mineAt(const Layout& layout, const Level& level, const Mine& mine, double time_s) {
+  const double z_m = layout.cut_distance_m + level.speed_mps * (mine.time_s - time_s);
+  return {cellCenter_m(layout, mine.column, mine.row, z_m), Vec3::Zero(), 0.0};
+}
+
+Block wallAt(const Layout& layout, const Level& level, const Wall& wall, double time_s) {
+  const Vec3 size(wall.width * layout.cell_width_m, wall.height * layout.cell_height_m,
+                  depth_m(level, wall));
+  // The lower left edge of cell (column, row) lies half a cell from its middle.
+  const Vec3 corner = cellCenter_m(layout, wall.column - 0.5, wall.row - 0.5,
+                                   level.speed_mps * (wall.time_s - time_s));
+  return {corner + size / 2.0, size / 2.0, 0.0};
+}
+
+double passTime_s(const Layout& layout, const Level& level, double time_s) {
+  return time_s + layout.cut_distance_m / level.speed_mps;
+}
+
+double goneTime_s(const Level& level, const Wall& wall) {
+  return wall.time_s + (depth_m(level, wall) + kWallGone_m) / level.speed_mps;
+}
+
+}  // namespace sim2vr::games::beats

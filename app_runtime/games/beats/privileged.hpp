@@ -1,0 +1,23 @@
+// The numbers behind the picture that a teacher learns from (docs/games/beats.md, "Privileged
+// numbers").
+#pragma once
+
+#include <span>
+#include <string>
+#include <vector>
+
+#include "beats/sight.hpp"
+
+namespace sim2vr::games::beats {
+
+/// How many are told: of each hand's boxes, of mines, of walls.
+inline constexpr std::size_t kToldBoxes = 2;
+inline constexpr std::size_t kToldMines = 3;
+inline constexpr std::size_t kToldWalls = 2;
+
+const std::vector<std::string>& privilegedNames();
+
+/// Writes one value for each of privilegedNames().
+void writePrivileged(const Round& round, const Sight& sight, std::span<float> values);
+
+}  // namespace sim2vr::games::beats

@@ -1,0 +1,277 @@
+#include "beats/round.hpp"
+
+#include <algorithm>
+#include <utility>
+
+#include "beats/round_event.hpp"
+#include "sim2vr/core/errors.hpp"
+#include "sim2vr/scene/scene.hpp"
+
+namespace sim2vr::games::beats {
+namespace {
+
+constexpr double kSecondsPerNs = 1e-9;
+// Frames lie a hair before the grid: those of 20 Hz at multiples of 49.999997 ms.
+constexpr double kEndTolerance_s = 1e-3;
+
+}  // namespace
+
+Round::Round(RoundSetup setup, const Feedback& feedback)
+    : setup_(std::move(setup)),
+      feedback_(feedback),
+      tally_(setup_.settings.multiplier),
+      sabers_{Saber(Hand::kLeft, *setup_.rig.left_controller, layout().blade_length_m),
+              Saber(Hand::kRight, *setup_.rig.right_controller, layout().blade_length_m)},
+      boxes_(level().boxes.size()),
+      mines_(level().mines.size()),
+      walls_(level().walls.size()),
+      walls_touched_(level().walls.size(), 0),
+      time_s_(-setup_.settings.lead_in_s) {}
+
+void Round::Update() {
+  if (phase_ == Phase::kReady) {
+    begin();
+  } else if (phase_ == Phase::kPlay) {
+    play();
+  }
+}
+
+void Round::begin() {
+  phase_ = Phase::kPlay;
+  start_ns_ = clock().timeNs();
+  head_ = last_head_ = head().transform().pose();
+  origin_m_ = head_.position;
+  for (Saber& saber : sabers_) saber.follow(0.0);
+  openLog();
+}
+
+void Round::play() {
+  const double now_s =
+      static_cast<double>(clock().timeNs() - start_ns_) * kSecondsPerNs - settings().lead_in_s;
+  frame_s_ = now_s - time_s_;
+  // No time, no motion: the next frame's covers it.
+  if (frame_s_ <= 0.0) return;
+  time_s_ = now_s;
+  last_head_ = std::exchange(head_, head().transform().pose());
+  for (Saber& saber : sabers_) saber.follow(frame_s_);
+  std::erase_if(bursts_, [this](const Burst& burst) { return time_s_ - burst.time_s > kBurst_s; });
+
+  for (const Event& event : eventsOfFrame()) {
+    apply(event);
+    if (isOver()) break;
+  }
+  if (headInWall()) tally_.addWallTime(frame_s_, settings().wall_errors_per_second);
+  logState();
+  if (isOver() || time_s_ >= level().length_s - kEndTolerance_s) finish();
+}
+
+bool Round::isOver() const {
+  if (settings().end_on_miss && tally_.misses() > 0) return true;
+  return settings().energy && tally_.energy() <= 0.0;
+}
+
+void Round::finish() {
+  phase_ = Phase::kDone;
+  closeLog();
+}
+
+Block Round::box(std::size_t i) const {
+  return placed(boxAt(layout(), level(), level().boxes[i], time_s_));
+}
+
+Block Round::mine(std::size_t i) const {
+  return placed(mineAt(layout(), level(), level().mines[i], time_s_));
+}
+
+Block Round::wall(std::size_t i) const {
+  return placed(wallAt(layout(), level(), level().walls[i], time_s_));
+}
+
+Block Round::placed(Block block) const {
+  block.center_m += origin_m_;
+  return block;
+}
+
+std::vector<Round::Event> Round::eventsOfFrame() const {
+  std::vector<Event> events;
+  for (const std::size_t i : boxesOut()) addBoxEvent(i, events);
+  for (const std::size_t i : minesOut()) addMineEvent(i, events);
+  for (const std::size_t i : wallsOut()) addWallEvent(i, events);
+  std::stable_sort(events.begin(), events.end(),
+                   [](const Event& a, const Event& b) { return a.time_s < b.time_s; });
+  return events;
+}
+
+void Round::addBoxEvent(std::size_t i, std::vector<Event>& events) const {
+  const Box& box = level().boxes[i];
+  const double pass_s = passTime_s(layout(), level(), box.time_s);
+  const auto cut =
+      firstTouch(this->box(i), kBladeRadius_m, box.time_s, settings().score.min_speed_mps);
+  if (cut) {
+    events.push_back({cut->time_s, Event::Kind::kCut, i, cut->place_m, cut});
+  } else if (pass_s <= time_s_) {
+    events.push_back({pass_s, Event::Kind::kMiss, i, this->box(i).center_m});
+  }
+}
+
+void Round::addMineEvent(std::size_t i, std::vector<Event>& events) const {
+  const Mine& mine = level().mines[i];
+  const double pass_s = passTime_s(layout(), level(), mine.time_s);
+  const auto touch =
+      firstTouch(this->mine(i), kBladeRadius_m + layout().mine_radius_m, mine.time_s, 0.0);
+  if (touch) {
+    events.push_back({touch->time_s, Event::Kind::kMineTouched, i, touch->place_m, touch});
+  } else if (pass_s <= time_s_) {
+    events.push_back({pass_s, Event::Kind::kMineAvoided, i, this->mine(i).center_m});
+  }
+}
+
+void Round::addWallEvent(std::size_t i, std::vector<Event>& events) const {
+  const Wall& wall = level().walls[i];
+  const double gone_s = goneTime_s(level(), wall);
+  if (walls_touched_[i] == 0) {
+    const Vec3 drift_m(0.0, 0.0, -level().speed_mps * frame_s_);
+    Block then = this->wall(i);
+    then.center_m -= drift_m;
+    const auto share =
+        firstContact(Motion(last_head_, head_), Rod{}, then, drift_m, layout().head_radius_m,
+                     shareOf(wall.time_s - level().approach_s), shareOf(gone_s));
+    if (share) {
+      const double time_s = time_s_ - (1.0 - *share) * frame_s_;
+      events.push_back({time_s, Event::Kind::kWallTouched, i, head_.position});
+    }
+  }
+  if (gone_s <= time_s_) events.push_back({gone_s, Event::Kind::kWallGone, i, head_.position});
+}
+
+std::optional<Round::Touch> Round::firstTouch(const Block& now, double reach_m, double thing_s,
+                                              double min_speed_mps) const {
+  std::optional<Touch> first;
+  for (const Saber& saber : sabers_) {
+    if (!saber.held()) continue;
+    const auto touch = touchBy(saber, now, reach_m, thing_s);
+    if (!touch || touch->velocity_mps.norm() < min_speed_mps) continue;
+    if (!first || touch->time_s < first->time_s) first = touch;
+  }
+  return first;
+}
+
+std::optional<Round::Touch> Round::touchBy(const Saber& saber, const Block& now, double reach_m,
+                                           double thing_s) const {
+  const Vec3 drift_m(0.0, 0.0, -level().speed_mps * frame_s_);
+  Block then = now;
+  then.center_m -= drift_m;
+  const Motion motion = saber.motion();
+  const auto share = firstContact(motion, saber.blade(), then, drift_m, reach_m,
+                                  shareOf(thing_s - level().approach_s),
+                                  shareOf(passTime_s(layout(), level(), thing_s)));
+  if (!share) return std::nullopt;
+  const Segment blade = segmentOf(saber.blade(), motion.at(*share));
+  const Vec3 place_m = blade.nearestTo(then.center_m + *share * drift_m);
+  const Vec3 velocity_mps = motion.velocity(place_m, *share) / frame_s_;
+  const Vec3 along = (blade.tip_m - blade.root_m).normalized();
+  return Touch{time_s_ - (1.0 - *share) * frame_s_, saber.hand(), place_m,
+               velocity_mps - velocity_mps.dot(along) * along};
+}
+
+double Round::shareOf(double time_s) const {
+  return std::clamp(1.0 - (time_s_ - time_s) / frame_s_, 0.0, 1.0);
+}
+
+bool Round::headInWall() const {
+  const Segment middle{head_.position, head_.position};
+  const std::vector<std::size_t> out = wallsOut();
+  return std::any_of(out.begin(), out.end(), [&](std::size_t i) {
+    return distance_m(middle, wall(i)) <= layout().head_radius_m;
+  });
+}
+
+void Round::apply(const Event& event) {
+  switch (event.kind) {
+    case Event::Kind::kCut:
+      boxes_.finish(event.index);
+      applyCut(event);
+      break;
+    case Event::Kind::kMiss:
+      boxes_.finish(event.index);
+      tally_.addFault(Fault::kMiss);
+      feedback_.miss(event.place_m);
+      logEvent(event, "box_miss");
+      break;
+    case Event::Kind::kMineTouched:
+      mines_.finish(event.index);
+      tally_.addFault(Fault::kMine);
+      feedback_.mine(event.touch->hand, event.place_m);
+      bursts_.push_back({event.time_s, event.place_m, Burst::Of::kMine});
+      logEvent(event, "mine_hit");
+      break;
+    case Event::Kind::kMineAvoided:
+      mines_.finish(event.index);
+      tally_.addAvoidedMine();
+      break;
+    case Event::Kind::kWallTouched:
+      walls_touched_[event.index] = 1;
+      tally_.addFault(Fault::kWall);
+      feedback_.wall(event.place_m);
+      logEvent(event, "wall_hit");
+      break;
+    case Event::Kind::kWallGone:
+      walls_.finish(event.index);
+      if (walls_touched_[event.index] == 0) tally_.addAvoidedWall();
+      break;
+  }
+}
+
+void Round::applyCut(const Event& event) {
+  const Touch& touch = *event.touch;
+  const Box& box = level().boxes[event.index];
+  const ScoreRules& rules = settings().score;
+  const auto angle_deg = cutAngle_deg(box, touch.velocity_mps);
+  const bool right_hand = touch.hand == box.hand;
+  bursts_.push_back({event.time_s, event.place_m,
+                     box.hand == Hand::kLeft ? Burst::Of::kLeftBox : Burst::Of::kRightBox});
+  if (right_hand && angle_deg && *angle_deg <= rules.angle_limit_deg) {
+    const double speed_mps = touch.velocity_mps.norm();
+    tally_.addSlice(cutPoints(rules, speed_mps, *angle_deg), speed_mps, *angle_deg);
+    feedback_.slice(touch.hand, event.place_m);
+    logEvent(event, "box_slice");
+    return;
+  }
+  tally_.addFault(right_hand ? Fault::kWrongDirection : Fault::kWrongHand);
+  feedback_.wrongCut(touch.hand, event.place_m);
+  logEvent(event, right_hand ? "box_wrong_direction" : "box_wrong_hand");
+}
+
+void Round::Burst::fields(Archive& archive) {
+  archive.field("time_s", time_s);
+  archive.field("place", place_m);
+  archive.field("of", of);
+}
+
+void Round::fields(Archive& archive) {
+  // Another level must not go on from this state.
+  std::string hash = level().hash;
+  archive.field("level", hash);
+  if (hash != level().hash) {
+    throw EngineError("saved state: a round of level " + hash + ", expected " + level().hash +
+                      "; the level's file has changed");
+  }
+  archive.field("tally", tally_);
+  archive.field("sabers", sabers_);
+  archive.field("boxes", boxes_);
+  archive.field("mines", mines_);
+  archive.field("walls", walls_);
+  const std::size_t count = walls_touched_.size();
+  archive.field("walls_touched", walls_touched_);
+  if (walls_touched_.size() != count) throw EngineError("saved state: another number of walls");
+  archive.field("phase", phase_);
+  archive.field("start_ns", start_ns_);
+  archive.field("time_s", time_s_);
+  archive.field("frame_s", frame_s_);
+  archive.field("origin", origin_m_);
+  archive.field("head", head_);
+  archive.field("last_head", last_head_);
+  archive.field("bursts", bursts_);
+}
+
+}  // namespace sim2vr::games::beats

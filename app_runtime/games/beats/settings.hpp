@@ -1,0 +1,33 @@
+// The game's options.
+#pragma once
+
+#include "beats/layout.hpp"
+#include "beats/level_options.hpp"
+#include "beats/scoring.hpp"
+#include "sim2vr/core/options.hpp"
+
+namespace sim2vr::games::beats {
+
+struct Settings {
+  LevelSettings level;
+  Layout layout;
+  ScoreRules score;
+
+  bool end_on_miss = true;
+  bool multiplier = false;
+  bool energy = false;
+  double wall_errors_per_second = 0.0;
+  double lead_in_s = 0.0;
+  bool time_feature = false;
+
+  /// Whether the reward has more than the score.
+  bool shaped = false;
+  double approach_reward = 10.0;
+  double miss_penalty = 0.0;
+  double error_penalty = 0.0;
+
+  /// Throws InvalidArgument naming the option.
+  static Settings fromOptions(Options& options);
+};
+
+}  // namespace sim2vr::games::beats

@@ -23,7 +23,10 @@ def make_app(request: pytest.FixtureRequest) -> Callable[..., AppClient]:
 def play(
     app: AppClient, player: Player, frames: int, *, seed: int = 7, start: int = 0
 ) -> list[tuple[AppReply, bytes, int]]:
-    """(reply, image bytes, state hash) of each frame; resets first unless start > 0."""
+    """(reply, image bytes, state hash) of each frame; resets first unless start > 0.
+
+    Ends with the round, which a game may cut short.
+    """
     trace = []
     for frame in range(start, start + frames):
         if frame == 0:
@@ -31,6 +34,8 @@ def play(
         else:
             reply = app.step(frame * players.FRAME_NS, player(frame))
         trace.append((reply, app.image.tobytes(), app.state_hash()))
+        if reply.finished:
+            break
     return trace
 
 

@@ -79,16 +79,22 @@ double distance_m(const Segment& segment, const Block& block) {
   const auto excess_at = [&](double u) { return excessOf(root + u * along, block.half_m); };
   const auto slope_at = [&](double u) { return excess_at(u).dot(along); };
 
-  std::array<double, 8> places{0.0, 1.0};
-  std::size_t count = 2;
+  // In order: 0, where the segment goes through the planes of the sides, 1.
+  std::array<double, 8> places{0.0};
+  std::size_t count = 1;
+  const auto insert = [&](double u) {
+    std::size_t i = count++;
+    for (; i > 0 && places[i - 1] > u; --i) places[i] = places[i - 1];
+    places[i] = u;
+  };
   for (int axis = 0; axis < 3; ++axis) {
     if (along[axis] == 0.0) continue;
     for (const double side : {-block.half_m[axis], block.half_m[axis]}) {
       const double u = (side - root[axis]) / along[axis];
-      if (u > 0.0 && u < 1.0) places[count++] = u;
+      if (u > 0.0 && u < 1.0) insert(u);
     }
   }
-  std::sort(places.begin(), places.begin() + static_cast<std::ptrdiff_t>(count));
+  insert(1.0);
   if (slope_at(0.0) >= 0.0) return excess_at(0.0).norm();
   for (std::size_t i = 1; i < count; ++i) {
     const double low = slope_at(places[i - 1]), high = slope_at(places[i]);

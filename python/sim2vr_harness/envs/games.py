@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 from sim2vr_harness.client import GameFacts, describe_game, facts_of_outside, list_games
 from sim2vr_harness.envs.apps import facts_told, knows_options
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, with_options
-from sim2vr_harness.users import Body
+from sim2vr_harness.users import Body, list_bodies, load_body
 
 __all__ = ["game_facts", "with_condition", "with_game", "with_hand"]
 
@@ -39,10 +41,33 @@ def with_condition(config: EnvConfig, condition: str | None) -> EnvConfig:
 
 
 def with_game(config: EnvConfig, game: str | None) -> EnvConfig:
-    """The configuration with another game; None leaves it."""
+    """The configuration with another game; None leaves it.
+
+    A configuration that names no body gets one that wears what the game is played with.
+    """
     if game is None or game == config.app.game:
         return config
-    return config.model_copy(update={"app": config.app.model_copy(update={"game": game})})
+    config = config.model_copy(update={"app": config.app.model_copy(update={"game": game})})
+    if "model" in config.user.model_fields_set:
+        return config
+    model = _body_wearing(game_facts(config.app, ask=False).needs("right"), config.user.model)
+    return config.model_copy(update={"user": config.user.model_copy(update={"model": model})})
+
+
+@cache
+def _body_wearing(devices: tuple[str, ...], usual: str) -> str:
+    """The usual body; where it cannot wear all of the devices, one with the fewest muscles that can.
+
+    The usual one, too, when nobody can. Without muscles the usual effort has nothing to go by.
+    """
+    if set(devices) <= set(load_body(usual).devices):
+        return usual
+    able = {}
+    for name in list_bodies():
+        body = load_body(name)
+        if body.muscles and set(devices) <= set(body.devices):
+            able[name] = len(body.muscles)
+    return min(able, key=able.__getitem__, default=usual)
 
 
 def with_hand(config: EnvConfig, body: Body) -> EnvConfig:

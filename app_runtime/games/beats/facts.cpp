@@ -136,6 +136,7 @@ rl::GameFacts Beats::facts() const {
        .evaluated = true},
   };
   facts.default_condition = "first";
+  facts.level_option = "level";
   return facts;
 }
 

@@ -3,6 +3,7 @@
 #include <utility>
 
 #include "beats/env.hpp"
+#include "beats/level_timeline.hpp"
 #include "beats/privileged.hpp"
 #include "beats/saber_looks.hpp"
 #include "beats/stage.hpp"
@@ -37,5 +38,9 @@ rl::RLEnv& buildRound(rl::GameContext& context, const Settings& settings,
 }
 
 const std::vector<std::string>& Beats::privilegedNames() const { return beats::privilegedNames(); }
+
+std::string Beats::timelineJson(std::uint32_t seed) const {
+  return beats::timelineJson(makeLevel(settings_.level, seed));
+}
 
 }  // namespace sim2vr::games::beats

@@ -19,6 +19,7 @@ class Beats : public rl::Game {
   void configure(Options& options) override { settings_ = Settings::fromOptions(options); }
   rl::RLEnv& build(rl::GameContext& context) override;
   const std::vector<std::string>& privilegedNames() const override;
+  std::string timelineJson(std::uint32_t seed) const override;
 
  private:
   Settings settings_;

@@ -4,22 +4,12 @@
 #include <cmath>
 #include <numbers>
 
+#include "beats/directions.hpp"
+
 namespace sim2vr::games::beats {
 namespace {
 
 constexpr double kMiddleOfColumns = 1.5;
-
-// Counter-clockwise from the right, in the order of CutDirection.
-constexpr std::array<double, 8> kAngles_deg{90.0, 270.0, 180.0, 0.0, 135.0, 45.0, 225.0, 315.0};
-constexpr double kDown_deg = 270.0;
-
-double radians(double degrees) { return degrees * std::numbers::pi / 180.0; }
-
-double angle_deg(const Box& box) {
-  const double angle =
-      box.cut == CutDirection::kAny ? kDown_deg : kAngles_deg.at(static_cast<std::size_t>(box.cut));
-  return angle + box.angle_offset_deg;
-}
 
 Vec3 cellCenter_m(const Layout& layout, double column, double row, double z_m) {
   return {(column - kMiddleOfColumns) * layout.cell_width_m,
@@ -32,17 +22,17 @@ double depth_m(const Level& level, const Wall& wall) {
 
 }  // namespace
 
-std::array<double, 2> cutVector(const Box& box) {
-  if (box.cut == CutDirection::kAny) return {0.0, 0.0};
-  const double angle = radians(angle_deg(box));
-  return {std::cos(angle), std::sin(angle)};
+// A mark that points down points along the cut when it is turned by this.
+double boxTurn_rad(const Box& box) {
+  if (box.cut == CutDirection::kAny) return box.angle_offset_deg * std::numbers::pi / 180.0;
+  const Eigen::Vector2d cut = cutVector(box);
+  return std::atan2(cut.x(), -cut.y());
 }
-
-double boxTurn_rad(const Box& box) { return radians(angle_deg(box) - kDown_deg); }
 
 Block boxAt(const Layout& layout, const Level& level, const Box& box, double time_s) {
   const double z_m = layout.cut_distance_m + level.speed_mps * (box.time_s - time_s);
-  return {cellCenter_m(layout, box.column, box.row, z_m), Vec3::Constant(layout.box_edge_m / 2.0),
+  const double edge_m = box.link ? layout.link_edge_m : layout.box_edge_m;
+  return {cellCenter_m(layout, box.column, box.row, z_m), Vec3::Constant(edge_m / 2.0),
           boxTurn_rad(box)};
 }
 

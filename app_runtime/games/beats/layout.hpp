@@ -1,8 +1,6 @@
 // Where things are: from the level's cells and seconds to metres relative to the round's origin.
 #pragma once
 
-#include <array>
-
 #include "beats/level.hpp"
 #include "sim2vr/core/math.hpp"
 
@@ -19,6 +17,8 @@ struct Layout {
   /// z at which boxes and mines are at their time.
   double cut_distance_m = 0.80;
   double box_edge_m = 0.35;
+  /// Of a link of a chain.
+  double link_edge_m = 0.175;
   double mine_radius_m = 0.12;
   double head_radius_m = 0.08;
   double blade_length_m = 1.0;
@@ -36,8 +36,6 @@ inline constexpr double kShallowestWall_m = 0.05;
 /// Behind the head plane by this much a wall's back is when it is gone.
 inline constexpr double kWallGone_m = 0.5;
 
-/// Unit vector of the blade's demanded motion, x right and y up as the player sees it; 0 for "any".
-std::array<double, 2> cutVector(const Box& box);
 /// How far a box is turned about z: at 0 its mark points down.
 double boxTurn_rad(const Box& box);
 

@@ -3,6 +3,7 @@
 #include <algorithm>
 #include <array>
 
+#include "beats/directions.hpp"
 #include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::games::beats {
@@ -94,7 +95,9 @@ class Writer {
       number(1.0);
       number(box.time_s - round_.time_s());
       vector(round_.box(boxes[i]).center_m - head_m_);
-      for (const double of_axis : cutVector(box)) number(of_axis);
+      const Eigen::Vector2d cut = cutVector(box);
+      number(cut.x());
+      number(cut.y());
     }
   }
 

@@ -4,7 +4,7 @@
 #include <cmath>
 #include <numbers>
 
-#include "beats/layout.hpp"
+#include "beats/directions.hpp"
 
 namespace sim2vr::games::beats {
 namespace {
@@ -19,9 +19,9 @@ std::optional<double> cutAngle_deg(const Box& box, const Vec3& velocity_mps) {
   if (box.cut == CutDirection::kAny) return 0.0;
   const double x = velocity_mps.x(), y = velocity_mps.y();
   if (std::hypot(x, y) < kStill_mps) return std::nullopt;
-  const auto [wanted_x, wanted_y] = cutVector(box);
-  const double sine = wanted_x * y - wanted_y * x;
-  const double cosine = wanted_x * x + wanted_y * y;
+  const Eigen::Vector2d wanted = cutVector(box);
+  const double sine = wanted.x() * y - wanted.y() * x;
+  const double cosine = wanted.x() * x + wanted.y() * y;
   return std::abs(std::atan2(sine, cosine)) * 180.0 / std::numbers::pi;
 }
 

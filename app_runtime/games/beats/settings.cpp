@@ -15,6 +15,7 @@ Layout layoutFromOptions(Options& options) {
   layout.middle_row_m = options.getNumber("middle_row_m", layout.middle_row_m, -1.0, 1.0);
   layout.cut_distance_m = options.getNumber("cut_distance_m", layout.cut_distance_m, 0.2, 2.0);
   layout.box_edge_m = options.getNumber("box_edge_m", layout.box_edge_m, 0.05, 1.0);
+  layout.link_edge_m = options.getNumber("link_edge_m", layout.link_edge_m, 0.05, 1.0);
   layout.mine_radius_m = options.getNumber("mine_radius_m", layout.mine_radius_m, 0.01, 0.5);
   layout.head_radius_m = options.getNumber("head_radius_m", layout.head_radius_m, 0.0, 0.3);
   layout.blade_length_m = options.getNumber("blade_length_m", layout.blade_length_m, 0.1, 2.0);

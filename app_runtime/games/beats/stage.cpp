@@ -107,7 +107,8 @@ void Stage::showBoxes() {
     const Box& box = round_.level().boxes[out[k]];
     render::MeshRenderer& shown = box.cut == CutDirection::kAny ? *looks.dot : *looks.arrow;
     shown.material.albedo = colorOf(box.hand);
-    place(shown, round_.box(out[k]), Vec3::Constant(round_.layout().box_edge_m));
+    const Block block = round_.box(out[k]);
+    place(shown, block, 2.0 * block.half_m);
   }
 }
 

@@ -56,7 +56,7 @@ def with_game(config: EnvConfig, game: str | None) -> EnvConfig:
 
 @cache
 def _body_wearing(devices: tuple[str, ...], usual: str) -> str:
-    """The usual body; where it cannot wear all of the devices, one with the fewest muscles that can.
+    """The usual body; where it cannot wear the devices, the one with the fewest muscles that can.
 
     The usual one, too, when nobody can. Without muscles the usual effort has nothing to go by.
     """

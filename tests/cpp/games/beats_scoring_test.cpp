@@ -3,6 +3,7 @@
 #include <cmath>
 #include <vector>
 
+#include "beats/directions.hpp"
 #include "beats/layout.hpp"
 #include "beats/scoring.hpp"
 #include "beats/tally.hpp"
@@ -57,8 +58,8 @@ TEST(BeatsScore, BoxesAreTurnedAsTheyAreCut) {
     const Box box = boxOf(static_cast<CutDirection>(i), 7.0);
     const Vec3 mark = Eigen::AngleAxisd(boxTurn_rad(box), Vec3::UnitZ()) * -Vec3::UnitY();
     if (box.cut == CutDirection::kAny) continue;
-    EXPECT_NEAR(mark.x(), cutVector(box)[0], 1e-12) << i;
-    EXPECT_NEAR(mark.y(), cutVector(box)[1], 1e-12) << i;
+    EXPECT_NEAR(mark.x(), cutVector(box).x(), 1e-12) << i;
+    EXPECT_NEAR(mark.y(), cutVector(box).y(), 1e-12) << i;
   }
 }
 

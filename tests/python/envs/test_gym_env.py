@@ -258,3 +258,17 @@ def test_every_game_has_an_id_of_its_own() -> None:
         assert picture.std() > 5.0, "head, hand and ball from outside"
     with pytest.raises(ValueError, match=r"'smal', expected a condition of sample \(did you mean"):
         gymnasium.make("sim2vr/Sample-v0", condition="smal")
+
+
+def test_a_game_for_two_hands_is_played_by_a_body_with_two_controllers() -> None:
+    with gymnasium.make("sim2vr/Beats-v0") as env:
+        simulation = env.unwrapped.simulation
+        assert {"controller_left", "controller_right"} <= set(simulation.body.devices)
+        assert simulation.body.muscles
+        env.reset(seed=1)
+        _, _, _, _, info = env.step(env.action_space.sample())
+        assert info["log"]["Boxes"] == 4.0
+    # A body that the configuration names stays, and says what it lacks.
+    one_arm = envs.EnvConfig(user="mobl_arms_wrist")
+    with pytest.raises(ValueError, match=r"wearing headset, controller_right, expected control"):
+        gymnasium.make("sim2vr/Beats-v0", config=one_arm)

@@ -29,10 +29,10 @@ void addTriangle(Mesh& mesh, const std::array<Vec3f, 3>& corners) {
   }
 }
 
-// A bar along `axis` between the middles of two cube corners, without its ends.
+// A bar along `axis` as long as the edge, without its ends.
 void addBar(Mesh& mesh, int axis, const Vec3f& center) {
   Vec3f size = Vec3f::Constant(kBar);
-  size[axis] = 1.0F + kBar;
+  size[axis] = 1.0F;
   const MeshPtr unit = render::box();
   for (std::size_t i = 0; i < unit->indices.size(); i += 3) {
     std::array<Vec3f, 3> corners;

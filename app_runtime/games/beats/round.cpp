@@ -246,6 +246,7 @@ void Round::Burst::fields(Archive& archive) {
   archive.field("time_s", time_s);
   archive.field("place", place_m);
   archive.field("of", of);
+  if (of > Of::kMine) throw EngineError("saved state: sparks of nothing known");
 }
 
 void Round::fields(Archive& archive) {

@@ -5,6 +5,7 @@
 #include <numbers>
 
 #include "beats/directions.hpp"
+#include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::games::beats {
 namespace {
@@ -49,6 +50,7 @@ void Multiplier::addFault() {
 void Multiplier::fields(Archive& archive) {
   archive.field("tier", tier_);
   archive.field("slices", slices_);
+  if (tier_ < 0 || tier_ > kHighestTier) throw EngineError("saved state: an unknown multiplier");
 }
 
 }  // namespace sim2vr::games::beats

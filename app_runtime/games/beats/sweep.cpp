@@ -116,9 +116,12 @@ std::optional<double> firstContact(const Motion& motion, const Rod& rod, const B
     moved.center_m += s * drift_m;
     const double gap_m = distance_m(segmentOf(rod, motion.at(s)), moved) - reach_m;
     if (gap_m < kSweepTolerance_m) return s;
-    // A step shortens the gap by all of it at most, and is at least the tolerance.
-    if (speed * (end - s) < gap_m) return std::nullopt;
-    s += gap_m / speed;
+    // Written so that no number at all (a damaged state) is no contact.
+    if (!(speed * (end - s) >= gap_m)) return std::nullopt;
+    const double next = s + gap_m / speed;
+    // So fast that the next moment cannot be told from this one.
+    if (next <= s) return s;
+    s = next;
   }
 }
 

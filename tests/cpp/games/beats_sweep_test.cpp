@@ -67,6 +67,16 @@ TEST(BeatsSweep, NothingJumpsThrough) {
   EXPECT_FALSE(firstContact(motion, kBlade, box, drift, kBladeRadius_m));
 }
 
+TEST(BeatsSweep, AbsurdMotionsComeToAnEnd) {
+  for (const double far_m : {1e9, 1e15, 1e200}) {
+    const Motion motion(at({-far_m, 0.0, -0.5}), at({far_m, 0.0, -0.5}));
+    firstContact(motion, kBlade, kCube, Vec3::Zero(), kBladeRadius_m);
+  }
+  const double none = std::nan("");
+  const Motion motion(at({none, 0.0, 0.0}), at({1.0, 0.0, 0.0}));
+  EXPECT_FALSE(firstContact(motion, kBlade, kCube, Vec3::Zero(), kBladeRadius_m));
+}
+
 // A swing from straight up over the front to straight down: half a turn in one frame. The cube in
 // front, from z = 0.5 on, is met where the blade comes down on its upper edge nearest to the hand.
 TEST(BeatsSweep, FollowsASwingAroundTheHand) {

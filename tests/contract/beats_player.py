@@ -21,11 +21,11 @@ MIDDLE_ROW_M = -0.30
 COLUMNS = 4
 HEAD = np.array([0.0, 1.17, 0.0])
 
-# A stroke of 42 cm in 0.12 s, 3.5 m/s, begins 2 cm outside of the box (17.5 cm and the blade's 1.5)
+# A stroke of 42 cm in 0.1 s, 4.2 m/s, begins 2 cm outside of the box (17.5 cm and the blade's 1.5)
 # and ends as far behind it: it does not reach a mine in the next cell, 35 - 12 - 1.5 cm away. It
 # waits at either end for more than a frame of 20 Hz, so that no frame cuts a corner.
 HALF_STROKE_M = 0.21
-HALF_STROKE_S = 0.06
+HALF_STROKE_S = 0.05
 WAIT_S = 0.06
 REACH_S = 0.05
 # Blades reach from z = 8 cm to 1.08 m from the grip.

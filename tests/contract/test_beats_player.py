@@ -33,8 +33,8 @@ def play(
 def expect_full_combo(log: Mapping[str, float], boxes: int) -> None:
     assert log["AccumulatedCorrectSlices"] == log["Boxes"] == log["MaxCombo"] == boxes
     assert log["AccumulatedErrors"] == log["Misses"] == 0.0
-    # 3.5 m/s along: 50 + 75 * 3 / 4.5 + 75. Frames that lie half in a stroke see less speed.
-    assert 125.0 * boxes < log["Score"] <= 175.0 * boxes
+    # 4.2 m/s along: 50 + 75 * 3.7 / 4.5 + 75. Frames that lie half in a stroke see less speed.
+    assert 125.0 * boxes < log["Score"] <= 187.0 * boxes
     assert log["CutAngleError"] < 1.0
 
 

@@ -12,7 +12,7 @@ namespace {
 
 constexpr int kHighestTier = 3;
 // Slower than this across the face is no direction.
-constexpr double kStill_mps = 1e-9;
+constexpr double kStill_mps = 0.01;
 
 }  // namespace
 

@@ -23,7 +23,8 @@ inline constexpr int kSpeedPoints = 75;
 inline constexpr int kAnglePoints = 75;
 
 /// Angle between a blade's velocity, as the player sees it (x right, y up), and what the box
-/// demands, 0 to 180 degrees; 0 for "any". None where the blade moves along z alone.
+/// demands, 0 to 180 degrees; 0 for "any". None where the blade moves along z alone (less than 1
+/// cm/s across the face).
 std::optional<double> cutAngle_deg(const Box& box, const Vec3& velocity_mps);
 
 /// Points of a correct slice, 50 to 200.

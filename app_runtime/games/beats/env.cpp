@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "beats/privileged.hpp"
 
@@ -12,26 +13,33 @@ namespace {
 constexpr double kApproach_s = 1.0;
 constexpr double kApproachRate_per_m = 4.0;
 
+// Left out of what clients get.
+constexpr double kNoTerm = std::numeric_limits<double>::quiet_NaN();
+
 }  // namespace
 
 void Env::InitialiseGame() { log_["Boxes"] = static_cast<double>(round_.level().boxes.size()); }
+
+void Env::InitialiseReward() {
+  const double term = round_.settings().shaped ? 0.0 : kNoTerm;
+  for (const char* name : {"ApproachReward", "PenaltyReward"}) logTerm(name, term);
+  updateLog();
+}
 
 void Env::CalculateReward() {
   sight_.look();
   const Tally& tally = round_.tally();
   const Settings& settings = round_.settings();
   double reward = tally.score() - score_;
-  if (settings.shaped && round_.phase() == Round::Phase::kPlay) {
-    const double approach = approachReward();
-    approach_sum_ += approach;
-    reward += approach;
-  }
+  double approach = kNoTerm, penalty = kNoTerm;
   if (settings.shaped) {
-    const double penalty = settings.miss_penalty * (tally.misses() - misses_) +
-                           settings.error_penalty * (tally.errors() - errors_);
-    penalty_sum_ -= penalty;
-    reward -= penalty;
+    approach = round_.phase() == Round::Phase::kPlay ? approachReward() : 0.0;
+    penalty = -settings.miss_penalty * (tally.misses() - misses_) -
+              settings.error_penalty * (tally.errors() - errors_);
+    reward += approach + penalty;
   }
+  logTerm("ApproachReward", approach);
+  logTerm("PenaltyReward", penalty);
   score_ = tally.score();
   misses_ = tally.misses();
   errors_ = tally.errors();
@@ -85,8 +93,6 @@ void Env::updateLog() {
   log_["HandTravelLeft"] = left_m;
   log_["HandTravelRight"] = right_m;
   log_["HandTravel"] = left_m + right_m;
-  log_["ApproachReward"] = approach_sum_;
-  log_["PenaltyReward"] = penalty_sum_;
 }
 
 void Env::fillPrivileged(std::span<float> values) const { writePrivileged(round_, sight_, values); }
@@ -97,8 +103,6 @@ void Env::fields(Archive& archive) {
   archive.field("score", score_);
   archive.field("misses", misses_);
   archive.field("errors", errors_);
-  archive.field("approach_sum", approach_sum_);
-  archive.field("penalty_sum", penalty_sum_);
 }
 
 }  // namespace sim2vr::games::beats

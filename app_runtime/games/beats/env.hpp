@@ -13,7 +13,7 @@ class Env : public rl::RLEnv {
 
   std::string_view typeName() const override { return "beats.Env"; }
   void InitialiseGame() override;
-  void InitialiseReward() override { updateLog(); }
+  void InitialiseReward() override;
   void CalculateReward() override;
   void UpdateIsFinished() override { finished_ = round_.phase() == Round::Phase::kDone; }
   float GetTimeFeature() const override;
@@ -30,8 +30,6 @@ class Env : public rl::RLEnv {
   int score_ = 0;
   int misses_ = 0;
   double errors_ = 0.0;
-  double approach_sum_ = 0.0;
-  double penalty_sum_ = 0.0;
 };
 
 }  // namespace sim2vr::games::beats

@@ -112,10 +112,10 @@ TEST(BeatsEnv, ShapedRewardAddsClosenessAndPenalties) {
   EXPECT_NEAR(round.harness.env().reward(), 20.0 * 0.05 * std::exp(-4.0 * gap), 1e-4);
   round.waitUntil(1.35, beside);
   const double before = round.rewardSum();
-  EXPECT_NEAR(round.harness.log("ApproachReward"), before, 1e-4);
+  EXPECT_NEAR(round.harness.log("ApproachRewardSum"), before, 1e-4);
   round.frame(beside);
   EXPECT_NEAR(round.harness.env().reward(), -30.0, 1e-6);
-  EXPECT_EQ(round.harness.log("PenaltyReward"), -30.0);
+  EXPECT_EQ(round.harness.log("PenaltyRewardSum"), -30.0);
 }
 
 TEST(BeatsEnv, TimeFeatureIsConstantUnlessAskedFor) {

@@ -34,7 +34,7 @@ FRAMES = 60
 
 
 def trace(app: AppClient, player: Player, seed: int, frames: int = FRAMES) -> list[Any]:
-    """(reply, image bytes, state hash) of each frame."""
+    """(reply, image bytes, state hash) of each frame, to the end of the round if that comes before."""
     rows = []
     for frame in range(frames):
         if frame == 0:
@@ -42,6 +42,8 @@ def trace(app: AppClient, player: Player, seed: int, frames: int = FRAMES) -> li
         else:
             reply = app.step(frame_time_ns(frame, 20), player(frame))
         rows.append((reply, app.image.tobytes(), app.state_hash()))
+        if reply.finished:
+            break
     return rows
 
 
@@ -113,11 +115,14 @@ def test_two_apps_in_one_message_are_as_one_alone(kind: str, game: str) -> None:
             if frame == 0:
                 replies = [app.reset(seed, poses) for app, seed in zip(apps, (3, 4), strict=True)]
             else:
-                for app in apps:
+                playing = [app for app in apps if not replies[apps.index(app)].finished]
+                for app in playing:
                     app.start_step(np.array([frame_time_ns(frame, 20)]), one_frame(poses))
-                replies = [app.finish_step() for app in reversed(apps)][::-1]
+                for app in reversed(playing):
+                    replies[apps.index(app)] = app.finish_step()
             for rows, app, reply in zip(found, apps, replies, strict=True):
-                rows.append((reply, app.image.tobytes(), app.state_hash()))
+                if not (rows and rows[-1][0].finished):
+                    rows.append((reply, app.image.tobytes(), app.state_hash()))
     assert found == expected
 
 

@@ -23,10 +23,10 @@ __all__ = ["ImaginedGame", "ImaginedRounds"]
 
 
 class ImaginedRounds(Protocol):
-    """B rounds without an end, differentiable by where the device is.
+    """B rounds without an end, differentiable by where the devices are.
 
-    A device's place is (B, 4, 4), its transform in MuJoCo's world frame, m. ``fields`` are the
-    privileged numbers that :attr:`ImaginedGame.fields` names, (K, F).
+    Places are (B, D, 4, 4), the transforms of :attr:`ImaginedGame.devices` in MuJoCo's world frame,
+    m. ``fields`` are the privileged numbers that :attr:`ImaginedGame.fields` names, (K, F).
     """
 
     names: tuple[str, ...]
@@ -37,14 +37,14 @@ class ImaginedRounds(Protocol):
     """(2, C, cells) successes and failures since :meth:`clear_counts`."""
 
     def calibrate(self, place: Tensor, fields: Tensor) -> None:
-        """Find out from user steps of the true game how the tool is fixed to the device."""
+        """Find out from user steps of the true game how the tools are fixed to the devices."""
 
     def start(self, ids: Tensor, place: Tensor, fields: Tensor, cell: Tensor) -> None:
         """Let rounds ``ids`` (K,) go on from states of the true game.
 
         Args:
             ids: (K,) which.
-            place: (K, 4, 4) where their devices are.
+            place: (K, D, 4, 4) where their devices are.
             fields: (K, F) what the true game said there.
             cell: (K,) where a target lives; -1 leaves all to chance.
         """
@@ -55,8 +55,10 @@ class ImaginedRounds(Protocol):
     def nearest(self, place: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
         """(K,) how far the tool is from the nearest good start of an action, m, and (K,) its cell.
 
+        A game whose rounds may begin anywhere says infinity.
+
         Args:
-            place: (K, 4, 4).
+            place: (K, D, 4, 4).
             condition: (K,).
         """
 
@@ -67,7 +69,7 @@ class ImaginedRounds(Protocol):
         """Advance by one user step, at the end of which the devices are at ``place``.
 
         Args:
-            place: (B, 4, 4).
+            place: (B, D, 4, 4).
             done: share of the imagined rollouts that is over; rewards are soft at first.
 
         Returns:
@@ -96,7 +98,7 @@ class ImaginedGame(Protocol):
     Attributes:
         name: of the game, as the runtime's registry has it.
         settings: its keys of ``teacher.imagined.game``, with their defaults.
-        device: the worn device whose place decides, by the name of its site.
+        devices: the worn devices whose places decide, by the names of their sites.
         fields: the privileged numbers that :class:`ImaginedRounds` take.
         cells: how many places targets come up in.
         conditions: those that a teacher practises unless the configuration names others.
@@ -105,20 +107,20 @@ class ImaginedGame(Protocol):
         facts: pattern of the privileged numbers, 0 or 1, that the picture shows: a student's
             image features learn to name them.
         start_fields: the privileged numbers that say how far the tool is from the nearest good
-            start of an action, m, and for which cell.
+            start of an action, m, and for which cell; None: rounds start where they start.
         start_limits: joint -> lowest and highest angle, rad, of the postures that rounds of the
             curriculum may start in; joints not named have their whole range.
     """
 
     name: str
     settings: type[Settings]
-    device: str
+    devices: tuple[str, ...]
     fields: tuple[str, ...]
     cells: int
     conditions: tuple[str, ...]
     hidden_fields: tuple[str, ...]
     facts: str
-    start_fields: tuple[str, str]
+    start_fields: tuple[str, str] | None
     start_limits: Mapping[str, tuple[float, float]]
 
     def options(

@@ -81,8 +81,13 @@ def find_start_postures(
         per_cell: how many to find for each cell.
         seed: of the search.
         most_rounds: resets of all users per condition after which the search gives up.
+
+    Raises:
+        ValueError: the game does not know good starts.
     """
     batch: Any = simulation.apps[0].batch  # type: ignore[attr-defined]
+    if game.start_fields is None:
+        raise ValueError(f"game: got {game.name!r}, expected one that knows good starts")
     columns = [list(batch.privileged_names).index(name) for name in game.start_fields]
     rng = np.random.default_rng(seed)
     low, high = joint_box(simulation, game.start_limits)

@@ -80,7 +80,10 @@ class ImaginedConfig(Settings):
     near_m: float = Field(default=0.12, gt=0.0, le=10.0)
     """How near: the tool's distance from a good start of an action on it."""
     effort: Weight = 0.1
-    """Cost of the mean square of activations per user step."""
+    """Cost of the mean square of activations per user step, for users whose own effort remembers
+    or looks at forces; others (``neural``, ``muscle_state``) have their own."""
+    reward_scale: float = Field(default=1.0, gt=0.0, le=1e9)
+    """Factor on the game's reward and the effort: a success should be worth about 10."""
     game: dict[str, OptionValue] = Field(default_factory=dict)
     """Settings of the game's twin (``games/NAME/settings.py``)."""
 

@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from sim2vr_harness.client import GameFacts, OptionValue
 from sim2vr_harness.envs.config import EnvConfig, SenseConfig, body_of
 from sim2vr_harness.envs.games import game_facts, with_hand
 from sim2vr_harness.envs.simulation import Simulation
@@ -53,13 +54,18 @@ def game_of(env: EnvConfig) -> ImaginedGame:
     facts = game_facts(app)
     playing = with_hand(env, body_of(env.user)).app.options
     hand = playing.get(facts.hand_option or "", "right")
-    if facts.devices and game.device not in facts.needs(hand):
+    missing = [device for device in game.devices if device not in _worn(facts, hand)]
+    if facts.devices and missing:
         raise InputError(
             "recipe",
             f"'distill' for a user who plays {app.game} with the {hand} hand",
-            f"one with {game.device}, which its twin is made for, or recipe: ppo",
+            f"one with {missing[0]}, which its twin is made for, or recipe: ppo",
         )
     return game
+
+
+def _worn(facts: GameFacts, hand: OptionValue) -> tuple[str, ...]:
+    return ("headset", *facts.needs(hand))
 
 
 def blind_env(env: EnvConfig) -> EnvConfig:
@@ -179,7 +185,7 @@ class TeacherSimulation:
         """Running averages of the fail rates in training, by condition and cell."""
         self.postures: StartPostures | None = None
         curriculum = config.curriculum
-        if curriculum.near_starts > 0.0:
+        if curriculum.near_starts > 0.0 and self.game.start_fields is not None:
             self.postures = find_start_postures(
                 self.simulation,
                 self.game,

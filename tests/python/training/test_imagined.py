@@ -70,18 +70,18 @@ def test_the_chain_places_the_hand_as_mujoco_does(rollouts: ImaginedRollouts) ->
     data = mujoco.MjData(user.physics_model)
     low, high = user.joint_ranges.T
     angles = np.random.default_rng(1).uniform(low, high, (20, 7))
-    places = rollouts.body.chain(torch.tensor(angles, dtype=torch.float32)).numpy()
+    places = rollouts.body.chains(torch.tensor(angles, dtype=torch.float32))[:, 0].numpy()
     for each, place in zip(angles, places, strict=True):
         data.qpos[:] = user.coupled_qpos(each)
         mujoco.mj_kinematics(user.physics_model, data)
-        site = data.site(rollouts.simulation.game.device)
+        site = data.site(rollouts.simulation.game.devices[0])
         np.testing.assert_allclose(place[:3, 3], site.xpos, atol=2e-6)
         np.testing.assert_allclose(place[:3, :3].ravel(), site.xmat, atol=5e-6)
 
 
 def test_the_hammer_is_where_the_game_says(rollouts: ImaginedRollouts) -> None:
     steps = experience(rollouts)
-    marker, axes = rollouts.game.hammer(rollouts.body.chain(steps.after.angles))
+    marker, axes = rollouts.game.hammer(rollouts.body.chains(steps.after.angles))
     said = {name: steps.fields[:, i] for i, name in enumerate(FIELDS)}
     where = torch.stack([said[f"hammer.{axis}_m"] for axis in "xyz"], 1)
     face = torch.stack([said[f"hammer.face_{axis}"] for axis in "xyz"], 1)
@@ -99,7 +99,7 @@ def test_a_body_learns_what_users_did() -> None:
     fit = fit_body(made.body, experience(made), minibatches=400, learning_rate=4e-3)
     assert fit["moved_m"] > 0.03
     assert fit["place_m"] < fit["moved_m"] / 3.0
-    assert fit["act"] < 0.03
+    assert fit["drives"] < 0.03
     assert (made.body.error > 0.0).all()
     made.simulation.close()
 
@@ -149,7 +149,7 @@ def test_the_twin_observes_what_the_true_game_says(rollouts: ImaginedRollouts) -
 
 def test_the_reward_s_gradient_is_that_of_finite_differences(rollouts: ImaginedRollouts) -> None:
     steps = experience(rollouts).rows(torch.arange(0, 60, 10))
-    places = rollouts.body.chain(steps.after.angles)
+    places = rollouts.body.chains(steps.after.angles)
 
     def total(actions: torch.Tensor) -> torch.Tensor:
         users, game = rollouts.imagine(6)
@@ -160,7 +160,7 @@ def test_the_reward_s_gradient_is_that_of_finite_differences(rollouts: ImaginedR
         for change in actions:
             users.step(change, error_share=0.0)
             reward = game.play(users.place, SOFT)
-            worth = worth + (reward - sum(users.costs(0.1))).sum()
+            worth = worth + (reward - sum(users.costs())).sum()
         return worth
 
     generator = torch.Generator().manual_seed(1)
@@ -184,7 +184,7 @@ def test_the_hammer_is_seen_where_a_user_goes_on(rollouts: ImaginedRollouts) -> 
     game.observe(users.place)
     begin = experience(rollouts).rows(torch.tensor([3, 50]))
     users.start(torch.arange(2), begin.after)
-    where = rollouts.body.chain(begin.after.angles)
+    where = rollouts.body.chains(begin.after.angles)
     game.start(torch.arange(2), where, begin.fields, torch.full((2,), -1))
     torch.testing.assert_close(
         game.observe(users.place)[:, columns], game.hammer(where)[0], atol=1e-6, rtol=0.0
@@ -199,9 +199,9 @@ def test_what_a_motion_costs_by_hand(rollouts: ImaginedRollouts) -> None:
     speeds, act = torch.zeros(2, 7), torch.zeros(2, 32)
     speeds[1, 3], act[1, 0] = -25.0, 0.8  # 10 rad/s beyond what is wild
     users.start(torch.arange(2), Motion(angles, speeds, act))
-    costs = torch.stack(users.costs(0.5))
+    costs = torch.stack(users.costs())
     assert costs[:, 0].tolist() == [0.0, 0.0, 0.0]
-    expected = [0.5 * 0.8**2 / 32, 0.5 * 0.2, 0.02 * 10.0]
+    expected = [0.1 * 0.8**2 / 32, 0.5 * 0.2, 0.02 * 10.0]
     torch.testing.assert_close(costs[:, 1], torch.tensor(expected), atol=1e-5, rtol=1e-5)
 
 

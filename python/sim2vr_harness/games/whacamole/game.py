@@ -20,7 +20,7 @@ class WhacAMole:
 
     name = "whacamole"
     settings = TwinSettings
-    device = "controller_right"
+    devices = ("controller_right",)
     fields = FIELDS
     cells = CELLS
     conditions = ("low-medium", "medium", "high-medium")
@@ -29,7 +29,7 @@ class WhacAMole:
         *("* qacc", "fingertip *"),
     )
     facts = "cell*.present"
-    start_fields = ("aid.start_distance_m", "aid.start_cell")
+    start_fields: tuple[str, str] | None = ("aid.start_distance_m", "aid.start_cell")
     start_limits: Mapping[str, tuple[float, float]] = {"elbow_flexion": (0.5, 1.9)}
 
     def options(

@@ -1,20 +1,23 @@
 """A differentiable body, learned from what the simulated one did.
 
-One user step (25 substeps of physics, muscles included) as a function whose gradient is known:
-where the hammer goes when a muscle pulls a little more. Activation and acceleration are learned;
-how joint angles place the hand is exact, from the body model's chain of joints.
+One user step (25 substeps of physics, actuators included) as a function whose gradient is known:
+where a tool goes when a muscle pulls a little more. Activation and acceleration are learned, of
+every limb by itself; motors' targets and how joint angles place the hands are exact, from the
+action rules and the body's chains of joints.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 
 import torch
 from torch import Tensor, nn
 
-from sim2vr_harness.training.imagined.chain import Chain
+from sim2vr_harness.training.imagined.chain import Chains
+from sim2vr_harness.training.imagined.drives import Drives
 from sim2vr_harness.training.imagined.experience import Experience, Motion
+from sim2vr_harness.training.imagined.limbs import Limb, limbs_of
 from sim2vr_harness.users import Body
 
 __all__ = ["BodyModel", "fit_body", "mlp"]
@@ -44,11 +47,18 @@ class _Activation(nn.Module):
 
 
 class _Acceleration(nn.Module):
-    """Angles and speeds after a user step.
+    """Angles and speeds after a user step, of limbs that are nearly alike.
 
-    Acceleration is linear in the activations, with coefficients that depend on angles and speeds,
-    as muscles' is within a substep; a second network learns the rest, with how far joints would
-    go beyond their limits among its inputs.
+    Acceleration is linear in the drives, with coefficients that depend on angles and speeds,
+    as it is within a substep (a muscle's force in its activation, a motor's torque in its target);
+    a second network learns the rest, with how far joints would go beyond their limits among its
+    inputs. Which limb it is is one of the inputs.
+
+    Args:
+        user: the body.
+        limbs: L limbs with as many joints and actuators each.
+        step_s: duration of a user step.
+        width: of the hidden layers.
     """
 
     mean: Tensor
@@ -59,50 +69,74 @@ class _Acceleration(nn.Module):
     low: Tensor
     high: Tensor
 
-    def __init__(self, user: Body, step_s: float, width: int) -> None:
+    def __init__(self, user: Body, limbs: Sequence[Limb], step_s: float, width: int) -> None:
         super().__init__()
-        joints, self._muscles = len(user.independent_joints), len(user.muscles)
-        self._joints, self._step_s = joints, step_s
+        joints, drives = len(limbs[0].joints), len(limbs[0].actuators)
+        self._joints, self._drives, self._limbs = joints, drives, len(limbs)
+        self._step_s = step_s
+        self.joint_columns = [j for limb in limbs for j in limb.joints]
+        self.drive_columns = [a for limb in limbs for a in limb.actuators]
         for name in ("mean", "spread", "speed", "gain", "remainder"):
             self.register_buffer(name, torch.ones(joints))
         low, high = torch.tensor(user.joint_ranges.T.copy(), dtype=torch.float32)
-        self.register_buffer("low", low)
-        self.register_buffer("high", high)
-        self._linear = mlp(6 * joints, width, width, joints * (2 * self._muscles + 1))
-        self._rest = mlp(8 * joints + 2 * self._muscles, width, width, 2 * joints)
+        self.register_buffer("low", self._of_joints(low[None]))
+        self.register_buffer("high", self._of_joints(high[None]))
+        which = len(limbs) if len(limbs) > 1 else 0
+        self._linear = mlp(6 * joints + which, width, width, joints * (2 * drives + 1))
+        self._rest = mlp(8 * joints + 2 * drives + which, width, width, 2 * joints)
+
+    def _of_joints(self, values: Tensor) -> Tensor:
+        """(B, J) of a body -> (B L, joints), limb by limb of every user."""
+        return values[:, self.joint_columns].reshape(-1, self._joints)
+
+    def _of_drives(self, values: Tensor) -> Tensor:
+        return values[:, self.drive_columns].reshape(-1, self._drives)
 
     def scale_by(self, steps: Experience) -> None:
         """Take the units of inputs and outputs from what happened."""
-        before, after = steps.before, steps.after
-        free = before.angles + 0.5 * self._step_s * (before.speeds + after.speeds)
-        self.mean.copy_(before.angles.mean(0))
-        self.spread.copy_(before.angles.std(0))
-        self.speed.copy_(before.speeds.std(0))
-        self.gain.copy_((after.speeds - before.speeds).std(0))
-        self.remainder.copy_((after.angles - free).std(0))
-
-    def forward(self, before: Motion, act: Tensor) -> tuple[Tensor, Tensor]:
-        q, v = before.angles, before.speeds
-        state = torch.cat(
-            [
-                (q - self.mean) / self.spread,
-                v / self.speed,
-                q.sin(),
-                q.cos(),
-                torch.relu(q + 0.03 - self.high) * 30.0,
-                torch.relu(self.low + 0.03 - q) * 30.0,
-            ],
-            -1,
+        q, v, after_q, after_v = (
+            self._of_joints(values)
+            for motion in (steps.before, steps.after)
+            for values in (motion.angles, motion.speeds)
         )
-        both = torch.cat([before.act, act], -1)
+        free = q + 0.5 * self._step_s * (v + after_v)
+        self.mean.copy_(q.mean(0))
+        self.spread.copy_(q.std(0))
+        self.speed.copy_(v.std(0))
+        self.gain.copy_((after_v - v).std(0))
+        self.remainder.copy_((after_q - free).std(0))
+
+    def loss(self, angles: Tensor, speeds: Tensor, wanted: Motion) -> Tensor:
+        """Mean squared error of what :meth:`forward` gave, in units of what happens."""
+        wrong_v = (speeds - self._of_joints(wanted.speeds)) / self.gain
+        wrong_q = (angles - self._of_joints(wanted.angles)) / self.remainder
+        return wrong_v.square().mean() + wrong_q.square().mean()
+
+    def forward(self, before: Motion, drives: Tensor) -> tuple[Tensor, Tensor]:
+        """Angles and speeds (B L, joints) each after a step that ends with drives (B, A)."""
+        users = len(drives)
+        q, v = self._of_joints(before.angles), self._of_joints(before.speeds)
+        both = torch.cat([self._of_drives(before.drives), self._of_drives(drives)], -1)
+        low, high = self.low.repeat(users, 1), self.high.repeat(users, 1)
+        parts = [
+            (q - self.mean) / self.spread,
+            v / self.speed,
+            q.sin(),
+            q.cos(),
+            torch.relu(q + 0.03 - high) * 30.0,
+            torch.relu(low + 0.03 - q) * 30.0,
+        ]
+        if self._limbs > 1:
+            parts.append(torch.eye(self._limbs).repeat(users, 1))
+        state = torch.cat(parts, -1)
         terms = self._linear(state)
-        effect = terms[:, : -self._joints].reshape(-1, self._joints, 2 * self._muscles)
+        effect = terms[:, : -self._joints].reshape(-1, self._joints, 2 * self._drives)
         pulled = 0.2 * (effect @ both[..., None])[..., 0] + terms[:, -self._joints :]
         free_v = v + pulled * self.gain
         free_q = q + 0.5 * self._step_s * (v + free_v)
         beyond = [
-            nn.functional.softplus((free_q - self.high) / _LIMIT_RAD),
-            nn.functional.softplus((self.low - free_q) / _LIMIT_RAD),
+            nn.functional.softplus((free_q - high) / _LIMIT_RAD),
+            nn.functional.softplus((low - free_q) / _LIMIT_RAD),
         ]
         rest = self._rest(torch.cat([state, 2.0 * both - 1.0, *(0.4 * b for b in beyond)], -1))
         more_v, more_q = rest.chunk(2, -1)
@@ -116,33 +150,87 @@ class BodyModel(nn.Module):
 
     Args:
         user: the body.
-        device: the worn device whose place is wanted.
+        devices: the worn devices whose places are wanted.
         step_s: duration of a user step.
         width: of the hidden layers.
     """
 
     error: Tensor
     """(J,) standard deviation of what the model gets wrong of the speeds after a step, rad/s."""
+    gain: Tensor
+    """(J,) standard deviation of how speeds change in a step, rad/s."""
 
-    def __init__(self, user: Body, device: str, step_s: float, *, width: int = 256) -> None:
+    def __init__(
+        self, user: Body, devices: Sequence[str], step_s: float, *, width: int = 256
+    ) -> None:
         super().__init__()
+        self.drives = Drives(user)
         self.activation = _Activation()
-        self.acceleration = _Acceleration(user, step_s, width)
-        self.chain = Chain(user, device)
+        groups = limbs_of(user)
+        self.accelerations = nn.ModuleList(
+            [_Acceleration(user, limbs, step_s, width) for limbs in groups]
+        )
+        columns = [j for each in self._each() for j in each.joint_columns]
+        self._order = [columns.index(j) for j in range(len(columns))]
+        self.chains = Chains(user, devices)
         self.register_buffer("error", torch.zeros(len(user.independent_joints)))
+        self.register_buffer("gain", torch.ones(len(user.independent_joints)))
         self._step_s = step_s
 
+    def _each(self) -> list[_Acceleration]:
+        return [each for each in self.accelerations if isinstance(each, _Acceleration)]
+
+    def scale_by(self, steps: Experience) -> None:
+        """Take the units of inputs and outputs from what happened."""
+        for each in self._each():
+            each.scale_by(steps)
+        self.gain.copy_((steps.after.speeds - steps.before.speeds).std(0))
+
+    def learned(self) -> list[nn.Parameter]:
+        """What is fitted: muscles' activation only where there are muscles."""
+        activation = self.activation.parameters() if len(self.drives.muscles) else ()
+        return [*activation, *self.accelerations.parameters()]
+
+    def loss(self, steps: Experience) -> Tensor:
+        """What is fitted: errors of the motion after steps."""
+        wanted = steps.after
+        motion = [each.loss(*each(steps.before, wanted.drives), wanted) for each in self._each()]
+        loss = torch.stack(motion).mean()
+        if not len(self.drives.muscles):
+            return loss
+        drives = self.drives_after(steps.before, steps.control)
+        wrong = (drives - wanted.drives)[:, self.drives.muscles]
+        return loss + 1000.0 * wrong.square().mean()
+
+    def drives_after(self, before: Motion, control: Tensor) -> Tensor:
+        """(B, A): muscles follow their controls, of all others the control is the drive."""
+        muscles = self.drives.muscles
+        if len(muscles) == self.drives.count:
+            after: Tensor = self.activation(before.drives, control)
+            return after
+        if not len(muscles):
+            return control
+        followed = self.activation(before.drives[:, muscles], control[:, muscles])
+        return control.index_copy(1, torch.from_numpy(muscles), followed)
+
     def forward(self, before: Motion, control: Tensor) -> Motion:
-        """The motion after a user step with these controls, (B, M) in [0, 1]."""
-        act = self.activation(before.act, control)
-        angles, speeds = self.acceleration(before, act)
-        return Motion(angles, speeds, act)
+        """The motion after a user step with these controls, (B, A) in [0, 1]."""
+        drives = self.drives_after(before, control)
+        angles, speeds = [], []
+        for each in self._each():
+            for values, parts in zip(each(before, drives), (angles, speeds), strict=True):
+                parts.append(values.reshape(len(drives), -1))
+        if len(angles) == 1 and self._order == sorted(self._order):
+            return Motion(angles[0], speeds[0], drives)
+        return Motion(
+            torch.cat(angles, 1)[:, self._order], torch.cat(speeds, 1)[:, self._order], drives
+        )
 
     def disturbed(self, motion: Motion, share: float) -> Motion:
         """``motion`` with noise of ``share`` times what the model gets wrong in a step."""
         noise = share * self.error * torch.randn_like(motion.speeds)
         angles = motion.angles + 0.5 * self._step_s * noise
-        return Motion(angles, motion.speeds + noise, motion.act)
+        return Motion(angles, motion.speeds + noise, motion.drives)
 
 
 def fit_body(
@@ -168,13 +256,14 @@ def fit_body(
 
     Returns:
         ``speed``: root mean square error of the speeds after a step, in units of their change's
-        spread; ``act``: mean absolute error of the activations; ``place_m``: mean error of the
-        device's place after a step; ``moved_m``: how far it moved on average. Of held out steps.
+        spread; ``drives``: mean absolute error of the drives; ``place_m``: mean error of the
+        devices' places after a step; ``moved_m``: how far they moved on average. Of held out
+        steps, and of the devices that move.
     """
     order = torch.randperm(len(steps))
     aside = min(held_out, len(steps) // 10)
     test, known = steps.rows(order[:aside]), order[aside:]
-    learned = [*body.activation.parameters(), *body.acceleration.parameters()]
+    learned = body.learned()
     for parameter in learned:
         parameter.requires_grad_(True)
     optimizer = torch.optim.Adam(learned, lr=learning_rate)
@@ -184,7 +273,7 @@ def fit_body(
     for done in range(minibatches):
         on_progress(done / minibatches)
         batch = steps.rows(known[torch.randint(len(known), (batch_size,))])
-        loss = _loss(body, batch)
+        loss = body.loss(batch)
         optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(learned, 5.0)
@@ -195,28 +284,19 @@ def fit_body(
     return _measure(body, test)
 
 
-def _loss(body: BodyModel, batch: Experience) -> Tensor:
-    after, wanted = body.acceleration, batch.after
-    act = body.activation(batch.before.act, batch.control)
-    angles, speeds = after(batch.before, wanted.act)
-    return (
-        ((speeds - wanted.speeds) / after.gain).square().mean()
-        + ((angles - wanted.angles) / after.remainder).square().mean()
-        + 1000.0 * (act - wanted.act).square().mean()
-    )
-
-
 def _measure(body: BodyModel, test: Experience) -> dict[str, float]:
     with torch.no_grad():
         predicted = body(test.before, test.control)
         wrong = predicted.speeds - test.after.speeds
         body.error.copy_(wrong.std(0))
-        place = body.chain(torch.cat([predicted.angles, test.after.angles, test.before.angles]))
-        put_at, was_at, from_ = place[:, :3, 3].chunk(3)
+        place = body.chains(torch.cat([predicted.angles, test.after.angles, test.before.angles]))
+        put_at, was_at, from_ = place[:, :, :3, 3].chunk(3)
+        moved = (from_ - was_at).norm(dim=2).mean(0)
+        moving = moved > 0.0
         values = {
-            "speed": (wrong / body.acceleration.gain).square().mean().sqrt(),
-            "act": (predicted.act - test.after.act).abs().mean(),
-            "place_m": (put_at - was_at).norm(dim=1).mean(),
-            "moved_m": (from_ - was_at).norm(dim=1).mean(),
+            "speed": (wrong / body.gain).square().mean().sqrt(),
+            "drives": (predicted.drives - test.after.drives).abs().mean(),
+            "place_m": (put_at - was_at).norm(dim=2).mean(0)[moving].mean(),
+            "moved_m": moved[moving].mean(),
         }
     return {name: float(value) for name, value in values.items()}

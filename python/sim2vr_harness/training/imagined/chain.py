@@ -1,6 +1,8 @@
-"""Where a worn device is by the joints' angles: exact, and differentiable."""
+"""Where worn devices are by the joints' angles: exact, and differentiable."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import mujoco
 import numpy as np
@@ -10,7 +12,19 @@ from torch import Tensor, nn
 
 from sim2vr_harness.users import Body
 
-__all__ = ["Chain"]
+__all__ = ["Chain", "Chains"]
+
+
+class Chains(nn.Module):
+    """Where some devices are, in their order."""
+
+    def __init__(self, user: Body, devices: Sequence[str]) -> None:
+        super().__init__()
+        self._each = nn.ModuleList([Chain(user, device) for device in devices])
+
+    def forward(self, angles: Tensor) -> Tensor:
+        """(B, D, 4, 4) transforms, MuJoCo world frame, for independent angles (B, J)."""
+        return torch.stack([chain(angles) for chain in self._each], 1)
 
 
 class Chain(nn.Module):
@@ -60,18 +74,22 @@ class Chain(nn.Module):
                 coefficients[0] -= model.qpos0[model.jnt_qposadr[joint]]
                 polynomials.append(coefficients)
         tail = before @ _placed(model.site_pos[site.id], model.site_quat[site.id])
-        fixed, by_sin, by_cos = (np.array([part[k] for part in parts]) for k in range(3))
+        fixed, by_sin, by_cos = (
+            np.array([part[k] for part in parts]).reshape(-1, 4, 4) for k in range(3)
+        )
         for buffer, values in {
             "fixed": fixed,
             "by_sin": by_sin,
             "by_cos": by_cos,
-            "polynomials": np.array(polynomials),
+            "polynomials": np.array(polynomials).reshape(-1, 5),
             "tail": tail,
         }.items():
             self.register_buffer(buffer, torch.tensor(values, dtype=torch.float32))
 
     def forward(self, angles: Tensor) -> Tensor:
         """(B, 4, 4) the device's transform, MuJoCo world frame, for independent angles (B, J)."""
+        if not self._drivers:  # it does not move
+            return self.tail.expand(len(angles), 4, 4)
         x = angles[:, self._drivers]
         turned = self.polynomials[:, 4]
         for power in (3, 2, 1, 0):

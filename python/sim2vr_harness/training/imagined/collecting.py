@@ -9,6 +9,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from sim2vr_harness.training.imagined.drives import Drives
 from sim2vr_harness.training.imagined.experience import Experience
 from sim2vr_harness.training.teacher_config import ImaginedConfig
 from sim2vr_harness.training.teacher_env import TeacherSimulation
@@ -19,8 +20,8 @@ __all__ = ["Collector"]
 _WILD_KEEP = (0.0, 0.6, 0.9)
 """Of the noise from one user step to the next, when users move at random; by user."""
 _WILD_LEAST, _WILD_MOST = 0.05, 0.8
-_REST_ACT, _RETURN = 0.15, 0.3
-"""Activations drift back to this, by this share a user step."""
+_RETURN = 0.3
+"""Actuators drift back to where they rest, by this share a user step."""
 
 
 class Collector:
@@ -45,6 +46,7 @@ class Collector:
         self.rng = np.random.default_rng([seed, 91])
         self.started = False
         self._seed = seed
+        self._drives = Drives(simulation.simulation.body)
 
     def play(
         self, steps: int, *, wildly: bool, on_progress: Callable[[float], None]
@@ -64,7 +66,8 @@ class Collector:
         self._begin(wildly)
         counts = _Counts(sim)
         users = sim.simulation.users
-        wild = np.zeros((sim.n, users.muscle_count))
+        wild = np.zeros((sim.n, self._drives.count))
+        rest = self._drives.rest(self._drives.of(users))
         keep = self.rng.choice(_WILD_KEEP, (sim.n, 1))
         size = self.rng.uniform(_WILD_LEAST, _WILD_MOST, (sim.n, 1))
         columns = [sim.senses.names.index(name) for name in sim.game.fields]
@@ -74,13 +77,13 @@ class Collector:
             before = self._motion()
             if wildly:
                 wild = keep * wild + np.sqrt(1.0 - keep**2) * self.rng.standard_normal(wild.shape)
-                actions = size * wild + _RETURN * (_REST_ACT - users.act)
+                actions = size * wild + _RETURN * (rest - before[-1])
             else:
                 mean = self.policy.act(sim.observation(), None)
                 noise = self.rng.standard_normal(mean.shape)
                 actions = mean + self.config.action_noise * noise
             result = sim.step(actions)
-            control = users.ctrl  # what the muscles were given, motor noise included
+            control = self._drives.controls(users)  # motor noise included
             ended = result.terminated | result.truncated
             fields = sim.senses.values()[:, columns]
             kept = ~ended & ~users.diverged
@@ -89,6 +92,7 @@ class Collector:
             counts.add(over)
             if over:  # with new logs, which begin with 0
                 sim.reset(over)
+                rest[over] = self._drives.rest(self._drives.of(users))[over]
         counts.add(range(sim.n))
         if wildly:
             sim.explore(None)
@@ -110,7 +114,7 @@ class Collector:
     def _motion(self) -> tuple[NDArray[Any], ...]:
         users = self.simulation.simulation.users
         joints, dofs = users.body.qpos_independent, users.body.qvel_independent
-        return users.qpos[:, joints], users.qvel[:, dofs], users.act
+        return users.qpos[:, joints], users.qvel[:, dofs], self._drives.of(users)
 
 
 class _Counts:

@@ -13,25 +13,25 @@ __all__ = ["Experience", "Motion"]
 
 @dataclass(frozen=True)
 class Motion:
-    """What the users' joints and muscles do, of B users.
+    """What the users' joints and actuators do, of B users.
 
     Attributes:
         angles: (B, J) independent joints, rad.
         speeds: (B, J) rad/s.
-        act: (B, M) muscle activations in [0, 1].
+        drives: (B, A) of the actuators, in [0, 1]; see :class:`~.drives.Drives`.
     """
 
     angles: Tensor
     speeds: Tensor
-    act: Tensor
+    drives: Tensor
 
     def detach(self) -> Motion:
         """The same, cut off from what led to it."""
-        return Motion(self.angles.detach(), self.speeds.detach(), self.act.detach())
+        return Motion(self.angles.detach(), self.speeds.detach(), self.drives.detach())
 
     def rows(self, ids: Tensor) -> Motion:
         """Of some users."""
-        return Motion(self.angles[ids], self.speeds[ids], self.act[ids])
+        return Motion(self.angles[ids], self.speeds[ids], self.drives[ids])
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Experience:
 
     Attributes:
         before: the motion before a step.
-        control: (K, M) muscle controls of the step.
+        control: (K, A) controls of the step, as shares of their ranges.
         after: the motion after it.
         fields: (K, F) the game's privileged numbers after it.
     """
@@ -57,8 +57,8 @@ class Experience:
         """Everything, in the order that :meth:`of` takes."""
         before, after = self.before, self.after
         return [
-            *(before.angles, before.speeds, before.act, self.control),
-            *(after.angles, after.speeds, after.act, self.fields),
+            *(before.angles, before.speeds, before.drives, self.control),
+            *(after.angles, after.speeds, after.drives, self.fields),
         ]
 
     @staticmethod

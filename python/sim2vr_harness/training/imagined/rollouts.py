@@ -15,6 +15,7 @@ from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.imagined.body import BodyModel, fit_body
 from sim2vr_harness.training.imagined.collecting import Collector
 from sim2vr_harness.training.imagined.critic import Critic
+from sim2vr_harness.training.imagined.effort import imagined_effort
 from sim2vr_harness.training.imagined.experience import Experience
 from sim2vr_harness.training.imagined.users import ImaginedUsers
 from sim2vr_harness.training.teacher_config import ImaginedConfig
@@ -23,7 +24,7 @@ from sim2vr_harness.training.teacher_policy import TeacherPolicy
 
 __all__ = ["CycleReport", "ImaginedRollouts"]
 
-STATE_FORMAT = 2
+STATE_FORMAT = 3
 _PLAYED, _FITTED = 0.2, 0.4
 """Shares of a cycle's time that are over after playing, and after fitting the body model."""
 _BEYOND_COST = 0.01
@@ -45,8 +46,8 @@ class CycleReport:
             where nothing came up, and in the first cycle, in which users move at random.
         imagined: the same in imagined rollouts.
         worst_cell: the lowest of all cells' rates in imagined rollouts.
-        place_error_m: body model error: mean distance of the device from where it goes in one user
-            step.
+        place_error_m: body model error: mean distance of the devices from where they go in one
+            user step.
     """
 
     cycle: int
@@ -64,7 +65,7 @@ class ImaginedRollouts:
     Args:
         config: of the imagined rollouts.
         policy: what learns; its statistics of observations are set here.
-        simulation: users in the true game, whose actions are changes of activation.
+        simulation: users in the true game.
         seed: of everything drawn here.
 
     Raises:
@@ -88,7 +89,7 @@ class ImaginedRollouts:
             torch.manual_seed(self._torch_seed)
             self.body = BodyModel(
                 simulation.simulation.body,
-                simulation.game.device,
+                simulation.game.devices,
                 simulation.step_s,
                 width=config.body_width,
             )
@@ -126,7 +127,8 @@ class ImaginedRollouts:
             raise InputError("teacher.imagined", str(error), "a setting that the twin knows") from (
                 error
             )
-        return ImaginedUsers(users.body, self.body, n, noise=noise), rounds
+        effort = imagined_effort(users.effort, self.body.drives, self.config.effort)
+        return ImaginedUsers(users.body, self.body, n, effort=effort, noise=noise), rounds
 
     def _observed(self, observed: tuple[str, ...]) -> list[int]:
         names = [*self.users.names, *self.game.names]
@@ -164,7 +166,7 @@ class ImaginedRollouts:
             if len(self._seen) > 1 + config.kept_cycles:
                 del self._seen[1]
             if first:
-                self.body.acceleration.scale_by(new)
+                self.body.scale_by(new)
                 self.game.calibrate(self._place(new), new.fields)
             fit = fit_body(
                 self.body,
@@ -215,9 +217,9 @@ class ImaginedRollouts:
     # --- where imagined rollouts begin -------------------------------------------------------
 
     def _place(self, steps: Experience) -> Tensor:
-        """(K, 4, 4) where the device was after user steps."""
+        """(K, D, 4, 4) where the devices were after user steps."""
         with torch.no_grad():
-            place: Tensor = self.body.chain(steps.after.angles)
+            place: Tensor = self.body.chains(steps.after.angles)
         return place
 
     def _choose_pool(self) -> None:
@@ -274,9 +276,8 @@ class ImaginedRollouts:
         """(B,) rewards of a user step of everybody; ``done`` as in ``ImaginedRounds.step``."""
         self.users.step(actions, error_share=error_share)
         reward: Tensor = self.game.step(self.users.place, done)
-        for cost in self.users.costs(self.config.effort):
-            reward = reward - cost
-        return reward
+        effort, beyond, wild = self.users.costs()
+        return self.config.reward_scale * (reward - effort) - beyond - wild
 
     def _cut(self) -> None:
         self.users.cut()

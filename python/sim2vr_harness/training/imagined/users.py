@@ -1,4 +1,4 @@
-"""B imagined users: bodies of a learned model, moved by changes of activation."""
+"""B imagined users: bodies of a learned model, moved by a policy's actions."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from sim2vr_harness.training.imagined.body import BodyModel
+from sim2vr_harness.training.imagined.effort import Effort
 from sim2vr_harness.training.imagined.experience import Motion
 from sim2vr_harness.training.imagined.noise import ImaginedNoise
 from sim2vr_harness.users import Body
@@ -26,71 +27,79 @@ class ImaginedUsers:
         user: the body.
         body: its model.
         n: number of users B.
+        effort: what a user step costs them.
         noise: of the muscles' controls; None for none.
     """
 
     def __init__(
-        self, user: Body, body: BodyModel, n: int, *, noise: MotorNoiseSettings | None = None
+        self,
+        user: Body,
+        body: BodyModel,
+        n: int,
+        *,
+        effort: Effort,
+        noise: MotorNoiseSettings | None = None,
     ) -> None:
-        self.n, self.body = n, body
-        joints, muscles = len(user.independent_joints), len(user.muscles)
+        self.n, self.body, self._effort, self._drives = n, body, effort, body.drives
+        joints, drives = len(user.independent_joints), self._drives.count
         self.names: tuple[str, ...] = (
             *(f"{joint} qpos" for joint in user.independent_joints),
             *(f"{joint} qvel" for joint in user.independent_joints),
-            *(f"{muscle} act" for muscle in user.muscles),
+            *self._drives.names,
         )
         """What :meth:`observe` gives, by the names of the proprioception."""
         self._low, self._high = torch.tensor(user.joint_ranges.T.copy(), dtype=torch.float32)
-        self.motion = Motion(
-            torch.zeros(n, joints), torch.zeros(n, joints), torch.zeros(n, muscles)
-        )
-        self._noise = None if noise is None else ImaginedNoise(noise, n, muscles)
+        self.motion = Motion(torch.zeros(n, joints), torch.zeros(n, joints), torch.zeros(n, drives))
+        self._control = torch.zeros(n, drives)
+        self._noise = None if noise is None else ImaginedNoise(noise, n, len(user.muscles))
+        self._muscles = torch.from_numpy(self._drives.muscles)
         self._placed: tuple[Motion, Tensor] | None = None
 
     @property
     def place(self) -> Tensor:
-        """(B, 4, 4) where the devices are now, MuJoCo's world frame; one tensor per motion."""
+        """(B, D, 4, 4) where the devices are now, MuJoCo's world frame; one tensor per motion."""
         if self._placed is None or self._placed[0] is not self.motion:
-            self._placed = (self.motion, self.body.chain(self.motion.angles))
+            self._placed = (self.motion, self.body.chains(self.motion.angles))
         return self._placed[1]
 
     def start(self, ids: Tensor, motion: Motion) -> None:
         """Let users ``ids`` (K,) go on from ``motion``, of K users."""
         self._placed = None
         with torch.no_grad():
-            for name in ("angles", "speeds", "act"):
+            for name in ("angles", "speeds", "drives"):
                 getattr(self.motion, name)[ids] = getattr(motion, name)
+            self._control = self._control.clone()
+            self._control[ids] = motion.drives
             if self._noise is not None:
                 self._noise.forget(ids)
 
     def cut(self) -> None:
         """Forget what led to the present: gradients end here."""
-        self.motion = self.motion.detach()
+        self.motion, self._control = self.motion.detach(), self._control.detach()
 
     def step(self, actions: Tensor, *, error_share: float) -> None:
         """Advance everyone by one user step.
 
         Args:
-            actions: (B, M) changes of activation.
+            actions: (B, A); what they do is their actuators' rule.
             error_share: noise on the motion, in units of the body model's error.
         """
-        control = (self.motion.act + actions.clamp(-1.0, 1.0)).clamp(0.0, 1.0)
+        control = self._drives.control(self.motion.drives, actions)
         if self._noise is not None:
-            control = self._noise.apply(control)
+            noisy = self._noise.apply(control[:, self._muscles])
+            control = control.index_copy(1, self._muscles, noisy)
+        self._control = control
         after = self.body(self.motion, control)
         self.motion = self.body.disturbed(after, error_share) if error_share > 0.0 else after
 
-    def costs(self, effort: float) -> tuple[Tensor, Tensor, Tensor]:
-        """(B,) each: of effort, of joints beyond their limits, and of wild speeds.
-
-        Args:
-            effort: of the mean square of activations.
-        """
+    def costs(self) -> tuple[Tensor, Tensor, Tensor]:
+        """(B,) each: of effort, of joints beyond their limits, and of wild speeds."""
         motion = self.motion
         unit = 2.0 * (motion.angles - self._low) / (self._high - self._low) - 1.0
         beyond = torch.relu(unit.abs() - 1.0).sum(1)
         wild = torch.relu(motion.speeds.abs() - _WILD_RADPS).sum(1)
-        return effort * motion.act.square().mean(1), _BEYOND_COST * beyond, _WILD_COST * wild
+        effort = self._effort(motion.drives, self._control)
+        return effort, _BEYOND_COST * beyond, _WILD_COST * wild
 
     def broken(self) -> Tensor:
         """(B,) whether a user's body has left what a body can do."""
@@ -104,7 +113,7 @@ class ImaginedUsers:
         parts = [
             2.0 * (motion.angles - self._low) / (self._high - self._low) - 1.0,
             motion.speeds,
-            2.0 * motion.act - 1.0,
+            self._drives.observe(motion.drives),
         ]
         return torch.cat(parts, 1)
 
@@ -114,12 +123,14 @@ class ImaginedUsers:
         return own | {
             "angles": self.motion.angles.clone(),
             "speeds": self.motion.speeds.clone(),
-            "act": self.motion.act.clone(),
+            "drives": self.motion.drives.clone(),
+            "control": self._control.clone(),
         }
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
         """Go on from :meth:`state`."""
         self._placed = None
-        self.motion = Motion(*(state[name].clone() for name in ("angles", "speeds", "act")))
+        self.motion = Motion(*(state[name].clone() for name in ("angles", "speeds", "drives")))
+        self._control = state["control"].clone()
         if self._noise is not None:
             self._noise.load_state(state)

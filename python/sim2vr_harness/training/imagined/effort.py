@@ -1,0 +1,48 @@
+"""Effort of imagined users: differentiable by what their actuators do."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import torch
+from torch import Tensor
+
+from sim2vr_harness.training.imagined.drives import Drives
+from sim2vr_harness.users.effort import EffortModel, MuscleState, Neural, Zero
+
+__all__ = ["Effort", "imagined_effort"]
+
+Effort = Callable[[Tensor, Tensor], Tensor]
+"""(B,) cost of a user step by the drives after it and its controls, (B, A) each, in [0, 1]."""
+
+
+def imagined_effort(model: EffortModel, drives: Drives, otherwise: float) -> Effort:
+    """Return a user's own cost of effort, exactly if it is a function of the present alone.
+
+    Args:
+        model: the users' in the true game.
+        drives: of their body.
+        otherwise: cost of the mean square of activations, for a model that remembers or looks at
+            forces.
+    """
+    muscles, weight = torch.from_numpy(drives.muscles), model.weight
+    low = torch.tensor(drives.low, dtype=torch.float32)
+    span = torch.tensor(drives.span, dtype=torch.float32)
+
+    def neural(after: Tensor, control: Tensor) -> Tensor:
+        return weight * (low + control * span).square().sum(1)
+
+    def muscle_state(after: Tensor, control: Tensor) -> Tensor:
+        return weight * after[:, muscles].square().sum(1)
+
+    def nothing(after: Tensor, control: Tensor) -> Tensor:
+        return torch.zeros(len(after))
+
+    def activations(after: Tensor, control: Tensor) -> Tensor:
+        return otherwise * after[:, muscles].square().mean(1)
+
+    if isinstance(model, Zero) or (not isinstance(model, Neural) and not len(muscles)):
+        return nothing
+    if isinstance(model, Neural):
+        return neural
+    return muscle_state if isinstance(model, MuscleState) else activations

@@ -1,0 +1,161 @@
+"""Which joints move by themselves: two arms on a chest that stands still are two limbs.
+
+What a limb does depends on its own joints and actuators alone. A model of each is smaller and
+better than one of both; limbs that are nearly alike, such as a right and a left arm, share one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.users import Body
+
+__all__ = ["Limb", "limbs_of"]
+
+_TRIALS, _ALIKE = 4, 0.1
+"""States in which limbs are compared, and how far their accelerations may differ, as a share."""
+
+
+@dataclass(frozen=True)
+class Limb:
+    """Independent joints and actuators that work on each other, and on no others.
+
+    Attributes:
+        joints: which of the body's independent joints.
+        actuators: which of the body's actions.
+    """
+
+    joints: tuple[int, ...]
+    actuators: tuple[int, ...]
+
+
+def limbs_of(body: Body) -> list[list[Limb]]:
+    """Return the limbs of a body, in groups of those that are nearly alike."""
+    groups: list[list[Limb]] = []
+    for limb in _apart(body):
+        for group in groups:
+            if _alike(body, group[0], limb):
+                group.append(limb)
+                break
+        else:
+            groups.append([limb])
+    return groups
+
+
+def _apart(body: Body) -> list[Limb]:
+    model = body.physics_model
+    root = list(range(model.njnt))
+    """Of every joint one that it moves together with, in the end the same for all of a limb."""
+
+    def find(joint: int) -> int:
+        while root[joint] != joint:
+            joint = root[joint]
+        return joint
+
+    def join(joints: list[int]) -> None:
+        for other in joints[1:]:
+            root[find(other)] = find(joints[0])
+
+    locked = {c.dependent for c in body.couplings if not any(c.coefficients[1:])}
+    moves = [model.joint(i).name not in locked for i in range(model.njnt)]
+    for i in range(1, model.nbody):  # a joint, and the nearest one above it
+        first, own = int(model.body_jntadr[i]), []
+        own = [j for j in range(first, first + int(model.body_jntnum[i])) if moves[j]]
+        if own:
+            join([*own, *_above(model, i, moves)])
+    for coupling in body.couplings:
+        if coupling.dependent not in locked:
+            join([model.joint(coupling.dependent).id, model.joint(coupling.driver).id])
+    pulled = _pulled(body)
+    for joints in pulled:
+        join([j for j in joints if moves[j]])
+    independent = [model.joint(name).id for name in body.independent_joints]
+    limbs: dict[int, list[int]] = {}
+    for number, joint in enumerate(independent):
+        limbs.setdefault(find(joint), []).append(number)
+    works_on = [find(joints[0]) if joints else -1 for joints in pulled]
+    return [
+        Limb(tuple(joints), tuple(a for a, limb in enumerate(works_on) if limb == which))
+        for which, joints in limbs.items()
+    ]
+
+
+def _above(model: mujoco.MjModel, body: int, moves: list[bool]) -> list[int]:
+    """The nearest moving joint above a body; empty if there is none."""
+    above = int(model.body_parentid[body])
+    while above != 0:
+        first = int(model.body_jntadr[above])
+        own = [j for j in range(first, first + int(model.body_jntnum[above])) if moves[j]]
+        if own:
+            return own[-1:]
+        above = int(model.body_parentid[above])
+    return []
+
+
+def _pulled(body: Body) -> list[list[int]]:
+    """Of every action, the joints that its actuator pulls at in some posture."""
+    model = body.physics_model
+    data = mujoco.MjData(model)
+    rng, (low, high) = np.random.default_rng(0), body.joint_ranges.T
+    pulls = np.zeros((model.nu, model.nv), dtype=bool)
+    for _ in range(_TRIALS):
+        data.qpos[:] = body.coupled_qpos(rng.uniform(low, high))
+        mujoco.mj_forward(model, data)
+        moment = np.zeros((model.nu, model.nv))
+        mujoco.mju_sparse2dense(
+            moment, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        )
+        pulls |= np.abs(moment) > 1e-9
+    joint_of = np.array(model.dof_jntid)
+    ids = [model.actuator(name).id for name in body.action_names]
+    return [sorted({int(joint_of[dof]) for dof in np.flatnonzero(pulls[i])}) for i in ids]
+
+
+def _alike(body: Body, one: Limb, other: Limb) -> bool:
+    """Whether two limbs accelerate nearly alike in the same states."""
+    if (len(one.joints), len(one.actuators)) != (len(other.joints), len(other.actuators)):
+        return False
+    ranges = body.joint_ranges
+    if not np.allclose(ranges[list(one.joints)], ranges[list(other.joints)]):
+        return False
+    rng, (low, high) = np.random.default_rng(1), ranges.T
+    for _ in range(_TRIALS):
+        angles, speeds = rng.uniform(low, high), rng.normal(0.0, 2.0, len(low))
+        drives = rng.uniform(0.0, 1.0, body.action_size)
+        for values, first, second in (
+            (angles, one.joints, other.joints),
+            (speeds, one.joints, other.joints),
+            (drives, one.actuators, other.actuators),
+        ):
+            values[list(second)] = values[list(first)]
+        moved = _accelerations(body, angles, speeds, drives)
+        first, second = moved[list(one.joints)], moved[list(other.joints)]
+        if np.abs(first - second).max() > _ALIKE * np.abs(first).max():
+            return False
+    return True
+
+
+def _accelerations(
+    body: Body,
+    angles: NDArray[np.float64],
+    speeds: NDArray[np.float64],
+    drives: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """(J,) of the independent joints, rad/s^2, with the dependent joints at rest."""
+    model = body.physics_model
+    data = mujoco.MjData(model)
+    data.qpos[:] = body.coupled_qpos(angles)
+    data.qvel[body.qvel_independent] = speeds
+    for name, drive in zip(body.action_names, drives, strict=True):
+        i = model.actuator(name).id
+        low, high = model.actuator_ctrlrange[i] if model.actuator_ctrllimited[i] else (0.0, 1.0)
+        data.ctrl[i] = low + drive * (high - low)
+        if model.actuator_actadr[i] >= 0:
+            data.act[model.actuator_actadr[i]] = drive
+    mujoco.mj_forward(model, data)
+    accelerations: NDArray[np.float64] = data.qacc[body.qvel_independent].copy()
+    return accelerations

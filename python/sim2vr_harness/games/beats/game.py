@@ -1,0 +1,64 @@
+"""The resident: what the fast recipe asks of Beats."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.client import describe_game
+from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.games.beats.levels import Levels, game_level, made_of
+from sim2vr_harness.games.beats.rules import TOLD_MINES
+from sim2vr_harness.games.beats.settings import TwinSettings
+from sim2vr_harness.games.beats.twin import FIELDS, ImaginedBeats
+
+__all__ = ["GAME", "Beats"]
+
+
+class Beats:
+    """See :class:`~sim2vr_harness.games.imagined.ImaginedGame`."""
+
+    name = "beats"
+    settings = TwinSettings
+    devices = ("controller_left", "controller_right", "headset")
+    fields = FIELDS
+    cells = 1
+    conditions = ("first",)
+    hidden_fields = ("aid.*", "* qacc", "controller_* ?")
+    facts = "*.present"
+    start_fields: tuple[str, str] | None = None
+    start_limits: Mapping[str, tuple[float, float]] = {}
+
+    def options(
+        self, condition: str, weights: Sequence[float] | None = None
+    ) -> dict[str, OptionValue]:
+        """See the protocol; what comes up is the level's."""
+        return dict(describe_game(self.name).condition(condition).options)
+
+    def outcomes(self, log: Mapping[str, float]) -> NDArray[np.float64]:
+        """See the protocol: correct slices, and boxes that were missed or cut wrongly."""
+        failed = sum(log.get(key, 0.0) for key in ("Misses", "WrongHand", "WrongDirection"))
+        return np.array([[log.get("AccumulatedCorrectSlices", 0.0)], [failed]])
+
+    def rounds(
+        self,
+        n: int,
+        conditions: Sequence[str],
+        settings: TwinSettings,
+        *,
+        step_s: float,
+        seed: int,
+    ) -> ImaginedBeats:
+        """See the protocol."""
+        levels: dict[str, Levels] = {}
+        for number, condition in enumerate(conditions):
+            for k in range(settings.levels):
+                level = game_level(self.options(condition), seed + k)
+                levels.setdefault(level["hash"], made_of(level, number))
+        known = Levels.joined(list(levels.values()), least=TOLD_MINES)
+        return ImaginedBeats(n, known, len(conditions), settings, step_s=step_s, seed=seed)
+
+
+GAME = Beats()

@@ -1,0 +1,60 @@
+"""What may be set of imagined Beats: the keys of ``teacher.imagined.game``."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pydantic import Field
+
+from sim2vr_harness.settings import Settings
+
+__all__ = ["Relaxation", "TwinSettings"]
+
+
+@dataclass(frozen=True)
+class Relaxation:
+    """How soft a cut is, and what else is rewarded.
+
+    Attributes:
+        contact_m: width of the step from apart to touching.
+        speed_mps: width of the step from too slow to fast enough.
+        angle_deg: width of the step from a wrong direction to a right one.
+        near: points per user step for a blade that is near its next box when it arrives.
+        error: cost of a wrong cut, a mine or a wall's touch, in points.
+    """
+
+    contact_m: float
+    speed_mps: float
+    angle_deg: float
+    near: float
+    error: float
+
+
+class TwinSettings(Settings):
+    """How soft cuts are, and which levels are played."""
+
+    levels: int = Field(default=64, ge=1)
+    """How many levels of a condition imagined rounds draw from, where it has more than one."""
+    contact_m: float = Field(default=0.08, gt=0.0)
+    speed_mps: float = Field(default=0.5, gt=0.0)
+    angle_deg: float = Field(default=25.0, gt=0.0)
+    near_reward: float = Field(default=20.0, ge=0.0)
+    """How soft cuts are and what helps to find them, at first; by the middle of the imagined
+    rollouts they are 0.015, 0.1, 5 and 2."""
+    error_cost: float = Field(default=50.0, ge=0.0)
+    """Cost of a wrong cut, a mine or a wall, in points, which the true score does not have."""
+
+    def relaxation(self, done: float) -> Relaxation:
+        """What is rewarded when this share of the rollouts is over."""
+        early = max(0.0, 1.0 - 2.0 * done)
+
+        def towards(end: float, start: float) -> float:
+            return end + (start - end) * early
+
+        return Relaxation(
+            contact_m=towards(0.015, self.contact_m),
+            speed_mps=towards(0.1, self.speed_mps),
+            angle_deg=towards(5.0, self.angle_deg),
+            near=towards(min(2.0, self.near_reward), self.near_reward),
+            error=self.error_cost,
+        )

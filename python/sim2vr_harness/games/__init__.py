@@ -5,10 +5,11 @@ A game needs nothing here to be trained, evaluated or filmed. One that the fast 
 game. Residents implement :class:`~sim2vr_harness.games.imagined.ImaginedGame`.
 """
 
-from sim2vr_harness.games.imagined import ImaginedGame, ImaginedRounds
+from sim2vr_harness.games.imagined import ImaginedCondition, ImaginedGame, ImaginedRounds
 from sim2vr_harness.games.registry import imagined_game, imagined_games, imagined_settings
 
 __all__ = [
+    "ImaginedCondition",
     "ImaginedGame",
     "ImaginedRounds",
     "imagined_game",

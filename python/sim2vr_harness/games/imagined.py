@@ -8,6 +8,7 @@ values, so that a game's room knows nothing of bodies, policies or learners.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -19,7 +20,22 @@ from sim2vr_harness.settings import Settings
 if TYPE_CHECKING:  # settings are read without torch
     from torch import Tensor
 
-__all__ = ["ImaginedGame", "ImaginedRounds"]
+__all__ = ["ImaginedCondition", "ImaginedGame", "ImaginedRounds"]
+
+
+@dataclass(frozen=True)
+class ImaginedCondition:
+    """One of the conditions that imagined rounds are of.
+
+    Attributes:
+        name: of the game's condition.
+        options: of a round, all that are set.
+        start: the privileged numbers at a round's start.
+    """
+
+    name: str
+    options: Mapping[str, OptionValue]
+    start: Mapping[str, float]
 
 
 class ImaginedRounds(Protocol):
@@ -139,7 +155,7 @@ class ImaginedGame(Protocol):
     def rounds(
         self,
         n: int,
-        conditions: Sequence[Mapping[str, float]],
+        conditions: Sequence[ImaginedCondition],
         settings: Any,
         *,
         step_s: float,
@@ -149,7 +165,7 @@ class ImaginedGame(Protocol):
 
         Args:
             n: how many.
-            conditions: of each condition the privileged numbers at a round's start.
+            conditions: in the order of their numbers.
             settings: an instance of :attr:`settings`.
             step_s: duration of a user step.
             seed: of what comes up when and where.

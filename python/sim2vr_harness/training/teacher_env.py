@@ -17,7 +17,7 @@ from sim2vr_harness.envs.config import EnvConfig, SenseConfig, body_of
 from sim2vr_harness.envs.games import game_facts, with_hand
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.envs.step_batch import StepBatch
-from sim2vr_harness.games import ImaginedGame, imagined_game, imagined_games
+from sim2vr_harness.games import ImaginedCondition, ImaginedGame, imagined_game, imagined_games
 from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.start_postures import StartPostures, find_start_postures
 from sim2vr_harness.training.teacher_config import TeacherConfig
@@ -203,14 +203,17 @@ class TeacherSimulation:
         """Which of the conditions a user plays."""
         return int(self._condition[user])
 
-    def rules_of(self, number: int) -> dict[str, float]:
-        """Return the privileged numbers at the start of a condition's round.
+    def describe(self, number: int) -> ImaginedCondition:
+        """Return what imagined rounds have to know of a condition.
 
         The first user's episode is lost.
         """
-        self.simulation.reset([0], [0], self.game.options(self.conditions[number]))
-        first = self.senses.values()[0]
-        return {name: float(value) for name, value in zip(self.senses.names, first, strict=True)}
+        name = self.conditions[number]
+        options = self.game.options(name)
+        self.simulation.reset([0], [0], options)
+        first = map(float, self.senses.values()[0])
+        start = dict(zip(self.senses.names, first, strict=True))
+        return ImaginedCondition(name, {**self.config.app.options, **options}, start)
 
     # --- SimulationLike ------------------------------------------------------------------------
 

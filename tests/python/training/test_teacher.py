@@ -165,7 +165,7 @@ def test_exploring_users_begin_near_a_cell_and_soon_again() -> None:
 
 def test_the_true_rules_of_a_condition_are_known() -> None:
     users = simulation()
-    rules = [users.rules_of(number) for number in range(3)]
+    rules = [users.describe(number).start for number in range(3)]
     assert [r["round.high"] for r in rules] == [0.0, 0.0, 1.0]
     assert all(r["round.max_targets"] == 3.0 for r in rules)
     assert all(r["round.strike_threshold_mps"] == pytest.approx(0.8) for r in rules)

@@ -13,6 +13,7 @@ from sim2vr_harness.games.beats.levels import Levels, game_level, made_of
 from sim2vr_harness.games.beats.rules import TOLD_MINES
 from sim2vr_harness.games.beats.settings import TwinSettings
 from sim2vr_harness.games.beats.twin import FIELDS, ImaginedBeats
+from sim2vr_harness.games.imagined import ImaginedCondition
 
 __all__ = ["GAME", "Beats"]
 
@@ -45,7 +46,7 @@ class Beats:
     def rounds(
         self,
         n: int,
-        conditions: Sequence[str],
+        conditions: Sequence[ImaginedCondition],
         settings: TwinSettings,
         *,
         step_s: float,
@@ -55,7 +56,7 @@ class Beats:
         levels: dict[str, Levels] = {}
         for number, condition in enumerate(conditions):
             for k in range(settings.levels):
-                level = game_level(self.options(condition), seed + k)
+                level = game_level(condition.options, seed + k)
                 levels.setdefault(level["hash"], made_of(level, number))
         known = Levels.joined(list(levels.values()), least=TOLD_MINES)
         return ImaginedBeats(n, known, len(conditions), settings, step_s=step_s, seed=seed)

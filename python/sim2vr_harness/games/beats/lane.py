@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from sim2vr_harness.games.beats.levels import Levels
+from sim2vr_harness.games.beats.levels import NEVER_S, Levels
 from sim2vr_harness.games.beats.rules import (
     CUT_PLANE_M,
     FAR_M,
@@ -19,6 +19,9 @@ from sim2vr_harness.games.beats.rules import (
 )
 
 __all__ = ["Coming", "Lane"]
+
+_BEFORE_S = (0.2, 1.0)
+"""How long before a box arrives busy rounds begin."""
 
 
 @dataclass(frozen=True)
@@ -67,13 +70,29 @@ class Lane:
         """(B,)."""
         return self.levels.condition[self.level]
 
-    def begin(self, ids: Tensor, *, anywhen: bool) -> None:
-        """Let rounds ``ids`` play levels drawn anew, from the start or from any moment."""
-        count = len(ids)
-        level = torch.randint(len(self.levels.speed), (count,), generator=self.generator)
+    def begin(self, ids: Tensor, *, busy: float | None = None) -> None:
+        """Let rounds ``ids`` play levels drawn anew.
+
+        Args:
+            ids: (K,).
+            busy: share of those that begin shortly before a box arrives, the others at any moment;
+                None: all at the level's start.
+        """
+        count, generator = len(ids), self.generator
+        level = torch.randint(len(self.levels.speed), (count,), generator=generator)
         self.level[ids] = level
-        moment = torch.rand(count, generator=self.generator) if anywhen else torch.zeros(count)
-        self.time_s[ids] = moment * self.levels.length[level]
+        if busy is None:
+            self.time_s[ids] = 0.0
+        else:
+            any_s = torch.rand(count, generator=generator) * self.levels.length[level]
+            times = self.levels.box_time[level]
+            real = (times < NEVER_S).float() + 1e-9
+            box = torch.multinomial(real, 1, generator=generator)
+            least, most = _BEFORE_S
+            before_s = least + (most - least) * torch.rand(count, generator=generator)
+            near_s = (times.gather(1, box)[:, 0] - before_s).clamp(min=0.0)
+            hurried = torch.rand(count, generator=generator) < busy
+            self.time_s[ids] = torch.where(hurried & (near_s < NEVER_S / 2), near_s, any_s)
         arrived = self.time_s[ids, None] + self._late(level)
         self.box_gone[ids] = self.levels.box_time[level] <= arrived
         self.mine_gone[ids] = self.levels.mine_time[level] <= arrived

@@ -36,6 +36,6 @@ DIRECTIONS = (
 
 
 def middle_m(column: float, row: float) -> tuple[float, float]:
-    """x and y of a cell's middle, from the origin."""
+    """Return x and y of a cell's middle, from the origin."""
     x = (column - (COLUMNS - 1) / 2.0) * CELL_WIDTH_M
     return x, MIDDLE_ROW_M + (row - MIDDLE_ROW) * CELL_HEIGHT_M

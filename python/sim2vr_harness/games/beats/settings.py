@@ -35,13 +35,15 @@ class TwinSettings(Settings):
 
     levels: int = Field(default=64, ge=1)
     """How many levels of a condition imagined rounds draw from, where it has more than one."""
+    busy_starts: float = Field(default=0.7, ge=0.0, le=1.0)
+    """Share of rounds that begin shortly before a box arrives, instead of at any moment."""
     contact_m: float = Field(default=0.08, gt=0.0)
     speed_mps: float = Field(default=0.5, gt=0.0)
     angle_deg: float = Field(default=25.0, gt=0.0)
     near_reward: float = Field(default=20.0, ge=0.0)
     """How soft cuts are and what helps to find them, at first; by the middle of the imagined
     rollouts they are 0.015, 0.1, 5 and 2."""
-    error_cost: float = Field(default=50.0, ge=0.0)
+    error_cost: float = Field(default=20.0, ge=0.0)
     """Cost of a wrong cut, a mine or a wall, in points, which the true score does not have."""
 
     def relaxation(self, done: float) -> Relaxation:

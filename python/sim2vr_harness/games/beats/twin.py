@@ -129,7 +129,7 @@ class ImaginedBeats:
     def start(self, ids: Tensor, place: Tensor, fields: Tensor, cell: Tensor) -> None:
         """See the protocol; which level it is, and where in it, is left to chance."""
         with torch.no_grad():
-            self.lane.begin(ids, anywhen=True)
+            self.lane.begin(ids, busy=self.settings.busy_starts)
             self._box_left[ids], self._mine_left[ids], self._wall_left[ids] = 1.0, 1.0, 1.0
             self._origin[ids] = head_of(place) - _of(fields, _HEAD)
             self._tip_velocity[ids] = _of(fields, _TIP).reshape(-1, 2, 3)
@@ -251,7 +251,7 @@ class ImaginedBeats:
 
     def _next_levels(self, ids: Tensor) -> None:
         if len(ids):
-            self.lane.begin(ids, anywhen=False)
+            self.lane.begin(ids)
             for name in ("_box_left", "_mine_left", "_wall_left"):
                 fresh = getattr(self, name).clone()
                 fresh[ids] = 1.0

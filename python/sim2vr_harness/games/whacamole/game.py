@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.games.imagined import ImaginedCondition
 from sim2vr_harness.games.whacamole.rules import CELLS
 from sim2vr_harness.games.whacamole.settings import TwinSettings
 from sim2vr_harness.games.whacamole.twin import FIELDS, ImaginedWhacAMole
@@ -51,14 +52,15 @@ class WhacAMole:
     def rounds(
         self,
         n: int,
-        conditions: Sequence[Mapping[str, float]],
+        conditions: Sequence[ImaginedCondition],
         settings: TwinSettings,
         *,
         step_s: float,
         seed: int,
     ) -> ImaginedWhacAMole:
         """See the protocol."""
-        return ImaginedWhacAMole(n, conditions, settings, step_s=step_s, seed=seed)
+        starts = [condition.start for condition in conditions]
+        return ImaginedWhacAMole(n, starts, settings, step_s=step_s, seed=seed)
 
 
 GAME = WhacAMole()

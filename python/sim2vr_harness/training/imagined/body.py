@@ -106,8 +106,9 @@ class _Acceleration(nn.Module):
         self.gain.copy_((after_v - v).std(0))
         self.remainder.copy_((after_q - free).std(0))
 
-    def loss(self, angles: Tensor, speeds: Tensor, wanted: Motion) -> Tensor:
-        """Mean squared error of what :meth:`forward` gave, in units of what happens."""
+    def loss(self, before: Motion, wanted: Motion) -> Tensor:
+        """Mean squared error of the motion after a step, in units of what happens."""
+        angles, speeds = self(before, wanted.drives)
         wrong_v = (speeds - self._of_joints(wanted.speeds)) / self.gain
         wrong_q = (angles - self._of_joints(wanted.angles)) / self.remainder
         return wrong_v.square().mean() + wrong_q.square().mean()
@@ -175,7 +176,7 @@ class BodyModel(nn.Module):
         self.chains = Chains(user, devices)
         self.register_buffer("error", torch.zeros(len(user.independent_joints)))
         self.register_buffer("gain", torch.ones(len(user.independent_joints)))
-        self._step_s = step_s
+        self.step_s = step_s
 
     def _each(self) -> list[_Acceleration]:
         return [each for each in self.accelerations if isinstance(each, _Acceleration)]
@@ -194,7 +195,7 @@ class BodyModel(nn.Module):
     def loss(self, steps: Experience) -> Tensor:
         """What is fitted: errors of the motion after steps."""
         wanted = steps.after
-        motion = [each.loss(*each(steps.before, wanted.drives), wanted) for each in self._each()]
+        motion = [each.loss(steps.before, wanted) for each in self._each()]
         loss = torch.stack(motion).mean()
         if not len(self.drives.muscles):
             return loss
@@ -216,7 +217,8 @@ class BodyModel(nn.Module):
     def forward(self, before: Motion, control: Tensor) -> Motion:
         """The motion after a user step with these controls, (B, A) in [0, 1]."""
         drives = self.drives_after(before, control)
-        angles, speeds = [], []
+        angles: list[Tensor] = []
+        speeds: list[Tensor] = []
         for each in self._each():
             for values, parts in zip(each(before, drives), (angles, speeds), strict=True):
                 parts.append(values.reshape(len(drives), -1))
@@ -229,7 +231,7 @@ class BodyModel(nn.Module):
     def disturbed(self, motion: Motion, share: float) -> Motion:
         """``motion`` with noise of ``share`` times what the model gets wrong in a step."""
         noise = share * self.error * torch.randn_like(motion.speeds)
-        angles = motion.angles + 0.5 * self._step_s * noise
+        angles = motion.angles + 0.5 * self.step_s * noise
         return Motion(angles, motion.speeds + noise, motion.drives)
 
 

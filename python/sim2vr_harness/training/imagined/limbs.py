@@ -133,8 +133,8 @@ def _alike(body: Body, one: Limb, other: Limb) -> bool:
         ):
             values[list(second)] = values[list(first)]
         moved = _accelerations(body, angles, speeds, drives)
-        first, second = moved[list(one.joints)], moved[list(other.joints)]
-        if np.abs(first - second).max() > _ALIKE * np.abs(first).max():
+        mine, others = moved[list(one.joints)], moved[list(other.joints)]
+        if np.abs(mine - others).max() > _ALIKE * np.abs(mine).max():
             return False
     return True
 

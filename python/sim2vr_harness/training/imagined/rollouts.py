@@ -17,6 +17,7 @@ from sim2vr_harness.training.imagined.collecting import Collector
 from sim2vr_harness.training.imagined.critic import Critic
 from sim2vr_harness.training.imagined.effort import imagined_effort
 from sim2vr_harness.training.imagined.experience import Experience
+from sim2vr_harness.training.imagined.gradients import limited
 from sim2vr_harness.training.imagined.users import ImaginedUsers
 from sim2vr_harness.training.teacher_config import ImaginedConfig
 from sim2vr_harness.training.teacher_env import OBSERVATION, TeacherSimulation
@@ -93,7 +94,7 @@ class ImaginedRollouts:
                 simulation.step_s,
                 width=config.body_width,
             )
-        self._conditions = [simulation.rules_of(k) for k in range(len(simulation.conditions))]
+        self._conditions = [simulation.describe(k) for k in range(len(simulation.conditions))]
         self.users, self.game = self.imagine(config.users)
         self._columns = self._observed(simulation.senses.observed_names)
         with torch.random.fork_rng(devices=[]):
@@ -289,12 +290,18 @@ class ImaginedRollouts:
         done = self.updates / (config.updates * config.cycles)
         for group in self._optimizer.param_groups:
             group["lr"] = config.learning_rate * min(1.0, 2.0 * (1.0 - done)) + 2e-5
+        limit = config.gradient_limit
+        if limit is not None:  # the loss is a mean
+            limit /= config.window_steps * self.users.n
+        self.users.gradient_limit = limit
         self._cut()
         seen, rewards = [self._observe()], []
         total = torch.zeros(())
         for t in range(config.window_steps):
             mean = policy.action_mean({OBSERVATION: seen[-1]})
             actions = mean + config.action_noise * torch.randn_like(mean)
+            if limit is not None:
+                actions = limited(actions, limit)
             reward = self.advance(actions, done, error_share=config.error_share)
             reward = reward - _BEYOND_COST * torch.relu(mean.abs() - 1.0).square().sum(1)
             rewards.append(reward)

@@ -10,6 +10,7 @@ from torch import Tensor
 from sim2vr_harness.training.imagined.body import BodyModel
 from sim2vr_harness.training.imagined.effort import Effort
 from sim2vr_harness.training.imagined.experience import Motion
+from sim2vr_harness.training.imagined.gradients import limited
 from sim2vr_harness.training.imagined.noise import ImaginedNoise
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.noise import MotorNoiseSettings
@@ -52,6 +53,8 @@ class ImaginedUsers:
         self.motion = Motion(torch.zeros(n, joints), torch.zeros(n, joints), torch.zeros(n, drives))
         self._control = torch.zeros(n, drives)
         self._noise = None if noise is None else ImaginedNoise(noise, n, len(user.muscles))
+        self.gradient_limit: float | None = None
+        """Longest gradient of a user by the angles, 1/rad; see :func:`~.gradients.limited`."""
         self._muscles = torch.from_numpy(self._drives.muscles)
         self._placed: tuple[Motion, Tensor] | None = None
 
@@ -90,6 +93,9 @@ class ImaginedUsers:
             control = control.index_copy(1, self._muscles, noisy)
         self._control = control
         after = self.body(self.motion, control)
+        if self.gradient_limit is not None:
+            limited(after.angles, self.gradient_limit)
+            limited(after.speeds, self.gradient_limit * self.body.step_s)
         self.motion = self.body.disturbed(after, error_share) if error_share > 0.0 else after
 
     def costs(self) -> tuple[Tensor, Tensor, Tensor]:

@@ -9,7 +9,10 @@ from sim2vr_harness.settings import Settings
 
 __all__ = ["imagined_game", "imagined_games", "imagined_settings"]
 
-_ROOMS = {"whacamole": "sim2vr_harness.games.whacamole"}
+_ROOMS = {
+    "beats": "sim2vr_harness.games.beats",
+    "whacamole": "sim2vr_harness.games.whacamole",
+}
 """Name of the game -> its package: ``game.GAME`` is the resident, ``settings.TwinSettings`` what
 may be set of it. A new game is one line."""
 

@@ -35,8 +35,9 @@ class Beats:
     def options(
         self, condition: str, weights: Sequence[float] | None = None
     ) -> dict[str, OptionValue]:
-        """See the protocol; what comes up is the level's."""
-        return dict(describe_game(self.name).condition(condition).options)
+        """See the protocol: what comes up is the level's, and practice goes on after a miss."""
+        options = dict(describe_game(self.name).condition(condition).options)
+        return options if weights is None else options | {"end_on_miss": False}
 
     def outcomes(self, log: Mapping[str, float]) -> NDArray[np.float64]:
         """See the protocol: correct slices, and boxes that were missed or cut wrongly."""

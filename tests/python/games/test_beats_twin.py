@@ -1,0 +1,246 @@
+"""Imagined Beats by itself: blades that go where they are told to, and boxes made by hand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import pytest
+import torch
+
+from sim2vr_harness.games import imagined_game, imagined_settings
+from sim2vr_harness.games.beats.levels import Levels, made_of
+from sim2vr_harness.games.beats.sabers import Blades, distances
+from sim2vr_harness.games.beats.settings import Relaxation, TwinSettings
+from sim2vr_harness.games.beats.twin import EVENTS, FIELDS, ImaginedBeats, points
+
+STEP_S = 0.05
+SOFT = Relaxation(contact_m=0.05, speed_mps=0.3, angle_deg=15.0, near=5.0, error=20.0)
+UP, DOWN, DOWN_RIGHT, ANY = 0, 1, 7, 8
+LEFT, RIGHT = 0, 1
+HEAD = (0.0, 1.2, 0.1)
+"""App's axes: x right, y up, z forward, m."""
+DOWNWARDS = (0.0, -1.0, 0.0)
+
+
+def box(time_s: float, column: float, hand: int, cut: int, **more: Any) -> dict[str, Any]:
+    placed = {"time_s": time_s, "column": column, "row": 1.0, "hand": hand, "cut": cut}
+    return placed | {"angle_offset_deg": 0.0} | more
+
+
+def level(*boxes: dict[str, Any], **more: Any) -> dict[str, Any]:
+    made = {"length_s": 10.0, "speed_mps": 10.0, "approach_s": 1.5, "mines": [], "walls": []}
+    return made | {"boxes": list(boxes)} | more
+
+
+def rounds(n: int, *levels: dict[str, Any], settings: TwinSettings | None = None) -> ImaginedBeats:
+    known = Levels.joined([made_of(each, 0) for each in levels], least=3)
+    return ImaginedBeats(n, known, 1, settings or TwinSettings(), step_s=STEP_S, seed=1)
+
+
+def at(vector: Any) -> torch.Tensor:
+    """App's axes to MuJoCo's."""
+    x, y, z = torch.as_tensor(vector, dtype=torch.float32).unbind(-1)
+    return torch.stack([z, -x, y], -1)
+
+
+def placed(left: Any, right: Any, axis: Any = (0.0, 0.0, 1.0), head: Any = HEAD) -> torch.Tensor:
+    """(1, 3, 4, 4) places whose blades begin at ``left`` and ``right`` from the head."""
+    place = torch.eye(4).repeat(1, 3, 1, 1)
+    forward = at(axis) / at(axis).norm()
+    other = torch.linalg.cross(forward, torch.tensor([0.3, 0.5, 0.8]))
+    other = other / other.norm()
+    rotation = torch.stack([forward, other, torch.linalg.cross(forward, other)], 1)
+    for device, root in enumerate((left, right)):
+        place[0, device, :3, :3] = rotation
+        place[0, device, :3, 3] = at(torch.tensor(HEAD) + torch.as_tensor(root)) - 0.08 * forward
+    place[0, 2, :3, 3] = at(head)
+    return place
+
+
+AWAY = (3.0, 0.0, 0.0)
+
+
+def begun(game: ImaginedBeats, place: torch.Tensor, time_s: float) -> None:
+    everyone = torch.arange(game.n)
+    game.start(
+        everyone, place.expand(game.n, -1, -1, -1), torch.zeros(game.n, len(FIELDS)), everyone
+    )
+    game.lane.time_s[:] = time_s
+    game.lane.level[:] = torch.arange(game.n) % len(game.lane.levels.speed)
+    game.lane.box_gone[:], game.lane.mine_gone[:], game.lane.wall_gone[:] = False, False, False
+    game._origin[:] = torch.tensor(HEAD)
+
+
+def events(game: ImaginedBeats) -> dict[str, float]:
+    return {name: n for name, n in zip(EVENTS, game.events.tolist(), strict=True) if n}
+
+
+def test_the_registry_knows_the_game_by_its_name() -> None:
+    game = imagined_game("beats")
+    assert game is not None
+    assert game.name == "beats"
+    assert imagined_settings("beats") is game.settings
+
+
+def test_what_a_log_says() -> None:
+    game = imagined_game("beats")
+    assert game is not None
+    log = {"AccumulatedCorrectSlices": 3.0, "Misses": 1.0, "WrongHand": 2.0, "MineHits": 9.0}
+    assert game.outcomes(log).tolist() == [[3.0], [3.0]]
+
+
+def test_points_by_hand() -> None:
+    """5 m/s and more straight along; 2.75 m/s at 30 degrees; the least that counts."""
+    worth = points(torch.tensor([5.0, 9.0, 2.75, 0.5]), torch.tensor([0.0, 0.0, 30.0, 60.0]))
+    assert worth.tolist() == pytest.approx([200.0, 200.0, 125.0, 50.0])
+
+
+def test_distances_from_a_box_by_hand() -> None:
+    """A box of 0.35 m at the origin; blades along z, to the left, above, and at a corner."""
+    roots = [[-0.5, 0.0, -0.5], [0.0, 0.30, -0.5], [0.4, 0.3, -0.5], [0.1, 0.0, -0.5]]
+    root = torch.tensor(roots).reshape(2, 2, 1, 3)
+    blades = Blades(root, torch.tensor([0.0, 0.0, 1.0]).expand_as(root))
+    middles = torch.zeros(2, 1, 1, 3)
+    straight, turned = torch.tensor([1.0, 0.0]), torch.tensor([0.5, 0.5]).sqrt()
+    apart, along = distances(blades, middles, straight.expand(2, 1, 2), 0.175)
+    corner = (0.225**2 + 0.125**2) ** 0.5
+    expected = [0.325, 0.125, corner, -0.075]
+    torch.testing.assert_close(apart.flatten(), torch.tensor(expected), atol=1e-3, rtol=0.0)
+    assert along.flatten().tolist() == pytest.approx([0.5] * 4)
+    apart, _ = distances(blades, middles, turned.expand(2, 1, 2), 0.175)
+    # Turned by 45 degrees an edge, 0.2475 m away, points at the first two.
+    assert apart.flatten()[:2].tolist() == pytest.approx([0.5 - 0.2475, 0.3 - 0.2475], abs=2e-3)
+
+
+def swings(hand: int, cut: int, speed_mps: float, across: Any = DOWNWARDS) -> dict[str, float]:
+    """What happens when the right blade goes through the middle of a box in the cut plane."""
+    game = rounds(1, level(box(2.0, 2.0, hand, cut)))
+    middle = torch.tensor([0.2, -0.3, 0.3])
+    way = torch.tensor(across) * speed_mps * STEP_S
+    begun(game, placed(AWAY, middle - 0.5 * way), 1.975)
+    game.play(placed(AWAY, middle + 0.5 * way), SOFT)
+    return events(game)
+
+
+def test_what_a_swing_is_by_the_rules() -> None:
+    assert swings(RIGHT, DOWN, 3.0) == {"sliced": 1.0}
+    assert swings(RIGHT, ANY, 3.0) == {"sliced": 1.0}
+    assert swings(RIGHT, DOWN, 0.4) == {}  # too slow: the box goes on
+    assert swings(RIGHT, UP, 3.0) == {"wrong direction": 1.0}
+    assert swings(LEFT, DOWN, 3.0) == {"wrong hand": 1.0}
+    assert swings(RIGHT, DOWN_RIGHT, 3.0) == {"sliced": 1.0}  # 45 degrees off
+    assert swings(RIGHT, DOWN_RIGHT, 3.0, (-1.0, 0.0, 0.0)) == {"wrong direction": 1.0}  # 135
+    # The way along the blade does not count: 3 m/s forward is no motion across it.
+    assert swings(RIGHT, ANY, 3.0, (0.0, 0.0, 1.0)) == {}
+
+
+def test_a_box_that_is_cut_is_gone_and_one_that_passes_is_missed() -> None:
+    """At 10 m/s a box of 2 s is at the head, 0.8 m behind the cut plane, at 2.08 s."""
+    game = rounds(2, level(box(2.0, 2.0, RIGHT, DOWN)), level(box(2.0, 2.0, LEFT, DOWN)))
+    begun(game, placed(AWAY, AWAY), 1.95)
+    present = game.names.index("right0.present")
+    assert game.observe(placed(AWAY, AWAY).expand(2, -1, -1, -1))[:, present].tolist() == [1.0, 0.0]
+    place = placed(AWAY, AWAY).expand(2, -1, -1, -1)
+    for missed in (0.0, 0.0, 2.0, 2.0):  # at 2.00, 2.05, 2.10 and 2.15 s
+        game.play(place, SOFT)
+        assert events(game).get("missed", 0.0) == missed
+    assert game.counts[:, 0, 0].tolist() == [0.0, 2.0]
+    assert game.observe(place)[:, present].tolist() == [0.0, 0.0]
+
+
+def test_what_is_told_of_boxes_by_hand() -> None:
+    """Seen from 10 m on: 0.92 s before the cut plane at 10 m/s; the head is the origin."""
+    game = rounds(1, level(box(2.0, 2.0, RIGHT, DOWN), box(2.5, 3.0, RIGHT, UP)))
+    place = placed(AWAY, AWAY)
+    begun(game, place, 1.0)
+    names = [f"right{i}.{part}" for i in (0, 1) for part in ("present", "time_s", "x_m", "z_m")]
+    columns = [game.names.index(name) for name in names]
+    assert game.observe(place)[0, columns].tolist() == [0.0] * 8
+    game.lane.time_s[:] = 1.75
+    expected = [1.0, 0.25, 0.2, 0.8 + 2.5, 1.0, 0.75, 0.6, 0.8 + 7.5]
+    assert game.observe(place)[0, columns].tolist() == pytest.approx(expected, abs=1e-5)
+    cut = [game.names.index(f"right{i}.dir_{axis}") for i in (0, 1) for axis in "xy"]
+    assert game.observe(place)[0, cut].tolist() == [0.0, -1.0, 0.0, 1.0]
+
+
+def test_mines_and_walls_by_hand() -> None:
+    mine = {"time_s": 2.0, "column": 2.0, "row": 1.0}
+    wall = {"time_s": 2.0, "duration_s": 1.0, "column": 0, "row": 2, "width": 4, "height": 1}
+    game = rounds(1, level(mines=[mine], walls=[wall]))
+    begun(game, placed(AWAY, AWAY), 1.95)
+    game.play(placed(AWAY, (0.2, -0.3, 0.3)), SOFT)  # the still blade is in the mine
+    assert events(game) == {"mines": 1.0, "walls": 1.0}
+    game.play(placed(AWAY, (0.2, -0.3, 0.3)), SOFT)  # once each
+    assert events(game) == {"mines": 1.0, "walls": 1.0}
+    # The wall's lower edge is 0.125 m below the eyes: 0.205 m down and the head is free.
+    for down, walls in ((0.20, {"walls": 1.0}), (0.21, {})):
+        game = rounds(1, level(walls=[wall]))
+        place = placed(AWAY, AWAY, head=(0.0, 1.2 - down, 0.1))
+        begun(game, place, 1.95)
+        game.play(place, SOFT)
+        assert events(game) == walls
+
+
+def test_a_level_that_is_over_is_followed_by_another() -> None:
+    game = rounds(3, level(box(2.0, 2.0, RIGHT, DOWN)))
+    begun(game, placed(AWAY, AWAY), 9.96)
+    game.play(placed(AWAY, AWAY).expand(3, -1, -1, -1), SOFT)
+    assert game.lane.time_s.tolist() == [0.0] * 3
+
+
+def test_busy_rounds_begin_before_a_box() -> None:
+    game = rounds(50, level(box(4.0, 2.0, RIGHT, DOWN)), settings=TwinSettings(busy_starts=1.0))
+    place = placed(AWAY, AWAY).expand(50, -1, -1, -1)
+    game.start(torch.arange(50), place, torch.zeros(50, len(FIELDS)), torch.arange(50))
+    assert float(game.lane.time_s.min()) >= 3.0
+    assert float(game.lane.time_s.max()) <= 3.8
+
+
+def test_the_gradient_is_that_of_finite_differences() -> None:
+    """Of a swing past the box's edge, by where the blade goes."""
+    cuts = replace(SOFT, near=0.0)
+    start = torch.tensor([0.45, -0.2, 0.3])
+
+    def total(ways: torch.Tensor) -> torch.Tensor:
+        game = rounds(1, level(box(2.0, 2.0, RIGHT, DOWN)))
+        begun(game, placed(AWAY, start.tolist()), 1.9)
+        worth, root = torch.zeros(()), start
+        for way in ways:
+            place = placed(AWAY, AWAY)
+            root = root + way
+            shift = torch.zeros(1, 3, 4, 4)
+            moved = at(root) - at(torch.tensor(AWAY))
+            shift = shift.index_put((torch.tensor([0]), torch.tensor([1])), _column(moved)[None])
+            worth = worth + game.play(place + shift, cuts).sum()
+        return worth
+
+    ways = torch.tensor([[-0.02, -0.05, 0.0], [-0.04, -0.08, 0.01]], requires_grad=True)
+    total(ways).backward()
+    assert ways.grad is not None
+    direction = torch.tensor([[0.3, -0.5, 0.1], [-0.4, 0.2, 0.3]])
+    with torch.no_grad():
+        h = 1e-3
+        slope = (total(ways + h * direction) - total(ways - h * direction)) / (2.0 * h)
+    expected = float((ways.grad * direction).sum())
+    assert abs(expected) > 1.0
+    assert float(slope) == pytest.approx(expected, rel=0.03)
+
+
+def _column(position: torch.Tensor) -> torch.Tensor:
+    """(4, 4) zeros but for a position."""
+    return torch.nn.functional.pad(position[:, None], (3, 0, 0, 1))
+
+
+def test_rounds_go_on_from_their_state() -> None:
+    levels = (level(box(2.0, 2.0, RIGHT, DOWN)), level(box(2.0, 1.0, LEFT, UP)))
+    game, other = rounds(6, *levels), rounds(6, *levels)
+    places = [placed((-0.2, 0.3 - 0.05 * k, 0.3), (0.2, 0.2 - 0.06 * k, 0.3)) for k in range(40)]
+    begun(game, places[0], 1.2)
+    for place in places[:5]:
+        game.play(place.expand(6, -1, -1, -1), SOFT)
+    other.load_state({name: value.clone() for name, value in game.state().items()})
+    for place in places[5:]:
+        everyone = place.expand(6, -1, -1, -1)
+        torch.testing.assert_close(game.play(everyone, SOFT), other.play(everyone, SOFT))
+    assert torch.equal(game.observe(everyone), other.observe(everyone))

@@ -82,10 +82,10 @@ class ImaginedConfig(Settings):
     effort: Weight = 0.1
     """Cost of the mean square of activations per user step, for users whose own effort remembers
     or looks at forces; others (``neural``, ``muscle_state``) have their own."""
-    gradient_limit: float | None = Field(default=None, gt=0.0, le=1e9)
+    gradient_limit: Norm | None = None
     """Longest gradient of a user's reward by an action (and by the joints' angles, 1/rad); None:
     none. Motors need one: what a servo does in 50 ms is steep."""
-    reward_scale: float = Field(default=1.0, gt=0.0, le=1e9)
+    reward_scale: Factor = 1.0
     """Factor on the game's reward and the effort: a success should be worth about 10."""
     game: dict[str, OptionValue] = Field(default_factory=dict)
     """Settings of the game's twin (``games/NAME/settings.py``)."""

@@ -92,7 +92,10 @@ def game_level(options: Mapping[str, OptionValue], seed: int) -> Mapping[str, An
     runtime: Any = load_runtime()
     if not hasattr(runtime, "game_timeline"):  # TEMPORARY
         cuts = ((2, 1, 0, 7), (4, 2, 1, 6), (6, 1, 0, 4), (8, 2, 1, 5))
-        return dict(hash="first", length_s=10.0, speed_mps=10.0, approach_s=1.5, mines=[], walls=[], boxes=[dict(time_s=t, column=c, row=1, hand=h, cut=d, angle_offset_deg=0.0) for t, c, h, d in cuts])
+        more = {"row": 1, "angle_offset_deg": 0.0}
+        boxes = [{"time_s": t, "column": c, "hand": h, "cut": d} | more for t, c, h, d in cuts]
+        first = {"length_s": 10.0, "speed_mps": 10.0, "approach_s": 1.5, "hash": "first"}
+        return first | {"boxes": boxes, "mines": [], "walls": []}
     told = json.loads(runtime.game_timeline("beats", json.dumps(dict(options)), seed))
     level: Mapping[str, Any] = told["level"]
     return level

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from sim2vr_harness.settings import Settings
+from sim2vr_harness.settings import Chance, Settings, Weight
 
 __all__ = ["Relaxation", "TwinSettings"]
 
@@ -33,17 +33,17 @@ class Relaxation:
 class TwinSettings(Settings):
     """How soft cuts are, and which levels are played."""
 
-    levels: int = Field(default=64, ge=1)
+    levels: int = Field(default=64, ge=1, le=100_000)
     """How many levels of a condition imagined rounds draw from, where it has more than one."""
-    busy_starts: float = Field(default=0.7, ge=0.0, le=1.0)
+    busy_starts: Chance = 0.7
     """Share of rounds that begin shortly before a box arrives, instead of at any moment."""
-    contact_m: float = Field(default=0.08, gt=0.0)
-    speed_mps: float = Field(default=0.5, gt=0.0)
-    angle_deg: float = Field(default=25.0, gt=0.0)
-    near_reward: float = Field(default=20.0, ge=0.0)
+    contact_m: float = Field(default=0.08, ge=1e-6, le=10.0)
+    speed_mps: float = Field(default=0.5, ge=1e-6, le=100.0)
+    angle_deg: float = Field(default=25.0, ge=1e-6, le=1000.0)
+    near_reward: Weight = 20.0
     """How soft cuts are and what helps to find them, at first; by the middle of the imagined
     rollouts they are 0.015, 0.1, 5 and 2."""
-    error_cost: float = Field(default=20.0, ge=0.0)
+    error_cost: Weight = 20.0
     """Cost of a wrong cut, a mine or a wall, in points, which the true score does not have."""
 
     def relaxation(self, done: float) -> Relaxation:

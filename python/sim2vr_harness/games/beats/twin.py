@@ -56,7 +56,7 @@ _MOMENTS = (0.25, 0.5, 0.75, 1.0)
 """Shares of a frame in which blades and boxes are tested for contact."""
 _CONTACT_MARGIN_M, _SPEED_MARGIN_MPS, _ANGLE_MARGIN_DEG = 0.01, 0.1, 5.0
 _NEAR_M, _NEAR_S, _NEAR_MPS = 0.3, 0.25, 2.0
-_WALL_SOFT_M = 0.03
+_WALL_SOFT_M, _GONE_M = 0.03, 10.0
 
 
 @dataclass(frozen=True)
@@ -275,7 +275,7 @@ class ImaginedBeats:
         cuts = there & (contact.apart <= 0.0) & (contact.speed >= MIN_CUT_MPS)
         right = cuts & (contact.angle <= ANGLE_LIMIT_DEG) & (own > 0)
         self._count("sliced", right)
-        self._count("wrong hand", cuts & (own == 0))
+        self._count("wrong hand", (cuts & (own == 0)).any(1) & ~right.any(1))
         self._count("wrong direction", cuts & (own > 0) & ~right)
         gone = cuts.any(1)
         sliced = right.any(1)
@@ -323,7 +323,8 @@ class ImaginedBeats:
         free = cut.abs().sum(-1) == 0.0
         turns = torch.where(free[..., None], torch.tensor([1.0, 0.0]), cut)
         apart, along = distances(blades, middles, turns, BOX_HALF_M)
-        apart = apart - BLADE_RADIUS_M
+        passed = (middles[..., 2] <= 0.0)[:, None]  # missed on the way, nobody can cut it
+        apart = torch.where(passed, _GONE_M, apart - BLADE_RADIUS_M)
         when = _first_or_closest(apart)
         apart, along = (values.gather(-1, when)[..., 0] for values in (apart, along))
         axis = blades.axis[:, :, None].expand(*when.shape[:3], len(_MOMENTS), 3)

@@ -37,26 +37,26 @@ class TwinSettings(Settings):
     """How many levels of a condition imagined rounds draw from, where it has more than one."""
     busy_starts: Chance = 0.7
     """Share of rounds that begin shortly before a box arrives, instead of at any moment."""
-    contact_m: float = Field(default=0.08, ge=1e-6, le=10.0)
+    contact_m: float = Field(default=0.1, ge=1e-6, le=10.0)
     speed_mps: float = Field(default=0.5, ge=1e-6, le=100.0)
     angle_deg: float = Field(default=25.0, ge=1e-6, le=1000.0)
     near_reward: Weight = 20.0
-    """How soft cuts are and what helps to find them, at first; by the middle of the imagined
-    rollouts they are 0.015, 0.1, 5 and 2."""
+    """How soft cuts are and what helps to find them, at first; after four fifths of the imagined
+    rollouts they are 0.03, 0.2, 10 and 5."""
     error_cost: Weight = 20.0
     """Cost of a wrong cut, a mine or a wall, in points, which the true score does not have."""
 
     def relaxation(self, done: float) -> Relaxation:
         """What is rewarded when this share of the rollouts is over."""
-        early = max(0.0, 1.0 - 2.0 * done)
+        early = max(0.0, 1.0 - done / 0.8)
 
         def towards(end: float, start: float) -> float:
             return end + (start - end) * early
 
         return Relaxation(
-            contact_m=towards(0.015, self.contact_m),
-            speed_mps=towards(0.1, self.speed_mps),
-            angle_deg=towards(5.0, self.angle_deg),
-            near=towards(min(2.0, self.near_reward), self.near_reward),
+            contact_m=towards(0.03, self.contact_m),
+            speed_mps=towards(0.2, self.speed_mps),
+            angle_deg=towards(10.0, self.angle_deg),
+            near=towards(min(5.0, self.near_reward), self.near_reward),
             error=self.error_cost,
         )

@@ -55,7 +55,7 @@ FIELDS = (*_HEAD, *_ROOT, *_AXIS, *_TIP)
 _MOMENTS = (0.25, 0.5, 0.75, 1.0)
 """Shares of a frame in which blades and boxes are tested for contact."""
 _CONTACT_MARGIN_M, _SPEED_MARGIN_MPS, _ANGLE_MARGIN_DEG = 0.01, 0.1, 5.0
-_NEAR_M, _NEAR_S, _NEAR_MPS = 0.3, 0.25, 2.0
+_NEAR_M, _NEAR_S, _NEAR_MPS = 0.3, 0.12, 2.0
 _WALL_SOFT_M, _GONE_M = 0.03, 10.0
 
 
@@ -266,8 +266,8 @@ class ImaginedBeats:
                 for name in ("which", "there", "until_s")
             )
         )
-        cut = lane.of(levels.box_cut, coming)
-        contact = self._contact(before, after, lane.of(levels.box, coming), cut, coming)
+        across, cut = lane.of(levels.box, coming), lane.of(levels.box_cut, coming)
+        contact = self._contact(before, after, across, cut, coming)
         own = torch.eye(2).repeat_interleave(TOLD_BOXES, 1)  # (blade, box): hand is the box's
         there = coming.there[:, None]
 
@@ -299,7 +299,7 @@ class ImaginedBeats:
         self._box_left = self._box_left.scatter(1, coming.which, left)
         if soft.near > 0.0:
             arrives = torch.exp(-(coming.until_s / _NEAR_S).square())[:, None]
-            around = torch.exp(-contact.apart.clamp(min=0.0) / _NEAR_M)
+            around = torch.exp(-_aside(after, across, cut) / _NEAR_M)
             towards = 0.5 + 0.5 * torch.tanh(contact.forward / _NEAR_MPS)
             near = own * there * arrives * around * towards * left.detach()[:, None]
             reward = reward + soft.near * near.sum((1, 2))
@@ -321,8 +321,7 @@ class ImaginedBeats:
         blades = swing(before, after, shares)
         middles = self._during(across, coming, shares)
         free = cut.abs().sum(-1) == 0.0
-        turns = torch.where(free[..., None], torch.tensor([1.0, 0.0]), cut)
-        apart, along = distances(blades, middles, turns, BOX_HALF_M)
+        apart, along = distances(blades, middles, _turns(cut), BOX_HALF_M)
         passed = (middles[..., 2] <= 0.0)[:, None]  # missed on the way, nobody can cut it
         apart = torch.where(passed, _GONE_M, apart - BLADE_RADIUS_M)
         when = _first_or_closest(apart)
@@ -406,6 +405,21 @@ def points(speed: Tensor, angle: Tensor) -> Tensor:
     swift = ((speed - MIN_CUT_MPS) / (FULL_CUT_MPS - MIN_CUT_MPS)).clamp(0.0, 1.0)
     straight = (1.0 - angle / ANGLE_LIMIT_DEG).clamp(min=0.0)
     return BASE_POINTS + SPEED_POINTS * swift + ANGLE_POINTS * straight
+
+
+def _turns(cut: Tensor) -> Tensor:
+    """(B, K, 2) cosine and sine of how boxes are turned, by their demanded directions."""
+    free = cut.abs().sum(-1, keepdim=True) == 0.0
+    return torch.where(free, torch.tensor([1.0, 0.0]), cut)
+
+
+def _aside(blades: Blades, across: Tensor, cut: Tensor) -> Tensor:
+    """(B, 2, K) how far blades are from where boxes will be in the cut plane, m; 0 inside."""
+    plane = torch.full_like(across[..., :1], CUT_PLANE_M)
+    middles = torch.cat([across, plane], -1)[:, :, None]
+    now = Blades(blades.root[:, :, None], blades.axis[:, :, None])
+    apart, _ = distances(now, middles, _turns(cut), BOX_HALF_M)
+    return apart[..., 0].clamp(min=0.0)
 
 
 def _first_or_closest(apart: Tensor) -> Tensor:

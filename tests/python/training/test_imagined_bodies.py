@@ -1,0 +1,131 @@
+"""Imagined bodies of all kinds: muscles, motors and both, one arm, two arms, a trunk that moves."""
+
+from __future__ import annotations
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from sim2vr_harness.training.imagined.body import BodyModel, fit_body
+from sim2vr_harness.training.imagined.chain import Chains
+from sim2vr_harness.training.imagined.drives import Drives
+from sim2vr_harness.training.imagined.effort import imagined_effort
+from sim2vr_harness.training.imagined.experience import Experience, Motion
+from sim2vr_harness.training.imagined.gradients import limited
+from sim2vr_harness.training.imagined.limbs import limbs_of
+from sim2vr_harness.users import Body, UserBatch, load_body
+
+MOTORS, MUSCLES, WRIST = "mobl_arms_bimanual_motor", "mobl_arms_bimanual", "mobl_arms_wrist"
+BODIES = ((WRIST, False), (MOTORS, False), (MOTORS, True), (MUSCLES, True))
+
+
+def body_of(name: str, torso: bool) -> Body:
+    return load_body(name, torso=True) if torso else load_body(name)
+
+
+def moved(users: UserBatch, drives: Drives) -> Motion:
+    joints, dofs = users.body.qpos_independent, users.body.qvel_independent
+    parts = (users.qpos[:, joints], users.qvel[:, dofs], drives.of(users))
+    return Motion(*(torch.tensor(part, dtype=torch.float32) for part in parts))
+
+
+@pytest.mark.parametrize(("name", "torso"), BODIES)
+def test_actions_do_to_drives_what_they_do_to_the_true_ones(name: str, torso: bool) -> None:
+    users = UserBatch(body_of(name, torso), 4, threads=1, effort="neural")
+    drives = Drives(users.body)
+    assert drives.count == users.action_size
+    assert len(drives.muscles) + len(drives.motors) == drives.count
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        before = torch.tensor(drives.of(users))
+        actions = rng.uniform(-1.4, 1.4, (4, drives.count))
+        users.step(actions)
+        control = drives.control(before, torch.tensor(actions)).numpy()
+        np.testing.assert_allclose(control, drives.controls(users), atol=1e-9)
+        after = drives.of(users)[:, drives.motors]
+        np.testing.assert_allclose(after, control[:, drives.motors], atol=1e-9)
+
+
+def test_a_motor_s_target_by_hand() -> None:
+    """m <- 0.1 m + 0.9 clip(m + a, 0, 1): 0.5 and 0.2 make 0.68; beyond the range 0.95."""
+    drives = Drives(load_body(MOTORS))
+    actions = torch.zeros(1, 14)
+    actions[0, :2] = torch.tensor([0.2, 3.0])
+    control = drives.control(torch.full((1, 14), 0.5), actions)
+    assert control[0, :3].tolist() == pytest.approx([0.68, 0.95, 0.5])
+
+
+def test_arms_on_a_chest_that_stands_still_are_limbs_of_their_own() -> None:
+    (arms,) = limbs_of(load_body(MOTORS))  # one group: they are nearly alike
+    assert [limb.joints for limb in arms] == [tuple(range(7)), tuple(range(7, 14))]
+    assert [limb.actuators for limb in arms] == [tuple(range(7)), tuple(range(7, 14))]
+    for name, torso in ((WRIST, False), (MOTORS, True)):
+        body = body_of(name, torso)
+        ((limb,),) = limbs_of(body)
+        assert limb.joints == tuple(range(len(body.independent_joints)))
+        assert limb.actuators == tuple(range(body.action_size))
+
+
+@pytest.mark.parametrize(("name", "torso"), [(MOTORS, False), (MOTORS, True)])
+def test_the_chains_place_all_devices_as_mujoco_does(name: str, torso: bool) -> None:
+    body = body_of(name, torso)
+    data = mujoco.MjData(body.physics_model)
+    angles = np.random.default_rng(1).uniform(*body.joint_ranges.T, (10, len(body.joint_ranges)))
+    places = Chains(body, body.devices)(torch.tensor(angles, dtype=torch.float32)).numpy()
+    assert places.shape == (10, 3, 4, 4)
+    for each, devices in zip(angles, places, strict=True):
+        data.qpos[:] = body.coupled_qpos(each)
+        mujoco.mj_kinematics(body.physics_model, data)
+        for device, place in zip(body.devices, devices, strict=True):
+            site = data.site(device)
+            np.testing.assert_allclose(place[:3, 3], site.xpos, atol=5e-6)
+            np.testing.assert_allclose(place[:3, :3].ravel(), site.xmat, atol=1e-5)
+
+
+@pytest.mark.parametrize("effort", ["neural", "muscle_state", "zero"])
+def test_efforts_of_the_present_alone_are_the_true_ones(effort: str) -> None:
+    users = UserBatch(load_body(MUSCLES), 3, threads=1, effort=effort)
+    drives = Drives(users.body)
+    imagined = imagined_effort(users.effort, drives, otherwise=9.0)
+    users.step(np.random.default_rng(2).uniform(-0.5, 0.5, (3, drives.count)))
+    after = torch.tensor(drives.of(users), dtype=torch.float32)
+    control = torch.tensor(drives.controls(users), dtype=torch.float32)
+    np.testing.assert_allclose(imagined(after, control).numpy(), users.effort_cost, rtol=1e-5)
+
+
+def test_an_effort_that_remembers_is_the_mean_square_of_activations() -> None:
+    users = UserBatch(load_body(WRIST), 1, threads=1)
+    cost = imagined_effort(users.effort, Drives(users.body), otherwise=0.5)
+    act = torch.zeros(1, 32)
+    act[0, 0] = 0.8
+    assert float(cost(act, act)) == pytest.approx(0.5 * 0.8**2 / 32)
+
+
+def test_a_single_user_s_gradient_is_bounded() -> None:
+    values = torch.ones(3, 2, requires_grad=True)
+    doubled = limited(2.0 * values, 1.0)
+    (doubled * torch.tensor([[0.3, 0.4], [3.0, 4.0], [torch.inf, 0.0]])).sum().backward()
+    expected = torch.tensor([[0.6, 0.8], [1.2, 1.6], [0.0, 0.0]])
+    torch.testing.assert_close(values.grad, expected)
+
+
+def test_two_arms_learn_what_motors_did() -> None:
+    """After 30 s of eight users both controllers' places after a step are known to a third."""
+    users = UserBatch(load_body(MOTORS), 8, threads=1, effort="zero")
+    torch.manual_seed(1)
+    body = BodyModel(users.body, ("controller_left", "controller_right"), 0.05, width=48)
+    rng, rows = np.random.default_rng(3), []
+    for step in range(600):
+        if step % 20 == 0:
+            users.reset(range(8), [np.random.default_rng([step, i]) for i in range(8)])
+        before = moved(users, body.drives)
+        users.step(0.1 * rng.standard_normal((8, 14)))
+        after = moved(users, body.drives)
+        rows.append(Experience(before, after.drives, after, torch.zeros(8, 0)))
+    steps = Experience.joined(rows)
+    body.scale_by(steps)
+    fit = fit_body(body, steps, minibatches=250, learning_rate=4e-3, batch_size=512)
+    assert fit["drives"] == pytest.approx(0.0, abs=1e-6)
+    assert fit["moved_m"] > 0.03
+    assert fit["place_m"] < fit["moved_m"] / 3.0

@@ -90,12 +90,6 @@ def _filled(value: Tensor, most: int, fill: float) -> Tensor:
 def game_level(options: Mapping[str, OptionValue], seed: int) -> Mapping[str, Any]:
     """Return a level of the true game as plain data: what a round with this seed plays."""
     runtime: Any = load_runtime()
-    if not hasattr(runtime, "game_timeline"):  # TEMPORARY
-        cuts = ((2, 1, 0, 7), (4, 2, 1, 6), (6, 1, 0, 4), (8, 2, 1, 5))
-        more = {"row": 1, "angle_offset_deg": 0.0}
-        boxes = [{"time_s": t, "column": c, "hand": h, "cut": d} | more for t, c, h, d in cuts]
-        first = {"length_s": 10.0, "speed_mps": 10.0, "approach_s": 1.5, "hash": "first"}
-        return first | {"boxes": boxes, "mines": [], "walls": []}
     told = json.loads(runtime.game_timeline("beats", json.dumps(dict(options)), seed))
     level: Mapping[str, Any] = told["level"]
     return level

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from sim2vr_harness.envs.config import AppConfig, EffortConfig, EnvConfig, UserConfig
+from sim2vr_harness.games.beats import twin
 from sim2vr_harness.games.beats.twin import EVENTS, FIELDS, points
 from sim2vr_harness.training.config import apply_overrides
 from sim2vr_harness.training.imagined import ImaginedRollouts
@@ -55,6 +56,12 @@ def rollouts() -> ImaginedRollouts:
 @pytest.fixture(scope="module")
 def played() -> dict[str, Any]:
     """A round of everybody, moving about at random, in the true game and in the twin."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(twin, "_MOMENTS", tuple(np.linspace(0.0, 1.0, 41)[1:].tolist()))
+        return play()
+
+
+def play() -> dict[str, Any]:
     made = rollouts()
     made.step()
     sim = made.simulation
@@ -130,11 +137,12 @@ def test_blades_lie_on_the_grips_axis(played: dict[str, Any]) -> None:
 
 
 def test_what_happens_to_boxes_is_the_same(played: dict[str, Any]) -> None:
-    """48 boxes; a blade that grazes one at an instant between those tested may miss it."""
+    """48 boxes; with contacts tested at four instants of a frame instead, a fifth of these differ:
+    blades that fast graze a box between two of them."""
     true = {name: sum(log[key] for log in played["logs"]) for name, key in LOGGED.items()}
     assert sum(true.values()) == 4 * USERS
-    assert true["wrong hand"] + true["wrong direction"] + true["sliced"] >= 8
-    assert sum(abs(played["events"][name] - count) for name, count in true.items()) <= 4, true
+    assert true["wrong hand"] + true["wrong direction"] + true["sliced"] >= 16
+    assert sum(abs(played["events"][name] - count) for name, count in true.items()) <= 2, true
 
 
 def test_teachers_observe_the_same(played: dict[str, Any]) -> None:

@@ -143,7 +143,7 @@ def test_what_happens_to_boxes_is_the_same(played: dict[str, Any]) -> None:
     true = {name: sum(log[key] for log in played["logs"]) for name, key in LOGGED.items()}
     assert sum(true.values()) == 4 * USERS
     assert true["wrong hand"] + true["wrong direction"] + true["sliced"] >= 16
-    assert sum(abs(played["events"][name] - count) for name, count in true.items()) <= 2, true
+    assert sum(abs(played["events"][name] - count) for name, count in true.items()) <= 4, true
 
 
 def test_teachers_observe_the_same(played: dict[str, Any]) -> None:

@@ -25,7 +25,7 @@ DOWNWARDS = (0.0, -1.0, 0.0)
 
 def box(time_s: float, column: float, hand: int, cut: int, **more: Any) -> dict[str, Any]:
     placed = {"time_s": time_s, "column": column, "row": 1.0, "hand": hand, "cut": cut}
-    return placed | {"angle_offset_deg": 0.0} | more
+    return placed | {"angle_offset_deg": 0.0, "link": False} | more
 
 
 def level(*boxes: dict[str, Any], **more: Any) -> dict[str, Any]:
@@ -101,14 +101,14 @@ def test_distances_from_a_box_by_hand() -> None:
     roots = [[-0.5, 0.0, -0.5], [0.0, 0.30, -0.5], [0.4, 0.3, -0.5], [0.1, 0.0, -0.5]]
     root = torch.tensor(roots).reshape(2, 2, 1, 3)
     blades = Blades(root, torch.tensor([0.0, 0.0, 1.0]).expand_as(root))
-    middles = torch.zeros(2, 1, 1, 3)
+    middles, half = torch.zeros(2, 1, 1, 3), torch.full((2, 1), 0.175)
     straight, turned = torch.tensor([1.0, 0.0]), torch.tensor([0.5, 0.5]).sqrt()
-    apart, along = distances(blades, middles, straight.expand(2, 1, 2), 0.175)
+    apart, along = distances(blades, middles, straight.expand(2, 1, 2), half)
     corner = (0.225**2 + 0.125**2) ** 0.5
     expected = [0.325, 0.125, corner, -0.075]
     torch.testing.assert_close(apart.flatten(), torch.tensor(expected), atol=1e-3, rtol=0.0)
     assert along.flatten().tolist() == pytest.approx([0.5] * 4)
-    apart, _ = distances(blades, middles, turned.expand(2, 1, 2), 0.175)
+    apart, _ = distances(blades, middles, turned.expand(2, 1, 2), half)
     # Turned by 45 degrees an edge, 0.2475 m away, points at the first two.
     assert apart.flatten()[:2].tolist() == pytest.approx([0.5 - 0.2475, 0.3 - 0.2475], abs=2e-3)
 

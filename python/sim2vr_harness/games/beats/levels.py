@@ -13,10 +13,12 @@ from torch import Tensor
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.runtime import load_runtime
 from sim2vr_harness.games.beats.rules import (
+    BOX_HALF_M,
     CELL_HEIGHT_M,
     CELL_WIDTH_M,
     COLUMNS,
     DIRECTIONS,
+    LINK_HALF_M,
     MIDDLE_ROW,
     MIDDLE_ROW_M,
     WALL_DEPTH_M,
@@ -42,6 +44,7 @@ class Levels:
         box: (P, N, 2) x and y of the middles.
         box_hand: (P, N) 0 left, 1 right.
         box_cut: (P, N, 2) x and y of the demanded direction; 0, 0 for any.
+        box_half: (P, N) half of an edge, m.
         mine_time: (P, M).
         mine: (P, M, 2).
         wall_start: (P, W) and
@@ -57,6 +60,7 @@ class Levels:
     box: Tensor
     box_hand: Tensor
     box_cut: Tensor
+    box_half: Tensor
     mine_time: Tensor
     mine: Tensor
     wall_start: Tensor
@@ -119,6 +123,7 @@ def made_of(level: Mapping[str, Any], condition: int) -> Levels:
         box=_rows([middle_m(b["column"], b["row"]) for b in boxes], 2),
         box_hand=torch.tensor([[int(b["hand"]) for b in boxes]], dtype=torch.long),
         box_cut=cut,
+        box_half=_row([LINK_HALF_M if b["link"] else BOX_HALF_M for b in boxes]),
         mine_time=_row([m["time_s"] for m in mines]),
         mine=_rows([middle_m(m["column"], m["row"]) for m in mines], 2),
         wall_start=_row([w["time_s"] for w in walls]),

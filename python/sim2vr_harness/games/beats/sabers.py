@@ -115,7 +115,7 @@ def nearest(blades: Blades, middles: Tensor) -> tuple[Tensor, Tensor]:
 
 
 def distances(
-    blades: Blades, middles: Tensor, turns: Tensor, half_m: float
+    blades: Blades, middles: Tensor, turns: Tensor, half_m: Tensor
 ) -> tuple[Tensor, Tensor]:
     """How far the blades' middle lines are from cubes, m; below 0 inside.
 
@@ -123,7 +123,7 @@ def distances(
         blades: (B, 2, S, 3).
         middles: (B, K, S, 3) of the cubes.
         turns: (B, K, 2) cosine and sine of their turn about z.
-        half_m: half of an edge.
+        half_m: (B, K) half of an edge.
 
     Returns:
         (B, 2, K, S) distances, and how far along the blade the point nearest to the middle is.
@@ -136,7 +136,7 @@ def distances(
     cos, sin = turns[:, None, :, None, None, 0], turns[:, None, :, None, None, 1]
     x = cos * apart[..., 0] + sin * apart[..., 1]
     y = cos * apart[..., 1] - sin * apart[..., 0]
-    beyond = torch.stack([x, y, apart[..., 2]], -1).abs() - half_m
+    beyond = torch.stack([x, y, apart[..., 2]], -1).abs() - half_m[:, None, :, None, None, None]
     outside = beyond.clamp(min=0.0).square().sum(-1).add(1e-8).sqrt()
     deep = beyond.amax(-1).clamp(max=0.0)
     return (outside + deep).amin(-1), along

@@ -20,13 +20,13 @@ from sim2vr_harness.games.beats.rules import (
     ANGLE_POINTS,
     BASE_POINTS,
     BLADE_RADIUS_M,
-    BOX_HALF_M,
     CUT_PLANE_M,
     FULL_CUT_MPS,
     HEAD_RADIUS_M,
     MIN_CUT_MPS,
     MINE_RADIUS_M,
     SPEED_POINTS,
+    STAB_MPS,
     TOLD_BOXES,
     TOLD_MINES,
     TOLD_WALLS,
@@ -267,7 +267,8 @@ class ImaginedBeats:
             )
         )
         across, cut = lane.of(levels.box, coming), lane.of(levels.box_cut, coming)
-        contact = self._contact(before, after, across, cut, coming)
+        half = lane.of(levels.box_half, coming)
+        contact = self._contact(before, after, across, cut, half, coming)
         own = torch.eye(2).repeat_interleave(TOLD_BOXES, 1)  # (blade, box): hand is the box's
         there = coming.there[:, None]
 
@@ -299,14 +300,20 @@ class ImaginedBeats:
         self._box_left = self._box_left.scatter(1, coming.which, left)
         if soft.near > 0.0:
             arrives = torch.exp(-(coming.until_s / _NEAR_S).square())[:, None]
-            around = torch.exp(-_aside(after, across, cut) / _NEAR_M)
+            around = torch.exp(-_aside(after, across, cut, half) / _NEAR_M)
             towards = 0.5 + 0.5 * torch.tanh(contact.forward / _NEAR_MPS)
             near = own * there * arrives * around * towards * left.detach()[:, None]
             reward = reward + soft.near * near.sum((1, 2))
         return reward
 
     def _contact(
-        self, before: Blades, after: Blades, across: Tensor, cut: Tensor, coming: Coming
+        self,
+        before: Blades,
+        after: Blades,
+        across: Tensor,
+        cut: Tensor,
+        half: Tensor,
+        coming: Coming,
     ) -> _Contact:
         """Blades and boxes in this frame.
 
@@ -315,13 +322,14 @@ class ImaginedBeats:
             after: (B, 2, 3) at this one.
             across: (B, K, 2) x and y of the boxes.
             cut: (B, K, 2) demanded directions.
+            half: (B, K) of their edges, m.
             coming: which boxes.
         """
         shares = torch.tensor(_MOMENTS)
         blades = swing(before, after, shares)
         middles = self._during(across, coming, shares)
         free = cut.abs().sum(-1) == 0.0
-        apart, along = distances(blades, middles, _turns(cut), BOX_HALF_M)
+        apart, along = distances(blades, middles, _turns(cut), half)
         passed = (middles[..., 2] <= 0.0)[:, None]  # missed on the way, nobody can cut it
         apart = torch.where(passed, _GONE_M, apart - BLADE_RADIUS_M)
         when = _first_or_closest(apart)
@@ -334,6 +342,7 @@ class ImaginedBeats:
         forward = (flat * cut[:, None]).sum(-1)
         sideways = flat[..., 0] * cut[:, None, :, 1] - flat[..., 1] * cut[:, None, :, 0]
         angle = torch.atan2((sideways.square() + 1e-8).sqrt(), forward).rad2deg()
+        angle = torch.where(flat.detach().norm(dim=-1) < STAB_MPS, 180.0, angle)
         angle = torch.where(free[:, None], 0.0, angle)
         return _Contact(apart, speed, angle, forward)
 
@@ -413,12 +422,12 @@ def _turns(cut: Tensor) -> Tensor:
     return torch.where(free, torch.tensor([1.0, 0.0]), cut)
 
 
-def _aside(blades: Blades, across: Tensor, cut: Tensor) -> Tensor:
+def _aside(blades: Blades, across: Tensor, cut: Tensor, half: Tensor) -> Tensor:
     """(B, 2, K) how far blades are from where boxes will be in the cut plane, m; 0 inside."""
     plane = torch.full_like(across[..., :1], CUT_PLANE_M)
     middles = torch.cat([across, plane], -1)[:, :, None]
     now = Blades(blades.root[:, :, None], blades.axis[:, :, None])
-    apart, _ = distances(now, middles, _turns(cut), BOX_HALF_M)
+    apart, _ = distances(now, middles, _turns(cut), half)
     return apart[..., 0].clamp(min=0.0)
 
 

@@ -20,7 +20,7 @@ from sim2vr_harness.games.beats.rules import (
 
 __all__ = ["Coming", "Lane"]
 
-_BEFORE_S = (0.2, 1.0)
+_BEFORE_S = (0.5, 1.0)
 """How long before a box arrives busy rounds begin."""
 
 

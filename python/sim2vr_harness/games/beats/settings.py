@@ -35,7 +35,7 @@ class TwinSettings(Settings):
 
     levels: int = Field(default=64, ge=1, le=100_000)
     """How many levels of a condition imagined rounds draw from, where it has more than one."""
-    busy_starts: Chance = 0.7
+    busy_starts: Chance = 0.9
     """Share of rounds that begin shortly before a box arrives, instead of at any moment."""
     contact_m: float = Field(default=0.1, ge=1e-6, le=10.0)
     speed_mps: float = Field(default=0.5, ge=1e-6, le=100.0)

@@ -42,7 +42,7 @@ class TwinSettings(Settings):
     angle_deg: float = Field(default=25.0, ge=1e-6, le=1000.0)
     near_reward: Weight = 20.0
     """How soft cuts are and what helps to find them, at first; after four fifths of the imagined
-    rollouts they are 0.03, 0.2, 10 and 5."""
+    rollouts they are 0.05, 0.2, 15 and 5."""
     error_cost: Weight = 20.0
     """Cost of a wrong cut, a mine or a wall, in points, which the true score does not have."""
 
@@ -54,9 +54,9 @@ class TwinSettings(Settings):
             return end + (start - end) * early
 
         return Relaxation(
-            contact_m=towards(0.03, self.contact_m),
+            contact_m=towards(0.05, self.contact_m),
             speed_mps=towards(0.2, self.speed_mps),
-            angle_deg=towards(10.0, self.angle_deg),
+            angle_deg=towards(15.0, self.angle_deg),
             near=towards(min(5.0, self.near_reward), self.near_reward),
             error=self.error_cost,
         )

@@ -123,7 +123,7 @@ class Targets:
         shipped = [path.read_bytes() for path in sorted((paths.share_dir() / "configs").glob("*"))]
         bodies = Path(files.__file__).parent / "users" / "data" / "described"
         described = [path.read_bytes() for path in sorted(bodies.glob("*.yaml"))]
-        users = sorted(paths.trained_users_dir().glob("*/card.json"))
+        users = sorted(paths.trained_users_dir().glob("whacamole_constrained/card.json"))
         card = users[0].read_bytes()
         return {
             "yaml": ([config, *shipped, *described], lambda b: parse_yaml(_text(b), "f", "YAML")),

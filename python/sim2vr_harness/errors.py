@@ -40,6 +40,7 @@ class UnusableFile(InputError):
         self.file, self.reason, self.instead = file, reason, instead
         hint = "" if instead is None else f"; the last good one is {str(instead)!r}"
         super().__init__("RUN", f"{str(file)!r} ({reason})", expected + hint)
+        self.expected = expected  # without the hint, for those who say it in other words
 
 
 def shown(value: object, longest: int = _LONGEST) -> str:

@@ -11,7 +11,7 @@ import yaml
 
 from sim2vr_harness.cli.options import writable_file
 from sim2vr_harness.client import OptionValue, describe_game, describe_level, list_games
-from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.errors import InputError
 
 __all__ = ["level"]
 

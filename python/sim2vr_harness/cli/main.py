@@ -16,13 +16,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 
 from sim2vr_harness import __version__
-from sim2vr_harness.cli import games, level, users
+from sim2vr_harness.cli import bench, games, level, users
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
-from sim2vr_harness.cli.options import TrustOption, finite, writable_file, writable_folder
+from sim2vr_harness.cli.options import (
+    SetOption,
+    TrustOption,
+    finite,
+    writable_file,
+    writable_folder,
+)
 from sim2vr_harness.cores import settle_torch
 
 if TYPE_CHECKING:
@@ -48,10 +53,6 @@ RunArgument = Annotated[
     typer.Argument(metavar="RUN", help="A run's folder, a checkpoint, or pretrained:NAME."),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")]
-SetOption = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a value: --set ppo.n_envs=4."),
-]
 EnvSetOption = Annotated[
     list[str] | None,
     typer.Option(
@@ -84,7 +85,7 @@ def _app_settings(
     app: str | None, arguments: list[str] | None, connect: str | None, protocol: int | None
 ) -> dict[str, Any]:
     """Return the settings of ``env.app`` that the options mean; none without any of them."""
-    from sim2vr_harness.training.errors import InputError
+    from sim2vr_harness.errors import InputError
 
     if protocol not in (None, 1, 2):
         raise InputError("--protocol", str(protocol), "1 or 2")
@@ -156,9 +157,9 @@ def train(
     trust_app: TrustOption = False,
 ) -> int:
     """Train a simulated user; Ctrl-C saves, --resume continues exactly."""
+    from sim2vr_harness.errors import InputError
     from sim2vr_harness.training import trainer
     from sim2vr_harness.training.config import load_config
-    from sim2vr_harness.training.errors import InputError
     from sim2vr_harness.training.run_folder import RunFolder
     from sim2vr_harness.training.trust import named_app, require_trust
 
@@ -382,12 +383,12 @@ def replay(
     json: JsonOption = False,
 ) -> None:
     """Play recorded rounds again and compare every event with the recording."""
+    from sim2vr_harness.errors import InputError
     from sim2vr_harness.evaluation.replay.film import ReplayFilm
     from sim2vr_harness.evaluation.replay.recordings import read_recordings
     from sim2vr_harness.evaluation.replay.replayer import Replay, replay_all
     from sim2vr_harness.evaluation.replay.report import ReplayReport
     from sim2vr_harness.evaluation.snapshot import parse_size
-    from sim2vr_harness.training.errors import InputError
 
     if fixed_step is not None and not 1e-4 <= fixed_step <= 1.0:
         raise InputError("--fixed-step", f"{fixed_step:g}", "a period from 0.0001 to 1 s")
@@ -474,83 +475,7 @@ def snapshot(
         typer.echo(f"Written: {file}")
 
 
-@app.command()
-def bench(
-    config: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[CONFIG]",
-            help="What to measure; without, Whac-A-Mole medium and the reference's user.",
-        ),
-    ] = None,
-    set_: SetOption = None,
-    scene: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="physics, render, env, train (these by default), senses, memory or all; may be "
-            "repeated, or a list with commas.",
-        ),
-    ] = None,
-    n: Annotated[str, typer.Option(metavar="LIST", help="Numbers of users, such as 16,64.")] = "64",
-    threads: Annotated[
-        str | None,
-        typer.Option(metavar="LIST", help="Numbers of threads, such as 1,2; one per core."),
-    ] = None,
-    transport: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="How render and env reach their apps: in_process (default), another transport "
-            "(docs/remote_apps.md), or all.",
-        ),
-    ] = None,
-    seconds: Annotated[float, typer.Option(help="Seconds per scene.", callback=finite)] = 2.0,
-    train_steps: Annotated[
-        int, typer.Option(help="User steps of a measured training iteration, at least.")
-    ] = 1000,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Add the JSON rows to this file.", callback=writable_file
-        ),
-    ] = None,
-    trust_app: TrustOption = False,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print JSON rows, one per line, nothing else.")
-    ] = False,
-) -> None:
-    """Measure how fast this machine simulates, draws and learns."""
-    from sim2vr_harness.bench.plan import Plan
-    from sim2vr_harness.bench.report import print_rows
-    from sim2vr_harness.bench.rows import append_rows
-    from sim2vr_harness.bench.run import run as measure
-    from sim2vr_harness.training.config import defaults, load_config
-    from sim2vr_harness.training.trust import named_app, require_trust
-
-    settings = load_config(config, set_ or []) if config else defaults(set_ or [])
-    source = Path(config or "the defaults")
-    require_trust(settings.env.app, source, named=named_app(set_ or []), trust=trust_app)
-    plan = Plan(
-        settings,
-        scene,
-        n=n,
-        threads=threads,
-        transport=transport,
-        seconds=seconds,
-        train_steps=train_steps,
-    )
-    console = Console(stderr=True)
-    with console.status("") as status:
-        rows = measure(plan, lambda stage: status.update(f"Measuring {escape(stage)}"))
-    if output is not None:
-        append_rows(output, rows)
-    if json:
-        sys.stdout.writelines(jsonlib.dumps(row) + "\n" for row in rows)
-        return
-    print_rows(rows, Console())
-    if output is not None:
-        typer.echo(f"Written: {output}")
+app.command("bench")(bench.bench)
 
 
 @app.command()

@@ -1,4 +1,4 @@
-"""Checks of option values that all commands share: numbers, and places to write to.
+"""What commands share: options, and checks of their values (numbers, places to write to).
 
 Before a command starts, so that nothing is played and then lost.
 """
@@ -13,9 +13,14 @@ from typing import Annotated, Any
 
 import typer
 
-from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.errors import InputError
 
-__all__ = ["TrustOption", "finite", "writable_file", "writable_folder"]
+__all__ = ["SetOption", "TrustOption", "finite", "writable_file", "writable_folder"]
+
+SetOption = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change a value: --set ppo.n_envs=4."),
+]
 
 TrustOption = Annotated[
     bool,

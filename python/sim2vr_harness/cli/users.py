@@ -197,7 +197,7 @@ def export(
     `python -m mujoco.viewer --mjcf=FILE` (or mujoco-studio) shows it; where there is no display,
     MUJOCO_GL=egl or osmesa draws without one.
     """
-    from sim2vr_harness.training.errors import InputError
+    from sim2vr_harness.errors import InputError
     from sim2vr_harness.users import Person, load_body
     from sim2vr_harness.users.bodies.export import export_body
 

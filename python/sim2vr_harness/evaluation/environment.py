@@ -8,8 +8,8 @@ from typing import Any
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.config import TrainingConfig, apply_overrides, parse_config
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.trust import named_app, require_trust
 
 __all__ = ["evaluation_env"]

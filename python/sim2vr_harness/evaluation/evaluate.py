@@ -14,6 +14,7 @@ from sim2vr_harness.client import Condition, GameFacts
 from sim2vr_harness.envs.apps import knows_options
 from sim2vr_harness.envs.config import EnvConfig, with_options
 from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.player import Player
@@ -23,7 +24,6 @@ from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
 from sim2vr_harness.evaluation.round_logs import RoundLogs
 from sim2vr_harness.evaluation.video import RoundFilmer
 from sim2vr_harness.training.config import TrainingConfig
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.trained_users import TrainedUser, find_user, require_contract
 
 __all__ = ["Evaluation", "Request", "evaluate"]

@@ -12,12 +12,12 @@ from typing import Any
 
 from sim2vr_harness.client import GameFacts, Measure
 from sim2vr_harness.envs.simulation import observation_space_of
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.curves import pack_curves
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.evaluation.player import new_policy
 from sim2vr_harness.training.config import first_difference
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
 from sim2vr_harness.training.trained_users import TrainedUser, find_user, pack
 from sim2vr_harness.training.trust import require_trust

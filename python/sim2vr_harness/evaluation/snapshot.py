@@ -13,11 +13,11 @@ from PIL import Image
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts, with_condition, with_game
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.pictures import BodyPainter, compose, score_text
 from sim2vr_harness.evaluation.player import Player
 from sim2vr_harness.files import naming
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.trained_users import find_user, require_contract
 
 __all__ = ["parse_size", "snapshot"]

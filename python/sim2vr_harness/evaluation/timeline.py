@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.client import Timeline, TimelineItem
-from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.errors import InputError
 
 __all__ = ["draw_timeline"]
 

@@ -28,8 +28,8 @@ from typing import TYPE_CHECKING, Any
 from sim2vr_harness.cores import settle_torch
 
 if TYPE_CHECKING:
+    from sim2vr_harness.errors import InputError
     from sim2vr_harness.training.config import TrainingConfig, load_config, parse_config
-    from sim2vr_harness.training.errors import InputError
     from sim2vr_harness.training.stages import Report
     from sim2vr_harness.training.trained_users import TrainedUser, find_user, list_cards
     from sim2vr_harness.training.trainer import TrainResult, train

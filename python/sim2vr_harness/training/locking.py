@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.errors import InputError
 
 __all__ = ["is_temporary", "sole_training", "sweep", "temporary_of"]
 

@@ -6,9 +6,9 @@ import ctypes
 import os
 import platform
 
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.buffer import buffer_bytes
 from sim2vr_harness.training.config import TrainingConfig
-from sim2vr_harness.training.errors import InputError
 
 __all__ = ["keep_freed_memory", "require_memory"]
 

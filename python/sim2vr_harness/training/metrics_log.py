@@ -12,8 +12,8 @@ from typing import Any
 
 from stable_baselines3.common.logger import KVWriter, Logger
 
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.config import TrainingConfig
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder, append_row
 
 __all__ = ["make_logger", "require_wandb"]

@@ -29,6 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness import __version__, paths
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.files import file_name, naming, read_json
 from sim2vr_harness.training.config import (
     TrainingConfig,
@@ -37,7 +38,6 @@ from sim2vr_harness.training.config import (
     read_mapping,
     to_yaml,
 )
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.locking import is_temporary, temporary_of
 from sim2vr_harness.training.retired import renamed
 

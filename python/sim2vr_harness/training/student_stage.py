@@ -16,10 +16,10 @@ from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.config import with_options
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.errors import UnusableFile
 from sim2vr_harness.training.checkpoint import DAMAGE, in_words, read_tensors, write_tensors
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.episodes import metric_key
-from sim2vr_harness.training.errors import UnusableFile
 from sim2vr_harness.training.finite import NotFinite, require_finite
 from sim2vr_harness.training.guide import TeacherGuide
 from sim2vr_harness.training.policy import UserPolicy

@@ -17,8 +17,8 @@ from sim2vr_harness.envs.config import EnvConfig, SenseConfig, body_of
 from sim2vr_harness.envs.games import game_facts, with_hand
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.envs.step_batch import StepBatch
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.games import ImaginedCondition, ImaginedGame, imagined_game, imagined_games
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.start_postures import StartPostures, find_start_postures
 from sim2vr_harness.training.teacher_config import TeacherConfig
 

@@ -14,9 +14,9 @@ import torch
 from rich.console import Console
 
 from sim2vr_harness.cores import torch_budget
+from sim2vr_harness.errors import InputError, UnusableFile
 from sim2vr_harness.training.checkpoint import require_readable
 from sim2vr_harness.training.config import TrainingConfig, first_difference
-from sim2vr_harness.training.errors import InputError, UnusableFile
 from sim2vr_harness.training.locking import sole_training
 from sim2vr_harness.training.memory import keep_freed_memory, require_memory
 from sim2vr_harness.training.metrics_log import require_wandb
@@ -184,8 +184,7 @@ def _with_offer(error: UnusableFile, folder: RunFolder) -> UnusableFile:
     command = f"sim2vr-harness train --resume {shlex.quote(str(folder.path))} --set-aside"
     where = "from that one" if error.instead else "with what is left"
     offer = f"; to go on {where} and keep this file as {_aside(error.file).name}: {command}"
-    expected = error.expected.partition("; the last good one is ")[0]
-    changed = UnusableFile(error.file, error.reason, expected, error.instead)
+    changed = UnusableFile(error.file, error.reason, error.expected, error.instead)
     changed.args = (f"{changed}{offer}",)
     return changed
 

@@ -19,8 +19,8 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.envs.config import AppConfig
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.config import apply_overrides
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import write_atomically
 
 __all__ = ["named_app", "remember", "require_trust", "state_folder"]

@@ -11,6 +11,7 @@ from fake_simulation import FakeSimulation
 
 from sim2vr_harness.client import Condition, GameFacts, describe_game, facts_of_outside
 from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation import evaluate as module
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
@@ -19,7 +20,6 @@ from sim2vr_harness.evaluation.player import Player
 from sim2vr_harness.evaluation.practised import unpractised
 from sim2vr_harness.evaluation.rollouts import Job, jobs_for, play
 from sim2vr_harness.training.config import TrainingConfig
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder
 from sim2vr_harness.training.trained_users import find_user
 

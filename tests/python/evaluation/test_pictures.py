@@ -16,13 +16,13 @@ from rich.console import Console
 
 from sim2vr_harness import paths
 from sim2vr_harness.client import GameFacts, Measure, describe_game
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation import pictures, video
 from sim2vr_harness.evaluation.curves import curve, pack_curves, plot
 from sim2vr_harness.evaluation.metrics import round_result
 from sim2vr_harness.evaluation.rollouts import Job
 from sim2vr_harness.evaluation.snapshot import parse_size, snapshot
 from sim2vr_harness.evaluation.tables import results_table
-from sim2vr_harness.training.errors import InputError
 
 WHACAMOLE = describe_game("whacamole")
 

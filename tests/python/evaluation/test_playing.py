@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 import sim2vr_harness
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.playing import UserPolicy
-from sim2vr_harness.training.errors import InputError
 
 
 @pytest.fixture(scope="module")

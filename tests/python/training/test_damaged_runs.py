@@ -20,8 +20,8 @@ from fake_simulation import FakeSimulation
 from rich.console import Console
 from test_trainer import ITERATION, assert_same_learner, rows_without_times, run, tiny
 
+from sim2vr_harness.errors import InputError, UnusableFile
 from sim2vr_harness.training import checkpoint, trainer
-from sim2vr_harness.training.errors import InputError, UnusableFile
 from sim2vr_harness.training.finite import NotFinite, first_not_finite
 from sim2vr_harness.training.interrupts import interrupts_deferred, interrupts_ignored
 from sim2vr_harness.training.locking import sole_training, sweep

@@ -10,7 +10,7 @@ import pytest
 import torch
 from tiny_distill import config, train, weights
 
-from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.guide import TeacherGuide
 from sim2vr_harness.training.run_folder import RunFolder
 from sim2vr_harness.training.stages import Report

@@ -12,10 +12,10 @@ import pytest
 import torch
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, NoiseConfig, UserConfig
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.games.whacamole.settings import Relaxation
 from sim2vr_harness.games.whacamole.twin import FIELDS
 from sim2vr_harness.training.config import apply_overrides
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.imagined import ImaginedRollouts
 from sim2vr_harness.training.imagined.body import fit_body
 from sim2vr_harness.training.imagined.experience import Experience, Motion

@@ -13,8 +13,8 @@ import torch
 from rich.console import Console
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.config import TrainingConfig, apply_overrides
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder, read_rows
 from sim2vr_harness.training.stages import run_stages
 from sim2vr_harness.training.start_postures import StartPostures

@@ -14,13 +14,13 @@ from sim2vr_harness.cli.main import main
 from sim2vr_harness.client import describe_game
 from sim2vr_harness.envs.contract import contract, contract_hash, differences
 from sim2vr_harness.envs.simulation import observation_space_of
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation import packing
 from sim2vr_harness.evaluation.evaluate import Request
 from sim2vr_harness.evaluation.packing import pack_measured
 from sim2vr_harness.evaluation.player import new_policy
 from sim2vr_harness.training import trained_users
 from sim2vr_harness.training.config import load_config
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder
 from sim2vr_harness.training.trained_users import find_user, list_cards, open_packed
 

@@ -20,10 +20,10 @@ from fake_simulation import FakeSimulation
 from rich.console import Console
 
 from sim2vr_harness.client import describe_game
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.training import checkpoint, trainer
 from sim2vr_harness.training.config import LearningRateConfig, TrainingConfig, parse_config
 from sim2vr_harness.training.episodes import episode_means
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.ppo import LearningRate
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
 

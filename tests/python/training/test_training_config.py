@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.config import (
     TrainingConfig,
     apply_overrides,
@@ -13,7 +14,6 @@ from sim2vr_harness.training.config import (
     parse_config,
     to_yaml,
 )
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.ppo import LearningRate
 from sim2vr_harness.training.retired import renamed
 

@@ -13,8 +13,8 @@ from fake_simulation import FakeSimulation
 
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.envs.config import AppConfig
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.playing import UserPolicy
-from sim2vr_harness.training.errors import InputError
 from sim2vr_harness.training.run_folder import RunFolder
 from sim2vr_harness.training.trust import named_app, remember, require_trust, state_folder
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.client import ClockSettings, frame_time_ns
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.replay.recordings import Recording
-from sim2vr_harness.training.errors import InputError
 
 __all__ = ["Timing", "printed", "timing_of"]
 

@@ -69,7 +69,7 @@ class Drives:
         actions = actions.clamp(-1.0, 1.0)
         aim = (drives + actions).clamp(0.0, 1.0)
         if len(self.motors):
-            smoothed = 0.1 * drives + 0.9 * aim
+            smoothed = Motor.KEPT * drives + (1.0 - Motor.KEPT) * aim
             aim = torch.where(self._are(self.motors), smoothed, aim)
         if len(self._direct):
             aim = torch.where(self._are(self._direct), 0.5 * (actions + 1.0), aim)

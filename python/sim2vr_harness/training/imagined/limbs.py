@@ -63,8 +63,7 @@ def _apart(body: Body) -> list[Limb]:
     locked = {c.dependent for c in body.couplings if not any(c.coefficients[1:])}
     moves = [model.joint(i).name not in locked for i in range(model.njnt)]
     for i in range(1, model.nbody):  # a joint, and the nearest one above it
-        first, own = int(model.body_jntadr[i]), []
-        own = [j for j in range(first, first + int(model.body_jntnum[i])) if moves[j]]
+        own = _own(model, i, moves)
         if own:
             join([*own, *_above(model, i, moves)])
     for coupling in body.couplings:
@@ -84,12 +83,17 @@ def _apart(body: Body) -> list[Limb]:
     ]
 
 
+def _own(model: mujoco.MjModel, body: int, moves: list[bool]) -> list[int]:
+    """The joints of a body that move."""
+    first = int(model.body_jntadr[body])
+    return [j for j in range(first, first + int(model.body_jntnum[body])) if moves[j]]
+
+
 def _above(model: mujoco.MjModel, body: int, moves: list[bool]) -> list[int]:
     """The nearest moving joint above a body; empty if there is none."""
     above = int(model.body_parentid[body])
     while above != 0:
-        first = int(model.body_jntadr[above])
-        own = [j for j in range(first, first + int(model.body_jntnum[above])) if moves[j]]
+        own = _own(model, above, moves)
         if own:
             return own[-1:]
         above = int(model.body_parentid[above])

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from sim2vr_harness.training.errors import InputError
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.imagined.body import BodyModel, fit_body
 from sim2vr_harness.training.imagined.collecting import Collector
 from sim2vr_harness.training.imagined.critic import Critic

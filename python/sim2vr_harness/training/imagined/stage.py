@@ -12,9 +12,9 @@ from typing import Any
 
 from torch import Tensor
 
+from sim2vr_harness.errors import UnusableFile
 from sim2vr_harness.training.checkpoint import DAMAGE, in_words, read_tensors, write_tensors
 from sim2vr_harness.training.config import TrainingConfig
-from sim2vr_harness.training.errors import UnusableFile
 from sim2vr_harness.training.finite import NotFinite, require_finite
 from sim2vr_harness.training.imagined.rollouts import CycleReport, ImaginedRollouts
 from sim2vr_harness.training.progress import View

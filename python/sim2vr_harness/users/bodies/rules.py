@@ -103,10 +103,13 @@ class Motor(_Ranged):
 
     name = "motor"
     remembers = True
+    KEPT = 0.1
+    """Share of the memory that a step keeps."""
 
     def control(self, action: FloatArray, act: FloatArray, memory: FloatArray) -> FloatArray:
         """See the base class."""
-        memory[:] = 0.1 * memory + 0.9 * np.clip(memory + action, 0.0, 1.0)
+        aim = np.clip(memory + action, 0.0, 1.0)
+        memory[:] = self.KEPT * memory + (1.0 - self.KEPT) * aim
         return self._low + memory * self._span
 
 

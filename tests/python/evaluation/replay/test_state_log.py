@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from sim2vr_harness import paths
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.replay.state_log import StateLog, read_state_log
-from sim2vr_harness.training.errors import InputError
 
 FIXTURE = Path(__file__).resolve().parents[3] / "data" / "whacamole_round"
 AXES = ("pos_x", "pos_y", "pos_z", "quat_x", "quat_y", "quat_z", "quat_w")

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.replay.recordings import Event, Recording
 from sim2vr_harness.evaluation.replay.timing import printed, spawn_schedule, timing_of
-from sim2vr_harness.training.errors import InputError
 
 PERIOD_20HZ_S = 0.04999999701976776  # the largest binary32 below 0.05
 STEP_70HZ_S = 0.014285714365541935  # binary32 of 0.014285714

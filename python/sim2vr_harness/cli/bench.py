@@ -1,0 +1,94 @@
+"""``sim2vr-harness bench``: how fast this machine simulates, draws and learns."""
+
+from __future__ import annotations
+
+import json as jsonlib
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from sim2vr_harness.cli.options import SetOption, TrustOption, finite, writable_file
+
+__all__ = ["bench"]
+
+
+def bench(
+    config: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[CONFIG]",
+            help="What to measure; without, Whac-A-Mole medium and the reference's user.",
+        ),
+    ] = None,
+    set_: SetOption = None,
+    scene: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="physics, render, env, train (these by default), senses, memory or all; may be "
+            "repeated, or a list with commas.",
+        ),
+    ] = None,
+    n: Annotated[str, typer.Option(metavar="LIST", help="Numbers of users, such as 16,64.")] = "64",
+    threads: Annotated[
+        str | None,
+        typer.Option(metavar="LIST", help="Numbers of threads, such as 1,2; one per core."),
+    ] = None,
+    transport: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="How render and env reach their apps: in_process (default), another transport "
+            "(docs/remote_apps.md), or all.",
+        ),
+    ] = None,
+    seconds: Annotated[float, typer.Option(help="Seconds per scene.", callback=finite)] = 2.0,
+    train_steps: Annotated[
+        int, typer.Option(help="User steps of a measured training iteration, at least.")
+    ] = 1000,
+    output: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="Add the JSON rows to this file.", callback=writable_file
+        ),
+    ] = None,
+    trust_app: TrustOption = False,
+    json: Annotated[
+        bool, typer.Option("--json", help="Print JSON rows, one per line, nothing else.")
+    ] = False,
+) -> None:
+    """Measure how fast this machine simulates, draws and learns."""
+    from sim2vr_harness.bench.plan import Plan
+    from sim2vr_harness.bench.report import print_rows
+    from sim2vr_harness.bench.rows import append_rows
+    from sim2vr_harness.bench.run import run as measure
+    from sim2vr_harness.training.config import defaults, load_config
+    from sim2vr_harness.training.trust import named_app, require_trust
+
+    settings = load_config(config, set_ or []) if config else defaults(set_ or [])
+    source = Path(config or "the defaults")
+    require_trust(settings.env.app, source, named=named_app(set_ or []), trust=trust_app)
+    plan = Plan(
+        settings,
+        scene,
+        n=n,
+        threads=threads,
+        transport=transport,
+        seconds=seconds,
+        train_steps=train_steps,
+    )
+    console = Console(stderr=True)
+    with console.status("") as status:
+        rows = measure(plan, lambda stage: status.update(f"Measuring {escape(stage)}"))
+    if output is not None:
+        append_rows(output, rows)
+    if json:
+        sys.stdout.writelines(jsonlib.dumps(row) + "\n" for row in rows)
+        return
+    print_rows(rows, Console())
+    if output is not None:
+        typer.echo(f"Written: {output}")

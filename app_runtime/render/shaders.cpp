@@ -39,7 +39,7 @@ std::string shaderText(std::string_view file_name) {
     std::ifstream file(std::filesystem::path(folder) / file_name);
     if (file) return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
   }
-  const auto found = embeddedShaders().find(file_name);
+  const auto found = embeddedShaders().find(std::string(file_name));
   if (found == embeddedShaders().end()) {
     throw RenderError(fmt::format("there is no shader file '{}'", file_name));
   }

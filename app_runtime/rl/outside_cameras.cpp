@@ -28,14 +28,6 @@ const std::array<View, 2>& views() {
   return both;
 }
 
-Quat lookAlong(const Vec3& direction) {
-  const Vec3 forward = direction.normalized();
-  const Vec3 right = Vec3::UnitY().cross(forward).normalized();
-  Eigen::Matrix3d axes;
-  axes << right, forward.cross(right), forward;
-  return Quat(axes);
-}
-
 // The head's rotation about the vertical alone; straight ahead for one that looks up or down.
 Quat heading(const Quat& head) {
   Vec3 ahead = head * Vec3::UnitZ();

@@ -36,14 +36,6 @@ const std::array<View, 2>& views() {
   return both;
 }
 
-Quat lookAlong(const Vec3& direction) {
-  const Vec3 forward = direction.normalized();
-  const Vec3 right = Vec3::UnitY().cross(forward).normalized();
-  Eigen::Matrix3d axes;
-  axes << right, forward.cross(right), forward;
-  return Quat(axes);
-}
-
 }  // namespace
 
 scene::GameObject& addRoomLooks(scene::Scene& scene) {

@@ -176,14 +176,6 @@ MeshPtr floorArrow() {
 // Turns what was made around y.
 Quat aroundAxis(const Vec3& axis) { return Quat::FromTwoVectors(Vec3::UnitY(), axis); }
 
-Quat lookAlong(const Vec3& direction) {
-  const Vec3 forward = direction.normalized();
-  const Vec3 right = Vec3::UnitY().cross(forward).normalized();
-  Eigen::Matrix3d axes;
-  axes << right, forward.cross(right), forward;
-  return Quat(axes);
-}
-
 render::DirectionalLight& addLight(scene::Scene& scene, const std::string& name, const Vec3& travel,
                                    float intensity) {
   scene::GameObject& object = scene.create(name);

@@ -28,7 +28,6 @@ from typing import TYPE_CHECKING, Any
 from sim2vr_harness.cores import settle_torch
 
 if TYPE_CHECKING:
-    from sim2vr_harness.errors import InputError
     from sim2vr_harness.training.config import TrainingConfig, load_config, parse_config
     from sim2vr_harness.training.stages import Report
     from sim2vr_harness.training.trained_users import TrainedUser, find_user, list_cards
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
     from sim2vr_harness.training.vec_env import SimulationVecEnv
 
 __all__ = [
-    "InputError",
     "Report",
     "SimulationVecEnv",
     "TrainResult",
@@ -50,7 +48,6 @@ __all__ = [
 ]
 
 _HOMES = {
-    "InputError": "errors",
     "Report": "stages",
     "SimulationVecEnv": "vec_env",
     "TrainResult": "trainer",

@@ -12,6 +12,15 @@ using Quat = Eigen::Quaterniond;
 
 inline Quat identityRotation() { return Quat::Identity(); }
 
+/// Rotation that turns z (forward) along `direction` and keeps x level; not for straight up or down.
+inline Quat lookAlong(const Vec3& direction) {
+  const Vec3 forward = direction.normalized();
+  const Vec3 right = Vec3::UnitY().cross(forward).normalized();
+  Eigen::Matrix3d axes;
+  axes << right, forward.cross(right), forward;
+  return Quat(axes);
+}
+
 /// Rigid pose a_T_b: maps coordinates of frame b to frame a. Position in metres.
 struct Pose {
   Vec3 position = Vec3::Zero();

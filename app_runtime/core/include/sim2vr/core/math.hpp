@@ -12,7 +12,8 @@ using Quat = Eigen::Quaterniond;
 
 inline Quat identityRotation() { return Quat::Identity(); }
 
-/// Rotation that turns z (forward) along `direction` and keeps x level; not for straight up or down.
+/// Rotation that turns z (forward) along `direction` and keeps x level; not for straight up or
+/// down.
 inline Quat lookAlong(const Vec3& direction) {
   const Vec3 forward = direction.normalized();
   const Vec3 right = Vec3::UnitY().cross(forward).normalized();

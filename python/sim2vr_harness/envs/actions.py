@@ -49,6 +49,8 @@ class Actions:
         """(N, F) values of the inputs, 0 at rest."""
         self.gaze_deg: FloatArray = np.zeros((n, len(gaze)))
         """(N, 2) gaze, degrees right and up; (N, 0) where it does not move."""
+        self.last: FloatArray = np.zeros((n, len(self.names)))
+        """(N, A) of the last user step, in [-1, 1]; 0 after a reset."""
 
     def take(self, actions: ArrayLike) -> Any:
         """Moves fingers and eyes; returns the body's part.
@@ -80,13 +82,18 @@ class Actions:
         self.gaze_deg[...] = extra[:, len(self._inputs) :] * self._gaze_range_deg
         return given[:, : self._body]
 
+    def remember(self, actions: ArrayLike) -> None:
+        """Note what was done in a user step, (N, A)."""
+        np.clip(actions, -1.0, 1.0, out=self.last)
+
     def _press(self, actions: FloatArray) -> None:
         analogue = self._low + (actions + 1.0) / 2.0 * (1.0 - self._low)
         pressed = (actions > PRESS) | ((self.input_values > 0.0) & (actions >= RELEASE))
         self.input_values[...] = np.where(self._digital, pressed, analogue)
 
     def reset(self, ids: NDArray[np.int64]) -> None:
-        """Lets go of all inputs and looks straight ahead, for these users."""
+        """Lets go of all inputs, looks straight ahead and has done nothing, for these users."""
+        self.last[ids] = 0.0
         self.input_values[ids] = 0.0
         self.gaze_deg[ids] = 0.0
 
@@ -114,8 +121,11 @@ class Actions:
         return rows
 
     def get_state(self, i: int) -> dict[str, Any]:
-        """Copies of what user i's fingers and eyes do."""
-        return {"inputs": self.input_values[i].copy(), "gaze_deg": self.gaze_deg[i].copy()}
+        """Copies of what user i's fingers and eyes do, and of the last actions."""
+        return {name: array[i].copy() for name, array in self._state()}
+
+    def _state(self) -> tuple[tuple[str, FloatArray], ...]:
+        return ("inputs", self.input_values), ("gaze_deg", self.gaze_deg), ("last", self.last)
 
     def set_state(self, i: int, state: Mapping[str, Any]) -> None:
         """Restores what :meth:`get_state` returned.
@@ -123,7 +133,7 @@ class Actions:
         Raises:
             ValueError: it is of other inputs.
         """
-        for name, array in (("inputs", self.input_values), ("gaze_deg", self.gaze_deg)):
+        for name, array in self._state():
             if np.shape(state[name]) != array.shape[1:]:
                 raise ValueError(
                     f"state {name}: got {np.shape(state[name])}, expected {array.shape[1:]}"

@@ -40,16 +40,19 @@ def make_actions(config: EnvConfig, n: int, body: Body) -> Actions:
                 f"user.inputs: got {name!r}, expected inputs of what the body wears: "
                 f"{', '.join(body.devices)}"
             )
-    reach = 0.0
-    if config.vision.foveation is not None and config.gaze_moves:
-        reach = config.vision.foveation.gaze_range_deg
-    return Actions(n, body.action_names, config.user.inputs, reach)
+    return Actions(n, body.action_names, config.user.inputs, _gaze_range_deg(config))
+
+
+def _gaze_range_deg(config: EnvConfig) -> float:
+    """How far the eyes turn; 0: they do not."""
+    fovea = config.vision.foveation
+    return 0.0 if fovea is None or not config.gaze_moves else fovea.gaze_range_deg
 
 
 def make_perception(
-    config: EnvConfig, n: int, proprioception: Proprioception, substeps: int
+    config: EnvConfig, n: int, proprioception: Proprioception, substeps: int, actions: int
 ) -> Perception:
-    """The senses of N users.
+    """The senses of N users, who have so many actions each.
 
     Raises:
         ValueError: a setting that cannot be used; names it, what was got and what was expected.
@@ -76,7 +79,8 @@ def make_perception(
         width=vision.width,
         foveation=foveation,
         inputs=config.user.inputs,
-        gaze_range_deg=0.0 if fovea is None or not config.gaze_moves else fovea.gaze_range_deg,
+        gaze_range_deg=_gaze_range_deg(config),
+        actions=actions,
     )
     return Perception([make_sense(sense, around) for sense in config.senses])
 
@@ -110,6 +114,7 @@ class Senses:
             replied_s=np.zeros(users.n),
             inputs=actions.input_values,
             gaze_deg=actions.gaze_deg,
+            actions=actions.last,
         )
         self._events = bool({"haptics", "sounds"} & perception.needs.keys())
         self.pauses = perception.pauses(self._moment)

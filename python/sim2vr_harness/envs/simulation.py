@@ -28,7 +28,7 @@ from sim2vr_harness.envs.games import game_facts, with_hand
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
 from sim2vr_harness.envs.states import packed, unpacked
 from sim2vr_harness.envs.step_batch import StepBatch
-from sim2vr_harness.perception import Proprioception
+from sim2vr_harness.perception import Proprioception, Sense
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.bodies import DEVICES
@@ -94,7 +94,9 @@ class Simulation:
         )
         self.proprioception = Proprioception(self.body)
         self.actions = make_actions(config, n, self.body)
-        perception = make_perception(config, n, self.proprioception, substeps)
+        perception = make_perception(
+            config, n, self.proprioception, substeps, len(self.actions.names)
+        )
         self.observation_space = perception.space
         self.action_space = self.actions.space
         self.max_steps = max(1, round(config.max_episode_seconds * config.action_frequency_hz))
@@ -127,6 +129,14 @@ class Simulation:
     def renderer_description(self) -> str:
         """The GL renderer that draws the headset images."""
         return self.apps[0].renderer_description
+
+    def watch(self, sense: Sense) -> None:
+        """Let somebody beside the users take in what they go through, from the next reset on.
+
+        Args:
+            sense: see :meth:`Perception.watch`; a saved state holds its past, too.
+        """
+        self._senses.perception.watch(sense)
 
     # --- episodes ----------------------------------------------------------------------------
 
@@ -227,6 +237,7 @@ class Simulation:
         frames = self.config.frames_per_step
         body = self.actions.take(actions)
         self.users.step(body, pose_samples=frames, pauses=self._senses.pauses)
+        self.actions.remember(actions)
         diverged = self.users.diverged & active
         asked = active & ~diverged
         cost = np.where(asked, self.users.effort_cost + self._finger_cost(), 0.0)
@@ -398,7 +409,8 @@ def observation_space_of(config: EnvConfig) -> spaces.Dict:
     """What the users of a simulation with this configuration would observe."""
     body = body_of(config.user)
     substeps = _substeps(config.action_frequency_hz, body.timestep)
-    return make_perception(config, 1, Proprioception(body), substeps).space
+    actions = len(make_actions(config, 1, body).names)
+    return make_perception(config, 1, Proprioception(body), substeps, actions).space
 
 
 def _noise(config: NoiseConfig) -> MotorNoiseSettings | None:

@@ -10,7 +10,7 @@ from sim2vr_harness.errors import reason
 
 __all__ = ["packed", "unpacked"]
 
-_FORMAT = "sim2vr simulation state 3"
+_FORMAT = "sim2vr simulation state 4"
 
 
 def packed(n: int, parts: dict[str, Any]) -> bytes:

@@ -17,7 +17,7 @@ from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.perception.sense import IntArray, Moment, Sense, Sensed, float_space, rows_of
 from sim2vr_harness.perception.sound import Hearing
 from sim2vr_harness.perception.vision import vision
-from sim2vr_harness.perception.wrappers import Delayed, History, Noisy
+from sim2vr_harness.perception.wrappers import Delayed, History, Noisy, Stacked
 from sim2vr_harness.settings import Settings, Weight
 
 __all__ = ["SENSES", "WRAPPERS", "SenseConfig", "SenseKind", "Surroundings", "make_sense"]
@@ -40,6 +40,7 @@ class Surroundings:
         foveation: how their resolution falls, or None.
         inputs: names of the inputs that the fingers work, in the order of the actions.
         gaze_range_deg: how far from straight ahead the eyes turn; 0: they do not.
+        actions: how many actions a user step has.
     """
 
     n: int
@@ -54,6 +55,7 @@ class Surroundings:
     foveation: Foveation | None = None
     inputs: tuple[str, ...] = ()
     gaze_range_deg: float = 0.0
+    actions: int = 0
 
     @property
     def step_seconds(self) -> float:
@@ -65,10 +67,10 @@ class SenseConfig(Settings):
     """One of the user's senses, and what is wrapped around it (docs/senses.md)."""
 
     sense: str
-    """Which: vision, proprioception, time, haptics, sound, fingers or gaze."""
+    """Which: vision, proprioception, time, haptics, sound, fingers, gaze or actions."""
     name: str | None = Field(default=None, min_length=1)
     """Its key in the observation; None: vision, proprioception, stateful_information (time),
-    haptics, sound, fingers, gaze."""
+    haptics, sound, fingers, gaze, actions."""
     delay_ms: float = Field(default=0.0, ge=0.0, le=60_000.0)
     """How late it is perceived: a multiple of the physics step. Pictures, which exist for app
     frames only, are the youngest that are not younger; see ``frames_per_step``."""
@@ -77,6 +79,9 @@ class SenseConfig(Settings):
     scale."""
     history_s: float | None = Field(default=None, gt=0.0, le=60.0)
     """Stacks behind the newest what was so many seconds before: a multiple of the user step."""
+    stack_s: float | None = Field(default=None, gt=0.0, le=60.0)
+    """Stacks everything of the last so many seconds, the newest first: a multiple of the user step.
+    0.2 at 20 Hz is the last four."""
 
 
 @dataclass(frozen=True)
@@ -143,6 +148,13 @@ def _gaze(name: str, around: Surroundings) -> Sense:
     return Sensed(name, float_space(-1.0, 1.0, 2), around.n, look)
 
 
+def _actions(name: str, around: Surroundings) -> Sense:
+    def look(moment: Moment, ids: IntArray | None) -> NDArray[Any]:
+        return moment.actions[rows_of(ids)]
+
+    return Sensed(name, float_space(-1.0, 1.0, around.actions), around.n, look)
+
+
 SENSES: dict[str, SenseKind] = {
     "vision": SenseKind("vision", "the headset's picture", _vision),
     "proprioception": SenseKind("proprioception", "the own body", _proprioception),
@@ -155,6 +167,7 @@ SENSES: dict[str, SenseKind] = {
     ),
     "fingers": SenseKind("fingers", "how far the fingers press their inputs", _fingers),
     "gaze": SenseKind("gaze", "where in the head the eyes look", _gaze),
+    "actions": SenseKind("actions", "what the user did last (an efference copy)", _actions),
 }
 """Every sense by the name that configurations use."""
 
@@ -162,12 +175,13 @@ WRAPPERS: dict[str, str] = {
     "delay_ms": "a delay line, in ms",
     "noise": "Gaussian noise, a standard deviation",
     "history_s": "the newest and, behind it, what was so many seconds before",
+    "stack_s": "all user steps of the last so many seconds, the newest first",
 }
 """What can be done to any sense: its setting and what that is."""
 
 
 def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
-    """The sense with everything that is wrapped around it: delay, then noise, then history.
+    """The sense and what is wrapped around it: delay, then noise, then history or stack.
 
     Raises:
         ValueError: an unknown sense, or a setting that cannot be used; names it.
@@ -188,6 +202,8 @@ def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
             sense = Noisy(sense, settings.noise)
         if settings.history_s is not None:
             sense = History(sense, settings.history_s, step_seconds=around.step_seconds)
+        if settings.stack_s is not None:
+            sense = Stacked(sense, settings.stack_s, step_seconds=around.step_seconds)
     except ValueError as error:
         raise ValueError(f"senses, {settings.sense}: {error}") from None
     return sense

@@ -71,6 +71,7 @@ class Moment:
         head_poses: returns (N, 7) poses of the heads, app frame.
         inputs: (N, F) values of the inputs that the fingers work.
         gaze_deg: (N, 2) direction of gaze in the head, degrees right and up.
+        actions: (N, A) the last user step's actions in [-1, 1], 0 after a reset.
     """
 
     users: UserBatch
@@ -82,6 +83,7 @@ class Moment:
     replied_s: FloatArray = field(default_factory=lambda: np.zeros(0))
     inputs: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
     gaze_deg: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    actions: FloatArray = field(default_factory=lambda: np.zeros((0, 0)))
 
 
 class Sense(Protocol):

@@ -22,10 +22,23 @@ class Perception:
 
     def __init__(self, senses: Sequence[Sense]) -> None:
         self.senses = tuple(senses)
+        self._watching: list[Sense] = []
         self.space = spaces.Dict({sense.name: sense.space for sense in senses})
         frames = {sense.frame for sense in senses} - {-1}
         self.drawn_frame = frames.pop() if frames else -1
         """Which of a step's app frames is to be drawn; -1 the last."""
+
+    def watch(self, sense: Sense) -> None:
+        """Let somebody beside the users take in what they go through; no part of the observation.
+
+        Args:
+            sense: takes whole steps; its past is saved and restored with the users'.
+        """
+        self._watching.append(sense)
+
+    @property
+    def _all(self) -> tuple[Sense, ...]:
+        return (*self.senses, *self._watching)
 
     @property
     def needs(self) -> dict[str, str]:
@@ -50,12 +63,12 @@ class Perception:
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
         """Forgets the past of these users; see :meth:`Sense.reset`."""
-        for sense in self.senses:
+        for sense in self._all:
             sense.reset(ids, seeds)
 
     def take(self, moment: Moment, ids: IntArray | None) -> None:
         """Takes in the end of a step or a reset; see :meth:`Sense.take`."""
-        for sense in self.senses:
+        for sense in self._all:
             sense.take(moment, ids)
 
     def observe(self) -> dict[str, NDArray[Any]]:
@@ -64,7 +77,7 @@ class Perception:
 
     def get_state(self, i: int) -> dict[str, Any]:
         """Everything that user i's future perception depends on."""
-        return {sense.name: sense.get_state(i) for sense in self.senses}
+        return {sense.name: sense.get_state(i) for sense in self._all}
 
     def set_state(self, i: int, state: Mapping[str, Any]) -> None:
         """Restores what :meth:`get_state` returned.
@@ -72,8 +85,8 @@ class Perception:
         Raises:
             ValueError: the state is of other senses.
         """
-        expected = [sense.name for sense in self.senses]
+        expected = [sense.name for sense in self._all]
         if sorted(state) != sorted(expected):
             raise ValueError(f"state: got the senses {sorted(state)}, expected {sorted(expected)}")
-        for sense in self.senses:
+        for sense in self._all:
             sense.set_state(i, state[sense.name])

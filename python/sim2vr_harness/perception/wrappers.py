@@ -14,7 +14,7 @@ from scipy.special import ndtri
 
 from sim2vr_harness.perception.sense import IntArray, Moment, Sense, restore, rows_of
 
-__all__ = ["Delayed", "History", "Noisy"]
+__all__ = ["Delayed", "History", "Noisy", "Stacked"]
 
 
 class _Wrapper:
@@ -74,6 +74,11 @@ class _Ring:
         if first.any():
             self._values[rows[first]] = values[first][:, None]
             self._fresh[rows] = False
+
+    def all(self) -> NDArray[Any]:
+        """(N, back + 1, ...) a copy, the newest first."""
+        order = (self._newest[:, None] - np.arange(self._back + 1)) % (self._back + 1)
+        return self._values[np.arange(len(order))[:, None], order]
 
     def newest(self) -> NDArray[Any]:
         """(N, ...) a copy."""
@@ -256,7 +261,54 @@ class Noisy(_Wrapper):
         self._streams[i].bit_generator.state = json.loads(bytes(state["stream"]))
 
 
-class History(_Wrapper):
+class _Remembering(_Wrapper):
+    """A sense with a memory of whole user steps."""
+
+    def __init__(self, sense: Sense, steps: int) -> None:
+        super().__init__(sense)
+        self._ring = _Ring(sense.name, len(sense.observe()), sense.space, steps)
+
+    def reset(self, ids: IntArray, seeds: IntArray) -> None:
+        """See :class:`Sense`."""
+        super().reset(ids, seeds)
+        self._ring.forget(ids)
+
+    def take(self, moment: Moment, ids: IntArray | None) -> None:
+        """See :class:`Sense`."""
+        self.sense.take(moment, ids)
+        self._ring.push(self.sense.observe()[rows_of(ids)], ids)
+
+    def get_state(self, i: int) -> dict[str, Any]:
+        """See :class:`Sense`."""
+        return super().get_state(i) | {"memory": self._ring.get_state(i)}
+
+    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
+        """See :class:`Sense`."""
+        super().set_state(i, state)
+        self._ring.set_state(i, state["memory"])
+
+
+def _times(space: spaces.Box[Any], count: int) -> spaces.Box[Any]:
+    """Of ``count`` values, one behind the other on the first axis."""
+    return spaces.Box(
+        np.concatenate([space.low] * count),
+        np.concatenate([space.high] * count),
+        dtype=space.dtype.type,
+    )
+
+
+def _steps(name: str, seconds: float, step_seconds: float, least: int) -> int:
+    # Rounded, not truncated, since 0.15 / 0.05 is a hair below 3 in floating point.
+    steps = round(seconds / step_seconds)
+    if steps < least or abs(steps * step_seconds - seconds) > 1e-6:
+        raise ValueError(
+            f"{name}: got {seconds}, expected a multiple of the user step, "
+            f"{step_seconds:g} s, above {step_seconds * (least - 1):g}"
+        )
+    return steps
+
+
+class History(_Remembering):
     """The newest values, and behind them (first axis) those of ``seconds`` before.
 
     The reference's stack of "newest and oldest": its Beats user has 0.2 s, that is 5 pictures at
@@ -272,41 +324,34 @@ class History(_Wrapper):
     """
 
     def __init__(self, sense: Sense, seconds: float, *, step_seconds: float) -> None:
-        super().__init__(sense)
-        # Rounded, not truncated, since 0.15 / 0.05 is a hair below 3 in floating point.
-        steps = round(seconds / step_seconds)
-        if steps < 1 or abs(steps * step_seconds - seconds) > 1e-6:
-            raise ValueError(
-                f"history_s: got {seconds}, expected a multiple of the user step, "
-                f"{step_seconds:g} s, above 0"
-            )
-        inner = sense.space
-        self._ring = _Ring(sense.name, len(sense.observe()), inner, steps)
-        self.space = spaces.Box(
-            np.concatenate([inner.low, inner.low]),
-            np.concatenate([inner.high, inner.high]),
-            dtype=inner.dtype.type,
-        )
-
-    def reset(self, ids: IntArray, seeds: IntArray) -> None:
-        """See :class:`Sense`."""
-        super().reset(ids, seeds)
-        self._ring.forget(ids)
-
-    def take(self, moment: Moment, ids: IntArray | None) -> None:
-        """See :class:`Sense`."""
-        self.sense.take(moment, ids)
-        self._ring.push(self.sense.observe()[rows_of(ids)], ids)
+        super().__init__(sense, _steps("history_s", seconds, step_seconds, 1))
+        self.space = _times(sense.space, 2)
 
     def observe(self) -> NDArray[Any]:
         """See :class:`Sense`."""
         return np.concatenate([self._ring.newest(), self._ring.oldest()], axis=1)
 
-    def get_state(self, i: int) -> dict[str, Any]:
-        """See :class:`Sense`."""
-        return super().get_state(i) | {"memory": self._ring.get_state(i)}
 
-    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
+class Stacked(_Remembering):
+    """The values of the last ``seconds``, one behind the other (first axis), the newest first.
+
+    After a reset all of them are the first value.
+
+    Args:
+        sense: what is remembered.
+        seconds: multiple of the user step, above one step.
+        step_seconds: duration of a user step.
+
+    Raises:
+        ValueError: the time is no multiple of the step.
+    """
+
+    def __init__(self, sense: Sense, seconds: float, *, step_seconds: float) -> None:
+        steps = _steps("stack_s", seconds, step_seconds, 2)
+        super().__init__(sense, steps - 1)
+        self.space = _times(sense.space, steps)
+
+    def observe(self) -> NDArray[Any]:
         """See :class:`Sense`."""
-        super().set_state(i, state)
-        self._ring.set_state(i, state["memory"])
+        values = self._ring.all()
+        return values.reshape(len(values), -1, *values.shape[3:])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -337,3 +338,25 @@ def test_the_sample_is_felt_and_heard_where_it_is_touched(
             assert not seen["sound"].any()
     assert touches >= 2
     simulation.close()
+
+
+def test_an_efference_copy_has_the_actions_of_the_last_steps() -> None:
+    senses = ({"sense": "actions", "stack_s": 0.1},)
+    with closing(Simulation(config(vision=SMALL, senses=senses), 2)) as simulation:
+        simulation.reset(seeds=[1, 2])
+        count = simulation.action_space.shape[0]
+        assert not simulation.observation()["actions"].any()
+        first = np.linspace(-2.0, 1.0, 2 * count).reshape(2, count)
+        simulation.step(first)
+        simulation.step(np.full((2, count), 0.25))
+        expected = np.concatenate([np.full((2, count), 0.25), np.clip(first, -1.0, 1.0)], axis=1)
+        np.testing.assert_array_equal(
+            simulation.observation()["actions"], expected.astype(np.float32)
+        )
+        state = simulation.save_state()
+        simulation.reset([1])
+        assert not simulation.observation()["actions"][1].any()
+        simulation.load_state(state)
+        np.testing.assert_array_equal(
+            simulation.observation()["actions"], expected.astype(np.float32)
+        )

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from perception_fakes import SUBSTEPS, TIMESTEP_S, World, clock
 
-from sim2vr_harness.perception import Delayed, History, Noisy, Sense
+from sim2vr_harness.perception import Delayed, History, Noisy, Sense, Stacked
 from sim2vr_harness.perception.vision import vision
 
 
@@ -179,3 +179,24 @@ def test_wrong_settings() -> None:
         other.perception.set_state(0, one.perception.get_state(0))
     with pytest.raises(ValueError, match=r"state: got the senses \['clock'\], expected"):
         World(1, picture()).perception.set_state(0, one.perception.get_state(0))
+
+
+def test_a_stack_has_every_step_the_newest_first() -> None:
+    world = World(2, Stacked(clock(2), 0.2, step_seconds=0.05))
+    world.reset([0, 1])
+    assert world.perception.observe()["clock"].shape == (2, 4)
+    for _ in range(2):
+        world.step()
+    np.testing.assert_allclose(world.perception.observe()["clock"][0], [100, 50, 0, 0], atol=1e-4)
+    for _ in range(3):
+        world.step()
+    world.reset([1])
+    world.step()
+    np.testing.assert_allclose(
+        world.perception.observe()["clock"], [[300, 250, 200, 150], [50, 0, 0, 0]], atol=1e-4
+    )
+
+
+def test_a_stack_of_one_step_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"stack_s: got 0.05, expected a multiple .* above 0.05"):
+        Stacked(clock(), 0.05, step_seconds=0.05)

@@ -101,6 +101,10 @@ class NoiseConfig(Settings):
     """Noise that grows with the control: drawn afresh each step (white) or accumulating (red)."""
     constant: Literal["white", "red"] | None = None
     """Noise shared by all muscles, whatever their control."""
+    signal_dependent_level: Weight = 0.103
+    """Standard deviation per unit of control."""
+    constant_level: Weight = 0.185
+    """Standard deviation, in units of control."""
 
 
 class UserConfig(Settings):

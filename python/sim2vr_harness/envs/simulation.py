@@ -416,7 +416,7 @@ def observation_space_of(config: EnvConfig) -> spaces.Dict:
 def _noise(config: NoiseConfig) -> MotorNoiseSettings | None:
     if config.signal_dependent is None and config.constant is None:
         return None
-    return MotorNoiseSettings(signal_dependent=config.signal_dependent, constant=config.constant)
+    return MotorNoiseSettings(**config.model_dump())
 
 
 def _substeps(action_frequency_hz: int, timestep_s: float) -> int:

@@ -81,11 +81,12 @@ class ImaginedRounds(Protocol):
     def observe(self, place: Tensor) -> Tensor:
         """(B, F) what a teacher observes of the game, in the order of :attr:`names`."""
 
-    def step(self, place: Tensor, done: float) -> Tensor:
-        """Advance by one user step, at the end of which the devices are at ``place``.
+    def step(self, places: Tensor, done: float) -> Tensor:
+        """Advance by one user step.
 
         Args:
-            place: (B, D, 4, 4).
+            places: (B, F, D, 4, 4) where the devices are in the F app frames of the step, the last
+                one at its end.
             done: share of the imagined rollouts that is over; rewards are soft at first.
 
         Returns:
@@ -120,6 +121,8 @@ class ImaginedGame(Protocol):
         conditions: those that a teacher practises unless the configuration names others.
         hidden_fields: patterns of privileged numbers, and of the own body's, that a teacher does
             not observe: the twin does not know them, or they would help too much.
+        felt_fields: patterns of the privileged numbers that a user feels as well as sees: where the
+            tool in its hand is.
         facts: pattern of the privileged numbers, 0 or 1, that the picture shows: a student's
             image features learn to name them.
         start_fields: the privileged numbers that say how far the tool is from the nearest good
@@ -135,6 +138,7 @@ class ImaginedGame(Protocol):
     cells: int
     conditions: tuple[str, ...]
     hidden_fields: tuple[str, ...]
+    felt_fields: tuple[str, ...]
     facts: str
     start_fields: tuple[str, str] | None
     start_limits: Mapping[str, tuple[float, float]]
@@ -159,6 +163,7 @@ class ImaginedGame(Protocol):
         settings: Any,
         *,
         step_s: float,
+        frames: int,
         seed: int,
     ) -> ImaginedRounds:
         """Return N imagined rounds.
@@ -168,8 +173,9 @@ class ImaginedGame(Protocol):
             conditions: in the order of their numbers.
             settings: an instance of :attr:`settings`.
             step_s: duration of a user step.
+            frames: F, app frames of a user step.
             seed: of what comes up when and where.
 
         Raises:
-            ValueError: the twin does not know this duration of a step.
+            ValueError: the twin does not know this duration of a step, or so many frames.
         """

@@ -14,7 +14,7 @@ from scipy.special import ndtri
 
 from sim2vr_harness.perception.sense import IntArray, Moment, Sense, restore, rows_of
 
-__all__ = ["Delayed", "History", "Noisy", "Stacked"]
+__all__ = ["Delayed", "History", "Noisy", "Ring", "Stacked"]
 
 
 class _Wrapper:
@@ -42,7 +42,7 @@ class _Wrapper:
         self.sense.set_state(i, state["sense"])
 
 
-class _Ring:
+class Ring:
     """The last values of N users, a whole number of takes back.
 
     Args:
@@ -59,6 +59,7 @@ class _Ring:
         self._fresh = np.ones(n, dtype=bool)
 
     def forget(self, ids: IntArray) -> None:
+        """Let what these users take next be their whole past."""
         self._fresh[ids] = True
 
     def fresh(self, ids: IntArray | None) -> NDArray[np.bool_]:
@@ -75,6 +76,11 @@ class _Ring:
             self._values[rows[first]] = values[first][:, None]
             self._fresh[rows] = False
 
+    def back(self, takes: int) -> NDArray[Any]:
+        """(N, ...) what was so many takes ago, a copy."""
+        rows = (self._newest - takes) % (self._back + 1)
+        return self._values[np.arange(len(rows)), rows]
+
     def all(self) -> NDArray[Any]:
         """(N, back + 1, ...) a copy, the newest first."""
         order = (self._newest[:, None] - np.arange(self._back + 1)) % (self._back + 1)
@@ -82,14 +88,14 @@ class _Ring:
 
     def newest(self) -> NDArray[Any]:
         """(N, ...) a copy."""
-        return self._values[np.arange(len(self._newest)), self._newest]
+        return self.back(0)
 
     def oldest(self) -> NDArray[Any]:
         """(N, ...) a copy."""
-        oldest = (self._newest + 1) % (self._back + 1)
-        return self._values[np.arange(len(oldest)), oldest]
+        return self.back(self._back)
 
     def get_state(self, i: int) -> dict[str, Any]:
+        """Copies of user i's past."""
         return {
             "values": self._values[i].copy(),
             "newest": np.array(self._newest[i]),
@@ -97,6 +103,7 @@ class _Ring:
         }
 
     def set_state(self, i: int, state: Mapping[str, Any]) -> None:
+        """Restores what :meth:`get_state` returned."""
         restore(self._name, self._values, i, state["values"])
         self._newest[i] = int(state["newest"])
         self._fresh[i] = bool(state["fresh"])
@@ -137,7 +144,7 @@ class Delayed(_Wrapper):
         else:
             self.pause = self._substep
         n = len(sense.observe())
-        self._ring = _Ring(sense.name, n, sense.space, back)
+        self._ring = Ring(sense.name, n, sense.space, back)
         self._glimpsed = np.zeros((n, *sense.space.shape), dtype=sense.space.dtype)
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
@@ -266,7 +273,7 @@ class _Remembering(_Wrapper):
 
     def __init__(self, sense: Sense, steps: int) -> None:
         super().__init__(sense)
-        self._ring = _Ring(sense.name, len(sense.observe()), sense.space, steps)
+        self._ring = Ring(sense.name, len(sense.observe()), sense.space, steps)
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
         """See :class:`Sense`."""

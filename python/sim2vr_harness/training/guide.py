@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.training.knowledge import OBSERVATION, Lag
 from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher_env import (
-    OBSERVATION,
-    PrivilegedSenses,
     game_of,
-    hidden_fields,
+    privileged_senses,
 )
 from sim2vr_harness.training.teacher_policy import load_teacher
 
@@ -36,7 +35,7 @@ class TeacherGuide:
 
     def __init__(self, file: Path, config: TeacherConfig, simulation: Simulation) -> None:
         game = game_of(simulation.config)
-        self._senses = PrivilegedSenses(simulation, hidden_fields(config, game))
+        self._senses = privileged_senses(simulation, config, game, Lag.of(simulation.config))
         self._policy = load_teacher(
             file, self._senses.space, simulation.action_space, config.policy
         )

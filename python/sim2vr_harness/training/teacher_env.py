@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import dataclasses
-import fnmatch
 import json
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 
 from sim2vr_harness.client import GameFacts, OptionValue
@@ -19,19 +17,12 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.games import ImaginedCondition, ImaginedGame, imagined_game, imagined_games
+from sim2vr_harness.training.knowledge import OBSERVATION, Lag, PrivilegedSenses
 from sim2vr_harness.training.start_postures import StartPostures, find_start_postures
 from sim2vr_harness.training.teacher_config import TeacherConfig
 
-__all__ = [
-    "OBSERVATION",
-    "PrivilegedSenses",
-    "TeacherSimulation",
-    "blind_env",
-    "game_of",
-    "hidden_fields",
-]
+__all__ = ["TeacherSimulation", "blind_env", "game_of", "privileged_senses"]
 
-OBSERVATION = "teacher"
 _FAIL_RATE_MEMORY = 0.97
 _EXPLORING_NEAR = 0.9
 
@@ -86,63 +77,6 @@ def blind_env(env: EnvConfig) -> EnvConfig:
     return env.model_copy(update={"app": app, "vision": vision, "senses": senses})
 
 
-class PrivilegedSenses:
-    """What a teacher observes: the own body, and the game's privileged numbers.
-
-    Args:
-        simulation: users whose apps run in this process.
-        hidden: patterns of names that are left out.
-    """
-
-    def __init__(self, simulation: Simulation, hidden: Sequence[str]) -> None:
-        self._simulation = simulation
-        self._batch: Any = simulation.apps[0].batch  # type: ignore[attr-defined]
-        self.names: tuple[str, ...] = self._batch.privileged_names
-        self._body = _shown(simulation.proprioception.names, hidden)
-        self._columns = _shown(self.names, hidden)
-        self.size = len(self._body) + len(self._columns)
-
-    @property
-    def space(self) -> spaces.Dict:
-        """``{"teacher": (size,) float32}``."""
-        limit = np.finfo(np.float32).max
-        return spaces.Dict({OBSERVATION: spaces.Box(-limit, limit, (self.size,), np.float32)})
-
-    @property
-    def observed_names(self) -> tuple[str, ...]:
-        """A name for every entry of an observation."""
-        body = self._simulation.proprioception.names
-        return (*(body[i] for i in self._body), *(self.names[i] for i in self._columns))
-
-    def values(self) -> NDArray[np.float32]:
-        """(N, F) all present privileged numbers, a copy."""
-        values: NDArray[np.float32] = self._batch.privileged.copy()
-        return values
-
-    def field(self, name: str) -> NDArray[np.float32]:
-        """(N,) the present values of one privileged number, a copy."""
-        values: NDArray[np.float32] = self._batch.privileged[:, self.names.index(name)].copy()
-        return values
-
-    def observe(self) -> NDArray[np.float32]:
-        """(N, size) float32, fresh."""
-        body = self._simulation.proprioception.observe(self._simulation.users)
-        fields = self._batch.privileged[:, self._columns]
-        return np.concatenate([body[:, self._body], fields], axis=1, dtype=np.float32)
-
-
-def _shown(names: Sequence[str], hidden: Sequence[str]) -> NDArray[np.int64]:
-    """Where the names are that match none of the patterns."""
-    return np.array(
-        [
-            i
-            for i, name in enumerate(names)
-            if not any(fnmatch.fnmatchcase(name, pattern) for pattern in hidden)
-        ],
-        dtype=np.int64,
-    )
-
-
 class TeacherSimulation:
     """N users as a teacher's vector environment wants them (``SimulationLike``).
 
@@ -170,7 +104,7 @@ class TeacherSimulation:
         self.game = game_of(env)
         self.conditions = config.conditions or self.game.conditions
         self.simulation = Simulation(blind_env(env), self.n)
-        self.senses = PrivilegedSenses(self.simulation, hidden_fields(config, self.game))
+        self.senses = privileged_senses(self.simulation, config, self.game, Lag.of(env))
         self.observation_space = self.senses.space
         self.action_space = self.simulation.action_space
         self.step_s = 1.0 / env.action_frequency_hz
@@ -321,6 +255,16 @@ class TeacherSimulation:
         self.simulation.close()
 
 
-def hidden_fields(config: TeacherConfig, game: ImaginedGame) -> tuple[str, ...]:
-    """Return the patterns of what a teacher does not observe."""
-    return game.hidden_fields if config.hidden_fields is None else config.hidden_fields
+def privileged_senses(
+    simulation: Simulation, config: TeacherConfig, game: ImaginedGame, lag: Lag
+) -> PrivilegedSenses:
+    """Return what a teacher of these users observes.
+
+    Args:
+        simulation: the users; watched from its next reset on where the senses are late.
+        config: of the teacher.
+        game: what the fast recipe knows of the game.
+        lag: how late the users' senses are.
+    """
+    hidden = game.hidden_fields if config.hidden_fields is None else config.hidden_fields
+    return PrivilegedSenses(simulation, hidden, felt=game.felt_fields, lag=lag)

@@ -15,9 +15,9 @@ from torch import Tensor, nn
 
 from sim2vr_harness.training.actor_critic import StagePolicy
 from sim2vr_harness.training.checkpoint import load_policy_weights
+from sim2vr_harness.training.knowledge import OBSERVATION
 from sim2vr_harness.training.sharding import in_shards
 from sim2vr_harness.training.teacher_config import TeacherPolicyConfig
-from sim2vr_harness.training.teacher_env import OBSERVATION
 from sim2vr_harness.training.threads import torch_threads
 
 __all__ = ["TeacherPolicy", "load_teacher", "new_teacher"]

@@ -64,7 +64,7 @@ def test_targets_live_as_long_and_come_as_often_as_in_the_game() -> None:
     lives = []
     for frame in range(300):
         before = game._age.clone()
-        game.play(place, SOFT)
+        game.play(place[:, None], SOFT)
         there = game._age >= 0
         most_single = max(most_single, int(there[:30].sum(1).max()))
         most = max(most, int(there[30:].sum(1).max()))
@@ -109,10 +109,10 @@ def game_at_a_target() -> tuple[ImaginedWhacAMole, torch.Tensor]:
 
 def test_only_coming_in_fast_enough_is_a_hit() -> None:
     game, place = game_at_a_target()
-    game.play(place, SOFT)
+    game.play(place[:, None], SOFT)
     assert game._inside[:, 4].tolist() == [True, True, True, True]
     assert game._hit[:, 4].tolist() == [True, False, False, False]
-    game.play(place, SOFT)
+    game.play(place[:, None], SOFT)
     assert game._age[:, 4].tolist() == [-1, 7, 7, 2]
     assert game.counts[0, 1].tolist() == [0, 0, 0, 0, 1, 0, 0, 0, 0]
 
@@ -122,7 +122,7 @@ def test_staying_in_a_target_costs_by_how_deep_the_hammer_is() -> None:
     for stuck in (0.0, 1.0):
         game, place = game_at_a_target()
         soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0, stuck=stuck)
-        rewards.append(torch.stack([game.play(place, soft) for _ in range(2)]))
+        rewards.append(torch.stack([game.play(place[:, None], soft) for _ in range(2)]))
     # Half sizes of 12.5 mm (target) and 50 mm (hammer), middles 47.8 mm apart: 14.7 mm deep, of 40.
     cost = 1.0 + (0.0125 + 0.050 - (0.0482 - 0.000401)) / 0.04
     expected = torch.tensor([[0.0, 0.0, cost, 0.0], [0.0, cost, cost, cost]])
@@ -134,7 +134,7 @@ def test_hits_are_worth_what_their_cells_say() -> None:
     for value in (0.0, 1.0, 3.0):
         game, place = game_at_a_target()
         game.hit_values.fill_(value)
-        rewards.append(game.play(place, SOFT))
+        rewards.append(game.play(place[:, None], SOFT))
     assert rewards[1][0] - rewards[0][0] > 1.0
     torch.testing.assert_close(
         rewards[2] - rewards[0], 3.0 * (rewards[1] - rewards[0]), atol=1e-4, rtol=1e-4
@@ -166,12 +166,12 @@ def test_rewards_are_soft_at_first_and_nearly_the_game_s_from_the_middle_on() ->
 def test_a_saved_game_goes_on_to_the_same_bits() -> None:
     game, place = resting_game(12)
     for _ in range(5):
-        game.play(place, SOFT)
+        game.play(place[:, None], SOFT)
     state = game.state()
-    after = [game.play(place, SOFT) for _ in range(20)]
+    after = [game.play(place[:, None], SOFT) for _ in range(20)]
     other, _ = resting_game(12)
     other.load_state(state)
-    assert all(torch.equal(value, other.play(place, SOFT)) for value in after)
+    assert all(torch.equal(value, other.play(place[:, None], SOFT)) for value in after)
 
 
 def test_positions_are_the_app_s() -> None:

@@ -159,7 +159,7 @@ def test_the_reward_s_gradient_is_that_of_finite_differences(rollouts: ImaginedR
         worth = torch.zeros(())
         for change in actions:
             users.step(change, error_share=0.0)
-            reward = game.play(users.place, SOFT)
+            reward = game.play(users.places(1), SOFT)
             worth = worth + (reward - sum(users.costs())).sum()
         return worth
 

@@ -28,6 +28,7 @@ class Beats:
     cells = 1
     conditions = ("first",)
     hidden_fields = ("aid.*", "* qacc", "controller_* ?")
+    felt_fields = ("left.*", "right.*", "head.*")
     facts = "*.present"
     start_fields: tuple[str, str] | None = None
     start_limits: Mapping[str, tuple[float, float]] = {}
@@ -51,6 +52,7 @@ class Beats:
         settings: TwinSettings,
         *,
         step_s: float,
+        frames: int,
         seed: int,
     ) -> ImaginedBeats:
         """See the protocol."""

@@ -224,9 +224,9 @@ class ImaginedBeats:
 
     # --- a user step -------------------------------------------------------------------------
 
-    def step(self, place: Tensor, done: float) -> Tensor:
-        """See the protocol."""
-        return self.play(place, self.settings.relaxation(done))
+    def step(self, places: Tensor, done: float) -> Tensor:
+        """See the protocol; blades sweep straight from the end of a step to that of the next."""
+        return self.play(places[:, -1], self.settings.relaxation(done))
 
     def play(self, place: Tensor, soft: Relaxation) -> Tensor:
         """Advance by one user step; see :meth:`step`."""

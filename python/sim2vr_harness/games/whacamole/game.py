@@ -29,6 +29,7 @@ class WhacAMole:
         *("aid.*", "round.elapsed_s", "cell*.?_m", "*.overlap", "nearest.*", "hammer.v?_mps"),
         *("* qacc", "fingertip *"),
     )
+    felt_fields = ("hammer.*",)
     facts = "cell*.present"
     start_fields: tuple[str, str] | None = ("aid.start_distance_m", "aid.start_cell")
     start_limits: Mapping[str, tuple[float, float]] = {"elbow_flexion": (0.5, 1.9)}
@@ -56,11 +57,12 @@ class WhacAMole:
         settings: TwinSettings,
         *,
         step_s: float,
+        frames: int,
         seed: int,
     ) -> ImaginedWhacAMole:
         """See the protocol."""
         starts = [condition.start for condition in conditions]
-        return ImaginedWhacAMole(n, starts, settings, step_s=step_s, seed=seed)
+        return ImaginedWhacAMole(n, starts, settings, step_s=step_s, frames=frames, seed=seed)
 
 
 GAME = WhacAMole()

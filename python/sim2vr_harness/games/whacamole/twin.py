@@ -9,6 +9,7 @@ little elsewhere and at a little other speed.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -54,7 +55,8 @@ class ImaginedWhacAMole:
         n: number of users B.
         conditions: of each condition, the privileged numbers named ``round.*``.
         settings: what is relaxed, and which cells come up.
-        step_s: duration of a user step; the rules go by frames of 50 ms.
+        step_s: duration of a user step; targets come, live and go by steps of 50 ms.
+        frames: F, app frames of a step, in each of which the hammer may hit.
         seed: of spawns.
 
     Raises:
@@ -71,6 +73,7 @@ class ImaginedWhacAMole:
         *,
         step_s: float,
         seed: int,
+        frames: int = 1,
     ) -> None:
         if abs(step_s - FRAME_S) > 1e-6:
             raise ValueError(
@@ -78,6 +81,7 @@ class ImaginedWhacAMole:
                 "imagined game is made of"
             )
         self.n, self.settings, self.hammer = n, settings, Hammer()
+        self._frame_s = FRAME_S / frames
         self.generator = torch.Generator().manual_seed(seed)
         placements = ("round.low", "round.mid", "round.high")
         place = torch.tensor([[c[name] for name in placements] for c in conditions]).argmax(1)
@@ -112,7 +116,6 @@ class ImaginedWhacAMole:
         self._inside = torch.zeros(n, CELLS, dtype=torch.bool)
         self._hit = torch.zeros(n, CELLS, dtype=torch.bool)
         self._left = torch.ones(n, CELLS)
-        self._posed: tuple[Tensor, Tensor, Tensor] | None = None
         self.names = _names()
 
     # --- rounds ------------------------------------------------------------------------------
@@ -201,7 +204,6 @@ class ImaginedWhacAMole:
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
         """See the protocol."""
-        self._posed = None
         for name in self._STATE:
             setattr(self, name, state[name].clone())
         self.hammer.fixed = state["hammer"].clone()
@@ -212,7 +214,7 @@ class ImaginedWhacAMole:
     def observe(self, place: Tensor) -> Tensor:
         """(B, F) in the order of :attr:`names`, differentiable by the places."""
         condition = self.condition
-        marker, axes = self._pose(place)
+        marker, axes = self.hammer(place)
         strike = (self._velocity * self._strike[condition]).sum(1, keepdim=True)
         behind = self._axes[condition, 2]
         depth = ((marker - self._area[condition]) * behind).sum(1, keepdim=True)
@@ -241,18 +243,29 @@ class ImaginedWhacAMole:
 
     # --- a user step -------------------------------------------------------------------------
 
-    def step(self, place: Tensor, done: float) -> Tensor:
+    def step(self, places: Tensor, done: float) -> Tensor:
         """See the protocol."""
-        return self.play(place, self.settings.relaxation(done))
+        return self.play(places, self.settings.relaxation(done))
 
-    def play(self, place: Tensor, soft: Relaxation) -> Tensor:
+    def play(self, places: Tensor, soft: Relaxation) -> Tensor:
         """Advance by one user step; see :meth:`step`."""
         self._next_frame()
-        marker, axes = self._pose(place)
+        b, frames = places.shape[:2]
+        marker, axes = self.hammer(places.flatten(0, 1))
         root, box = points(marker, axes)
-        self._velocity = self._velocity + 0.5 * ((root - self._root) / FRAME_S - self._velocity)
-        self._root = root
-        return self._judge(marker, box, axes, soft)
+        frame, cells = self._axes[self.condition], self._cells[self.condition]
+        depth = depths(_each(frame, frames), _each(cells, frames), axes, box)
+        root, depth = root.reshape(b, frames, 3), depth.reshape(b, frames, CELLS, -1)
+        self._hit = torch.zeros_like(self._inside)
+        hits = torch.zeros(b)
+        for k in range(frames):
+            raw = (root[:, k] - self._root) / self._frame_s
+            self._velocity = self._velocity + 0.5 * (raw - self._velocity)
+            self._root = root[:, k]
+            touch = self._judge(depth[:, k], soft)
+            hits = hits + touch.hits
+        last = marker.reshape(b, frames, 3)[:, -1]
+        return hits + self._shaped(last, depth[:, -1], touch, soft)
 
     def _next_frame(self) -> None:
         """Targets of the next frame, after hits at the poses of this one."""
@@ -280,42 +293,64 @@ class ImaginedWhacAMole:
         left[rows, cell[wanted]] = 1.0
         self._left = left
 
-    def _pose(self, place: Tensor) -> tuple[Tensor, Tensor]:
-        """Marker and axes of the hammer; what is observed after a step is the step's own."""
-        if self._posed is None or self._posed[0] is not place:
-            self._posed = (place, *self.hammer(place))
-        return self._posed[1:]
-
-    def _judge(self, marker: Tensor, box: Tensor, axes: Tensor, soft: Relaxation) -> Tensor:
-        condition = self.condition
-        frame, cells = self._axes[condition], self._cells[condition]
-        strike = (self._velocity * self._strike[condition]).sum(1)
-        depth = depths(frame, cells, axes, box)
+    def _judge(self, depth: Tensor, soft: Relaxation) -> _Touch:
+        """What hits in a frame, by the true rules; and what it is worth, relaxed."""
+        condition, left = self.condition, self._left
+        strike = self._strike_mps()
         inside = (depth > 0.0).all(2) & (self._age >= 0)
-        alive = self._age >= GROWING_FRAMES
-        counts = alive & ~self._inside  # only coming in is a hit
+        counts = (self._age >= GROWING_FRAMES) & ~self._inside & ~self._hit
         threshold, constrained = self._threshold[condition], self._constrained[condition] > 0.0
         fast = (strike > threshold) | ~constrained
-        self._hit = inside & counts & fast[:, None]
-        within: Tensor | float = 0.0
-        if soft.stuck > 0.0:  # few trainings pay for it
-            stuck = inside & self._inside
-            within = (stuck * (1.0 + depth.amin(2) / _NEAR_M)).sum(1)
+        self._hit = self._hit | (inside & counts & fast[:, None])  # only coming in is a hit
+        within = inside & self._inside
         speed = torch.sigmoid((strike - threshold - _SPEED_MARGIN_MPS) / soft.speed_mps)
         speed = torch.where(constrained, speed, torch.ones(()))[:, None]
         overlap = torch.sigmoid((depth - _OVERLAP_MARGIN_M) / soft.overlap_m).prod(2)
         chance = counts * overlap * speed
-        hits = (self.hit_values[condition] * self._left * chance).sum(1)
-        still = self._left
-        self._left = still * (1.0 - chance)
-        self._inside = inside
-        towards = torch.sigmoid((strike - threshold) / 0.5)
-        towards = torch.where(constrained, towards, torch.ones(()))[:, None]
+        hits = 10.0 * (self.hit_values[condition] * left * chance).sum(1)
+        self._left, self._inside = left * (1.0 - chance), inside
+        return _Touch(hits, counts, left, within)
+
+    def _shaped(self, marker: Tensor, depth: Tensor, touch: _Touch, soft: Relaxation) -> Tensor:
+        """(B,) what helps to find hits, once a user step: by its last frame."""
+        condition = self.condition
+        cells, alive = self._cells[condition], self._age >= GROWING_FRAMES
+        towards = torch.sigmoid((self._strike_mps() - self._threshold[condition]) / 0.5)
+        towards = torch.where(self._constrained[condition] > 0.0, towards, torch.ones(()))
         around = torch.sigmoid(depth / _NEAR_M).prod(2)
-        near = (counts * still.detach() * around * towards).sum(1)
+        near = (touch.counts * touch.left.detach() * around * towards[:, None]).sum(1)
         distance = (cells - marker[:, None]).norm(dim=2)
         far = (alive * (torch.exp(-10.0 * distance) - 1.0) / 10.0).sum(1)
-        return 10.0 * hits + soft.near * near + soft.distance * far - soft.stuck * within
+        worth = soft.near * near + soft.distance * far
+        if soft.stuck > 0.0:  # few trainings pay for it
+            worth = worth - soft.stuck * (touch.within * (1.0 + depth.amin(2) / _NEAR_M)).sum(1)
+        return worth
+
+    def _strike_mps(self) -> Tensor:
+        """(B,) the speed that hits are judged by."""
+        return (self._velocity * self._strike[self.condition]).sum(1)
+
+
+@dataclass(frozen=True)
+class _Touch:
+    """A frame of the hammer.
+
+    Attributes:
+        hits: (B,) relaxed reward for hits.
+        counts: (B, cells) which cells a coming hammer would hit.
+        left: (B, cells) share of a target that was left before.
+        within: (B, cells) in which targets the hammer stays.
+    """
+
+    hits: Tensor
+    counts: Tensor
+    left: Tensor
+    within: Tensor
+
+
+def _each(values: Tensor, frames: int) -> Tensor:
+    """(B, ...) -> (B F, ...), the same in every frame of a user's step."""
+    return values if frames == 1 else values.repeat_interleave(frames, 0)
 
 
 def _names() -> tuple[str, ...]:

@@ -9,8 +9,8 @@ import torch
 from torch import Tensor, nn
 
 from sim2vr_harness.training.imagined.body import mlp
+from sim2vr_harness.training.knowledge import OBSERVATION
 from sim2vr_harness.training.teacher_config import ImaginedConfig
-from sim2vr_harness.training.teacher_env import OBSERVATION
 from sim2vr_harness.training.teacher_policy import TeacherPolicy
 
 __all__ = ["Critic"]

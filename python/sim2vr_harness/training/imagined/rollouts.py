@@ -18,14 +18,16 @@ from sim2vr_harness.training.imagined.critic import Critic
 from sim2vr_harness.training.imagined.effort import imagined_effort
 from sim2vr_harness.training.imagined.experience import Experience
 from sim2vr_harness.training.imagined.gradients import limited
+from sim2vr_harness.training.imagined.senses import ImaginedSenses
 from sim2vr_harness.training.imagined.users import ImaginedUsers
+from sim2vr_harness.training.knowledge import OBSERVATION
 from sim2vr_harness.training.teacher_config import ImaginedConfig
-from sim2vr_harness.training.teacher_env import OBSERVATION, TeacherSimulation
+from sim2vr_harness.training.teacher_env import TeacherSimulation
 from sim2vr_harness.training.teacher_policy import TeacherPolicy
 
 __all__ = ["CycleReport", "ImaginedRollouts"]
 
-STATE_FORMAT = 3
+STATE_FORMAT = 4
 _PLAYED, _FITTED = 0.2, 0.4
 """Shares of a cycle's time that are over after playing, and after fitting the body model."""
 _BEYOND_COST = 0.01
@@ -84,6 +86,7 @@ class ImaginedRollouts:
     ) -> None:
         self.config, self.policy, self.simulation = config, policy, simulation
         self.cycle = self.updates = 0
+        self._frames = simulation.config.frames_per_step
         self._collector = Collector(config, policy, simulation, seed=seed)
         self._torch_seed = int(np.random.SeedSequence([seed, 92]).generate_state(1)[0])
         with torch.random.fork_rng(devices=[]):
@@ -96,10 +99,10 @@ class ImaginedRollouts:
             )
         self._conditions = [simulation.describe(k) for k in range(len(simulation.conditions))]
         self.users, self.game = self.imagine(config.users)
-        self._columns = self._observed(simulation.senses.observed_names)
+        self.senses = self.imagined_senses(self.users, self.game)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self._torch_seed + 1)
-            self._critic = Critic(config, policy, len(self._columns))
+            self._critic = Critic(config, policy, self.senses.size)
         self._actor = [
             *policy.mlp_extractor.policy_net.parameters(),
             *policy.action_net.parameters(),
@@ -122,6 +125,7 @@ class ImaginedRollouts:
                 self._conditions,
                 game.settings.model_validate(settings),
                 step_s=self.simulation.step_s,
+                frames=self._frames,
                 seed=self._torch_seed + 3,
             )
         except ValueError as error:
@@ -131,16 +135,17 @@ class ImaginedRollouts:
         effort = imagined_effort(users.effort, self.body.drives, self.config.effort)
         return ImaginedUsers(users.body, self.body, n, effort=effort, noise=noise), rounds
 
-    def _observed(self, observed: tuple[str, ...]) -> list[int]:
-        names = [*self.users.names, *self.game.names]
-        unknown = [name for name in observed if name not in names]
-        if unknown:
+    def imagined_senses(self, users: ImaginedUsers, rounds: Any) -> ImaginedSenses:
+        """Return what a policy observes of imagined users; they start when it is told so."""
+        senses = self.simulation.senses
+        try:
+            return ImaginedSenses(senses.layout, senses.everything, users, rounds)
+        except KeyError as error:
             raise InputError(
                 "teacher.hidden_fields",
-                f"patterns that leave {unknown[0]!r} to be observed",
+                f"patterns that leave {error.args[0]!r} to be observed",
                 "only what the game's twin knows, or teacher.imagined.cycles: 0",
-            )
-        return [names.index(name) for name in observed]
+            ) from None
 
     @property
     def finished(self) -> bool:
@@ -252,12 +257,9 @@ class ImaginedRollouts:
         begin = pool.rows(rows)
         self.users.start(ids, begin.after)
         self.game.start(ids, self._place(begin), begin.fields, cells)
+        self.senses.start(ids)
 
     # --- learning ----------------------------------------------------------------------------
-
-    def _observe(self) -> Tensor:
-        seen = torch.cat([self.users.observe(), self.game.observe(self.users.place)], 1)
-        return seen[:, self._columns]
 
     def _fit_statistics(self) -> None:
         """Mean and deviation of what is observed in states to begin from."""
@@ -266,27 +268,42 @@ class ImaginedRollouts:
         with torch.no_grad():
             for _ in range(8):
                 self._restart(everyone)
-                seen.append(self._observe())
+                seen.append(self.senses.observe())
         values = torch.cat(seen)
         normaliser = self.policy.normaliser
         normaliser.mean.copy_(values.mean(0))
-        normaliser.variance.copy_(values.std(0).clamp(min=0.05).square())
+        spread = self.senses.spread(values.std(0).clamp(min=0.05))
+        normaliser.variance.copy_(spread.square())
         normaliser.count.fill_(float(len(values) * 100))
 
     def advance(self, actions: Tensor, done: float, *, error_share: float) -> Tensor:
         """(B,) rewards of a user step of everybody; ``done`` as in ``ImaginedRounds.step``."""
         self.users.step(actions, error_share=error_share)
-        reward: Tensor = self.game.step(self.users.place, done)
+        reward: Tensor = self.game.step(self.users.places(self._frames), done)
+        self.senses.look(actions)
         effort, beyond, wild = self.users.costs()
         return self.config.reward_scale * (reward - effort) - beyond - wild
 
     def _cut(self) -> None:
         self.users.cut()
         self.game.cut()
+        self.senses.cut()
+
+    def _act(self, observation: Tensor) -> tuple[Tensor, Tensor]:
+        """(B, A) means, and actions with noise."""
+        mean = self.policy.action_mean({OBSERVATION: observation})
+        return mean, mean + self.config.action_noise * torch.randn_like(mean)
+
+    def _warm_up(self, done: float) -> None:
+        """Let users who have just started have a past of their own."""
+        with torch.no_grad():
+            for _ in range(self.senses.warm_up):
+                _, actions = self._act(self.senses.observe())
+                self.advance(actions, done, error_share=self.config.error_share)
 
     def _update(self) -> None:
         """One window of imagined user steps, and what is learned from it."""
-        config, policy = self.config, self.policy
+        config = self.config
         done = self.updates / (config.updates * config.cycles)
         for group in self._optimizer.param_groups:
             group["lr"] = config.learning_rate * min(1.0, 2.0 * (1.0 - done)) + 2e-5
@@ -294,18 +311,18 @@ class ImaginedRollouts:
         if limit is not None:  # the loss is a mean
             limit /= config.window_steps * self.users.n
         self.users.gradient_limit = limit
+        self._warm_up(done)
         self._cut()
-        seen, rewards = [self._observe()], []
+        seen, rewards = [self.senses.present()], []
         total = torch.zeros(())
         for t in range(config.window_steps):
-            mean = policy.action_mean({OBSERVATION: seen[-1]})
-            actions = mean + config.action_noise * torch.randn_like(mean)
+            mean, actions = self._act(self.senses.observe())
             if limit is not None:
                 actions = limited(actions, limit)
             reward = self.advance(actions, done, error_share=config.error_share)
             reward = reward - _BEYOND_COST * torch.relu(mean.abs() - 1.0).square().sum(1)
             rewards.append(reward)
-            seen.append(self._observe())
+            seen.append(self.senses.present())
             total = total + config.gamma**t * reward
         total = total + config.gamma**config.window_steps * self._critic(seen[-1])
         self._optimizer.zero_grad()
@@ -344,6 +361,7 @@ class ImaginedRollouts:
             "torch": self._torch_state,
             "users": self.users.state(),
             "game": self.game.state(),
+            "senses": self.senses.state(),
             "seen": [part.tensors() for part in self._seen],
             "simulation": torch.frombuffer(
                 bytearray(self.simulation.save_state()), dtype=torch.uint8
@@ -371,5 +389,6 @@ class ImaginedRollouts:
         self._torch_state = state["torch"]
         self.users.load_state(state["users"])
         self.game.load_state(state["game"])
+        self.senses.load_state(state["senses"])
         self._seen = [Experience.of(tensors) for tensors in state["seen"]]
         self.simulation.load_state(state["simulation"].numpy().tobytes())

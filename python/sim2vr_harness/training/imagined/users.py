@@ -49,6 +49,8 @@ class ImaginedUsers:
             *self._drives.names,
         )
         """What :meth:`observe` gives, by the names of the proprioception."""
+        self.actions = drives
+        """A, of a user step."""
         self._low, self._high = torch.tensor(user.joint_ranges.T.copy(), dtype=torch.float32)
         self.motion = Motion(torch.zeros(n, joints), torch.zeros(n, joints), torch.zeros(n, drives))
         self._control = torch.zeros(n, drives)
@@ -57,6 +59,7 @@ class ImaginedUsers:
         """Longest gradient of a user by the angles, 1/rad; see :func:`~.gradients.limited`."""
         self._muscles = torch.from_numpy(self._drives.muscles)
         self._placed: tuple[Motion, Tensor] | None = None
+        self._before = self.motion
 
     @property
     def place(self) -> Tensor:
@@ -64,6 +67,27 @@ class ImaginedUsers:
         if self._placed is None or self._placed[0] is not self.motion:
             self._placed = (self.motion, self.body.chains(self.motion.angles))
         return self._placed[1]
+
+    def places(self, frames: int) -> Tensor:
+        """(B, F, D, 4, 4) where the devices were in the F app frames of the last user step.
+
+        Joints move between the ends of a step on the cubic that has their angles and speeds.
+        """
+        before, after, step_s = self._before, self.motion, self.body.step_s
+        between = []
+        for k in range(1, frames):
+            t = k / frames
+            between.append(
+                (1.0 + 2.0 * t) * (1.0 - t) ** 2 * before.angles
+                + t * (1.0 - t) ** 2 * step_s * before.speeds
+                + t**2 * (3.0 - 2.0 * t) * after.angles
+                - t**2 * (1.0 - t) * step_s * after.speeds
+            )
+        if not between:
+            return self.place[:, None]
+        angles = torch.stack(between, 1).flatten(0, 1)
+        on_the_way = self.body.chains(angles).unflatten(0, (self.n, frames - 1))
+        return torch.cat([on_the_way, self.place[:, None]], 1)
 
     def start(self, ids: Tensor, motion: Motion) -> None:
         """Let users ``ids`` (K,) go on from ``motion``, of K users."""
@@ -73,12 +97,14 @@ class ImaginedUsers:
                 getattr(self.motion, name)[ids] = getattr(motion, name)
             self._control = self._control.clone()
             self._control[ids] = motion.drives
+            self._before = self.motion
             if self._noise is not None:
                 self._noise.forget(ids)
 
     def cut(self) -> None:
         """Forget what led to the present: gradients end here."""
         self.motion, self._control = self.motion.detach(), self._control.detach()
+        self._before = self._before.detach()
 
     def step(self, actions: Tensor, *, error_share: float) -> None:
         """Advance everyone by one user step.
@@ -92,6 +118,7 @@ class ImaginedUsers:
             noisy = self._noise.apply(control[:, self._muscles])
             control = control.index_copy(1, self._muscles, noisy)
         self._control = control
+        self._before = self.motion
         after = self.body(self.motion, control)
         if self.gradient_limit is not None:
             limited(after.angles, self.gradient_limit)
@@ -138,5 +165,6 @@ class ImaginedUsers:
         self._placed = None
         self.motion = Motion(*(state[name].clone() for name in ("angles", "speeds", "drives")))
         self._control = state["control"].clone()
+        self._before = self.motion
         if self._noise is not None:
             self._noise.load_state(state)

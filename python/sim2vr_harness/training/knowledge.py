@@ -1,0 +1,272 @@
+"""What a teacher knows: its body and the game's privileged numbers, no earlier than its student.
+
+A user whose senses are late has a teacher whose knowledge is as late, rounded up to whole user
+steps: one that knew the present would do what nobody can who sees the past. Beside it stands what
+the student has of its own last actions, and where the tool was felt to be, which a user knows
+before it sees it.
+"""
+
+from __future__ import annotations
+
+import fnmatch
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.perception import Moment
+from sim2vr_harness.perception.wrappers import Ring
+
+__all__ = ["OBSERVATION", "Lag", "Layout", "PrivilegedSenses"]
+
+OBSERVATION = "teacher"
+
+
+@dataclass(frozen=True)
+class Lag:
+    """How late a user's senses are, in whole user steps.
+
+    Attributes:
+        game: of what is seen.
+        body: of what is felt.
+        actions: of how many last user steps the user knows what it did.
+    """
+
+    game: int = 0
+    body: int = 0
+    actions: int = 0
+
+    @staticmethod
+    def of(env: EnvConfig) -> Lag:
+        """Of the senses in a configuration."""
+        found = {sense.sense: sense for sense in env.senses}
+        step_ms = 1000.0 / env.action_frequency_hz
+
+        def steps(name: str) -> int:
+            sense = found.get(name)
+            return 0 if sense is None else math.ceil(sense.delay_ms / step_ms - 1e-6)
+
+        actions = found.get("actions")
+        known = 0
+        if actions is not None:
+            known = max(1, round((actions.stack_s or 0.0) * env.action_frequency_hz))
+        return Lag(steps("vision"), steps("proprioception"), known)
+
+    @property
+    def none(self) -> bool:
+        """Whether the present is known, and no action is remembered."""
+        return self == Lag()
+
+    @property
+    def longest(self) -> int:
+        """User steps back to the oldest of what is known."""
+        return max(self.game, self.body)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """What an observation is made of, of all numbers of a moment (the body's, then the game's).
+
+    Attributes:
+        names: of its entries.
+        felt: columns of what is known as late as the body is.
+        seen: columns of what is known as late as pictures are.
+        actions: last user steps whose actions follow, the newest first.
+        lag: how late.
+    """
+
+    names: tuple[str, ...]
+    felt: tuple[int, ...]
+    seen: tuple[int, ...]
+    actions: int
+    lag: Lag
+
+    def assemble(
+        self,
+        at: Callable[[int], Any],
+        did: Callable[[int], Any],
+        join: Callable[[list[Any]], Any],
+    ) -> Any:
+        """Return (B, F) observations.
+
+        Args:
+            at: how many user steps back -> (B, M) all numbers of that moment.
+            did: how many user steps back, from 1 -> (B, A) what was done then.
+            join: puts (B, .) arrays beside each other.
+        """
+        parts = [at(self.lag.body)[:, list(self.felt)], at(self.lag.game)[:, list(self.seen)]]
+        return join([*parts, *(did(back + 1) for back in range(self.actions))])
+
+
+class PrivilegedSenses:
+    """What the teachers of N users observe.
+
+    Args:
+        simulation: users whose apps run in this process. Where senses are late it is watched from
+            its next reset on.
+        hidden: patterns of names that are left out.
+        felt: patterns of the game's numbers that the body tells, too.
+        lag: how late the teachers know what they do.
+    """
+
+    name = "teacher's knowledge"
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        hidden: Sequence[str],
+        *,
+        felt: Sequence[str] = (),
+        lag: Lag = Lag(),
+    ) -> None:
+        self._simulation = simulation
+        self._batch: Any = simulation.apps[0].batch  # type: ignore[attr-defined]
+        self.names: tuple[str, ...] = self._batch.privileged_names
+        self.everything = (*simulation.proprioception.names, *self.names)
+        """Names of all numbers of a moment: the body's, then the game's."""
+        self.layout = self._laid_out(hidden, felt, lag)
+        self.size = len(self.layout.names)
+        self._memory: _Memory | None = None
+        if not lag.none:
+            columns = np.union1d(self.layout.felt, self.layout.seen).astype(np.int64)
+            self._memory = _Memory(simulation, self._now, columns, lag)
+            simulation.watch(self._memory)
+
+    def _laid_out(self, hidden: Sequence[str], felt: Sequence[str], lag: Lag) -> Layout:
+        body, everything = self._simulation.proprioception.names, self.everything
+        shown = [i for i, name in enumerate(everything) if not _matches(name, hidden)]
+        own = [i for i in shown if i < len(body)]
+        game = [i for i in shown if i >= len(body)]
+        tool = [i for i in game if lag.body != lag.game and _matches(everything[i], felt)]
+        did = [
+            f"{name}, {back} back"
+            for back in range(1, lag.actions + 1)
+            for name in self._simulation.actions.names
+        ]
+        return Layout(
+            names=(
+                *(everything[i] for i in own),
+                *(f"felt {everything[i]}" for i in tool),
+                *(everything[i] for i in game),
+                *did,
+            ),
+            felt=(*own, *tool),
+            seen=tuple(game),
+            actions=lag.actions,
+            lag=lag,
+        )
+
+    @property
+    def space(self) -> spaces.Dict:
+        """``{"teacher": (size,) float32}``."""
+        limit = np.finfo(np.float32).max
+        return spaces.Dict({OBSERVATION: spaces.Box(-limit, limit, (self.size,), np.float32)})
+
+    @property
+    def observed_names(self) -> tuple[str, ...]:
+        """A name for every entry of an observation."""
+        return self.layout.names
+
+    def values(self) -> NDArray[np.float32]:
+        """(N, F) all present privileged numbers, a copy."""
+        values: NDArray[np.float32] = self._batch.privileged.copy()
+        return values
+
+    def field(self, name: str) -> NDArray[np.float32]:
+        """(N,) the present values of one privileged number, a copy."""
+        values: NDArray[np.float32] = self._batch.privileged[:, self.names.index(name)].copy()
+        return values
+
+    def observe(self) -> NDArray[np.float32]:
+        """(N, size) float32, fresh."""
+        memory = self._memory
+        if memory is None:
+            now = self._now()
+            at, did = (lambda back: now), (lambda back: now)
+        else:
+            at, did = memory.at, memory.did
+
+        def join(parts: list[Any]) -> NDArray[np.float32]:
+            return np.concatenate(parts, axis=1, dtype=np.float32)
+
+        observed: NDArray[np.float32] = self.layout.assemble(at, did, join)
+        return observed
+
+    def _now(self) -> NDArray[np.float32]:
+        """(N, M) all numbers of the present moment."""
+        body = self._simulation.proprioception.observe(self._simulation.users)
+        return np.concatenate([body, self._batch.privileged], axis=1, dtype=np.float32)
+
+
+class _Memory:
+    """The last moments of N users, and what they did; a ``Sense`` that watches them."""
+
+    name, pause, frame = "teacher's memory", 0, -1
+    needs: str | None = None
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        now: Callable[[], NDArray[np.float32]],
+        columns: NDArray[np.int64],
+        lag: Lag,
+    ) -> None:
+        self._now, self._columns = now, columns
+        self._width = len(simulation.proprioception.names) + len(
+            simulation.apps[0].batch.privileged_names  # type: ignore[attr-defined]
+        )
+        size = len(columns)
+        self._moments = Ring(self.name, simulation.n, _box(size), lag.longest)
+        actions = len(simulation.actions.names)
+        self._actions = Ring(self.name, simulation.n, _box(actions), max(0, lag.actions - 1))
+        self.space = _box(size)
+
+    def reset(self, ids: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:
+        self._moments.forget(ids)
+        self._actions.forget(ids)
+
+    def glimpse(self, moment: Moment) -> None:
+        """Nothing: whole user steps are remembered."""
+
+    def take(self, moment: Moment, ids: NDArray[np.int64] | None) -> None:
+        rows = slice(None) if ids is None else ids
+        self._moments.push(self._now()[rows][:, self._columns], ids)
+        self._actions.push(moment.actions[rows].astype(np.float32), ids)
+
+    def observe(self) -> NDArray[np.float32]:
+        newest: NDArray[np.float32] = self._moments.newest()
+        return newest
+
+    def at(self, back: int) -> NDArray[np.float32]:
+        """(N, M) the numbers so many user steps ago; those that nobody asks for are 0."""
+        values = self._moments.back(back)
+        everything = np.zeros((len(values), self._width), np.float32)
+        everything[:, self._columns] = values
+        return everything
+
+    def did(self, back: int) -> NDArray[np.float32]:
+        """(N, A) what was done in the last user step (1), or before."""
+        values: NDArray[np.float32] = self._actions.back(back - 1)
+        return values
+
+    def get_state(self, i: int) -> dict[str, Any]:
+        return {"moments": self._moments.get_state(i), "actions": self._actions.get_state(i)}
+
+    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
+        self._moments.set_state(i, state["moments"])
+        self._actions.set_state(i, state["actions"])
+
+
+def _box(size: int) -> spaces.Box[Any]:
+    limit = np.finfo(np.float32).max
+    return spaces.Box(-limit, limit, (size,), np.float32)
+
+
+def _matches(name: str, patterns: Sequence[str]) -> bool:
+    return any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)

@@ -43,7 +43,7 @@ Width = Annotated[int, Field(ge=1, le=8192)]
 
 
 class _OneSentence(type(BaseModel)):  # type: ignore[misc]
-    """Lets ``Person(stature_m=9)`` say in one sentence what is wrong, as a file's reader does."""
+    """Lets ``Physique(stature_m=9)`` say in one sentence what is wrong, as a file's reader does."""
 
     def __call__(cls, *args: Any, **values: Any) -> Any:
         try:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.perception import Proprioception
-from sim2vr_harness.users import Body, Person, ResetOptions, UserBatch, list_bodies, load_body
+from sim2vr_harness.users import Body, Physique, ResetOptions, UserBatch, list_bodies, load_body
 from sim2vr_harness.users.bodies import DEVICES
 from sim2vr_harness.users.bodies.export import export_body
 
@@ -137,7 +137,7 @@ def postures(body: Body) -> list[str]:
 @pytest.mark.parametrize("person", [{"stature_m": 1.55}, {"handedness": "left"}])
 def test_other_people_can_be_it(body: Body, person: dict[str, Any]) -> None:
     other = load_body(
-        body.name, person=Person(**person), torso=body.nod is not None, appearance=False
+        body.name, person=Physique(**person), torso=body.nod is not None, appearance=False
     )
     assert other.action_names == body.action_names
     batch = batch_of(other)

@@ -11,10 +11,10 @@ from pydantic import BaseModel
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.games.whacamole.settings import TwinSettings
 from sim2vr_harness.training.config import TrainingConfig, parse_config
-from sim2vr_harness.users import Person
+from sim2vr_harness.users import Physique
 from sim2vr_harness.users.bodies.description import BodyDescription
 
-MODELS: tuple[type[BaseModel], ...] = (TrainingConfig, BodyDescription, Person, TwinSettings)
+MODELS: tuple[type[BaseModel], ...] = (TrainingConfig, BodyDescription, Physique, TwinSettings)
 LOW, HIGH = {"minimum", "exclusiveMinimum"}, {"maximum", "exclusiveMaximum"}
 WRONG = (float("nan"), float("inf"), -float("inf"), 1e300, -1e300, 2**63, -(2**63), 10**400, "x")
 ODD = (-1, 0, 1e-9, 0.5, 1, 2**31)

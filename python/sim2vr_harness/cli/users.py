@@ -198,7 +198,7 @@ def export(
     MUJOCO_GL=egl or osmesa draws without one.
     """
     from sim2vr_harness.errors import InputError
-    from sim2vr_harness.users import Person, load_body
+    from sim2vr_harness.users import Physique, load_body
     from sim2vr_harness.users.bodies.export import export_body
 
     lengths: dict[str, float] = {}
@@ -211,7 +211,7 @@ def export(
                 "--segment", repr(each), "NAME=M, for example upper_arm=0.31"
             ) from error
     try:
-        person = Person.model_validate(
+        person = Physique.model_validate(
             {
                 "stature_m": stature_m,
                 "mass_kg": mass_kg,

@@ -21,7 +21,7 @@ from sim2vr_harness.settings import Settings, Weight
 from sim2vr_harness.users import (
     Body,
     EffortName,
-    Person,
+    Physique,
     ResetOptions,
     effort_options,
     load_body,
@@ -112,7 +112,7 @@ class UserConfig(Settings):
 
     model: str = "mobl_arms_wrist"
     """The body: a name (`sim2vr_harness.users.list_bodies()`) or a YAML file (docs/bodies.md)."""
-    person: Person = Person()
+    person: Physique = Physique()
     """How the person differs from the one that the body was measured on."""
     skull_rotation_deg: float = Field(default=10.0, ge=-90.0, le=90.0)
     """Downward pitch of the skull and with it of the headset, degrees."""

@@ -15,7 +15,7 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.contract import contract
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception import Proprioception
-from sim2vr_harness.users import Body, Person, UserBatch, load_body
+from sim2vr_harness.users import Body, Physique, UserBatch, load_body
 
 NAME = "mobl_arms_bimanual_motor"
 
@@ -98,7 +98,7 @@ def test_two_controllers_and_two_end_effectors() -> None:
             batch.end_effector_pos[0, 3 * k : 3 * k + 3], batch.device_poses(device)[0][0]
         )
     # Mirrored, right and left have changed places.
-    swapped = load_body(NAME, person=Person(handedness="left"), appearance=False)
+    swapped = load_body(NAME, person=Physique(handedness="left"), appearance=False)
     assert sorted(swapped.devices) == sorted(body.devices)
     assert swapped.end_effectors == ("controller_left", "controller_right")
     assert (

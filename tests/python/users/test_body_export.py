@@ -10,7 +10,7 @@ import pytest
 
 from python.users.bodies import OWN_ARM
 from sim2vr_harness.cli.main import main
-from sim2vr_harness.users import Person, load_body
+from sim2vr_harness.users import Physique, load_body
 from sim2vr_harness.users.bodies.export import export_body
 
 
@@ -19,7 +19,7 @@ from sim2vr_harness.users.bodies.export import export_body
 def test_the_file_moves_as_the_body_does(
     name: str | Path, person: dict[str, Any], tmp_path: Path
 ) -> None:
-    body = load_body(name, person=Person(**person))
+    body = load_body(name, person=Physique(**person))
     assert export_body(body, tmp_path / "body.xml") == [tmp_path / "body.xml"]
     again = mujoco.MjModel.from_xml_path(str(tmp_path / "body.xml"))
     first, second = mujoco.MjData(body.model), mujoco.MjData(again)

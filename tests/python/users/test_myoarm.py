@@ -13,7 +13,7 @@ from gymnasium.utils.env_checker import check_env
 from sim2vr_harness.envs import Sim2VREnv
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.users import Body, Person, list_efforts, load_body, make_effort
+from sim2vr_harness.users import Body, Physique, list_efforts, load_body, make_effort
 from sim2vr_harness.users.bodies.export import export_body
 
 pytest.importorskip("myo_sim", reason="needs myo-sim: pip install 'sim2vr-harness[myo]'")
@@ -66,7 +66,7 @@ def test_gymnasium_accepts_it() -> None:
 
 
 def test_left_handed_and_exported(body: Body, tmp_path: Path) -> None:
-    left = load_body("myoarm_r", person=Person(handedness="left"), appearance=False)
+    left = load_body("myoarm_r", person=Physique(handedness="left"), appearance=False)
     data = [mujoco.MjData(one.physics_model) for one in (body, left)]
     rng = np.random.default_rng(3)
     for _ in range(20):

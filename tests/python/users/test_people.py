@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from python.users.bodies import OWN_ARM, PENDULUM, PENDULUM_DESCRIPTION, write_body
-from sim2vr_harness.users import Body, Person, UserBatch, load_body
+from sim2vr_harness.users import Body, Physique, UserBatch, load_body
 
 MIRROR = np.array([1.0, -1.0, 1.0])
 BODIES = ["mobl_arms_wrist", OWN_ARM]
 
 
 def _load(name: str | Path, **person: Any) -> Body:
-    return load_body(name, person=Person(**person), appearance=False)
+    return load_body(name, person=Physique(**person), appearance=False)
 
 
 def _length(body: Body, start: str, end: str) -> float:
@@ -174,10 +174,10 @@ def test_lengths_of_slides_and_meshes(tmp_path: Path) -> None:
         return placed[np.lexsort(np.round(placed, 5).T)]
 
     drawn = load_body(file)
-    tall = load_body(file, person=Person(stature_m=2.2, segment_lengths_m={"base": 0.15}))
+    tall = load_body(file, person=Physique(stature_m=2.2, segment_lengths_m={"base": 0.15}))
     np.testing.assert_allclose(corners(tall, "head"), 1.1 * corners(drawn, "head"), atol=1e-6)
     np.testing.assert_allclose(corners(tall, "base"), 1.5 * corners(drawn, "base"), atol=1e-6)
-    lefty = load_body(file, person=Person(handedness="left"))
+    lefty = load_body(file, person=Physique(handedness="left"))
     expected = corners(drawn, "base") * MIRROR
     np.testing.assert_allclose(
         corners(lefty, "base"), expected[np.lexsort(np.round(expected, 5).T)], atol=1e-6
@@ -243,7 +243,7 @@ def test_mirrored_frames_are_the_left_arms_of_the_reference() -> None:
 
 def test_right_handers_stay_and_left_ones_are_drawn_with_their_device() -> None:
     assert _load("mobl_arms_wrist", handedness="right").devices == ("headset", "controller_right")
-    drawn = load_body("mobl_arms_wrist", person=Person(handedness="left", stature_m=1.6))
+    drawn = load_body("mobl_arms_wrist", person=Physique(handedness="left", stature_m=1.6))
     plain = load_body("mobl_arms_wrist").model
     assert drawn.model.ngeom == plain.ngeom
     held = drawn.model.body("controller_left")

@@ -18,7 +18,7 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.contract import contract
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception import Proprioception
-from sim2vr_harness.users import Body, Person, UserBatch, load_body
+from sim2vr_harness.users import Body, Physique, UserBatch, load_body
 from sim2vr_harness.users.bodies.torso import TORSO_MOTORS
 
 MOTORS = "mobl_arms_bimanual_motor"
@@ -157,7 +157,7 @@ def test_torques_are_those_of_people() -> None:
         seen = np.maximum(seen, np.abs(batch.actuator_force[0, -6:]))
     assert (seen <= forces).all()
     assert (seen > 0.4 * np.array(forces)).all()
-    half = _body(person=Person(strength=0.5))
+    half = _body(person=Physique(strength=0.5))
     assert half.peak_forces[-6:].tolist() == [105.0, 75.0, 45.0, 25.5, 16.0, 6.5]
 
 
@@ -261,7 +261,7 @@ def test_effort_counts_the_torso() -> None:
 
 @pytest.mark.parametrize("name", BODIES)
 def test_people(name: str) -> None:
-    tall, left = _body(name, person=Person(stature_m=1.87)), _body(name, person=_left())
+    tall, left = _body(name, person=Physique(stature_m=1.87)), _body(name, person=_left())
     plain = _body(name)
     head = [load.physics_model.joint("neck_flexion").pos for load in (plain, tall)]
     np.testing.assert_allclose(head[1], 1.1 * head[0], atol=1e-12)
@@ -283,8 +283,8 @@ def test_people(name: str) -> None:
     assert np.degrees(np.abs(_angles(batch) - start)).max() < 7.0
 
 
-def _left() -> Person:
-    return Person(handedness="left")
+def _left() -> Physique:
+    return Physique(handedness="left")
 
 
 def test_other_bodies_have_their_own_trunk() -> None:

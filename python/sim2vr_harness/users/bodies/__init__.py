@@ -12,7 +12,7 @@ from sim2vr_harness.users.bodies.body import (
     EffortInputs,
     ResetRule,
 )
-from sim2vr_harness.users.bodies.options import Person, ResetOptions
+from sim2vr_harness.users.bodies.options import Physique, ResetOptions
 from sim2vr_harness.users.bodies.registry import is_file, list_bodies, load_body
 from sim2vr_harness.users.bodies.spec_body import Plan, SpecBody
 
@@ -22,7 +22,7 @@ __all__ = [
     "Body",
     "Coupling",
     "EffortInputs",
-    "Person",
+    "Physique",
     "Plan",
     "ResetOptions",
     "ResetRule",

@@ -30,7 +30,7 @@ ActivationRange = Annotated[tuple[Chance, Chance], AfterValidator(_in_order)]
 """From the least to the greatest activation, within [0, 1]."""
 
 
-class Person(Settings):
+class Physique(Settings):
     """How a person differs from the one that the body was measured on (docs/bodies.md)."""
 
     stature_m: float | None = Field(default=None, ge=1.0, le=2.5)
@@ -72,7 +72,7 @@ class BodyOptions:
     name: str
     skull_rotation_deg: float
     devices: tuple[str, ...] | None
-    person: Person
+    person: Physique
     appearance: bool
     timestep_s: float | None
     torso: bool = False

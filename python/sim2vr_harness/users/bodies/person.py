@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.users.bodies.body import DEVICES
 from sim2vr_harness.users.bodies.meshes import change_mesh_geoms, rescale_meshes
-from sim2vr_harness.users.bodies.options import Person
+from sim2vr_harness.users.bodies.options import Physique
 from sim2vr_harness.users.bodies.spec_body import muscle_peak_force
 from sim2vr_harness.users.names import unknown_name
 
@@ -49,7 +49,7 @@ class Anatomy:
     segments: Mapping[str, Segment] = field(default_factory=dict)
 
 
-def resize(spec: mujoco.MjSpec, person: Person, anatomy: Anatomy) -> None:
+def resize(spec: mujoco.MjSpec, person: Physique, anatomy: Anatomy) -> None:
     """Scales the body to the person, in place; devices keep their size and weight.
 
     Joints keep their ranges, stiffness, damping and armature; muscles their peak force, which
@@ -121,7 +121,7 @@ def _has_body(model: mujoco.MjModel, name: str) -> bool:
     return mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name) >= 0
 
 
-def _whole(person: Person, anatomy: Anatomy) -> tuple[float, float]:
+def _whole(person: Physique, anatomy: Anatomy) -> tuple[float, float]:
     """Factors on the lengths and on the mass of the whole body."""
     for wanted, own, name in (
         (person.stature_m, anatomy.stature_m, "stature_m"),

@@ -8,7 +8,7 @@ from pathlib import Path
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.bodies.described import DESCRIPTIONS, described_body
 from sim2vr_harness.users.bodies.from_tables import table_body
-from sim2vr_harness.users.bodies.options import BodyOptions, Person, ResetOptions
+from sim2vr_harness.users.bodies.options import BodyOptions, Physique, ResetOptions
 from sim2vr_harness.users.names import unknown_name
 
 _TABLES: dict[str, Callable[[BodyOptions], Body]] = {
@@ -28,7 +28,7 @@ def load_body(
     *,
     skull_rotation_deg: float = 10.0,
     devices: Sequence[str] | None = None,
-    person: Person | None = None,
+    person: Physique | None = None,
     appearance: bool = True,
     timestep_s: float | None = None,
     torso: bool = False,
@@ -59,7 +59,7 @@ def load_body(
         name=str(name),
         skull_rotation_deg=skull_rotation_deg,
         devices=None if devices is None else tuple(devices),
-        person=person or Person(),
+        person=person or Physique(),
         appearance=appearance,
         timestep_s=timestep_s,
         torso=torso,

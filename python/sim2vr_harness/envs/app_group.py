@@ -135,7 +135,7 @@ class AppGroup(Protocol):
         steps: IntArray,
         last: int,
         *,
-        drawn: int = -1,
+        drawn: int | IntArray = -1,
     ) -> IntArray:
         """One user step of K frames.
 
@@ -145,7 +145,7 @@ class AppGroup(Protocol):
             poses: (M, K, 7) each.
             steps: (M,) which user step of the round this is.
             last: the number of the step after which the user ends the round.
-            drawn: which of the K frames is drawn; -1 the last.
+            drawn: which of the K frames is drawn, -1 the last; (M,) where users differ.
 
         Returns:
             The users whose apps answered, in the order of ``ids``.
@@ -240,10 +240,15 @@ class BatchGroup:
         steps: IntArray,
         last: int,
         *,
-        drawn: int = -1,
+        drawn: int | IntArray = -1,
     ) -> IntArray:
         """See :class:`AppGroup`; every app answers."""
-        self._batch.step_frames(ids, times_ns, poses, drawn)
+        if isinstance(drawn, int):
+            self._batch.step_frames(ids, times_ns, poses, drawn)
+            return ids
+        for frame in np.unique(drawn).tolist():
+            rows = np.flatnonzero(drawn == frame)
+            self._batch.step_frames(ids[rows], times_ns[rows], poses[rows], frame)
         return ids
 
     def logs(self) -> Logs:
@@ -381,16 +386,16 @@ class ClientGroup:
         steps: IntArray,
         last: int,
         *,
-        drawn: int = -1,
+        drawn: int | IntArray = -1,
     ) -> IntArray:
         """See :class:`AppGroup`."""
-        users = ids.tolist()
+        users, frames = ids.tolist(), np.broadcast_to(drawn, len(ids)).tolist()
         for k, i in enumerate(users):
             if i in self.failed:  # found out while the state was saved
                 continue
             with self._noting_failure(i, int(steps[k])):
                 ending = bool(steps[k] >= last)
-                self.apps[i].start_step(times_ns[k], poses[k], last=ending, drawn=drawn)
+                self.apps[i].start_step(times_ns[k], poses[k], last=ending, drawn=frames[k])
         answered = []
         for k, i in enumerate(users):
             if i in self.failed:

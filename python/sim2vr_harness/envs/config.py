@@ -21,6 +21,8 @@ from sim2vr_harness.settings import Settings, Weight
 from sim2vr_harness.users import (
     Body,
     EffortName,
+    People,
+    PeopleSettings,
     Physique,
     ResetOptions,
     effort_options,
@@ -114,6 +116,8 @@ class UserConfig(Settings):
     """The body: a name (`sim2vr_harness.users.list_bodies()`) or a YAML file (docs/bodies.md)."""
     person: Physique = Physique()
     """How the person differs from the one that the body was measured on."""
+    people: PeopleSettings | None = None
+    """Users are people who differ, another one in every episode; None: all are average."""
     skull_rotation_deg: float = Field(default=10.0, ge=-90.0, le=90.0)
     """Downward pitch of the skull and with it of the headset, degrees."""
     torso: bool = False
@@ -144,14 +148,28 @@ class UserConfig(Settings):
                 raise ValueError(f"got {name!r} twice, expected each input once")
         return names
 
+    @model_validator(mode="after")
+    def _people_with_a_physique(self) -> UserConfig:
+        people_of(self)
+        return self
+
     @model_validator(mode="before")
     @classmethod
     def _file_alone(cls, value: object) -> object:
         return {"model": value} if isinstance(value, str) else value
 
 
+def people_of(config: UserConfig) -> People | None:
+    """The people that users are, None if they are all average.
+
+    Raises:
+        ValueError: ``person`` sets what people differ in.
+    """
+    return None if config.people is None else People(config.people, config.person)
+
+
 def body_of(config: UserConfig) -> Body:
-    """Loads the body of a configuration, undrawn parts and all.
+    """Loads the body of a configuration, undrawn parts and all; of people what they share.
 
     Raises:
         ValueError: it cannot be used; see `load_body`.

@@ -11,7 +11,7 @@ from gymnasium import spaces
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.simulation import observation_space_of
 from sim2vr_harness.perception import SENSES
-from sim2vr_harness.users import Body
+from sim2vr_harness.users import FEATURES, Body
 
 __all__ = ["contract", "contract_hash", "differences"]
 
@@ -74,6 +74,8 @@ def _beyond_the_default(config: EnvConfig) -> dict[str, Any]:
         terms["inputs"] = list(config.user.inputs)
     if config.gaze_moves:
         terms["gaze"] = "moves"
+    if config.sense("person") is not None:
+        terms["person_features"] = list(FEATURES)
     return terms
 
 

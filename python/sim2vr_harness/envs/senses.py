@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,16 +12,17 @@ from sim2vr_harness.client import HapticPulse, SoundEvent, require_capability
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.actions import Actions
 from sim2vr_harness.envs.app_group import AppGroup
-from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.config import EnvConfig, people_of
 from sim2vr_harness.perception import (
     Foveation,
     Moment,
+    OwnDelays,
     Perception,
     Proprioception,
     Surroundings,
     make_sense,
 )
-from sim2vr_harness.users import Body
+from sim2vr_harness.users import Body, Persons
 from sim2vr_harness.users.batch import UserBatch
 
 __all__ = ["Senses", "make_actions", "make_perception"]
@@ -50,9 +51,22 @@ def _gaze_range_deg(config: EnvConfig) -> float:
 
 
 def make_perception(
-    config: EnvConfig, n: int, proprioception: Proprioception, substeps: int, actions: int
+    config: EnvConfig,
+    n: int,
+    proprioception: Proprioception,
+    substeps: int,
+    actions: int,
+    who: Persons | None = None,
 ) -> Perception:
-    """The senses of N users, who have so many actions each.
+    """The senses of N users.
+
+    Args:
+        config: what they are.
+        n: number of users N.
+        proprioception: of their bodies.
+        substeps: physics steps per user step.
+        actions: how many each of them has.
+        who: the users' persons; None: nothing will be sensed, the spaces alone are asked for.
 
     Raises:
         ValueError: a setting that cannot be used; names it, what was got and what was expected.
@@ -81,8 +95,23 @@ def make_perception(
         inputs=config.user.inputs,
         gaze_range_deg=_gaze_range_deg(config),
         actions=actions,
+        person_delays=_person_delays(config, n, who),
     )
     return Perception([make_sense(sense, around) for sense in config.senses])
+
+
+def _person_delays(config: EnvConfig, n: int, who: Persons | None) -> dict[str, OwnDelays]:
+    people = people_of(config.user)
+    if people is None:
+        return {}
+
+    def own(name: str) -> OwnDelays:
+        def now_s() -> NDArray[np.float64]:
+            return np.zeros(n) if who is None else who.delays_s[name]
+
+        return OwnDelays(now_s, people.longest(name))
+
+    return {name: own(name) for name in ("visual_delay_s", "proprioceptive_delay_s")}
 
 
 class Senses:
@@ -117,8 +146,11 @@ class Senses:
             actions=actions.last,
         )
         self._events = bool({"haptics", "sounds"} & perception.needs.keys())
-        self.pauses = perception.pauses(self._moment)
-        """What to call at which substep of a user step; see :meth:`UserBatch.step`."""
+
+    @property
+    def pauses(self) -> dict[int, Callable[[], None]]:
+        """What to call at which substep of the next user step; see :meth:`UserBatch.step`."""
+        return self.perception.pauses(self._moment)
 
     def reset(self, ids: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:
         """Begins anew for these users, whose apps have shown their first frame."""

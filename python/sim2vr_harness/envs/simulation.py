@@ -23,13 +23,19 @@ from sim2vr_harness.cores import budget
 from sim2vr_harness.envs.app_group import AppFailure, Logs, app_group
 from sim2vr_harness.envs.apps import AppFactory
 from sim2vr_harness.envs.checks import checked_options, checked_seeds, checked_users
-from sim2vr_harness.envs.config import EnvConfig, NoiseConfig, body_of, with_options
+from sim2vr_harness.envs.config import (
+    EnvConfig,
+    NoiseConfig,
+    body_of,
+    people_of,
+    with_options,
+)
 from sim2vr_harness.envs.games import game_facts, with_hand
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
 from sim2vr_harness.envs.states import packed, unpacked
 from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.perception import Proprioception, Sense
-from sim2vr_harness.users import Body
+from sim2vr_harness.users import Body, Person, Physique
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.bodies import DEVICES
 from sim2vr_harness.users.noise import MotorNoiseSettings
@@ -83,6 +89,7 @@ class Simulation:
         self.config = config
         substeps = _substeps(config.action_frequency_hz, self.body.timestep)
         _check_frames(config.frames_per_step, substeps)
+        self._people = people_of(config.user)
         self.users = UserBatch(
             self.body,
             n,
@@ -91,11 +98,18 @@ class Simulation:
             effort_params=config.user.effort.options(),
             noise=_noise(config.user.noise),
             substeps=substeps,
+            people=self._people,
+            cut=self._body_for,
         )
         self.proprioception = Proprioception(self.body)
         self.actions = make_actions(config, n, self.body)
         perception = make_perception(
-            config, n, self.proprioception, substeps, len(self.actions.names)
+            config,
+            n,
+            self.proprioception,
+            substeps,
+            len(self.actions.names),
+            self.users.who,
         )
         self.observation_space = perception.space
         self.action_space = self.actions.space
@@ -109,7 +123,6 @@ class Simulation:
         except BaseException:
             self._group.close()
             raise
-        self._drawn_frame = perception.drawn_frame
         self._seeds = [np.random.default_rng() for _ in range(n)]
         self._steps = np.zeros(n, dtype=np.int64)
         self._over = np.ones(n, dtype=bool)
@@ -146,6 +159,7 @@ class Simulation:
         seeds: Sequence[int | None] | None = None,
         options: Mapping[str, OptionValue] | None = None,
         postures: Sequence[NDArray[np.float64] | None] | None = None,
+        persons: Sequence[int | None] | None = None,
     ) -> list[dict[str, Any]]:
         """Starts new episodes.
 
@@ -155,9 +169,12 @@ class Simulation:
                 (a user never seeded starts from entropy).
             options: game options for these users from this round on.
             postures: K postures to start in (see `UserBatch.reset`); None draws all of them.
+            persons: K numbers of people (`People.number`) whom the users are to be; None: whoever
+                the episode's seed says.
 
         Returns:
-            K info dictionaries with ``seed`` (of the app's round) and ``log``.
+            K info dictionaries with ``seed`` (of the app's round) and ``log``; where users are
+            people, ``person``, the fields of each.
 
         Raises:
             ValueError: an option, a seed or a user that there is not; rounds go on as they were.
@@ -178,9 +195,10 @@ class Simulation:
         round_seeds = [int(stream.integers(2**32)) for stream in streams]
         users = np.array(rows, dtype=np.int64)
         numbers = np.array(round_seeds, dtype=np.int64)
+        chosen = self._persons(round_seeds, persons)
         # Asked first: an option that the game refuses leaves everything as it was.
         requests = self._group.head_requests(users, numbers, options)
-        self.users.reset(rows, streams, postures)
+        self.users.reset(rows, streams, postures, chosen)
         for i, stream in zip(rows, streams, strict=True):
             self._seeds[i] = stream
         if not np.isnan(requests).all():
@@ -191,7 +209,40 @@ class Simulation:
         self.actions.reset(users)
         self._senses.reset(users, numbers)
         logs = self._group.logs()
-        return [{"seed": seed, "log": logs[i]} for i, seed in zip(rows, round_seeds, strict=True)]
+        return [
+            {"seed": seed, "log": logs[i], **self._who(i)}
+            for i, seed in zip(rows, round_seeds, strict=True)
+        ]
+
+    def _persons(
+        self, round_seeds: Sequence[int], numbers: Sequence[int | None] | None
+    ) -> list[Person] | None:
+        people = self._people
+        if people is None:
+            if numbers is not None and any(number is not None for number in numbers):
+                raise ValueError("persons: got numbers, expected None: user.people is not set")
+            return None
+        given = [None] * len(round_seeds) if numbers is None else list(numbers)
+        if len(given) != len(round_seeds):
+            raise ValueError(
+                f"persons: got {len(given)}, expected {len(round_seeds)}, one per user"
+            )
+        return [
+            people.of_episode(seed) if number is None else people.number(number)
+            for seed, number in zip(round_seeds, given, strict=True)
+        ]
+
+    def _who(self, i: int) -> dict[str, Any]:
+        """User i's person for an info dictionary, where users are people."""
+        return {} if self._people is None else {"person": self.users.persons[i].as_dict()}
+
+    def _body_for(self, physique: Physique) -> Body:
+        return body_of(self.config.user.model_copy(update={"person": physique}))
+
+    @property
+    def person_features(self) -> NDArray[np.float32]:
+        """(N, F) `Person.features` of the users as they are now."""
+        return self.users.person_features
 
     @property
     def logs(self) -> Logs:
@@ -249,9 +300,9 @@ class Simulation:
         numbers = ((steps - 1) * frames + 1)[:, None] + np.arange(frames)
         times_ns = frame_times_ns(numbers, self.config.action_frequency_hz * frames)
         poses = self._step_poses(playing)
-        users = self._group.step(
-            playing, times_ns, poses, steps, self.max_steps, drawn=self._drawn_frame
-        )
+        drawn = self._senses.perception.drawn_frame
+        drawn = drawn if isinstance(drawn, int) else drawn[playing]
+        users = self._group.step(playing, times_ns, poses, steps, self.max_steps, drawn=drawn)
         answered = np.zeros(self.n, dtype=bool)
         answered[users] = True
         game_reward = np.where(answered, self._group.reward, 0.0).astype(np.float64)
@@ -289,6 +340,7 @@ class Simulation:
             ends[i] = {
                 "termination": end if terminated[i] else "max_steps_reached",
                 "max_fatigued": float(fatigued[i]),
+                **self._who(i),
             }
             warned = {name: int(counts[i]) for name, counts in warnings.items() if counts[i]}
             if warned:

@@ -17,7 +17,7 @@ from sim2vr_harness.perception.registry import (
 from sim2vr_harness.perception.sense import Moment, Sense, Sensed
 from sim2vr_harness.perception.senses import Perception
 from sim2vr_harness.perception.vision import CHANNELS, channel_indices, pick_channels
-from sim2vr_harness.perception.wrappers import Delayed, History, Noisy, Stacked
+from sim2vr_harness.perception.wrappers import Delayed, History, Noisy, OwnDelays, Stacked
 
 __all__ = [
     "CHANNELS",
@@ -28,6 +28,7 @@ __all__ = [
     "History",
     "Moment",
     "Noisy",
+    "OwnDelays",
     "Perception",
     "Proprioception",
     "Sense",

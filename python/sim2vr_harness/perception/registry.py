@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,9 @@ from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.perception.sense import IntArray, Moment, Sense, Sensed, float_space, rows_of
 from sim2vr_harness.perception.sound import Hearing
 from sim2vr_harness.perception.vision import vision
-from sim2vr_harness.perception.wrappers import Delayed, History, Noisy, Stacked
+from sim2vr_harness.perception.wrappers import Delayed, History, Noisy, OwnDelays, Stacked
 from sim2vr_harness.settings import Settings, Weight
+from sim2vr_harness.users import FEATURES
 
 __all__ = ["SENSES", "WRAPPERS", "SenseConfig", "SenseKind", "Surroundings", "make_sense"]
 
@@ -41,6 +42,8 @@ class Surroundings:
         inputs: names of the inputs that the fingers work, in the order of the actions.
         gaze_range_deg: how far from straight ahead the eyes turn; 0: they do not.
         actions: how many actions a user step has.
+        person_delays: what a person's delays are called -> each user's own; empty: users are not
+            people who differ.
     """
 
     n: int
@@ -56,6 +59,7 @@ class Surroundings:
     inputs: tuple[str, ...] = ()
     gaze_range_deg: float = 0.0
     actions: int = 0
+    person_delays: Mapping[str, OwnDelays] = field(default_factory=dict)
 
     @property
     def step_seconds(self) -> float:
@@ -63,17 +67,21 @@ class Surroundings:
         return self.substeps * self.timestep_s
 
 
+DelayMs = Annotated[float, Field(ge=0.0, le=60_000.0)]
+
+
 class SenseConfig(Settings):
     """One of the user's senses, and what is wrapped around it (docs/senses.md)."""
 
     sense: str
-    """Which: vision, proprioception, time, haptics, sound, fingers, gaze or actions."""
+    """Which: vision, proprioception, time, haptics, sound, fingers, gaze, actions or person."""
     name: str | None = Field(default=None, min_length=1)
     """Its key in the observation; None: vision, proprioception, stateful_information (time),
-    haptics, sound, fingers, gaze, actions."""
-    delay_ms: float = Field(default=0.0, ge=0.0, le=60_000.0)
+    haptics, sound, fingers, gaze, actions, person."""
+    delay_ms: DelayMs | Literal["person"] = 0.0
     """How late it is perceived: a multiple of the physics step. Pictures, which exist for app
-    frames only, are the youngest that are not younger; see ``frames_per_step``."""
+    frames only, are the youngest that are not younger; see ``frames_per_step``. ``person``: as late
+    as the person that the user is (``env.user.people``) sees or feels."""
     noise: Weight = 0.0
     """Standard deviation of noise on it, in its own unit; of a picture, in parts of the full
     scale."""
@@ -92,11 +100,13 @@ class SenseKind:
         key: in the observation unless it is renamed.
         description: one line for people.
         make: (key, surroundings) -> the sense.
+        person_delay: which of a person's delays ``delay_ms: person`` means; None: of none.
     """
 
     key: str
     description: str
     make: Callable[[str, Surroundings], Sense]
+    person_delay: str | None = None
 
 
 def _vision(name: str, around: Surroundings) -> Sense:
@@ -155,19 +165,34 @@ def _actions(name: str, around: Surroundings) -> Sense:
     return Sensed(name, float_space(-1.0, 1.0, around.actions), around.n, look)
 
 
+def _haptics(name: str, around: Surroundings) -> Sense:
+    return Haptics(name, around.n)
+
+
+def _sound(name: str, around: Surroundings) -> Sense:
+    return Hearing(name, around.n)
+
+
+def _person(name: str, around: Surroundings) -> Sense:
+    def look(moment: Moment, ids: IntArray | None) -> NDArray[np.float32]:
+        return moment.users.person_features[rows_of(ids)]
+
+    limit = float(np.finfo(np.float32).max)
+    return Sensed(name, float_space(-limit, limit, len(FEATURES)), around.n, look)
+
+
+_SEEN, _FELT = "visual_delay_s", "proprioceptive_delay_s"
+
 SENSES: dict[str, SenseKind] = {
-    "vision": SenseKind("vision", "the headset's picture", _vision),
-    "proprioception": SenseKind("proprioception", "the own body", _proprioception),
+    "vision": SenseKind("vision", "the headset's picture", _vision, _SEEN),
+    "proprioception": SenseKind("proprioception", "the own body", _proprioception, _FELT),
     "time": SenseKind("stateful_information", "where in the round the app is, as it says", _time),
-    "haptics": SenseKind(
-        "haptics", "vibrations of the controllers", lambda name, around: Haptics(name, around.n)
-    ),
-    "sound": SenseKind(
-        "sound", "loudness at both ears", lambda name, around: Hearing(name, around.n)
-    ),
-    "fingers": SenseKind("fingers", "how far the fingers press their inputs", _fingers),
-    "gaze": SenseKind("gaze", "where in the head the eyes look", _gaze),
+    "haptics": SenseKind("haptics", "vibrations of the controllers", _haptics, _FELT),
+    "sound": SenseKind("sound", "loudness at both ears", _sound),
+    "fingers": SenseKind("fingers", "how far the fingers press their inputs", _fingers, _FELT),
+    "gaze": SenseKind("gaze", "where in the head the eyes look", _gaze, _FELT),
     "actions": SenseKind("actions", "what the user did last (an efference copy)", _actions),
+    "person": SenseKind("person", "who the user is: stature, strength, delays", _person),
 }
 """Every sense by the name that configurations use."""
 
@@ -194,7 +219,7 @@ def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
         if settings.delay_ms:
             sense = Delayed(
                 sense,
-                settings.delay_ms,
+                _delay_of(settings.delay_ms, kind, around),
                 timestep_s=around.timestep_s,
                 substeps=around.substeps,
             )
@@ -207,6 +232,19 @@ def make_sense(settings: SenseConfig, around: Surroundings) -> Sense:
     except ValueError as error:
         raise ValueError(f"senses, {settings.sense}: {error}") from None
     return sense
+
+
+def _delay_of(
+    delay_ms: float | Literal["person"], kind: SenseKind, around: Surroundings
+) -> float | OwnDelays:
+    if delay_ms != "person":
+        return delay_ms
+    if kind.person_delay is None:
+        late = [name for name, other in SENSES.items() if other.person_delay]
+        raise ValueError(f"delay_ms: got 'person', which {', '.join(late)} have; expected ms")
+    if not around.person_delays:
+        raise ValueError("delay_ms: got 'person', expected user.people for users to be persons")
+    return around.person_delays[kind.person_delay]
 
 
 def unknown_sense(got: str) -> str:

@@ -89,20 +89,30 @@ class Moment:
 class Sense(Protocol):
     """One entry of the observation dictionary, of N users who do not affect one another.
 
-    A user step ends with :meth:`take`. Only a sense that asks for a ``pause`` is shown a moment
-    within the step too (:meth:`glimpse`), the bodies having come to the end of that substep.
+    A user step ends with :meth:`take`. Only a sense that asks for ``pauses`` is shown moments
+    within the step too (:meth:`glimpse`), the bodies having come to the end of those substeps.
     """
 
     name: str
     """Key in the observation."""
     space: spaces.Box[Any]
     """Of one user's observation."""
-    pause: int
-    """Substep, from 1, at whose end :meth:`glimpse` is to be called in every step; 0: never."""
-    frame: int
-    """Which of a step's app frames has to be the drawn one, -1 the last."""
     needs: str | None
     """The capability (client.CAPABILITIES) that an app needs for it to be anything but still."""
+
+    @property
+    def pauses(self) -> tuple[int, ...]:
+        """Substeps, from 1, at whose ends :meth:`glimpse` is to be called in every step.
+
+        They may change with a reset.
+        """
+
+    @property
+    def frame(self) -> int | IntArray:
+        """Which of a step's app frames has to be the drawn one, -1 the last.
+
+        (N,) where users differ.
+        """
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
         """Forgets the past of these users; what they take next is what has been since ever.
@@ -112,8 +122,8 @@ class Sense(Protocol):
             seeds: (K,) of their rounds, 32 bits; what is drawn here depends on them alone.
         """
 
-    def glimpse(self, moment: Moment) -> None:
-        """Looks at a moment within a step; nothing is taken in before :meth:`take`."""
+    def glimpse(self, moment: Moment, substep: int) -> None:
+        """Looks at the end of a substep; nothing is taken in before :meth:`take`."""
 
     def take(self, moment: Moment, ids: IntArray | None) -> None:
         """Takes in the end of a step or a reset, for these users or, None, for all."""
@@ -148,8 +158,8 @@ class Sensed:
         needs: see :class:`Sense`.
     """
 
-    pause = 0
-    frame = -1
+    pauses: tuple[int, ...] = ()
+    frame: int | IntArray = -1
 
     def __init__(
         self,
@@ -169,7 +179,7 @@ class Sensed:
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
         """See :class:`Sense`; there is no past."""
 
-    def glimpse(self, moment: Moment) -> None:
+    def glimpse(self, moment: Moment, substep: int) -> None:
         """See :class:`Sense`; never asked for."""
 
     def take(self, moment: Moment, ids: IntArray | None) -> None:

@@ -24,9 +24,14 @@ class Perception:
         self.senses = tuple(senses)
         self._watching: list[Sense] = []
         self.space = spaces.Dict({sense.name: sense.space for sense in senses})
-        frames = {sense.frame for sense in senses} - {-1}
-        self.drawn_frame = frames.pop() if frames else -1
-        """Which of a step's app frames is to be drawn; -1 the last."""
+
+    @property
+    def drawn_frame(self) -> int | IntArray:
+        """Which of a step's app frames is to be drawn; -1 the last; (N,) where users differ."""
+        for sense in self.senses:
+            if not isinstance(sense.frame, int) or sense.frame != -1:
+                return sense.frame
+        return -1
 
     def watch(self, sense: Sense) -> None:
         """Let somebody beside the users take in what they go through; no part of the observation.
@@ -49,17 +54,17 @@ class Perception:
         """For every substep at which something is to be sensed, what to call there."""
         paused: dict[int, list[Sense]] = {}
         for sense in self.senses:
-            if sense.pause:
-                paused.setdefault(sense.pause, []).append(sense)
+            for substep in sense.pauses:
+                paused.setdefault(substep, []).append(sense)
 
-        def call(senses: Sequence[Sense]) -> Callable[[], None]:
+        def call(senses: Sequence[Sense], substep: int) -> Callable[[], None]:
             def glimpse() -> None:
                 for sense in senses:
-                    sense.glimpse(moment)
+                    sense.glimpse(moment, substep)
 
             return glimpse
 
-        return {substep: call(senses) for substep, senses in paused.items()}
+        return {substep: call(senses, substep) for substep, senses in paused.items()}
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
         """Forgets the past of these users; see :meth:`Sense.reset`."""

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import json
+import math
 import zlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,7 @@ from scipy.special import ndtri
 
 from sim2vr_harness.perception.sense import IntArray, Moment, Sense, restore, rows_of
 
-__all__ = ["Delayed", "History", "Noisy", "Ring", "Stacked"]
+__all__ = ["Delayed", "History", "Noisy", "OwnDelays", "Ring", "Stacked"]
 
 
 class _Wrapper:
@@ -23,15 +25,24 @@ class _Wrapper:
     def __init__(self, sense: Sense) -> None:
         self.sense = sense
         self.name, self.space, self.needs = sense.name, sense.space, sense.needs
-        self.pause, self.frame = sense.pause, sense.frame
+
+    @property
+    def pauses(self) -> tuple[int, ...]:
+        """See :class:`Sense`."""
+        return self.sense.pauses
+
+    @property
+    def frame(self) -> int | IntArray:
+        """See :class:`Sense`."""
+        return self.sense.frame
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
         """See :class:`Sense`."""
         self.sense.reset(ids, seeds)
 
-    def glimpse(self, moment: Moment) -> None:
+    def glimpse(self, moment: Moment, substep: int) -> None:
         """See :class:`Sense`."""
-        self.sense.glimpse(moment)
+        self.sense.glimpse(moment, substep)
 
     def get_state(self, i: int) -> dict[str, Any]:
         """See :class:`Sense`."""
@@ -49,11 +60,14 @@ class Ring:
         name: of the sense, for errors.
         n: number of users N.
         space: of one value.
-        back: how many takes back the oldest is, at least 0.
+        back: how many takes back the oldest is that can be asked for, at least 0.
     """
 
     def __init__(self, name: str, n: int, space: spaces.Box[Any], back: int) -> None:
-        self._name, self._back = name, back
+        self._name = name
+        self.back = np.full(n, back)
+        """(N,) how many takes back the one is that :meth:`oldest` gives; up to `back`."""
+        self._length = back + 1
         self._values = np.zeros((n, back + 1, *space.shape), dtype=space.dtype)
         self._newest = np.zeros(n, dtype=np.int64)
         self._fresh = np.ones(n, dtype=bool)
@@ -69,30 +83,30 @@ class Ring:
     def push(self, values: NDArray[Any], ids: IntArray | None) -> None:
         """Takes (K, ...) values in; the first one of a user fills its whole past."""
         rows = np.arange(len(self._newest)) if ids is None else ids
-        self._newest[rows] = (self._newest[rows] + 1) % (self._back + 1)
+        self._newest[rows] = (self._newest[rows] + 1) % self._length
         self._values[rows, self._newest[rows]] = values
         first = self._fresh[rows]
         if first.any():
             self._values[rows[first]] = values[first][:, None]
             self._fresh[rows] = False
 
-    def back(self, takes: int) -> NDArray[Any]:
-        """(N, ...) what was so many takes ago, a copy."""
-        rows = (self._newest - takes) % (self._back + 1)
+    def ago(self, takes: int | IntArray) -> NDArray[Any]:
+        """(N, ...) what was so many takes ago, the same for all or (N,), a copy."""
+        rows = (self._newest - takes) % self._length
         return self._values[np.arange(len(rows)), rows]
 
     def all(self) -> NDArray[Any]:
         """(N, back + 1, ...) a copy, the newest first."""
-        order = (self._newest[:, None] - np.arange(self._back + 1)) % (self._back + 1)
+        order = (self._newest[:, None] - np.arange(self._length)) % self._length
         return self._values[np.arange(len(order))[:, None], order]
 
     def newest(self) -> NDArray[Any]:
         """(N, ...) a copy."""
-        return self.back(0)
+        return self.ago(0)
 
     def oldest(self) -> NDArray[Any]:
         """(N, ...) a copy."""
-        return self.back(self._back)
+        return self.ago(self.back)
 
     def get_state(self, i: int) -> dict[str, Any]:
         """Copies of user i's past."""
@@ -109,6 +123,19 @@ class Ring:
         self._fresh[i] = bool(state["fresh"])
 
 
+@dataclass(frozen=True)
+class OwnDelays:
+    """Delays that differ from user to user.
+
+    Attributes:
+        now_s: returns (N,) the users' present ones; asked at resets.
+        longest_s: none is longer.
+    """
+
+    now_s: Callable[[], NDArray[np.float64]]
+    longest_s: float
+
+
 class Delayed(_Wrapper):
     """A delay line: what a user perceives is what was ``delay_ms`` ago, also between user steps.
 
@@ -119,7 +146,8 @@ class Delayed(_Wrapper):
 
     Args:
         sense: what is delayed; no delayed one itself.
-        delay_ms: multiple of the physics step, above 0.
+        delay_ms: multiple of the physics step, above 0; or each user's own, at least 0, rounded up
+            to the physics step.
         timestep_s: physics step.
         substeps: physics steps per user step.
 
@@ -127,45 +155,80 @@ class Delayed(_Wrapper):
         ValueError: a delay that cannot be kept, or a sense that is delayed already.
     """
 
-    def __init__(self, sense: Any, delay_ms: float, *, timestep_s: float, substeps: int) -> None:
+    def __init__(
+        self, sense: Any, delay_ms: float | OwnDelays, *, timestep_s: float, substeps: int
+    ) -> None:
         super().__init__(sense)
-        if sense.pause or sense.frame != -1:
+        if sense.pauses or not isinstance(sense.frame, int) or sense.frame != -1:
             raise ValueError(f"delay_ms: got a sense {sense.name!r} that is delayed already")
-        delay = round(delay_ms / (1000.0 * timestep_s))
-        if delay < 1 or abs(delay * timestep_s * 1000.0 - delay_ms) > 1e-6:
-            raise ValueError(
-                f"delay_ms: got {delay_ms}, expected a multiple of the physics step, "
-                f"{1000.0 * timestep_s:g} ms, above 0"
-            )
-        grid: int = getattr(sense, "frame_grid", 0)
-        back, self._substep = delay_plan(delay, substeps, max(grid, 1))
-        if grid:
-            self.frame = self._substep // grid - 1
+        self._own = delay_ms if isinstance(delay_ms, OwnDelays) else None
+        if isinstance(delay_ms, OwnDelays):
+            longest = _substeps_of(delay_ms.longest_s, timestep_s)
         else:
-            self.pause = self._substep
+            longest = round(delay_ms / (1000.0 * timestep_s))
+            if longest < 1 or abs(longest * timestep_s * 1000.0 - delay_ms) > 1e-6:
+                raise ValueError(
+                    f"delay_ms: got {delay_ms}, expected a multiple of the physics step, "
+                    f"{1000.0 * timestep_s:g} ms, above 0"
+                )
+        self._timestep_s, self._substeps = timestep_s, substeps
+        self._grid: int = getattr(sense, "frame_grid", 0)
         n = len(sense.observe())
+        back, substep = delay_plan(longest, substeps, max(self._grid, 1))
         self._ring = Ring(sense.name, n, sense.space, back)
+        self._substep = np.full(n, substep)
         self._glimpsed = np.zeros((n, *sense.space.shape), dtype=sense.space.dtype)
+
+    @property
+    def pauses(self) -> tuple[int, ...]:
+        """See :class:`Sense`."""
+        return () if self._grid else tuple(np.unique(self._substep[self._substep > 0]).tolist())
+
+    @property
+    def frame(self) -> int | IntArray:
+        """See :class:`Sense`."""
+        if not self._grid:
+            return -1
+        frames = self._substep // self._grid - 1
+        return int(frames[0]) if (frames == frames[0]).all() else frames
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
         """See :class:`Sense`."""
         super().reset(ids, seeds)
         self._ring.forget(ids)
+        self._plan(ids.tolist())
 
-    def glimpse(self, moment: Moment) -> None:
+    def _plan(self, ids: Sequence[int]) -> None:
+        """Sets up these users' own delays."""
+        if self._own is None:
+            return
+        delays_s = self._own.now_s()
+        for i in ids:
+            delay = _substeps_of(float(delays_s[i]), self._timestep_s)
+            plan = delay_plan(delay, self._substeps, max(self._grid, 1))
+            self._ring.back[i], self._substep[i] = plan
+
+    def glimpse(self, moment: Moment, substep: int) -> None:
         """See :class:`Sense`."""
-        self.sense.take(moment, None)
-        self._glimpsed = self.sense.observe()
+        if (self._substep == substep).all():
+            self.sense.take(moment, None)
+            self._glimpsed = self.sense.observe()
+            return
+        ids = np.flatnonzero(self._substep == substep)
+        self.sense.take(moment, ids)
+        self._glimpsed[ids] = self.sense.observe()[ids]
 
     def take(self, moment: Moment, ids: IntArray | None) -> None:
         """See :class:`Sense`."""
-        if not self.pause:
+        if not self.pauses:
             self.sense.take(moment, ids)
             self._ring.push(self.sense.observe()[rows_of(ids)], ids)
             return
-        fresh = self._ring.fresh(ids)
-        if fresh.any():
-            new = np.flatnonzero(fresh) if ids is None else ids[fresh]
+        # What was not looked at within the step is now: by those who begin, or whose delay is a
+        # whole number of steps.
+        now = self._ring.fresh(ids) | (self._substep[rows_of(ids)] == 0)
+        if now.any():
+            new = np.flatnonzero(now) if ids is None else ids[now]
             self.sense.take(moment, new)
             self._glimpsed[new] = self.sense.observe()[new]
         self._ring.push(self._glimpsed[rows_of(ids)], ids)
@@ -179,16 +242,22 @@ class Delayed(_Wrapper):
         return super().get_state(i) | {"line": self._ring.get_state(i)}
 
     def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        """See :class:`Sense`."""
+        """See :class:`Sense`; a user's own delay is that of the person that it has become."""
         super().set_state(i, state)
         self._ring.set_state(i, state["line"])
+        self._plan([i])
+
+
+def _substeps_of(delay_s: float, timestep_s: float) -> int:
+    """A delay in physics steps, rounded up."""
+    return math.ceil(delay_s / timestep_s - 1e-6)
 
 
 def delay_plan(delay: int, substeps: int, grid: int) -> tuple[int, int]:
     """When to look so that what is seen is ``delay`` substeps old, or up to a grid's step older.
 
     Args:
-        delay: substeps, above 0.
+        delay: substeps, at least 0.
         substeps: per user step.
         grid: looks are possible at the multiples of this within a step.
 

@@ -22,6 +22,7 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception import Moment
 from sim2vr_harness.perception.wrappers import Ring
+from sim2vr_harness.users import PeopleSettings
 
 __all__ = ["OBSERVATION", "Lag", "Layout", "PrivilegedSenses"]
 
@@ -44,13 +45,20 @@ class Lag:
 
     @staticmethod
     def of(env: EnvConfig) -> Lag:
-        """Of the senses in a configuration."""
+        """Of the senses in a configuration; of people whose delays differ, the mean person's."""
         found = {sense.sense: sense for sense in env.senses}
-        step_ms = 1000.0 / env.action_frequency_hz
+        people = env.user.people or PeopleSettings()
+        own_s = {
+            "vision": people.visual_delay_s,
+            "proprioception": people.proprioceptive_delay_s,
+        }
 
         def steps(name: str) -> int:
-            sense = found.get(name)
-            return 0 if sense is None else math.ceil(sense.delay_ms / step_ms - 1e-6)
+            if name not in found:
+                return 0
+            given = found[name].delay_ms
+            delay_s = own_s[name] if isinstance(given, str) else given / 1000.0
+            return math.ceil(delay_s * env.action_frequency_hz - 1e-6)
 
         actions = found.get("actions")
         known = 0
@@ -207,7 +215,7 @@ class PrivilegedSenses:
 class _Memory:
     """The last moments of N users, and what they did; a ``Sense`` that watches them."""
 
-    name, pause, frame = "teacher's memory", 0, -1
+    name, pauses, frame = "teacher's memory", (), -1
     needs: str | None = None
 
     def __init__(
@@ -231,7 +239,7 @@ class _Memory:
         self._moments.forget(ids)
         self._actions.forget(ids)
 
-    def glimpse(self, moment: Moment) -> None:
+    def glimpse(self, moment: Moment, substep: int) -> None:
         """Nothing: whole user steps are remembered."""
 
     def take(self, moment: Moment, ids: NDArray[np.int64] | None) -> None:
@@ -245,14 +253,14 @@ class _Memory:
 
     def at(self, back: int) -> NDArray[np.float32]:
         """(N, M) the numbers so many user steps ago; those that nobody asks for are 0."""
-        values = self._moments.back(back)
+        values = self._moments.ago(back)
         everything = np.zeros((len(values), self._width), np.float32)
         everything[:, self._columns] = values
         return everything
 
     def did(self, back: int) -> NDArray[np.float32]:
         """(N, A) what was done in the last user step (1), or before."""
-        values: NDArray[np.float32] = self._actions.back(back - 1)
+        values: NDArray[np.float32] = self._actions.ago(back - 1)
         return values
 
     def get_state(self, i: int) -> dict[str, Any]:

@@ -27,8 +27,18 @@ from sim2vr_harness.users.effort import (
     make_effort,
 )
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
+from sim2vr_harness.users.people import (
+    AVERAGE,
+    FEATURES,
+    People,
+    PeopleSettings,
+    Person,
+    Persons,
+)
 
 __all__ = [
+    "AVERAGE",
+    "FEATURES",
     "ActuatorGroup",
     "Body",
     "ConsumedEndurance",
@@ -41,6 +51,10 @@ __all__ = [
     "MotorNoiseSettings",
     "MuscleState",
     "Neural",
+    "People",
+    "PeopleSettings",
+    "Person",
+    "Persons",
     "Physique",
     "Plan",
     "ResetOptions",

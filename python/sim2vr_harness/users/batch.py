@@ -16,8 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
+from sim2vr_harness.users.bodies.options import Physique
 from sim2vr_harness.users.effort import EffortModel, make_effort
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
+from sim2vr_harness.users.people import People, Person, Persons
 from sim2vr_harness.users.worn import WornDevices
 
 FloatArray = NDArray[np.float64]
@@ -37,7 +39,7 @@ _ACC = mujoco.mjtStage.mjSTAGE_ACC.value
 
 
 class UserBatch:
-    """N copies of one body, each a simulation of its own.
+    """N users, each a simulation of its own: copies of one body, or people who differ.
 
     All arrays are float64, user first, in MuJoCo's world frame (z up, x forward, y left).
     Properties return copies that stay valid after the next call. M muscles, A actuators (muscles
@@ -62,6 +64,9 @@ class UserBatch:
         effort_params: parameters of the effort model, `weight` too.
         noise: motor noise settings of the muscles; None for none.
         substeps: simulation steps of `body.timestep` per `step`: 25 make 0.05 s (20 Hz).
+        people: whom `reset` may be given persons of; None: all users are average.
+        cut: makes the body of a person's physique, with the joints and actuators of `body`; None:
+            persons do not differ in their bodies.
 
     Raises:
         ValueError: a number out of range, an unknown effort model, or one that the body lacks
@@ -79,6 +84,8 @@ class UserBatch:
         effort_params: Mapping[str, Any] | None = None,
         noise: MotorNoiseSettings | None = None,
         substeps: int = 25,
+        people: People | None = None,
+        cut: Callable[[Physique], Body] | None = None,
     ) -> None:
         for field, value, least in (
             ("n", n, 1),
@@ -110,6 +117,7 @@ class UserBatch:
         self._qacc = np.zeros((n, model.nv))
         self._force = np.zeros((n, model.nu))
         self._worn = WornDevices(body, self._batch)
+        self.who = Persons(body, self._batch, people, cut)
         self._motor = np.zeros((n, len(self._actuation.motors)))
         self._cost = np.zeros(n)
         self._diverged = np.zeros(n, dtype=bool)
@@ -145,6 +153,7 @@ class UserBatch:
         ids: Sequence[int] | NDArray[np.integer],
         rngs: Sequence[np.random.Generator],
         postures: Sequence[FloatArray | None] | None = None,
+        persons: Sequence[Person] | None = None,
     ) -> None:
         """Starts a new episode for some users, looking ahead as their bodies hold their heads.
 
@@ -159,10 +168,11 @@ class UserBatch:
             rngs: K random generators, one per entry of `ids`.
             postures: K postures to start in, (J,) angles of the independent joints in rad, to
                 which the dependent joints are fitted; None for a drawn one.
+            persons: who these users are from now on, K of them; None: who they were.
 
         Raises:
-            ValueError: an index out of range or given twice, or another number of generators or
-                postures.
+            ValueError: an index out of range or given twice, or another number of generators,
+                postures or persons.
         """
         ids = self._checked_ids(ids)
         if len(rngs) != len(ids):
@@ -170,6 +180,10 @@ class UserBatch:
         chosen = [None] * len(ids) if postures is None else list(postures)
         if len(chosen) != len(ids):
             raise ValueError(f"postures: got {len(chosen)}, expected {len(ids)}, one per id")
+        if persons is not None:
+            if len(persons) != len(ids):
+                raise ValueError(f"persons: got {len(persons)}, expected {len(ids)}, one per id")
+            self.who.become(ids, persons)
         order = np.argsort(ids)
         ids, rngs, chosen = ids[order], [rngs[k] for k in order], [chosen[k] for k in order]
         if len(ids) == 0:
@@ -180,7 +194,7 @@ class UserBatch:
             self._draw_start(int(i), rng)
             noise_seeds.append(int(rng.integers(2**63)))
             if posture is not None:
-                self._qpos[i] = self.body.coupled_qpos(posture)
+                self._qpos[i] = self.who.body(i).coupled_qpos(posture)
             self._actuation.hold(self._motor[i], self._qpos[i])
         if self.noise is not None:
             self.noise.reset(ids, noise_seeds)
@@ -193,7 +207,7 @@ class UserBatch:
         self._update_effort(ids)
 
     def _draw_start(self, i: int, rng: np.random.Generator) -> None:
-        body, rule = self.body, self.body.reset_rule
+        body, rule = self.who.body(i), self.body.reset_rule
         joints, dofs = body.qpos_independent, body.qvel_independent
         angles = rng.uniform(-rule.position_range, rule.position_range, len(joints))
         if rule.posture:
@@ -328,7 +342,7 @@ class UserBatch:
         self._motor[ids] = memory
         if self.noise is not None:
             muscles = self._actuation.muscles
-            ctrl[:, muscles] = self.noise.apply(ctrl[:, muscles], ids)
+            ctrl[:, muscles] = self.noise.apply(ctrl[:, muscles], ids, self.who.motor_noise[ids])
         self._ctrl[np.ix_(ids, self._actuation.actuators)] = ctrl
 
     def _advance(self, ids: IntArray, substeps: int) -> None:
@@ -361,13 +375,25 @@ class UserBatch:
     def _update_effort(self, ids: IntArray) -> None:
         if len(ids):
             actuators = self._actuation.actuators
-            force = self._force[np.ix_(ids, actuators)]
+            # Of the strength that they have: forces count as shares of the body's peak forces.
+            force = self._force[np.ix_(ids, actuators)] / self.who.strength[ids, None]
             act = self._act[np.ix_(ids, self._actuation.activations)]
-            self._cost[ids] = self.effort.update(
+            cost = self.effort.update(
                 self._actuation.loads(act, force), self._ctrl[np.ix_(ids, actuators)], force, ids
             )
+            self._cost[ids] = self.who.effort_weight[ids] * cost
 
     # --- what the simulation says ------------------------------------------------------------
+
+    @property
+    def persons(self) -> tuple[Person, ...]:
+        """(N,) who the users are; all `AVERAGE` without people."""
+        return self.who.now
+
+    @property
+    def person_features(self) -> NDArray[np.float32]:
+        """(N, F) `Person.features` of the users."""
+        return self.who.features.copy()
 
     def device_poses(self, name: str, sample: int = -1) -> tuple[FloatArray, FloatArray]:
         """Returns where a device is, as its OpenXR runtime would report it.
@@ -473,6 +499,8 @@ class UserBatch:
         state.update({f"effort/{k}": v[i].copy() for k, v in self.effort.state().items()})
         if self.noise is not None:
             state.update({f"noise/{k}": v for k, v in self.noise.get_state(i).items()})
+        if self.who.people is not None:
+            state["person"] = self.who.get_state(i)
         return state
 
     def set_state(self, i: int, state: Mapping[str, Any]) -> None:
@@ -494,6 +522,8 @@ class UserBatch:
         if not np.isfinite(state["simulation"]).all():
             raise ValueError("state simulation: got NaN or infinity, expected finite numbers")
         ids = np.array([i])
+        if self.who.people is not None:
+            self.who.set_state(i, state["person"])
         self._state[i], self._motor[i] = state["simulation"], state["motor"]
         self._worn.head_pitch_deg[i] = state["head_pitch_deg"]
         self._batch.forward(ids, _POS)

@@ -73,27 +73,35 @@ class MotorNoise:
             self._signal_red[i] = 0.0
             self._constant_red[i] = 0.0
 
-    def apply(self, ctrl: FloatArray, ids: Sequence[int] | NDArray[np.integer]) -> FloatArray:
+    def apply(
+        self,
+        ctrl: FloatArray,
+        ids: Sequence[int] | NDArray[np.integer],
+        factors: FloatArray | None = None,
+    ) -> FloatArray:
         """Returns noisy controls.
 
         Args:
             ctrl: (K, M) controls in [0, 1] of the users `ids`; left unchanged.
             ids: the K users.
+            factors: (K,) on both standard deviations; None: 1.
 
         Returns:
             (K, M) controls clipped to [0, 1].
         """
         settings, noisy = self.settings, np.array(ctrl, dtype=np.float64)
+        factors = np.ones(len(ids)) if factors is None else factors
         for row, i in enumerate(ids):
             rng = self._rngs[int(i)]
             if settings.signal_dependent is not None:
-                drawn = settings.signal_dependent_level * rng.normal(scale=ctrl[row])
+                level = factors[row] * settings.signal_dependent_level
+                drawn = level * rng.normal(scale=ctrl[row])
                 if settings.signal_dependent == "red":
                     self._signal_red[i] += drawn
                     drawn = self._signal_red[i]
                 noisy[row] += drawn
             if settings.constant is not None:
-                shared = settings.constant_level * rng.standard_normal()
+                shared = factors[row] * settings.constant_level * rng.standard_normal()
                 if settings.constant == "red":
                     self._constant_red[i] += shared
                     shared = self._constant_red[i]

@@ -39,7 +39,6 @@ class World:
             replied_s=np.zeros(n),
         )
         self.perception = Perception(senses)
-        self.pauses = self.perception.pauses(self.moment)
 
     def reset(self, ids: list[int], seed: int = 1, **replied: Any) -> None:
         rows = np.array(ids)
@@ -50,10 +49,11 @@ class World:
 
     def step(self, ids: list[int] | None = None, **replied: Any) -> dict[str, np.ndarray]:
         """A step in which the users of ``ids`` are answered; returns the observation."""
+        pauses = self.perception.pauses(self.moment)
         for substep in range(1, SUBSTEPS + 1):
             self.users.substep += 1
-            if substep in self.pauses:
-                self.pauses[substep]()
+            if substep in pauses:
+                pauses[substep]()
         rows = np.arange(self.users.n) if ids is None else np.array(ids)
         self._reply(rows, replied)
         self.perception.take(self.moment, None if ids is None else rows)

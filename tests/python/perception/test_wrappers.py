@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from perception_fakes import SUBSTEPS, TIMESTEP_S, World, clock
 
-from sim2vr_harness.perception import Delayed, History, Noisy, Sense, Stacked
+from sim2vr_harness.perception import Delayed, History, Noisy, OwnDelays, Sense, Stacked
 from sim2vr_harness.perception.vision import vision
 
 
@@ -72,7 +72,7 @@ def test_which_frame_is_drawn_for_a_delayed_picture(
     frames: int, delay_ms: float, frame: int, old_ms: int
 ) -> None:
     line = delayed(picture(frames), delay_ms)
-    assert (line.frame, line.pause) == (frame, 0)
+    assert (line.frame, line.pauses) == (frame, ())
     world = World(1, line, pictures=(1, 2, 2))
     assert world.perception.drawn_frame == frame
     world.reset([0], level=0)
@@ -81,6 +81,41 @@ def test_which_frame_is_drawn_for_a_delayed_picture(
         drawn_ms = 50.0 * (step - 1) + grid_ms * ((frame % frames) + 1)
         seen = world.step(level=round(drawn_ms / 2.0))["vision"][0, 0, 0, 0] * 2.0
         assert seen == max(50.0 * step - old_ms, 0.0)
+
+
+def test_users_perceive_as_late_as_each_of_them_is() -> None:
+    delays_s = np.array([0.0, 0.03, 0.05, 0.081, 0.12])
+    line = Delayed(
+        clock(5), OwnDelays(lambda: delays_s, 0.12), timestep_s=TIMESTEP_S, substeps=SUBSTEPS
+    )
+    world = World(5, line)
+    world.reset([0, 1, 2, 3, 4])
+    # 81 ms is not a whole number of physics steps: 82. 0 and 50 ms are seen at ends of steps.
+    assert line.pauses == (9, 10, 15)
+    late_ms = np.array([0.0, 30.0, 50.0, 82.0, 120.0])
+    for step in range(1, 7):
+        seen = world.step()["clock"][:, 0]
+        np.testing.assert_allclose(seen, np.maximum(50.0 * step - late_ms, 0.0), atol=1e-4)
+    # Another person in place of the second, and one who is restored to what another was.
+    delays_s[1] = 0.1
+    world.reset([1])
+    np.testing.assert_allclose(world.step()["clock"][:, 0], [350, 0, 300, 268, 230], atol=1e-4)
+    saved = world.perception.get_state(3)
+    delays_s[4] = delays_s[3]
+    world.perception.set_state(4, saved)
+    np.testing.assert_allclose(world.step()["clock"][3:, 0], [318, 318], atol=1e-4)
+
+
+def test_pictures_of_users_who_see_more_or_less_late() -> None:
+    own = OwnDelays(lambda: np.array([0.08, 0.1, 0.16]), 0.2)
+    line = Delayed(picture(5, 3), own, timestep_s=TIMESTEP_S, substeps=SUBSTEPS)
+    world = World(3, line)
+    world.reset([0, 1, 2], level=0)
+    assert line.pauses == ()
+    # Frames end 10, 20, ... 50 ms into a step: 80 ms ago the second did, 160 ms ago the fourth.
+    np.testing.assert_array_equal(world.perception.drawn_frame, [1, -1, 3])
+    levels = [world.step(level=k)["vision"][:, 0, 0, 0].tolist() for k in (1, 2, 3, 4)]
+    assert levels == [[0, 0, 0], [1, 0, 0], [2, 1, 0], [3, 2, 1]]
 
 
 def test_history_is_the_newest_and_then_the_oldest() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, model_validator
 
 from sim2vr_harness.settings import Chance, Settings
 
@@ -16,6 +16,7 @@ PhysicsStep = Annotated[float, Field(ge=LEAST_STEP_S, le=MOST_STEP_S)]
 
 Length = Annotated[float, Field(gt=0.0, le=1000.0)]
 """In m; a body says more exactly what its segments can have."""
+SegmentFactor = Annotated[float, Field(ge=0.5, le=2.0)]
 Angle = Annotated[float, Field(ge=-100.0, le=100.0)]
 """In rad; of a slide a place in m."""
 
@@ -40,12 +41,24 @@ class Physique(Settings):
     the square of the stature."""
     segment_lengths_m: dict[str, Length] = Field(default_factory=dict)
     """Lengths of single segments, such as ``upper_arm: 0.31``; the others follow the stature."""
+    segment_factors: dict[str, SegmentFactor] = Field(default_factory=dict)
+    """Or how many times as long as the stature makes them, such as ``forearm: 1.04``."""
     strength: float = Field(default=1.0, gt=0.0, le=10.0)
     """Factor on the peak forces of muscles and the torques of motors."""
     handedness: Literal["right", "left"] | None = None
     """The hand that plays; the other one than the body's own mirrors it. None leaves it."""
     ipd_m: float | None = Field(default=None, gt=0.03, lt=0.1)
     """Distance of the pupils; None keeps the body's own."""
+
+    @model_validator(mode="after")
+    def _one_length_a_segment(self) -> Physique:
+        for name in self.segment_factors:
+            if name in self.segment_lengths_m:
+                raise ValueError(
+                    f"segment_factors: got {name!r}, which segment_lengths_m has too, expected it "
+                    "in one of the two"
+                )
+        return self
 
 
 class ResetOptions(Settings):

@@ -59,7 +59,9 @@ def resize(spec: mujoco.MjSpec, person: Physique, anatomy: Anatomy) -> None:
         ValueError: the anatomy does not say what is needed, or the body has a part that cannot be
             scaled.
     """
-    if not (person.stature_m or person.mass_kg or person.segment_lengths_m):
+    if not (
+        person.stature_m or person.mass_kg or person.segment_lengths_m or person.segment_factors
+    ):
         return
     model = spec.compile()
     _refuse_what_cannot_follow(model)
@@ -81,6 +83,10 @@ def resize(spec: mujoco.MjSpec, person: Physique, anatomy: Anatomy) -> None:
                 f"times the body's own {own:.3f} m"
             )
         lengths[[model.body(body).id for body in segment.bodies]] = length_m / own
+    for name, factor in person.segment_factors.items():
+        if name not in anatomy.segments:
+            raise ValueError(unknown_name("person.segment_factors", name, anatomy.segments))
+        lengths[[model.body(body).id for body in anatomy.segments[name].bodies]] = whole * factor
     worn = [model.body(name).id for name in DEVICES if _has_body(model, name)]
     masses = np.full(model.nbody, mass)
     lengths[worn] = masses[worn] = 1.0

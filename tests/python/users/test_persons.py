@@ -1,0 +1,191 @@
+"""People: a distribution whose members do not depend on one another, and what acts of a person."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from sim2vr_harness.users import (
+    AVERAGE,
+    FEATURES,
+    Body,
+    MotorNoiseSettings,
+    People,
+    PeopleSettings,
+    Person,
+    Physique,
+    UserBatch,
+    load_body,
+)
+
+BODY = load_body("mobl_arms_wrist", appearance=False)
+
+
+def cut(physique: Physique) -> Body:
+    return load_body("mobl_arms_wrist", person=physique, appearance=False)
+
+
+def users(n: int, people: People, **settings: object) -> UserBatch:
+    return UserBatch(BODY, n, threads=1, people=people, cut=cut, **settings)  # type: ignore[arg-type]
+
+
+def start(batch: UserBatch, persons: list[Person], seed: int = 3) -> None:
+    n = len(persons)
+    batch.reset(range(n), [np.random.default_rng(seed) for _ in range(n)], persons=persons)
+
+
+@pytest.fixture(scope="module")
+def crowd() -> list[Person]:
+    return [People(PeopleSettings()).number(k) for k in range(2000)]
+
+
+def test_a_number_is_one_person_whatever_else_varies() -> None:
+    people = People(PeopleSettings(seed=4))
+    assert people.number(7) == People(PeopleSettings(seed=4)).sample(4, 7)
+    assert people.number(7) != people.number(8)
+    assert people.number(7) != people.sample(5, 7)
+    strong = People(PeopleSettings(seed=4, vary=("strength",))).number(7)
+    assert strong == dataclasses.replace(AVERAGE, index=7, strength=people.number(7).strength)
+
+
+def test_people_are_as_the_sources_say(crowd: list[Person]) -> None:
+    stature = np.array([one.stature_m for one in crowd])
+    # Women 1.629 and men 1.756 m, each +- .0665 cut at 2 deviations (which leaves .88 of it).
+    assert stature.mean() == pytest.approx(1.692, abs=0.006)
+    assert stature.std() == pytest.approx(np.hypot(0.0635, 0.88 * 0.0665), abs=0.003)
+    strength = np.log([one.strength for one in crowd])
+    assert np.exp(strength.mean()) == pytest.approx(np.sqrt(31 / 51), abs=0.02)
+    # The sexes' means are 2 x .249 apart: a strong person is rather a tall one.
+    assert np.corrcoef(stature, strength)[0, 1] == pytest.approx(
+        0.0635 * 0.249 / (np.hypot(0.0635, 0.0585) * np.hypot(0.249, 0.158)), abs=0.05
+    )
+    assert {round(one.visual_delay_s, 9) for one in crowd} == {0.09, 0.1, 0.11}
+    noise = np.log([one.motor_noise for one in crowd])
+    assert (noise.mean(), noise.std()) == pytest.approx((0.0, 0.88 * 0.12), abs=0.01)
+
+
+def test_features_are_about_minus_one_to_one(crowd: list[Person]) -> None:
+    features = np.array([one.features for one in crowd])
+    assert features.shape == (2000, len(FEATURES)) and features.dtype == np.float32
+    assert np.abs(features).max() <= 1.0
+    shape = features[:, [FEATURES.index(name) for name in ("stature_m", "strength")]]
+    assert shape.min() < -0.9 and shape.max() > 0.9
+    tall = dataclasses.replace(AVERAGE, stature_m=1.692 + 0.1965)
+    assert tall.features[0] == pytest.approx(1.0)
+
+
+def test_spread_and_means_can_be_set() -> None:
+    alike = People(PeopleSettings(spread=0.0, visual_delay_s=0.15))
+    assert dataclasses.replace(alike.number(1), index=2) == alike.number(2)
+    assert alike.number(1).visual_delay_s == pytest.approx(0.15)
+    wide = People(PeopleSettings(spread=2.0))
+    near = People(PeopleSettings())
+    assert wide.number(3).stature_m - 1.692 == pytest.approx(
+        2.0 * (near.number(3).stature_m - 1.692)
+    )
+    assert near.longest("visual_delay_s") == pytest.approx(0.11)
+    few = People(PeopleSettings(count=3))
+    assert {few.of_episode(seed).index for seed in range(40)} == {0, 1, 2}
+    with pytest.raises(ValueError, match="person: got 3, expected 0 to 2"):
+        few.number(3)
+    with pytest.raises(ValueError, match=r"people.vary: got 'stature_m', which user.person sets"):
+        People(PeopleSettings(), Physique(stature_m=1.8))
+
+
+def test_a_body_of_its_own() -> None:
+    people = People(PeopleSettings())
+    small, tall = (dataclasses.replace(AVERAGE, stature_m=s) for s in (1.53, 1.87))
+    long = dataclasses.replace(AVERAGE, forearm_factor=1.1)
+    batch = users(4, people)
+    start(batch, [AVERAGE, small, tall, long])
+    batch.turn_head(range(4), None)
+    head = batch.device_poses("headset")[0]
+    # Everything hangs on the root, whose height above the floor scales too: eye height goes along.
+    assert head[1, 2] / head[0, 2] == pytest.approx(0.9, abs=1e-9)
+    assert head[2, 2] / head[0, 2] == pytest.approx(1.1, abs=1e-9)
+    np.testing.assert_allclose(head[3], head[0], atol=1e-12)
+    models = [batch.who.body(i).physics_model for i in range(4)]
+    arm = models[0].body("ulna").id
+    masses = [model.body_mass[arm] for model in models]
+    assert masses[1] / masses[0] == pytest.approx(0.81)  # constant body-mass index
+    hand = [np.linalg.norm(model.body("radius").pos - 0) for model in models]
+    assert hand[3] / hand[0] == pytest.approx(1.1)
+
+
+def test_own_bodies_move_as_batches_of_their_own() -> None:
+    person = People(PeopleSettings()).number(5)
+    physique = People(PeopleSettings()).physique(person)
+    alone = UserBatch(cut(physique), 1, threads=1, effort="zero")
+    mixed = users(3, People(PeopleSettings()), effort="zero")
+    start(mixed, [People(PeopleSettings()).number(k) for k in (1, 5, 9)])
+    alone.reset([0], [np.random.default_rng(3)])
+    actions = np.random.default_rng(0).uniform(-1.0, 1.0, (6, 32))
+    for action in actions:
+        alone.step(action[None])
+        mixed.step(np.tile(action, (3, 1)))
+    np.testing.assert_array_equal(mixed.qpos[1], alone.qpos[0])
+    assert np.abs(mixed.qpos[0] - mixed.qpos[1]).max() > 1e-3
+
+
+def test_strength_noise_and_effort_act() -> None:
+    people = People(PeopleSettings(vary=("strength", "motor_noise", "effort_weight")))
+    weak = dataclasses.replace(AVERAGE, strength=0.5)
+    keen = dataclasses.replace(AVERAGE, effort_weight=0.25)
+    batch = users(3, people)
+    start(batch, [AVERAGE, weak, keen])
+    np.testing.assert_allclose(batch.actuator_force[1], 0.5 * batch.actuator_force[0], rtol=1e-9)
+    batch.step(np.full((3, 32), 0.2))
+    assert batch.effort_cost[2] == 0.25 * batch.effort_cost[0] > 0.0
+    np.testing.assert_array_equal(batch.qpos[2], batch.qpos[0])
+    assert np.abs(batch.qpos[1] - batch.qpos[0]).max() > 1e-3
+
+    noisy = users(3, people, noise=MotorNoiseSettings(constant=None))
+    shaky, still = (dataclasses.replace(AVERAGE, motor_noise=f) for f in (2.0, 1e-9))
+    start(noisy, [AVERAGE, shaky, still])
+    clean = np.clip(noisy.act + 0.1, 0.0, 1.0)
+    noisy.step(np.full((3, 32), 0.1))
+    inside = (noisy.ctrl[1] > 0.0) & (noisy.ctrl[1] < 1.0) & (clean[0] < 0.9)
+    off = (noisy.ctrl - clean)[:, inside]
+    assert inside.sum() > 10
+    np.testing.assert_allclose(off[1], 2.0 * off[0], atol=1e-12)
+    assert np.abs(off[2]).max() < 1e-6 < np.abs(off[0]).max()
+
+
+def test_strength_counts_as_a_share_in_consumed_endurance() -> None:
+    people = People(PeopleSettings(vary=("strength",)))
+    weak = dataclasses.replace(AVERAGE, strength=0.5)
+    batch = users(2, people, effort="consumed_endurance")
+    start(batch, [AVERAGE, weak])
+    # Half the peak force at the same activation: half the force, the same share.
+    assert batch.effort_cost[1] == pytest.approx(batch.effort_cost[0]) and batch.effort_cost[0] > 0
+
+
+def test_a_restored_user_is_the_same_person() -> None:
+    people = People(PeopleSettings())
+    one, other = users(2, people), users(1, people)
+    start(one, [people.number(2), people.number(3)])
+    one.step(np.full((2, 32), 0.1))
+    other.set_state(0, one.get_state(1))
+    assert other.persons[0] == people.number(3)
+    np.testing.assert_array_equal(other.person_features[0], people.number(3).features)
+    one.step(np.full((2, 32), -0.1))
+    other.step(np.full((1, 32), -0.1))
+    np.testing.assert_array_equal(other.qpos[0], one.qpos[1])
+    with pytest.raises(ValueError, match=r"persons: got 1, expected 2, one per id"):
+        one.reset([0, 1], [np.random.default_rng(0)] * 2, persons=[AVERAGE])
+
+
+def test_average_people_are_today_s_users_to_the_bit() -> None:
+    today = UserBatch(BODY, 1, threads=1, noise=MotorNoiseSettings())
+    people = People(PeopleSettings(vary=()))
+    same = users(1, people, noise=MotorNoiseSettings())
+    today.reset([0], [np.random.default_rng(3)])
+    start(same, [people.number(0)])
+    assert "person" not in today.get_state(0) and today.persons == (AVERAGE,)
+    for _ in range(4):
+        today.step(np.full((1, 32), 0.1))
+        same.step(np.full((1, 32), 0.1))
+    np.testing.assert_array_equal(today.qpos, same.qpos)
+    np.testing.assert_array_equal(today.effort_cost, same.effort_cost)

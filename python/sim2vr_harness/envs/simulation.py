@@ -89,7 +89,8 @@ class Simulation:
         self.config = config
         substeps = _substeps(config.action_frequency_hz, self.body.timestep)
         _check_frames(config.frames_per_step, substeps)
-        self._people = people_of(config.user)
+        self.people = people_of(config.user)
+        """Whom the users are drawn from; None: all are average."""
         self.users = UserBatch(
             self.body,
             n,
@@ -98,8 +99,8 @@ class Simulation:
             effort_params=config.user.effort.options(),
             noise=_noise(config.user.noise),
             substeps=substeps,
-            people=self._people,
-            cut=self._body_for,
+            people=self.people,
+            cut=self.body_for,
         )
         self.proprioception = Proprioception(self.body)
         self.actions = make_actions(config, n, self.body)
@@ -217,7 +218,7 @@ class Simulation:
     def _persons(
         self, round_seeds: Sequence[int], numbers: Sequence[int | None] | None
     ) -> list[Person] | None:
-        people = self._people
+        people = self.people
         if people is None:
             if numbers is not None and any(number is not None for number in numbers):
                 raise ValueError("persons: got numbers, expected None: user.people is not set")
@@ -234,9 +235,10 @@ class Simulation:
 
     def _who(self, i: int) -> dict[str, Any]:
         """User i's person for an info dictionary, where users are people."""
-        return {} if self._people is None else {"person": self.users.persons[i].as_dict()}
+        return {} if self.people is None else {"person": self.users.persons[i].as_dict()}
 
-    def _body_for(self, physique: Physique) -> Body:
+    def body_for(self, physique: Physique) -> Body:
+        """Return the users' body, cut to somebody."""
         return body_of(self.config.user.model_copy(update={"person": physique}))
 
     @property

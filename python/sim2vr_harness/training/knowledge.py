@@ -22,7 +22,7 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception import Moment
 from sim2vr_harness.perception.wrappers import Ring
-from sim2vr_harness.users import PeopleSettings
+from sim2vr_harness.users import FEATURES, PeopleSettings
 
 __all__ = ["OBSERVATION", "Lag", "Layout", "PrivilegedSenses"]
 
@@ -136,21 +136,25 @@ class PrivilegedSenses:
         self._simulation = simulation
         self._batch: Any = simulation.apps[0].batch  # type: ignore[attr-defined]
         self.names: tuple[str, ...] = self._batch.privileged_names
-        self.everything = (*simulation.proprioception.names, *self.names)
-        """Names of all numbers of a moment: the body's, then the game's."""
+        own = simulation.proprioception.names
+        self._who = tuple(f"person {name}" for name in FEATURES) if simulation.people else ()
+        self._own = len(own) + len(self._who)
+        self.everything = (*own, *self._who, *self.names)
+        """Names of all numbers of a moment: the body's, the person's, then the game's."""
         self.layout = self._laid_out(hidden, felt, lag)
         self.size = len(self.layout.names)
         self._memory: _Memory | None = None
         if not lag.none:
             columns = np.union1d(self.layout.felt, self.layout.seen).astype(np.int64)
-            self._memory = _Memory(simulation, self._now, columns, lag)
+            width = len(self.everything)
+            self._memory = _Memory(simulation, self._now, columns, width, lag)
             simulation.watch(self._memory)
 
     def _laid_out(self, hidden: Sequence[str], felt: Sequence[str], lag: Lag) -> Layout:
-        body, everything = self._simulation.proprioception.names, self.everything
+        everything = self.everything
         shown = [i for i, name in enumerate(everything) if not _matches(name, hidden)]
-        own = [i for i in shown if i < len(body)]
-        game = [i for i in shown if i >= len(body)]
+        own = [i for i in shown if i < self._own]
+        game = [i for i in shown if i >= self._own]
         tool = [i for i in game if lag.body != lag.game and _matches(everything[i], felt)]
         did = [
             f"{name}, {back} back"
@@ -208,8 +212,11 @@ class PrivilegedSenses:
 
     def _now(self) -> NDArray[np.float32]:
         """(N, M) all numbers of the present moment."""
-        body = self._simulation.proprioception.observe(self._simulation.users)
-        return np.concatenate([body, self._batch.privileged], axis=1, dtype=np.float32)
+        simulation = self._simulation
+        parts = [simulation.proprioception.observe(simulation.users), self._batch.privileged]
+        if self._who:
+            parts.insert(1, simulation.person_features)
+        return np.concatenate(parts, axis=1, dtype=np.float32)
 
 
 class _Memory:
@@ -223,12 +230,10 @@ class _Memory:
         simulation: Simulation,
         now: Callable[[], NDArray[np.float32]],
         columns: NDArray[np.int64],
+        width: int,
         lag: Lag,
     ) -> None:
-        self._now, self._columns = now, columns
-        self._width = len(simulation.proprioception.names) + len(
-            simulation.apps[0].batch.privileged_names  # type: ignore[attr-defined]
-        )
+        self._now, self._columns, self._width = now, columns, width
         size = len(columns)
         self._moments = Ring(self.name, simulation.n, _box(size), lag.longest)
         actions = len(simulation.actions.names)

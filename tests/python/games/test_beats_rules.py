@@ -114,7 +114,8 @@ def motion(made: ImaginedRollouts) -> Motion:
     users = made.simulation.simulation.users
     joints, dofs = users.body.qpos_independent, users.body.qvel_independent
     parts = (users.qpos[:, joints], users.qvel[:, dofs], made.body.drives.of(users))
-    return Motion(*(torch.tensor(part, dtype=torch.float32) for part in parts))
+    tensors = [torch.tensor(part, dtype=torch.float32) for part in parts]
+    return Motion(*tensors, torch.zeros(users.n, 0))
 
 
 def worn(made: ImaginedRollouts) -> torch.Tensor:

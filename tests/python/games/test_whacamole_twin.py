@@ -23,7 +23,7 @@ def resting_game(n: int, single: float = 0.0) -> tuple[ImaginedWhacAMole, torch.
     """N rounds, the conditions in turn, and the places of controllers that stay there."""
     settings = TwinSettings(single_targets=single)
     game = ImaginedWhacAMole(n, CONDITIONS, settings, step_s=0.05, seed=2)
-    place = torch.eye(4).expand(n, 1, 4, 4)
+    place = torch.eye(4).expand(n, 2, 4, 4)
     fields = torch.zeros(n, len(FIELDS))
     for i in range(n):
         for name, value in CONDITIONS[i % 3].items():

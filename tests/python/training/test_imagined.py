@@ -70,7 +70,8 @@ def test_the_chain_places_the_hand_as_mujoco_does(rollouts: ImaginedRollouts) ->
     data = mujoco.MjData(user.physics_model)
     low, high = user.joint_ranges.T
     angles = np.random.default_rng(1).uniform(low, high, (20, 7))
-    places = rollouts.body.chains(torch.tensor(angles, dtype=torch.float32))[:, 0].numpy()
+    places = rollouts.body.places(torch.tensor(angles, dtype=torch.float32), torch.zeros(20, 0))
+    places = places[:, 0].numpy()
     for each, place in zip(angles, places, strict=True):
         data.qpos[:] = user.coupled_qpos(each)
         mujoco.mj_kinematics(user.physics_model, data)
@@ -81,7 +82,9 @@ def test_the_chain_places_the_hand_as_mujoco_does(rollouts: ImaginedRollouts) ->
 
 def test_the_hammer_is_where_the_game_says(rollouts: ImaginedRollouts) -> None:
     steps = experience(rollouts)
-    marker, axes = rollouts.game.hammer(rollouts.body.chains(steps.after.angles))
+    marker, axes = rollouts.game.hammer(
+        rollouts.body.places(steps.after.angles, steps.after.persons)
+    )
     said = {name: steps.fields[:, i] for i, name in enumerate(FIELDS)}
     where = torch.stack([said[f"hammer.{axis}_m"] for axis in "xyz"], 1)
     face = torch.stack([said[f"hammer.face_{axis}"] for axis in "xyz"], 1)
@@ -124,7 +127,9 @@ def test_the_twin_observes_what_the_true_game_says(rollouts: ImaginedRollouts) -
     true_users = sim.simulation.users
     joints, dofs = true_users.body.qpos_independent, true_users.body.qvel_independent
     parts = (true_users.qpos[:, joints], true_users.qvel[:, dofs], true_users.act)
-    motion = Motion(*(torch.tensor(part, dtype=torch.float32) for part in parts))
+    motion = Motion(
+        *(torch.tensor(part, dtype=torch.float32) for part in parts), torch.zeros(16, 0)
+    )
     columns = [sim.senses.names.index(name) for name in FIELDS]
     fields = torch.tensor(sim.senses.values()[:, columns], dtype=torch.float32)
     everyone = torch.arange(16)
@@ -149,7 +154,7 @@ def test_the_twin_observes_what_the_true_game_says(rollouts: ImaginedRollouts) -
 
 def test_the_reward_s_gradient_is_that_of_finite_differences(rollouts: ImaginedRollouts) -> None:
     steps = experience(rollouts).rows(torch.arange(0, 60, 10))
-    places = rollouts.body.chains(steps.after.angles)
+    places = rollouts.body.places(steps.after.angles, steps.after.persons)
 
     def total(actions: torch.Tensor) -> torch.Tensor:
         users, game = rollouts.imagine(6)
@@ -184,7 +189,7 @@ def test_the_hammer_is_seen_where_a_user_goes_on(rollouts: ImaginedRollouts) -> 
     game.observe(users.place)
     begin = experience(rollouts).rows(torch.tensor([3, 50]))
     users.start(torch.arange(2), begin.after)
-    where = rollouts.body.chains(begin.after.angles)
+    where = rollouts.body.places(begin.after.angles, begin.after.persons)
     game.start(torch.arange(2), where, begin.fields, torch.full((2,), -1))
     torch.testing.assert_close(
         game.observe(users.place)[:, columns], game.hammer(where)[0], atol=1e-6, rtol=0.0
@@ -198,7 +203,7 @@ def test_what_a_motion_costs_by_hand(rollouts: ImaginedRollouts) -> None:
     angles[1, 0] = float(high[0] + 0.1 * (high[0] - low[0]))  # 0.2 of half its range beyond
     speeds, act = torch.zeros(2, 7), torch.zeros(2, 32)
     speeds[1, 3], act[1, 0] = -25.0, 0.8  # 10 rad/s beyond what is wild
-    users.start(torch.arange(2), Motion(angles, speeds, act))
+    users.start(torch.arange(2), Motion(angles, speeds, act, torch.zeros(2, 0)))
     costs = torch.stack(users.costs())
     assert costs[:, 0].tolist() == [0.0, 0.0, 0.0]
     expected = [0.1 * 0.8**2 / 32, 0.5 * 0.2, 0.02 * 10.0]

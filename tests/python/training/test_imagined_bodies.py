@@ -27,7 +27,8 @@ def body_of(name: str, torso: bool) -> Body:
 def moved(users: UserBatch, drives: Drives) -> Motion:
     joints, dofs = users.body.qpos_independent, users.body.qvel_independent
     parts = (users.qpos[:, joints], users.qvel[:, dofs], drives.of(users))
-    return Motion(*(torch.tensor(part, dtype=torch.float32) for part in parts))
+    tensors = [torch.tensor(part, dtype=torch.float32) for part in parts]
+    return Motion(*tensors, torch.zeros(users.n, 0))
 
 
 @pytest.mark.parametrize(("name", "torso"), BODIES)

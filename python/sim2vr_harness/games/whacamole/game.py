@@ -21,7 +21,7 @@ class WhacAMole:
 
     name = "whacamole"
     settings = TwinSettings
-    devices = ("controller_right",)
+    devices = ("controller_right", "headset")
     fields = FIELDS
     cells = CELLS
     conditions = ("low-medium", "medium", "high-medium")

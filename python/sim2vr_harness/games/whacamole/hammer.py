@@ -22,22 +22,23 @@ POSE_FIELDS = (
 
 
 class Hammer:
-    """The hammer's pose by its controller's place: it is fixed to it."""
+    """The hammer's pose by the places of controller and headset: it is fixed to the controller."""
 
     def __init__(self) -> None:
         self.fixed = torch.zeros(13, 9)
         """Marker, face and handle, linear in the place's position, rotation and 1."""
 
     def calibrate(self, place: Tensor, pose: Tensor) -> None:
-        """Find how the hammer is fixed, from (K, 1, 4, 4) places and (K, 9) poses that belong."""
+        """Find how the hammer is fixed, from (K, 2, 4, 4) places and (K, 9) poses that belong."""
         known = self._known(place)
         solution = torch.linalg.lstsq(known.double(), pose.double(), driver="gelsd").solution
         self.fixed.copy_(solution)
 
     @staticmethod
     def _known(place: Tensor) -> Tensor:
-        hand, ones = place[:, 0], torch.ones(len(place), 1)
-        return torch.cat([hand[:, :3, 3], hand[:, :3, :3].flatten(1), ones], 1)
+        hand, head, ones = place[:, 0], place[:, 1], torch.ones(len(place), 1)
+        # From the head, since that is where the target area is placed, and people differ in height.
+        return torch.cat([hand[:, :3, 3] - head[:, :3, 3], hand[:, :3, :3].flatten(1), ones], 1)
 
     def __call__(self, place: Tensor) -> tuple[Tensor, Tensor]:
         """(B, 3) marker from the head, m, and (B, 3, 3) axes x, y, z as rows, the app's axes."""

@@ -18,6 +18,7 @@ from sim2vr_harness.training.imagined.chain import Chains
 from sim2vr_harness.training.imagined.drives import Drives
 from sim2vr_harness.training.imagined.experience import Experience, Motion
 from sim2vr_harness.training.imagined.limbs import Limb, limbs_of
+from sim2vr_harness.training.imagined.persons import ImaginedPersons
 from sim2vr_harness.users import Body
 
 __all__ = ["BodyModel", "fit_body", "mlp"]
@@ -59,6 +60,7 @@ class _Acceleration(nn.Module):
         limbs: L limbs with as many joints and actuators each.
         step_s: duration of a user step.
         width: of the hidden layers.
+        persons: how who a user is stands in tensors.
     """
 
     mean: Tensor
@@ -69,11 +71,18 @@ class _Acceleration(nn.Module):
     low: Tensor
     high: Tensor
 
-    def __init__(self, user: Body, limbs: Sequence[Limb], step_s: float, width: int) -> None:
+    def __init__(
+        self,
+        user: Body,
+        limbs: Sequence[Limb],
+        step_s: float,
+        width: int,
+        persons: ImaginedPersons | None,
+    ) -> None:
         super().__init__()
         joints, drives = len(limbs[0].joints), len(limbs[0].actuators)
         self._joints, self._drives, self._limbs = joints, drives, len(limbs)
-        self._step_s = step_s
+        self._step_s, self._persons = step_s, persons
         self.joint_columns = [j for limb in limbs for j in limb.joints]
         self.drive_columns = [a for limb in limbs for a in limb.actuators]
         for name in ("mean", "spread", "speed", "gain", "remainder"):
@@ -82,6 +91,7 @@ class _Acceleration(nn.Module):
         self.register_buffer("low", self._of_joints(low[None]))
         self.register_buffer("high", self._of_joints(high[None]))
         which = len(limbs) if len(limbs) > 1 else 0
+        which += 0 if persons is None else len(persons.names)
         self._linear = mlp(6 * joints + which, width, width, joints * (2 * drives + 1))
         self._rest = mlp(8 * joints + 2 * drives + which, width, width, 2 * joints)
 
@@ -129,6 +139,9 @@ class _Acceleration(nn.Module):
         ]
         if self._limbs > 1:
             parts.append(torch.eye(self._limbs).repeat(users, 1))
+        if self._persons is not None:
+            told = self._persons.features(before.persons)
+            parts.append(told.repeat_interleave(self._limbs, 0))
         state = torch.cat(parts, -1)
         terms = self._linear(state)
         effect = terms[:, : -self._joints].reshape(-1, self._joints, 2 * self._drives)
@@ -154,6 +167,7 @@ class BodyModel(nn.Module):
         devices: the worn devices whose places are wanted.
         step_s: duration of a user step.
         width: of the hidden layers.
+        persons: how who a user is stands in tensors; None: all are `user`.
     """
 
     error: Tensor
@@ -162,18 +176,25 @@ class BodyModel(nn.Module):
     """(J,) standard deviation of how speeds change in a step, rad/s."""
 
     def __init__(
-        self, user: Body, devices: Sequence[str], step_s: float, *, width: int = 256
+        self,
+        user: Body,
+        devices: Sequence[str],
+        step_s: float,
+        *,
+        width: int = 256,
+        persons: ImaginedPersons | None = None,
     ) -> None:
         super().__init__()
         self.drives = Drives(user)
         self.activation = _Activation()
         groups = limbs_of(user)
         self.accelerations = nn.ModuleList(
-            [_Acceleration(user, limbs, step_s, width) for limbs in groups]
+            [_Acceleration(user, limbs, step_s, width, persons) for limbs in groups]
         )
         columns = [j for each in self._each() for j in each.joint_columns]
         self._order = [columns.index(j) for j in range(len(columns))]
-        self.chains = Chains(user, devices)
+        self._persons = persons
+        self._chains = Chains(user, devices, persons.references if persons else ())
         self.register_buffer("error", torch.zeros(len(user.independent_joints)))
         self.register_buffer("gain", torch.ones(len(user.independent_joints)))
         self.step_s = step_s
@@ -186,6 +207,12 @@ class BodyModel(nn.Module):
         for each in self._each():
             each.scale_by(steps)
         self.gain.copy_((steps.after.speeds - steps.before.speeds).std(0))
+
+    def places(self, angles: Tensor, persons: Tensor) -> Tensor:
+        """(B, D, 4, 4) where the devices of persons (B, P) are at angles (B, J)."""
+        sizes = None if self._persons is None else self._persons.sizes(persons)
+        placed: Tensor = self._chains(angles, sizes)
+        return placed
 
     def learned(self) -> list[nn.Parameter]:
         """What is fitted: muscles' activation only where there are muscles."""
@@ -223,16 +250,19 @@ class BodyModel(nn.Module):
             for values, parts in zip(each(before, drives), (angles, speeds), strict=True):
                 parts.append(values.reshape(len(drives), -1))
         if len(angles) == 1 and self._order == sorted(self._order):
-            return Motion(angles[0], speeds[0], drives)
+            return Motion(angles[0], speeds[0], drives, before.persons)
         return Motion(
-            torch.cat(angles, 1)[:, self._order], torch.cat(speeds, 1)[:, self._order], drives
+            torch.cat(angles, 1)[:, self._order],
+            torch.cat(speeds, 1)[:, self._order],
+            drives,
+            before.persons,
         )
 
     def disturbed(self, motion: Motion, share: float) -> Motion:
         """``motion`` with noise of ``share`` times what the model gets wrong in a step."""
         noise = share * self.error * torch.randn_like(motion.speeds)
         angles = motion.angles + 0.5 * self.step_s * noise
-        return Motion(angles, motion.speeds + noise, motion.drives)
+        return Motion(angles, motion.speeds + noise, motion.drives, motion.persons)
 
 
 def fit_body(
@@ -291,7 +321,8 @@ def _measure(body: BodyModel, test: Experience) -> dict[str, float]:
         predicted = body(test.before, test.control)
         wrong = predicted.speeds - test.after.speeds
         body.error.copy_(wrong.std(0))
-        place = body.chains(torch.cat([predicted.angles, test.after.angles, test.before.angles]))
+        angles = torch.cat([predicted.angles, test.after.angles, test.before.angles])
+        place = body.places(angles, test.before.persons.repeat(3, 1))
         put_at, was_at, from_ = place[:, :, :3, 3].chunk(3)
         moved = (from_ - was_at).norm(dim=2).mean(0)
         moving = moved > 0.0

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.training.imagined.drives import Drives
 from sim2vr_harness.training.imagined.experience import Experience
+from sim2vr_harness.training.imagined.persons import ImaginedPersons
 from sim2vr_harness.training.teacher_config import ImaginedConfig
 from sim2vr_harness.training.teacher_env import TeacherSimulation
 from sim2vr_harness.training.teacher_policy import TeacherPolicy
@@ -31,6 +32,7 @@ class Collector:
         config: of the imagined rollouts.
         policy: who acts.
         simulation: the users; their rounds go on from one call to the next.
+        persons: how they stand in tensors.
         seed: of everything drawn here.
     """
 
@@ -39,6 +41,7 @@ class Collector:
         config: ImaginedConfig,
         policy: TeacherPolicy,
         simulation: TeacherSimulation,
+        persons: ImaginedPersons,
         *,
         seed: int,
     ) -> None:
@@ -47,6 +50,7 @@ class Collector:
         self.started = False
         self._seed = seed
         self._drives = Drives(simulation.simulation.body)
+        self._persons = persons
 
     def play(
         self, steps: int, *, wildly: bool, on_progress: Callable[[float], None]
@@ -87,7 +91,8 @@ class Collector:
             ended = result.terminated | result.truncated
             fields = sim.senses.values()[:, columns]
             kept = ~ended & ~users.diverged
-            rows.append(tuple(a[kept] for a in (*before, control, *self._motion(), fields)))
+            who = self._persons.of(sim.simulation)
+            rows.append(tuple(a[kept] for a in (*before, control, *self._motion(), who, fields)))
             over = [int(i) for i in np.flatnonzero(ended)]
             counts.add(over)
             if over:  # with new logs, which begin with 0

@@ -19,19 +19,23 @@ class Motion:
         angles: (B, J) independent joints, rad.
         speeds: (B, J) rad/s.
         drives: (B, A) of the actuators, in [0, 1]; see :class:`~.drives.Drives`.
+        persons: (B, P) who they are; see :class:`~.persons.ImaginedPersons`.
     """
 
     angles: Tensor
     speeds: Tensor
     drives: Tensor
+    persons: Tensor
 
     def detach(self) -> Motion:
         """The same, cut off from what led to it."""
-        return Motion(self.angles.detach(), self.speeds.detach(), self.drives.detach())
+        return Motion(
+            self.angles.detach(), self.speeds.detach(), self.drives.detach(), self.persons
+        )
 
     def rows(self, ids: Tensor) -> Motion:
         """Of some users."""
-        return Motion(self.angles[ids], self.speeds[ids], self.drives[ids])
+        return Motion(self.angles[ids], self.speeds[ids], self.drives[ids], self.persons[ids])
 
 
 @dataclass(frozen=True)
@@ -58,13 +62,15 @@ class Experience:
         before, after = self.before, self.after
         return [
             *(before.angles, before.speeds, before.drives, self.control),
-            *(after.angles, after.speeds, after.drives, self.fields),
+            *(after.angles, after.speeds, after.drives, before.persons, self.fields),
         ]
 
     @staticmethod
     def of(tensors: Sequence[Tensor]) -> Experience:
         """Of what :meth:`tensors` gave."""
-        return Experience(Motion(*tensors[:3]), tensors[3], Motion(*tensors[4:7]), tensors[7])
+        q, v, drives, control, after_q, after_v, after_drives, persons, fields = tensors
+        before = Motion(q, v, drives, persons)
+        return Experience(before, control, Motion(after_q, after_v, after_drives, persons), fields)
 
     def rows(self, ids: Tensor) -> Experience:
         """Some of the steps."""

@@ -28,17 +28,22 @@ class ImaginedNoise:
         self._settings = settings
         self._signal_red, self._constant_red = torch.zeros(n, muscles), torch.zeros(n, 1)
 
-    def apply(self, control: Tensor) -> Tensor:
-        """(B, M) noisy controls, in [0, 1] as ``control`` is."""
+    def apply(self, control: Tensor, factor: Tensor | float = 1.0) -> Tensor:
+        """(B, M) noisy controls, in [0, 1] as ``control`` is.
+
+        Args:
+            control: (B, M).
+            factor: (B, 1) on the noise of each user.
+        """
         settings, noisy = self._settings, control
         if settings.signal_dependent is not None:
-            drawn = settings.signal_dependent_level * control * torch.randn_like(control)
+            drawn = settings.signal_dependent_level * factor * control * torch.randn_like(control)
             if settings.signal_dependent == "red":
                 drawn = self._signal_red + drawn
                 self._signal_red = drawn.detach()
             noisy = noisy + drawn
         if settings.constant is not None:
-            shared = settings.constant_level * torch.randn(len(control), 1)
+            shared = settings.constant_level * factor * torch.randn(len(control), 1)
             if settings.constant == "red":
                 shared = self._constant_red + shared
                 self._constant_red = shared

@@ -18,6 +18,7 @@ from sim2vr_harness.training.imagined.critic import Critic
 from sim2vr_harness.training.imagined.effort import imagined_effort
 from sim2vr_harness.training.imagined.experience import Experience
 from sim2vr_harness.training.imagined.gradients import limited
+from sim2vr_harness.training.imagined.persons import ImaginedPersons
 from sim2vr_harness.training.imagined.senses import ImaginedSenses
 from sim2vr_harness.training.imagined.users import ImaginedUsers
 from sim2vr_harness.training.knowledge import OBSERVATION
@@ -87,7 +88,8 @@ class ImaginedRollouts:
         self.config, self.policy, self.simulation = config, policy, simulation
         self.cycle = self.updates = 0
         self._frames = simulation.config.frames_per_step
-        self._collector = Collector(config, policy, simulation, seed=seed)
+        self._persons = ImaginedPersons(simulation.simulation)
+        self._collector = Collector(config, policy, simulation, self._persons, seed=seed)
         self._torch_seed = int(np.random.SeedSequence([seed, 92]).generate_state(1)[0])
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self._torch_seed)
@@ -96,6 +98,7 @@ class ImaginedRollouts:
                 simulation.game.devices,
                 simulation.step_s,
                 width=config.body_width,
+                persons=self._persons,
             )
         self._conditions = [simulation.describe(k) for k in range(len(simulation.conditions))]
         self.users, self.game = self.imagine(config.users)
@@ -133,7 +136,10 @@ class ImaginedRollouts:
                 error
             )
         effort = imagined_effort(users.effort, self.body.drives, self.config.effort)
-        return ImaginedUsers(users.body, self.body, n, effort=effort, noise=noise), rounds
+        imagined = ImaginedUsers(
+            users.body, self.body, n, effort=effort, noise=noise, persons=self._persons
+        )
+        return imagined, rounds
 
     def imagined_senses(self, users: ImaginedUsers, rounds: Any) -> ImaginedSenses:
         """Return what a policy observes of imagined users; they start when it is told so."""
@@ -225,7 +231,7 @@ class ImaginedRollouts:
     def _place(self, steps: Experience) -> Tensor:
         """(K, D, 4, 4) where the devices were after user steps."""
         with torch.no_grad():
-            place: Tensor = self.body.chains(steps.after.angles)
+            place: Tensor = self.body.places(steps.after.angles, steps.after.persons)
         return place
 
     def _choose_pool(self) -> None:

@@ -12,6 +12,7 @@ from sim2vr_harness.training.imagined.effort import Effort
 from sim2vr_harness.training.imagined.experience import Motion
 from sim2vr_harness.training.imagined.gradients import limited
 from sim2vr_harness.training.imagined.noise import ImaginedNoise
+from sim2vr_harness.training.imagined.persons import ImaginedPersons
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.noise import MotorNoiseSettings
 
@@ -30,6 +31,7 @@ class ImaginedUsers:
         n: number of users B.
         effort: what a user step costs them.
         noise: of the muscles' controls; None for none.
+        persons: how who a user is stands in tensors; None: all are `user`.
     """
 
     def __init__(
@@ -40,19 +42,24 @@ class ImaginedUsers:
         *,
         effort: Effort,
         noise: MotorNoiseSettings | None = None,
+        persons: ImaginedPersons | None = None,
     ) -> None:
         self.n, self.body, self._effort, self._drives = n, body, effort, body.drives
+        who_matters = persons is not None and persons.count > 0
+        self._persons: ImaginedPersons | None = persons if who_matters else None
         joints, drives = len(user.independent_joints), self._drives.count
         self.names: tuple[str, ...] = (
             *(f"{joint} qpos" for joint in user.independent_joints),
             *(f"{joint} qvel" for joint in user.independent_joints),
             *self._drives.names,
+            *(() if self._persons is None else self._persons.names),
         )
         """What :meth:`observe` gives, by the names of the proprioception."""
         self.actions = drives
         """A, of a user step."""
         self._low, self._high = torch.tensor(user.joint_ranges.T.copy(), dtype=torch.float32)
-        self.motion = Motion(torch.zeros(n, joints), torch.zeros(n, joints), torch.zeros(n, drives))
+        who = 0 if self._persons is None else self._persons.count
+        self.motion = Motion(*(torch.zeros(n, size) for size in (joints, joints, drives, who)))
         self._control = torch.zeros(n, drives)
         self._noise = None if noise is None else ImaginedNoise(noise, n, len(user.muscles))
         self.gradient_limit: float | None = None
@@ -65,7 +72,7 @@ class ImaginedUsers:
     def place(self) -> Tensor:
         """(B, D, 4, 4) where the devices are now, MuJoCo's world frame; one tensor per motion."""
         if self._placed is None or self._placed[0] is not self.motion:
-            self._placed = (self.motion, self.body.chains(self.motion.angles))
+            self._placed = (self.motion, self.body.places(self.motion.angles, self.motion.persons))
         return self._placed[1]
 
     def places(self, frames: int) -> Tensor:
@@ -86,14 +93,16 @@ class ImaginedUsers:
         if not between:
             return self.place[:, None]
         angles = torch.stack(between, 1).flatten(0, 1)
-        on_the_way = self.body.chains(angles).unflatten(0, (self.n, frames - 1))
+        who = after.persons.repeat_interleave(frames - 1, 0)
+        on_the_way = self.body.places(angles, who)
+        on_the_way = on_the_way.reshape(self.n, frames - 1, *on_the_way.shape[1:])
         return torch.cat([on_the_way, self.place[:, None]], 1)
 
     def start(self, ids: Tensor, motion: Motion) -> None:
         """Let users ``ids`` (K,) go on from ``motion``, of K users."""
         self._placed = None
         with torch.no_grad():
-            for name in ("angles", "speeds", "drives"):
+            for name in ("angles", "speeds", "drives", "persons"):
                 getattr(self.motion, name)[ids] = getattr(motion, name)
             self._control = self._control.clone()
             self._control[ids] = motion.drives
@@ -115,7 +124,10 @@ class ImaginedUsers:
         """
         control = self._drives.control(self.motion.drives, actions)
         if self._noise is not None:
-            noisy = self._noise.apply(control[:, self._muscles])
+            factor: Tensor | float = 1.0
+            if self._persons is not None:
+                factor = self._persons.motor_noise(self.motion.persons)
+            noisy = self._noise.apply(control[:, self._muscles], factor)
             control = control.index_copy(1, self._muscles, noisy)
         self._control = control
         self._before = self.motion
@@ -132,6 +144,8 @@ class ImaginedUsers:
         beyond = torch.relu(unit.abs() - 1.0).sum(1)
         wild = torch.relu(motion.speeds.abs() - _WILD_RADPS).sum(1)
         effort = self._effort(motion.drives, self._control)
+        if self._persons is not None:
+            effort = effort * self._persons.effort(motion.persons)
         return effort, _BEYOND_COST * beyond, _WILD_COST * wild
 
     def broken(self) -> Tensor:
@@ -148,6 +162,8 @@ class ImaginedUsers:
             motion.speeds,
             self._drives.observe(motion.drives),
         ]
+        if self._persons is not None:
+            parts.append(self._persons.features(motion.persons))
         return torch.cat(parts, 1)
 
     def state(self) -> dict[str, Tensor]:
@@ -157,13 +173,15 @@ class ImaginedUsers:
             "angles": self.motion.angles.clone(),
             "speeds": self.motion.speeds.clone(),
             "drives": self.motion.drives.clone(),
+            "persons": self.motion.persons.clone(),
             "control": self._control.clone(),
         }
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
         """Go on from :meth:`state`."""
         self._placed = None
-        self.motion = Motion(*(state[name].clone() for name in ("angles", "speeds", "drives")))
+        parts = ("angles", "speeds", "drives", "persons")
+        self.motion = Motion(*(state[name].clone() for name in parts))
         self._control = state["control"].clone()
         self._before = self.motion
         if self._noise is not None:

@@ -1,0 +1,212 @@
+"""Teachers of users whose senses are late and whose bodies differ: true and imagined."""
+
+from __future__ import annotations
+
+import copy
+from contextlib import closing
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.training.config import apply_overrides
+from sim2vr_harness.training.imagined import ImaginedRollouts
+from sim2vr_harness.training.imagined.chain import Chains
+from sim2vr_harness.training.imagined.persons import ImaginedPersons
+from sim2vr_harness.training.knowledge import OBSERVATION, Lag
+from sim2vr_harness.training.teacher_config import TeacherConfig
+from sim2vr_harness.training.teacher_env import TeacherSimulation
+from sim2vr_harness.training.teacher_policy import new_teacher
+
+pytest.importorskip("sim2vr_harness._app_runtime")
+
+SENSES = (
+    {"sense": "vision", "delay_ms": 150},
+    {"sense": "proprioception", "delay_ms": 50},
+    {"sense": "actions", "stack_s": 0.1},
+)
+SMALL = (
+    *("ppo.n_envs=6", "ppo.n_steps=10", "ppo.batch_size=20", "policy.net_arch=[16]"),
+    *("curriculum.near_starts=0", "evaluate_rounds=0", "total_timesteps=60"),
+    *("imagined.cycles=2", "imagined.first_play_steps=30", "imagined.play_steps=10"),
+    *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),
+    *("imagined.users=8", "imagined.updates=2", "imagined.critic_first_updates=0"),
+    *("imagined.body_width=16", "imagined.critic_width=16", "imagined.near_starts=0"),
+)
+
+
+def env(**user: object) -> EnvConfig:
+    return EnvConfig.model_validate(
+        {
+            "app": AppConfig(options={"condition": "random"}),
+            "cores": 1,
+            "frames_per_step": 5,
+            "senses": SENSES,
+            "user": user,
+        }
+    )
+
+
+def teachers(n: int = 3, **user: object) -> TeacherSimulation:
+    settings = TeacherConfig.model_validate(apply_overrides({}, SMALL))
+    return TeacherSimulation(env(**user), settings, 3, n=n)
+
+
+def rollouts(**user: object) -> ImaginedRollouts:
+    simulation = teachers(6, **user)
+    policy = new_teacher(
+        simulation.observation_space, simulation.action_space, simulation.teacher.policy, seed=1
+    )
+    return ImaginedRollouts(simulation.teacher.imagined, policy, simulation, seed=4)
+
+
+@pytest.mark.parametrize(
+    ("senses", "lag"),
+    [
+        ((), Lag(0, 0, 0)),
+        (SENSES, Lag(3, 1, 2)),
+        (({"sense": "vision", "delay_ms": 110}, {"sense": "actions"}), Lag(3, 0, 1)),
+        (({"sense": "proprioception", "delay_ms": 100},), Lag(0, 2, 0)),
+        (({"sense": "vision", "delay_ms": "person"},), Lag(2, 0, 0)),
+    ],
+)
+def test_how_late_a_teacher_knows(senses: tuple, lag: Lag) -> None:
+    given = {"senses": senses} if senses else {}
+    assert Lag.of(EnvConfig.model_validate({**given, "user": {"people": {}}})) == lag
+
+
+def test_a_teacher_knows_the_past_and_what_it_has_done_since() -> None:
+    with closing(teachers()) as sim:
+        names = sim.senses.observed_names
+        assert sim.observation_space[OBSERVATION].shape == (len(names),)
+        seen, felt = names.index("hammer.x_m"), names.index("felt hammer.x_m")
+        angle = names.index("elbow_flexion qpos")
+        done = names.index(f"{sim.simulation.actions.names[0]}, 1 back")
+        sim.reset(seeds=[1, 2, 3])
+        joint = sim.simulation.proprioception.names.index("elbow_flexion qpos")
+
+        def present() -> tuple[np.ndarray, np.ndarray]:
+            body = sim.simulation.proprioception.observe(sim.simulation.users)
+            return sim.senses.field("hammer.x_m"), body[:, joint]
+
+        rng, history, actions = np.random.default_rng(1), [present()], [np.zeros((3, 32))]
+        for step in range(1, 6):
+            actions.append(rng.uniform(-1.0, 1.0, (3, 32)))
+            sim.step(actions[-1])
+            history.append(present())
+            known = sim.observation()[OBSERVATION]
+            np.testing.assert_array_equal(known[:, seen], history[max(0, step - 3)][0])
+            np.testing.assert_array_equal(known[:, felt], history[max(0, step - 1)][0])
+            np.testing.assert_array_equal(known[:, angle], history[max(0, step - 1)][1])
+            np.testing.assert_allclose(known[:, done], actions[-1][:, 0], atol=1e-7)
+            np.testing.assert_allclose(known[:, done + 32], actions[-2][:, 0], atol=1e-7)
+        state, known = sim.save_state(), sim.observation()[OBSERVATION]
+        sim.reset([0, 1])
+        fresh = sim.observation()[OBSERVATION]
+        assert not fresh[:2, done:].any()
+        assert fresh[2, done:].any()
+        sim.load_state(state)
+        np.testing.assert_array_equal(sim.observation()[OBSERVATION], known)
+
+
+def test_imagined_users_know_as_late_as_true_ones() -> None:
+    """Moments by hand: what was three user steps ago is seen, what was one ago is felt."""
+    made = rollouts()
+    with closing(made.simulation):
+        made.step()
+        senses, users = made.senses, made.users
+        names = made.simulation.senses.observed_names
+        everyone = torch.arange(users.n)
+        made._restart(everyone)
+        x = [made.game.hammer(users.place)[0][:, 0]]
+        acted = torch.linspace(-1.0, 1.0, users.n * users.actions).reshape(users.n, -1)
+        for k in range(4):
+            made.advance(acted / (k + 1), 0.0, error_share=0.0)
+            x.append(made.game.hammer(users.place)[0][:, 0])
+        known, now = senses.observe(), senses.present()
+        seen, felt = names.index("hammer.x_m"), names.index("felt hammer.x_m")
+        assert torch.equal(known[:, seen], x[1])
+        assert torch.equal(known[:, felt], x[3])
+        assert torch.equal(now[:, seen], x[4])
+        assert torch.equal(known[:, -64:-32], acted / 4)
+        assert torch.equal(known[:, -32:], acted / 3)
+        made._restart(everyone[:2])
+        again = senses.observe()
+        assert not again[:2, -64:].any()
+        assert torch.equal(again[2:], known[2:])
+
+
+def test_a_tool_on_its_way_through_a_step_is_where_the_true_one_is() -> None:
+    """Five app frames a step: the cubic between the ends against MuJoCo's own substeps."""
+    made = rollouts()
+    with closing(made.simulation):
+        made.step()
+        sim = made.simulation.simulation
+        made.simulation.reset(seeds=list(range(6)))
+        rng = np.random.default_rng(2)
+        joints, dofs = sim.body.qpos_independent, sim.body.qvel_independent
+        worst, moved = 0.0, 0.0
+        for _ in range(8):
+            before = (sim.users.qpos[:, joints], sim.users.qvel[:, dofs])
+            made.simulation.step(rng.uniform(-0.6, 0.6, (6, 32)))
+            after = (sim.users.qpos[:, joints], sim.users.qvel[:, dofs])
+            ends = [
+                type(made.users.motion)(
+                    *(torch.tensor(v, dtype=torch.float32) for v in end),
+                    torch.zeros(6, 32),
+                    torch.zeros(6, 0),
+                )
+                for end in (before, after)
+            ]
+            made.users.n = 6
+            made.users._before, made.users.motion = ends
+            places = made.users.places(5)[:, :, 0, :3, 3].numpy()
+            for k in range(5):
+                true = sim.users.device_poses("controller_right", k)[0]
+                worst = max(worst, float(np.abs(places[:, k] - true).max()))
+            moved = max(moved, float(np.abs(places[:, -1] - places[:, 0]).max()))
+        assert moved > 0.05
+        assert worst < 0.008
+
+
+PEOPLE = {"people": {"seed": 1}}
+
+
+def test_chains_of_people_place_devices_as_their_own_bodies_do() -> None:
+    with closing(teachers(6, **PEOPLE)) as sim:
+        sim.reset(seeds=list(range(6)))
+        users = sim.simulation.users
+        persons = ImaginedPersons(sim.simulation)
+        devices = ("controller_right", "headset")
+        chains = Chains(sim.simulation.body, devices, persons.references)
+        who = torch.tensor(persons.of(sim.simulation), dtype=torch.float32)
+        assert who.shape == (6, persons.count)
+        low, high = sim.simulation.body.joint_ranges.T
+        angles = np.random.default_rng(1).uniform(low, high, (6, 7))
+        places = chains(torch.tensor(angles, dtype=torch.float32), persons.sizes(who)).numpy()
+        apart = []
+        for i, each in enumerate(angles):
+            body = users.who.body(i)
+            data = mujoco.MjData(body.physics_model)
+            data.qpos[:] = body.coupled_qpos(each)
+            mujoco.mj_kinematics(body.physics_model, data)
+            for device, place in zip(devices, places[i], strict=True):
+                np.testing.assert_allclose(place[:3, 3], data.site(device).xpos, atol=5e-6)
+                np.testing.assert_allclose(place[:3, :3].ravel(), data.site(device).xmat, atol=1e-5)
+            apart.append(places[i, 1, 2, 3])
+        assert np.ptp(apart) > 0.02  # heads at different heights
+
+
+def test_people_are_told_to_teachers_and_go_on_exactly() -> None:
+    made, other = rollouts(**PEOPLE), rollouts(**PEOPLE)
+    with closing(made.simulation), closing(other.simulation):
+        names = made.simulation.senses.observed_names
+        assert "person stature_m" in names
+        made.step()
+        column = made.senses.observe()[:, names.index("person stature_m")]
+        assert len(column.unique()) > 1
+        other.load_state(copy.deepcopy(made.state()))
+        assert made.step() == other.step()
+        assert torch.equal(made.senses.observe(), other.senses.observe())

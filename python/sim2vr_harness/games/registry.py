@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from importlib import import_module
 
+from sim2vr_harness.errors import unknown_name
+from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.games.imagined import ImaginedGame
 from sim2vr_harness.settings import Settings
 
-__all__ = ["imagined_game", "imagined_games", "imagined_settings"]
+__all__ = [
+    "behaviour_of",
+    "behaviours",
+    "imagined_game",
+    "imagined_games",
+    "imagined_settings",
+]
 
 _ROOMS = {
     "beats": "sim2vr_harness.games.beats",
@@ -15,6 +23,10 @@ _ROOMS = {
 }
 """Name of the game -> its package: ``game.GAME`` is the resident, ``settings.TwinSettings`` what
 may be set of it. A new game is one line."""
+
+_MEASURED = {"whacamole": "sim2vr_harness.games.whacamole"}
+"""Name of the game -> its package, whose ``behaviour.BEHAVIOUR`` describes how players' behaviour
+is measured; it needs no twin."""
 
 
 def imagined_games() -> tuple[str, ...]:
@@ -36,3 +48,20 @@ def imagined_settings(name: str) -> type[Settings] | None:
         return None
     settings: type[Settings] = import_module(f"{_ROOMS[name]}.settings").TwinSettings
     return settings
+
+
+def behaviours() -> tuple[str, ...]:
+    """Return the names of the games whose players' behaviour is measured."""
+    return tuple(_MEASURED)
+
+
+def behaviour_of(name: str) -> Behaviour:
+    """Return what is to be known of a game to measure what its players do.
+
+    Raises:
+        InputError: It is not described.
+    """
+    if name not in _MEASURED:
+        raise unknown_name("game", name, _MEASURED)
+    found: Behaviour = import_module(f"{_MEASURED[name]}.behaviour").BEHAVIOUR
+    return found

@@ -10,6 +10,7 @@ metres, rotation x y z w.
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
@@ -34,6 +35,11 @@ FloatArray = NDArray[np.float64]
 _UNCONSTRAINED = "-unconstrained"
 _KINDS = ("spawn", "hit", "contact", "miss")
 _LEAST_FRAMES = 3
+_TITLE_LINES = 4
+_PLANE = ", target plane transform "
+_PLACE = re.compile(
+    r"\[(?P<cell>\d+) \d+ \d+ (?P<x>-?[\d.]+(?:E-?\d+)?) (?P<y>-?[\d.]+(?:E-?\d+)?) "
+)
 _PERIOD = "a period from 0.0001 to 1 s"
 # As a spreadsheet may save it: tabs, and commas behind short lines.
 _SEPARATORS = re.compile(r" *[,\t][ ,\t]*")
@@ -78,6 +84,11 @@ class Recording:
         fixed_step_s: Period of the game's fixed steps, or None when the source does not say.
         options: Of the game, as far as our log says that they were not the usual ones.
         left: (N, 7) poses of the left controller, if that one held the hammer.
+        others: Further poses, such as ``marker``, (N, 7) each.
+        plane: (7,) pose of the targets' plane: x right, y up, z away from the player; None when the
+            source does not say.
+        places_m: cell -> x and y of its target in the plane, as far as the source says.
+        person: Who played, where the source says.
     """
 
     name: str
@@ -92,6 +103,10 @@ class Recording:
     fixed_step_s: float | None = None
     options: Mapping[str, OptionValue] = field(default_factory=dict)
     left: FloatArray | None = None
+    others: Mapping[str, FloatArray] = field(default_factory=dict)
+    plane: FloatArray | None = None
+    places_m: Mapping[int, tuple[float, float]] = field(default_factory=dict)
+    person: str | None = None
 
     @property
     def constrained(self) -> bool:
@@ -177,7 +192,35 @@ def _logged_round(states: Path, unconstrained: bool) -> Recording:
         events=read_events(events),
         finished=any("episode statistics" in line for line in ends),
         options=options,
+        others=log.others,
+        plane=_logged_plane(events),
+        places_m=_logged_places(events),
     )
+
+
+def _logged_plane(events: Path) -> FloatArray | None:
+    for line in read_lines(events)[:_TITLE_LINES]:
+        _, found, text = line.rstrip(" ,\t").partition(_PLANE)
+        try:
+            numbers = [float(each) for each in _SEPARATORS.sub(" ", text).split()] if found else []
+        except ValueError:
+            numbers = [math.nan]
+        if numbers and not (len(numbers) == 7 and all(map(math.isfinite, numbers))):
+            expected = "the plane's pose: position x y z, rotation x y z w"
+            raise InputError(file_name(events), shown(line, 60), expected)
+        if numbers:
+            return np.array(numbers)
+    return None
+
+
+def _logged_places(events: Path) -> dict[int, tuple[float, float]]:
+    for line in read_lines(events)[:_TITLE_LINES]:
+        if ", grid mapping " in line:
+            return {
+                int(match["cell"]): (float(match["x"]), float(match["y"]))
+                for match in _PLACE.finditer(line)
+            }
+    return {}
 
 
 def _logged_options(events: Path) -> dict[str, OptionValue]:
@@ -291,10 +334,17 @@ def _packed_round(trial: dict[str, Any], file: Path, unconstrained: bool) -> Rec
             got = f"{key} of {arrays[key].dtype}" if key in arrays else f"no array {key!r}"
             raise InputError(file_name(file), got, expected)
     t, head, right = (arrays[key].astype(float) for key in ("t", "head", "right"))
+    others = {
+        key: array.astype(float)
+        for key, array in arrays.items()
+        if key not in ("t", "head", "right")
+        and array.dtype.kind in "fiu"
+        and array.shape == (len(t), 7)
+    }
     if not (t.ndim == 1 and len(t) >= 3 and head.shape == right.shape == (len(t), 7)):
         got = f"shapes {t.shape}, {head.shape}, {right.shape}"
         raise InputError(file_name(file), got, expected)
-    _checked_frames(file, np.column_stack([t, head, right]))
+    _checked_frames(file, np.column_stack([t, head, right, *others.values()]))
     trial = _checked_trial(file, trial)
     condition = trial["condition"]
     if (unconstrained or not trial.get("constrained", True)) and not condition.endswith(
@@ -312,7 +362,26 @@ def _packed_round(trial: dict[str, Any], file: Path, unconstrained: bool) -> Rec
         events=_packed_events(file.with_name(f"{file.stem}_events.csv")),
         finished=True,
         fixed_step_s=trial.get("fixed_timestep"),
+        others=others,
+        plane=_packed_plane(file, trial),
+        person=None if trial.get("participant") is None else str(trial["participant"]),
     )
+
+
+def _packed_plane(file: Path, trial: dict[str, Any]) -> FloatArray | None:
+    parts = [trial.get("plane_pos"), trial.get("plane_quat_xyzw")]
+    if parts == [None, None]:
+        return None
+    try:
+        plane = np.array([float(number) for part in parts for number in part])
+    except (TypeError, ValueError):
+        plane = np.zeros(0)
+    if plane.shape != (7,) or not np.isfinite(plane).all():
+        place = f"{file_name(file.with_name('manifest.json'))}, trial {file_name(file.stem)}"
+        raise InputError(
+            f"{place}: plane_pos, plane_quat_xyzw", shown(parts, 60), "3 and 4 numbers"
+        )
+    return plane
 
 
 def _checked_trial(file: Path, trial: dict[str, Any]) -> dict[str, Any]:

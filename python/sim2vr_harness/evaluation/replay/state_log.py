@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -26,6 +27,8 @@ _FIELD = re.compile(r"[^, \t]+")
 _NUMBER = re.compile(r"-?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 _WHOLE_NUMBER = re.compile(r"-?\d+", re.ASCII)
 _LATEST_S = 1e9
+_DEVICES = ("left", "head", "right")
+_FIRST = "_pos_x"
 
 
 @dataclass(frozen=True)
@@ -39,6 +42,7 @@ class StateLog:
         head: (N, 7) poses of the head, app frame: position (m), rotation x y z w.
         right: (N, 7) poses of the right controller.
         left: (N, 7) poses of the left controller; the origin while it was off.
+        others: further poses by the names of their columns, such as ``marker``, (N, 7) each.
     """
 
     condition: str
@@ -47,6 +51,7 @@ class StateLog:
     head: FloatArray
     right: FloatArray
     left: FloatArray
+    others: Mapping[str, FloatArray] = field(default_factory=dict)
 
 
 def read_state_log(path: Path) -> StateLog:
@@ -60,10 +65,15 @@ def read_state_log(path: Path) -> StateLog:
     if len(lines) < 2:
         raise InputError(f"{path}, line 2", "nothing", "the names of the columns")
     names = _FIELD.findall(lines[1])
-    columns = [_pose_column(path, names, part) for part in ("left", "head", "right")]
+    columns = [_pose_column(path, names, part) for part in _DEVICES]
     rows = np.array(_rows(path, lines, len(names)))
     left, head, right = (rows[:, column : column + 7] for column in columns)
-    return StateLog(condition, seed, rows[:, 0], head, right, left)
+    others = {
+        part: rows[:, column : column + 7]
+        for column, name in enumerate(names[:-6])
+        if name.endswith(_FIRST) and (part := name.removesuffix(_FIRST)) not in _DEVICES
+    }
+    return StateLog(condition, seed, rows[:, 0], head, right, left, others)
 
 
 def read_lines(path: Path) -> list[str]:
@@ -85,7 +95,7 @@ def _title(path: Path, lines: list[str]) -> tuple[str, int]:
 
 
 def _pose_column(path: Path, names: list[str], part: str) -> int:
-    first = f"{part}_pos_x"
+    first = part + _FIRST
     if first not in names or names.index(first) + 7 > len(names):
         expected = f"a column {first} and six more for the pose"
         raise InputError(f"{path}, line 2", repr(", ".join(names)[:60]), expected)

@@ -5,4 +5,5 @@
 - :mod:`.hammer`: where the hammer is, and how deep in a target
 - :mod:`.twin`: B imagined rounds
 - :mod:`.game`: the resident itself
+- :mod:`.behaviour`: what measures of its players' behaviour need to know
 """

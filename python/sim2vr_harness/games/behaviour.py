@@ -1,0 +1,79 @@
+"""The seam between measures of behaviour and a game.
+
+What people and simulated users do is measured of a tool that strikes at targets in a plane. Where
+the targets and the plane are, a round's log says; what it does not say is described here, so that
+the measures know no game by name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+__all__ = ["Behaviour", "Contrast"]
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Contrast:
+    """Two conditions whose difference is of interest, such as a harder minus an easier one."""
+
+    name: str
+    condition: str
+    minus: str
+
+
+@dataclass(frozen=True)
+class Behaviour:
+    """What is to be known of a game to measure what its players do.
+
+    Attributes:
+        game: its name in the runtime.
+        tool: the columns of ``states.csv`` that hold the tool's pose, without ``_pos_x``.
+        root_m: the point whose speed the game tests, in the controller's frame (Unity's axes), m.
+        places_m: of each cell, x and y of its target in the plane, m; for recordings whose log has
+            no ``grid mapping``.
+        groups: name of a set of people who play by the same rule -> how the names of its conditions
+            end.
+        conditions: as people call them, in the order of the tables -> all names of the game for it,
+            without the group's ending; the first one is played.
+        one_target: conditions in which at most one target is up: a spawn is then a stimulus, and
+            the family ``reaction`` is measured.
+        speed_rule: groups in which a touch can be too slow to count; contacts and swings through
+            the plane are measured in these.
+        alive_after_s: from this long after its spawn a target counts as one that could be chosen.
+        without: measures that make no sense in this game.
+        contrasts: differences between conditions that people show.
+        tiring: conditions that tire differently, in the order of the tables.
+        headlines: (condition, measure) shown first.
+    """
+
+    game: str
+    tool: str
+    root_m: Vector
+    places_m: tuple[tuple[float, float], ...]
+    groups: Mapping[str, str]
+    conditions: Mapping[str, tuple[str, ...]]
+    one_target: frozenset[str] = frozenset()
+    speed_rule: frozenset[str] = frozenset()
+    alive_after_s: float = 0.0
+    without: frozenset[str] = frozenset()
+    contrasts: tuple[Contrast, ...] = ()
+    tiring: tuple[str, ...] = ()
+    headlines: tuple[tuple[str, str], ...] = field(default_factory=tuple)
+
+    def recognise(self, name: str) -> tuple[str, str] | None:
+        """Group and condition of a game's name of a condition; None if it is not compared."""
+        for group, ending in sorted(self.groups.items(), key=lambda item: -len(item[1])):
+            if not name.endswith(ending):
+                continue
+            base = name.removesuffix(ending) if ending else name
+            for condition, names in self.conditions.items():
+                if base in names:
+                    return group, condition
+        return None
+
+    def played(self, group: str) -> tuple[str, ...]:
+        """The game's names of the conditions of a group, in the order of the tables."""
+        return tuple(names[0] + self.groups[group] for names in self.conditions.values())

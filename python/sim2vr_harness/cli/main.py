@@ -18,7 +18,7 @@ import typer
 from rich.console import Console
 
 from sim2vr_harness import __version__
-from sim2vr_harness.cli import bench, games, level, users
+from sim2vr_harness.cli import bench, compare, games, level, users
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
 from sim2vr_harness.cli.options import (
@@ -28,6 +28,7 @@ from sim2vr_harness.cli.options import (
     writable_file,
     writable_folder,
 )
+from sim2vr_harness.cli.progress import Share
 from sim2vr_harness.cores import settle_torch
 
 if TYPE_CHECKING:
@@ -209,7 +210,7 @@ def _evaluate_after_training(result: TrainResult, episodes: int) -> None:
 
     assert result.checkpoint is not None
     request = Request(episodes=episodes, trust_app=True)  # it was trained with this moment
-    with _Share("Evaluating") as share:
+    with Share("Evaluating") as share:
         found = evaluate(result.checkpoint, request, on_progress=share.show)
     title = f"After {found.step:,} user steps"
     Console().print(results_table(found.summaries, found.facts, title))
@@ -317,7 +318,7 @@ def evaluate(
         overrides=overrides or (),
         trust_app=trust_app,
     )
-    with _Share("Playing") as share:
+    with Share("Playing") as share:
         found = evaluate_run(run, request, on_progress=share.show)
     for line in found.unpractised:
         typer.echo(f"note: this user never practised {line}", err=True)
@@ -394,7 +395,7 @@ def replay(
         raise InputError("--fixed-step", f"{fixed_step:g}", "a period from 0.0001 to 1 s")
     recordings = read_recordings(paths, unconstrained=unconstrained)
     replays: list[Replay] = []
-    with _Share("Replaying") as share:
+    with Share("Replaying") as share:
         film = None
         if video is not None:
             film = ReplayFilm(
@@ -475,6 +476,7 @@ def snapshot(
         typer.echo(f"Written: {file}")
 
 
+app.command("compare")(compare.compare)
 app.command("bench")(bench.bench)
 
 
@@ -484,30 +486,6 @@ def doctor(json: JsonOption = False) -> int:
     from sim2vr_harness.cli.doctor import run_doctor
 
     return run_doctor(json=json)
-
-
-class _Share:
-    """A progress bar on the standard error stream; nothing outside a terminal."""
-
-    def __init__(self, label: str) -> None:
-        from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
-
-        columns = (TextColumn("{task.description}"), BarColumn(), TimeRemainingColumn())
-        console = Console(stderr=True)
-        self._bar = Progress(
-            *columns, console=console, transient=True, disable=not console.is_terminal
-        )
-        self._task = self._bar.add_task(label, total=1.0)
-
-    def show(self, share: float) -> None:
-        self._bar.update(self._task, completed=share)
-
-    def __enter__(self) -> _Share:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self._bar.stop()
 
 
 def _print_json(content: dict[str, Any]) -> None:

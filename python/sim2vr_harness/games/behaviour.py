@@ -35,7 +35,7 @@ class Behaviour:
         places_m: of each cell, x and y of its target in the plane, m; for recordings whose log has
             no ``grid mapping``.
         groups: name of a set of people who play by the same rule -> how the names of its conditions
-            end.
+            end; one of them by nothing.
         conditions: as people call them, in the order of the tables -> all names of the game for it,
             without the group's ending; the first one is played.
         one_target: conditions in which at most one target is up: a spawn is then a stimulus, and
@@ -65,14 +65,17 @@ class Behaviour:
 
     def recognise(self, name: str) -> tuple[str, str] | None:
         """Group and condition of a game's name of a condition; None if it is not compared."""
-        for group, ending in sorted(self.groups.items(), key=lambda item: -len(item[1])):
-            if not name.endswith(ending):
-                continue
-            base = name.removesuffix(ending) if ending else name
-            for condition, names in self.conditions.items():
-                if base in names:
-                    return group, condition
+        group = self.group_of(name)
+        base = name.removesuffix(self.groups[group])
+        for condition, names in self.conditions.items():
+            if base in names:
+                return group, condition
         return None
+
+    def group_of(self, name: str) -> str:
+        """Group of a game's name of a condition: the one with the longest ending that it has."""
+        fitting = [group for group, ending in self.groups.items() if name.endswith(ending)]
+        return max(fitting, key=lambda group: len(self.groups[group]))
 
     def played(self, group: str) -> tuple[str, ...]:
         """The game's names of the conditions of a group, in the order of the tables."""

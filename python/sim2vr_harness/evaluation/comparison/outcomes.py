@@ -87,7 +87,7 @@ def choices(track: Track, alive_after_s: float) -> Found:
     """
     played, targets = track.played, track.played.targets
     rows, rest = track.hits_after_settling, []
-    places = at(played.times_s, played.tool_m[:, :2], targets.end_s[rows]) if len(rows) else []
+    places = at(played.times_s, played.tool_m[:, :2], targets.end_s[rows])
     for before, row in enumerate(rows[1:]):
         hit_s = targets.end_s[row]
         up = targets.spawn_s <= hit_s - alive_after_s

@@ -49,7 +49,7 @@ class Effect:
     @staticmethod
     def times_s() -> FloatArray:
         """(K,) the velocities' times after the spawn."""
-        return (np.arange(_FIRST, _LAST) + 0.5) * PERIOD_S
+        return _middles(_LAST)
 
     def curve(self) -> FloatArray | None:
         """(K,) change of velocity toward a target by its place, m/s per m; None of few targets.
@@ -65,6 +65,11 @@ class Effect:
         fitted = np.linalg.lstsq(known, self.velocity_mps.reshape(m, -1), rcond=None)[0]
         slopes = fitted[:2].reshape(2, -1, 2)
         return np.asarray((slopes[0, :, 0] + slopes[1, :, 1]) / 2.0)
+
+
+def _middles(last: int) -> FloatArray:
+    """Times of the velocities up to a point of the grid."""
+    return np.asarray((np.arange(_FIRST, last, dtype=np.float64) + 0.5) * PERIOD_S)
 
 
 def effects(parts: list[Effect]) -> dict[str, float]:
@@ -135,7 +140,7 @@ def _strikes(track: Track, rows: NDArray[np.int64]) -> dict[str, FloatArray]:
         spawn_s, hit_s = targets.spawn_s[row], targets.end_s[row]
         steps = np.arange(_FIRST, int(np.floor((hit_s - spawn_s) / PERIOD_S + 1e-4)) + 1)
         tool = at(played.times_s, played.tool_m, spawn_s + steps * PERIOD_S)
-        times = (steps[:-1] + 0.5) * PERIOD_S
+        times = _middles(int(steps[-1]))
         toward = np.append(targets.place_m[row], 0.0) - tool
         velocity = np.diff(tool, axis=0) / PERIOD_S
         middle = (toward[1:] + toward[:-1]) / 2.0

@@ -369,8 +369,8 @@ def _packed_round(trial: dict[str, Any], file: Path, unconstrained: bool) -> Rec
 
 
 def _packed_plane(file: Path, trial: dict[str, Any]) -> FloatArray | None:
-    parts = [trial.get("plane_pos"), trial.get("plane_quat_xyzw")]
-    if parts == [None, None]:
+    parts = [trial.get("plane_pos", ()), trial.get("plane_quat_xyzw", ())]
+    if parts == [(), ()]:
         return None
     try:
         plane = np.array([float(number) for part in parts for number in part])

@@ -1,0 +1,113 @@
+"""``sim2vr-harness compare``: what users do beside what people do."""
+
+from __future__ import annotations
+
+import json as jsonlib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from sim2vr_harness.cli.options import TrustOption, writable_folder
+from sim2vr_harness.cli.progress import Share
+
+__all__ = ["compare"]
+
+
+def compare(
+    users: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="USER...",
+            help="A shipped user's name, a run's folder or checkpoint: it plays. Or the folder of "
+            "an evaluation with logs, or of any logged rounds.",
+        ),
+    ],
+    people: Annotated[
+        list[Path],
+        typer.Option(
+            "--people",
+            metavar="DIR",
+            help="People's recorded rounds: packed with a manifest.json, or logs in a folder per "
+            "person; may be repeated.",
+        ),
+    ],
+    game: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="The game; without, that of the first user who plays."),
+    ] = None,
+    condition: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="A condition to play; may be repeated. Without, all that are compared, by the "
+            "rules that the user was trained with.",
+        ),
+    ] = None,
+    episodes: Annotated[int, typer.Option(metavar="N", help="Rounds per condition.")] = 6,
+    seed: Annotated[int, typer.Option(metavar="N", help="Seed of the first round.")] = 77,
+    out: Annotated[
+        Path,
+        typer.Option(
+            help="Folder for played rounds, JSON, CSV and figures; rounds that are there are used "
+            "again.",
+            callback=writable_folder,
+        ),
+    ] = Path("comparison"),
+    unconstrained: Annotated[
+        bool,
+        typer.Option(
+            "--unconstrained", help="Every touch was a hit for people, though logs do not say."
+        ),
+    ] = False,
+    figures: Annotated[
+        bool, typer.Option("--figures/--no-figures", help="Draw the figures.")
+    ] = True,
+    every: Annotated[bool, typer.Option("--every", help="Print every measure.")] = False,
+    batch: Annotated[int, typer.Option(help="Rounds played side by side at most.")] = 10,
+    trust_app: TrustOption = False,
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change the environment they play in."),
+    ] = None,
+    json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")] = False,
+) -> None:
+    """Compare users with recorded people: measures, people's range, distance."""
+    from sim2vr_harness.evaluation.comparison.figures import draw
+    from sim2vr_harness.evaluation.comparison.files import as_json, write_csv, write_json
+    from sim2vr_harness.evaluation.comparison.report import Report
+    from sim2vr_harness.evaluation.comparison.sources import Plays, game_of, read_people, read_user
+    from sim2vr_harness.evaluation.comparison.tables import report_tables
+    from sim2vr_harness.games.registry import behaviour_of, behaviours
+
+    known = (found for user in users if (found := game_of(user)) is not None)
+    behaviour = behaviour_of(game or next(known, behaviours()[0]))
+    plays = Plays(
+        out=out / "rounds",
+        episodes=episodes,
+        seed=seed,
+        overrides=overrides or (),
+        conditions=condition,
+        batch=batch,
+        trust_app=trust_app,
+    )
+    with Share("Comparing") as share:
+        measured_people = read_people(people, behaviour, unconstrained=unconstrained)
+        sources = []
+        for user in users:
+
+            def show(part: float, done: int = len(sources)) -> None:
+                share.show((done + part) / len(users))
+
+            sources.append(read_user(user, behaviour, plays, on_progress=show))
+    report = Report(behaviour, measured_people, sources)
+    files = [write_json(report, out / "comparison.json"), *write_csv(report, out)]
+    if figures:
+        files += draw(report, out)
+    if json:
+        typer.echo(jsonlib.dumps(as_json(report), indent=1))
+        return
+    Console().print(report_tables(report, every=every))
+    for file in files:
+        typer.echo(f"Written: {file}")

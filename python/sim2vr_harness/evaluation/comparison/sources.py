@@ -1,0 +1,292 @@
+"""Where rounds come from: recordings, folders of logs, evaluations, and users who play now."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.errors import InputError, shown
+from sim2vr_harness.evaluation.comparison.persons import (
+    Cell,
+    Person,
+    RoundMeasures,
+    measure_round,
+    persons_of,
+)
+from sim2vr_harness.evaluation.comparison.rounds import round_of
+from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.evaluation.replay.recordings import Recording, read_recordings
+from sim2vr_harness.files import file_name, read_bytes, read_json
+from sim2vr_harness.games.behaviour import Behaviour
+from sim2vr_harness.training.run_folder import RunFolder, write_atomically
+from sim2vr_harness.training.trained_users import TrainedUser, find_user, is_packed
+
+__all__ = ["Plays", "Source", "game_of", "read_people", "read_user"]
+
+_RESULTS, _PLAYED = "results.json", "played.json"
+_EXPECTED_RESULTS = "results of an evaluation: conditions with their rounds"
+
+
+@dataclass(frozen=True)
+class Source:
+    """A user or people, measured.
+
+    Attributes:
+        name: for tables.
+        persons: by condition.
+        fatigue: condition -> person -> the rounds' mean over the muscles of the largest share of
+            fatigued motor units; empty where logs have none.
+    """
+
+    name: str
+    persons: Mapping[Cell, Sequence[Person]]
+    fatigue: Mapping[Cell, Mapping[str, float]] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Plays:
+    """How a user plays who has not played yet.
+
+    Attributes:
+        out: rounds go to a folder of the user's name in it, and are used again.
+        episodes: rounds per condition.
+        seed: of the first round.
+        overrides: ``env.KEY=VALUE``, what is different from the training's environment.
+        conditions: the game's names; None takes all compared ones of the user's groups.
+        batch: rounds side by side at most.
+        trust_app: whether the program that the user names as its app may be started.
+    """
+
+    out: Path
+    episodes: int = 6
+    seed: int = 77
+    overrides: Sequence[str] = ()
+    conditions: Sequence[str] | None = None
+    batch: int = 10
+    trust_app: bool = False
+
+
+def read_people(
+    folders: Sequence[Path], behaviour: Behaviour, *, unconstrained: bool = False
+) -> Source:
+    """Measure people's recordings.
+
+    Who played is what the recording says, or the name of the folder that a round's folder is in.
+
+    Args:
+        folders: Of recorded rounds, in the forms that ``sim2vr-harness replay`` takes.
+        behaviour: Of the game.
+        unconstrained: Every touch was a hit, though the logs do not say.
+
+    Raises:
+        InputError: A folder has no rounds of the game, or no group has two persons.
+    """
+    rounds: list[RoundMeasures] = []
+    for folder in folders:
+        if not folder.exists():
+            raise InputError("--people", repr(str(folder)), "a folder that exists")
+        found = _read(folder, "--people", unconstrained=unconstrained)
+        rounds += _measured(found, behaviour, partial(_whose, root=folder), folder)
+    persons = persons_of(rounds, behaviour)
+    most = max(len(each) for each in persons.values())
+    if most < 2:
+        name = next(iter(persons.values()))[0].name
+        expected = "at least two, for a range; with own logs a folder per person"
+        raise InputError("--people", f"one person ({name})", expected)
+    return Source("people", persons)
+
+
+def read_user(
+    user: str,
+    behaviour: Behaviour,
+    plays: Plays,
+    *,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> Source:
+    """Measure a user: of a folder with logs, or one that plays now.
+
+    Args:
+        user: A user's name, a run's folder or checkpoint; or the folder of an evaluation with
+            logs, or of any rounds.
+        behaviour: Of the game.
+        plays: How it plays, if it has to.
+        on_progress: Called with the share of the work done.
+
+    Raises:
+        InputError: It is none of them, or its rounds are not of the game.
+    """
+    path = Path(user)
+    if path.is_dir() and not (is_packed(user) or RunFolder(path).exists):
+        return _of_folder(path, behaviour)
+    known = find_user(user)
+    game = known.config.env.app.game
+    if game != behaviour.game:
+        raise InputError("USER", f"{user!r}, who plays {game}", f"a user of {behaviour.game}")
+    folder = _played(user, known, behaviour, plays, on_progress)
+    return _of_folder(folder, behaviour, name=folder.name)
+
+
+def game_of(user: str) -> str | None:
+    """The game that a user plays; None of a folder of logs, which do not say."""
+    path = Path(user)
+    if path.is_dir() and not (is_packed(user) or RunFolder(path).exists):
+        return None
+    game: str = find_user(user).config.env.app.game
+    return game
+
+
+# --- folders --------------------------------------------------------------------------------------
+
+
+def _of_folder(folder: Path, behaviour: Behaviour, name: str | None = None) -> Source:
+    name = name or folder.resolve().name
+    if (folder / _RESULTS).is_file():
+        return _of_evaluation(folder, behaviour, name)
+    found = _read(folder, "USER")
+    rounds = _measured(found, behaviour, lambda played: name, folder)
+    return Source(name, persons_of(rounds, behaviour))
+
+
+def _of_evaluation(folder: Path, behaviour: Behaviour, name: str) -> Source:
+    """An evaluation's logs, with whose they are and how tiring they were from its results."""
+    results = read_json(folder / _RESULTS, _EXPECTED_RESULTS)
+    rounds: list[RoundMeasures] = []
+    tired: dict[Cell, dict[str, list[float]]] = {}
+    for summary in results.values():
+        for row in _rows(folder, summary):
+            place = row.get("log_folder")
+            if not isinstance(place, str) or not (folder / place / "states.csv").is_file():
+                expected = "logs of every round: sim2vr-harness evaluate --log"
+                raise InputError("USER", f"{str(folder)!r}, which has rounds without", expected)
+            person = str(row.get("person", name))
+            found = read_recordings([folder / place])
+            own = [
+                measure_round(played, behaviour)
+                for recording in found
+                if (played := round_of(recording, behaviour, person)) is not None
+            ]
+            rounds += own
+            fatigued = row.get("max_fatigued")
+            if isinstance(fatigued, (int, float)):
+                for each in own:
+                    tired.setdefault(each.cell, {}).setdefault(person, []).append(float(fatigued))
+    if not rounds:
+        raise _no_rounds("USER", folder, behaviour, list(results))
+    fatigue = {
+        cell: {person: sum(values) / len(values) for person, values in own.items()}
+        for cell, own in tired.items()
+    }
+    return Source(name, persons_of(rounds, behaviour), fatigue)
+
+
+def _rows(folder: Path, summary: Any) -> list[dict[str, Any]]:
+    rows = summary.get("rounds") if isinstance(summary, dict) else None
+    if not isinstance(rows, list) or not all(isinstance(row, dict) for row in rows):
+        raise InputError(file_name(folder / _RESULTS), shown(summary, 40), _EXPECTED_RESULTS)
+    return rows
+
+
+def _read(folder: Path, option: str, *, unconstrained: bool = False) -> list[Recording]:
+    try:
+        return read_recordings([folder], unconstrained=unconstrained)
+    except InputError as error:
+        if error.field != "PATH":
+            raise
+        raise InputError(option, error.got, error.expected) from error
+
+
+def _measured(
+    found: Sequence[Recording],
+    behaviour: Behaviour,
+    whose: Callable[[Recording], str],
+    folder: Path,
+) -> list[RoundMeasures]:
+    rounds = [
+        measure_round(played, behaviour)
+        for recording in found
+        if (played := round_of(recording, behaviour, whose(recording))) is not None
+    ]
+    if not rounds:
+        conditions = sorted({recording.condition for recording in found})
+        raise _no_rounds("PATH", folder, behaviour, conditions)
+    return rounds
+
+
+def _no_rounds(
+    option: str, folder: Path, behaviour: Behaviour, conditions: Sequence[str]
+) -> InputError:
+    names = [name for group in behaviour.groups for name in behaviour.played(group)]
+    got = f"{str(folder)!r} with conditions {shown(list(conditions), 60)}"
+    return InputError(option, got, f"rounds of {behaviour.game}: {', '.join(names)}")
+
+
+def _whose(recording: Recording, root: Path) -> str:
+    """Name of the folder that a round's folder is in."""
+    above = recording.source.resolve().parent
+    if above.name == "logs" and above != root.resolve():
+        above = above.parent
+    return above.name
+
+
+# --- playing --------------------------------------------------------------------------------------
+
+
+def _played(
+    user: str,
+    known: TrainedUser,
+    behaviour: Behaviour,
+    plays: Plays,
+    on_progress: Callable[[float], None],
+) -> Path:
+    """The folder of a user's rounds, which are played unless the same ones are there."""
+    conditions = list(plays.conditions or _conditions(known, behaviour))
+    request = Request(
+        conditions=conditions,
+        episodes=plays.episodes,
+        seed=plays.seed,
+        log=True,
+        overwrite=True,
+        batch=plays.batch,
+        overrides=tuple(plays.overrides),
+        trust_app=plays.trust_app,
+    )
+    told = {
+        "weights": hashlib.sha256(read_bytes(known.source, "weights of a user")).hexdigest(),
+        "conditions": conditions,
+        "episodes": plays.episodes,
+        "seed": plays.seed,
+        "overrides": list(plays.overrides),
+    }
+    folder = plays.out / _folder_name(user, known)
+    mark = folder / _PLAYED
+    if mark.is_file() and read_json(mark, "what was played, in JSON") == told:
+        return folder
+    mark.unlink(missing_ok=True)
+    evaluate(user, Request(**{**vars(request), "out": folder}), on_progress=on_progress)
+    write_atomically(mark, (json.dumps(told, indent=2) + "\n").encode())
+    return folder
+
+
+def _conditions(known: TrainedUser, behaviour: Behaviour) -> list[str]:
+    """All compared conditions of the groups that a user was trained or is evaluated in."""
+    app = known.config.env.app
+    names = [*(known.config.evaluation.conditions or game_facts(app).evaluated)]
+    condition = app.options.get("condition")
+    groups = {behaviour.group_of(str(name)) for name in (*names, condition) if name is not None}
+    return [
+        name for group in behaviour.groups if group in groups for name in behaviour.played(group)
+    ]
+
+
+def _folder_name(user: str, known: TrainedUser) -> str:
+    name = known.card.get("name")
+    if name is None:
+        name = f"{known.source.resolve().parents[1].name}_{known.source.stem}"
+    return re.sub(r"[^\w.=-]+", "_", str(name))

@@ -1,0 +1,162 @@
+"""A comparison as tables for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from sim2vr_harness.evaluation.comparison.comparing import Compared, Row, Total, by_family, total
+from sim2vr_harness.evaluation.comparison.files import as_json
+from sim2vr_harness.evaluation.comparison.report import Report
+
+__all__ = ["report_tables"]
+
+_WORST = 12
+
+
+def report_tables(report: Report, *, every: bool = False) -> RenderableType:
+    """Return what a comparison comes to.
+
+    Args:
+        report: What was found.
+        every: Show every measure in every condition.
+    """
+    parts: list[RenderableType] = [_totals(report)]
+    for index, compared in enumerate(report.compared):
+        parts.append(_headlines(report, compared))
+        parts += _fatigue(report, index)
+        parts.append(_rows(compared, _farthest(compared)) if not every else _rows(compared, None))
+    parts += _contrasts(report)
+    return Group(*parts)
+
+
+def _totals(report: Report) -> Table:
+    table = Table(
+        title="Inside people's range, distance", box=box.SIMPLE_HEAD, title_justify="left"
+    )
+    table.add_column("Who")
+    for heading in ("Group", "Cells", "Inside", "Distance"):
+        table.add_column(heading, justify="left" if heading == "Group" else "right")
+    for compared in report.compared:
+        for group in compared.groups:
+            rows = [row for row in compared.rows if row.group == group]
+            _add(table, compared.name, group, total(rows))
+            for family, part in by_family(rows).items():
+                _add(table, f"  {family}", "", part, dim=True)
+        if len(compared.groups) > 1:
+            _add(table, compared.name, "all", total(compared.rows))
+    _add(table, "together", "all", report.together)
+    for group, each in as_json(report)["left_out"].items():
+        table.add_row(
+            f"one of the {len(each['persons'])} people, the others",
+            group,
+            "",
+            f"{each['inside']:.3f}",
+            f"{each['distance']:.2f}",
+        )
+    return table
+
+
+def _add(table: Table, name: str, group: str, found: Total | None, *, dim: bool = False) -> None:
+    if found is None:
+        return
+    table.add_row(
+        name,
+        group,
+        str(found.cells),
+        f"{found.inside:.3f}",
+        f"{found.distance:.2f}",
+        style="dim" if dim else None,
+    )
+
+
+def _headlines(report: Report, compared: Compared) -> RenderableType:
+    wanted = report.behaviour.headlines
+    rows = {(row.group, row.condition, row.measure.name): row for row in compared.rows}
+    found = [
+        rows[group, *pair] for group in compared.groups for pair in wanted if (group, *pair) in rows
+    ]
+    return _table(f"{compared.name}: first of all", found)
+
+
+def _farthest(compared: Compared) -> list[Row]:
+    away = sorted(compared.rows, key=lambda row: -row.distance)
+    return away[:_WORST]
+
+
+def _rows(compared: Compared, chosen: Sequence[Row] | None) -> RenderableType:
+    if chosen is None:
+        return _table(f"{compared.name}: every measure", compared.rows)
+    return _table(f"{compared.name}: farthest from people", chosen)
+
+
+def _table(title: str, rows: Sequence[Row]) -> Table:
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+    table.add_column("Group")
+    table.add_column("Condition")
+    table.add_column("Measure", no_wrap=True)
+    for heading in ("User", "People", "Distance"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in rows:
+        spread = "" if row.spread is None else f" ± {row.spread:.2g}"
+        mark = "" if row.inside == 1.0 else "*"
+        people = f"{row.people_mean:.3g} [{row.people_low:.3g} to {row.people_high:.3g}]"
+        unit = f" ({row.measure.unit})" if row.measure.unit else ""
+        table.add_row(
+            row.group,
+            row.condition,
+            row.measure.name + unit,
+            f"{row.value:.3g}{spread}{mark}",
+            people,
+            f"{row.distance:.1f}",
+        )
+    return table
+
+
+def _fatigue(report: Report, index: int) -> Iterator[RenderableType]:
+    tired, more = report.fatigue(report.users[index])
+    if not tired:
+        return
+    text = ", ".join(
+        f"{row.condition} {row.mean:.3f}" + ("" if row.spread is None else f" ± {row.spread:.3f}")
+        for row in tired
+    )
+    yield Text(f"Fatigue (largest share of fatigued units, mean of the muscles): {text}")
+    if more:
+        text = ", ".join(
+            f"{row.contrast} {row.mean:+.3f}"
+            + ("" if row.effect is None else f" (effect size {row.effect:.2f})")
+            for row in more
+        )
+        yield Text(f"Differences: {text}")
+
+
+def _contrasts(report: Report) -> Iterator[RenderableType]:
+    found = [
+        *((user.name, row) for user in report.users for row in report.contrasts(user)),
+        *report.group_contrasts(),
+    ]
+    if not found:
+        return
+    title = "Differences: sign as people's (+), size within the 95 % interval of people's mean (in)"
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+    for heading in ("User", "Difference", "Measure"):
+        table.add_column(heading)
+    for heading in ("User's", "People's", ""):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, row in found:
+        group = "" if row.group in row.contrast or "," in row.group else f"{row.group}: "
+        verdict = ("+" if row.same_sign else "-") + (" in" if row.within else "")
+        table.add_row(
+            name,
+            group + row.contrast,
+            row.measure,
+            f"{row.value:+.3g}",
+            f"{row.people_mean:+.3g} [{row.people_low:+.3g} to {row.people_high:+.3g}]",
+            verdict,
+        )
+    yield table

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Sequence
 
+from sim2vr_harness.bench.bodies import body_variants
 from sim2vr_harness.bench.scene import IN_PROCESS, Spec
 from sim2vr_harness.bench.senses import sense_variants
 from sim2vr_harness.client import list_transports
@@ -15,9 +16,9 @@ from sim2vr_harness.training.config import TrainingConfig
 __all__ = ["NAMES", "USUAL", "Plan", "specs", "transports"]
 
 USUAL = ("physics", "render", "env", "train")
-NAMES = (*USUAL, "senses", "memory")
-"""What ``--scene`` takes; ``senses`` is ``env`` with one sense more at a time, ``memory`` has no
-rate."""
+NAMES = (*USUAL, "senses", "bodies", "memory")
+"""What ``--scene`` takes; ``senses`` is ``env`` with one sense more at a time, ``bodies`` is
+``physics`` and ``env`` with every body of the game, ``memory`` has no rate."""
 
 DEFAULT_N = 64
 _OVER_TRANSPORTS = ("render", "env")
@@ -110,6 +111,12 @@ def _specs(plan: Plan, name: str, n: int, threads: int) -> list[Spec]:
     if name == "senses":
         variants = [("", plan.config), *sense_variants(plan.config)]
         return [Spec("env", config, n, threads, variant=variant) for variant, config in variants]
+    if name == "bodies":
+        return [
+            Spec(scene, config, n, threads, transport, variant=variant)
+            for variant, config in body_variants(plan.config)
+            for scene, transport in (("physics", None), ("env", IN_PROCESS))
+        ]
     if name == "train":
         return [Spec(name, plan.config, n, threads, train_steps=plan.train_steps)]
     assert name in _OVER_TRANSPORTS

@@ -38,7 +38,7 @@ def print_rows(rows: Sequence[Mapping[str, Any]], console: Console) -> None:
 
 def _table(rows: Sequence[Mapping[str, Any]]) -> Table:
     table = Table(box=None, pad_edge=False, collapse_padding=True, header_style="bold")
-    table.add_column("scene", no_wrap=True)
+    table.add_column("scene", overflow="fold")
     for name in ("users", "threads", "rate/s", "spread", "us", "cpu us", "state"):
         table.add_column(name, justify="right", no_wrap=True)
     for row in rows:

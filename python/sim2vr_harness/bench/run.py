@@ -109,10 +109,13 @@ def _ratios(row: Row, rows: Sequence[Row]) -> dict[str, float]:
 
 def _compared_with(row: Row, other: Row) -> str | None:
     """What the other row is to this one of an env, or None."""
-    if row.scene != "env" or other is row or other.variant or row.n != other.n:
+    if row.scene != "env" or other is row or row.n != other.n:
         return None
     if other.scene == "physics":
-        return "physics" if row.threads == other.threads and not row.variant else None
+        same = (row.threads, row.variant) == (other.threads, other.variant)
+        return "physics" if same else None
+    if other.variant:
+        return None
     if other.scene != "env":
         return None
     if row.variant:

@@ -29,8 +29,8 @@ def bench(
         list[str] | None,
         typer.Option(
             metavar="NAME",
-            help="physics, render, env, train (these by default), senses, memory or all; may be "
-            "repeated, or a list with commas.",
+            help="physics, render, env, train (these by default), senses, bodies, memory or all; "
+            "may be repeated, or a list with commas.",
         ),
     ] = None,
     n: Annotated[str, typer.Option(metavar="LIST", help="Numbers of users, such as 16,64.")] = "64",

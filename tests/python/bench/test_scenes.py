@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.bench import scene as shared
-from sim2vr_harness.bench.plan import transports
+from sim2vr_harness.bench.bodies import body_variants
+from sim2vr_harness.bench.plan import Plan, specs, transports
 from sim2vr_harness.bench.scene import Spec
 from sim2vr_harness.bench.scenes import EnvScene, PhysicsScene, open_scene, short_iteration
 from sim2vr_harness.bench.senses import sense_variants
@@ -107,6 +108,25 @@ def test_bodies_with_motors(config: TrainingConfig) -> None:
         moved = 0.1 * before + 0.9 * np.clip(before + action[12, :6].astype(np.float32), 0.0, 1.0)
         np.testing.assert_allclose(floor._motor, moved, atol=1e-12)
         assert (floor._ctrl[0, -6:] > 1.0).any() or (floor._ctrl[0, -6:] < 0.0).any()  # angles
+
+
+def test_bodies_of_beats(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Those with a controller in either hand; rounds of a level are as long as the level."""
+    monkeypatch.setattr(shared, "SHORT_ROUND_EVERY", 2)
+    app = {"game": "beats", "renderer": "null"}
+    beats = parse_config({"env": {"app": app, "vision": {"width": 32, "height": 24}}})
+    variants = dict(body_variants(beats))
+    both = ("mobl_arms_bimanual", "mobl_arms_bimanual_motor")
+    assert list(variants) == [name + torso for name in both for torso in ("", "+torso")]
+    chosen = variants["mobl_arms_bimanual_motor+torso"]
+    assert chosen.env.user.torso
+    state, _ = hashes(Spec("env", chosen, 2, 1))
+    assert state is not None
+    assert state != hashes(Spec("env", variants["mobl_arms_bimanual_motor"], 2, 1))[0]
+    specs_made = specs(Plan(beats, ["bodies"], n="4", threads="1"))
+    assert [(spec.scene, spec.variant) for spec in specs_made] == [
+        (scene, variant) for variant in variants for scene in ("physics", "env")
+    ]
 
 
 def test_actions_are_those_of_the_user() -> None:

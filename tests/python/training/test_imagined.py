@@ -22,8 +22,9 @@ from sim2vr_harness.training.imagined.experience import Experience, Motion
 from sim2vr_harness.training.imagined.noise import ImaginedNoise
 from sim2vr_harness.training.imagined.rollouts import CycleReport
 from sim2vr_harness.training.imagined.stage import describe
+from sim2vr_harness.training.knowledge import OBSERVATION
 from sim2vr_harness.training.teacher_config import TeacherConfig
-from sim2vr_harness.training.teacher_env import OBSERVATION, TeacherSimulation
+from sim2vr_harness.training.teacher_env import TeacherSimulation
 from sim2vr_harness.training.teacher_policy import new_teacher
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 

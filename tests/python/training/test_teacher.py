@@ -15,11 +15,12 @@ from rich.console import Console
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.config import TrainingConfig, apply_overrides
+from sim2vr_harness.training.knowledge import OBSERVATION
 from sim2vr_harness.training.run_folder import RunFolder, read_rows
 from sim2vr_harness.training.stages import run_stages
 from sim2vr_harness.training.start_postures import StartPostures
 from sim2vr_harness.training.teacher_config import TeacherConfig, TeacherPolicyConfig
-from sim2vr_harness.training.teacher_env import OBSERVATION, TeacherSimulation, blind_env
+from sim2vr_harness.training.teacher_env import TeacherSimulation, blind_env
 from sim2vr_harness.training.teacher_evaluation import _score, describe, evaluate_teacher
 from sim2vr_harness.training.teacher_policy import load_teacher, new_teacher
 from sim2vr_harness.training.teacher_stage import TeacherStage

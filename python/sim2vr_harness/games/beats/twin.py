@@ -360,11 +360,12 @@ class ImaginedBeats:
             return torch.zeros(self.n)
         shares = torch.tensor(_MOMENTS)
         blades = swing(before, after, shares)
-        along, from_root = nearest(
-            blades, self._during(lane.of(levels.mine, coming), coming, shares)
-        )
+        middles = self._during(lane.of(levels.mine, coming), coming, shares)
+        along, from_root = nearest(blades, middles)
         gap = from_root - along[..., None] * blades.axis[:, :, None]
         apart = gap.square().sum(-1).add(1e-8).sqrt() - MINE_RADIUS_M - BLADE_RADIUS_M
+        # Avoided on the way, nobody can touch it.
+        apart = torch.where((middles[..., 2] <= 0.0)[:, None], _GONE_M, apart)
         apart = apart.amin((1, 3))  # (B, K)
         touched = coming.there & (apart <= 0.0)
         self._count("mines", touched)
@@ -381,7 +382,6 @@ class ImaginedBeats:
         if not bool(coming.there.any()):
             return torch.zeros(self.n)
         speed = lane.speed[:, None]
-        front = speed * coming.until_s
         # They are told of at the time before; the head is where it is now.
         front = speed * (lane.of(levels.wall_start, coming) - lane.time_s[:, None])
         back = speed * (lane.of(levels.wall_end, coming) - lane.time_s[:, None])

@@ -1,0 +1,172 @@
+"""Beats and its twin at once: the same users at the same time, moving about at random."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from sim2vr_harness.client import OptionValue
+from sim2vr_harness.envs.config import AppConfig, EffortConfig, EnvConfig, UserConfig
+from sim2vr_harness.games.beats.settings import Relaxation
+from sim2vr_harness.games.beats.twin import EVENTS, FIELDS
+from sim2vr_harness.training.config import apply_overrides
+from sim2vr_harness.training.imagined import ImaginedRollouts
+from sim2vr_harness.training.imagined.experience import Motion
+from sim2vr_harness.training.teacher_config import TeacherConfig
+from sim2vr_harness.training.teacher_env import TeacherSimulation
+from sim2vr_harness.training.teacher_policy import new_teacher
+
+USERS, STEPS = 12, 199
+SMALL = (
+    *(f"ppo.n_envs={USERS}", "ppo.n_steps=10", "ppo.batch_size=20", "policy.net_arch=[16]"),
+    *("evaluate_rounds=0", "total_timesteps=120", "imagined.reward_scale=0.05"),
+    *("imagined.cycles=2", "imagined.first_play_steps=30", "imagined.play_steps=10"),
+    *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),
+    *("imagined.users=8", "imagined.updates=2", "imagined.critic_first_updates=0"),
+    *("imagined.body_width=16", "imagined.critic_width=16", "imagined.gradient_limit=2.0"),
+)
+
+
+@dataclass(frozen=True)
+class Played:
+    """A round of everybody, in the true game and in the twin.
+
+    Attributes:
+        names: of what a teacher observes.
+        imagined: (STEPS, USERS, F) what it observes in the twin, and
+        true: in the true game.
+        effort: (STEPS, 2, USERS) costs, imagined and true.
+        rewards: (STEPS,) of the twin, all users together.
+        events: (STEPS, E) what has happened in the twin so far, in the order of `EVENTS`.
+        logs: the true game's at the end.
+        counts: (STEPS, L) of the true game so far, all users together, in the order of `counted`.
+        sabers: how the twin's blades are fixed.
+        limbs: the body model's.
+    """
+
+    names: tuple[str, ...]
+    imagined: NDArray[np.float32]
+    true: NDArray[np.float32]
+    effort: NDArray[np.float64]
+    rewards: NDArray[np.float64]
+    events: NDArray[np.float64]
+    logs: list[dict[str, float]]
+    counts: NDArray[np.float64]
+    sabers: torch.Tensor
+    limbs: Any
+
+    @property
+    def happened(self) -> dict[str, float]:
+        """What has happened in the twin in the end."""
+        return dict(zip(EVENTS, self.events[-1].tolist(), strict=True))
+
+
+def rollouts(options: Mapping[str, OptionValue], *, torso: bool = False) -> ImaginedRollouts:
+    user = UserConfig(
+        model="mobl_arms_bimanual_motor",
+        skull_rotation_deg=0.0,
+        torso=torso,
+        effort=EffortConfig(model="neural", weight=0.01),
+    )
+    app = AppConfig(game="beats", options={**options, "end_on_miss": False})
+    env = EnvConfig(app=app, user=user, cores=1)
+    settings = TeacherConfig.model_validate(apply_overrides({}, SMALL))
+    simulation = TeacherSimulation(env, settings, seed=4)
+    spaces = simulation.observation_space, simulation.action_space
+    policy = new_teacher(*spaces, settings.policy, seed=1)
+    return ImaginedRollouts(settings.imagined, policy, simulation, seed=4)
+
+
+def play(
+    options: Mapping[str, OptionValue],
+    *,
+    torso: bool = False,
+    soft: Relaxation | None = None,
+    counted: tuple[str, ...] = (),
+) -> Played:
+    """Play a level that is the same for all seeds.
+
+    Args:
+        options: of the game, which its condition may change.
+        torso: whether trunk and neck move.
+        soft: the twin's relaxation; None takes that of a training's end.
+        counted: names of the log to add up after every step.
+    """
+    made = rollouts(options, torso=torso)
+    made.step()
+    sim = made.simulation
+    users, game = made.imagine(USERS)
+    game.sabers.fixed = made.game.sabers.fixed
+    sim.reset(seeds=list(range(USERS)))
+    sim._limit[:] = 10 * STEPS
+    everyone = torch.arange(USERS)
+    users.start(everyone, motion(made))
+    columns = [sim.senses.names.index(name) for name in FIELDS]
+    fields = torch.tensor(sim.senses.values()[:, columns], dtype=torch.float32)
+    game.start(everyone, worn(made), fields, everyone)
+    game.lane.begin(everyone)
+    game.clear_counts()
+    rng = np.random.default_rng(0)
+    names = [*users.names, *game.names]
+    observed = [names.index(name) for name in sim.senses.observed_names]
+    soft = soft or game.settings.relaxation(1.0)
+    imagined, true, effort, rewards, events, counts = [], [], [], [], [], []
+    for _ in range(STEPS):
+        actions = 0.2 * rng.standard_normal((USERS, sim.action_space.shape[0]))
+        control = made.body.drives.control(users.motion.drives, torch.tensor(actions))
+        result = sim.step(actions)
+        users.motion = motion(made)
+        torch.testing.assert_close(users.motion.drives, control.float(), atol=1e-5, rtol=0.0)
+        users._control = control.float()
+        effort.append((users.costs()[0].numpy(), result.effort_cost))
+        place = worn(made)
+        rewards.append(float(game.play(place, soft).sum()))
+        events.append(game.events.tolist())
+        seen = torch.cat([users.observe(), game.observe(place)], 1)
+        imagined.append(seen[:, observed].numpy())
+        true.append(sim.observation()[OBSERVATION])
+        logs = sim.simulation.logs
+        counts.append([sum(log[key] for log in logs) for key in counted])
+    logs = [dict(log) for log in sim.simulation.logs]
+    sim.close()
+    return Played(
+        names=tuple(sim.senses.observed_names),
+        imagined=np.array(imagined),
+        true=np.array(true),
+        effort=np.array(effort),
+        rewards=np.array(rewards),
+        events=np.array(events),
+        logs=logs,
+        counts=np.array(counts),
+        sabers=game.sabers.fixed,
+        limbs=made.body.accelerations,
+    )
+
+
+def motion(made: ImaginedRollouts) -> Motion:
+    """What the true users do."""
+    users = made.simulation.simulation.users
+    joints, dofs = users.body.qpos_independent, users.body.qvel_independent
+    parts = (users.qpos[:, joints], users.qvel[:, dofs], made.body.drives.of(users))
+    tensors = [torch.tensor(part, dtype=torch.float32) for part in parts]
+    return Motion(*tensors, torch.zeros(users.n, 0))
+
+
+def worn(made: ImaginedRollouts) -> torch.Tensor:
+    """(N, 3, 4, 4) where the true users' devices are, which the app is told."""
+    users = made.simulation.simulation.users
+    place = np.tile(np.eye(4), (USERS, 3, 1, 1))
+    for k, device in enumerate(made.simulation.game.devices):
+        positions, quaternions = users.device_poses(device)
+        place[:, k, :3, 3] = positions
+        for i, quaternion in enumerate(quaternions):
+            rotation = np.zeros(9)
+            mujoco.mju_quat2Mat(rotation, quaternion)
+            place[i, k, :3, :3] = rotation.reshape(3, 3)
+    return torch.tensor(place, dtype=torch.float32)

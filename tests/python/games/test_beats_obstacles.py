@@ -1,0 +1,112 @@
+"""Mines and walls of imagined Beats against the true game's: both see the same users."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from beats_both import STEPS, USERS, Played, play
+
+from sim2vr_harness.games.beats import twin
+from sim2vr_harness.games.beats.game import Beats
+from sim2vr_harness.games.beats.settings import Relaxation
+from sim2vr_harness.games.beats.twin import EVENTS
+
+pytest.importorskip("sim2vr_harness._app_runtime")
+
+# No box is in the way. A touch costs 1; a mine's from 1 cm on.
+HARD = Relaxation(contact_m=1e-3, speed_mps=0.2, angle_deg=15.0, near=0.0, error=1.0)
+COUNTED = ("MineHits", "WallHits", "MinesAvoided")
+MINES_S = np.arange(1.0, 9.5, 0.25)
+WALLS_S = np.arange(1.0, 9.0, 0.7)
+
+
+def write_map(folder: Path) -> Path:
+    """A level of one mine after the other and of walls to lean from and to duck under.
+
+    60 beats a minute, so a beat is a second; 5 m/s.
+    """
+    rng = np.random.default_rng(5)
+    cells = rng.integers([4, 3], size=(len(MINES_S), 2)).tolist()
+    mines = [{"b": float(t), "x": x, "y": y} for t, (x, y) in zip(MINES_S, cells, strict=True)]
+    kinds = ((0, 0, 2, 5), (2, 0, 2, 5), (0, 2, 4, 3))
+    walls = [
+        dict(zip("bdxywh", (float(t), 0.3, *kinds[k % 3]), strict=True))
+        for k, t in enumerate(WALLS_S)
+    ]
+    box = {"b": 9.9, "x": 0, "y": 0, "c": 0, "d": 8, "a": 0}
+    level = {"version": "3.2.0", "colorNotes": [box], "bombNotes": mines, "obstacles": walls}
+    folder.mkdir()
+    (folder / "Hard.dat").write_text(json.dumps(level))
+    beatmap = {
+        "_difficulty": "Hard",
+        "_difficultyRank": 5,
+        "_beatmapFilename": "Hard.dat",
+        "_noteJumpMovementSpeed": 5,
+        "_noteJumpStartBeatOffset": 0,
+    }
+    sets = [{"_beatmapCharacteristicName": "Standard", "_difficultyBeatmaps": [beatmap]}]
+    info = {"_version": "2.0.0", "_songName": "Obstacles", "_beatsPerMinute": 60}
+    (folder / "Info.dat").write_text(json.dumps({**info, "_difficultyBeatmapSets": sets}))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def played(tmp_path_factory: pytest.TempPathFactory) -> Played:
+    """A round of everybody, arms, trunk and neck moving about at random."""
+    level = write_map(tmp_path_factory.mktemp("beats") / "obstacles")
+    options = {"level": str(level), "end_on_miss": False}
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(twin, "_MOMENTS", tuple(np.linspace(0.0, 1.0, 41)[1:].tolist()))
+        # No condition has this level.
+        patched.setattr(Beats, "options", lambda self, condition, weights=None: options)
+        return play(options, torso=True, soft=HARD, counted=COUNTED)
+
+
+def so_far(played: Played, event: str) -> np.ndarray:
+    """(STEPS,) how often it has happened in the twin."""
+    return played.events[:, EVENTS.index(event)]
+
+
+def test_touched_mines_are_the_same(played: Played) -> None:
+    """Between frames the twin's blades turn nearly as the true ones: what grazes may differ."""
+    hits, _, avoided = played.counts.T
+    assert 30 < hits[-1] < USERS * len(MINES_S) / 2
+    assert np.abs(so_far(played, "mines") - hits).max() <= 4
+    assert np.abs(so_far(played, "avoided") - avoided).max() <= 4
+    assert hits[-1] + avoided[-1] == USERS * len(MINES_S)
+
+
+def test_walls_that_the_head_is_in_are_the_same(played: Played) -> None:
+    """The true game also looks between two frames, and at a sphere instead of its cube."""
+    _, hits, _ = played.counts.T
+    passed = USERS * len(WALLS_S)
+    assert 0.1 * passed < hits[-1] < 0.9 * passed
+    assert np.abs(so_far(played, "walls") - hits).max() <= 0.05 * hits[-1]
+
+
+def test_what_is_told_of_mines_and_walls_is_the_same(played: Played) -> None:
+    """Wherever both tell of the same: who looks to the floor does not see what comes."""
+    names = list(played.names)
+    wrong = np.abs(played.imagined - played.true)
+    for kind, most, when in (("mine", 3, "time_s"), ("wall", 2, "start_s")):
+        present = [names.index(f"{kind}{i}.present") for i in range(most)]
+        times = [names.index(f"{kind}{i}.{when}") for i in range(most)]
+        assert (played.true[:, :, present].sum(-1) > 0).mean() > 0.8
+        same = (wrong[:, :, present] == 0.0).all(-1) & (wrong[:, :, times] < 0.03).all(-1)
+        assert same.mean() > 0.9, kind
+        for i, name in enumerate(names):
+            if name.startswith(kind):
+                assert float(wrong[:, :, i][same].max()) < 0.005, name
+
+
+def test_each_touch_costs_what_it_is_set_to(played: Played) -> None:
+    """Mines from a centimetre on, so a little more than those that were touched; walls, which are
+    soft by some centimetres, at least two thirds and at most one of each that comes."""
+    cost = -played.rewards.cumsum()
+    mines, walls = so_far(played, "mines"), so_far(played, "walls")
+    assert (cost >= 0.98 * mines + 0.66 * walls - 1.0).all()
+    assert cost[-1] <= 1.3 * mines[-1] + USERS * len(WALLS_S)
+    assert cost[: int(STEPS * 0.08)].max() < 1.0  # nothing has come yet

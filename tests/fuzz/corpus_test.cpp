@@ -9,6 +9,7 @@
 #include <ostream>
 #include <random>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "sim2vr/runtime/app.hpp"
@@ -108,9 +109,13 @@ TEST(Corpus, IsOfTodaysFormats) {
         server::protocol2::decodeRequest(server::protocol2::decodeHeader(body.at(0)), body))
         << "run tests/fuzz/make_corpus.py";
   }
-  runtime::App app(hostSettings().app, render::Renderer::create(render::RendererKind::null));
-  for (const std::string& state : readCorpus("saved_state")) {
-    EXPECT_NO_THROW(app.load(state)) << "run tests/fuzz/make_corpus.py";
+  const auto renderer = render::Renderer::create(render::RendererKind::null);
+  for (const auto& [name, settings] :
+       {std::pair{"saved_state", hostSettings().app}, std::pair{"saved_beats", beatsSettings()}}) {
+    runtime::App app(settings, renderer);
+    for (const std::string& state : readCorpus(name)) {
+      EXPECT_NO_THROW(app.load(state)) << "run tests/fuzz/make_corpus.py";
+    }
   }
 }
 

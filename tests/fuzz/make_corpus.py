@@ -15,13 +15,14 @@ from pathlib import Path
 
 import numpy as np
 
-from sim2vr_harness.client import INPUT_COUNT, DevicePoses, InProcessApp
+from sim2vr_harness.client import INPUT_COUNT, DevicePoses, InProcessApp, OptionValue
 from sim2vr_harness.client import protocol2_wire as wire
 from sim2vr_harness.client.protocol2_wire import HEADER, MAGIC, VERSION, Type
 
 CORPUS = Path(__file__).parent / "corpus"
 MAPS = Path(__file__).parents[1] / "data" / "beats_maps"
 STEP_NS = 50_000_000
+BEATS_SEED = 5
 APP_1 = wire.APP.pack(1)
 
 
@@ -33,6 +34,17 @@ def devices(frame: int, *, left: bool = False, pressed: bool = False) -> DeviceP
     inputs[[0, 5]] = 1.0
     row = inputs if pressed else None
     return DevicePoses(head, hand, hand if left else None, row, row if left else None)
+
+
+def sabers(frame: int) -> DevicePoses:
+    """A player who swings both sabers in front."""
+    head = np.array([0.0, 1.17, 0.0, 0.0, 0.0, 0.0, 1.0])
+    turn = 0.9 * np.sin(1.3 * frame)
+    rows = [
+        np.array([x, 0.95, 0.1, np.sin(turn / 2.0), 0.0, 0.0, np.cos(turn / 2.0)])
+        for x in (0.2, -0.2)
+    ]
+    return DevicePoses(head, *rows)
 
 
 def message(kind: Type, *frames: bytes, count: int = 0) -> bytes:
@@ -104,6 +116,24 @@ def saved_states() -> dict[str, bytes]:
     return states
 
 
+def saved_beats() -> dict[str, bytes]:
+    """Of the app that plays Beats: at the start, and after cuts, a mine and a wall; and the end."""
+    options: dict[str, OptionValue] = {
+        "level": "generated",
+        "level_seconds": 10,
+        "reward": "shaped",
+    }
+    states = {}
+    with InProcessApp("beats", options, width=8, height=6, renderer="null") as app:
+        app.reset(BEATS_SEED, sabers(0))
+        for frame in range(1, 201):
+            app.step(frame * STEP_NS, sabers(frame))
+            name = {1: "start", 70: "cut", 130: "play", 200: "over"}.get(frame)
+            if name is not None:
+                states[name] = app.save()
+    return states
+
+
 def load_message(state: bytes) -> bytes:
     """Of protocol 1: the second of three messages that zero bytes separate."""
     file = CORPUS / "session1" / "load"
@@ -156,6 +186,7 @@ def main() -> None:
         ("protocol2", MESSAGES),
         ("session2", {name: b"\xff\xff".join(parts) for name, parts in SESSIONS.items()}),
         ("saved_state", states),
+        ("saved_beats", saved_beats()),
         ("level", levels()),
         ("level_zip", zipped_levels()),
     ):

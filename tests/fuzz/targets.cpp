@@ -94,6 +94,13 @@ server::HostSettings hostSettings() {
   return settings;
 }
 
+runtime::AppSettings beatsSettings() {
+  runtime::AppSettings settings = hostSettings().app;
+  settings.game = "beats";
+  settings.options_json = R"({"level": "generated", "level_seconds": 10, "reward": "shaped"})";
+  return settings;
+}
+
 void protocol1(std::string_view input) {
   decoding([&] {
     const auto handshake = server::protocol1::decodeHandshake(input);
@@ -162,10 +169,12 @@ void session2(std::string_view input) {
   }
 }
 
-void savedState(std::string_view input) {
+namespace {
+
+/// Loads a state, plays on, and saves and loads again.
+void loadAndPlay(const runtime::AppSettings& settings, std::string_view input) {
   static const auto renderer = render::Renderer::create(render::RendererKind::null);
-  const server::HostSettings settings = hostSettings();
-  runtime::App app(settings.app, renderer);
+  runtime::App app(settings, renderer);
   try {
     app.load(std::string(input));
   } catch (const EngineError&) {
@@ -182,5 +191,11 @@ void savedState(std::string_view input) {
   app.load(again);
   require(app.save() == again, "a saved state");
 }
+
+}  // namespace
+
+void savedState(std::string_view input) { loadAndPlay(hostSettings().app, input); }
+
+void savedBeats(std::string_view input) { loadAndPlay(beatsSettings(), input); }
 
 }  // namespace sim2vr::fuzz

@@ -24,6 +24,8 @@ void session1(std::string_view input);
 void session2(std::string_view input);
 /// Saved states of an app.
 void savedState(std::string_view input);
+/// Of one that plays Beats.
+void savedBeats(std::string_view input);
 
 /// A map of Beats: Info.dat, its difficulty and its audio file, separated by zero bytes; they are
 /// found under whatever names Info.dat has for them.
@@ -35,20 +37,23 @@ void levelZip(std::string_view input);
 std::vector<std::string_view> takeFrames(std::string_view& input);
 /// Of the apps that are fuzzed.
 server::HostSettings hostSettings();
+/// Of the app that plays Beats.
+runtime::AppSettings beatsSettings();
 
 struct Target {
   std::string_view name;
   void (*run)(std::string_view input);
 };
 
-inline constexpr std::array<Target, 9> kTargets{{{"protocol1", &protocol1},
-                                                 {"protocol2", &protocol2},
-                                                 {"base64", &base64},
-                                                 {"state_log", &stateLog},
-                                                 {"session1", &session1},
-                                                 {"session2", &session2},
-                                                 {"saved_state", &savedState},
-                                                 {"level", &level},
-                                                 {"level_zip", &levelZip}}};
+inline constexpr std::array<Target, 10> kTargets{{{"protocol1", &protocol1},
+                                                  {"protocol2", &protocol2},
+                                                  {"base64", &base64},
+                                                  {"state_log", &stateLog},
+                                                  {"session1", &session1},
+                                                  {"session2", &session2},
+                                                  {"saved_state", &savedState},
+                                                  {"saved_beats", &savedBeats},
+                                                  {"level", &level},
+                                                  {"level_zip", &levelZip}}};
 
 }  // namespace sim2vr::fuzz

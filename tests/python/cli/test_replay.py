@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.cli.main import main
+from sim2vr_harness.client import DevicePoses, InProcessApp
 
 FIXTURE = Path(__file__).resolve().parents[2] / "data" / "whacamole_round"
 KEYS = {
@@ -52,6 +53,23 @@ def test_tables(capsys: Any) -> None:
     # 18 targets, all as recorded: 7 hits, 8 misses, 4 contacts.
     assert events == ["whacamole_round", "18", "1", "7/7", "8/8", "4/4", "none"]
     assert times == ["whacamole_round", "1/1", "1/1", "1", "0.000", "0.0000/0.0000"]
+
+
+def test_a_round_of_another_game(capsys: Any, tmp_path: Path) -> None:
+    """Beats logs poses and events as well, but none that could be compared."""
+    hand = np.array([0.1, 1.0, 0.3, 0.0, 0.0, 0.0, 1.0])
+    poses = DevicePoses(hand, hand, hand)
+    with InProcessApp("beats", renderer="null", log_dir=tmp_path) as app:
+        app.reset(1, poses)
+        for frame in range(1, 5):
+            app.step(50_000_000 * frame, poses)
+    (round_,) = tmp_path.iterdir()
+    status, _, err = call(capsys, str(round_))
+    assert status != 0
+    assert err == (
+        f"error: PATH: got '{round_}', a round of another game, expected a round of Whac-A-Mole; "
+        "rounds of other games are filmed as they are played\n"
+    )
 
 
 def test_tables_fit_80_columns(capsys: Any, tmp_path: Path) -> None:

@@ -180,6 +180,10 @@ def _logged_round(states: Path, unconstrained: bool) -> Recording:
     name = states.stem.removesuffix("states").rstrip("_-. ")
     ends = [line for line in read_lines(events) if line.strip(" ,\t")][-3:]
     options = _logged_options(events)
+    found = read_events(events)
+    if not any("target" in line for line in read_lines(events)):
+        expected = "a round of Whac-A-Mole; rounds of other games are filmed as they are played"
+        raise InputError("PATH", f"{str(states.parent)!r}, a round of another game", expected)
     return Recording(
         name=states.parent.resolve().name if plain else name,
         source=states.parent if plain else states,
@@ -189,7 +193,7 @@ def _logged_round(states: Path, unconstrained: bool) -> Recording:
         right=log.right,
         left=log.left if options.get("hand") == "left" else None,
         head=log.head,
-        events=read_events(events),
+        events=found,
         finished=any("episode statistics" in line for line in ends),
         options=options,
         others=log.others,

@@ -25,6 +25,7 @@ from sim2vr_harness.evaluation.round_logs import RoundLogs
 from sim2vr_harness.evaluation.video import RoundFilmer
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.trained_users import TrainedUser, find_user, require_contract
+from sim2vr_harness.users import effort_weight
 
 __all__ = ["Evaluation", "Request", "evaluate"]
 
@@ -190,6 +191,8 @@ def evaluate(
         summaries[name] = {
             **summarise(own, facts),
             **settings,
+            "game": facts.name,
+            "effort_weight": effort_weight(env.user.effort.model, env.user.effort.weight),
             "unpractised": new,
             "rounds": [result.as_dict() for result in own],
         }

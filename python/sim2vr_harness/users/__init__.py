@@ -23,6 +23,7 @@ from sim2vr_harness.users.effort import (
     Neural,
     Zero,
     effort_options,
+    effort_weight,
     list_efforts,
     make_effort,
 )
@@ -63,6 +64,7 @@ __all__ = [
     "UserBatch",
     "Zero",
     "effort_options",
+    "effort_weight",
     "list_bodies",
     "list_efforts",
     "load_body",

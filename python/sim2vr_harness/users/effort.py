@@ -349,6 +349,17 @@ def effort_options(name: str) -> tuple[str, ...]:
     return tuple(option for option in names if option not in _OF_THE_BODY)
 
 
+def effort_weight(name: str, weight: float | None = None) -> float:
+    """Returns the factor on a model's cost: the given one, or the model's default.
+
+    Raises:
+        ValueError: unknown name.
+    """
+    if name not in _MODELS:
+        raise ValueError(unknown_name("effort", name, list_efforts()))
+    return _MODELS[name].default_weight if weight is None else weight
+
+
 def make_effort(
     name: str, n: int, body: Body, *, weight: float | None = None, **params: Any
 ) -> EffortModel:

@@ -163,6 +163,8 @@ def test_the_environment_can_be_another_than_the_training_s(trained: Path) -> No
     assert kept == config.env
     found = play_with(trained, Request(overrides=overrides))
     assert found.summaries["medium"]["overrides"] == overrides
+    assert found.summaries["medium"]["effort_weight"] == 0.1
+    assert found.summaries["medium"]["game"] == "whacamole"
     folder = "user.noise.constant=white,app.options.adaptive=true"
     place = trained / "evaluation" / "step_000000120" / folder
     assert found.files == [place / "results.json"]  # beside the results without changes

@@ -1,0 +1,42 @@
+"""``sim2vr-harness chart``: measures of several users as bars."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim2vr_harness.cli.options import writable_file
+
+__all__ = ["chart"]
+
+
+def chart(
+    results: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RESULTS...",
+            help="Folders of evaluations (evaluate --out), or files with what --json printed.",
+        ),
+    ],
+    condition: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="The condition; not needed where there is only one."),
+    ] = None,
+    measure: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="A measure, such as hand_travel_m, or exertion: effort before its weight; may be "
+            "repeated.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option(help="The PNG file to write.", callback=writable_file)
+    ] = Path("chart.png"),
+) -> None:
+    """Draw what evaluations measured of several users, side by side."""
+    from sim2vr_harness.evaluation.chart import chart as draw
+
+    typer.echo(f"Written: {draw(results, out, condition=condition, measures=measure or ())}")

@@ -18,7 +18,7 @@ import typer
 from rich.console import Console
 
 from sim2vr_harness import __version__
-from sim2vr_harness.cli import bench, chart, compare, games, level, users
+from sim2vr_harness.cli import bench, chart, compare, film, games, level, users
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
 from sim2vr_harness.cli.options import (
@@ -478,6 +478,7 @@ def snapshot(
 
 app.command("compare")(compare.compare)
 app.command("chart")(chart.chart)
+app.command("film")(film.film)
 app.command("bench")(bench.bench)
 
 

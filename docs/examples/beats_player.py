@@ -2,16 +2,31 @@
 
 It knows the level beforehand and moves hands and head through points in time, both blades along z.
 Between two strokes a saber is drawn back behind the player, where nothing comes any more.
+
+Usage: python docs/examples/beats_player.py [LEVEL] [--seed N] [--seconds S] [--out FILM.mp4]
+
+LEVEL is first, full, generated or the path of a map. Without --out the round is played only.
 """
 
 from __future__ import annotations
 
+import argparse
+from collections.abc import Mapping
 from dataclasses import dataclass
+from pathlib import Path as FilePath
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.client import DevicePoses, Timeline, TimelineItem
+from sim2vr_harness.client import (
+    DevicePoses,
+    InProcessApp,
+    Timeline,
+    TimelineItem,
+    describe_game,
+    describe_level,
+    frame_time_ns,
+)
 
 Point = NDArray[np.float64]
 
@@ -44,10 +59,12 @@ class Path:
     points: list[Point]
 
     def add(self, time_s: float, point: Point) -> None:
+        """Append a point; times rise."""
         self.times.append(time_s)
         self.points.append(point)
 
     def at(self, time_s: float) -> Point:
+        """The place at a time, m; before the first point and behind the last one, theirs."""
         points = np.array(self.points)
         return np.array([np.interp(time_s, self.times, axis) for axis in points.T])
 
@@ -115,9 +132,75 @@ class BeatsPlayer:
         self.head = head_path(of_kind("wall"))
 
     def __call__(self, frame: int) -> DevicePoses:
+        """Poses in a frame, world axes, m."""
         time_s = frame * self.period_s
         head, right, left = (
             np.append(HEAD + path.at(time_s), [0.0, 0.0, 0.0, 1.0])
             for path in (self.head, self.right, self.left)
         )
         return DevicePoses(head, right, left)
+
+
+FRAME_RATE_HZ = 60
+VIEW = (640, 480)
+"""Width and height of headset view and view from outside in the film, pixels."""
+
+
+def play(
+    level: str, seed: int = 1, seconds: float = 600.0, film: FilePath | None = None
+) -> Mapping[str, float]:
+    """Play a level at 60 frames a second.
+
+    Args:
+        level: As the game's option.
+        seed: Of a generated level.
+        seconds: To play at most.
+        film: The MP4 file to write, if any.
+
+    Returns:
+        The game's log at the end.
+    """
+    from sim2vr_harness.evaluation.pictures import Painter, score_text
+    from sim2vr_harness.evaluation.video import Film
+
+    options = {"level": level, "end_on_miss": False}
+    timeline = describe_level("beats", options, seed)
+    player = BeatsPlayer(timeline, 1.0 / FRAME_RATE_HZ)
+    painter = Painter({"headset": VIEW, "game": VIEW})
+    renderer = "null" if film is None else "automatic"
+    writer = None if film is None else Film(film, painter.width, painter.height, FRAME_RATE_HZ)
+    with InProcessApp("beats", options, renderer=renderer) as app:
+        reply = app.reset(seed, player(0))
+        for frame in range(1, 1 + round(seconds * FRAME_RATE_HZ)):
+            reply = app.step(frame_time_ns(frame, FRAME_RATE_HZ), player(frame))
+            if writer is not None:
+                panels = {
+                    "headset": app.render_headset(*VIEW)[..., :3],
+                    "game": app.render_third_person(*VIEW, view="spectator")[..., :3],
+                }
+                text = score_text(describe_game("beats"), reply.log, frame / FRAME_RATE_HZ)
+                writer.add(painter.frame(panels, f"{timeline.name}, by a script", text))
+            if reply.finished:
+                break
+    if writer is not None:
+        writer.finish()
+    return reply.log
+
+
+def main() -> None:
+    """Play, and say how it went."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("level", nargs="?", default="full")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--out", type=FilePath)
+    given = parser.parse_args()
+    log = play(given.level, given.seed, given.seconds, given.out)
+    for name in ("Score", "AccumulatedCorrectSlices", "Boxes", "AccumulatedErrors", "MaxCombo"):
+        print(f"{name}: {log[name]:g}")
+    if given.out is not None:
+        print(f"Written: {given.out}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,41 @@
+"""``sim2vr-harness film``: users side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim2vr_harness.cli.options import TrustOption, finite, writable_file
+
+__all__ = ["film"]
+
+
+def film(
+    runs: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="RUN...", help="Runs, checkpoints or pretrained:NAME, from left to right."
+        ),
+    ],
+    condition: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="The game's condition; without, each user's training's."),
+    ] = None,
+    seed: Annotated[int, typer.Option(help="Seed of the round, the same for all.")] = 1,
+    seconds: Annotated[
+        float, typer.Option(help="How many seconds to film at most.", callback=finite)
+    ] = 60.0,
+    out: Annotated[
+        Path, typer.Option(metavar="OUT.mp4", help="The film.", callback=writable_file)
+    ] = Path("film.mp4"),
+    trust_app: TrustOption = False,
+) -> None:
+    """Film users who play the same round, side by side."""
+    from sim2vr_harness.evaluation.side_by_side import film_side_by_side
+
+    written = film_side_by_side(
+        runs, out, condition=condition, seed=seed, seconds=seconds, trust_app=trust_app
+    )
+    typer.echo(f"Written: {written}")

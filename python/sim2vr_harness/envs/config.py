@@ -29,6 +29,7 @@ from sim2vr_harness.users import (
     load_body,
 )
 from sim2vr_harness.users.bodies.options import PhysicsStep
+from sim2vr_harness.users.head import HeadMotion
 
 __all__ = [
     "DEFAULT_SENSES",
@@ -120,6 +121,9 @@ class UserConfig(Settings):
     """Users are people who differ, another one in every episode; None: all are average."""
     skull_rotation_deg: float = Field(default=10.0, ge=-90.0, le=90.0)
     """Downward pitch of the skull and with it of the headset, degrees."""
+    head: HeadMotion = "fixed"
+    """Of bodies without a neck: ``reflex`` has the headset follow the hand and sway, as people's
+    heads do (docs/people.md)."""
     torso: bool = False
     """Whether trunk and neck move, by six motors more (docs/bodies.md)."""
     reset: ResetOptions = ResetOptions()

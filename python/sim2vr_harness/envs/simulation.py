@@ -101,6 +101,7 @@ class Simulation:
             substeps=substeps,
             people=self.people,
             cut=self.body_for,
+            head=config.user.head,
         )
         self.proprioception = Proprioception(self.body)
         self.actions = make_actions(config, n, self.body)

@@ -18,6 +18,7 @@ from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.bodies.options import Physique
 from sim2vr_harness.users.effort import EffortModel, make_effort
+from sim2vr_harness.users.head import HeadMotion, HeadReflex
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.users.people import People, Person, Persons
 from sim2vr_harness.users.worn import WornDevices
@@ -33,6 +34,9 @@ _WARNINGS = {
 _BROKEN = [_WARNINGS[name] for name in ("badqpos", "badqvel", "badqacc", "badctrl")]
 """Warnings after which the motion means nothing; the others (a nearly singular inertia, a full
 list of contacts or constraints) make it wrong, and are counted."""
+
+_HEAD = 0x48656164
+"""Makes the stream of the head another one than that of the motor noise."""
 
 _POS = mujoco.mjtStage.mjSTAGE_POS.value
 _ACC = mujoco.mjtStage.mjSTAGE_ACC.value
@@ -67,6 +71,7 @@ class UserBatch:
         people: whom `reset` may be given persons of; None: all users are average.
         cut: makes the body of a person's physique, with the joints and actuators of `body`; None:
             persons do not differ in their bodies.
+        head: "reflex" has the headset follow the hand and sway (`head.py`).
 
     Raises:
         ValueError: a number out of range, an unknown effort model, or one that the body lacks
@@ -86,6 +91,7 @@ class UserBatch:
         substeps: int = 25,
         people: People | None = None,
         cut: Callable[[Physique], Body] | None = None,
+        head: HeadMotion = "fixed",
     ) -> None:
         for field, value, least in (
             ("n", n, 1),
@@ -118,6 +124,7 @@ class UserBatch:
         self._force = np.zeros((n, model.nu))
         self._worn = WornDevices(body, self._batch)
         self.who = Persons(body, self._batch, people, cut)
+        self._head = self._make_head(head)
         self._motor = np.zeros((n, len(self._actuation.motors)))
         self._cost = np.zeros(n)
         self._diverged = np.zeros(n, dtype=bool)
@@ -145,6 +152,18 @@ class UserBatch:
                 f"{loads} of {self.action_size}"
             )
         return effort
+
+    def _make_head(self, motion: HeadMotion) -> HeadReflex | None:
+        if motion == "fixed":
+            return None
+        hands = [name for name in self.body.devices if name != "headset"]
+        if self.body.nod is not None or "headset" not in self.body.devices or not hands:
+            lacks = "a neck of its own" if self.body.nod else f"the devices {self.body.devices}"
+            raise ValueError(
+                f"head: got 'reflex' for a body with {lacks}, expected one with a headset, a "
+                "controller and no neck"
+            )
+        return HeadReflex(self.n, self.body.timestep, self.substeps)
 
     # --- episode -----------------------------------------------------------------------------
 
@@ -203,6 +222,9 @@ class UserBatch:
         self._batch.forward(ids, _ACC)
         self._copy_forces(ids)
         self._worn.copy(ids, slice(None))
+        if self._head is not None:
+            seeds = [seed ^ _HEAD for seed in noise_seeds]
+            self._head.reset(ids, seeds, self._worn.hands(-1)[ids])
         self.effort.reset(ids)
         self._update_effort(ids)
 
@@ -303,12 +325,19 @@ class UserBatch:
         ids = np.flatnonzero(~self._diverged)
         before = self._state[ids].copy(), self._qacc[ids], self._force[ids], self._motor[ids]
         self._apply(np.clip(action[ids], -1.0, 1.0), ids)
+        if self._head is not None:
+            pos, quat = self._worn.poses("headset", -1)
+            hands = self._worn.hands(-1)
+            factors = self.who.head_movement[ids]
+            self._head.begin(ids, (pos[ids], quat[ids]), hands[ids], factors)
         self._worn.resize(pose_samples)
         done = sample = 0
         for stop in stops:
             alive = ids[~self._diverged[ids]]
             self._advance(alive, stop - done)
             done, alive = stop, alive[~self._diverged[alive]]
+            if self._head is not None:
+                self._head.reached = stop
             self._worn.copy(alive, slice(sample, None))
             if pauses and stop in pauses:
                 self._copy_forces(alive)
@@ -408,7 +437,13 @@ class UserBatch:
         Raises:
             ValueError: the user does not wear that device, or there is no such sample.
         """
-        return self._worn.poses(name, sample)
+        pos, quat = self._worn.poses(name, sample)
+        if name != "headset" or self._head is None:
+            return pos, quat
+        count = self._worn.samples
+        every = self.substeps // count
+        substep = self._head.reached if sample == -1 else (sample % count + 1) * every
+        return self._head.moved(pos, quat, self._worn.hands(sample), substep)
 
     @property
     def act(self) -> FloatArray:
@@ -499,6 +534,8 @@ class UserBatch:
         state.update({f"effort/{k}": v[i].copy() for k, v in self.effort.state().items()})
         if self.noise is not None:
             state.update({f"noise/{k}": v for k, v in self.noise.get_state(i).items()})
+        if self._head is not None:
+            state.update({f"head/{k}": v for k, v in self._head.get_state(i).items()})
         if self.who.people is not None:
             state["person"] = self.who.get_state(i)
         return state
@@ -536,6 +573,9 @@ class UserBatch:
         if self.noise is not None:
             keys = self.noise.get_state(i)
             self.noise.set_state(i, {k: state[f"noise/{k}"] for k in keys})
+        if self._head is not None:
+            keys = self._head.get_state(i)
+            self._head.set_state(i, {k: state[f"head/{k}"] for k in keys})
 
     # --- helpers -----------------------------------------------------------------------------
 

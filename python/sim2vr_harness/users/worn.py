@@ -50,6 +50,16 @@ class WornDevices:
             for name, kept in poses.items():
                 poses[name] = np.repeat(kept[-1:], samples, axis=0)
 
+    @property
+    def samples(self) -> int:
+        """How many moments of the last step are kept."""
+        return max((len(kept) for kept in self._pos.values()), default=1)
+
+    def hands(self, sample: int) -> FloatArray:
+        """(N, 3) the middle of the controllers, m."""
+        hands = [poses[sample] for name, poses in self._pos.items() if name != "headset"]
+        return np.asarray(np.mean(hands, axis=0))
+
     def poses(self, name: str, sample: int) -> tuple[FloatArray, FloatArray]:
         """Returns what `UserBatch.device_poses` does."""
         if name not in self._pos:

@@ -9,7 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.users.people.traits import TRAITS
+from sim2vr_harness.users.people.traits import TOLD
 
 
 @dataclass(frozen=True)
@@ -26,6 +26,7 @@ class Person:
         proprioceptive_delay_s: from what the body does to what is felt.
         motor_noise: factor on the standard deviations of the motor noise.
         effort_weight: factor on the cost of effort.
+        head_movement: factor on how far the head moves, where a reflex moves it.
         handedness: the hand that plays.
     """
 
@@ -38,6 +39,7 @@ class Person:
     proprioceptive_delay_s: float = 0.05
     motor_noise: float = 1.0
     effort_weight: float = 1.0
+    head_movement: float = 1.0
     handedness: Literal["right", "left"] = "right"
 
     @property
@@ -47,7 +49,7 @@ class Person:
         Zero is the mean of people, 1 two standard deviations above it (delays: 0.03 s and 0.02 s);
         the scale is fixed, whatever distribution the person was drawn from.
         """
-        values = [trait.feature(getattr(self, trait.name)) for trait in TRAITS]
+        values = [trait.feature(getattr(self, trait.name)) for trait in TOLD]
         values.append(1.0 if self.handedness == "left" else -1.0)
         return np.array(values, dtype=np.float32)
 
@@ -72,5 +74,5 @@ class Person:
 AVERAGE = Person()
 """The one that the MoBL ARMS bodies and the motor noise were measured on."""
 
-FEATURES: tuple[str, ...] = (*(trait.name for trait in TRAITS), "left_handed")
+FEATURES: tuple[str, ...] = (*(trait.name for trait in TOLD), "left_handed")
 """Names of a person's features."""

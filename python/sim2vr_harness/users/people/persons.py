@@ -31,7 +31,8 @@ class Persons:
         cut: makes the body of a physique; None: bodies do not differ, whatever people do.
 
     Attributes:
-        strength, motor_noise, effort_weight: (N,) factors relative to `body` and the settings.
+        strength, motor_noise, effort_weight, head_movement: (N,) factors relative to `body` and
+            the settings.
         features: (N, F) float32, see `Person.features`.
     """
 
@@ -51,7 +52,8 @@ class Persons:
         self._now = [alike] * n
         self._bodies: list[Body] = [body] * n
         self._models: list[mujoco.MjModel] = [body.physics_model] * n
-        self.strength, self.motor_noise, self.effort_weight = np.ones((3, n))
+        self.strength, self.motor_noise = np.ones((2, n))
+        self.effort_weight, self.head_movement = np.ones((2, n))
         self.delays_s = {
             name: np.full(n, getattr(alike, name))
             for name in ("visual_delay_s", "proprioceptive_delay_s")
@@ -77,6 +79,7 @@ class Persons:
             self.strength[i] = person.strength / self._alike_strength
             self.motor_noise[i] = person.motor_noise
             self.effort_weight[i] = person.effort_weight
+            self.head_movement[i] = person.head_movement
             for name, delays in self.delays_s.items():
                 delays[i] = getattr(person, name)
             if self.people is not None and self._cut is not None:

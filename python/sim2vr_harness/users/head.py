@@ -1,0 +1,221 @@
+"""A head that follows the hand, sways and recoils: a reflex, no part of the actions.
+
+The arm bodies hold their heads still. This moves the headset as the heads of people move who stand
+and strike with a hand: it turns a little of the way to the hand and more of its own accord, about
+the seventh cervical vertebra; it sways with the body; and it gives way where the hand goes, as the
+common centre of mass stays where it is. Trunk and shoulder stay, so that arm, policy and learned
+body models know nothing of it. docs/people.md has the sources and what people's heads do.
+
+Each of five motions (turn left, look down, tilt to the right, sway forward, sway left) is a linear
+oscillator with an aim that changes with each user step; where it is within a step follows in closed
+form, so that the number of app frames changes no bit of it.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from functools import cache
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import expm, solve_discrete_lyapunov
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+HeadMotion = Literal["fixed", "reflex"]
+
+FOLLOWS = 0.1
+"""Share of the hand's direction that the head turns: slope in the rounds of nine people, .08 about
+the vertical and .06 up and down on average, 0 to .38. Eyes do most of gaze within 14 degrees."""
+MOST_RAD = np.radians(30.0)
+"""Directions count up to here: nobody watches a hand that hangs down."""
+TURNS_HZ = 0.9
+"""Natural frequency of the head's turning, critically damped. Driven by noise, its speed is 2 pi
+times this times its deviation: so read, people's are .5 (easy, left) to 1.4 (hard, down)."""
+TURNS_RAD = np.radians([2.4, 2.0, 1.6])
+"""Standard deviations of what the head turns of its own accord: left, down, tilt. People's turning
+in the medium condition (2.6, 2.1, 1.4 degrees) less what follows the hand."""
+SWAY_HZ, SWAY_DAMPING = 0.45, 0.3
+"""Of the body on its ankles, an inverted pendulum on a spring (Winter et al. 1998)."""
+SWAY_M = np.array([0.007, 0.005])
+"""Standard deviations at the head, forward and left: those of the centre of mass in quiet stance, 4
+and 3 mm (Winter et al. 1998), 1.7 times as high above the ankles."""
+RECOIL = 0.034
+"""How far the head goes the other way than the hand until swaying brings it back: the arm is .0494
+of the body (de Leva 1996), its centre of mass moves .4 as far as the hand, the head 1.7 times as
+far as the body's. People's slope is .023 to .036, and 0 up and down, where the ground holds
+them."""
+EYES_FORWARD_M, EYES_UP_M = 0.162, 0.156
+"""The headset from the seventh cervical vertebra, in its own frame (of the MoBL ARMS skull)."""
+
+_OMEGA = 2.0 * np.pi * np.array([TURNS_HZ] * 3 + [SWAY_HZ] * 2)
+_DAMPING = np.array([1.0] * 3 + [SWAY_DAMPING] * 2)
+_DEVIATIONS = np.concatenate([TURNS_RAD, SWAY_M])
+_TURNS, _SWAYS = slice(0, 3), slice(3, 5)
+
+
+class HeadReflex:
+    """The heads of N users, each with a random stream of its own.
+
+    Args:
+        n: number of users N.
+        timestep_s: physics step.
+        substeps: physics steps per user step.
+    """
+
+    def __init__(self, n: int, timestep_s: float, substeps: int) -> None:
+        self._timestep_s, self._substeps = timestep_s, substeps
+        self._start = np.zeros((n, 5, 2))
+        """Places and velocities at the last step's beginning; rad and m."""
+        self._aim = np.zeros((n, 5))
+        self._rngs = [np.random.default_rng(i) for i in range(n)]
+        self._passage = cache(self._made_passage)
+        free, driven = self._passage(substeps)
+        shares = [
+            solve_discrete_lyapunov(free[k], np.outer(driven[k], driven[k]))[0, 0] for k in range(5)
+        ]
+        self._kicks = _DEVIATIONS / np.sqrt(shares)
+        """Deviations of the aims from step to step that make the motions' those wanted."""
+        self._hand_m = np.zeros((n, 2))
+        """Where hands were when their episodes began, x and y of the world."""
+        self.reached = substeps
+        """At the end of which substep of the last step users are, while it is being made."""
+
+    def _made_passage(self, substeps: int) -> tuple[FloatArray, FloatArray]:
+        """How places and velocities go on: (5, 2, 2) times them, (5, 2) times the aim."""
+        whole = np.zeros((5, 3, 3))
+        whole[:, 0, 1] = 1.0
+        whole[:, 1, 0] = -(_OMEGA**2)
+        whole[:, 1, 1] = -2.0 * _DAMPING * _OMEGA
+        whole[:, 1, 2] = _OMEGA**2
+        passed = np.array([expm(one * substeps * self._timestep_s) for one in whole])
+        return passed[:, :2, :2], passed[:, :2, 2]
+
+    def _at(self, substep: int) -> FloatArray:
+        """(N, 5, 2) places and velocities at the end of a substep of the last step."""
+        free, driven = self._passage(substep)
+        # Sums written out: their order, and so every bit, is the same for any N.
+        at = np.empty_like(self._start)
+        for row in range(2):
+            at[..., row] = (
+                free[:, row, 0] * self._start[..., 0]
+                + free[:, row, 1] * self._start[..., 1]
+                + driven[:, row] * self._aim
+            )
+        return at
+
+    def reset(self, ids: IntArray, seeds: list[int], hands_m: FloatArray) -> None:
+        """Heads are where the bodies hold them.
+
+        Args:
+            ids: (K,) users.
+            seeds: K of their random streams.
+            hands_m: (K, 3) where their hands are, MuJoCo world frame.
+        """
+        self._start[ids], self._aim[ids] = 0.0, 0.0
+        self._hand_m[ids] = hands_m[:, :2]
+        for i, seed in zip(ids.tolist(), seeds, strict=True):
+            self._rngs[i] = np.random.default_rng(seed)
+
+    def begin(
+        self,
+        ids: IntArray,
+        poses: tuple[FloatArray, FloatArray],
+        hands_m: FloatArray,
+        factors: FloatArray,
+    ) -> None:
+        """Begins a user step.
+
+        Args:
+            ids: (K,) users who make it.
+            poses: (K, 3) and (K, 4), how the bodies hold their headsets.
+            hands_m: (K, 3) where their hands are.
+            factors: (K,) how much more than usual a person moves the head.
+        """
+        self._start[ids] = self._at(self._substeps)[ids]
+        drawn = np.array([self._rngs[i].standard_normal(5) for i in ids.tolist()]).reshape(-1, 5)
+        aim = self._kicks * drawn
+        aim[:, :2] += FOLLOWS * np.clip(direction(*poses, hands_m), -MOST_RAD, MOST_RAD)
+        aim *= factors[:, None]
+        aim[:, _SWAYS] += RECOIL * (hands_m[:, :2] - self._hand_m[ids])
+        self._aim[ids] = aim
+
+    def moved(
+        self, pos: FloatArray, quat: FloatArray, hands_m: FloatArray, substep: int
+    ) -> tuple[FloatArray, FloatArray]:
+        """The headsets' poses at the end of a substep of the last step.
+
+        Args:
+            pos: (N, 3) where the bodies hold them, m, MuJoCo world frame.
+            quat: (N, 4) w x y z.
+            hands_m: (N, 3) where the hands are then.
+            substep: 1 to `substeps`.
+        """
+        at = self._at(substep)[..., 0]
+        left, down, tilt = at[:, _TURNS].T
+        lever = np.array([EYES_FORWARD_M, 0.0, EYES_UP_M])
+        nod = _product(_about(down, 2), _about(tilt, 1))
+        turned = _product(_about(left, 3), _product(quat, nod))
+        moved = pos - rotated(quat, lever) + rotated(turned, lever)
+        moved[:, :2] += at[:, _SWAYS] - RECOIL * (hands_m[:, :2] - self._hand_m)
+        return moved, turned
+
+    def get_state(self, i: int) -> dict[str, Any]:
+        """Everything that user i's head will do depends on, but for the hand."""
+        stream = json.dumps(self._rngs[i].bit_generator.state).encode()
+        return {
+            "start": self._start[i].copy(),
+            "aim": self._aim[i].copy(),
+            "hand_m": self._hand_m[i].copy(),
+            "stream": stream,
+        }
+
+    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
+        """Restores what `get_state` returned."""
+        self._start[i], self._aim[i] = state["start"], state["aim"]
+        self._hand_m[i] = state["hand_m"]
+        self._rngs[i].bit_generator.state = json.loads(bytes(state["stream"]))
+
+
+def direction(pos: FloatArray, quat: FloatArray, point: FloatArray) -> FloatArray:
+    """(N, 2) where points are, seen from poses: to the left and down, rad.
+
+    Args:
+        pos: (N, 3) m.
+        quat: (N, 4) w x y z; x forward, y left, z up.
+        point: (N, 3) m.
+    """
+    x, y, z = rotated(quat * (1.0, -1.0, -1.0, -1.0), point - pos).T
+    return np.stack([np.arctan2(y, x), np.arctan2(-z, np.hypot(x, y))], axis=1)
+
+
+def rotated(quat: FloatArray, vectors: FloatArray) -> FloatArray:
+    """(N, 3) vectors turned by (N, 4) unit quaternions w x y z."""
+    real, axis = quat[:, :1], quat[:, 1:]
+    across = 2.0 * np.cross(axis, vectors)
+    return np.asarray(vectors + real * across + np.cross(axis, across))
+
+
+def _about(angles: FloatArray, axis: int) -> FloatArray:
+    """(N, 4) quaternions of turns about one axis; 1 is x."""
+    quat = np.zeros((len(angles), 4))
+    quat[:, 0], quat[:, axis] = np.cos(angles / 2.0), np.sin(angles / 2.0)
+    return quat
+
+
+def _product(one: FloatArray, other: FloatArray) -> FloatArray:
+    """(N, 4) quaternions: first the other's rotation, then the one's."""
+    a, b, c, d = one.T
+    w, x, y, z = other.T
+    return np.stack(
+        [
+            a * w - b * x - c * y - d * z,
+            a * x + b * w + c * z - d * y,
+            a * y - b * z + c * w + d * x,
+            a * z + b * y - c * x + d * w,
+        ],
+        axis=1,
+    )

@@ -254,15 +254,24 @@ def evaluate(
         int | None,
         typer.Option(
             metavar="N",
-            help="Rounds per condition. Without, the run's evaluation.episodes: 10 unless set.",
+            help="Rounds per condition, and person. Without, the run's evaluation.episodes: 10 "
+            "unless set.",
+        ),
+    ] = None,
+    people: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Let N people play who differ in size, strength, delays, noise and effort; means "
+            "and deviations are then over people (docs/people.md).",
         ),
     ] = None,
     seed: Annotated[
         int | None,
         typer.Option(
             metavar="N",
-            help="Seed of the first round, one more for each that follows. Without, the run's "
-            "evaluation.seed: 1 unless set.",
+            help="Seed of the people and of the first round, one more for each that follows. "
+            "Without, the run's evaluation.seed: 1 unless set.",
         ),
     ] = None,
     deterministic: Annotated[
@@ -308,6 +317,7 @@ def evaluate(
         conditions=condition,
         episodes=episodes,
         seed=seed,
+        people=people,
         deterministic=deterministic,
         record=record,
         log=log,

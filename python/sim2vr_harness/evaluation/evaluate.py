@@ -12,7 +12,7 @@ from typing import Any
 
 from sim2vr_harness.client import Condition, GameFacts
 from sim2vr_harness.envs.apps import knows_options
-from sim2vr_harness.envs.config import EnvConfig, with_options
+from sim2vr_harness.envs.config import EnvConfig, UserConfig, with_options
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.environment import evaluation_env
@@ -25,7 +25,7 @@ from sim2vr_harness.evaluation.round_logs import RoundLogs
 from sim2vr_harness.evaluation.video import RoundFilmer
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.trained_users import TrainedUser, find_user, require_contract
-from sim2vr_harness.users import effort_weight
+from sim2vr_harness.users import PeopleSettings, effort_weight
 
 __all__ = ["Evaluation", "Request", "evaluate"]
 
@@ -47,7 +47,9 @@ class Request:
         conditions: The game's conditions; without any in the configuration, those that the game
             names.
         episodes: Rounds per condition.
-        seed: Seed of the first round.
+        seed: Seed of the first round, and of the people.
+        people: How many persons (``env.user.people``, docs/people.md) play ``episodes`` rounds per
+            condition each; None: as in the training.
         deterministic: Whether actions are the policy's mean.
         record: Whether to film the first round of every condition.
         log: Whether to write the game's CSV logs.
@@ -65,6 +67,7 @@ class Request:
     conditions: Sequence[str] | None = None
     episodes: int | None = None
     seed: int | None = None
+    people: int | None = None
     deterministic: bool | None = None
     record: bool = False
     log: bool = False
@@ -134,12 +137,15 @@ def evaluate(
     env = evaluation_env(
         config, request.app, request.overrides, source=run, trust_app=request.trust_app
     )
+    if request.people is not None:
+        env = _with_people(env, request.people, seed)
     require_contract(user, env)
     facts = game_facts(env.app)
     conditions = _conditions(facts, request.conditions or config.evaluation.conditions)
     names = [condition.name for condition in conditions]
     batch = _batch_for(env, request.batch)
-    _check_numbers(episodes, seed, min(batch, episodes * len(conditions)))
+    rounds_each = episodes * (request.people or 1)
+    _check_numbers(episodes, seed, min(batch, rounds_each * len(conditions)))
     out = Path(request.out) if request.out else user.evaluation_dir / _folder_of(config, request)
     settings: dict[str, Any] = {
         "user": _name_of(user),
@@ -148,6 +154,7 @@ def evaluate(
         "deterministic": deterministic,
         "overrides": list(request.overrides),
         "app": dict(request.app),
+        **({} if request.people is None else {"people": request.people}),
     }
     results = Results(out)
     new = unpractised(config, env, names)
@@ -176,7 +183,7 @@ def evaluate(
             rounds += play(
                 make,
                 make_act,
-                jobs_for(own_conditions, episodes, seed),
+                jobs_for(own_conditions, episodes, seed, request.people),
                 facts,
                 deterministic=deterministic,
                 batch=batch,
@@ -201,6 +208,19 @@ def evaluate(
         files.append(out / "logs")
     step = int(settings["trained_steps"])
     return Evaluation(summaries, facts, step, user.source, files, rounds, new)
+
+
+def _with_people(env: EnvConfig, people: int, seed: int) -> EnvConfig:
+    """The environment with so many people of this seed, as the training's differ or as usual.
+
+    Raises:
+        InputError: There is nobody, or the configuration says what people differ in.
+    """
+    if people < 1:
+        raise InputError("--people", str(people), "at least 1")
+    chosen = (env.user.people or PeopleSettings()).model_dump() | {"seed": seed, "count": people}
+    user = UserConfig(**(env.user.model_dump() | {"people": chosen}))
+    return env.model_copy(update={"user": user})
 
 
 def _name_of(user: TrainedUser) -> str:
@@ -234,6 +254,8 @@ def _folder_of(config: TrainingConfig, request: Request) -> str:
     """A folder's name that says what is different from the run's own settings; empty if nothing."""
     usual = config.evaluation
     told = [override.strip().removeprefix("env.") for override in request.overrides]
+    if request.people is not None:
+        told.append(f"people={request.people}")
     for key in ("episodes", "seed", "deterministic"):
         value = getattr(request, key)
         if value is not None and value != getattr(usual, key):

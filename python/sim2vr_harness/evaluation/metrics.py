@@ -77,6 +77,8 @@ class RoundResult:
         log: The game's last log.
         log_folder: Where the game's CSV logs of the round are, relative to the results; None
             without.
+        person: The person who played, field by field (``users.Person``); None where all users are
+            the same.
     """
 
     condition: str
@@ -88,11 +90,15 @@ class RoundResult:
     values: dict[str, float | None]
     log: dict[str, float]
     log_folder: str | None = None
+    person: dict[str, Any] | None = None
 
     def as_dict(self) -> dict[str, Any]:
-        """Return everything, ready for JSON."""
+        """Return everything, ready for JSON; ``person`` is the number, with ``person_fields``."""
         content = asdict(self)
         content |= content.pop("values")
+        fields = content.pop("person")
+        if fields is not None:
+            content |= {"person": fields.pop("index"), "person_fields": fields}
         content["log"] = {key: _finite(value) for key, value in self.log.items()}
         return content
 
@@ -108,6 +114,7 @@ def round_result(
     effort: float,
     game_seed: int | None = None,
     action_change: float | None = None,
+    person: Mapping[str, Any] | None = None,
     info: Mapping[str, Any],
     log: Mapping[str, float],
 ) -> RoundResult:
@@ -125,6 +132,7 @@ def round_result(
         effort: Sum of the costs of effort.
         game_seed: The game's own seed, if known.
         action_change: Mean absolute difference of successive actions, if known.
+        person: Who played, where users are people who differ.
         info: The last step's info.
         log: The game's last log.
     """
@@ -148,11 +156,16 @@ def round_result(
         ended=ended,
         values={key: _finite(value) for key, value in values.items()},
         log=dict(log),
+        person=None if person is None else dict(person),
     )
 
 
 def summarise(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, Any]:
-    """Return mean and standard deviation (ddof 1) of every number over rounds.
+    """Return mean and standard deviation (ddof 1) of every number over rounds, or over people.
+
+    Where users are people who differ, a number's value of a person is the mean of that person's
+    rounds, and mean and deviation are those over persons, of whom there are ``persons``: rounds of
+    one person are no independent samples of people.
 
     A share such as ``hit_rate`` is the mean of the rounds' shares, as in the study;
     ``hit_rate_pooled`` divides the sums. Rounds without a number (no hit, no hit speed) are left
@@ -167,8 +180,12 @@ def summarise(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, Any]
     facts = facts.with_log(_merged([result.log for result in rounds]))
     logs = [result.log for result in rounds if result.ended != "app_failed"]
     summary: dict[str, Any] = {"episodes": len(rounds)}
+    persons = _by_person(rounds)
+    if persons:
+        summary["persons"] = len(persons)
     for measure in measures_of(facts):
-        values = [result.values.get(measure.name) for result in rounds]
+        groups = persons or [[result] for result in rounds]
+        values = [_mean([result.values.get(measure.name) for result in group]) for group in groups]
         known = np.array([value for value in values if value is not None], dtype=np.float64)
         summary[measure.name] = float(known.mean()) if len(known) else None
         summary[f"{measure.name}_sd"] = float(known.std(ddof=1)) if len(known) > 1 else None
@@ -186,6 +203,21 @@ def summarise(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, Any]
     for end in ("diverged", "app_failed"):
         summary[end] = sum(result.ended == end for result in rounds)
     return summary
+
+
+def _by_person(rounds: Sequence[RoundResult]) -> list[list[RoundResult]]:
+    """The rounds of each person; nothing where users are all the same."""
+    groups: dict[int | None, list[RoundResult]] = {}
+    for result in rounds:
+        if result.person is None:
+            return []
+        groups.setdefault(result.person["index"], []).append(result)
+    return list(groups.values())
+
+
+def _mean(values: Sequence[float | None]) -> float | None:
+    known = [value for value in values if value is not None]
+    return float(np.mean(known)) if known else None
 
 
 def _return_terms(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, float]:

@@ -15,6 +15,9 @@ __all__ = ["unpractised", "words_of_change"]
 _COSTS_ONLY = "user.effort."
 """Changes what is counted, not what the user does."""
 
+_OPTIONAL = ("vision.", "user.people")
+"""Groups of settings that are there or not, which counts before their members do."""
+
 _FELT = ("user.", "app.options.", "senses.", "vision.")
 """Groups of settings that a user notices."""
 
@@ -32,6 +35,8 @@ def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str
     ignored = {
         *(f"app.options.{key}" for key in by_condition | set(facts.evaluation_options)),
         "cores",
+        "user.people.seed",
+        "user.people.count",
         "max_episode_seconds",
     }
     new = []
@@ -78,14 +83,13 @@ def _settings(env: EnvConfig) -> dict[str, Any]:
     tree["senses"] = {sense["name"] or sense["sense"]: sense for sense in tree["senses"]}
     flat = dict(_flat(tree))
     groups = {key.rpartition(".")[0] for key in flat}
-    # An optional group, such as vision.foveation, is on or off before its members count.
-    return {**flat, **{group: True for group in groups if group.startswith("vision.")}}
+    return {**flat, **{group: True for group in groups if group.startswith(_OPTIONAL)}}
 
 
 def _switched(key: str, *both: Mapping[str, Any]) -> bool:
     """Whether the group of this key is there on one side only, which is said of the group."""
     group = key.rpartition(".")[0]
-    return group.startswith("vision.") and any(not each.get(group) for each in both)
+    return group.startswith(_OPTIONAL) and any(not each.get(group) for each in both)
 
 
 def _flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -15,7 +15,10 @@ __all__ = ["Results"]
 
 _WHO = ("user", "trained_steps")
 _HOW = ("episodes", "seed", "deterministic", "overrides", "app")
+_PLAYERS = "people"
+"""A setting that results have only where several people played."""
 _WORDS = {
+    "people": "people",
     "user": "user",
     "trained_steps": "trained steps",
     "episodes": "rounds",
@@ -56,20 +59,21 @@ class Results:
         Args:
             conditions: To be added.
             settings: ``user``, ``trained_steps``, ``episodes``, ``seed``, ``deterministic``,
-                ``overrides`` and ``app`` of all of them.
+                ``overrides`` and ``app`` of all of them, and ``people`` where some were asked for.
 
         Raises:
             InputError: There are results of another user, or of a condition with other settings.
         """
         for condition, summary in self._there.items():
-            compared = (*_WHO, *_HOW) if condition in conditions else _WHO
+            compared = (*_WHO, *_HOW, _PLAYERS) if condition in conditions else _WHO
             for key in compared:
                 # Results of before a key was written are taken as they are.
-                if key in summary and summary[key] != settings[key]:
+                there, new = summary.get(key), settings.get(key)
+                if (key in summary or key == _PLAYERS) and there != new:
                     raise InputError(
                         "--out",
                         f"{str(self.file.parent)!r}, which has results of {condition} with "
-                        f"{_WORDS[key]} {_short(summary[key])}, not {_short(settings[key])}",
+                        f"{_WORDS[key]} {_short(there)}, not {_short(new)}",
                         "another folder, the same settings, or --overwrite to lose those results",
                     )
 

@@ -29,12 +29,14 @@ class Job:
         episode: Number within the condition, from 0.
         seed: Seed of body, game and policy.
         options: The condition's options of the game.
+        person: Number of the person who plays it; None: whoever the seed says, if users differ.
     """
 
     condition: str
     episode: int
     seed: int
     options: Mapping[str, OptionValue] = field(default_factory=dict)
+    person: int | None = None
 
 
 class Watcher(Protocol):
@@ -50,12 +52,23 @@ class Watcher(Protocol):
         """User ``index`` has finished the job."""
 
 
-def jobs_for(conditions: Sequence[Condition], episodes: int, seed: int) -> list[Job]:
-    """Return ``episodes`` rounds per condition; round k has seed ``seed + k`` in each of them."""
+def jobs_for(
+    conditions: Sequence[Condition], episodes: int, seed: int, people: int | None = None
+) -> list[Job]:
+    """Return ``episodes`` rounds per condition; round k has seed ``seed + k`` in each of them.
+
+    Args:
+        conditions: To be played.
+        episodes: Rounds per condition, and per person.
+        seed: Of the first round.
+        people: How many persons play them, one after the other; None: whoever the seeds say.
+    """
+    players = [None] if people is None else range(people)
+    rounds = [person for person in players for _ in range(episodes)]
     return [
-        Job(condition.name, episode, seed + episode, condition.options)
+        Job(condition.name, k, seed + k, condition.options, person)
         for condition in conditions
-        for episode in range(episodes)
+        for k, person in enumerate(rounds)
     ]
 
 
@@ -126,9 +139,14 @@ class _Wave:
             None if deterministic else np.random.default_rng([job.seed, 1]) for job in jobs
         ]
         self._game_seeds: list[int | None] = []
+        self._persons: list[Mapping[str, Any] | None] = []
         for i, job in enumerate(jobs):
-            started = simulation.reset(ids=[i], seeds=[job.seed], options=dict(job.options))
-            self._game_seeds.append(started[0].get("seed"))
+            who = {} if job.person is None else {"persons": [job.person]}
+            (started,) = simulation.reset(
+                ids=[i], seeds=[job.seed], options=dict(job.options), **who
+            )
+            self._game_seeds.append(started.get("seed"))
+            self._persons.append(started.get("person"))
         self._steps = 0
         self._game_returns = np.zeros(len(jobs))
         self._efforts = np.zeros(len(jobs))
@@ -188,6 +206,7 @@ class _Wave:
                 game_return=float(self._game_returns[i]),
                 effort=float(self._efforts[i]),
                 game_seed=self._game_seeds[i],
+                person=self._persons[i],
                 action_change=float(self._changes[i] / (self._steps - 1))
                 if self._steps > 1
                 else None,

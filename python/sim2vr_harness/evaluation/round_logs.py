@@ -6,6 +6,7 @@ how many are played side by side.
 
 from __future__ import annotations
 
+import json
 import re
 import shutil
 from collections.abc import Mapping, Sequence
@@ -17,8 +18,12 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.evaluation.metrics import RoundResult
 from sim2vr_harness.evaluation.rollouts import Job
+from sim2vr_harness.training.run_folder import write_atomically
 
-__all__ = ["RoundLogs"]
+__all__ = ["PERSON_FILE", "RoundLogs"]
+
+PERSON_FILE = "person.json"
+"""Beside the logs of a round: the fields of the ``users.Person`` who played it."""
 
 _ROUND = re.compile(r"(\d{4,})-.+")
 
@@ -27,7 +32,9 @@ class RoundLogs:
     """A watcher that finds every round's log and, in the end, gives it the round's name.
 
     Args:
-        root: Gets a folder ``<condition>_seed<seed>`` for every round that was logged.
+        root: Gets a folder ``<condition>_seed<seed>`` for every round that was logged; where users
+            are people, ``<condition>_person<number>_seed<seed>`` with who played in
+            ``person.json``.
     """
 
     def __init__(self, root: Path) -> None:
@@ -81,8 +88,12 @@ class RoundLogs:
             if place is None or not place.is_dir():
                 settled.append(result)
                 continue
-            folder = self._root / f"{result.condition}_seed{result.seed}"
+            who = "" if result.person is None else f"_person{result.person['index']}"
+            folder = self._root / f"{result.condition}{who}_seed{result.seed}"
             _move(place, folder)
+            if result.person is not None:
+                content = json.dumps(result.person, indent=2) + "\n"
+                write_atomically(folder / PERSON_FILE, content.encode())
             relative = folder.relative_to(out).as_posix()
             settled.append(replace(result, log_folder=relative))
         for playing in self._playing:

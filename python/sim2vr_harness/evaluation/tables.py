@@ -29,7 +29,7 @@ _CONDITION_COLUMNS = 12
 def results_table(
     summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts, title: str
 ) -> RenderableType:
-    """Return tables of means and standard deviations over rounds, one column per condition.
+    """Return tables of means and standard deviations over rounds or people, a column a condition.
 
     Args:
         summaries: condition -> :func:`~sim2vr_harness.evaluation.metrics.summarise`.
@@ -57,7 +57,8 @@ def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Tabl
     for condition in summaries:
         heading = fill(condition, _CONDITION_COLUMNS) if tight else condition
         table.add_column(heading, justify="right", overflow="fold")
-    table.add_row("Rounds", *(str(summary["episodes"]) for summary in summaries.values()))
+    rounds = (len(s["rounds"]) if "rounds" in s else s["episodes"] for s in summaries.values())
+    table.add_row("Rounds", *map(str, rounds))
     for measure in measures_of(facts):
         cells = [
             cell(
@@ -95,6 +96,11 @@ def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Tabl
 
 def _over_what(summaries: Mapping[str, Mapping[str, Any]]) -> str:
     """What the means and deviations are taken over."""
+    people = {summary.get("persons") for summary in summaries.values()}
+    if people != {None}:
+        several = len(people) > 1
+        number = "several" if several else str(next(iter(people)))
+        return f"Mean ± SD over {number} people, of whom each counts with the mean of its rounds."
     counts = {summary["episodes"] for summary in summaries.values()}
     if counts == {1}:
         return "One round of one user for each condition."

@@ -1,0 +1,124 @@
+"""Several people play: who plays which round, and means over people, not over rounds."""
+
+from __future__ import annotations
+
+import io
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from fake_simulation import FakeSimulation
+from rich.console import Console
+
+from sim2vr_harness.client import Condition, describe_game
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
+from sim2vr_harness.evaluation.rollouts import jobs_for
+from sim2vr_harness.evaluation.tables import results_table
+from sim2vr_harness.users import People, PeopleSettings
+
+WHACAMOLE = describe_game("whacamole")
+
+
+class FakePeople(FakeSimulation):
+    """The quick stand-in, with people who take longer the higher their number."""
+
+    def __init__(self, config: Any = None, n: int = 1, *, log_dir: Path | None = None) -> None:
+        super().__init__(config, n, log_dir=log_dir)
+        self.people = People(config.user.people)
+        self.rounds = 0
+
+    def reset(self, ids=None, seeds=None, options=None, persons=None):  # type: ignore[no-untyped-def]
+        started = super().reset(ids, seeds, options)
+        if persons is None:
+            return started
+        found = []
+        for i, info, number in zip(ids, started, persons, strict=True):
+            if self.log_dir is not None:
+                folder = self.log_dir / f"user{i:03d}" / f"{self.rounds:04d}-round"
+                folder.mkdir(parents=True)
+                (folder / "events.csv").write_text(f"{seeds}")
+                self.rounds += 1
+            self.length[i] = 6 + number
+            found.append(info | {"person": self.people.number(number).as_dict()})
+        return found
+
+
+def result(points: float, person: int | None, episode: int = 0) -> RoundResult:
+    fields = None if person is None else People(PeopleSettings()).number(person).as_dict()
+    return round_result(
+        WHACAMOLE,
+        condition="medium",
+        episode=episode,
+        seed=1,
+        steps=10,
+        game_return=0.0,
+        effort=0.0,
+        person=fields,
+        info={"termination": "finished"},
+        log={"Points": points, "Misses": 0.0},
+    )
+
+
+def test_means_are_over_people_each_with_the_mean_of_its_rounds() -> None:
+    rounds = [result(10.0, 0), result(20.0, 0), result(30.0, 0), result(50.0, 1)]
+    summary = summarise(rounds, WHACAMOLE)
+    assert (summary["persons"], summary["episodes"]) == (2, 4)
+    # Persons have 20 and 50: mean 35, deviation 30 / sqrt(2). Over rounds it would be 27.5.
+    assert summary["hits"] == pytest.approx(35.0)
+    assert summary["hits_sd"] == pytest.approx(30.0 / np.sqrt(2.0))
+    alone = summarise([result(10.0, 0), result(20.0, 0)], WHACAMOLE)
+    assert (alone["hits"], alone["hits_sd"]) == (15.0, None)
+    alike = summarise([result(10.0, None), result(20.0, None)], WHACAMOLE)
+    assert "persons" not in alike and alike["hits_sd"] == pytest.approx(10.0 / np.sqrt(2.0))
+    assert "person" not in result(1.0, None).as_dict()
+
+
+def test_who_plays_which_round() -> None:
+    conditions = [Condition("easy", {}), Condition("hard", {})]
+    jobs = jobs_for(conditions, 2, 10, people=3)
+    easy = [(job.person, job.seed, job.episode) for job in jobs if job.condition == "easy"]
+    assert easy == [(0, 10, 0), (0, 11, 1), (1, 12, 2), (1, 13, 3), (2, 14, 4), (2, 15, 5)]
+    assert len(jobs) == 12
+    assert {job.person for job in jobs_for(conditions, 2, 10)} == {None}
+
+
+def test_people_of_a_seed_play(trained: Path, tmp_path: Path) -> None:
+    request = {"conditions": ["medium"], "people": 3, "episodes": 2, "seed": 7, "log": True}
+    found = evaluate(trained, Request(**request, out=tmp_path), simulation=FakePeople)
+    rows = json.loads((tmp_path / "results.json").read_text())["medium"]["rounds"]
+    assert [row["person"] for row in rows] == [0, 0, 1, 1, 2, 2]
+    # Longer rounds are those of higher numbers: each was played by whom the row says.
+    assert [row["steps"] for row in rows] == [6, 6, 7, 7, 8, 8]
+    everybody = People(PeopleSettings(seed=7))
+    for row in rows:
+        person = everybody.number(row["person"]).as_dict()
+        assert row["person_fields"] == {key: person[key] for key in person if key != "index"}
+        folder = tmp_path / row["log_folder"]
+        assert folder.name == f"medium_person{row['person']}_seed{row['seed']}"
+        assert json.loads((folder / "person.json").read_text()) == person
+    summary = found.summaries["medium"]
+    told = {key: summary[key] for key in ("people", "persons", "episodes", "seed")}
+    assert told == {"people": 3, "persons": 3, "episodes": 2, "seed": 7}
+    assert found.unpractised == ["people: yes (trained: none)"]
+    console = Console(file=io.StringIO(), width=80)
+    console.print(results_table(found.summaries, WHACAMOLE, "Title"))
+    text = console.file.getvalue()  # type: ignore[attr-defined]
+    assert "Mean ± SD over 3 people, of whom each counts with the mean of its rounds." in text
+    with pytest.raises(InputError, match=r"with people 3, not 2, expected another folder"):
+        evaluate(trained, Request(**request | {"people": 2}, out=tmp_path), simulation=FakePeople)
+    batches = evaluate(
+        trained, Request(**request, out=tmp_path / "other", batch=4), simulation=FakePeople
+    )
+    assert [one.values for one in batches.rounds] == [one.values for one in found.rounds]
+
+
+def test_wrong_people(trained: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"--people: got 0, expected at least 1"):
+        evaluate(trained, Request(people=0, out=tmp_path), simulation=FakePeople)
+    strong = Request(people=2, out=tmp_path, overrides=["env.user.person.strength=2.0"])
+    with pytest.raises(InputError, match=r"got 'strength', expected|which user.person sets"):
+        evaluate(trained, strong, simulation=FakePeople)

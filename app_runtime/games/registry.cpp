@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "beats/game.hpp"
+#include "pointing/game.hpp"
 #include "sample/sample.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "whacamole/game.hpp"
@@ -29,6 +30,7 @@ std::span<const rl::GameEntry> registry() {
   static const std::array entries{
       entry<whacamole::WhacAMole>(),
       entry<beats::Beats>(),
+      entry<pointing::Pointing>(),
       entry<sample::TouchTheBall>(),
   };
   return entries;

@@ -1,0 +1,149 @@
+#include "pointing/round.hpp"
+
+#include <utility>
+
+#include "pointing/looks.hpp"
+#include "sim2vr/scene/scene.hpp"
+
+namespace sim2vr::games::pointing {
+
+Round::Round(RoundSetup setup)
+    : setup_(std::move(setup)), blocks_(drawBlocks(setup_.settings, setup_.seed)) {}
+
+void Round::Update() {
+  switch (phase_) {
+    case Phase::kReady:
+      begin();
+      break;
+    case Phase::kPlay:
+      play();
+      break;
+    case Phase::kDone:
+      break;
+  }
+}
+
+void Round::begin() {
+  const Vec3 head_m = setup_.rig.camera->transform().position();
+  center_m_ = head_m + settings().center_m();
+  placeCameras(scene(), head_m, settings().hand);
+  setup_.stylus.follow(clock().time(), center_m_.z());
+  phase_ = Phase::kPlay;
+  openLog();
+  logBlock();
+  putUp();
+}
+
+void Round::play() {
+  const auto crossing = setup_.stylus.follow(clock().time(), center_m_.z());
+  logState();
+  if (crossing) {
+    select(*crossing);
+  } else if (age_s() >= settings().timeout_s) {
+    timeOut();
+  }
+}
+
+void Round::putUp() {
+  appeared_s_ = clock().time();
+  logTarget();
+}
+
+void Round::select(const Crossing& crossing) {
+  const Vec3 goal_m = targetCenter(target());
+  const bool hit = (crossing.place_m - goal_m).norm() <= block().width_m / 2.0;
+  std::optional<Movement> movement;
+  if (began_) {
+    const Vec3 from_m = targetCenter(targetOfTrial(trial_ - 1, settings().targets));
+    const double time_s = static_cast<double>(crossing.time_s - began_->time_s);
+    movement = movementOf(from_m, goal_m, began_->place_m, crossing.place_m, time_s);
+    sums_.add(*movement);
+    tally_.add(*movement, block().index_bits());
+  }
+  ++(hit ? tally_.hits : tally_.errors);
+  logSelection(hit, crossing, movement);
+  if (hit) {
+    setup_.feedback.hit(crossing.place_m);
+  } else {
+    setup_.feedback.error(crossing.place_m);
+  }
+  endTrial(hit ? Outcome::kHit : Outcome::kError, Selection{crossing.place_m, crossing.time_s});
+}
+
+void Round::timeOut() {
+  ++tally_.timeouts;
+  logTimeout();
+  setup_.feedback.timeout(targetCenter(target()));
+  endTrial(Outcome::kTimeout, std::nullopt);
+}
+
+void Round::endTrial(Outcome outcome, const std::optional<Selection>& selection) {
+  last_outcome_ = outcome;
+  last_center_m_ = targetCenter(target());
+  last_width_m_ = block().width_m;
+  last_outcome_s_ = clock().time();
+  began_ = selection;
+  if (trial_ == settings().targets) {
+    endBlock();
+    if (phase_ == Phase::kDone) return;
+  } else {
+    ++trial_;
+  }
+  ++target_id_;
+  putUp();
+}
+
+void Round::endBlock() {
+  const std::optional<Effective> effective = sums_.effective();
+  if (effective) tally_.add(*effective);
+  logBlockEnd(effective);
+  sums_ = MovementSums();
+  began_.reset();
+  if (block_ + 1 == static_cast<int>(blocks_.size())) {
+    finish();
+    return;
+  }
+  ++block_;
+  trial_ = 0;
+  logBlock();
+}
+
+void Round::finish() {
+  phase_ = Phase::kDone;
+  closeLog();
+}
+
+double Round::progress() const {
+  if (phase_ == Phase::kDone) return 1.0;
+  const int trials = settings().targets + 1;
+  return static_cast<double>(block_ * trials + trial_) /
+         (static_cast<double>(blocks_.size()) * trials);
+}
+
+Vec3 Round::targetCenter(int target) const {
+  return center_m_ + targetCenter_m(target, settings().targets, block().distance_m);
+}
+
+std::optional<int> Round::nextTarget() const {
+  if (trial_ == settings().targets) return std::nullopt;
+  return targetOfTrial(trial_ + 1, settings().targets);
+}
+
+void Round::fields(Archive& archive) {
+  archive.field("stylus", setup_.stylus);
+  archive.field("phase", phase_);
+  archive.field("block", block_);
+  archive.field("trial", trial_);
+  archive.field("target_id", target_id_);
+  archive.field("appeared_s", appeared_s_);
+  archive.field("center_m", center_m_);
+  archive.field("began", began_);
+  archive.field("sums", sums_);
+  archive.field("tally", tally_);
+  archive.field("last_outcome", last_outcome_);
+  archive.field("last_center_m", last_center_m_);
+  archive.field("last_width_m", last_width_m_);
+  archive.field("last_outcome_s", last_outcome_s_);
+}
+
+}  // namespace sim2vr::games::pointing

@@ -6,6 +6,13 @@
 #include "sim2vr/scene/scene.hpp"
 
 namespace sim2vr::games::pointing {
+namespace {
+
+// Frames lie a hair beside the times that they are meant for; no rounding shall decide in which of
+// them a target goes away.
+constexpr float kTimeTolerance_s = 1e-3F;
+
+}  // namespace
 
 Round::Round(RoundSetup setup)
     : setup_(std::move(setup)), blocks_(drawBlocks(setup_.settings, setup_.seed)) {}
@@ -39,7 +46,7 @@ void Round::play() {
   logState();
   if (crossing) {
     select(*crossing);
-  } else if (age_s() >= settings().timeout_s) {
+  } else if (age_s() >= settings().timeout_s - kTimeTolerance_s) {
     timeOut();
   }
 }

@@ -19,6 +19,7 @@ __all__ = [
 
 _ROOMS = {
     "beats": "sim2vr_harness.games.beats",
+    "pointing": "sim2vr_harness.games.pointing",
     "whacamole": "sim2vr_harness.games.whacamole",
 }
 """Name of the game -> its package: ``game.GAME`` is the resident, ``settings.TwinSettings`` what

@@ -1,0 +1,8 @@
+"""Pointing for the fast recipe: a differentiable twin of the tapping task.
+
+- :mod:`.rules`: the numbers of the true game, checked against it by tests
+- :mod:`.settings`: the keys of ``teacher.imagined.game``
+- :mod:`.stylus`: where the tip is
+- :mod:`.twin`: B imagined rounds
+- :mod:`.game`: the resident itself
+"""

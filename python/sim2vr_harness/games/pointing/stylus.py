@@ -1,0 +1,37 @@
+"""Where the stylus' tip is, by the places of controller and headset."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+__all__ = ["Stylus", "head_of"]
+
+
+def _to_app(vectors: Tensor) -> Tensor:
+    """(..., 3) of MuJoCo's axes (x forward, y left, z up)."""
+    return torch.stack([-vectors[..., 1], vectors[..., 2], vectors[..., 0]], -1)
+
+
+def head_of(place: Tensor) -> Tensor:
+    """(B, 3) the headset's position, app's axes, m; it is the last of the devices."""
+    return _to_app(place[:, -1, :3, 3])
+
+
+class Stylus:
+    """The tip by the controller's place: it is fixed to it."""
+
+    def __init__(self) -> None:
+        # Along the grip's forward axis, unless the true game says something else.
+        self.fixed = torch.tensor([0.10, 0.0, 0.0])
+        """(3,) tip in the controller's frame, MuJoCo's axes, m."""
+
+    def calibrate(self, place: Tensor, tip: Tensor) -> None:
+        """Find where the tip is, from (K, D, 4, 4) places and (K, 3) tips from the head."""
+        world = tip + head_of(place)
+        back = torch.stack([world[:, 2], -world[:, 0], world[:, 1]], -1) - place[:, 0, :3, 3]
+        self.fixed = torch.einsum("kji,kj->ki", place[:, 0, :3, :3], back).median(0).values
+
+    def __call__(self, place: Tensor) -> Tensor:
+        """(B, 3) tip in the world, app's axes, m."""
+        return _to_app(place[:, 0, :3, :3] @ self.fixed + place[:, 0, :3, 3])

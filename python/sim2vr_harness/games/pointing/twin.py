@@ -1,0 +1,250 @@
+"""Pointing as a differentiable game.
+
+Targets come up by the game's own rules, one after the other around the circle. What is selected
+is decided by the rules too, but the reward is relaxed, so that it has a gradient: a tap counts with
+the probability that it would happen if the tip came a little deeper, and as a hit with the
+probability that it would be one if it came through the plane a little elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor
+
+from sim2vr_harness.games.imagined import ImaginedCondition
+from sim2vr_harness.games.pointing.rules import (
+    HIT_REWARD,
+    TAP_START_M,
+    TIME_TOLERANCE_S,
+    Task,
+    distance_reward,
+)
+from sim2vr_harness.games.pointing.settings import Relaxation, TwinSettings
+from sim2vr_harness.games.pointing.stylus import Stylus, head_of
+
+__all__ = ["FIELDS", "ImaginedPointing"]
+
+_ROUND = ("round.side_m", "round.height_m", "round.depth_m")
+_TIP = tuple(f"tip.{axis}_m" for axis in "xyz")
+FIELDS = (*_ROUND, *_TIP, "tip.armed")
+"""The privileged numbers that go with a user step, in this order."""
+
+_DEPTH_MARGIN_M, _NEAR_M, _BEHIND_MARGIN_M, _BEHIND_M = 0.002, 0.04, 0.005, 0.02
+_OLDEST_START_S = 0.5
+
+
+class ImaginedPointing:
+    """B rounds without an end; see :class:`~sim2vr_harness.games.imagined.ImaginedRounds`.
+
+    A block that is over is followed by any other one.
+
+    Args:
+        n: number of users B.
+        conditions: their options say which blocks there are, their starts where the circle is.
+        settings: what is relaxed, and which blocks come up.
+        step_s: duration of a user step.
+        seed: of blocks.
+
+    Raises:
+        ValueError: conditions with different blocks.
+    """
+
+    names: tuple[str, ...]
+
+    def __init__(
+        self,
+        n: int,
+        conditions: Sequence[ImaginedCondition],
+        settings: TwinSettings,
+        *,
+        step_s: float,
+        seed: int,
+    ) -> None:
+        self.n, self.settings, self.stylus, self._step_s = n, settings, Stylus(), step_s
+        self.generator = torch.Generator().manual_seed(seed)
+        tasks = [Task.of(condition.options) for condition in conditions]
+        if len(set(tasks)) != 1:
+            raise ValueError("conditions: got different blocks, expected the same in all of them")
+        self.task = tasks[0]
+        self._rules = torch.tensor([[c.start[name] for name in _ROUND] for c in conditions])
+        """(C, 3) the circle's centre from the head at the round's start."""
+        self._targets, self._widths = self.task.centers(), self.task.widths()
+        count = len(conditions)
+        self.spawn_weights = torch.ones(count, 1)
+        self.block_weights = torch.full((count, len(self._widths)), 1.0 / len(self._widths))
+        """How often blocks come up, by condition."""
+        self.counts = torch.zeros(2, count, 1)
+        """Hits and failures since :meth:`clear_counts`, by condition."""
+        self.block_counts = torch.zeros(2, count, len(self._widths))
+        """The same by condition and block."""
+        self.score = torch.zeros(n)
+        """The true game's reward of the latest user step."""
+        self.condition, self.block, self.trial = (torch.zeros(n, dtype=torch.long),) * 3
+        self._age_s, self._left = torch.zeros(n), torch.ones(n)
+        self._armed = torch.zeros(n, dtype=torch.bool)
+        self._tip, self._origin = torch.zeros(n, 3), torch.zeros(n, 3)
+        width = ("target.present", "target.width_m")
+        places = [f"{what}.{axis}_m" for what in ("target", "next") for axis in "xyz"]
+        self.names = (*_ROUND, *_TIP, "tip.depth_m", *width, *places)
+
+    # --- rounds ------------------------------------------------------------------------------
+
+    def calibrate(self, place: Tensor, fields: Tensor) -> None:
+        """See the protocol."""
+        self.stylus.calibrate(place, fields[:, len(_ROUND) : len(_ROUND) + 3])
+
+    def start(self, ids: Tensor, place: Tensor, fields: Tensor, cell: Tensor) -> None:
+        """See the protocol; which target it is, and for how long, is left to chance."""
+        count, generator = len(ids), self.generator
+        with torch.no_grad():
+            condition = self.condition_of(fields)
+            weights = self.block_weights[condition]
+            self._set(ids, "condition", condition)
+            self._set(ids, "block", torch.multinomial(weights, 1, generator=generator)[:, 0])
+            trials = self._targets.shape[1]
+            self._set(ids, "trial", torch.randint(0, trials, (count,), generator=generator))
+            age = _OLDEST_START_S * torch.rand(count, generator=generator)
+            self._set(ids, "_age_s", age)
+            self._set(ids, "_left", torch.ones(count))
+            self._set(ids, "_armed", fields[:, FIELDS.index("tip.armed")] > 0.5)
+            self._set(ids, "_origin", head_of(place))
+            self._set(ids, "_tip", self.stylus(place) - head_of(place))
+
+    def _set(self, ids: Tensor, name: str, values: Tensor) -> None:
+        new = getattr(self, name).detach().clone()
+        new[ids] = values
+        setattr(self, name, new)
+
+    def cut(self) -> None:
+        """See the protocol."""
+        self._tip, self._left = self._tip.detach(), self._left.detach()
+
+    def nearest(self, place: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
+        """(K,) distance from the nearest point 5 cm in front of a target's place, m; cell 0."""
+        with torch.no_grad():
+            tip = self.stylus(place) - head_of(place)
+            starts = self._targets[:, :-1].flatten(0, 1) - torch.tensor([0.0, 0.0, TAP_START_M])
+            from_center = tip - self._rules[condition]
+            distance = (starts - from_center[:, None]).norm(dim=2).amin(1)
+        return distance, torch.zeros_like(condition)
+
+    def condition_of(self, fields: Tensor) -> Tensor:
+        """(K,) which condition user steps were taken in."""
+        return torch.cdist(fields[:, : len(_ROUND)], self._rules).argmin(1)
+
+    def clear_counts(self) -> None:
+        """See the protocol."""
+        self.counts.zero_()
+        self.block_counts.zero_()
+
+    def adapt(self) -> None:
+        """Let blocks that fail come up more often."""
+        counts, share = self.block_counts, self.settings.failing_blocks
+        total = counts.sum(0)
+        fails = torch.where(total > 0, counts[1] / total.clamp(min=1.0), torch.ones(())) + 0.02
+        weights = (1.0 - share) / fails.shape[1] + share * fails / fails.sum(1, keepdim=True)
+        self.block_weights.lerp_(weights, 0.5)
+
+    _STATE = (
+        *("condition", "block", "trial", "_age_s", "_left", "_armed", "_tip", "_origin"),
+        *("block_weights", "score"),
+    )
+
+    def state(self) -> dict[str, Tensor]:
+        """See the protocol."""
+        own = {name: getattr(self, name).detach().clone() for name in self._STATE}
+        more = {"stylus": self.stylus.fixed.clone(), "generator": self.generator.get_state()}
+        return own | more
+
+    def load_state(self, state: Mapping[str, Tensor]) -> None:
+        """See the protocol."""
+        for name in self._STATE:
+            setattr(self, name, state[name].clone())
+        self.stylus.fixed = state["stylus"].clone()
+        self.generator.set_state(state["generator"])
+
+    # --- what is observed --------------------------------------------------------------------
+
+    def _goal(self) -> Tensor:
+        """(B, 3) the target that is up, from the head at the round's start, m."""
+        return self._rules[self.condition] + self._targets[self.block, self.trial]
+
+    def observe(self, place: Tensor) -> Tensor:
+        """(B, F) in the order of :attr:`names`, differentiable by the places."""
+        center = self._rules[self.condition]
+        world = self.stylus(place)
+        tip = world - self._origin
+        last = self.trial + 1 == self._targets.shape[1]
+        following = self._targets[self.block, torch.where(last, 0, self.trial + 1)]
+        to_next = torch.where(last[:, None], 0.0, center + following - tip)
+        parts = [
+            center,
+            world - head_of(place),
+            (tip - center)[:, 2:],
+            torch.ones(self.n, 1),
+            self._widths[self.block][:, None],
+            self._goal() - tip,
+            to_next,
+        ]
+        return torch.cat(parts, 1)
+
+    # --- a user step -------------------------------------------------------------------------
+
+    def step(self, place: Tensor, done: float) -> Tensor:
+        """See the protocol."""
+        return self.play(place, self.settings.relaxation(done))
+
+    def play(self, place: Tensor, soft: Relaxation) -> Tensor:
+        """Advance by one user step; see :meth:`step`."""
+        before, tip = self._tip, self.stylus(place) - self._origin
+        goal, radius = self._goal(), 0.5 * self._widths[self.block]
+        plane = self._rules[self.condition, 2]
+        front, depth = before[:, 2] - plane, tip[:, 2] - plane
+        selected = self._armed & (front < 0.0) & (depth >= 0.0)
+        # Where it came through the plane; until then, where it is.
+        share = torch.where(selected, front / (front - depth).clamp(max=-1e-6), 1.0)
+        through = before + share[:, None] * (tip - before)
+        beside = (through - goal)[:, :2].square().sum(1).add(1e-10).sqrt()
+        hit = selected & (beside <= radius)
+        self._age_s = self._age_s + self._step_s
+        late = ~selected & (self._age_s >= self.task.timeout_s - TIME_TOLERANCE_S)
+
+        tap = self._armed * torch.sigmoid((depth - _DEPTH_MARGIN_M) / soft.depth_m)
+        aim = torch.sigmoid((radius - beside) / soft.aim_m)
+        worth = HIT_REWARD * aim - soft.error * self.task.error_cost * (1.0 - aim)
+        reward = self._left * tap * worth
+        around = torch.sigmoid(depth / _NEAR_M) * torch.sigmoid((radius - beside) / _NEAR_M)
+        reward = reward + soft.near * self._armed * self._left.detach() * around
+        out = torch.relu(depth + self.task.rearm_m + _BEHIND_MARGIN_M)
+        reward = reward - soft.behind * (~self._armed) * out / _BEHIND_M
+        self._left = self._left * (1.0 - tap)
+
+        self._armed = (self._armed & ~selected) | ((depth < 0.0) & (depth <= -self.task.rearm_m))
+        self._tip = tip
+        self._count(hit, (selected & ~hit) | late)
+        self._next(selected | late)
+        far = distance_reward((self._goal() - tip).norm(dim=1))
+        with torch.no_grad():
+            errors = self.task.error_cost * (selected & ~hit)
+            self.score = HIT_REWARD * hit - errors + self.task.distance_weight * far
+        return reward + soft.distance * far
+
+    def _count(self, hit: Tensor, failed: Tensor) -> None:
+        for number, ended in enumerate((hit, failed)):
+            row = torch.nonzero(ended).flatten()
+            where, ones = self.condition[row], torch.ones(len(row))
+            self.block_counts[number].index_put_((where, self.block[row]), ones, accumulate=True)
+            self.counts[number, :, 0].index_put_((where,), ones, accumulate=True)
+
+    def _next(self, ended: Tensor) -> None:
+        """Put the next target up where a trial is over."""
+        over = ended & (self.trial + 1 == self._targets.shape[1])
+        blocks = torch.multinomial(self.block_weights[self.condition], 1, generator=self.generator)[
+            :, 0
+        ]
+        self.block = torch.where(over, blocks, self.block)
+        self.trial = torch.where(over, 0, self.trial + ended)
+        self._age_s = torch.where(ended, 0.0, self._age_s)
+        self._left = torch.where(ended, 1.0, self._left)

@@ -1,0 +1,74 @@
+"""Pointing is played to its end by a script that sees the picture, over every transport."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import players
+import pytest
+from pointing_player import PointingPlayer
+from transports import TRANSPORTS
+
+from sim2vr_harness.client import AppClient
+
+
+def play(
+    app: AppClient, seed: int, period_ns: int = players.FRAME_NS
+) -> tuple[Mapping[str, float], float]:
+    """(log, sum of rewards) of a whole round."""
+    player = PointingPlayer()
+    reply = app.reset(seed, players.idle(0))
+    total, frame = 0.0, 0
+    while not reply.finished:
+        frame += 1
+        reply = app.step(frame * period_ns, player(frame, app.image))
+        total += reply.reward
+    return reply.log, total
+
+
+def expect_all_hit(log: Mapping[str, float], seconds: float) -> None:
+    assert log["Points"] == log["Trials"] == 90.0
+    assert log["Failures"] == 0.0
+    assert log["Blocks"] == 9.0
+    # Three frames from tap to tap, whatever the distance.
+    assert log["MovementTime"] == pytest.approx(3 * seconds, rel=1e-3)
+    assert 0.0 < log["EndpointSpread"] < 0.01
+    assert log["Throughput"] == pytest.approx(log["EffectiveIndex"] / (3 * seconds), rel=1e-3)
+
+
+@pytest.mark.parametrize("transport", sorted(TRANSPORTS))
+def test_a_round_over_every_transport(transport: str) -> None:
+    make: Callable[..., AppClient] = TRANSPORTS[transport]
+    with make("pointing") as app:
+        log, total = play(app, seed=3)
+        expect_all_hit(log, 0.05)
+        # 10 each, and at most 0.1 off per frame for the distance.
+        assert 900.0 - 0.1 * 271 < total < 900.0
+
+
+def test_at_another_rate_of_tracking() -> None:
+    with TRANSPORTS["alone"]("pointing") as app:
+        log, _ = play(app, seed=4, period_ns=12_500_000)
+    expect_all_hit(log, 0.0125)
+
+
+def test_the_idle_let_every_target_go() -> None:
+    options = {"timeout_seconds": 0.1, "distances_m": [0.2], "widths_m": [0.03]}
+    with TRANSPORTS["alone"]("pointing", options, width=16, height=16) as app:
+        reply = app.reset(1, players.idle(0))
+        frame = 0
+        while not reply.finished:
+            frame += 1
+            reply = app.step(frame * players.FRAME_NS, players.idle(frame))
+    assert reply.log["Timeouts"] == reply.log["Trials"] == 10.0
+    assert reply.log["Points"] == reply.log["Errors"] == 0.0
+    assert frame == 20
+
+
+def test_a_log_has_every_selection(tmp_path: Path) -> None:
+    with TRANSPORTS["alone"]("pointing", log_dir=tmp_path) as app:
+        log, _ = play(app, seed=5)
+    events = (tmp_path / "0000-pointing" / "events.csv").read_text()
+    assert events.count("target_hit") == log["Points"]
+    assert events.count("block_end") == 9

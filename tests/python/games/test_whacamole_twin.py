@@ -33,7 +33,7 @@ def resting_game(n: int, single: float = 0.0) -> tuple[ImaginedWhacAMole, torch.
 
 
 def test_the_registry_knows_the_game_by_its_name() -> None:
-    assert imagined_games() == ("beats", "whacamole")
+    assert imagined_games() == ("beats", "pointing", "whacamole")
     game = imagined_game("whacamole")
     assert game is not None
     assert game.name == "whacamole"

@@ -1,0 +1,166 @@
+"""Does imagined pointing play by the true game's rules? Both see the same users at the same time."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.games.imagined import ImaginedCondition
+from sim2vr_harness.games.pointing.rules import Task
+from sim2vr_harness.games.pointing.settings import TwinSettings
+from sim2vr_harness.games.pointing.twin import FIELDS, ImaginedPointing
+from sim2vr_harness.training.config import apply_overrides
+from sim2vr_harness.training.teacher_config import TeacherConfig
+from sim2vr_harness.training.teacher_env import TeacherSimulation
+
+pytest.importorskip("sim2vr_harness._app_runtime")
+
+N, STEPS, STEP_S = 24, 200, 0.05
+# Large targets, so that random play hits; one block again and again, so that both play the same.
+OPTIONS: dict[str, Any] = {
+    "targets": 5,
+    "distances_m": [0.25],
+    "widths_m": [0.30],
+    "height_m": -0.15,
+    "repeats": 100,
+    "timeout_seconds": 1.5,
+    "error_cost": 3.0,
+}
+
+
+def users_of(options: dict[str, Any], n: int = N) -> TeacherSimulation:
+    settings = [
+        *(f"ppo.n_envs={n}", f"ppo.batch_size={4 * n}", "curriculum.starts_per_cell=30"),
+        *("curriculum.near_starts=1.0", "curriculum.episode_seconds=60", "conditions=[near]"),
+    ]
+    config = TeacherConfig.model_validate(apply_overrides({}, settings))
+    app = AppConfig(game="pointing", options=options)
+    return TeacherSimulation(EnvConfig(app=app, cores=1), config, seed=1)
+
+
+def worn(sim: TeacherSimulation) -> torch.Tensor:
+    """(N, 2, 4, 4) where the true users' devices are, which the app is told."""
+    users = sim.simulation.users
+    place = np.tile(np.eye(4), (sim.n, 2, 1, 1))
+    for k, device in enumerate(sim.game.devices):
+        positions, quaternions = users.device_poses(device)
+        place[:, k, :3, 3] = positions
+        for i, quaternion in enumerate(quaternions):
+            rotation = np.zeros(9)
+            mujoco.mju_quat2Mat(rotation, quaternion)
+            place[i, k, :3, :3] = rotation.reshape(3, 3)
+    return torch.tensor(place, dtype=torch.float32)
+
+
+@pytest.fixture(scope="module")
+def played() -> dict[str, Any]:
+    """Users who begin near targets and move about at random, in the true game and in the twin."""
+    sim = users_of(OPTIONS)
+    conditions = [sim.describe(0)]
+    game = ImaginedPointing(N, conditions, TwinSettings(), step_s=STEP_S, seed=1)
+    sim.reset(seeds=list(range(N)))
+    sim._limit[:] = STEPS + 1  # no round is cut
+    columns = [sim.senses.names.index(name) for name in FIELDS]
+    fields = torch.tensor(sim.senses.values()[:, columns], dtype=torch.float32)
+    everyone = torch.arange(N)
+    game.calibrate(worn(sim), fields)
+    game.start(everyone, worn(sim), fields, everyone)
+    game.trial[:], game._age_s[:] = 0, 0.0
+    told = [sim.senses.names.index(name) for name in game.names]
+    soft = game.settings.relaxation(1.0)
+    rng = np.random.default_rng(3)
+    wild = np.zeros((N, 32))
+    imagined, true, scores, rewards = [], [], [], []
+    for _ in range(STEPS):
+        wild = 0.8 * wild + 0.6 * rng.standard_normal(wild.shape)
+        result = sim.step(0.5 * wild + 0.3 * (0.1 - sim.simulation.users.act))
+        place = worn(sim)
+        game.play(place, soft)
+        imagined.append(game.observe(place).numpy())
+        true.append(sim.senses.values()[:, told])
+        scores.append(game.score.numpy())
+        rewards.append(result.reward / sim.teacher.reward_scale + result.effort_cost)
+    logs = [dict(log) for log in sim.simulation.logs]
+    sim.close()
+    return {
+        "names": game.names,
+        "imagined": np.array(imagined),
+        "true": np.array(true),
+        "scores": np.array(scores),
+        "rewards": np.array(rewards),
+        "counts": game.counts[:, 0, 0].numpy(),
+        "logs": logs,
+        "stylus": game.stylus.fixed,
+    }
+
+
+def test_the_tip_lies_on_the_grips_axis(played: dict[str, Any]) -> None:
+    """10 cm in front of the grip, straight ahead, as the game's page says."""
+    expected = torch.tensor([0.10, 0.0, 0.0])
+    torch.testing.assert_close(played["stylus"], expected, atol=2e-3, rtol=0.0)
+
+
+def test_hits_and_failures_are_the_same(played: dict[str, Any]) -> None:
+    hits, failures = (sum(log[key] for log in played["logs"]) for key in ("Points", "Failures"))
+    timeouts = sum(log["Timeouts"] for log in played["logs"])
+    assert hits >= 10
+    assert timeouts >= 10
+    assert failures - timeouts >= 10
+    # A tap that grazes a target's edge, or the plane, may differ.
+    np.testing.assert_allclose(played["counts"], [hits, failures], atol=2)
+
+
+def test_rewards_are_the_same(played: dict[str, Any]) -> None:
+    """Every user step's, wherever both have the same target."""
+    wrong = np.abs(played["scores"] - played["rewards"])
+    assert (wrong < 2e-3).mean() > 0.98
+    assert np.abs(played["rewards"]).max() > 9.0
+
+
+def test_teachers_observe_the_same(played: dict[str, Any]) -> None:
+    names = list(played["names"])
+    wrong = np.abs(played["imagined"] - played["true"])
+    goal = [names.index(f"target.{axis}_m") for axis in "xyz"]
+    alike = (wrong[:, :, goal] < 5e-3).all(-1)
+    assert alike.mean() > 0.98
+    for i, name in enumerate(names):
+        assert float(wrong[:, :, i][alike].max()) < 2e-3, name
+
+
+def test_the_defaults_are_the_games() -> None:
+    """Every block's first target, its width, and the one after it, by the twin's table."""
+    sim = users_of({}, n=2)
+    condition: ImaginedCondition = sim.describe(0)
+    task = Task.of({})
+    assert Task.of(condition.options) == task
+    column = sim.senses.names.index
+    places = [
+        [column(f"{what}.{axis}_m") for axis in "xyz"] for what in ("tip", "target", "next")
+    ]
+    width = column("target.width_m")
+    found = set()
+    for seed in range(40):
+        sim.simulation.reset([0], [seed], sim.game.options("near"))
+        values = sim.senses.values()[0]
+        tip, target, following = (values[place] for place in places)
+        offset = target + tip - [0.15, -0.10, 0.30]
+        after = following + tip - [0.15, -0.10, 0.30]
+        block = int(
+            np.argmin(
+                [
+                    np.abs(task.center(b, 0)[1] - offset[1]) + abs(w - values[width])
+                    for b, (_, w) in enumerate(task.blocks)
+                ]
+            )
+        )
+        np.testing.assert_allclose(offset, task.center(block, 0), atol=1e-3)
+        np.testing.assert_allclose(after, task.center(block, task.target_of(1)), atol=1e-3)
+        assert values[width] == pytest.approx(task.blocks[block][1])
+        found.add(block)
+    sim.close()
+    assert found == set(range(9))

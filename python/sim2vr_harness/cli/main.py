@@ -18,7 +18,7 @@ import typer
 from rich.console import Console
 
 from sim2vr_harness import __version__
-from sim2vr_harness.cli import bench, chart, compare, film, games, level, users
+from sim2vr_harness.cli import bench, chart, compare, film, fitts, games, level, users
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
 from sim2vr_harness.cli.options import (
@@ -48,6 +48,7 @@ app = typer.Typer(
 app.add_typer(users.app, name="users")
 app.command("games")(games.games)
 app.command("level")(level.level)
+app.command("fitts")(fitts.fitts)
 
 RunArgument = Annotated[
     str,

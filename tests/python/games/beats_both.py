@@ -18,8 +18,8 @@ from sim2vr_harness.games.beats.twin import EVENTS, FIELDS
 from sim2vr_harness.training.config import apply_overrides
 from sim2vr_harness.training.imagined import ImaginedRollouts
 from sim2vr_harness.training.imagined.experience import Motion
-from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.training.knowledge import OBSERVATION
+from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher_env import TeacherSimulation
 from sim2vr_harness.training.teacher_policy import new_teacher
 

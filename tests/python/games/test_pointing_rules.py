@@ -1,4 +1,4 @@
-"""Does imagined pointing play by the true game's rules? Both see the same users at the same time."""
+"""Does imagined pointing play by the true game's rules? Both see the same users."""
 
 from __future__ import annotations
 
@@ -139,9 +139,7 @@ def test_the_defaults_are_the_games() -> None:
     task = Task.of({})
     assert Task.of(condition.options) == task
     column = sim.senses.names.index
-    places = [
-        [column(f"{what}.{axis}_m") for axis in "xyz"] for what in ("tip", "target", "next")
-    ]
+    places = [[column(f"{what}.{axis}_m") for axis in "xyz"] for what in ("tip", "target", "next")]
     width = column("target.width_m")
     found = set()
     for seed in range(40):

@@ -1,0 +1,235 @@
+"""Imagined pointing by itself: tips that go where they are told to."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+
+from sim2vr_harness.games import imagined_game, imagined_settings
+from sim2vr_harness.games.imagined import ImaginedCondition
+from sim2vr_harness.games.pointing.rules import Task, distance_reward
+from sim2vr_harness.games.pointing.settings import Relaxation, TwinSettings
+from sim2vr_harness.games.pointing.stylus import Stylus
+from sim2vr_harness.games.pointing.twin import FIELDS, ImaginedPointing
+
+STEP_S = 0.05
+SOFT = Relaxation(depth_m=0.004, aim_m=0.003, near=0.0, distance=0.0, error=1.0, behind=0.0)
+HEAD = (0.0, 1.2, 0.1)
+CENTER = (0.15, -0.10, 0.40)
+# One block of three targets, 30 cm apart and 4 cm wide.
+ONE: dict[str, Any] = {"targets": 3, "distances_m": [0.3], "widths_m": [0.04]}
+"""The app's axes: x right, y up, z forward, m, from the head."""
+TOP = (0.15, -0.10 + 0.173205, 0.40)
+LOWER_LEFT = (0.0, -0.10 - 0.0866025, 0.40)
+
+
+def condition(depth_m: float = 0.40, **options: Any) -> ImaginedCondition:
+    start = {"round.side_m": 0.15, "round.height_m": -0.10, "round.depth_m": depth_m}
+    return ImaginedCondition("made up", options or ONE, start)
+
+
+def placed(*tips: Any) -> torch.Tensor:
+    """(N, 2, 4, 4) of controllers whose styluses end in ``tips`` from the head, and headsets."""
+    place = torch.eye(4).repeat(len(tips), 2, 1, 1)
+    for i, tip in enumerate(tips):
+        x, y, z = (a + b for a, b in zip(HEAD, tip, strict=True))
+        place[i, 0, :3, 3] = torch.tensor([z - 0.10, -x, y])
+        place[i, 1, :3, 3] = torch.tensor([HEAD[2], -HEAD[0], HEAD[1]])
+    return place
+
+
+def shifted(tip: Any, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> tuple[float, ...]:
+    return (tip[0] + x, tip[1] + y, tip[2] + z)
+
+
+def begun(place: torch.Tensor, *conditions: ImaginedCondition) -> ImaginedPointing:
+    """Rounds at the first target of a block, with armed styluses."""
+    n = len(place)
+    game = ImaginedPointing(n, conditions or [condition()], TwinSettings(), step_s=STEP_S, seed=1)
+    fields = torch.zeros(n, len(FIELDS))
+    fields[:, :3] = torch.tensor(CENTER)
+    fields[:, FIELDS.index("tip.armed")] = 1.0
+    everyone = torch.arange(n)
+    game.start(everyone, place, fields, everyone)
+    game.block[:], game.trial[:], game._age_s[:] = 0, 0, 0.0
+    return game
+
+
+def test_the_registry_knows_the_game_by_its_name() -> None:
+    game = imagined_game("pointing")
+    assert game is not None
+    assert game.name == "pointing"
+    assert imagined_settings("pointing") is game.settings
+    assert game.options("far") == {"depth_m": 0.5}
+
+
+def test_what_a_log_says() -> None:
+    game = imagined_game("pointing")
+    assert game is not None
+    log = {"Points": 3.0, "Errors": 1.0, "Timeouts": 1.0, "Failures": 2.0}
+    assert game.outcomes(log).tolist() == [[3.0], [2.0]]
+
+
+def test_targets_by_hand() -> None:
+    task = Task.of(ONE)
+    assert [task.target_of(trial) for trial in range(4)] == [0, 2, 1, 0]
+    expected = torch.tensor([[0.0, 0.173205, 0.0], [-0.15, -0.0866025, 0.0]])
+    torch.testing.assert_close(task.centers()[0, :2], expected, atol=1e-5, rtol=0.0)
+    nine = Task.of({})
+    assert [nine.target_of(trial) for trial in range(10)] == [0, 5, 1, 6, 2, 7, 3, 8, 4, 0]
+    assert len(nine.blocks) == 9
+
+
+def test_only_coming_through_the_plane_is_a_selection() -> None:
+    """From 2 cm before the plane: to 2 cm behind it in the target, beside it, and not through."""
+    before = [shifted(TOP, z=-0.02)] * 3
+    game = begun(placed(*before))
+    after = [shifted(TOP, z=0.02), shifted(TOP, x=0.06, z=0.02), shifted(TOP, z=-0.001)]
+    game.play(placed(*after), SOFT)
+    assert game.trial.tolist() == [1, 1, 0]
+    assert game.counts[:, 0, 0].tolist() == [1.0, 1.0]
+    far = distance_reward((torch.tensor(after) - torch.tensor([LOWER_LEFT] * 3)).norm(dim=1))
+    near = distance_reward(torch.tensor(0.001))
+    expected = torch.tensor([10.0 + far[0], -5.0 + far[1], near])
+    torch.testing.assert_close(game.score, expected, atol=1e-4, rtol=0.0)
+
+
+def test_where_it_comes_through_is_between_the_steps() -> None:
+    """3 cm before to 1 cm behind: after three quarters of the way of 8 cm, 1.9 and 2.1 cm aside."""
+    starts = [shifted(TOP, x=beside - 0.06, z=-0.03) for beside in (0.019, 0.021)]
+    game = begun(placed(*starts))
+    game.play(placed(*(shifted(start, x=0.08, z=0.04) for start in starts)), SOFT)
+    assert game.counts[:, 0, 0].tolist() == [1.0, 1.0]
+
+
+def test_the_tip_must_come_out_again() -> None:
+    game = begun(placed(shifted(TOP, z=-0.02)))
+    selections = []
+    for depth in (0.02, -0.009, 0.02, -0.011, 0.02):
+        game.play(placed(shifted(LOWER_LEFT, z=depth)), SOFT)
+        selections.append(float(game.counts.sum()))
+    assert selections == [1.0, 1.0, 1.0, 1.0, 2.0]
+
+
+def test_a_target_goes_away_after_its_time() -> None:
+    options = ONE | {"timeout_seconds": 0.2}
+    game = begun(placed(shifted(TOP, z=-0.1)), condition(**options))
+    trials = []
+    for _ in range(9):
+        game.play(placed(shifted(TOP, z=-0.1)), SOFT)
+        trials.append(int(game.trial[0]))
+    assert trials == [0, 0, 0, 1, 1, 1, 1, 2, 2]
+    assert game.counts[:, 0, 0].tolist() == [0.0, 2.0]
+
+
+def test_a_block_is_followed_by_one_that_fails_often() -> None:
+    options = {"targets": 3, "distances_m": [0.1, 0.2], "widths_m": [0.03]}
+    game = begun(placed(shifted(TOP, z=-0.1)), condition(**options))
+    assert game.block_weights.tolist() == [[0.5, 0.5]]
+    game.block_counts[0, 0], game.block_counts[1, 0] = (
+        torch.tensor([9.0, 0.0]),
+        torch.tensor([0.0, 9.0]),
+    )
+    game.adapt()
+    # Half of the way to 1/4 + 1/2 * 0.02 / 1.04 and the rest.
+    low = 0.5 * 0.5 + 0.5 * (0.25 + 0.5 * 0.02 / 1.04)
+    assert game.block_weights[0].tolist() == pytest.approx([low, 1.0 - low])
+    game.trial[:] = 3
+    game._next(torch.tensor([True]))
+    assert (int(game.trial[0]), float(game._age_s[0])) == (0, 0.0)
+
+
+def test_rewards_lead_to_the_target_and_through_it() -> None:
+    """The nearer to the middle and the deeper, the better; out of the plane after a selection."""
+    game = begun(placed(shifted(TOP, z=-0.02)))
+    tip = torch.tensor(shifted(TOP, x=0.015, z=-0.005), requires_grad=True)
+
+    def reward(armed: bool, behind: float) -> torch.Tensor:
+        place = placed((0.0, 0.0, 0.0))
+        x, y, z = (h + t for h, t in zip(HEAD, tip, strict=True))
+        place[0, 0, :3, 3] = torch.stack([z - 0.10, -x, y])
+        game._armed[:] = armed
+        soft = Relaxation(
+            depth_m=0.01, aim_m=0.01, near=0.0, distance=0.0, error=0.0, behind=behind
+        )
+        return game.play(place, soft).sum()
+
+    (slope,) = torch.autograd.grad(reward(armed=True, behind=0.0), tip)
+    assert slope[0] < 0.0  # it is to the right of the middle
+    assert slope[2] > 0.0
+    game.cut()
+    (slope,) = torch.autograd.grad(reward(armed=False, behind=1.0), tip)
+    assert slope[2] == pytest.approx(-1.0 / 0.02)
+
+
+def test_a_tap_is_paid_once() -> None:
+    """However long the tip waits just before the plane, it gets no more than a hit."""
+    game = begun(placed(shifted(TOP, z=-0.02)))
+    paid = sum(float(game.play(placed(shifted(TOP, z=-0.001)), SOFT)[0]) for _ in range(30))
+    assert game.trial.tolist() == [0]
+    assert 5.0 < paid <= 10.0
+
+
+def test_what_is_observed_by_hand() -> None:
+    tip = (0.11, -0.2, 0.30)
+    place = placed(tip)
+    game = begun(place)
+    seen = dict(zip(game.names, game.observe(place)[0].tolist(), strict=True))
+    assert [seen[f"tip.{axis}_m"] for axis in "xyz"] == pytest.approx(tip)
+    assert seen["tip.depth_m"] == pytest.approx(-0.10)
+    assert seen["target.width_m"] == pytest.approx(0.04)
+    to_target = [a - b for a, b in zip(TOP, tip, strict=True)]
+    assert [seen[f"target.{axis}_m"] for axis in "xyz"] == pytest.approx(to_target, abs=1e-5)
+    to_next = [a - b for a, b in zip(LOWER_LEFT, tip, strict=True)]
+    assert [seen[f"next.{axis}_m"] for axis in "xyz"] == pytest.approx(to_next, abs=1e-5)
+    game.trial[:] = 3
+    seen = dict(zip(game.names, game.observe(place)[0].tolist(), strict=True))
+    assert [seen[f"next.{axis}_m"] for axis in "xyz"] == [0.0, 0.0, 0.0]
+
+
+def test_where_a_tap_may_begin() -> None:
+    place = placed(shifted(TOP, x=0.03, z=-0.05), shifted(LOWER_LEFT, z=-0.09))
+    game = begun(place)
+    distance, cell = game.nearest(place, torch.zeros(2, dtype=torch.long))
+    torch.testing.assert_close(distance, torch.tensor([0.03, 0.04]), atol=1e-5, rtol=0.0)
+    assert cell.tolist() == [0, 0]
+
+
+def test_the_stylus_is_found() -> None:
+    place = placed((0.1, 0.0, 0.3), (0.2, -0.1, 0.4))
+    stylus = Stylus()
+    # Told to lie 2 cm further up than it does by default.
+    stylus.calibrate(place, torch.tensor([[0.1, 0.02, 0.3], [0.2, -0.08, 0.4]]))
+    expected = torch.tensor([0.10, 0.0, 0.02])
+    torch.testing.assert_close(stylus.fixed, expected, atol=1e-6, rtol=0.0)
+
+
+def test_conditions_with_other_blocks_are_refused() -> None:
+    conditions = [condition(), condition(**(ONE | {"widths_m": [0.05]}))]
+    with pytest.raises(ValueError, match="conditions: got different blocks"):
+        ImaginedPointing(1, conditions, TwinSettings(), step_s=STEP_S, seed=1)
+
+
+def test_rounds_know_their_condition_by_the_plane() -> None:
+    game = begun(placed(TOP), condition(0.30), condition(0.40))
+    fields = torch.zeros(2, len(FIELDS))
+    fields[:, :3] = torch.tensor([[0.15, -0.10, 0.40], [0.15, -0.10, 0.30]])
+    assert game.condition_of(fields).tolist() == [1, 0]
+
+
+def test_a_saved_game_goes_on_to_the_same_bits() -> None:
+    places = [placed(*([shifted(TOP, z=z)] * 4)) for z in (-0.02, 0.02, -0.03, 0.01) * 5]
+    game = begun(places[0], condition(targets=3))
+    for place in places[:7]:
+        game.play(place, SOFT)
+    state = game.state()
+    after = [game.play(place, SOFT) for place in places]
+    other = begun(places[0], condition(targets=3))
+    other.load_state(state)
+    assert all(
+        torch.equal(value, other.play(place, SOFT))
+        for value, place in zip(after, places, strict=True)
+    )
+    assert torch.equal(game.block, other.block)

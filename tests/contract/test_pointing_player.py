@@ -11,6 +11,8 @@ from pointing_player import PointingPlayer
 from transports import TRANSPORTS
 
 from sim2vr_harness.client import AppClient
+from sim2vr_harness.evaluation.fitts import measure_user
+from sim2vr_harness.evaluation.fitts.law import rounds_below
 
 
 def play(
@@ -72,3 +74,20 @@ def test_a_log_has_every_selection(tmp_path: Path) -> None:
     events = (tmp_path / "0000-pointing" / "events.csv").read_text()
     assert events.count("target_hit") == log["Points"]
     assert events.count("block_end") == 9
+
+
+def test_the_logs_say_what_the_game_measured(tmp_path: Path) -> None:
+    """Worked out anew from places and times, at 20 Hz; binary32 numbers in the logs."""
+    with TRANSPORTS["alone"]("pointing", log_dir=tmp_path) as app:
+        log, _ = play(app, seed=6)
+    found = measure_user(rounds_below(tmp_path), "script")
+    assert found.targets == log["Trials"]
+    assert sum(one.movements for one in found.difficulties) == log["Movements"]
+    assert found.throughput_bps == pytest.approx(log["Throughput"], rel=1e-4)
+    spread = sum(one.spread_m**2 for one in found.difficulties) / 9
+    assert spread**0.5 == pytest.approx(log["EndpointSpread"], rel=1e-3)
+    assert [round(one.bits, 3) for one in found.difficulties] == [
+        *(1.688, 2.115, 2.322, 2.585, 2.807, 3.02, 3.322, 3.544, 4.087),
+    ]
+    # Between targets the tip goes out of the way and back: two humps.
+    assert all((one.submovements or 0.0) >= 1.0 for one in found.difficulties)

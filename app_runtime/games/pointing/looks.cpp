@@ -28,8 +28,8 @@ constexpr double kRing_z_m = 0.001;
 constexpr double kSheet_z_m = 0.002;
 constexpr double kSheetMargin_m = 0.05;
 
-constexpr double kPenRadius_m = 0.006;
-constexpr double kTipRadius_m = 0.004;
+constexpr double kPenRadius_m = 0.005;
+constexpr double kTipRadius_m = 0.007;
 constexpr double kPenBack_m = 0.06;
 
 render::Material glow(const Color& color) {

@@ -30,8 +30,9 @@ std::vector<std::string> allNames() {
     names.push_back(std::string("target.") + number);
   }
   add("target.", "_m");
+  add("target.place_", "_m");
   names.emplace_back("next.present");
-  add("next.", "_m");
+  add("next.place_", "_m");
   for (const char* axis : {"x", "y"}) {
     for (std::size_t i = 0; i < kShownPlaces_m.size(); ++i) {
       names.push_back("shown." + std::string(axis) + std::to_string(i));
@@ -100,9 +101,10 @@ void Privileged::fill(std::span<float> values) const {
   Writer out(values);
   const Stylus& stylus = round_->stylus();
   const Vec3& tip_m = stylus.tip_m();
+  const Vec3 head_m = camera_->transform().position();
   out.vector(round_->settings().center_m());
   out.number(round_->progress());
-  out.vector(tip_m - camera_->transform().position());
+  out.vector(tip_m - head_m);
   out.vector(stylus.velocity_mps());
   out.number(tip_m.z() - round_->center_m().z());
   out.flag(stylus.armed());
@@ -112,10 +114,12 @@ void Privileged::fill(std::span<float> values) const {
   out.flag(present && round_->trial() == 0);
   out.number(present ? round_->block().width_m : 0.0);
   out.number(present ? round_->age_s() : 0.0);
-  out.vector(present ? Vec3(round_->targetCenter(round_->target()) - tip_m) : Vec3(Vec3::Zero()));
+  const Vec3 target_m = round_->targetCenter(round_->target());
+  out.vector(present ? Vec3(target_m - tip_m) : Vec3(Vec3::Zero()));
+  out.vector(present ? Vec3(target_m - head_m) : Vec3(Vec3::Zero()));
   const auto next = present ? round_->nextTarget() : std::nullopt;
   out.flag(next.has_value());
-  out.vector(next ? Vec3(round_->targetCenter(*next) - tip_m) : Vec3(Vec3::Zero()));
+  out.vector(next ? Vec3(round_->targetCenter(*next) - head_m) : Vec3(Vec3::Zero()));
   writeShown(out, present);
   out.number(startDistance_m());
   out.number(0.0);

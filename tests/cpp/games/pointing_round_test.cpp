@@ -287,7 +287,8 @@ TEST(PointingPrivileged, TellsTipTargetAndTheOneAfterIt) {
   EXPECT_NEAR(told("target.age_s"), 0.05, kFloat);
   EXPECT_TRUE(told.vector("target.").isApprox(Vec3(0.04, 0.273205, 0.10), 1e-4));
   EXPECT_EQ(told("next.present"), 1.0);
-  EXPECT_TRUE(told.vector("next.").isApprox(Vec3(-0.11, 0.0133975, 0.10), 1e-4));
+  EXPECT_TRUE(told.vector("target.place_").isApprox(Vec3(0.15, 0.073205, 0.40), 1e-4));
+  EXPECT_TRUE(told.vector("next.place_").isApprox(Vec3(0.0, -0.1866025, 0.40), 1e-4));
   EXPECT_TRUE(Vec3(told("round.side_m"), told("round.height_m"), told("round.depth_m"))
                   .isApprox(Vec3(0.15, -0.10, 0.40), kFloat));
   // It is 17.3 cm above the circle's centre, 0 beside it, and 4 cm wide.

@@ -62,7 +62,7 @@ def played() -> dict[str, Any]:
     """Users who begin near targets and move about at random, in the true game and in the twin."""
     sim = users_of(OPTIONS)
     conditions = [sim.describe(0)]
-    game = ImaginedPointing(N, conditions, TwinSettings(), step_s=STEP_S, seed=1)
+    game = ImaginedPointing(N, conditions, TwinSettings(), frame_s=STEP_S, seed=1)
     sim.reset(seeds=list(range(N)))
     sim._limit[:] = STEPS + 1  # no round is cut
     columns = [sim.senses.names.index(name) for name in FIELDS]
@@ -80,7 +80,7 @@ def played() -> dict[str, Any]:
         wild = 0.8 * wild + 0.6 * rng.standard_normal(wild.shape)
         result = sim.step(0.5 * wild + 0.3 * (0.1 - sim.simulation.users.act))
         place = worn(sim)
-        game.play(place, soft)
+        game.play(place[:, None], soft)
         imagined.append(game.observe(place).numpy())
         true.append(sim.senses.values()[:, told])
         scores.append(game.score.numpy())
@@ -139,15 +139,17 @@ def test_the_defaults_are_the_games() -> None:
     task = Task.of({})
     assert Task.of(condition.options) == task
     column = sim.senses.names.index
-    places = [[column(f"{what}.{axis}_m") for axis in "xyz"] for what in ("tip", "target", "next")]
+    places = [
+        [column(f"{what}_{axis}_m") for axis in "xyz"] for what in ("target.place", "next.place")
+    ]
     width = column("target.width_m")
     found = set()
     for seed in range(40):
         sim.simulation.reset([0], [seed], sim.game.options("near"))
         values = sim.senses.values()[0]
-        tip, target, following = (values[place] for place in places)
-        offset = target + tip - [0.15, -0.10, 0.30]
-        after = following + tip - [0.15, -0.10, 0.30]
+        target, following = (values[place] for place in places)
+        offset = target - [0.15, -0.10, 0.30]
+        after = following - [0.15, -0.10, 0.30]
         block = int(
             np.argmin(
                 [

@@ -47,7 +47,7 @@ def shifted(tip: Any, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> tuple[f
 def begun(place: torch.Tensor, *conditions: ImaginedCondition) -> ImaginedPointing:
     """Rounds at the first target of a block, with armed styluses."""
     n = len(place)
-    game = ImaginedPointing(n, conditions or [condition()], TwinSettings(), step_s=STEP_S, seed=1)
+    game = ImaginedPointing(n, conditions or [condition()], TwinSettings(), frame_s=STEP_S, seed=1)
     fields = torch.zeros(n, len(FIELDS))
     fields[:, :3] = torch.tensor(CENTER)
     fields[:, FIELDS.index("tip.armed")] = 1.0
@@ -55,6 +55,11 @@ def begun(place: torch.Tensor, *conditions: ImaginedCondition) -> ImaginedPointi
     game.start(everyone, place, fields, everyone)
     game.block[:], game.trial[:], game._age_s[:] = 0, 0, 0.0
     return game
+
+
+def played(game: ImaginedPointing, place: torch.Tensor, soft: Relaxation) -> torch.Tensor:
+    """A user step of one frame."""
+    return game.play(place[:, None], soft)
 
 
 def test_the_registry_knows_the_game_by_its_name() -> None:
@@ -87,7 +92,7 @@ def test_only_coming_through_the_plane_is_a_selection() -> None:
     before = [shifted(TOP, z=-0.02)] * 3
     game = begun(placed(*before))
     after = [shifted(TOP, z=0.02), shifted(TOP, x=0.06, z=0.02), shifted(TOP, z=-0.001)]
-    game.play(placed(*after), SOFT)
+    played(game, placed(*after), SOFT)
     assert game.trial.tolist() == [1, 1, 0]
     assert game.counts[:, 0, 0].tolist() == [1.0, 1.0]
     far = distance_reward((torch.tensor(after) - torch.tensor([LOWER_LEFT] * 3)).norm(dim=1))
@@ -100,7 +105,7 @@ def test_where_it_comes_through_is_between_the_steps() -> None:
     """3 cm before to 1 cm behind: after three quarters of the way of 8 cm, 1.9 and 2.1 cm aside."""
     starts = [shifted(TOP, x=beside - 0.06, z=-0.03) for beside in (0.019, 0.021)]
     game = begun(placed(*starts))
-    game.play(placed(*(shifted(start, x=0.08, z=0.04) for start in starts)), SOFT)
+    played(game, placed(*(shifted(start, x=0.08, z=0.04) for start in starts)), SOFT)
     assert game.counts[:, 0, 0].tolist() == [1.0, 1.0]
 
 
@@ -108,9 +113,25 @@ def test_the_tip_must_come_out_again() -> None:
     game = begun(placed(shifted(TOP, z=-0.02)))
     selections = []
     for depth in (0.02, -0.009, 0.02, -0.011, 0.02):
-        game.play(placed(shifted(LOWER_LEFT, z=depth)), SOFT)
+        played(game, placed(shifted(LOWER_LEFT, z=depth)), SOFT)
         selections.append(float(game.counts.sum()))
     assert selections == [1.0, 1.0, 1.0, 1.0, 2.0]
+
+
+def test_a_step_of_several_frames_is_judged_frame_by_frame() -> None:
+    """A tap and the way out again in one user step: at its end the tip is where it began."""
+    game = begun(placed(shifted(TOP, z=-0.02)))
+    game._frame_s = STEP_S / 4
+    depths = (-0.02, 0.02, -0.005, -0.02)
+    places = torch.stack([placed(shifted(TOP, z=depth)) for depth in depths], 1)
+    game.play(places, SOFT)
+    assert game.counts[:, 0, 0].tolist() == [1.0, 0.0]
+    assert bool(game._armed[0])
+    # Two frames with the first target, and two with the next, which is up when it is hit.
+    away = [0.02, *(float(torch.tensor([0.3, depth]).norm()) for depth in depths[1:])]
+    distance = float(distance_reward(torch.tensor(away)).mean())
+    assert float(game.score[0]) == pytest.approx(10.0 + distance, abs=1e-4)
+    assert float(game._age_s[0]) == pytest.approx(STEP_S / 2)
 
 
 def test_a_target_goes_away_after_its_time() -> None:
@@ -118,7 +139,7 @@ def test_a_target_goes_away_after_its_time() -> None:
     game = begun(placed(shifted(TOP, z=-0.1)), condition(**options))
     trials = []
     for _ in range(9):
-        game.play(placed(shifted(TOP, z=-0.1)), SOFT)
+        played(game, placed(shifted(TOP, z=-0.1)), SOFT)
         trials.append(int(game.trial[0]))
     assert trials == [0, 0, 0, 1, 1, 1, 1, 2, 2]
     assert game.counts[:, 0, 0].tolist() == [0.0, 2.0]
@@ -154,7 +175,7 @@ def test_rewards_lead_to_the_target_and_through_it() -> None:
         soft = Relaxation(
             depth_m=0.01, aim_m=0.01, near=0.0, distance=0.0, error=0.0, behind=behind
         )
-        return game.play(place, soft).sum()
+        return played(game, place, soft).sum()
 
     (slope,) = torch.autograd.grad(reward(armed=True, behind=0.0), tip)
     assert slope[0] < 0.0  # it is to the right of the middle
@@ -167,7 +188,7 @@ def test_rewards_lead_to_the_target_and_through_it() -> None:
 def test_a_tap_is_paid_once() -> None:
     """However long the tip waits just before the plane, it gets no more than a hit."""
     game = begun(placed(shifted(TOP, z=-0.02)))
-    paid = sum(float(game.play(placed(shifted(TOP, z=-0.001)), SOFT)[0]) for _ in range(30))
+    paid = sum(float(played(game, placed(shifted(TOP, z=-0.001)), SOFT)[0]) for _ in range(30))
     assert game.trial.tolist() == [0]
     assert 5.0 < paid <= 10.0
 
@@ -182,11 +203,17 @@ def test_what_is_observed_by_hand() -> None:
     assert seen["target.width_m"] == pytest.approx(0.04)
     to_target = [a - b for a, b in zip(TOP, tip, strict=True)]
     assert [seen[f"target.{axis}_m"] for axis in "xyz"] == pytest.approx(to_target, abs=1e-5)
-    to_next = [a - b for a, b in zip(LOWER_LEFT, tip, strict=True)]
-    assert [seen[f"next.{axis}_m"] for axis in "xyz"] == pytest.approx(to_next, abs=1e-5)
+    assert [seen[f"target.place_{axis}_m"] for axis in "xyz"] == pytest.approx(TOP, abs=1e-5)
+    assert [seen[f"next.place_{axis}_m"] for axis in "xyz"] == pytest.approx(LOWER_LEFT, abs=1e-5)
     game.trial[:] = 3
     seen = dict(zip(game.names, game.observe(place)[0].tolist(), strict=True))
-    assert [seen[f"next.{axis}_m"] for axis in "xyz"] == [0.0, 0.0, 0.0]
+    assert [seen[f"next.place_{axis}_m"] for axis in "xyz"] == [0.0, 0.0, 0.0]
+    # A head that has moved 3 cm to the right sees all of it 3 cm further to the left.
+    place[0, 1, 1, 3] -= 0.03
+    seen = dict(zip(game.names, game.observe(place)[0].tolist(), strict=True))
+    assert seen["tip.x_m"] == pytest.approx(tip[0] - 0.03, abs=1e-5)
+    assert seen["target.place_x_m"] == pytest.approx(TOP[0] - 0.03, abs=1e-5)
+    assert seen["target.x_m"] == pytest.approx(TOP[0] - tip[0], abs=1e-5)
 
 
 def test_where_a_tap_may_begin() -> None:
@@ -209,7 +236,7 @@ def test_the_stylus_is_found() -> None:
 def test_conditions_with_other_blocks_are_refused() -> None:
     conditions = [condition(), condition(**(ONE | {"widths_m": [0.05]}))]
     with pytest.raises(ValueError, match="conditions: got different blocks"):
-        ImaginedPointing(1, conditions, TwinSettings(), step_s=STEP_S, seed=1)
+        ImaginedPointing(1, conditions, TwinSettings(), frame_s=STEP_S, seed=1)
 
 
 def test_rounds_know_their_condition_by_the_plane() -> None:
@@ -223,13 +250,13 @@ def test_a_saved_game_goes_on_to_the_same_bits() -> None:
     places = [placed(*([shifted(TOP, z=z)] * 4)) for z in (-0.02, 0.02, -0.03, 0.01) * 5]
     game = begun(places[0], condition(targets=3))
     for place in places[:7]:
-        game.play(place, SOFT)
+        played(game, place, SOFT)
     state = game.state()
-    after = [game.play(place, SOFT) for place in places]
+    after = [played(game, place, SOFT) for place in places]
     other = begun(places[0], condition(targets=3))
     other.load_state(state)
     assert all(
-        torch.equal(value, other.play(place, SOFT))
+        torch.equal(value, played(other, place, SOFT))
         for value, place in zip(after, places, strict=True)
     )
     assert torch.equal(game.block, other.block)

@@ -29,6 +29,7 @@ class Pointing:
         *("aid.*", "shown.*", "round.progress", "tip.v?_mps", "tip.armed"),
         *("target.start", "target.age_s", "next.present", "* qacc", "fingertip *"),
     )
+    felt_fields = ("tip.*",)
     facts = "shown.*"
     start_fields: tuple[str, str] | None = ("aid.start_distance_m", "aid.start_cell")
     start_limits: Mapping[str, tuple[float, float]] = {"elbow_flexion": (0.5, 1.9)}
@@ -50,10 +51,12 @@ class Pointing:
         settings: TwinSettings,
         *,
         step_s: float,
+        frames: int,
         seed: int,
     ) -> ImaginedPointing:
         """See the protocol."""
-        return ImaginedPointing(n, conditions, settings, step_s=step_s, seed=seed)
+        frame_s = step_s / frames
+        return ImaginedPointing(n, conditions, settings, frame_s=frame_s, seed=seed)
 
 
 GAME = Pointing()

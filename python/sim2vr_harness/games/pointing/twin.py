@@ -44,7 +44,7 @@ class ImaginedPointing:
         n: number of users B.
         conditions: their options say which blocks there are, their starts where the circle is.
         settings: what is relaxed, and which blocks come up.
-        step_s: duration of a user step.
+        frame_s: from one app frame to the next; a user step is one or more.
         seed: of blocks.
 
     Raises:
@@ -59,10 +59,10 @@ class ImaginedPointing:
         conditions: Sequence[ImaginedCondition],
         settings: TwinSettings,
         *,
-        step_s: float,
+        frame_s: float,
         seed: int,
     ) -> None:
-        self.n, self.settings, self.stylus, self._step_s = n, settings, Stylus(), step_s
+        self.n, self.settings, self.stylus, self._frame_s = n, settings, Stylus(), frame_s
         self.generator = torch.Generator().manual_seed(seed)
         tasks = [Task.of(condition.options) for condition in conditions]
         if len(set(tasks)) != 1:
@@ -86,7 +86,9 @@ class ImaginedPointing:
         self._armed = torch.zeros(n, dtype=torch.bool)
         self._tip, self._origin = torch.zeros(n, 3), torch.zeros(n, 3)
         width = ("target.present", "target.width_m")
-        places = [f"{what}.{axis}_m" for what in ("target", "next") for axis in "xyz"]
+        places = [
+            f"{what}{a}_m" for what in ("target.", "target.place_", "next.place_") for a in "xyz"
+        ]
         self.names = (*_ROUND, *_TIP, "tip.depth_m", *width, *places)
 
     # --- rounds ------------------------------------------------------------------------------
@@ -173,42 +175,50 @@ class ImaginedPointing:
 
     def observe(self, place: Tensor) -> Tensor:
         """(B, F) in the order of :attr:`names`, differentiable by the places."""
-        center = self._rules[self.condition]
-        world = self.stylus(place)
-        tip = world - self._origin
+        center, goal = self._rules[self.condition], self._goal()
+        world, head = self.stylus(place), head_of(place)
+        tip, moved = world - self._origin, self._origin - head
         last = self.trial + 1 == self._targets.shape[1]
-        following = self._targets[self.block, torch.where(last, 0, self.trial + 1)]
-        to_next = torch.where(last[:, None], 0.0, center + following - tip)
+        following = center + self._targets[self.block, torch.where(last, 0, self.trial + 1)]
         parts = [
             center,
-            world - head_of(place),
+            world - head,
             (tip - center)[:, 2:],
             torch.ones(self.n, 1),
             self._widths[self.block][:, None],
-            self._goal() - tip,
-            to_next,
+            goal - tip,
+            goal + moved,
+            torch.where(last[:, None], 0.0, following + moved),
         ]
         return torch.cat(parts, 1)
 
     # --- a user step -------------------------------------------------------------------------
 
-    def step(self, place: Tensor, done: float) -> Tensor:
+    def step(self, places: Tensor, done: float) -> Tensor:
         """See the protocol."""
-        return self.play(place, self.settings.relaxation(done))
+        return self.play(places, self.settings.relaxation(done))
 
-    def play(self, place: Tensor, soft: Relaxation) -> Tensor:
+    def play(self, places: Tensor, soft: Relaxation) -> Tensor:
         """Advance by one user step; see :meth:`step`."""
-        before, tip = self._tip, self.stylus(place) - self._origin
-        goal, radius = self._goal(), 0.5 * self._widths[self.block]
+        b, frames = places.shape[:2]
+        world = self.stylus(places.flatten(0, 1)).reshape(b, frames, 3)
+        reward, self.score = torch.zeros(b), torch.zeros(b)
+        for k in range(frames):
+            reward = reward + self._frame(world[:, k] - self._origin, soft, 1.0 / frames)
+        return reward
+
+    def _frame(self, tip: Tensor, soft: Relaxation, share: float) -> Tensor:
+        """Advance by an app frame, which is ``share`` of a user step; (B,) relaxed rewards."""
+        before, goal, radius = self._tip, self._goal(), 0.5 * self._widths[self.block]
         plane = self._rules[self.condition, 2]
         front, depth = before[:, 2] - plane, tip[:, 2] - plane
         selected = self._armed & (front < 0.0) & (depth >= 0.0)
         # Where it came through the plane; until then, where it is.
-        share = torch.where(selected, front / (front - depth).clamp(max=-1e-6), 1.0)
-        through = before + share[:, None] * (tip - before)
+        way = torch.where(selected, front / (front - depth).clamp(max=-1e-6), 1.0)
+        through = before + way[:, None] * (tip - before)
         beside = (through - goal)[:, :2].square().sum(1).add(1e-10).sqrt()
         hit = selected & (beside <= radius)
-        self._age_s = self._age_s + self._step_s
+        self._age_s = self._age_s + self._frame_s
         late = ~selected & (self._age_s >= self.task.timeout_s - TIME_TOLERANCE_S)
 
         tap = self._armed * torch.sigmoid((depth - _DEPTH_MARGIN_M) / soft.depth_m)
@@ -216,20 +226,20 @@ class ImaginedPointing:
         worth = HIT_REWARD * aim - soft.error * self.task.error_cost * (1.0 - aim)
         reward = self._left * tap * worth
         around = torch.sigmoid(depth / _NEAR_M) * torch.sigmoid((radius - beside) / _NEAR_M)
-        reward = reward + soft.near * self._armed * self._left.detach() * around
+        near = soft.near * self._armed * self._left.detach() * around
         out = torch.relu(depth + self.task.rearm_m + _BEHIND_MARGIN_M)
-        reward = reward - soft.behind * (~self._armed) * out / _BEHIND_M
+        behind = soft.behind * (~self._armed) * out / _BEHIND_M
         self._left = self._left * (1.0 - tap)
 
         self._armed = (self._armed & ~selected) | ((depth < 0.0) & (depth <= -self.task.rearm_m))
         self._tip = tip
         self._count(hit, (selected & ~hit) | late)
         self._next(selected | late)
-        far = distance_reward((self._goal() - tip).norm(dim=1))
+        far = share * distance_reward((self._goal() - tip).norm(dim=1))
         with torch.no_grad():
             errors = self.task.error_cost * (selected & ~hit)
-            self.score = HIT_REWARD * hit - errors + self.task.distance_weight * far
-        return reward + soft.distance * far
+            self.score = self.score + HIT_REWARD * hit - errors + self.task.distance_weight * far
+        return reward + share * (near - behind) + soft.distance * far
 
     def _count(self, hit: Tensor, failed: Tensor) -> None:
         for number, ended in enumerate((hit, failed)):

@@ -77,7 +77,13 @@ def compare(
     from sim2vr_harness.evaluation.comparison.figures import draw
     from sim2vr_harness.evaluation.comparison.files import as_json, write_csv, write_json
     from sim2vr_harness.evaluation.comparison.report import Report
-    from sim2vr_harness.evaluation.comparison.sources import Plays, game_of, read_people, read_user
+    from sim2vr_harness.evaluation.comparison.sources import (
+        Plays,
+        Source,
+        game_of,
+        read_people,
+        read_user,
+    )
     from sim2vr_harness.evaluation.comparison.tables import report_tables
     from sim2vr_harness.games.registry import behaviour_of, behaviours
 
@@ -94,7 +100,7 @@ def compare(
     )
     with Share("Comparing") as share:
         measured_people = read_people(people, behaviour, unconstrained=unconstrained)
-        sources = []
+        sources: list[Source] = []
         for user in users:
 
             def show(part: float, done: int = len(sources)) -> None:

@@ -39,7 +39,7 @@ class Trait:
         sex_offset: half the difference of men and women, in the unit of `sd`.
         logarithmic: whether the logarithm is normal.
         half_range: what is one unit of the feature, in the unit of `sd`.
-        grid: people have multiples of it; 0: any number.
+        grid: people have multiples of it, none below 0; 0: any number.
     """
 
     name: TraitName
@@ -61,7 +61,7 @@ class Trait:
         """
         away = spread * (sex * self.sex_offset + deviation * self.sd)
         value = mean * math.exp(away) if self.logarithmic else mean + away
-        return round(value / self.grid) * self.grid if self.grid else value
+        return round(max(0, round(value / self.grid)) * self.grid, 9) if self.grid else value
 
     def farthest(self, spread: float, mean: float) -> float:
         """The largest that somebody can have."""

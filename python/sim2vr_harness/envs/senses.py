@@ -95,6 +95,7 @@ def make_perception(
         inputs=config.user.inputs,
         gaze_range_deg=_gaze_range_deg(config),
         actions=actions,
+        head_moves=config.user.head == "reflex",
         person_delays=_person_delays(config, n, who),
     )
     return Perception([make_sense(sense, around) for sense in config.senses])

@@ -42,6 +42,7 @@ class Surroundings:
         inputs: names of the inputs that the fingers work, in the order of the actions.
         gaze_range_deg: how far from straight ahead the eyes turn; 0: they do not.
         actions: how many actions a user step has.
+        head_moves: whether a reflex moves the heads.
         person_delays: what a person's delays are called -> each user's own; empty: users are not
             people who differ.
     """
@@ -59,6 +60,7 @@ class Surroundings:
     inputs: tuple[str, ...] = ()
     gaze_range_deg: float = 0.0
     actions: int = 0
+    head_moves: bool = False
     person_delays: Mapping[str, OwnDelays] = field(default_factory=dict)
 
     @property
@@ -74,10 +76,10 @@ class SenseConfig(Settings):
     """One of the user's senses, and what is wrapped around it (docs/senses.md)."""
 
     sense: str
-    """Which: vision, proprioception, time, haptics, sound, fingers, gaze, actions or person."""
+    """Which: vision, proprioception, time, haptics, sound, fingers, gaze, actions, head, person."""
     name: str | None = Field(default=None, min_length=1)
     """Its key in the observation; None: vision, proprioception, stateful_information (time),
-    haptics, sound, fingers, gaze, actions, person."""
+    haptics, sound, fingers, gaze, actions, head, person."""
     delay_ms: DelayMs | Literal["person"] = 0.0
     """How late it is perceived: a multiple of the physics step. Pictures, which exist for app
     frames only, are the youngest that are not younger; see ``frames_per_step``. ``person``: as late
@@ -173,6 +175,16 @@ def _sound(name: str, around: Surroundings) -> Sense:
     return Hearing(name, around.n)
 
 
+def _head(name: str, around: Surroundings) -> Sense:
+    if not around.head_moves:
+        raise ValueError("senses: got 'head', expected user.head: reflex for it to move")
+
+    def look(moment: Moment, ids: IntArray | None) -> NDArray[Any]:
+        return np.clip(moment.users.head_offsets[rows_of(ids)] / _HEAD_UNITS, -10.0, 10.0)
+
+    return Sensed(name, float_space(-10.0, 10.0, 5), around.n, look)
+
+
 def _person(name: str, around: Surroundings) -> Sense:
     def look(moment: Moment, ids: IntArray | None) -> NDArray[np.float32]:
         return moment.users.person_features[rows_of(ids)]
@@ -180,6 +192,9 @@ def _person(name: str, around: Surroundings) -> Sense:
     limit = float(np.finfo(np.float32).max)
     return Sensed(name, float_space(-limit, limit, len(FEATURES)), around.n, look)
 
+
+_HEAD_UNITS = np.array([0.1, 0.1, 0.1, 0.02, 0.02])
+"""Of the sense ``head``, rad and m: about two deviations each."""
 
 _SEEN, _FELT = "visual_delay_s", "proprioceptive_delay_s"
 
@@ -192,6 +207,7 @@ SENSES: dict[str, SenseKind] = {
     "fingers": SenseKind("fingers", "how far the fingers press their inputs", _fingers, _FELT),
     "gaze": SenseKind("gaze", "where in the head the eyes look", _gaze, _FELT),
     "actions": SenseKind("actions", "what the user did last (an efference copy)", _actions),
+    "head": SenseKind("head", "how far a reflex has moved the head", _head, _SEEN),
     "person": SenseKind("person", "who the user is: stature, strength, delays", _person),
 }
 """Every sense by the name that configurations use."""

@@ -18,7 +18,7 @@ from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.bodies.options import Physique
 from sim2vr_harness.users.effort import EffortModel, make_effort
-from sim2vr_harness.users.head import HeadMotion, HeadReflex
+from sim2vr_harness.users.head import HeadMotion, HeadReflex, moved_head
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.users.people import People, Person, Persons
 from sim2vr_harness.users.worn import WornDevices
@@ -440,10 +440,21 @@ class UserBatch:
         pos, quat = self._worn.poses(name, sample)
         if name != "headset" or self._head is None:
             return pos, quat
+        return moved_head(pos, quat, self._head_offsets(self._head, sample))
+
+    def _head_offsets(self, head: HeadReflex, sample: int) -> FloatArray:
         count = self._worn.samples
         every = self.substeps // count
-        substep = self._head.reached if sample == -1 else (sample % count + 1) * every
-        return self._head.moved(pos, quat, self._worn.hands(sample), substep)
+        substep = head.reached if sample == -1 else (sample % count + 1) * every
+        return head.offsets(self._worn.hands(sample), substep)
+
+    @property
+    def head_offsets(self) -> FloatArray:
+        """(N, 5) how far a reflex has moved the heads: left, down, tilt (rad), forward, left (m).
+
+        Zeros without a reflex.
+        """
+        return np.zeros((self.n, 5)) if self._head is None else self._head_offsets(self._head, -1)
 
     @property
     def act(self) -> FloatArray:

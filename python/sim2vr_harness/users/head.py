@@ -2,7 +2,7 @@
 
 The arm bodies hold their heads still. This moves the headset as the heads of people move who stand
 and strike with a hand: it turns a little of the way to the hand and more of its own accord, about
-the seventh cervical vertebra; it sways with the body; and it gives way where the hand goes, as the
+the upper joints of the neck; it sways with the body; and it gives way where the hand goes, as the
 common centre of mass stays where it is. Trunk and shoulder stay, so that arm, policy and learned
 body models know nothing of it. docs/people.md has the sources and what people's heads do.
 
@@ -43,13 +43,13 @@ SWAY_HZ, SWAY_DAMPING = 0.45, 0.3
 SWAY_M = np.array([0.007, 0.005])
 """Standard deviations at the head, forward and left: those of the centre of mass in quiet stance, 4
 and 3 mm (Winter et al. 1998), 1.7 times as high above the ankles."""
-RECOIL = 0.034
-"""How far the head goes the other way than the hand until swaying brings it back: the arm is .0494
-of the body (de Leva 1996), its centre of mass moves .4 as far as the hand, the head 1.7 times as
-far as the body's. People's slope is .023 to .036, and 0 up and down, where the ground holds
-them."""
-EYES_FORWARD_M, EYES_UP_M = 0.162, 0.156
-"""The headset from the seventh cervical vertebra, in its own frame (of the MoBL ARMS skull)."""
+RECOIL = 0.02
+"""How far the head goes the other way than the hand until swaying brings it back, as the common
+centre of mass stays: the arm is .0494 of the body (de Leva 1996), its centre of mass moves .4 as
+far as the hand. People's share is .014 to the side, .019 forward, and none up and down."""
+EYES_FORWARD_M, EYES_UP_M = 0.093, 0.01
+"""The headset from the upper joints of the neck, about which small turns go (skull on atlas, atlas
+on axis), in its own frame: fitted to nine people, .07 to .11 forward, -.02 to .06 up."""
 
 _OMEGA = 2.0 * np.pi * np.array([TURNS_HZ] * 3 + [SWAY_HZ] * 2)
 _DAMPING = np.array([1.0] * 3 + [SWAY_DAMPING] * 2)
@@ -143,25 +143,18 @@ class HeadReflex:
         aim[:, _SWAYS] += RECOIL * (hands_m[:, :2] - self._hand_m[ids])
         self._aim[ids] = aim
 
-    def moved(
-        self, pos: FloatArray, quat: FloatArray, hands_m: FloatArray, substep: int
-    ) -> tuple[FloatArray, FloatArray]:
-        """The headsets' poses at the end of a substep of the last step.
+    def offsets(self, hands_m: FloatArray, substep: int) -> FloatArray:
+        """(N, 5) how far heads are from how the bodies hold them, at the end of a substep.
+
+        Left, down and tilt in rad, forward and left in m.
 
         Args:
-            pos: (N, 3) where the bodies hold them, m, MuJoCo world frame.
-            quat: (N, 4) w x y z.
             hands_m: (N, 3) where the hands are then.
-            substep: 1 to `substeps`.
+            substep: 1 to `substeps`, of the last step.
         """
         at = self._at(substep)[..., 0]
-        left, down, tilt = at[:, _TURNS].T
-        lever = np.array([EYES_FORWARD_M, 0.0, EYES_UP_M])
-        nod = _product(_about(down, 2), _about(tilt, 1))
-        turned = _product(_about(left, 3), _product(quat, nod))
-        moved = pos - rotated(quat, lever) + rotated(turned, lever)
-        moved[:, :2] += at[:, _SWAYS] - RECOIL * (hands_m[:, :2] - self._hand_m)
-        return moved, turned
+        at[:, _SWAYS] -= RECOIL * (hands_m[:, :2] - self._hand_m)
+        return at
 
     def get_state(self, i: int) -> dict[str, Any]:
         """Everything that user i's head will do depends on, but for the hand."""
@@ -178,6 +171,25 @@ class HeadReflex:
         self._start[i], self._aim[i] = state["start"], state["aim"]
         self._hand_m[i] = state["hand_m"]
         self._rngs[i].bit_generator.state = json.loads(bytes(state["stream"]))
+
+
+def moved_head(
+    pos: FloatArray, quat: FloatArray, offsets: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """The headsets' poses, (N, 3) and (N, 4).
+
+    Args:
+        pos: (N, 3) where the bodies hold them, m, MuJoCo world frame.
+        quat: (N, 4) w x y z.
+        offsets: (N, 5) of `HeadReflex.offsets`.
+    """
+    left, down, tilt = offsets[:, _TURNS].T
+    lever = np.array([EYES_FORWARD_M, 0.0, EYES_UP_M])
+    nod = _product(_about(down, 2), _about(tilt, 1))
+    turned = _product(_about(left, 3), _product(quat, nod))
+    moved = pos - rotated(quat, lever) + rotated(turned, lever)
+    moved[:, :2] += offsets[:, _SWAYS]
+    return moved, turned
 
 
 def direction(pos: FloatArray, quat: FloatArray, point: FloatArray) -> FloatArray:

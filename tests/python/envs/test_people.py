@@ -112,11 +112,28 @@ def test_the_last_info_says_who_played() -> None:
     simulation.close()
 
 
+def test_where_the_head_is_goes_with_the_picture() -> None:
+    senses = [{"sense": "head", "delay_ms": 100}, {"sense": "head", "name": "now"}]
+    simulation = Simulation(config(user={"head": "reflex"}, senses=senses))
+    simulation.reset(seeds=[1])
+    assert not simulation.observation()["now"].any()
+    past = []
+    for step in range(5):
+        simulation.step(actions(step))
+        past.append(simulation.observation()["now"][0])
+    np.testing.assert_array_equal(simulation.observation()["head"][0], past[-3])
+    left, down, tilt, forward_m, left_m = past[-1] * [0.1, 0.1, 0.1, 0.02, 0.02]
+    assert min(map(abs, (left, down, tilt))) > 1e-4 and max(map(abs, (forward_m, left_m))) < 0.05
+    simulation.close()
+
+
 def test_what_cannot_be() -> None:
     with pytest.raises(ValueError, match=r"delay_ms: got 'person', expected user.people"):
         Simulation(config(user={}))
     with pytest.raises(ValueError, match=r"delay_ms: got 'person', which vision, .* have"):
         Simulation(config(senses=[{"sense": "time", "delay_ms": "person"}]))
+    with pytest.raises(ValueError, match=r"senses: got 'head', expected user.head: reflex"):
+        Simulation(config(senses=[{"sense": "head"}]))
     with pytest.raises(ValueError, match=r"people.vary: got 'strength', which user.person sets"):
         config(user={"people": {}, "person": {"strength": 0.9}})
     simulation = Simulation(config(user={}, senses=[{"sense": "time"}]))

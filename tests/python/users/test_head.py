@@ -13,6 +13,7 @@ from sim2vr_harness.users.head import (
     RECOIL,
     TURNS_HZ,
     HeadReflex,
+    moved_head,
     rotated,
 )
 
@@ -46,7 +47,7 @@ class Heads:
 
     def step(self, hand_m: np.ndarray = FRONT_M) -> tuple[np.ndarray, np.ndarray]:
         self.reflex.begin(self.ids, self.base, self.hands(hand_m), self.factors)  # type: ignore[arg-type]
-        return self.reflex.moved(*self.base, self.hands(hand_m), SUBSTEPS)
+        return moved_head(*self.base, self.reflex.offsets(self.hands(hand_m), SUBSTEPS))  # type: ignore[arg-type]
 
 
 def test_the_arm_does_not_notice() -> None:

@@ -33,7 +33,7 @@ class ContrastRow:
 
     Attributes:
         group: of people who play by the same rule; of differences between groups, both names.
-        contrast: what minus what.
+        contrast: what minus what; between groups the condition, the first group minus the second.
         measure: of what.
         value: the user's: mean over its persons.
         people_mean: of people's differences (between groups: difference of their means).
@@ -161,7 +161,7 @@ def group_contrasts(
                 found.append(
                     ContrastRow(
                         f"{one}, {other}",
-                        f"{condition}: {one} - {other}",
+                        condition,
                         measure,
                         float(np.mean(own_a) - np.mean(own_b)),
                         float(np.mean(a) - np.mean(b)),

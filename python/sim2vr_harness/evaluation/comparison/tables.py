@@ -10,6 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sim2vr_harness.evaluation.comparison.comparing import Compared, Row, Total, by_family, total
+from sim2vr_harness.evaluation.comparison.contrasts import COMPARED, ContrastRow
 from sim2vr_harness.evaluation.comparison.files import as_json
 from sim2vr_harness.evaluation.comparison.report import Report
 
@@ -95,11 +96,12 @@ def _rows(compared: Compared, chosen: Sequence[Row] | None) -> RenderableType:
 
 
 def _table(title: str, rows: Sequence[Row]) -> Table:
+    """A row per measure and condition; a star marks what is outside people's range."""
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
-    table.add_column("Group")
-    table.add_column("Condition")
-    table.add_column("Measure", no_wrap=True)
-    for heading in ("User", "People", "Distance"):
+    several = len({row.group for row in rows}) > 1
+    for heading in ("Condition", "Measure"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("User", "People", "Away"):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in rows:
         spread = "" if row.spread is None else f" ± {row.spread:.2g}"
@@ -107,8 +109,7 @@ def _table(title: str, rows: Sequence[Row]) -> Table:
         people = f"{row.people_mean:.3g} [{row.people_low:.3g} to {row.people_high:.3g}]"
         unit = f" ({row.measure.unit})" if row.measure.unit else ""
         table.add_row(
-            row.group,
-            row.condition,
+            f"{row.condition}, {row.group}" if several else row.condition,
             row.measure.name + unit,
             f"{row.value:.3g}{spread}{mark}",
             people,
@@ -136,27 +137,32 @@ def _fatigue(report: Report, index: int) -> Iterator[RenderableType]:
 
 
 def _contrasts(report: Report) -> Iterator[RenderableType]:
-    found = [
-        *((user.name, row) for user in report.users for row in report.contrasts(user)),
-        *report.group_contrasts(),
-    ]
-    if not found:
-        return
-    title = "Differences: sign as people's (+), size within the 95 % interval of people's mean (in)"
-    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
-    for heading in ("User", "Difference", "Measure"):
-        table.add_column(heading)
-    for heading in ("User's", "People's", ""):
-        table.add_column(heading, justify="right", no_wrap=True)
-    for name, row in found:
-        group = "" if row.group in row.contrast or "," in row.group else f"{row.group}: "
-        verdict = ("+" if row.same_sign else "-") + (" in" if row.within else "")
-        table.add_row(
-            name,
-            group + row.contrast,
-            row.measure,
-            f"{row.value:+.3g}",
-            f"{row.people_mean:+.3g} [{row.people_low:+.3g} to {row.people_high:+.3g}]",
-            verdict,
+    found: dict[str, list[ContrastRow]] = {}
+    for user in report.users:
+        for row in report.contrasts(user):
+            found.setdefault(f"{user.name}, {row.group}", []).append(row)
+    for name, row in report.group_contrasts():
+        found.setdefault(f"{name}, between groups", []).append(row)
+    for name, rows in found.items():
+        same = sum(row.same_sign for row in rows)
+        within = sum(row.within for row in rows)
+        title = (
+            f"{name}: differences, the user's and (people's); - wrong sign, * outside the 95 % "
+            f"interval of people's mean. Sign as people's in {same} of {len(rows)}, size in "
+            f"{within}"
         )
-    yield table
+        table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+        table.add_column("Difference")
+        for measure in COMPARED:
+            table.add_column(measure, justify="right")
+        for contrast in dict.fromkeys(row.contrast for row in rows):
+            own = {row.measure: row for row in rows if row.contrast == contrast}
+            table.add_row(contrast, *(_difference(own.get(measure)) for measure in COMPARED))
+        yield table
+
+
+def _difference(row: ContrastRow | None) -> str:
+    if row is None:
+        return ""
+    mark = ("" if row.same_sign else "-") + ("" if row.within else "*")
+    return f"{row.value:+.2g} ({row.people_mean:+.2g}) {mark}".rstrip()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as jsonlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -107,6 +108,11 @@ def compare(
                 share.show((done + part) / len(users))
 
             sources.append(read_user(user, behaviour, plays, on_progress=show))
+    names = [source.name for source in sources]
+    sources = [  # folders such as step_1000 are called alike
+        source if names.count(source.name) == 1 else replace(source, name=user)
+        for source, user in zip(sources, users, strict=True)
+    ]
     report = Report(behaviour, measured_people, sources)
     files = [write_json(report, out / "comparison.json"), *write_csv(report, out)]
     if figures:

@@ -165,7 +165,7 @@ def _of_evaluation(folder: Path, behaviour: Behaviour, name: str) -> Source:
             if not isinstance(place, str) or not (folder / place / "states.csv").is_file():
                 expected = "logs of every round: sim2vr-harness evaluate --log"
                 raise InputError("USER", f"{str(folder)!r}, which has rounds without", expected)
-            person = str(row.get("person", name))
+            person = name if row.get("person") is None else str(row["person"])
             found = read_recordings([folder / place])
             own = [
                 measure_round(played, behaviour)

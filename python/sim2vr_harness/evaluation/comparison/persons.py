@@ -25,7 +25,7 @@ Cell = tuple[str, str]
 """Group and condition."""
 
 _LEAST_STILL = 3
-_LEAST_S = 4.0
+_LEAST_S = 3.0
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,13 @@ def compare(
     ] = None,
     episodes: Annotated[int, typer.Option(metavar="N", help="Rounds per condition.")] = 6,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the first round.")] = 77,
+    persons: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Let N persons play who differ, --episodes rounds each, as in evaluate --people.",
+        ),
+    ] = None,
     out: Annotated[
         Path,
         typer.Option(
@@ -97,6 +104,7 @@ def compare(
         overrides=overrides or (),
         conditions=condition,
         batch=batch,
+        persons=persons,
         trust_app=trust_app,
     )
     with Share("Comparing") as share:

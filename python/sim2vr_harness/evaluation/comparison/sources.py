@@ -30,7 +30,7 @@ from sim2vr_harness.training.trained_users import TrainedUser, find_user, is_pac
 
 __all__ = ["Plays", "Source", "game_of", "read_people", "read_user"]
 
-_RESULTS, _PLAYED = "results.json", "played.json"
+_RESULTS, _PLAYED, _PERSON = "results.json", "played.json", "person.json"
 _EXPECTED_RESULTS = "results of an evaluation: conditions with their rounds"
 
 
@@ -61,6 +61,8 @@ class Plays:
         overrides: ``env.KEY=VALUE``, what is different from the training's environment.
         conditions: the game's names; None takes all compared ones of the user's groups.
         batch: rounds side by side at most.
+        persons: how many persons play ``episodes`` rounds per condition each, as people differ; None
+            for the user alone.
         trust_app: whether the program that the user names as its app may be started.
     """
 
@@ -70,6 +72,7 @@ class Plays:
     overrides: Sequence[str] = ()
     conditions: Sequence[str] | None = None
     batch: int = 10
+    persons: int | None = None
     trust_app: bool = False
 
 
@@ -150,7 +153,7 @@ def _of_folder(folder: Path, behaviour: Behaviour, name: str | None = None) -> S
     if (folder / _RESULTS).is_file():
         return _of_evaluation(folder, behaviour, name)
     found = _read(folder, "USER")
-    rounds = _measured(found, behaviour, lambda played: name, folder)
+    rounds = _measured(found, behaviour, lambda played: _person_beside(played) or name, folder)
     return Source(name, persons_of(rounds, behaviour))
 
 
@@ -228,11 +231,23 @@ def _no_rounds(
 
 
 def _whose(recording: Recording, root: Path) -> str:
-    """Name of the folder that a round's folder is in."""
+    """The person beside a round's log, or the name of the folder that the round's folder is in."""
+    known = _person_beside(recording)
+    if known is not None:
+        return known
     above = recording.source.resolve().parent
     if above.name == "logs" and above != root.resolve():
         above = above.parent
     return above.name
+
+
+def _person_beside(recording: Recording) -> str | None:
+    """Who played a round that ``evaluate --people --log`` has logged."""
+    file = recording.source / _PERSON
+    if not file.is_file():
+        return None
+    index = read_json(file, "a person's fields").get("index")
+    return None if index is None else str(index)
 
 
 # --- playing --------------------------------------------------------------------------------------
@@ -254,6 +269,7 @@ def _played(
         log=True,
         overwrite=True,
         batch=plays.batch,
+        people=plays.persons,
         overrides=tuple(plays.overrides),
         trust_app=plays.trust_app,
     )
@@ -262,6 +278,7 @@ def _played(
         "conditions": conditions,
         "episodes": plays.episodes,
         "seed": plays.seed,
+        "persons": plays.persons,
         "overrides": list(plays.overrides),
     }
     folder = plays.out / _folder_name(user, known)

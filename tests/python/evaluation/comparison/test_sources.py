@@ -84,6 +84,9 @@ def test_rounds_without_results_are_of_one(tmp_path: Path) -> None:
     source = read_user(str(tmp_path / "user"), WHACAMOLE, plays(tmp_path))
     ((person,),) = source.persons.values()
     assert (person.name, person.rounds) == ("user", 2)
+    (tmp_path / "user" / "y" / "person.json").write_text('{"index": 3}')
+    source = read_user(str(tmp_path / "user"), WHACAMOLE, plays(tmp_path))
+    assert [person.name for person in source.persons[HARD]] == ["3", "user"]
 
 
 def test_a_user_plays_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,9 +106,9 @@ def test_a_user_plays_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     endings = {name.rpartition("-")[2] for name in played[0].conditions}
     assert (endings, len(played[0].conditions)) == ({"unconstrained"}, 5)
     assert (played[0].episodes, played[0].seed, played[0].log) == (2, 5, True)
-    again = Plays(out=how.out, episodes=3, seed=5)
+    again = Plays(out=how.out, episodes=3, seed=5, persons=4)
     read_user("whacamole_unconstrained", WHACAMOLE, again)
-    assert played[-1].episodes == 3
+    assert (played[-1].episodes, played[-1].people) == (3, 4)
 
 
 @pytest.mark.parametrize(

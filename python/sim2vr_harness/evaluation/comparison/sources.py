@@ -61,8 +61,8 @@ class Plays:
         overrides: ``env.KEY=VALUE``, what is different from the training's environment.
         conditions: the game's names; None takes all compared ones of the user's groups.
         batch: rounds side by side at most.
-        persons: how many persons play ``episodes`` rounds per condition each, as people differ; None
-            for the user alone.
+        persons: how many persons, who differ, play ``episodes`` rounds per condition each; None for
+            the user alone.
         trust_app: whether the program that the user names as its app may be started.
     """
 

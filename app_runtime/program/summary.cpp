@@ -1,5 +1,7 @@
 #include "summary.hpp"
 
+#include <cmath>
+
 namespace sim2vr::program {
 
 void Summary::add(const runtime::StepResult& result) {
@@ -13,7 +15,10 @@ void Summary::print(std::ostream& out, runtime::App& app) const {
   out << "frames " << frames_ << ", reward " << reward_ << ", "
       << (latest_.finished ? "round over" : "round not over") << ", state hash " << std::hex
       << app.stateHash() << std::dec << "\n";
-  for (const auto& [name, value] : latest_.log) out << "  " << name << " " << value << "\n";
+  for (const auto& [name, value] : latest_.log) {
+    // NaN: there is no such number in this round.
+    if (!std::isnan(value)) out << "  " << name << " " << value << "\n";
+  }
 }
 
 }  // namespace sim2vr::program

@@ -46,6 +46,16 @@ def test_scripted_player_scores_and_leaves_pictures_and_logs(tmp_path: Path) -> 
     assert events.count("target_hit") == float(log["Points"])
 
 
+def test_numbers_that_a_round_does_not_have_are_not_printed() -> None:
+    """Beats has the terms of its shaped reward only where that is chosen."""
+    beats = ("--game", "beats", "--play", "--seconds", "0.2", "--renderer", "null")
+    plain, shaped = run(*beats), run(*beats, "--options", '{"reward": "shaped"}')
+    assert "  Score 0\n" in plain.stdout
+    assert "PenaltyReward" not in plain.stdout
+    assert "nan" not in plain.stdout
+    assert "  PenaltyReward 0\n" in shaped.stdout
+
+
 def test_the_program_and_the_module_play_the_same_bits() -> None:
     result = run("--condition", "hard", "--seed", "5", "--seconds", "10", "--renderer", "null")
     assert result.returncode == 0, result.stderr

@@ -26,6 +26,16 @@ def body() -> Body:
     return load_body("myoarm_r", appearance=False)
 
 
+def test_loading_it_is_silent(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """MuJoCo's warnings of how the package builds it go to the terminal and into a file."""
+    monkeypatch.chdir(tmp_path)
+    load_body("myoarm_r", appearance=False)
+    assert capfd.readouterr() == ("", "")
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_it_is_an_arm_with_32_muscles(body: Body) -> None:
     wrist = load_body("mobl_arms_wrist", appearance=False)
     assert body.muscles == wrist.muscles

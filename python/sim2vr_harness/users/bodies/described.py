@@ -283,12 +283,18 @@ def _load(description: BodyDescription, file: Path) -> mujoco.MjSpec:
             f"model: got {description.model!r} of {package!r}, which has no load_spec(name); "
             "expected 'mjcf' with a file of the package"
         )
+    # Packages attach specifications to each other; MuJoCo warns of that, too, on the standard
+    # error stream and in a file beside the caller.
+    said = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(lambda text: None)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return module.load_spec(description.model)
     except ValueError as error:
         raise ValueError(f"model: got {description.model!r}; {package}: {error}") from error
+    finally:
+        mujoco.set_mju_user_warning(said)
 
 
 def _from_file(path: Path) -> mujoco.MjSpec:

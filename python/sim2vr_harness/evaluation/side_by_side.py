@@ -44,7 +44,11 @@ class _Seat:
         require_contract(user, config)
         self.facts: GameFacts = game_facts(config.app)
         self.condition = condition or self.facts.condition_of(config.app.options)
-        config = with_condition(config, condition)
+        try:
+            config = with_condition(config, condition)
+        except ValueError as error:
+            got, _, expected = str(error).partition(": got ")[2].partition(", expected ")
+            raise InputError("--condition", got, expected) from error
         self.name = str(user.card.get("name") or Path(run).name)
         self.frequency_hz = config.action_frequency_hz
         self.over = False
@@ -115,8 +119,7 @@ def film_side_by_side(
         on_progress: Called with the share of the seconds filmed.
 
     Raises:
-        InputError: A run, a number or the file cannot be used.
-        ValueError: A game does not know the condition.
+        InputError: A run, a condition, a number or the file cannot be used.
     """
     if out.suffix.lower() != ".mp4":
         raise InputError("--out", repr(str(out)), "a file name that ends in .mp4")

@@ -23,7 +23,7 @@ def test_every_condition_tells_of_slices_score_travel_and_effort(
     options = dict(FACTS.condition(condition).options)
     with InProcessApp("beats", options, renderer="null") as app:
         for frame in range(3):
-            hand = row + [0.05 * frame, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0]
+            hand = np.add(row, (0.05 * frame, -0.5, 0.0, 0.0, 0.0, 0.0, 0.0))
             poses = DevicePoses(row, hand, hand)
             reply = app.step(50_000_000 * frame, poses) if frame else app.reset(1, poses)
     result = round_result(

@@ -20,7 +20,7 @@ from sim2vr_harness.training.teacher_env import TeacherSimulation
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 
-N, STEPS, STEP_S = 24, 200, 0.05
+N, STEPS, STEP_S = 24, 150, 0.05
 # Large targets, so that random play hits; one block again and again, so that both play the same.
 OPTIONS: dict[str, Any] = {
     "targets": 5,
@@ -35,7 +35,7 @@ OPTIONS: dict[str, Any] = {
 
 def users_of(options: dict[str, Any], n: int = N) -> TeacherSimulation:
     settings = [
-        *(f"ppo.n_envs={n}", f"ppo.batch_size={4 * n}", "curriculum.starts_per_cell=30"),
+        *(f"ppo.n_envs={n}", f"ppo.batch_size={4 * n}", "curriculum.starts_per_cell=8"),
         *("curriculum.near_starts=1.0", "curriculum.episode_seconds=60", "conditions=[near]"),
     ]
     config = TeacherConfig.model_validate(apply_overrides({}, settings))

@@ -78,7 +78,7 @@ def test_a_simulation_goes_on_with_the_same_people() -> None:
 
 def test_own_delays_are_those_of_a_configuration_that_says_them() -> None:
     own = Simulation(config({"vary": ["visual_delay_s", "proprioceptive_delay_s"]}), 3)
-    people = own._people
+    people = own.people
     assert people is not None
     numbers = {
         people.number(k).visual_delay_s: k for k in range(60)

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.bodies.options import Physique
+from sim2vr_harness.users.checks import checked_action, checked_ids
 from sim2vr_harness.users.effort import EffortModel, make_effort
 from sim2vr_harness.users.head import HeadMotion, HeadReflex, moved_head
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
@@ -193,7 +194,7 @@ class UserBatch:
             ValueError: an index out of range or given twice, or another number of generators,
                 postures or persons.
         """
-        ids = self._checked_ids(ids)
+        ids = checked_ids(ids, self.n)
         if len(rngs) != len(ids):
             raise ValueError(f"rngs: got {len(rngs)} generators, expected {len(ids)}, one per id")
         chosen = [None] * len(ids) if postures is None else list(postures)
@@ -262,7 +263,7 @@ class UserBatch:
             ValueError: an index out of range, another number of pitches, a pitch beyond +-90
                 degrees, or a body without a headset.
         """
-        ids = self._checked_ids(ids)
+        ids = checked_ids(ids, self.n)
         given = [pitch_deg] * len(ids) if pitch_deg is None or np.isscalar(pitch_deg) else pitch_deg
         pitches = np.array([np.nan if p is None else p for p in given], dtype=np.float64)  # type: ignore[union-attr]
         if pitches.shape != ids.shape:
@@ -320,7 +321,7 @@ class UserBatch:
             ValueError: the action has another shape or is not finite, a wrong `pose_samples`, or
                 a pause at no substep.
         """
-        action = self._checked_action(action)
+        action = checked_action(action, self.n, self.body.action_names)
         stops = self._checked_stops(pose_samples, pauses or {})
         ids = np.flatnonzero(~self._diverged)
         before = self._state[ids].copy(), self._qacc[ids], self._force[ids], self._motor[ids]
@@ -531,7 +532,7 @@ class UserBatch:
         was asked to look, so that a restored user goes on to the bit. The last step's extra pose
         samples are not included.
         """
-        i = int(self._checked_ids([i])[0])
+        i = int(checked_ids([i], self.n)[0])
         state: dict[str, Any] = {
             "simulation": self._state[i].copy(),
             "motor": self._motor[i].copy(),
@@ -558,7 +559,7 @@ class UserBatch:
             ValueError: an index out of range, a state of another model, effort or noise, or one
                 that is not finite.
         """
-        i = int(self._checked_ids([i])[0])
+        i = int(checked_ids([i], self.n)[0])
         expected = self.get_state(i)
         if set(state) != set(expected):
             raise ValueError(f"state: got keys {sorted(state)}, expected {sorted(expected)}")
@@ -593,34 +594,3 @@ class UserBatch:
     def _copy_forces(self, ids: IntArray) -> None:
         self._qacc[ids] = self._live_qacc[ids]
         self._force[ids] = self._live_force[ids]
-
-    def _checked_ids(self, ids: Sequence[int] | NDArray[np.integer]) -> IntArray:
-        given = np.asarray(ids)
-        if given.ndim != 1 or (given.size and not np.issubdtype(given.dtype, np.integer)):
-            raise ValueError(f"ids: got {ids!r}, expected a list of user indices")
-        wrong = given[(given < 0) | (given >= self.n)]
-        if wrong.size:
-            raise ValueError(f"ids: got {int(wrong[0])}, expected 0 to {self.n - 1}")
-        if len(np.unique(given)) != len(given):
-            raise ValueError(f"ids: got {given.tolist()}, expected each user at most once")
-        return given.astype(np.int64)
-
-    def _checked_action(self, action: ArrayLike) -> FloatArray:
-        shape = (self.n, self.action_size)
-        try:
-            given = np.asarray(action)
-        except ValueError as error:
-            raise ValueError(f"action: got rows of several lengths, expected {shape}") from error
-        if given.shape != shape:
-            raise ValueError(f"action: got shape {given.shape}, expected {shape}")
-        if not np.issubdtype(given.dtype, np.number) or np.iscomplexobj(given):
-            raise ValueError(f"action: got dtype {given.dtype}, expected real numbers")
-        given = given.astype(np.float64)
-        wrong = np.argwhere(~np.isfinite(given))
-        if len(wrong):
-            i, j = (int(k) for k in wrong[0])
-            raise ValueError(
-                f"action[{i}, {j}] ({self.body.action_names[j]}): got {given[i, j]}, "
-                "expected a finite number in [-1, 1]"
-            )
-        return given

@@ -1,0 +1,52 @@
+"""What a batch of users is given: which users, and their actions."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["checked_action", "checked_ids"]
+
+
+def checked_ids(ids: Sequence[int] | NDArray[np.integer], n: int) -> NDArray[np.int64]:
+    """(K,) distinct users of n.
+
+    Raises:
+        ValueError: they are no indices, one is out of range or comes twice.
+    """
+    given = np.asarray(ids)
+    if given.ndim != 1 or (given.size and not np.issubdtype(given.dtype, np.integer)):
+        raise ValueError(f"ids: got {ids!r}, expected a list of user indices")
+    wrong = given[(given < 0) | (given >= n)]
+    if wrong.size:
+        raise ValueError(f"ids: got {int(wrong[0])}, expected 0 to {n - 1}")
+    if len(np.unique(given)) != len(given):
+        raise ValueError(f"ids: got {given.tolist()}, expected each user at most once")
+    return given.astype(np.int64)
+
+
+def checked_action(action: ArrayLike, n: int, names: Sequence[str]) -> NDArray[np.float64]:
+    """(N, A) finite actions of n users, one for each name.
+
+    Raises:
+        ValueError: another shape, or numbers that are not real and finite.
+    """
+    shape = (n, len(names))
+    try:
+        given = np.asarray(action)
+    except ValueError as error:
+        raise ValueError(f"action: got rows of several lengths, expected {shape}") from error
+    if given.shape != shape:
+        raise ValueError(f"action: got shape {given.shape}, expected {shape}")
+    if not np.issubdtype(given.dtype, np.number) or np.iscomplexobj(given):
+        raise ValueError(f"action: got dtype {given.dtype}, expected real numbers")
+    given = given.astype(np.float64)
+    wrong = np.argwhere(~np.isfinite(given))
+    if len(wrong):
+        i, j = (int(k) for k in wrong[0])
+        raise ValueError(
+            f"action[{i}, {j}] ({names[j]}): got {given[i, j]}, expected a finite number in [-1, 1]"
+        )
+    return given

@@ -51,9 +51,9 @@ def test_numbers_that_a_round_does_not_have_are_not_printed() -> None:
     beats = ("--game", "beats", "--play", "--seconds", "0.2", "--renderer", "null")
     plain, shaped = run(*beats), run(*beats, "--options", '{"reward": "shaped"}')
     assert "  Score 0\n" in plain.stdout
-    assert "PenaltyReward" not in plain.stdout
+    assert "ApproachReward" not in plain.stdout
     assert "nan" not in plain.stdout
-    assert "  PenaltyReward 0\n" in shaped.stdout
+    assert "  ApproachReward 0\n" in shaped.stdout
 
 
 def test_the_program_and_the_module_play_the_same_bits() -> None:

@@ -13,6 +13,8 @@ namespace {
 using render::Color;
 
 constexpr Color kTarget{1.0F, 0.15F, 0.10F, 1.0F};
+// Until the tip has come out of the plane.
+constexpr Color kWaiting{0.55F, 0.08F, 0.06F, 1.0F};
 constexpr Color kPlace{0.12F, 0.35F, 0.55F, 1.0F};
 constexpr Color kHit{0.10F, 0.85F, 0.30F, 1.0F};
 constexpr Color kError{0.15F, 0.25F, 1.0F, 1.0F};
@@ -145,6 +147,7 @@ void Board::LateUpdate() {
   }
   place(*disc_, round_.targetCenter(round_.target()), block.width_m, 0.0);
   disc_->visible = up;
+  disc_->material.albedo = round_.stylus().armed() ? kTarget : kWaiting;
   const Outcome outcome = round_.lastOutcome();
   const bool known = outcome == Outcome::kHit || outcome == Outcome::kError;
   flash_->visible = known && clock().time() - round_.lastOutcome_s() < kFlash_s;

@@ -34,7 +34,7 @@ struct Settings {
   /// From the grip to the tip of the stylus.
   double stylus_m = 0.10;
   /// The tip must come so far out of the plane between two selections.
-  double rearm_m = 0.01;
+  double rearm_m = 0.0;
   float timeout_s = 3.0F;
   xr::Hand hand = xr::Hand::right;
 

@@ -90,7 +90,8 @@ TEST(Pointing, TheTipIsFollowedBetweenFrames) {
 }
 
 TEST(Pointing, TheTipMustComeOutOfThePlaneBetweenSelections) {
-  PointingRound round(kOneBlock);
+  PointingRound round(R"({"targets": 3, "distances_m": [0.3], "widths_m": [0.04],
+                          "rearm_m": 0.01})");
   round.idle();
   round.tap();
   const Vec3 target = round.round().targetCenter(round.round().target());
@@ -103,6 +104,16 @@ TEST(Pointing, TheTipMustComeOutOfThePlaneBetweenSelections) {
   EXPECT_EQ(round.log("Selections"), 1.0);
   through(0.011);
   EXPECT_EQ(round.log("Selections"), 2.0);
+  // By default it need only be out.
+  PointingRound other(kOneBlock);
+  other.idle();
+  other.tap();
+  for (const double before_m : {0.0, 0.001}) {
+    const Vec3 next = other.round().targetCenter(other.round().target());
+    other.frame(next - Vec3(0.0, 0.0, before_m));
+    other.frame(next + Vec3(0.0, 0.0, 0.02));
+    EXPECT_EQ(other.log("Selections"), before_m > 0.0 ? 2.0 : 1.0);
+  }
 }
 
 TEST(Pointing, AStylusThatBeginsBehindThePlaneSelectsNothing) {

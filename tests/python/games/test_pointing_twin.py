@@ -110,7 +110,7 @@ def test_where_it_comes_through_is_between_the_steps() -> None:
 
 
 def test_the_tip_must_come_out_again() -> None:
-    game = begun(placed(shifted(TOP, z=-0.02)))
+    game = begun(placed(shifted(TOP, z=-0.02)), condition(**(ONE | {"rearm_m": 0.01})))
     selections = []
     for depth in (0.02, -0.009, 0.02, -0.011, 0.02):
         played(game, placed(shifted(LOWER_LEFT, z=depth)), SOFT)
@@ -185,12 +185,27 @@ def test_rewards_lead_to_the_target_and_through_it() -> None:
     assert slope[2] == pytest.approx(-1.0 / 0.02)
 
 
-def test_a_tap_is_paid_once() -> None:
-    """However long the tip waits just before the plane, it gets no more than a hit."""
-    game = begun(placed(shifted(TOP, z=-0.02)))
-    paid = sum(float(played(game, placed(shifted(TOP, z=-0.001)), SOFT)[0]) for _ in range(30))
-    assert game.trial.tolist() == [0]
-    assert 5.0 < paid <= 10.0
+def test_a_target_pays_what_its_selection_is_worth_and_no_more() -> None:
+    """However long the tip waits just before the plane, and whatever is paid ahead."""
+    soft = Relaxation(depth_m=0.01, aim_m=0.003, near=1.0, distance=0.0, error=1.0, behind=0.0)
+    # In the middle, and half-way between the target's edge and where 1 of 2 would be a hit.
+    chance = float(torch.sigmoid(torch.tensor(0.02 / 0.003)))
+    for beside, worth in ((0.0, 10.0 * chance - 5.0 * (1.0 - chance)), (0.02, 2.5), (0.1, -5.0)):
+        game = begun(placed(shifted(TOP, z=-0.02)))
+        paid = [
+            float(played(game, placed(shifted(TOP, x=beside, z=-0.001)), soft)) for _ in range(9)
+        ]
+        assert paid[1:] == pytest.approx([0.0] * 8, abs=1e-5)
+        paid.append(float(played(game, placed(shifted(TOP, x=beside, z=0.02)), soft)))
+        assert sum(paid) == pytest.approx(worth, abs=2e-3)
+
+
+def test_what_was_paid_ahead_is_lost_with_the_target() -> None:
+    options = ONE | {"timeout_seconds": 0.2}
+    game = begun(placed(shifted(TOP, z=-0.02)), condition(**options))
+    paid = [float(played(game, placed(shifted(TOP, z=-0.001)), SOFT)) for _ in range(4)]
+    assert paid[0] > 2.0
+    assert sum(paid) == pytest.approx(0.0, abs=1e-5)
 
 
 def test_what_is_observed_by_hand() -> None:
@@ -200,6 +215,7 @@ def test_what_is_observed_by_hand() -> None:
     seen = dict(zip(game.names, game.observe(place)[0].tolist(), strict=True))
     assert [seen[f"tip.{axis}_m"] for axis in "xyz"] == pytest.approx(tip)
     assert seen["tip.depth_m"] == pytest.approx(-0.10)
+    assert seen["tip.armed"] == 1.0
     assert seen["target.width_m"] == pytest.approx(0.04)
     to_target = [a - b for a, b in zip(TOP, tip, strict=True)]
     assert [seen[f"target.{axis}_m"] for axis in "xyz"] == pytest.approx(to_target, abs=1e-5)

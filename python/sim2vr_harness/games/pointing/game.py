@@ -26,7 +26,7 @@ class Pointing:
     cells = 1
     conditions = ("mid",)
     hidden_fields = (
-        *("aid.*", "shown.*", "round.progress", "tip.v?_mps", "tip.armed"),
+        *("aid.*", "shown.*", "round.progress", "tip.v?_mps"),
         *("target.start", "target.age_s", "next.present", "* qacc", "fingertip *"),
     )
     felt_fields = ("tip.*",)

@@ -43,7 +43,7 @@ class Task:
     targets: int = 9
     blocks: tuple[tuple[float, float], ...] = ()
     timeout_s: float = 3.0
-    rearm_m: float = 0.01
+    rearm_m: float = 0.0
     error_cost: float = 5.0
     distance_weight: float = 1.0
 

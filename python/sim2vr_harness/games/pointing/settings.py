@@ -18,7 +18,7 @@ class Relaxation:
     Attributes:
         depth_m: width of the step from in front of the plane to behind it.
         aim_m: width of the step from beside the target to on it.
-        near: reward for being about to tap the target.
+        near: paid ahead for being about to tap the target.
         distance: reward for the game's own term of distance, times this.
         error: share of the game's cost of an error.
         behind: cost per user step of a tip that has not come out of the plane again.

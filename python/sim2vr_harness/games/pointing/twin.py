@@ -1,9 +1,9 @@
 """Pointing as a differentiable game.
 
 Targets come up by the game's own rules, one after the other around the circle. What is selected
-is decided by the rules too, but the reward is relaxed, so that it has a gradient: a tap counts with
-the probability that it would happen if the tip came a little deeper, and as a hit with the
-probability that it would be one if it came through the plane a little elsewhere.
+is decided by the rules too, but the reward is relaxed, so that it has a gradient: a selection is
+worth what it would be on average if the tip came through the plane a little elsewhere, and some of
+it is paid ahead, by the probability that it would happen if the tip came a little deeper.
 """
 
 from __future__ import annotations
@@ -82,14 +82,16 @@ class ImaginedPointing:
         self.score = torch.zeros(n)
         """The true game's reward of the latest user step."""
         self.condition, self.block, self.trial = (torch.zeros(n, dtype=torch.long),) * 3
-        self._age_s, self._left = torch.zeros(n), torch.ones(n)
+        self._age_s = torch.zeros(n)
+        self._hope = torch.zeros(n)
+        """What the selection of the present target is worth times how likely it is, softly."""
         self._armed = torch.zeros(n, dtype=torch.bool)
         self._tip, self._origin = torch.zeros(n, 3), torch.zeros(n, 3)
         width = ("target.present", "target.width_m")
         places = [
             f"{what}{a}_m" for what in ("target.", "target.place_", "next.place_") for a in "xyz"
         ]
-        self.names = (*_ROUND, *_TIP, "tip.depth_m", *width, *places)
+        self.names = (*_ROUND, *_TIP, "tip.depth_m", "tip.armed", *width, *places)
 
     # --- rounds ------------------------------------------------------------------------------
 
@@ -109,7 +111,7 @@ class ImaginedPointing:
             self._set(ids, "trial", torch.randint(0, trials, (count,), generator=generator))
             age = _OLDEST_START_S * torch.rand(count, generator=generator)
             self._set(ids, "_age_s", age)
-            self._set(ids, "_left", torch.ones(count))
+            self._set(ids, "_hope", torch.zeros(count))
             self._set(ids, "_armed", fields[:, FIELDS.index("tip.armed")] > 0.5)
             self._set(ids, "_origin", head_of(place))
             self._set(ids, "_tip", self.stylus(place) - head_of(place))
@@ -121,7 +123,7 @@ class ImaginedPointing:
 
     def cut(self) -> None:
         """See the protocol."""
-        self._tip, self._left = self._tip.detach(), self._left.detach()
+        self._tip, self._hope = self._tip.detach(), self._hope.detach()
 
     def nearest(self, place: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
         """(K,) distance from the nearest point 5 cm in front of a target's place, m; cell 0."""
@@ -150,7 +152,7 @@ class ImaginedPointing:
         self.block_weights.lerp_(weights, 0.5)
 
     _STATE = (
-        *("condition", "block", "trial", "_age_s", "_left", "_armed", "_tip", "_origin"),
+        *("condition", "block", "trial", "_age_s", "_hope", "_armed", "_tip", "_origin"),
         *("block_weights", "score"),
     )
 
@@ -184,6 +186,7 @@ class ImaginedPointing:
             center,
             world - head,
             (tip - center)[:, 2:],
+            self._armed[:, None].float(),
             torch.ones(self.n, 1),
             self._widths[self.block][:, None],
             goal - tip,
@@ -221,15 +224,16 @@ class ImaginedPointing:
         self._age_s = self._age_s + self._frame_s
         late = ~selected & (self._age_s >= self.task.timeout_s - TIME_TOLERANCE_S)
 
-        tap = self._armed * torch.sigmoid((depth - _DEPTH_MARGIN_M) / soft.depth_m)
         aim = torch.sigmoid((radius - beside) / soft.aim_m)
         worth = HIT_REWARD * aim - soft.error * self.task.error_cost * (1.0 - aim)
-        reward = self._left * tap * worth
+        tap = torch.sigmoid((depth - _DEPTH_MARGIN_M) / soft.depth_m)
         around = torch.sigmoid(depth / _NEAR_M) * torch.sigmoid((radius - beside) / _NEAR_M)
-        near = soft.near * self._armed * self._left.detach() * around
+        hope = self._armed * (tap * worth + soft.near * around)
+        # A target's rewards add up to what its selection is worth, however long it is hoped for.
+        reward = torch.where(selected, worth, torch.where(late, 0.0, hope)) - self._hope
+        self._hope = torch.where(selected | late, 0.0, hope)
         out = torch.relu(depth + self.task.rearm_m + _BEHIND_MARGIN_M)
         behind = soft.behind * (~self._armed) * out / _BEHIND_M
-        self._left = self._left * (1.0 - tap)
 
         self._armed = (self._armed & ~selected) | ((depth < 0.0) & (depth <= -self.task.rearm_m))
         self._tip = tip
@@ -239,7 +243,7 @@ class ImaginedPointing:
         with torch.no_grad():
             errors = self.task.error_cost * (selected & ~hit)
             self.score = self.score + HIT_REWARD * hit - errors + self.task.distance_weight * far
-        return reward + share * (near - behind) + soft.distance * far
+        return reward - share * behind + soft.distance * far
 
     def _count(self, hit: Tensor, failed: Tensor) -> None:
         for number, ended in enumerate((hit, failed)):
@@ -257,4 +261,3 @@ class ImaginedPointing:
         self.block = torch.where(over, blocks, self.block)
         self.trial = torch.where(over, 0, self.trial + ended)
         self._age_s = torch.where(ended, 0.0, self._age_s)
-        self._left = torch.where(ended, 1.0, self._left)

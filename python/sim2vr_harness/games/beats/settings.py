@@ -45,8 +45,8 @@ class TwinSettings(Settings):
     rollouts they are 0.05, 0.2, 15 and 5."""
     error_cost: Weight = 20.0
     """Cost of a wrong cut, a mine or a wall, in points, which the true score does not have."""
-    early_error_cost: Weight | None = None
-    """The same at first; None: from the start. In levels with every direction a user who pays for
+    early_error_cost: Weight = 20.0
+    """The same at first. In levels with every direction a user who pays for
     wrong cuts before it makes right ones learns to keep its blades away."""
 
     def relaxation(self, done: float) -> Relaxation:
@@ -61,8 +61,5 @@ class TwinSettings(Settings):
             speed_mps=towards(0.2, self.speed_mps),
             angle_deg=towards(15.0, self.angle_deg),
             near=towards(min(5.0, self.near_reward), self.near_reward),
-            error=towards(
-                self.error_cost,
-                self.error_cost if self.early_error_cost is None else self.early_error_cost,
-            ),
+            error=towards(self.error_cost, self.early_error_cost),
         )

@@ -13,10 +13,11 @@ __all__ = ["sense_variants"]
 _NEEDS: dict[str, dict[str, Any]] = {
     "fingers": {"user": {"inputs": ["right.trigger"]}},
     "gaze": {"vision": {"foveation": {"gaze": "moves"}}},
+    "head": {"user": {"head": "reflex"}},
 }
 """What else must be there for a sense to have something to sense."""
 
-_WRAPPED = {"delay_ms": 100.0, "noise": 0.05, "history_s": 0.2}
+_WRAPPED = {"delay_ms": 100.0, "noise": 0.05, "history_s": 0.2, "stack_s": 0.2}
 """What is done to the picture, the largest of the senses."""
 
 _PICTURES: dict[str, dict[str, Any]] = {"eyes=2": {"eyes": 2}, "foveation": {"foveation": {}}}

@@ -28,7 +28,8 @@ def sense_variants(config: TrainingConfig) -> list[tuple[str, TrainingConfig]]:
 
     Returns:
         Pairs of the variant's name and its configuration. ``sense=fingers`` and ``sense=gaze``
-        have further actions, so that their users move otherwise.
+        have further actions and ``sense=head`` a head that moves, so that their users move
+        otherwise.
     """
     env = config.env
     senses = [sense.model_dump() for sense in env.senses]

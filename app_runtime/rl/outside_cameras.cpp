@@ -3,7 +3,6 @@
 #include <algorithm>
 #include <array>
 #include <string>
-#include <string_view>
 
 #include "sim2vr/render/components.hpp"
 #include "sim2vr/render/mesh.hpp"
@@ -13,15 +12,8 @@ namespace sim2vr::rl {
 namespace {
 
 // From the head, in metres to its right, up and ahead.
-struct View {
-  std::string_view path;
-  Vec3 place_m;
-  Vec3 towards_m;
-};
-constexpr double kVerticalFov_deg = 50.0;
-
-const std::array<View, 2>& views() {
-  static const std::array<View, 2> both{{
+const std::array<OutsideView, 2>& views() {
+  static const std::array<OutsideView, 2> both{{
       {kThirdPersonCameraPath, {0.30, 0.45, -0.95}, {0.05, -0.20, 0.40}},
       {kSpectatorCameraPath, {0.95, 0.35, -0.60}, {0.0, -0.20, 0.30}},
   }};
@@ -46,7 +38,7 @@ class OutsideCameras : public scene::Component {
   std::string_view typeName() const override { return "OutsideCameras"; }
   int executionOrder() const override { return kExecutionOrder; }
 
-  void add(scene::GameObject& camera, const View& view) {
+  void add(scene::GameObject& camera, const OutsideView& view) {
     cameras_[count_] = &camera;
     views_[count_++] = &view;
   }
@@ -57,7 +49,7 @@ class OutsideCameras : public scene::Component {
     const Vec3 head_m = head_.transform().position();
     const Quat facing = heading(head_.transform().rotation());
     for (std::size_t i = 0; i < count_; ++i) {
-      const View& view = *views_.at(i);
+      const OutsideView& view = *views_.at(i);
       cameras_.at(i)->transform().setPose(
           {head_m + facing * view.place_m, facing * lookAlong(view.towards_m - view.place_m)});
     }
@@ -68,7 +60,7 @@ class OutsideCameras : public scene::Component {
  private:
   const scene::GameObject& head_;
   std::array<scene::GameObject*, 2> cameras_{};
-  std::array<const View*, 2> views_{};
+  std::array<const OutsideView*, 2> views_{};
   std::size_t count_ = 0;
   bool placed_ = false;
 };
@@ -105,14 +97,16 @@ void addControllerLooks(scene::GameObject& controller) {
 
 void addOutsideCameras(scene::Scene& scene) {
   scene::GameObject* head = scene.find(kHeadCameraPath);
-  const auto missing = [&scene](const View& view) { return scene.find(view.path) == nullptr; };
+  const auto missing = [&scene](const OutsideView& view) {
+    return scene.find(view.path) == nullptr;
+  };
   if (head == nullptr || !std::ranges::any_of(views(), missing)) return;
   auto& placing = scene.create("Outside Cameras").addComponent<OutsideCameras>(*head);
-  for (const View& view : views()) {
+  for (const OutsideView& view : views()) {
     if (!missing(view)) continue;
     scene::GameObject& object = scene.create(std::string(view.path));
     auto& camera = object.addComponent<render::Camera>();
-    camera.vertical_fov_deg = kVerticalFov_deg;
+    camera.vertical_fov_deg = view.vertical_fov_deg;
     placing.add(object, view);
   }
   for (const std::string_view hand : {kLeftControllerPath, kRightControllerPath}) {

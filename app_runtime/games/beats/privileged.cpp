@@ -5,6 +5,7 @@
 
 #include "beats/directions.hpp"
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/rl/number_writer.hpp"
 
 namespace sim2vr::games::beats {
 namespace {
@@ -44,10 +45,10 @@ std::vector<std::string> allNames() {
   return names;
 }
 
-class Writer {
+class Writer : private rl::NumberWriter {
  public:
   Writer(const Round& round, const Sight& sight, std::span<float> values)
-      : round_(round), sight_(sight), values_(values) {}
+      : NumberWriter(values), round_(round), sight_(sight) {}
 
   void writeAll() {
     vector(head_m_ - round_.origin_m());
@@ -68,10 +69,6 @@ class Writer {
   }
 
  private:
-  void number(double value) { values_[next_++] = static_cast<float>(value); }
-  void vector(const Vec3& value) {
-    for (const double of_axis : value) number(of_axis);
-  }
   void nothing(int count) {
     for (int i = 0; i < count; ++i) number(0.0);
   }
@@ -150,8 +147,6 @@ class Writer {
 
   const Round& round_;
   const Sight& sight_;
-  std::span<float> values_;
-  std::size_t next_ = 0;
   Vec3 head_m_ = round_.head().transform().position();
 };
 

@@ -2,11 +2,11 @@
 
 #include <array>
 #include <string>
-#include <string_view>
 
 #include "beats/colors.hpp"
 #include "sim2vr/render/components.hpp"
 #include "sim2vr/render/mesh.hpp"
+#include "sim2vr/rl/outside_cameras.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 
 namespace sim2vr::games::beats {
@@ -20,16 +20,9 @@ constexpr double kRailWidth_m = 0.03;
 constexpr double kRailFrom_m = -1.0;
 constexpr double kRailTo_m = 5.0;
 
-struct View {
-  std::string_view path;
-  Vec3 place_m;
-  Vec3 towards_m;
-  double vertical_fov_deg;
-};
-
 // From the origin. The third person's stands behind the player, the spectator's to the right.
-const std::array<View, 2>& views() {
-  static const std::array<View, 2> both{{
+const std::array<rl::OutsideView, 2>& views() {
+  static const std::array<rl::OutsideView, 2> both{{
       {rl::kThirdPersonCameraPath, {0.0, 0.55, -1.7}, {0.0, -0.35, 1.5}, 60.0},
       {rl::kSpectatorCameraPath, {1.9, 0.55, -1.3}, {-0.1, -0.35, 1.0}, 55.0},
   }};
@@ -47,7 +40,7 @@ scene::GameObject& addRoomLooks(scene::Scene& scene) {
         {side * kRail_x_m, kRail_y_m, (kRailFrom_m + kRailTo_m) / 2.0});
     rail.transform().setLocalScale({kRailWidth_m, kRailWidth_m, kRailTo_m - kRailFrom_m});
   }
-  for (const View& view : views()) {
+  for (const rl::OutsideView& view : views()) {
     auto& camera = scene.create(std::string(view.path)).addComponent<render::Camera>();
     camera.vertical_fov_deg = view.vertical_fov_deg;
     camera.far_m = 20.0;
@@ -60,9 +53,8 @@ scene::GameObject& addRoomLooks(scene::Scene& scene) {
 
 void placeRoom(scene::GameObject& lane, const Vec3& origin_m) {
   lane.transform().setPosition(origin_m);
-  for (const View& view : views()) {
-    lane.scene().find(view.path)->transform().setPose(
-        {origin_m + view.place_m, lookAlong(view.towards_m - view.place_m)});
+  for (const rl::OutsideView& view : views()) {
+    lane.scene().find(view.path)->transform().setPose(view.from(origin_m));
   }
 }
 

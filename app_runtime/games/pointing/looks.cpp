@@ -5,6 +5,7 @@
 #include <string>
 
 #include "sim2vr/render/mesh.hpp"
+#include "sim2vr/rl/outside_cameras.hpp"
 #include "sim2vr/rl/xr_rig.hpp"
 
 namespace sim2vr::games::pointing {
@@ -55,16 +56,9 @@ void place(render::MeshRenderer& shape, const Vec3& center_m, double diameter_m,
   shape.transform().setLocalScale({diameter_m / 2.0, diameter_m / 2.0, 1.0});
 }
 
-struct View {
-  std::string_view path;
-  Vec3 place_m;
-  Vec3 towards_m;
-  double vertical_fov_deg;
-};
-
 // From the head of a right-handed player.
-const std::array<View, 2>& views() {
-  static const std::array<View, 2> both{{
+const std::array<rl::OutsideView, 2>& views() {
+  static const std::array<rl::OutsideView, 2> both{{
       {rl::kThirdPersonCameraPath, {-0.25, 0.30, -0.60}, {0.12, -0.10, 0.40}, 50.0},
       {rl::kSpectatorCameraPath, {0.80, 0.25, -0.35}, {0.08, -0.12, 0.25}, 50.0},
   }};
@@ -90,7 +84,7 @@ void addStylusLooks(scene::GameObject& controller, double length_m) {
 
 void addRoomLooks(scene::Scene& scene, scene::GameObject& head_camera) {
   head_camera.getComponent<render::Camera>()->background = kBackground;
-  for (const View& view : views()) {
+  for (const rl::OutsideView& view : views()) {
     auto& camera = scene.create(std::string(view.path)).addComponent<render::Camera>();
     camera.vertical_fov_deg = view.vertical_fov_deg;
     camera.background = kBackground;
@@ -115,10 +109,10 @@ void addRoomLooks(scene::Scene& scene, scene::GameObject& head_camera) {
 
 void placeCameras(scene::Scene& scene, const Vec3& head_m, xr::Hand hand) {
   const Vec3 side(hand == xr::Hand::left ? -1.0 : 1.0, 1.0, 1.0);
-  for (const View& view : views()) {
-    const Vec3 place_m = view.place_m.cwiseProduct(side);
-    const Vec3 towards_m = view.towards_m.cwiseProduct(side);
-    scene.find(view.path)->transform().setPose({head_m + place_m, lookAlong(towards_m - place_m)});
+  for (rl::OutsideView view : views()) {
+    view.place_m = view.place_m.cwiseProduct(side);
+    view.towards_m = view.towards_m.cwiseProduct(side);
+    scene.find(view.path)->transform().setPose(view.from(head_m));
   }
 }
 

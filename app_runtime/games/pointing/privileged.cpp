@@ -48,20 +48,6 @@ std::vector<std::string> allNames() {
 
 }  // namespace
 
-class Privileged::Writer {
- public:
-  explicit Writer(std::span<float> values) : values_(values) {}
-  void number(double value) { values_[next_++] = static_cast<float>(value); }
-  void flag(bool value) { number(value ? 1.0 : 0.0); }
-  void vector(const Vec3& value) {
-    for (const double number_of_axis : value) number(number_of_axis);
-  }
-
- private:
-  std::span<float> values_;
-  std::size_t next_ = 0;
-};
-
 const std::vector<std::string>& Privileged::names() {
   static const std::vector<std::string> names = allNames();
   return names;
@@ -98,7 +84,7 @@ void Privileged::fill(std::span<float> values) const {
     throw InvalidArgument("values", std::to_string(values.size()) + " numbers",
                           std::to_string(names().size()));
   }
-  Writer out(values);
+  rl::NumberWriter out(values);
   const Stylus& stylus = round_->stylus();
   const Vec3& tip_m = stylus.tip_m();
   const Vec3 head_m = camera_->transform().position();
@@ -125,7 +111,7 @@ void Privileged::fill(std::span<float> values) const {
   out.number(0.0);
 }
 
-void Privileged::writeShown(Writer& out, bool present) const {
+void Privileged::writeShown(rl::NumberWriter& out, bool present) const {
   const Vec3 place_m = round_->targetCenter(round_->target()) - round_->center_m();
   for (const double along_m : {place_m.x(), place_m.y()}) {
     for (const double least_m : kShownPlaces_m) out.flag(present && along_m > least_m);

@@ -7,6 +7,7 @@
 #include <vector>
 
 #include "pointing/round.hpp"
+#include "sim2vr/rl/number_writer.hpp"
 
 namespace sim2vr::games::pointing {
 
@@ -28,11 +29,9 @@ class Privileged {
   void fields(Archive& archive);
 
  private:
-  class Writer;
-
   bool seen() const;
   double startDistance_m() const;
-  void writeShown(Writer& out, bool present) const;
+  void writeShown(rl::NumberWriter& out, bool present) const;
 
   const Round* round_;
   const scene::GameObject* camera_;

@@ -71,20 +71,6 @@ const Target* nearest(const std::vector<const Target*>& targets, const Vec3& poi
 
 }  // namespace
 
-class Privileged::Writer {
- public:
-  explicit Writer(std::span<float> values) : values_(values) {}
-  void number(double value) { values_[next_++] = static_cast<float>(value); }
-  void flag(bool value) { number(value ? 1.0 : 0.0); }
-  void vector(const Vec3& value) {
-    for (const double number_of_axis : value) number(number_of_axis);
-  }
-
- private:
-  std::span<float> values_;
-  std::size_t next_ = 0;
-};
-
 const std::vector<std::string>& Privileged::names() {
   static const std::vector<std::string> names = allNames();
   return names;
@@ -141,7 +127,7 @@ void Privileged::fill(std::span<float> values) const {
     throw InvalidArgument("values", std::to_string(values.size()) + " numbers",
                           std::to_string(names().size()));
   }
-  Writer out(values);
+  rl::NumberWriter out(values);
   // The targets of a finished round are on their way out.
   const bool over = round_->phase() == Round::Phase::kDone;
   const std::vector<const Target*> targets = over ? std::vector<const Target*>() : told();
@@ -153,7 +139,7 @@ void Privileged::fill(std::span<float> values) const {
   writeAids(out);
 }
 
-void Privileged::writeRound(Writer& out) const {
+void Privileged::writeRound(rl::NumberWriter& out) const {
   const Condition& condition = round_->condition();
   for (const Placement placement : {Placement::kLow, Placement::kMid, Placement::kHigh}) {
     out.flag(condition.placement == placement);
@@ -164,7 +150,7 @@ void Privileged::writeRound(Writer& out) const {
   out.number(round_->elapsed_s());
 }
 
-void Privileged::writeHammer(Writer& out) const {
+void Privileged::writeHammer(rl::NumberWriter& out) const {
   const Hammer& hammer = round_->hammer();
   const Quat rotation = hammer.transform().rotation();
   const Vec3 marker = hammer.markerPosition();
@@ -178,7 +164,7 @@ void Privileged::writeHammer(Writer& out) const {
   out.number((marker - area.position()).dot(area.forward()));
 }
 
-void Privileged::writeCells(Writer& out, const std::vector<const Target*>& told) const {
+void Privileged::writeCells(rl::NumberWriter& out, const std::vector<const Target*>& told) const {
   for (int cell = 0; cell < kCells; ++cell) {
     const auto found = std::find_if(
         told.begin(), told.end(), [cell](const Target* target) { return target->cell() == cell; });
@@ -186,11 +172,11 @@ void Privileged::writeCells(Writer& out, const std::vector<const Target*>& told)
   }
 }
 
-void Privileged::writeNext(Writer& out, const std::vector<const Target*>& told) const {
+void Privileged::writeNext(rl::NumberWriter& out, const std::vector<const Target*>& told) const {
   for (std::size_t i = 0; i < kNext; ++i) writeTarget(out, i < told.size() ? told[i] : nullptr);
 }
 
-void Privileged::writeTarget(Writer& out, const Target* target) const {
+void Privileged::writeTarget(rl::NumberWriter& out, const Target* target) const {
   const bool present = target != nullptr;
   out.flag(present);
   if (!present) {
@@ -206,7 +192,7 @@ void Privileged::writeTarget(Writer& out, const Target* target) const {
   out.vector(target->hitCenter_m() - hammer.markerPosition());
 }
 
-void Privileged::writeAids(Writer& out) const {
+void Privileged::writeAids(rl::NumberWriter& out) const {
   out.number(progress_sum_m_);
   out.number(strike_sum_);
   double least_m = std::numeric_limits<double>::infinity();

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "sim2vr/rl/number_writer.hpp"
 #include "sim2vr/scene/game_object.hpp"
 #include "whacamole/round.hpp"
 #include "whacamole/target.hpp"
@@ -37,17 +38,15 @@ class Privileged {
   void fields(Archive& archive);
 
  private:
-  class Writer;
-
   /// Those that may be told, the one that expires first in front.
   std::vector<const Target*> told() const;
   void addToAids();
-  void writeRound(Writer& out) const;
-  void writeHammer(Writer& out) const;
-  void writeCells(Writer& out, const std::vector<const Target*>& told) const;
-  void writeNext(Writer& out, const std::vector<const Target*>& told) const;
-  void writeAids(Writer& out) const;
-  void writeTarget(Writer& out, const Target* target) const;
+  void writeRound(rl::NumberWriter& out) const;
+  void writeHammer(rl::NumberWriter& out) const;
+  void writeCells(rl::NumberWriter& out, const std::vector<const Target*>& told) const;
+  void writeNext(rl::NumberWriter& out, const std::vector<const Target*>& told) const;
+  void writeAids(rl::NumberWriter& out) const;
+  void writeTarget(rl::NumberWriter& out, const Target* target) const;
 
   const Round* round_;
   const scene::GameObject* camera_;

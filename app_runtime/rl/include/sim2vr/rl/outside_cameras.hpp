@@ -1,9 +1,24 @@
 // Pictures of a game from outside, for games that bring no cameras for them.
 #pragma once
 
+#include <string_view>
+
+#include "sim2vr/core/math.hpp"
 #include "sim2vr/scene/scene.hpp"
 
 namespace sim2vr::rl {
+
+/// Where a camera from outside stands and what it looks at, m from some origin.
+struct OutsideView {
+  std::string_view path;
+  Vec3 place_m;
+  Vec3 towards_m;
+  double vertical_fov_deg = 50.0;
+
+  Pose from(const Vec3& origin_m) const {
+    return {origin_m + place_m, lookAlong(towards_m - place_m)};
+  }
+};
 
 /// Adds what the round's scene lacks: cameras at kThirdPersonCameraPath and kSpectatorCameraPath,
 /// and, with either, something to see for controllers that show nothing (kPlayerLooksLayer).

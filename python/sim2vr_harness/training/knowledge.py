@@ -11,7 +11,7 @@ from __future__ import annotations
 import fnmatch
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -65,6 +65,10 @@ class Lag:
         if actions is not None:
             known = max(1, round((actions.stack_s or 0.0) * env.action_frequency_hz))
         return Lag(steps("vision"), steps("proprioception"), known)
+
+    def reached(self, share: float) -> Lag:
+        """Return the lag of senses that are on their way to being so late, by a share of it."""
+        return Lag(round(share * self.game), round(share * self.body), self.actions)
 
     @property
     def none(self) -> bool:
@@ -143,6 +147,7 @@ class PrivilegedSenses:
         """Names of all numbers of a moment: the body's, the person's, then the game's."""
         self.layout = self._laid_out(hidden, felt, lag)
         self.size = len(self.layout.names)
+        self._lag = lag
         self._memory: _Memory | None = None
         if not lag.none:
             columns = np.union1d(self.layout.felt, self.layout.seen).astype(np.int64)
@@ -184,6 +189,10 @@ class PrivilegedSenses:
     def observed_names(self) -> tuple[str, ...]:
         """A name for every entry of an observation."""
         return self.layout.names
+
+    def be_late(self, share: float) -> None:
+        """Let the teachers know what they do by so large a share of their lag, 1 at first."""
+        self.layout = replace(self.layout, lag=self._lag.reached(share))
 
     def values(self) -> NDArray[np.float32]:
         """(N, F) all present privileged numbers, a copy."""

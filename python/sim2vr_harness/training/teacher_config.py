@@ -75,6 +75,9 @@ class ImaginedConfig(Settings):
     """Noise on the imagined motion, in units of the body model's error."""
     restart_share: Chance = 0.2
     """Users who go on from a state of the true game after a window."""
+    growing_lag_cycles: int = Field(default=0, ge=0, le=100_000)
+    """Cycles in which late senses become as late as they are, from the present on: who has learned
+    to act on the present learns sooner to act on the past. 0: late from the start."""
     near_starts: Chance = 0.5
     """Share of those who begin near a living target."""
     near_m: float = Field(default=0.12, gt=0.0, le=10.0)

@@ -49,13 +49,13 @@ def env(**user: object) -> EnvConfig:
     )
 
 
-def teachers(n: int = 3, **user: object) -> TeacherSimulation:
-    settings = TeacherConfig.model_validate(apply_overrides({}, SMALL))
+def teachers(n: int = 3, *overrides: str, **user: object) -> TeacherSimulation:
+    settings = TeacherConfig.model_validate(apply_overrides({}, [*SMALL, *overrides]))
     return TeacherSimulation(env(**user), settings, 3, n=n)
 
 
-def rollouts(**user: object) -> ImaginedRollouts:
-    simulation = teachers(6, **user)
+def rollouts(*overrides: str, **user: object) -> ImaginedRollouts:
+    simulation = teachers(6, *overrides, **user)
     policy = new_teacher(
         simulation.observation_space, simulation.action_space, simulation.teacher.policy, seed=1
     )
@@ -136,6 +136,29 @@ def test_imagined_users_know_as_late_as_true_ones() -> None:
         again = senses.observe()
         assert not again[:2, -64:].any()
         assert torch.equal(again[2:], known[2:])
+
+
+def test_a_lag_that_grows_is_whole_user_steps() -> None:
+    lag = Lag(game=4, body=2, actions=4)
+    grown = [lag.reached(cycle / 4) for cycle in range(5)]
+    assert [(each.game, each.body) for each in grown] == [(0, 0), (1, 0), (2, 1), (3, 2), (4, 2)]
+    assert {each.actions for each in grown} == {4}
+
+
+def test_senses_become_late_in_the_true_and_in_the_imagined_game() -> None:
+    made = rollouts("imagined.cycles=3", "imagined.growing_lag_cycles=2")
+    with closing(made.simulation):
+        seen = made.simulation.senses.observed_names.index("hammer.x_m")
+        for late in (0, 2, 3):  # of three user steps: none, half of them to even, all
+            made.step()
+            made.simulation.reset(seeds=list(range(6)))
+            history = [made.simulation.senses.field("hammer.x_m")]
+            for _ in range(4):
+                made.simulation.step(np.full((6, 32), 0.2))
+                history.append(made.simulation.senses.field("hammer.x_m"))
+            known = made.simulation.observation()[OBSERVATION][:, seen]
+            np.testing.assert_array_equal(known, history[-1 - late])
+            assert made.senses._layout.lag == made.simulation.senses.layout.lag
 
 
 def test_a_tool_on_its_way_through_a_step_is_where_the_true_one_is() -> None:

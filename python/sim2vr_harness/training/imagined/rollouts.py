@@ -169,6 +169,7 @@ class ImaginedRollouts:
             else:
                 torch.set_rng_state(self._torch_state)
             first = self.cycle == 0
+            self._be_late()
             new, played = self._collector.play(
                 config.first_play_steps if first else config.play_steps,
                 wildly=first,
@@ -212,6 +213,13 @@ class ImaginedRollouts:
             worst_cell=worst,
             place_error_m=fit["place_m"],
         )
+
+    def _be_late(self) -> None:
+        """Let senses be as late as they are in this cycle."""
+        cycles = self.config.growing_lag_cycles
+        share = 1.0 if cycles == 0 else min(1.0, self.cycle / cycles)
+        self.senses.be_late(share)
+        self.simulation.senses.be_late(share)
 
     def _to_learn(self) -> Experience:
         """User steps to fit the body to: of the beginning, of all cycles, of the last ones."""

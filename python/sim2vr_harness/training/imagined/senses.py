@@ -41,7 +41,7 @@ class ImaginedSenses:
             felt=tuple(known[everything[i]] for i in layout.felt),
             seen=tuple(known[everything[i]] for i in layout.seen),
         )
-        self._users, self._rounds = users, rounds
+        self._users, self._rounds, self._lag = users, rounds, layout.lag
         actions = users.actions
         self._past = [torch.zeros(users.n, len(names))] * (layout.lag.longest + 1)
         self._did = [torch.zeros(users.n, actions)] * layout.actions
@@ -49,6 +49,10 @@ class ImaginedSenses:
         """Numbers of an observation."""
         self.warm_up = 0 if layout.lag.none else max(layout.lag.longest, layout.actions)
         """User steps after a start until the past is a user's own."""
+
+    def be_late(self, share: float) -> None:
+        """Let the users know what they do by so large a share of their lag, 1 at first."""
+        self._layout = dataclasses.replace(self._layout, lag=self._lag.reached(share))
 
     def _now(self) -> Tensor:
         return torch.cat([self._users.observe(), self._rounds.observe(self._users.place)], 1)

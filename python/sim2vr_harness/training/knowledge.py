@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.perception import Moment
+from sim2vr_harness.perception.sense import float_space
 from sim2vr_harness.perception.wrappers import Ring
 from sim2vr_harness.users import FEATURES, PeopleSettings
 
@@ -150,9 +151,7 @@ class PrivilegedSenses:
         self._lag = lag
         self._memory: _Memory | None = None
         if not lag.none:
-            columns = np.union1d(self.layout.felt, self.layout.seen).astype(np.int64)
-            width = len(self.everything)
-            self._memory = _Memory(simulation, self._now, columns, width, lag)
+            self._memory = _Memory(simulation, self._now, len(self.everything), lag)
             simulation.watch(self._memory)
 
     def _laid_out(self, hidden: Sequence[str], felt: Sequence[str], lag: Lag) -> Layout:
@@ -182,8 +181,7 @@ class PrivilegedSenses:
     @property
     def space(self) -> spaces.Dict:
         """``{"teacher": (size,) float32}``."""
-        limit = np.finfo(np.float32).max
-        return spaces.Dict({OBSERVATION: spaces.Box(-limit, limit, (self.size,), np.float32)})
+        return spaces.Dict({OBSERVATION: _numbers(self.size)})
 
     @property
     def observed_names(self) -> tuple[str, ...]:
@@ -238,16 +236,13 @@ class _Memory:
         self,
         simulation: Simulation,
         now: Callable[[], NDArray[np.float32]],
-        columns: NDArray[np.int64],
-        width: int,
+        size: int,
         lag: Lag,
     ) -> None:
-        self._now, self._columns, self._width = now, columns, width
-        size = len(columns)
-        self._moments = Ring(self.name, simulation.n, _box(size), lag.longest)
-        actions = len(simulation.actions.names)
-        self._actions = Ring(self.name, simulation.n, _box(actions), max(0, lag.actions - 1))
-        self.space = _box(size)
+        self._now, self.space = now, _numbers(size)
+        actions = _numbers(len(simulation.actions.names))
+        self._moments = Ring(self.name, simulation.n, self.space, lag.longest)
+        self._actions = Ring(self.name, simulation.n, actions, max(0, lag.actions - 1))
 
     def reset(self, ids: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:
         self._moments.forget(ids)
@@ -258,7 +253,7 @@ class _Memory:
 
     def take(self, moment: Moment, ids: NDArray[np.int64] | None) -> None:
         rows = slice(None) if ids is None else ids
-        self._moments.push(self._now()[rows][:, self._columns], ids)
+        self._moments.push(self._now()[rows], ids)
         self._actions.push(moment.actions[rows].astype(np.float32), ids)
 
     def observe(self) -> NDArray[np.float32]:
@@ -266,11 +261,9 @@ class _Memory:
         return newest
 
     def at(self, back: int) -> NDArray[np.float32]:
-        """(N, M) the numbers so many user steps ago; those that nobody asks for are 0."""
-        values = self._moments.ago(back)
-        everything = np.zeros((len(values), self._width), np.float32)
-        everything[:, self._columns] = values
-        return everything
+        """(N, M) all numbers so many user steps ago."""
+        values: NDArray[np.float32] = self._moments.ago(back)
+        return values
 
     def did(self, back: int) -> NDArray[np.float32]:
         """(N, A) what was done in the last user step (1), or before."""
@@ -285,9 +278,10 @@ class _Memory:
         self._actions.set_state(i, state["actions"])
 
 
-def _box(size: int) -> spaces.Box[Any]:
-    limit = np.finfo(np.float32).max
-    return spaces.Box(-limit, limit, (size,), np.float32)
+def _numbers(size: int) -> spaces.Box[Any]:
+    """Any float32 numbers."""
+    limit = float(np.finfo(np.float32).max)
+    return float_space(-limit, limit, size)
 
 
 def _matches(name: str, patterns: Sequence[str]) -> bool:

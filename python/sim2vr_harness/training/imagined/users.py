@@ -45,20 +45,19 @@ class ImaginedUsers:
         persons: ImaginedPersons | None = None,
     ) -> None:
         self.n, self.body, self._effort, self._drives = n, body, effort, body.drives
-        who_matters = persons is not None and persons.count > 0
-        self._persons: ImaginedPersons | None = persons if who_matters else None
+        self._persons = persons
         joints, drives = len(user.independent_joints), self._drives.count
         self.names: tuple[str, ...] = (
             *(f"{joint} qpos" for joint in user.independent_joints),
             *(f"{joint} qvel" for joint in user.independent_joints),
             *self._drives.names,
-            *(() if self._persons is None else self._persons.names),
+            *(() if persons is None else persons.names),
         )
         """What :meth:`observe` gives, by the names of the proprioception."""
         self.actions = drives
         """A, of a user step."""
         self._low, self._high = torch.tensor(user.joint_ranges.T.copy(), dtype=torch.float32)
-        who = 0 if self._persons is None else self._persons.count
+        who = 0 if persons is None else persons.count
         self.motion = Motion(*(torch.zeros(n, size) for size in (joints, joints, drives, who)))
         self._control = torch.zeros(n, drives)
         self._noise = None if noise is None else ImaginedNoise(noise, n, len(user.muscles))

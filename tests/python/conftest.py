@@ -9,7 +9,8 @@ import pytest
 import torch
 from rich.console import Console
 
-sys.path.insert(0, str(Path(__file__).parent / "training"))  # fake_simulation
+sys.path.insert(0, str(Path(__file__).parent / "training"))  # fake_simulation, true_users
+sys.path.insert(0, str(Path(__file__).parent / "evaluation"))  # fake_body
 
 
 @pytest.fixture(autouse=True)

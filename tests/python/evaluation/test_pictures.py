@@ -10,6 +10,7 @@ from typing import Any
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from fake_body import FakeBody
 from fake_simulation import FakeSimulation
 from PIL import Image
 from rich.console import Console
@@ -25,19 +26,6 @@ from sim2vr_harness.evaluation.snapshot import parse_size, snapshot
 from sim2vr_harness.evaluation.tables import results_table
 
 WHACAMOLE = describe_game("whacamole")
-
-
-class FakeBody:
-    """Stands in for the drawing of the body, which needs OpenGL."""
-
-    def __init__(self, simulation: Any, width: int, height: int, fast: bool = False) -> None:
-        self.size = height, width, 3
-
-    def draw(self, index: int) -> np.ndarray:
-        return np.full(self.size, 200, np.uint8)
-
-    def close(self) -> None:
-        pass
 
 
 @pytest.fixture

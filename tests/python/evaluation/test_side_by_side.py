@@ -8,24 +8,12 @@ from typing import Any
 import imageio_ffmpeg
 import numpy as np
 import pytest
+from fake_body import FakeBody
 from fake_simulation import FakeSimulation
 
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation import side_by_side
 from sim2vr_harness.evaluation.side_by_side import film_side_by_side
-
-
-class FakeBody:
-    """Stands in for the drawing of the body, which needs OpenGL."""
-
-    def __init__(self, simulation: Any, width: int, height: int, fast: bool = False) -> None:
-        self.size = height, width, 3
-
-    def draw(self, index: int) -> np.ndarray:
-        return np.full(self.size, 200, np.uint8)
-
-    def close(self) -> None:
-        pass
 
 
 @pytest.fixture(autouse=True)

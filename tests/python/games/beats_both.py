@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import mujoco
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from true_users import motion_of, worn_by
 
 from sim2vr_harness.client import OptionValue
 from sim2vr_harness.envs.config import AppConfig, EffortConfig, EnvConfig, UserConfig
@@ -17,7 +17,6 @@ from sim2vr_harness.games.beats.settings import Relaxation
 from sim2vr_harness.games.beats.twin import EVENTS, FIELDS
 from sim2vr_harness.training.config import apply_overrides
 from sim2vr_harness.training.imagined import ImaginedRollouts
-from sim2vr_harness.training.imagined.experience import Motion
 from sim2vr_harness.training.knowledge import OBSERVATION
 from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher_env import TeacherSimulation
@@ -107,10 +106,10 @@ def play(
     sim.reset(seeds=list(range(USERS)))
     sim._limit[:] = 10 * STEPS
     everyone = torch.arange(USERS)
-    users.start(everyone, motion(made))
+    users.start(everyone, motion_of(made.simulation.simulation.users, made.body.drives))
     columns = [sim.senses.names.index(name) for name in FIELDS]
     fields = torch.tensor(sim.senses.values()[:, columns], dtype=torch.float32)
-    game.start(everyone, worn(made), fields, everyone)
+    game.start(everyone, worn_by(made.simulation), fields, everyone)
     game.lane.begin(everyone)
     game.clear_counts()
     rng = np.random.default_rng(0)
@@ -122,11 +121,11 @@ def play(
         actions = 0.2 * rng.standard_normal((USERS, sim.action_space.shape[0]))
         control = made.body.drives.control(users.motion.drives, torch.tensor(actions))
         result = sim.step(actions)
-        users.motion = motion(made)
+        users.motion = motion_of(made.simulation.simulation.users, made.body.drives)
         torch.testing.assert_close(users.motion.drives, control.float(), atol=1e-5, rtol=0.0)
         users._control = control.float()
         effort.append((users.costs()[0].numpy(), result.effort_cost))
-        place = worn(made)
+        place = worn_by(made.simulation)
         rewards.append(float(game.play(place, soft).sum()))
         events.append(game.events.tolist())
         seen = torch.cat([users.observe(), game.observe(place)], 1)
@@ -148,26 +147,3 @@ def play(
         sabers=game.sabers.fixed,
         limbs=made.body.accelerations,
     )
-
-
-def motion(made: ImaginedRollouts) -> Motion:
-    """What the true users do."""
-    users = made.simulation.simulation.users
-    joints, dofs = users.body.qpos_independent, users.body.qvel_independent
-    parts = (users.qpos[:, joints], users.qvel[:, dofs], made.body.drives.of(users))
-    tensors = [torch.tensor(part, dtype=torch.float32) for part in parts]
-    return Motion(*tensors, torch.zeros(users.n, 0))
-
-
-def worn(made: ImaginedRollouts) -> torch.Tensor:
-    """(N, 3, 4, 4) where the true users' devices are, which the app is told."""
-    users = made.simulation.simulation.users
-    place = np.tile(np.eye(4), (USERS, 3, 1, 1))
-    for k, device in enumerate(made.simulation.game.devices):
-        positions, quaternions = users.device_poses(device)
-        place[:, k, :3, 3] = positions
-        for i, quaternion in enumerate(quaternions):
-            rotation = np.zeros(9)
-            mujoco.mju_quat2Mat(rotation, quaternion)
-            place[i, k, :3, :3] = rotation.reshape(3, 3)
-    return torch.tensor(place, dtype=torch.float32)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import mujoco
 import numpy as np
 import pytest
 import torch
+from true_users import worn_by
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.games.imagined import ImaginedCondition
@@ -43,20 +43,6 @@ def users_of(options: dict[str, Any], n: int = N) -> TeacherSimulation:
     return TeacherSimulation(EnvConfig(app=app, cores=1), config, seed=1)
 
 
-def worn(sim: TeacherSimulation) -> torch.Tensor:
-    """(N, 2, 4, 4) where the true users' devices are, which the app is told."""
-    users = sim.simulation.users
-    place = np.tile(np.eye(4), (sim.n, 2, 1, 1))
-    for k, device in enumerate(sim.game.devices):
-        positions, quaternions = users.device_poses(device)
-        place[:, k, :3, 3] = positions
-        for i, quaternion in enumerate(quaternions):
-            rotation = np.zeros(9)
-            mujoco.mju_quat2Mat(rotation, quaternion)
-            place[i, k, :3, :3] = rotation.reshape(3, 3)
-    return torch.tensor(place, dtype=torch.float32)
-
-
 @pytest.fixture(scope="module")
 def played() -> dict[str, Any]:
     """Users who begin near targets and move about at random, in the true game and in the twin."""
@@ -68,8 +54,8 @@ def played() -> dict[str, Any]:
     columns = [sim.senses.names.index(name) for name in FIELDS]
     fields = torch.tensor(sim.senses.values()[:, columns], dtype=torch.float32)
     everyone = torch.arange(N)
-    game.calibrate(worn(sim), fields)
-    game.start(everyone, worn(sim), fields, everyone)
+    game.calibrate(worn_by(sim), fields)
+    game.start(everyone, worn_by(sim), fields, everyone)
     game.trial[:], game._age_s[:] = 0, 0.0
     told = [sim.senses.names.index(name) for name in game.names]
     soft = game.settings.relaxation(1.0)
@@ -79,7 +65,7 @@ def played() -> dict[str, Any]:
     for _ in range(STEPS):
         wild = 0.8 * wild + 0.6 * rng.standard_normal(wild.shape)
         result = sim.step(0.5 * wild + 0.3 * (0.1 - sim.simulation.users.act))
-        place = worn(sim)
+        place = worn_by(sim)
         game.play(place[:, None], soft)
         imagined.append(game.observe(place).numpy())
         true.append(sim.senses.values()[:, told])

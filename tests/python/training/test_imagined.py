@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from true_users import motion_of
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, NoiseConfig, UserConfig
 from sim2vr_harness.errors import InputError
@@ -126,11 +127,7 @@ def test_the_twin_observes_what_the_true_game_says(rollouts: ImaginedRollouts) -
         if len(ended):
             sim.reset([int(i) for i in ended])
     true_users = sim.simulation.users
-    joints, dofs = true_users.body.qpos_independent, true_users.body.qvel_independent
-    parts = (true_users.qpos[:, joints], true_users.qvel[:, dofs], true_users.act)
-    motion = Motion(
-        *(torch.tensor(part, dtype=torch.float32) for part in parts), torch.zeros(16, 0)
-    )
+    motion = motion_of(true_users, rollouts.body.drives)
     columns = [sim.senses.names.index(name) for name in FIELDS]
     fields = torch.tensor(sim.senses.values()[:, columns], dtype=torch.float32)
     everyone = torch.arange(16)

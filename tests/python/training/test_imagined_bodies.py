@@ -6,12 +6,13 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from true_users import motion_of
 
 from sim2vr_harness.training.imagined.body import BodyModel, fit_body
 from sim2vr_harness.training.imagined.chain import Chains
 from sim2vr_harness.training.imagined.drives import Drives
 from sim2vr_harness.training.imagined.effort import imagined_effort
-from sim2vr_harness.training.imagined.experience import Experience, Motion
+from sim2vr_harness.training.imagined.experience import Experience
 from sim2vr_harness.training.imagined.gradients import limited
 from sim2vr_harness.training.imagined.limbs import limbs_of
 from sim2vr_harness.users import Body, UserBatch, load_body
@@ -22,13 +23,6 @@ BODIES = ((WRIST, False), (MOTORS, False), (MOTORS, True), (MUSCLES, True))
 
 def body_of(name: str, torso: bool) -> Body:
     return load_body(name, torso=True) if torso else load_body(name)
-
-
-def moved(users: UserBatch, drives: Drives) -> Motion:
-    joints, dofs = users.body.qpos_independent, users.body.qvel_independent
-    parts = (users.qpos[:, joints], users.qvel[:, dofs], drives.of(users))
-    tensors = [torch.tensor(part, dtype=torch.float32) for part in parts]
-    return Motion(*tensors, torch.zeros(users.n, 0))
 
 
 @pytest.mark.parametrize(("name", "torso"), BODIES)
@@ -120,9 +114,9 @@ def test_two_arms_learn_what_motors_did() -> None:
     for step in range(600):
         if step % 20 == 0:
             users.reset(range(8), [np.random.default_rng([step, i]) for i in range(8)])
-        before = moved(users, body.drives)
+        before = motion_of(users, body.drives)
         users.step(0.1 * rng.standard_normal((8, 14)))
-        after = moved(users, body.drives)
+        after = motion_of(users, body.drives)
         rows.append(Experience(before, after.drives, after, torch.zeros(8, 0)))
     steps = Experience.joined(rows)
     body.scale_by(steps)

@@ -182,6 +182,30 @@ def test_mines_and_walls_by_hand() -> None:
         assert events(game) == walls
 
 
+def test_a_stroke_is_drawn_back_and_goes_through_the_box() -> None:
+    """At 3 m/s down through (0.2, -0.3): 0.1 s before 0.3 m above it, 0.3 s before 0.4 m; on the
+    stroke a step is worth 20 points, 0.25 m beside it 10, and half a second before nothing yet."""
+
+    def reward(until_s: float, *away: float, hand: int = RIGHT) -> float:
+        game = rounds(1, level(box(2.0, 2.0, hand, DOWN)))
+        x, y = away
+        place = placed(AWAY, (0.2 + x, -0.3 + y, 0.3))
+        begun(game, place, 2.0 - until_s - STEP_S)
+        with_it, without = (
+            game.play(place, replace(SOFT, near=0.0, stroke=stroke)) for stroke in (20.0, 0.0)
+        )
+        return float(with_it - without)
+
+    assert reward(0.1, 0.0, 0.3) == pytest.approx(20.0, abs=0.1)
+    assert reward(0.3, 0.0, 0.4) == pytest.approx(20.0, abs=0.1)
+    assert reward(0.1, 0.25, 0.3) == pytest.approx(10.0, abs=0.1)
+    assert reward(0.6, 0.0, 0.4) == 0.0
+    # The other hand's box: its own blade is 3 m to the right, half a metre costs 20 points.
+    assert reward(0.1, 0.0, 0.3, hand=LEFT) < -80.0
+    assert TwinSettings(stroke_reward=20.0).relaxation(0.4).stroke == pytest.approx(10.0)
+    assert TwinSettings(stroke_reward=20.0).relaxation(0.9).stroke == 0.0
+
+
 def test_a_level_that_is_over_is_followed_by_another() -> None:
     game = rounds(3, level(box(2.0, 2.0, RIGHT, DOWN)))
     begun(game, placed(AWAY, AWAY), 9.96)

@@ -12,7 +12,7 @@ from sim2vr_harness.training.imagined.body import BodyModel, fit_body
 from sim2vr_harness.training.imagined.chain import Chains
 from sim2vr_harness.training.imagined.drives import Drives
 from sim2vr_harness.training.imagined.effort import imagined_effort
-from sim2vr_harness.training.imagined.experience import Experience
+from sim2vr_harness.training.imagined.experience import Experience, Motion
 from sim2vr_harness.training.imagined.gradients import limited
 from sim2vr_harness.training.imagined.limbs import limbs_of
 from sim2vr_harness.users import Body, UserBatch, load_body
@@ -55,11 +55,71 @@ def test_arms_on_a_chest_that_stands_still_are_limbs_of_their_own() -> None:
     (arms,) = limbs_of(load_body(MOTORS))  # one group: they are nearly alike
     assert [limb.joints for limb in arms] == [tuple(range(7)), tuple(range(7, 14))]
     assert [limb.actuators for limb in arms] == [tuple(range(7)), tuple(range(7, 14))]
-    for name, torso in ((WRIST, False), (MOTORS, True)):
-        body = body_of(name, torso)
-        ((limb,),) = limbs_of(body)
-        assert limb.joints == tuple(range(len(body.independent_joints)))
-        assert limb.actuators == tuple(range(body.action_size))
+    body = load_body(WRIST)
+    ((limb,),) = limbs_of(body)
+    assert limb.joints == tuple(range(len(body.independent_joints)))
+    assert limb.actuators == tuple(range(body.action_size))
+
+
+@pytest.mark.parametrize("name", [MOTORS, MUSCLES])
+def test_a_trunk_carries_a_head_and_two_arms(name: str) -> None:
+    body = load_body(name, torso=True)
+    (trunk,), *branches = limbs_of(body)
+    names = body.independent_joints
+    assert all("trunk" in names[j] for j in trunk.joints)
+    assert len(trunk.joints) == 3
+    assert trunk.actuators == tuple(range(body.action_size))  # all reach it, through the branches
+    neck, right, left = (limb for (limb,) in branches)
+    assert [len(limb.joints) for limb in (neck, right, left)] == [3, 7, 7]
+    assert all(limb.base == limb.seen == trunk.joints for limb in (neck, right, left))
+    carried = sorted(j for limb in (neck, right, left) for j in limb.joints)
+    assert carried == sorted(trunk.seen) == [j for j in range(20) if j not in trunk.joints]
+    arms = (body.action_size - 6) // 2
+    assert [len(limb.actuators) for limb in (neck, right, left)] == [3, arms, arms]
+
+
+def test_what_a_trunk_carries_feels_nothing_else_but_the_trunk() -> None:
+    """By the equations of motion: no inertia couples two branches, and neither do speeds."""
+    body = load_body(MOTORS, torso=True)
+    model = body.physics_model
+    _, *branches = limbs_of(body)
+    dofs = [body.qvel_independent[list(limb.joints)] for (limb,) in branches]
+    rng, (low, high) = np.random.default_rng(5), body.joint_ranges.T
+    angles, speeds = rng.uniform(low, high), rng.normal(0.0, 2.0, len(low))
+
+    def bias_and_inertia() -> tuple[np.ndarray, np.ndarray]:
+        data = mujoco.MjData(model)
+        data.qpos[:] = body.coupled_qpos(angles)
+        data.qvel[body.qvel_independent] = speeds
+        mujoco.mj_forward(model, data)
+        inertia = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, inertia)
+        return data.qfrc_bias.copy(), inertia
+
+    before, inertia = bias_and_inertia()
+    assert np.abs(inertia[np.ix_(dofs[1], dofs[2])]).max() == 0.0
+    assert np.abs(inertia[np.ix_(dofs[0], dofs[1])]).max() == 0.0
+    (arm,) = branches[1]
+    angles[list(arm.joints)] = rng.uniform(low, high)[list(arm.joints)]
+    speeds[list(arm.joints)] = 3.0
+    after, _ = bias_and_inertia()
+    np.testing.assert_allclose(after[dofs[2]], before[dofs[2]], atol=1e-9)
+    np.testing.assert_allclose(after[dofs[0]], before[dofs[0]], atol=1e-9)
+    assert np.abs(after[dofs[1]] - before[dofs[1]]).max() > 0.1
+
+
+def test_a_body_model_that_knows_nothing_does_not_run_away() -> None:
+    body = load_body(MOTORS, torso=True)
+    torch.manual_seed(2)
+    model = BodyModel(body, ("headset",), 0.05, width=16)
+    for parameter in model.parameters():
+        parameter.data *= 20.0
+    motion = Motion(*(torch.zeros(4, size) for size in (20, 20, 20, 0)))
+    low, high = torch.tensor(body.joint_ranges.T.copy())
+    for _ in range(20):
+        motion = model(motion, torch.rand(4, 20))
+        assert motion.speeds.abs().max() <= 40.0
+        assert ((motion.angles >= low - 0.301) & (motion.angles <= high + 0.301)).all()
 
 
 @pytest.mark.parametrize(("name", "torso"), [(MOTORS, False), (MOTORS, True)])

@@ -21,6 +21,7 @@ class Relaxation:
         angle_deg: width of the step from a wrong direction to a right one.
         near: points per user step for a blade that is near its next box when it arrives.
         error: cost of a wrong cut, a mine or a wall's touch, in points.
+        stroke: points per user step for a blade that is on the stroke that would cut its next box.
     """
 
     contact_m: float
@@ -28,6 +29,7 @@ class Relaxation:
     angle_deg: float
     near: float
     error: float
+    stroke: float = 0.0
 
 
 class TwinSettings(Settings):
@@ -43,6 +45,10 @@ class TwinSettings(Settings):
     near_reward: Weight = 20.0
     """How soft cuts are and what helps to find them, at first; after four fifths of the imagined
     rollouts they are 0.05, 0.2, 15 and 5."""
+    stroke_reward: Weight = 0.0
+    """Points per user step, at first, for a blade that is where a stroke through its next box would
+    have it: drawn back half a second before, in the box's middle when it arrives. Less with the
+    distance, by half a metre below 0; nothing after four fifths of the imagined rollouts."""
     error_cost: Weight = 20.0
     """Cost of a wrong cut, a mine or a wall, in points, which the true score does not have."""
     early_error_cost: Weight = 20.0
@@ -62,4 +68,5 @@ class TwinSettings(Settings):
             angle_deg=towards(15.0, self.angle_deg),
             near=towards(min(5.0, self.near_reward), self.near_reward),
             error=towards(self.error_cost, self.early_error_cost),
+            stroke=towards(0.0, self.stroke_reward),
         )

@@ -19,6 +19,7 @@ from sim2vr_harness.games.beats.rules import (
     ANGLE_LIMIT_DEG,
     ANGLE_POINTS,
     BASE_POINTS,
+    BLADE_M,
     BLADE_RADIUS_M,
     CUT_PLANE_M,
     FULL_CUT_MPS,
@@ -56,6 +57,7 @@ _MOMENTS = (0.25, 0.5, 0.75, 1.0)
 """Shares of a frame in which blades and boxes are tested for contact."""
 _CONTACT_MARGIN_M, _SPEED_MARGIN_MPS, _ANGLE_MARGIN_DEG = 0.01, 0.1, 5.0
 _NEAR_M, _NEAR_S, _NEAR_MPS = 0.3, 0.12, 2.0
+_STROKE_S, _STROKE_MPS, _DRAWN_M, _STROKE_OFF_M = 0.5, 3.0, 0.4, 0.5
 _WALL_SOFT_M, _GONE_M = 0.03, 10.0
 
 
@@ -304,6 +306,12 @@ class ImaginedBeats:
             towards = 0.5 + 0.5 * torch.tanh(contact.forward / _NEAR_MPS)
             near = own * there * arrives * around * towards * left.detach()[:, None]
             reward = reward + soft.near * near.sum((1, 2))
+        if soft.stroke > 0.0:
+            first = slice(None, None, TOLD_BOXES)  # the next box of each hand
+            until_s = coming.until_s[:, first] - self._step_s
+            off = _off_stroke(after, across[:, first], cut[:, first], until_s)
+            due = coming.there[:, first] & (until_s.abs() < _STROKE_S)
+            reward = reward + soft.stroke * (due * (1.0 - off / _STROKE_OFF_M)).sum(1)
         return reward
 
     def _contact(
@@ -429,6 +437,26 @@ def _aside(blades: Blades, across: Tensor, cut: Tensor, half: Tensor) -> Tensor:
     now = Blades(blades.root[:, :, None], blades.axis[:, :, None])
     apart, _ = distances(now, middles, _turns(cut), half)
     return apart[..., 0].clamp(min=0.0)
+
+
+def _off_stroke(blades: Blades, across: Tensor, cut: Tensor, until_s: Tensor) -> Tensor:
+    """(B, 2) how far each blade is from the stroke that would cut its next box, m.
+
+    The stroke goes through the box's middle in the cut plane when the box is there, at even speed
+    from where it is drawn back to; in the middle itself where any direction will do.
+
+    Args:
+        blades: (B, 2, 3).
+        across: (B, 2, 2) x and y of the next box of each hand.
+        cut: (B, 2, 2) demanded directions.
+        until_s: (B, 2) until they arrive.
+    """
+    drawn = (_STROKE_MPS * until_s).clamp(-_DRAWN_M, _DRAWN_M)
+    plane = torch.full_like(across[..., :1], CUT_PLANE_M)
+    goal = torch.cat([across - drawn[..., None] * cut, plane], -1)
+    from_root = goal - blades.root
+    along = (from_root * blades.axis).sum(-1, keepdim=True).clamp(0.0, BLADE_M)
+    return (from_root - along * blades.axis).square().sum(-1).add(1e-6).sqrt()
 
 
 def _first_or_closest(apart: Tensor) -> Tensor:

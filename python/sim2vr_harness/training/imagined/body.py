@@ -25,6 +25,9 @@ __all__ = ["BodyModel", "fit_body", "mlp"]
 
 _LIMIT_RAD = 0.02
 """Over which a joint's limit is felt: its sharp stop, as a network can learn it."""
+_BEYOND_RAD, _FASTEST_RADPS = 0.3, 40.0
+"""How far beyond its limits a joint is believed to go, and how fast: a model that has not seen much
+yet would send bodies away faster at every step."""
 
 
 def mlp(*widths: int) -> nn.Sequential:
@@ -33,6 +36,11 @@ def mlp(*widths: int) -> nn.Sequential:
     for into, out in pairwise(widths):
         layers += [nn.Linear(into, out), nn.SiLU()]
     return nn.Sequential(*layers[:-1])
+
+
+def _within(values: Tensor, low: Tensor, high: Tensor) -> Tensor:
+    """``values`` between two limits; their gradient is that of what would be without limits."""
+    return values.clamp(low, high).detach() + (values - values.detach())
 
 
 class _Activation(nn.Module):
@@ -53,7 +61,8 @@ class _Acceleration(nn.Module):
     Acceleration is linear in the drives, with coefficients that depend on angles and speeds,
     as it is within a substep (a muscle's force in its activation, a motor's torque in its target);
     a second network learns the rest, with how far joints would go beyond their limits among its
-    inputs. Which limb it is is one of the inputs.
+    inputs. Which limb it is is one of the inputs; of limbs that are carried so is how what carries
+    them moves, its change of speed as one drive more for each joint.
 
     Args:
         user: the body.
@@ -68,6 +77,10 @@ class _Acceleration(nn.Module):
     speed: Tensor
     gain: Tensor
     remainder: Tensor
+    seen_mean: Tensor
+    seen_spread: Tensor
+    seen_speed: Tensor
+    base_gain: Tensor
     low: Tensor
     high: Tensor
 
@@ -81,19 +94,27 @@ class _Acceleration(nn.Module):
     ) -> None:
         super().__init__()
         joints, drives = len(limbs[0].joints), len(limbs[0].actuators)
+        seen, base = limbs[0].seen, limbs[0].base
         self._joints, self._drives, self._limbs = joints, drives, len(limbs)
         self._step_s, self._persons = step_s, persons
         self.joint_columns = [j for limb in limbs for j in limb.joints]
         self.drive_columns = [a for limb in limbs for a in limb.actuators]
+        self.seen_columns, self.base_columns = list(seen), list(base)
+        """Of limbs alike, which are more than one, there is nothing else to be seen."""
         for name in ("mean", "spread", "speed", "gain", "remainder"):
             self.register_buffer(name, torch.ones(joints))
+        for name in ("seen_mean", "seen_spread", "seen_speed"):
+            self.register_buffer(name, torch.ones(len(seen)))
+        self.register_buffer("base_gain", torch.ones(len(base)))
         low, high = torch.tensor(user.joint_ranges.T.copy(), dtype=torch.float32)
         self.register_buffer("low", self._of_joints(low[None]))
         self.register_buffer("high", self._of_joints(high[None]))
         which = len(limbs) if len(limbs) > 1 else 0
         which += 0 if persons is None else len(persons.names)
-        self._linear = mlp(6 * joints + which, width, width, joints * (2 * drives + 1))
-        self._rest = mlp(8 * joints + 2 * drives + which, width, width, 2 * joints)
+        inputs = 6 * joints + 4 * len(seen) + which
+        pulls = 2 * drives + len(base)
+        self._linear = mlp(inputs, width, width, joints * (pulls + 1))
+        self._rest = mlp(inputs + 2 * joints + pulls, width, width, 2 * joints)
 
     def _of_joints(self, values: Tensor) -> Tensor:
         """(B, J) of a body -> (B L, joints), limb by limb of every user."""
@@ -115,16 +136,29 @@ class _Acceleration(nn.Module):
         self.speed.copy_(v.std(0))
         self.gain.copy_((after_v - v).std(0))
         self.remainder.copy_((after_q - free).std(0))
+        seen, base = self.seen_columns, self.base_columns
+        if not seen:
+            return
+        self.seen_mean.copy_(steps.before.angles[:, seen].mean(0))
+        self.seen_spread.copy_(steps.before.angles[:, seen].std(0))
+        self.seen_speed.copy_(steps.before.speeds[:, seen].std(0))
+        if base:
+            self.base_gain.copy_((steps.after.speeds - steps.before.speeds)[:, base].std(0))
 
     def loss(self, before: Motion, wanted: Motion) -> Tensor:
         """Mean squared error of the motion after a step, in units of what happens."""
-        angles, speeds = self(before, wanted.drives)
+        base = self.base_columns
+        carried = wanted.speeds[:, base] - before.speeds[:, base]
+        angles, speeds = self(before, wanted.drives, carried)
         wrong_v = (speeds - self._of_joints(wanted.speeds)) / self.gain
         wrong_q = (angles - self._of_joints(wanted.angles)) / self.remainder
         return wrong_v.square().mean() + wrong_q.square().mean()
 
-    def forward(self, before: Motion, drives: Tensor) -> tuple[Tensor, Tensor]:
-        """Angles and speeds (B L, joints) each after a step that ends with drives (B, A)."""
+    def forward(self, before: Motion, drives: Tensor, carried: Tensor) -> tuple[Tensor, Tensor]:
+        """Angles and speeds (B L, joints) each after a step that ends with drives (B, A).
+
+        ``carried`` (B, base) is how the speeds of what carries the limb change, rad/s.
+        """
         users = len(drives)
         q, v = self._of_joints(before.angles), self._of_joints(before.speeds)
         both = torch.cat([self._of_drives(before.drives), self._of_drives(drives)], -1)
@@ -137,6 +171,11 @@ class _Acceleration(nn.Module):
             torch.relu(q + 0.03 - high) * 30.0,
             torch.relu(low + 0.03 - q) * 30.0,
         ]
+        if self.seen_columns:
+            seen_q = before.angles[:, self.seen_columns]
+            seen_v = before.speeds[:, self.seen_columns]
+            scaled = (seen_q - self.seen_mean) / self.seen_spread
+            parts += [scaled, seen_v / self.seen_speed, seen_q.sin(), seen_q.cos()]
         if self._limbs > 1:
             parts.append(torch.eye(self._limbs).repeat(users, 1))
         if self._persons is not None:
@@ -144,15 +183,19 @@ class _Acceleration(nn.Module):
             parts.append(told.repeat_interleave(self._limbs, 0))
         state = torch.cat(parts, -1)
         terms = self._linear(state)
-        effect = terms[:, : -self._joints].reshape(-1, self._joints, 2 * self._drives)
-        pulled = 0.2 * (effect @ both[..., None])[..., 0] + terms[:, -self._joints :]
+        pulls, felt = both, 2.0 * both - 1.0
+        if self.base_columns:
+            moved = carried / self.base_gain
+            pulls, felt = torch.cat([pulls, moved], -1), torch.cat([felt, moved], -1)
+        effect = terms[:, : -self._joints].reshape(-1, self._joints, pulls.shape[1])
+        pulled = 0.2 * (effect @ pulls[..., None])[..., 0] + terms[:, -self._joints :]
         free_v = v + pulled * self.gain
         free_q = q + 0.5 * self._step_s * (v + free_v)
         beyond = [
             nn.functional.softplus((free_q - high) / _LIMIT_RAD),
             nn.functional.softplus((low - free_q) / _LIMIT_RAD),
         ]
-        rest = self._rest(torch.cat([state, 2.0 * both - 1.0, *(0.4 * b for b in beyond)], -1))
+        rest = self._rest(torch.cat([state, felt, *(0.4 * b for b in beyond)], -1))
         more_v, more_q = rest.chunk(2, -1)
         speeds = free_v + more_v * self.gain
         angles = q + 0.5 * self._step_s * (v + speeds) + more_q * self.remainder
@@ -197,6 +240,9 @@ class BodyModel(nn.Module):
         self._chains = Chains(user, devices, persons.references if persons else ())
         self.register_buffer("error", torch.zeros(len(user.independent_joints)))
         self.register_buffer("gain", torch.ones(len(user.independent_joints)))
+        low, high = torch.tensor(user.joint_ranges.T.copy(), dtype=torch.float32)
+        self._low, self._high = low - _BEYOND_RAD, high + _BEYOND_RAD
+        self._fastest = torch.tensor(_FASTEST_RADPS)
         self.step_s = step_s
 
     def _each(self) -> list[_Acceleration]:
@@ -246,17 +292,25 @@ class BodyModel(nn.Module):
         drives = self.drives_after(before, control)
         angles: list[Tensor] = []
         speeds: list[Tensor] = []
+        changed: dict[int, Tensor] = {}
+        """How speeds of joints change that carry others."""
         for each in self._each():
-            for values, parts in zip(each(before, drives), (angles, speeds), strict=True):
-                parts.append(values.reshape(len(drives), -1))
-        if len(angles) == 1 and self._order == sorted(self._order):
-            return Motion(angles[0], speeds[0], drives, before.persons)
-        return Motion(
-            torch.cat(angles, 1)[:, self._order],
-            torch.cat(speeds, 1)[:, self._order],
-            drives,
-            before.persons,
+            base = [changed[j] for j in each.base_columns]
+            carried = torch.stack(base, 1) if base else drives[:, :0]
+            after_q, after_v = (v.reshape(len(drives), -1) for v in each(before, drives, carried))
+            angles.append(after_q)
+            speeds.append(after_v)
+            if each.seen_columns and not base:
+                change = after_v - before.speeds[:, each.joint_columns]
+                changed |= dict(zip(each.joint_columns, change.unbind(1), strict=True))
+        in_order = self._order == sorted(self._order)
+        all_angles, all_speeds = (
+            torch.cat(parts, 1) if in_order else torch.cat(parts, 1)[:, self._order]
+            for parts in (angles, speeds)
         )
+        all_angles = _within(all_angles, self._low, self._high)
+        all_speeds = _within(all_speeds, -self._fastest, self._fastest)
+        return Motion(all_angles, all_speeds, drives, before.persons)
 
     def disturbed(self, motion: Motion, share: float) -> Motion:
         """``motion`` with noise of ``share`` times what the model gets wrong in a step."""

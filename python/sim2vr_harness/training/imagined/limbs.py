@@ -2,11 +2,13 @@
 
 What a limb does depends on its own joints and actuators alone. A model of each is smaller and
 better than one of both; limbs that are nearly alike, such as a right and a left arm, share one.
+Arms and a head on a trunk that moves are carried by it: how the trunk moves, their weight and reach
+included, is a model of its own, and what they do depends on it and on nothing else beside them.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
@@ -22,21 +24,28 @@ _TRIALS, _ALIKE = 4, 0.1
 
 @dataclass(frozen=True)
 class Limb:
-    """Independent joints and actuators that work on each other, and on no others.
+    """Independent joints that are moved together, and all that they depend on.
 
     Attributes:
         joints: which of the body's independent joints.
-        actuators: which of the body's actions.
+        actuators: which of the body's actions work on them.
+        seen: other joints whose angles and speeds matter.
+        base: those of them that carry the limb: how their speeds change matters too.
     """
 
     joints: tuple[int, ...]
     actuators: tuple[int, ...]
+    seen: tuple[int, ...] = ()
+    base: tuple[int, ...] = ()
 
 
 def limbs_of(body: Body) -> list[list[Limb]]:
-    """Return the limbs of a body, in groups of those that are nearly alike."""
+    """Return the limbs of a body, what carries before what is carried.
+
+    They are in groups of those that are nearly alike.
+    """
     groups: list[list[Limb]] = []
-    for limb in _apart(body):
+    for limb in [part for whole in _apart(body) for part in _divided(body, whole)]:
         for group in groups:
             if _alike(body, group[0], limb):
                 group.append(limb)
@@ -46,7 +55,8 @@ def limbs_of(body: Body) -> list[list[Limb]]:
     return groups
 
 
-def _apart(body: Body) -> list[Limb]:
+def _apart(body: Body, without: tuple[int, ...] = ()) -> list[Limb]:
+    """Return what moves by itself if the joints ``without`` stand still, those left out."""
     model = body.physics_model
     root = list(range(model.njnt))
     """Of every joint one that it moves together with, in the end the same for all of a limb."""
@@ -61,7 +71,8 @@ def _apart(body: Body) -> list[Limb]:
             root[find(other)] = find(joints[0])
 
     locked = {c.dependent for c in body.couplings if not any(c.coefficients[1:])}
-    moves = [model.joint(i).name not in locked for i in range(model.njnt)]
+    still = {_joint_id(body, j) for j in without}
+    moves = [model.joint(i).name not in locked and i not in still for i in range(model.njnt)]
     for i in range(1, model.nbody):  # a joint, and the nearest one above it
         own = _own(model, i, moves)
         if own:
@@ -72,15 +83,62 @@ def _apart(body: Body) -> list[Limb]:
     pulled = _pulled(body)
     for joints in pulled:
         join([j for j in joints if moves[j]])
-    independent = [model.joint(name).id for name in body.independent_joints]
     limbs: dict[int, list[int]] = {}
-    for number, joint in enumerate(independent):
-        limbs.setdefault(find(joint), []).append(number)
+    for number in range(len(body.independent_joints)):
+        if number not in without:
+            limbs.setdefault(find(_joint_id(body, number)), []).append(number)
     works_on = [find(joints[0]) if joints else -1 for joints in pulled]
     return [
         Limb(tuple(joints), tuple(a for a, limb in enumerate(works_on) if limb == which))
         for which, joints in limbs.items()
     ]
+
+
+def _divided(body: Body, whole: Limb) -> list[Limb]:
+    """Divide a limb where it branches: what carries the branches, and each of them.
+
+    A limb without branches, or with an actuator or a coupling from what carries to what is carried,
+    stays whole.
+    """
+    stem = _stem(body, whole.joints)
+    branches = [limb for limb in _apart(body, stem) if set(limb.joints) <= set(whole.joints)]
+    if not stem or len(branches) < 2 or _is_bridged(body, stem):
+        return [whole]
+    carried = tuple(joint for branch in branches for joint in branch.joints)
+    return [
+        Limb(stem, whole.actuators, seen=carried),
+        *(replace(branch, seen=stem, base=stem) for branch in branches),
+    ]
+
+
+def _stem(body: Body, joints: tuple[int, ...]) -> tuple[int, ...]:
+    """Those of a limb's joints that carry, or are carried by, every other one."""
+    model = body.physics_model
+    owner = {j: int(model.jnt_bodyid[_joint_id(body, j)]) for j in joints}
+
+    def carries(lower: int, upper: int) -> bool:
+        while upper > lower:
+            upper = int(model.body_parentid[upper])
+        return upper == lower
+
+    return tuple(
+        j
+        for j in joints
+        if all(carries(owner[j], owner[k]) or carries(owner[k], owner[j]) for k in joints)
+    )
+
+
+def _is_bridged(body: Body, stem: tuple[int, ...]) -> bool:
+    """Whether an actuator or a coupling goes from joints of the stem to others."""
+    model = body.physics_model
+    inside = {_joint_id(body, j) for j in stem}
+    together = [set(joints) for joints in _pulled(body)]
+    together += [{model.joint(c.dependent).id, model.joint(c.driver).id} for c in body.couplings]
+    return any(joints & inside and joints - inside for joints in together)
+
+
+def _joint_id(body: Body, independent: int) -> int:
+    return int(body.physics_model.joint(body.independent_joints[independent]).id)
 
 
 def _own(model: mujoco.MjModel, body: int, moves: list[bool]) -> list[int]:
@@ -120,8 +178,10 @@ def _pulled(body: Body) -> list[list[int]]:
 
 
 def _alike(body: Body, one: Limb, other: Limb) -> bool:
-    """Whether two limbs accelerate nearly alike in the same states."""
+    """Whether two limbs, on nothing that moves, accelerate nearly alike in the same states."""
     if (len(one.joints), len(one.actuators)) != (len(other.joints), len(other.actuators)):
+        return False
+    if one.seen or other.seen:
         return False
     ranges = body.joint_ranges
     if not np.allclose(ranges[list(one.joints)], ranges[list(other.joints)]):

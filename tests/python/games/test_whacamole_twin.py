@@ -129,6 +129,22 @@ def test_staying_in_a_target_costs_by_how_deep_the_hammer_is() -> None:
     torch.testing.assert_close(rewards[0] - rewards[1], expected, atol=1e-4, rtol=0.0)
 
 
+def test_a_stroke_starts_in_front_of_a_cell_and_is_in_it_when_it_is_due() -> None:
+    """The hammer is in the middle of the cell, as it should be after 0.6 s. At 1.5 m/s it should be
+    7.5 cm in front of it 0.05 s before, 3 cm behind it 0.05 s later, 10 cm in front of it between
+    strokes; 0.3 m are worth 1."""
+    rewards = []
+    for stroke in (0.0, 2.0):
+        game, place = game_at_a_target()
+        game._age[:, 4] = torch.tensor([11, 10, 12, 13])  # 0.6, 0.55, 0.65 and 0.7 s after the step
+        soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0, stroke=stroke)
+        rewards.append(game.play(place[:, None], soft))
+    expected = 2.0 * (1.0 - torch.tensor([0.0, 0.075, 0.03, 0.1]) / 0.3)
+    torch.testing.assert_close(rewards[1] - rewards[0], expected, atol=2e-3, rtol=0.0)
+    assert TwinSettings(stroke_reward=2.0).relaxation(0.25).stroke == pytest.approx(1.0)
+    assert TwinSettings(stroke_reward=2.0).relaxation(0.5).stroke == 0.0
+
+
 def test_hits_are_worth_what_their_cells_say() -> None:
     rewards = []
     for value in (0.0, 1.0, 3.0):

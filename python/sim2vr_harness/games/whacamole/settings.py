@@ -22,6 +22,7 @@ class Relaxation:
         distance: reward for the game's own term of distance to living targets, times this.
         stuck: cost of staying in a target, which must be left before it can be hit: a hit has no
             gradient that says so.
+        stroke: reward for being on the stroke that would hit the oldest target.
     """
 
     overlap_m: float
@@ -29,6 +30,7 @@ class Relaxation:
     near: float
     distance: float
     stuck: float = 0.0
+    stroke: float = 0.0
 
 
 class TwinSettings(Settings):
@@ -48,6 +50,10 @@ class TwinSettings(Settings):
     distance_reward: Weight = 7.0
     """How soft hits are and what helps to find them, at first; by the middle of the imagined
     rollouts they are 0.004, 0.08, 0.2 and 1 (the game's own)."""
+    stroke_reward: Weight = 0.0
+    """Reward per user step, at first, for a hammer that is where a stroke at the oldest target would
+    have it: in front of the cell, and in it 0.6 s after the target appeared. Less with the distance,
+    by 0.3 m below 0; nothing by the middle of the imagined rollouts."""
     stuck_cost: Weight = 0.0
     """Cost per user step of the hammer staying in a target that it is in and has not hit. A user
     who may hit at any speed waits where targets grow into the hammer otherwise."""
@@ -65,4 +71,5 @@ class TwinSettings(Settings):
             near=towards(0.2, self.near_reward),
             distance=towards(1.0, self.distance_reward),
             stuck=self.stuck_cost,
+            stroke=towards(0.0, self.stroke_reward),
         )

@@ -46,6 +46,8 @@ FIELDS = (*_ROUND, *POSE_FIELDS, *_ROOT_VELOCITY)
 """The privileged numbers that go with a user step, in this order."""
 
 _SPEED_MARGIN_MPS, _OVERLAP_MARGIN_M, _NEAR_M = 0.05, 0.002, 0.04
+_STROKES_S, _STROKE_MPS, _THROUGH_M, _STROKE_OFF_M = (0.6, 1.0), 1.5, 0.03, 0.3
+"""When strokes go through a target's middle, after it appeared; how fast, and how far."""
 
 
 class ImaginedWhacAMole:
@@ -322,9 +324,28 @@ class ImaginedWhacAMole:
         distance = (cells - marker[:, None]).norm(dim=2)
         far = (alive * (torch.exp(-10.0 * distance) - 1.0) / 10.0).sum(1)
         worth = soft.near * near + soft.distance * far
+        if soft.stroke > 0.0:
+            worth = worth + soft.stroke * self._on_stroke(marker)
         if soft.stuck > 0.0:  # few trainings pay for it
             worth = worth - soft.stuck * (touch.within * (1.0 + depth.amin(2) / _NEAR_M)).sum(1)
         return worth
+
+    def _on_stroke(self, marker: Tensor) -> Tensor:
+        """(B,) 1 on the stroke that would hit the oldest target, less beside it, 0 without one.
+
+        Strokes go into the cell at even speed from in front of it; the second one is for those that
+        have missed.
+        """
+        age, cell = self._age.max(1)
+        rows = torch.arange(self.n)
+        until_s = torch.stack([at_s - FRAME_S * age for at_s in _STROKES_S], 1)
+        first_s, second_s = until_s.unbind(1)
+        until_s = torch.where(first_s > -1.5 * FRAME_S, first_s, second_s)[:, None]
+        before_m = (_STROKE_MPS * until_s).clamp(-_THROUGH_M, START_M)
+        behind = self._axes[self.condition, 2]
+        goal = self._cells[self.condition][rows, cell] - before_m * behind
+        off = (marker - goal).square().sum(1).add(1e-8).sqrt()
+        return (age >= 0) * (1.0 - off / _STROKE_OFF_M)
 
     def _strike_mps(self) -> Tensor:
         """(B,) the speed that hits are judged by."""

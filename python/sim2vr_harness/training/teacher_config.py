@@ -88,6 +88,10 @@ class ImaginedConfig(Settings):
     gradient_limit: Norm | None = None
     """Longest gradient of a user's reward by an action (and by the joints' angles, 1/rad); None:
     none. Motors need one: what a servo does in 50 ms is steep."""
+    aim_cost: Weight = 0.0
+    """Cost per user step of aiming actuators beyond their ranges, by the square of the share of the
+    range; above 0 gradients lead back from there, at 0 there are none. Motors whose targets have
+    drifted to the ends of their ranges stay there otherwise."""
     reward_scale: Factor = 1.0
     """Factor on the game's reward and the effort: a success should be worth about 10."""
     game: dict[str, OptionValue] = Field(default_factory=dict)

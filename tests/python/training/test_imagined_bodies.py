@@ -13,7 +13,7 @@ from sim2vr_harness.training.imagined.chain import Chains
 from sim2vr_harness.training.imagined.drives import Drives
 from sim2vr_harness.training.imagined.effort import imagined_effort
 from sim2vr_harness.training.imagined.experience import Experience, Motion
-from sim2vr_harness.training.imagined.gradients import limited
+from sim2vr_harness.training.imagined.gradients import limited, within
 from sim2vr_harness.training.imagined.limbs import limbs_of
 from sim2vr_harness.users import Body, UserBatch, load_body
 
@@ -163,6 +163,23 @@ def test_a_single_user_s_gradient_is_bounded() -> None:
     (doubled * torch.tensor([[0.3, 0.4], [3.0, 4.0], [torch.inf, 0.0]])).sum().backward()
     expected = torch.tensor([[0.6, 0.8], [1.2, 1.6], [0.0, 0.0]])
     torch.testing.assert_close(values.grad, expected)
+
+
+def test_gradients_lead_back_into_a_range_but_not_out_of_it() -> None:
+    values = torch.tensor([-0.5, -0.5, 0.5, 1.5, 1.5], requires_grad=True)
+    clamped = within(values, 0.0, 1.0)
+    assert clamped.tolist() == [0.0, 0.0, 0.5, 1.0, 1.0]
+    # A loss that goes down where the values go up, down, up, up and down.
+    (clamped * torch.tensor([-1.0, 1.0, -1.0, -1.0, 1.0])).sum().backward()
+    assert values.grad.tolist() == [-1.0, 0.0, -1.0, 0.0, 1.0]
+
+
+def test_aims_beyond_a_motor_s_range_by_hand() -> None:
+    """0.9 + 0.3 is 0.2 too much, 0.1 - 0.4 is 0.3 too little: 0.04 + 0.09."""
+    drives = Drives(load_body(MOTORS))
+    at, actions = torch.full((1, 14), 0.5), torch.zeros(1, 14)
+    at[0, :2], actions[0, :2] = torch.tensor([0.9, 0.1]), torch.tensor([0.3, -0.4])
+    assert float(drives.beyond(at, actions)) == pytest.approx(0.13)
 
 
 def test_two_arms_learn_what_motors_did() -> None:

@@ -51,9 +51,9 @@ class TwinSettings(Settings):
     """How soft hits are and what helps to find them, at first; by the middle of the imagined
     rollouts they are 0.004, 0.08, 0.2 and 1 (the game's own)."""
     stroke_reward: Weight = 0.0
-    """Reward per user step, at first, for a hammer that is where a stroke at the oldest target would
-    have it: in front of the cell, and in it 0.6 s after the target appeared. Less with the distance,
-    by 0.3 m below 0; nothing by the middle of the imagined rollouts."""
+    """Reward per user step, at first, for a hammer that is where a stroke at the oldest target
+    would have it: in front of the cell, and in it 0.6 s after the target appeared. Less with the
+    distance, by 0.3 m below 0; nothing by the middle of the imagined rollouts."""
     stuck_cost: Weight = 0.0
     """Cost per user step of the hammer staying in a target that it is in and has not hit. A user
     who may hit at any speed waits where targets grow into the hammer otherwise."""

@@ -11,6 +11,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from sim2vr_harness.training.imagined.gradients import within
 from sim2vr_harness.users import Body, UserBatch
 from sim2vr_harness.users.bodies.rules import RULES, Direct, Motor, Muscle
 
@@ -59,21 +60,31 @@ class Drives:
         shares[:, self.motors] = users.motor
         return shares
 
-    def control(self, drives: Tensor, actions: Tensor) -> Tensor:
+    def control(self, drives: Tensor, actions: Tensor, *, inwards: bool = False) -> Tensor:
         """(B, A) the controls that actions lead to, as shares of their ranges.
 
         Args:
             drives: (B, A) before the step.
             actions: (B, A), clipped to [-1, 1].
+            inwards: whether gradients lead back into the range from beyond it.
         """
         actions = actions.clamp(-1.0, 1.0)
-        aim = (drives + actions).clamp(0.0, 1.0)
+        aim = drives + actions
+        aim = within(aim, 0.0, 1.0) if inwards else aim.clamp(0.0, 1.0)
         if len(self.motors):
             smoothed = Motor.KEPT * drives + (1.0 - Motor.KEPT) * aim
             aim = torch.where(self._are(self.motors), smoothed, aim)
         if len(self._direct):
             aim = torch.where(self._are(self._direct), 0.5 * (actions + 1.0), aim)
         return aim
+
+    def beyond(self, drives: Tensor, actions: Tensor) -> Tensor:
+        """(B,) sum of the squares of how far actions aim beyond the ranges of those that add up."""
+        aim = drives + actions
+        over = (torch.relu(aim - 1.0) + torch.relu(-aim)).square()
+        if len(self._direct):
+            over = torch.where(self._are(self._direct), 0.0, over)
+        return over.sum(1)
 
     def observe(self, drives: Tensor) -> Tensor:
         """(B, F) drives scaled to [-1, 1], in the order of :attr:`names`."""

@@ -1,4 +1,4 @@
-"""Bounds on gradients through many user steps, of every user alone.
+"""Bounds on values and on gradients through many user steps, of every user alone.
 
 A body model that a network stands for is steep in a few states, and a gradient that goes through
 sixteen of its steps now and then a hundred thousand times too long: one user then decides where
@@ -7,10 +7,12 @@ everybody's policy goes. Of the others nothing is changed.
 
 from __future__ import annotations
 
+from typing import Any
+
 import torch
 from torch import Tensor
 
-__all__ = ["limited"]
+__all__ = ["limited", "within"]
 
 
 def limited(values: Tensor, most: float) -> Tensor:
@@ -27,3 +29,28 @@ def _shortened(gradient: Tensor, most: float) -> Tensor:
     length = gradient.norm(dim=1, keepdim=True)
     shorter = gradient * (most / length.clamp(min=most))
     return torch.where(torch.isfinite(length), shorter, torch.zeros(()))
+
+
+def within(values: Tensor, low: float, high: float) -> Tensor:
+    """Return ``values`` clamped, with the gradients that lead back inside.
+
+    A clamp has none outside: who has come there by mistake never learns to come back. Those that
+    lead further out are none here either. What goes down is a loss.
+    """
+    clamped: Tensor = _Within.apply(values, low, high)  # type: ignore[no-untyped-call]
+    return clamped
+
+
+class _Within(torch.autograd.Function):
+    @staticmethod
+    def forward(ctx: Any, values: Tensor, low: float, high: float) -> Tensor:
+        ctx.save_for_backward(values)
+        ctx.range = low, high
+        return values.clamp(low, high)
+
+    @staticmethod
+    def backward(ctx: Any, gradient: Tensor) -> Any:  # type: ignore[override]
+        (values,) = ctx.saved_tensors
+        low, high = ctx.range
+        outwards = ((values > high) & (gradient < 0.0)) | ((values < low) & (gradient > 0.0))
+        return gradient.masked_fill(outwards, 0.0), None, None

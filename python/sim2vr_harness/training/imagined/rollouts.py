@@ -137,7 +137,13 @@ class ImaginedRollouts:
             )
         effort = imagined_effort(users.effort, self.body.drives, self.config.effort)
         imagined = ImaginedUsers(
-            users.body, self.body, n, effort=effort, noise=noise, persons=self._persons
+            users.body,
+            self.body,
+            n,
+            effort=effort,
+            noise=noise,
+            persons=self._persons,
+            aim_cost=self.config.aim_cost,
         )
         return imagined, rounds
 

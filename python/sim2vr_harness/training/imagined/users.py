@@ -32,6 +32,7 @@ class ImaginedUsers:
         effort: what a user step costs them.
         noise: of the muscles' controls; None for none.
         persons: how who a user is stands in tensors; None: all are `user`.
+        aim_cost: of aiming actuators beyond their ranges; above 0 gradients lead back from there.
     """
 
     def __init__(
@@ -43,7 +44,9 @@ class ImaginedUsers:
         effort: Effort,
         noise: MotorNoiseSettings | None = None,
         persons: ImaginedPersons | None = None,
+        aim_cost: float = 0.0,
     ) -> None:
+        self._aim_cost = aim_cost
         self.n, self.body, self._effort, self._drives = n, body, effort, body.drives
         self._persons = persons
         joints, drives = len(user.independent_joints), self._drives.count
@@ -60,6 +63,7 @@ class ImaginedUsers:
         who = 0 if persons is None else persons.count
         self.motion = Motion(*(torch.zeros(n, size) for size in (joints, joints, drives, who)))
         self._control = torch.zeros(n, drives)
+        self._aimed_beyond = torch.zeros(n)
         self._noise = None if noise is None else ImaginedNoise(noise, n, len(user.muscles))
         self.gradient_limit: float | None = None
         """Longest gradient of a user by the angles, 1/rad; see :func:`~.gradients.limited`."""
@@ -121,7 +125,10 @@ class ImaginedUsers:
             actions: (B, A); what they do is their actuators' rule.
             error_share: noise on the motion, in units of the body model's error.
         """
-        control = self._drives.control(self.motion.drives, actions)
+        before = self.motion.drives
+        control = self._drives.control(before, actions, inwards=self._aim_cost > 0.0)
+        if self._aim_cost > 0.0:
+            self._aimed_beyond = self._drives.beyond(before, actions)
         if self._noise is not None:
             factor: Tensor | float = 1.0
             if self._persons is not None:
@@ -137,7 +144,7 @@ class ImaginedUsers:
         self.motion = self.body.disturbed(after, error_share) if error_share > 0.0 else after
 
     def costs(self) -> tuple[Tensor, Tensor, Tensor]:
-        """(B,) each: of effort, of joints beyond their limits, and of wild speeds."""
+        """(B,) each: of effort, of joints and aims beyond their limits, and of wild speeds."""
         motion = self.motion
         unit = 2.0 * (motion.angles - self._low) / (self._high - self._low) - 1.0
         beyond = torch.relu(unit.abs() - 1.0).sum(1)
@@ -145,7 +152,10 @@ class ImaginedUsers:
         effort = self._effort(motion.drives, self._control)
         if self._persons is not None:
             effort = effort * self._persons.effort(motion.persons)
-        return effort, _BEYOND_COST * beyond, _WILD_COST * wild
+        limits = _BEYOND_COST * beyond
+        if self._aim_cost > 0.0:
+            limits = limits + self._aim_cost * self._aimed_beyond
+        return effort, limits, _WILD_COST * wild
 
     def broken(self) -> Tensor:
         """(B,) whether a user's body has left what a body can do."""

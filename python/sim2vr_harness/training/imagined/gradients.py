@@ -49,7 +49,7 @@ class _Within(torch.autograd.Function):
         return values.clamp(low, high)
 
     @staticmethod
-    def backward(ctx: Any, gradient: Tensor) -> Any:  # type: ignore[override]
+    def backward(ctx: Any, gradient: Tensor) -> Any:
         (values,) = ctx.saved_tensors
         low, high = ctx.range
         outwards = ((values > high) & (gradient < 0.0)) | ((values < low) & (gradient > 0.0))

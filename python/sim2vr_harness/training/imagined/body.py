@@ -38,11 +38,6 @@ def mlp(*widths: int) -> nn.Sequential:
     return nn.Sequential(*layers[:-1])
 
 
-def _within(values: Tensor, low: Tensor, high: Tensor) -> Tensor:
-    """``values`` between two limits; their gradient is that of what would be without limits."""
-    return values.clamp(low, high).detach() + (values - values.detach())
-
-
 class _Activation(nn.Module):
     """How far activations have followed their controls after a user step."""
 
@@ -242,7 +237,6 @@ class BodyModel(nn.Module):
         self.register_buffer("gain", torch.ones(len(user.independent_joints)))
         low, high = torch.tensor(user.joint_ranges.T.copy(), dtype=torch.float32)
         self._low, self._high = low - _BEYOND_RAD, high + _BEYOND_RAD
-        self._fastest = torch.tensor(_FASTEST_RADPS)
         self.step_s = step_s
 
     def _each(self) -> list[_Acceleration]:
@@ -308,8 +302,8 @@ class BodyModel(nn.Module):
             torch.cat(parts, 1) if in_order else torch.cat(parts, 1)[:, self._order]
             for parts in (angles, speeds)
         )
-        all_angles = _within(all_angles, self._low, self._high)
-        all_speeds = _within(all_speeds, -self._fastest, self._fastest)
+        all_angles = all_angles.clamp(self._low, self._high)
+        all_speeds = all_speeds.clamp(-_FASTEST_RADPS, _FASTEST_RADPS)
         return Motion(all_angles, all_speeds, drives, before.persons)
 
     def disturbed(self, motion: Motion, share: float) -> Motion:

@@ -75,6 +75,9 @@ class ImaginedConfig(Settings):
     """Noise on the imagined motion, in units of the body model's error."""
     restart_share: Chance = 0.2
     """Users who go on from a state of the true game after a window."""
+    keep_best: bool = False
+    """Whether the teacher is the one of the cycle that played best in the true game (noise on the
+    actions, all conditions alike) instead of the last one."""
     growing_lag_cycles: int = Field(default=0, ge=0, le=100_000)
     """Cycles in which late senses become as late as they are, from the present on: who has learned
     to act on the present learns sooner to act on the past. 0: late from the start."""
@@ -92,6 +95,9 @@ class ImaginedConfig(Settings):
     """Cost per user step of aiming actuators beyond their ranges, by the square of the share of the
     range; above 0 gradients lead back from there, at 0 there are none. Motors whose targets have
     drifted to the ends of their ranges stay there otherwise."""
+    rest_cost: Weight = 0.0
+    """Cost per user step of actuators away from where they rest, by the mean square of shares of
+    ranges. What actions add to drifts away where nothing is at stake: between two targets."""
     reward_scale: Factor = 1.0
     """Factor on the game's reward and the effort: a success should be worth about 10."""
     game: dict[str, OptionValue] = Field(default_factory=dict)

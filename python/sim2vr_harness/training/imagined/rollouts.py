@@ -116,6 +116,8 @@ class ImaginedRollouts:
         self._pool: Experience | None = None
         self._near: dict[tuple[int, int], Tensor] = {}
         self._torch_state: Tensor | None = None
+        self._best: tuple[float, dict[str, Tensor]] | None = None
+        """The highest rate played so far, and the weights that played it."""
 
     def imagine(self, n: int) -> tuple[ImaginedUsers, Any]:
         """Return N imagined users, and their rounds, an ``ImaginedRounds``."""
@@ -144,6 +146,7 @@ class ImaginedRollouts:
             noise=noise,
             persons=self._persons,
             aim_cost=self.config.aim_cost,
+            rest_cost=self.config.rest_cost,
         )
         return imagined, rounds
 
@@ -181,7 +184,9 @@ class ImaginedRollouts:
                 wildly=first,
                 on_progress=lambda share: on_progress("playing", _PLAYED * share),
             )
+            self._keep_best(played)
             self._seen.append(new)
+            self._find_rest()
             if len(self._seen) > 1 + config.kept_cycles:
                 del self._seen[1]
             if first:
@@ -209,6 +214,13 @@ class ImaginedRollouts:
             imagined, worst = self._rates()
             self.game.adapt()
             self.cycle += 1
+            if self.finished and config.keep_best:
+                _, last = self._collector.play(
+                    config.play_steps, wildly=False, on_progress=lambda share: None
+                )
+                self._keep_best(last)
+                if self._best is not None:
+                    self.policy.load_state_dict(self._best[1])
             self._torch_state = torch.get_rng_state()
         return CycleReport(
             cycle=self.cycle,
@@ -219,6 +231,20 @@ class ImaginedRollouts:
             worst_cell=worst,
             place_error_m=fit["place_m"],
         )
+
+    def _find_rest(self) -> None:
+        """Bodies that moved at random came back to where they rest again and again."""
+        self.users.rest = self._seen[0].before.drives.mean(0)
+
+    def _keep_best(self, played: tuple[float, ...]) -> None:
+        """Take note of the weights that have just been played with, if none played better."""
+        known = [rate for rate in played if rate == rate]
+        if not self.config.keep_best or not known:
+            return
+        rate = sum(known) / len(known)
+        if self._best is None or rate > self._best[0]:
+            weights = {name: value.clone() for name, value in self.policy.state_dict().items()}
+            self._best = (rate, weights)
 
     def _be_late(self) -> None:
         """Let senses be as late as they are in this cycle."""
@@ -383,6 +409,7 @@ class ImaginedRollouts:
             "game": self.game.state(),
             "senses": self.senses.state(),
             "seen": [part.tensors() for part in self._seen],
+            "best": None if self._best is None else list(self._best),
             "simulation": torch.frombuffer(
                 bytearray(self.simulation.save_state()), dtype=torch.uint8
             ),
@@ -410,5 +437,7 @@ class ImaginedRollouts:
         self.users.load_state(state["users"])
         self.game.load_state(state["game"])
         self.senses.load_state(state["senses"])
+        self._best = None if state["best"] is None else (state["best"][0], state["best"][1])
         self._seen = [Experience.of(tensors) for tensors in state["seen"]]
+        self._find_rest()
         self.simulation.load_state(state["simulation"].numpy().tobytes())

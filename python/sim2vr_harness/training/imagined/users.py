@@ -33,6 +33,7 @@ class ImaginedUsers:
         noise: of the muscles' controls; None for none.
         persons: how who a user is stands in tensors; None: all are `user`.
         aim_cost: of aiming actuators beyond their ranges; above 0 gradients lead back from there.
+        rest_cost: of drives away from :attr:`rest`.
     """
 
     def __init__(
@@ -45,8 +46,9 @@ class ImaginedUsers:
         noise: MotorNoiseSettings | None = None,
         persons: ImaginedPersons | None = None,
         aim_cost: float = 0.0,
+        rest_cost: float = 0.0,
     ) -> None:
-        self._aim_cost = aim_cost
+        self._aim_cost, self._rest_cost = aim_cost, rest_cost
         self.n, self.body, self._effort, self._drives = n, body, effort, body.drives
         self._persons = persons
         joints, drives = len(user.independent_joints), self._drives.count
@@ -64,6 +66,8 @@ class ImaginedUsers:
         self.motion = Motion(*(torch.zeros(n, size) for size in (joints, joints, drives, who)))
         self._control = torch.zeros(n, drives)
         self._aimed_beyond = torch.zeros(n)
+        self.rest = torch.full((drives,), 0.5)
+        """(A,) drives of a body that has nothing to do."""
         self._noise = None if noise is None else ImaginedNoise(noise, n, len(user.muscles))
         self.gradient_limit: float | None = None
         """Longest gradient of a user by the angles, 1/rad; see :func:`~.gradients.limited`."""
@@ -144,7 +148,7 @@ class ImaginedUsers:
         self.motion = self.body.disturbed(after, error_share) if error_share > 0.0 else after
 
     def costs(self) -> tuple[Tensor, Tensor, Tensor]:
-        """(B,) each: of effort, of joints and aims beyond their limits, and of wild speeds."""
+        """(B,) each: of effort, of postures and aims beyond limits or far from rest, of wild speeds."""
         motion = self.motion
         unit = 2.0 * (motion.angles - self._low) / (self._high - self._low) - 1.0
         beyond = torch.relu(unit.abs() - 1.0).sum(1)
@@ -155,6 +159,9 @@ class ImaginedUsers:
         limits = _BEYOND_COST * beyond
         if self._aim_cost > 0.0:
             limits = limits + self._aim_cost * self._aimed_beyond
+        if self._rest_cost > 0.0:
+            away = (motion.drives - self.rest).square().mean(1)
+            limits = limits + self._rest_cost * away
         return effort, limits, _WILD_COST * wild
 
     def broken(self) -> Tensor:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -167,7 +168,7 @@ def test_the_reward_s_gradient_is_that_of_finite_differences(rollouts: ImaginedR
         return worth
 
     generator = torch.Generator().manual_seed(1)
-    actions = 0.2 * torch.randn(4, 6, 32, generator=generator)
+    actions = 0.05 * torch.randn(4, 6, 32, generator=generator)
     actions.requires_grad_(True)
     total(actions).backward()
     direction = torch.randn(4, 6, 32, generator=generator)
@@ -264,6 +265,27 @@ def test_imagined_rollouts_move_the_actor_alone(rollouts: ImaginedRollouts) -> N
     moved = {key for key in before if not torch.equal(before[key], after[key])}
     assert "action_net.weight" in moved
     assert all("policy_net" in key or key.startswith("action_net") for key in moved)
+
+
+def test_the_cycle_that_played_best_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = new_rollouts("imagined.cycles=3", "imagined.keep_best=true")
+    play, rates = made._collector.play, iter([math.nan, 0.2, 0.6, 0.1])
+
+    def told(*args: Any, **kwargs: Any) -> Any:
+        steps, _ = play(*args, **kwargs)
+        return steps, (next(rates), math.nan)
+
+    monkeypatch.setattr(made._collector, "play", told)
+    after = []
+    for _ in range(3):
+        made.step()
+        after.append({k: v.clone() for k, v in made.policy.state_dict().items()})
+    # What plays in a cycle was learned in the one before it.
+    for name, value in after[1].items():
+        torch.testing.assert_close(after[2][name], value, rtol=0.0, atol=0.0)
+    assert any(not torch.equal(after[0][name], after[1][name]) for name in after[1])
+    assert made.state()["best"][0] == 0.6
+    made.simulation.close()
 
 
 def test_only_what_the_twin_knows_may_be_observed() -> None:

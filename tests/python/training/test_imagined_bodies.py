@@ -15,6 +15,7 @@ from sim2vr_harness.training.imagined.effort import imagined_effort
 from sim2vr_harness.training.imagined.experience import Experience, Motion
 from sim2vr_harness.training.imagined.gradients import limited, within
 from sim2vr_harness.training.imagined.limbs import limbs_of
+from sim2vr_harness.training.imagined.users import ImaginedUsers
 from sim2vr_harness.users import Body, UserBatch, load_body
 
 MOTORS, MUSCLES, WRIST = "mobl_arms_bimanual_motor", "mobl_arms_bimanual", "mobl_arms_wrist"
@@ -180,6 +181,25 @@ def test_aims_beyond_a_motor_s_range_by_hand() -> None:
     at, actions = torch.full((1, 14), 0.5), torch.zeros(1, 14)
     at[0, :2], actions[0, :2] = torch.tensor([0.9, 0.1]), torch.tensor([0.3, -0.4])
     assert float(drives.beyond(at, actions)) == pytest.approx(0.13)
+
+
+def test_drifting_away_from_rest_costs_by_hand() -> None:
+    """Two of 14 motors are 0.3 and 0.4 away: 2 * (0.09 + 0.16) / 14."""
+    body = load_body(MOTORS)
+    model = BodyModel(body, ("headset",), 0.05, width=4)
+    free = torch.zeros(1)
+    users = ImaginedUsers(body, model, 1, effort=lambda drives, control: free, rest_cost=2.0)
+    users.rest = torch.linspace(0.2, 0.5, 14)
+    drives = users.rest.clone()[None]
+    drives[0, 3] += 0.3
+    drives[0, 9] -= 0.4
+    users.start(
+        torch.arange(1),
+        Motion(free.new_zeros(1, 14), free.new_zeros(1, 14), drives, free[:, None][:, :0]),
+    )
+    effort, limits, wild = users.costs()
+    assert float(limits) == pytest.approx(2.0 * 0.25 / 14)
+    assert (float(effort), float(wild)) == (0.0, 0.0)
 
 
 def test_two_arms_learn_what_motors_did() -> None:

@@ -148,7 +148,7 @@ class ImaginedUsers:
         self.motion = self.body.disturbed(after, error_share) if error_share > 0.0 else after
 
     def costs(self) -> tuple[Tensor, Tensor, Tensor]:
-        """(B,) each: of effort, of postures and aims beyond limits or far from rest, of wild speeds."""
+        """(B,) each: of effort; of joints and aims beyond limits or far from rest; of speeds."""
         motion = self.motion
         unit = 2.0 * (motion.angles - self._low) / (self._high - self._low) - 1.0
         beyond = torch.relu(unit.abs() - 1.0).sum(1)

@@ -15,6 +15,7 @@ What else there is, import as you need it:
 - :mod:`sim2vr_harness.envs`: Gymnasium environments
 - :mod:`sim2vr_harness.training`, :mod:`sim2vr_harness.evaluation`: Stable-Baselines3
 - :func:`load_user_policy`, :func:`evaluate`: a trained user, to play with and to measure
+- :func:`read_data`: what an evaluation or a study measured, as data frames
 - :mod:`sim2vr_harness.paths`: where the app, shaders and configurations are
 """
 
@@ -29,13 +30,15 @@ from typing import TYPE_CHECKING, Any
 from sim2vr_harness.registration import register_envs
 
 if TYPE_CHECKING:
+    from sim2vr_harness.evaluation.data.folder import read_data
     from sim2vr_harness.evaluation.playing import evaluate, load_user_policy
 
-__all__ = ["__version__", "evaluate", "load_user_policy"]
+__all__ = ["__version__", "evaluate", "load_user_policy", "read_data"]
 
 _LAZY = {
     "evaluate": "sim2vr_harness.evaluation.playing",
     "load_user_policy": "sim2vr_harness.evaluation.playing",
+    "read_data": "sim2vr_harness.evaluation.data.folder",
 }
 """Names of this package -> the module that has them, loaded when somebody asks."""
 

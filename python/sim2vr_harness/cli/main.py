@@ -27,6 +27,7 @@ from sim2vr_harness.cli import (
     fitts,
     games,
     level,
+    study,
     users,
 )
 from sim2vr_harness.cli.errors import INTERRUPTED, report
@@ -60,6 +61,7 @@ app.command("games")(games.games)
 app.command("level")(level.level)
 app.command("fitts")(fitts.fitts)
 app.command("export")(export.export)
+app.command("study")(study.study)
 
 RunArgument = Annotated[
     str,

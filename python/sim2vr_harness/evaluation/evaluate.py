@@ -69,6 +69,7 @@ class Request:
         overrides: ``env.key=value``, what else is different from the training's environment.
         trust_app: Whether the program that the run names as its app may be started, though this
             user has never done so (docs/remote_apps.md).
+        cores: How many to use, whatever the run says; changes no number.
     """
 
     conditions: Sequence[str] | None = None
@@ -85,6 +86,7 @@ class Request:
     app: Mapping[str, Any] = field(default_factory=dict)
     overrides: Sequence[str] = ()
     trust_app: bool = False
+    cores: int | None = None
 
 
 @dataclass(frozen=True)
@@ -171,6 +173,8 @@ def evaluate(
     )
     if request.people is not None:
         env = _with_people(env, request.people, seed)
+    if request.cores is not None:
+        env = env.model_copy(update={"cores": request.cores})
     require_contract(user, env)
     facts = game_facts(env.app)
     conditions = _conditions(facts, request.conditions or config.evaluation.conditions)

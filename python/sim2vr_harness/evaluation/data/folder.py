@@ -21,7 +21,17 @@ from sim2vr_harness.evaluation.data.columns import Column, merged, row_table, sc
 from sim2vr_harness.files import file_name, read_bytes
 from sim2vr_harness.training.run_folder import write_atomically
 
-__all__ = ["FOLDER", "DataFolder", "EvaluationData", "csv_bytes", "parquet_bytes", "read_data"]
+__all__ = [
+    "FOLDER",
+    "DataFolder",
+    "EvaluationData",
+    "columns_in",
+    "dictionary_bytes",
+    "joined",
+    "read_data",
+    "read_table",
+    "write_table",
+]
 
 FOLDER = "data"
 """In the folder of an evaluation."""
@@ -69,7 +79,7 @@ class DataFolder:
             pyarrow.csv.write_csv(table, stream)
         write_atomically(place.with_name(f"{episode}.parquet"), parquet_bytes(table))
         write_atomically(place.with_name(f"{episode}.csv.gz"), packed.getvalue().to_pybytes())
-        self._moments[name] = merged([*self._moments.get(name, []), *_columns_in(table.schema)])
+        self._moments[name] = merged([*self._moments.get(name, []), *columns_in(table.schema)])
 
     def add(
         self, tables: Mapping[str, tuple[Sequence[Mapping[str, Any]], Sequence[Column]]]
@@ -87,13 +97,13 @@ class DataFolder:
         for name, (rows, columns) in tables.items():
             table = row_table(rows, columns)
             if (self.root / f"{name}.parquet").exists():
-                there = _read(self.root / f"{name}.parquet")
+                there = read_table(self.root / f"{name}.parquet")
                 kept = there.filter(pc.invert(pc.is_in(there["episode"], pa.array(list(new)))))
-                table = _joined([kept, table])
+                table = joined([kept, table])
             written[name] = table
         for name, table in written.items():
             write_table(self.root / name, table)
-        self._write_dictionary({name: _columns_in(t.schema) for name, t in written.items()})
+        self._write_dictionary({name: columns_in(t.schema) for name, t in written.items()})
 
     def _write_dictionary(self, tables: Mapping[str, Sequence[Column]]) -> None:
         kept: dict[str, list[Column]] = {name: list(columns) for name, columns in tables.items()}
@@ -101,7 +111,7 @@ class DataFolder:
             known = self._moments.get(name, [])
             file = next(iter(sorted((self.root / name).glob("*.parquet"))), None)
             if not known and file is not None:
-                known = _columns_in(pq.read_schema(file))
+                known = columns_in(pq.read_schema(file))
             if known:
                 kept[name] = list(known)
         write_atomically(self.root / _DICTIONARY, dictionary_bytes(kept))
@@ -138,7 +148,8 @@ def dictionary_bytes(tables: Mapping[str, Iterable[Column]]) -> bytes:
     return text.getvalue().encode()
 
 
-def _columns_in(schema: pa.Schema) -> list[Column]:
+def columns_in(schema: pa.Schema) -> list[Column]:
+    """Return the columns of a schema, as :attr:`Column.field` made them."""
     kinds = {
         "string": "text", "int64": "integer", "double": "number", "float": "single",
         "bool": "boolean",
@@ -157,9 +168,9 @@ def _columns_in(schema: pa.Schema) -> list[Column]:
     return found
 
 
-def _joined(tables: Sequence[pa.Table]) -> pa.Table:
+def joined(tables: Sequence[pa.Table]) -> pa.Table:
     """Put tables under each other; a column that one lacks is null there."""
-    columns = merged(column for table in tables for column in _columns_in(table.schema))
+    columns = merged(column for table in tables for column in columns_in(table.schema))
     schema = schema_of(columns)
     parts = []
     for table in tables:
@@ -173,7 +184,12 @@ def _joined(tables: Sequence[pa.Table]) -> pa.Table:
     return pa.concat_tables(parts)
 
 
-def _read(file: Path) -> pa.Table:
+def read_table(file: Path) -> pa.Table:
+    """Return the table of a Parquet file.
+
+    Raises:
+        InputError: It is missing, damaged, or something else.
+    """
     content = read_bytes(file, _EXPECTED)
     try:
         return pq.read_table(pa.BufferReader(content))
@@ -194,12 +210,12 @@ class EvaluationData:
     @cached_property
     def episodes(self) -> Any:
         """A row per episode: who, what, every measure. Key: ``episode``."""
-        return _read(self.root / "episodes.parquet").to_pandas()
+        return read_table(self.root / "episodes.parquet").to_pandas()
 
     @cached_property
     def events(self) -> Any:
         """A row per item that came and went. Keys: ``episode``, ``item``, ``item_id``."""
-        return _read(self.root / "events.parquet").to_pandas()
+        return read_table(self.root / "events.parquet").to_pandas()
 
     def steps(self, *episodes: str, columns: Sequence[str] | None = None) -> Any:
         """A row per user step of these episodes, or of all. Keys: ``episode``, ``step``.
@@ -251,13 +267,13 @@ class EvaluationData:
             if key not in known:
                 raise unknown_name("episode", key, known)
         read = _reader(keys, columns)
-        return _joined([read(there[key]) for key in episodes or known]).to_pandas()
+        return joined([read(there[key]) for key in episodes or known]).to_pandas()
 
 
 def _reader(keys: Sequence[str], columns: Sequence[str] | None) -> Callable[[Path], pa.Table]:
     def read(file: Path) -> pa.Table:
         if columns is None:
-            return _read(file)
+            return read_table(file)
         names = pq.read_schema(file).names
         for column in columns:
             if column not in names:

@@ -26,8 +26,8 @@ from sim2vr_harness.evaluation.data.folder import (
 from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.files import file_name, read_json
 from sim2vr_harness.studies.config import StudyConfig, parse_study
-from sim2vr_harness.studies.plan import CellTask, Plan
-from sim2vr_harness.studies.work import CELLS
+from sim2vr_harness.studies.plan import Plan
+from sim2vr_harness.studies.tasks import CELLS, TRAININGS, CellTask
 from sim2vr_harness.training.run_folder import write_atomically
 
 __all__ = ["STUDY_FILE", "StudyData", "factor_column", "read_study", "write_data"]
@@ -99,7 +99,7 @@ def _cells_table(plan: Plan) -> pa.Table:
         Column("settings", "text", "", "JSON object: everything that the cell sets"),
     ]
     for cell, task in zip(plan.cells, plan.tasks, strict=True):
-        training = None if task.training is None else f"trainings/{task.training}"
+        training = None if task.training is None else f"{TRAININGS}/{task.training}"
         rows.append(
             {
                 "design_cell": cell.name,

@@ -17,56 +17,14 @@ from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.files import read_bytes
 from sim2vr_harness.studies.cells import Cell, cells_of, content_hash
 from sim2vr_harness.studies.config import StudyConfig
+from sim2vr_harness.studies.tasks import CellTask, TrainingTask
 from sim2vr_harness.training.config import TrainingConfig, load_config, to_yaml
-from sim2vr_harness.training.trained_users import find_user, require_contract
+from sim2vr_harness.training.trained_users import TrainedUser, find_user, require_contract
 
-__all__ = ["CellTask", "Plan", "TrainingTask", "plan_of"]
+__all__ = ["Plan", "plan_of"]
 
 _FORMAT = 1
 """Of what a cell's folder holds; another one makes all cells anew."""
-
-
-@dataclass(frozen=True)
-class TrainingTask:
-    """A user to be trained.
-
-    Attributes:
-        key: Hash of its configuration; the name of the run's folder.
-        config: The complete configuration, YAML.
-        label: For people.
-    """
-
-    key: str
-    config: str
-    label: str
-
-
-@dataclass(frozen=True)
-class CellTask:
-    """A cell to be played.
-
-    Attributes:
-        key: Hash of all that decides about its bytes; the name of its folder.
-        cell: Whose key in the study's tables.
-        user: A trained user as ``evaluate`` takes it; None: the one of ``training``.
-        training: Key of the training that it waits for.
-        condition: Of the game.
-        overrides: ``env.key=value``.
-        episodes, seed, people, deterministic, steps, logs: As of an evaluation.
-    """
-
-    key: str
-    cell: str
-    user: str | None
-    training: str | None
-    condition: str
-    overrides: tuple[str, ...]
-    episodes: int
-    seed: int
-    people: int | None
-    deterministic: bool
-    steps: bool
-    logs: bool
 
 
 @dataclass(frozen=True)
@@ -100,7 +58,8 @@ def plan_of(study: StudyConfig, *, folder: Path | None = None) -> Plan:
     Raises:
         InputError: A user, configuration, key, option, condition or measure that cannot be used.
     """
-    found = [_Resolved.of(study, cell, folder) for cell in cells_of(study)]
+    users = _Users()
+    found = [_Resolved.of(study, cell, folder, users) for cell in cells_of(study)]
     facts = found[0].facts
     for one in found:
         if one.facts.name != facts.name:
@@ -126,6 +85,20 @@ def plan_of(study: StudyConfig, *, folder: Path | None = None) -> Plan:
     )
 
 
+class _Users:
+    """Trained users and hashes of their weights, each read once."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[TrainedUser, str]] = {}
+
+    def find(self, name: str) -> tuple[TrainedUser, str]:
+        if name not in self._known:
+            user = find_user(name)
+            weights = read_bytes(user.source, "weights of a user")
+            self._known[name] = user, hashlib.sha256(weights).hexdigest()
+        return self._known[name]
+
+
 @dataclass(frozen=True)
 class _Resolved:
     cell: Cell
@@ -134,15 +107,15 @@ class _Resolved:
     facts: GameFacts
 
     @classmethod
-    def of(cls, study: StudyConfig, cell: Cell, folder: Path | None) -> _Resolved:
+    def of(cls, study: StudyConfig, cell: Cell, folder: Path | None, users: _Users) -> _Resolved:
         try:
-            return cls._of(study, cell, folder)
+            return cls._of(study, cell, folder, users)
         except InputError as error:
             field = f"cell {cell.name}: {error.field}"
             raise InputError(field, error.got, error.expected) from error
 
     @classmethod
-    def _of(cls, study: StudyConfig, cell: Cell, folder: Path | None) -> _Resolved:
+    def _of(cls, study: StudyConfig, cell: Cell, folder: Path | None, users: _Users) -> _Resolved:
         settings = cell.settings
         if ("user" in settings) == ("config" in settings):
             got = "both user and config" if "user" in settings else "neither user nor config"
@@ -167,18 +140,17 @@ class _Resolved:
                 expected = "config instead of user: what is trained already stays"
                 raise InputError(key, "it together with a user", expected)
             user = _near(str(settings["user"]), folder)
-            known = find_user(user)
+            known, weights = users.find(user)
             config = known.config
-            weights = read_bytes(known.source, "weights of a user")
             identity = {
                 "user": Path(user).name,
-                "weights": hashlib.sha256(weights).hexdigest(),
+                "weights": weights,
                 "config": to_yaml(config),
             }
         overrides = tuple(cell.of("env."))
         env = evaluation_env(config, overrides=overrides, source=user or "config")
         if user is not None:
-            require_contract(find_user(user), env)
+            require_contract(users.find(user)[0], env)
         facts = game_facts(env.app)
         condition = _condition(facts, config, settings.get("condition"))
         _check_options(env, facts, condition)
@@ -237,7 +209,8 @@ def _check_options(env: EnvConfig, facts: GameFacts, condition: str) -> None:
     except ValueError as error:
         field, _, rest = str(error).partition(": got ")
         got, _, expected = rest.partition(", expected ")
-        raise InputError(f"env.app.options.{field}", got, expected) from error
+        place = "env.app.options" if field == "options" else f"env.app.options.{field}"
+        raise InputError(place, got, expected) from error
 
 
 def _truth(value: Any) -> bool:

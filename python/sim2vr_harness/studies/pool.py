@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from sim2vr_harness.errors import reason
-from sim2vr_harness.studies.work import Task, do
+from sim2vr_harness.studies.tasks import Task
 
 __all__ = ["Done", "Here", "Pool", "Processes"]
 
@@ -73,7 +73,13 @@ class Here:
         self._tasks.clear()
 
 
-def _done(task: Task, root: Path, cores: int, work: Work = do) -> Done:
+def _do(task: Task, root: Path, cores: int) -> None:
+    from sim2vr_harness.studies.work import do  # loads all that plays and learns
+
+    do(task, root, cores)
+
+
+def _done(task: Task, root: Path, cores: int, work: Work = _do) -> Done:
     try:
         work(task, root, cores)
     except Exception as error:
@@ -122,7 +128,7 @@ class Processes:
         work: What they do with a task; it must not depend on anything but its arguments.
     """
 
-    def __init__(self, root: Path, count: int, cores: int, work: Work = do) -> None:
+    def __init__(self, root: Path, count: int, cores: int, work: Work = _do) -> None:
         self._root, self._count, self._cores, self._work = root, count, cores, work
         self._workers: list[_Worker] = []
         self._tasks: deque[Task] = deque()

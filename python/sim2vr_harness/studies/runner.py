@@ -13,9 +13,10 @@ from sim2vr_harness.errors import InputError
 from sim2vr_harness.files import read_json
 from sim2vr_harness.studies.config import StudyConfig, load_study
 from sim2vr_harness.studies.data import STUDY_FILE, StudyData, read_study, write_data
-from sim2vr_harness.studies.plan import CellTask, Plan, plan_of
+from sim2vr_harness.studies.plan import Plan, plan_of
 from sim2vr_harness.studies.pool import Done, Here, Pool, Processes
-from sim2vr_harness.studies.work import CELLS, Task, clear_away, is_done
+from sim2vr_harness.studies.tasks import CELLS, TRAININGS, CellTask, Task, is_done
+from sim2vr_harness.studies.work import clear_away
 from sim2vr_harness.training.locking import sole_training
 from sim2vr_harness.training.run_folder import write_atomically
 
@@ -161,7 +162,7 @@ def _work(
 def _waits(task: Task, root: Path) -> bool:
     if not isinstance(task, CellTask) or task.training is None:
         return False
-    return not (root / "trainings" / task.training / "trained.json").is_file()
+    return not (root / TRAININGS / task.training / "trained.json").is_file()
 
 
 def _label(task: Task) -> str:

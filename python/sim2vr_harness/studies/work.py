@@ -13,30 +13,20 @@ from rich.console import Console
 
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
-from sim2vr_harness.studies.plan import CellTask, TrainingTask
+from sim2vr_harness.studies.tasks import (
+    CELLS,
+    TRAININGS,
+    CellTask,
+    Task,
+    TrainingTask,
+    folder_of,
+    mark_of,
+)
 from sim2vr_harness.training import trainer
 from sim2vr_harness.training.config import parse_config
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
 
-__all__ = ["CELLS", "TRAININGS", "Task", "clear_away", "do", "is_done"]
-
-CELLS, TRAININGS = "cells", "trainings"
-"""Folders of a study, with a folder per task, named by its key."""
-_CELL, _TRAINED = "cell.json", "trained.json"
-"""In the folder of a task that is done."""
-
-Task = CellTask | TrainingTask
-
-
-def folder_of(task: Task, root: Path) -> Path:
-    """Where a task's results are, or will be."""
-    return root / (CELLS if isinstance(task, CellTask) else TRAININGS) / task.key
-
-
-def is_done(task: Task, root: Path) -> bool:
-    """Whether a task need not be done again."""
-    mark = _CELL if isinstance(task, CellTask) else _TRAINED
-    return (folder_of(task, root) / mark).is_file()
+__all__ = ["clear_away", "do"]
 
 
 def do(task: Task, root: Path, cores: int) -> None:
@@ -81,7 +71,7 @@ def _play(task: CellTask, root: Path, cores: int) -> None:
         evaluate(user, request)
         about = {**asdict(task), "overrides": list(task.overrides)}
         about.pop("cell")  # the study's name for it, which may change
-        write_atomically(working / _CELL, (json.dumps(about, indent=2) + "\n").encode())
+        write_atomically(working / mark_of(task), (json.dumps(about, indent=2) + "\n").encode())
         shutil.rmtree(place, ignore_errors=True)
         working.rename(place)
     finally:
@@ -100,7 +90,7 @@ def _train(task: TrainingTask, root: Path, cores: int) -> None:
         got = f"a training that was stopped in stage {result.stage!r}"
         raise InputError(f"training {task.label}", got, "the study to be run again")
     write_atomically(
-        place / _TRAINED, (json.dumps({"checkpoint": result.checkpoint.name}) + "\n").encode()
+        place / mark_of(task), (json.dumps({"checkpoint": result.checkpoint.name}) + "\n").encode()
     )
 
 

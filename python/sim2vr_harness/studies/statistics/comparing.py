@@ -53,11 +53,11 @@ def compare(
 ) -> list[dict[str, Any]]:
     """Return what comes out of one comparison: a dictionary per measure, stratum and test.
 
-    It has ``test``, ``factor``, ``levels``, ``by``, ``measure``, ``unit``, ``n``, ``means``, what the
-    test gives (:mod:`.significance`), ``p_holm`` over the ``family`` of pairs of this comparison
-    and measure, ``difference`` with its bootstrap interval (``low``, ``high``), and ``normality``
-    of the differences. Where there can be no p value ``refused`` says why, and ``p`` is None;
-    ``note`` is what a reader has to know.
+    It has ``test``, ``factor``, ``levels``, ``by``, ``measure``, ``unit``, ``n``, ``means``, what
+    the test gives (:mod:`.significance`), ``p_holm`` over the ``family`` of pairs of this
+    comparison and measure, ``difference`` with its bootstrap interval (``low``, ``high``), and
+    ``normality`` of the differences. Where there can be no p value ``refused`` says why, and ``p``
+    is None; ``note`` is what a reader has to know.
 
     Args:
         data: Of the study.

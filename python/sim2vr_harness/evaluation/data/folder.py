@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import gzip
 import io
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -74,11 +75,10 @@ class DataFolder:
             OSError: names the file, on a full disk for example.
         """
         place = self.root / name / episode
-        packed = pa.BufferOutputStream()
-        with pa.CompressedOutputStream(packed, "gzip") as stream:
-            pyarrow.csv.write_csv(table, stream)
+        # The strongest packing takes twenty times as long and saves a tenth.
+        packed = gzip.compress(csv_bytes(table), compresslevel=1, mtime=0)
         write_atomically(place.with_name(f"{episode}.parquet"), parquet_bytes(table))
-        write_atomically(place.with_name(f"{episode}.csv.gz"), packed.getvalue().to_pybytes())
+        write_atomically(place.with_name(f"{episode}.csv.gz"), packed)
         self._moments[name] = merged([*self._moments.get(name, []), *columns_in(table.schema)])
 
     def add(
@@ -126,7 +126,15 @@ def write_table(place: Path, table: pa.Table) -> None:
 def parquet_bytes(table: pa.Table) -> bytes:
     """A table as a Parquet file: the same rows are the same bytes."""
     stream = io.BytesIO()
-    pq.write_table(table, stream, compression="zstd")
+    singles = [field.name for field in table.schema if field.type == pa.float32()]
+    words = [field.name for field in table.schema if field.type == pa.string()]
+    pq.write_table(
+        table,
+        stream,
+        compression="zstd",
+        use_dictionary=words,
+        use_byte_stream_split=singles,  # measurements do not repeat, their leading bytes do
+    )
     return stream.getvalue()
 
 

@@ -15,6 +15,7 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.data.columns import Column, column_name, number_table
 from sim2vr_harness.evaluation.metrics import RoundResult
 from sim2vr_harness.evaluation.rollouts import Job
+from sim2vr_harness.users.batch import UserBatch
 
 __all__ = ["StepRecorder", "pose_columns"]
 
@@ -55,8 +56,7 @@ class StepRecorder:
         facts: What the game publishes.
         write: Gets the name of the finished round's job and its table.
 
-    Simulations other than :class:`~sim2vr_harness.envs.simulation.Simulation`, such as stand-ins,
-    have no steps.
+    Simulations without a :class:`~sim2vr_harness.users.batch.UserBatch`, stand-ins, have no steps.
     """
 
     def __init__(
@@ -69,9 +69,8 @@ class StepRecorder:
     def started(self, simulation: Any, jobs: Sequence[Job]) -> None:
         """Begin anew."""
         self._blocks = []
-        self._source = (
-            _Source(simulation, self._facts) if isinstance(simulation, Simulation) else None
-        )
+        bodies = isinstance(getattr(simulation, "users", None), UserBatch)
+        self._source = _Source(simulation, self._facts) if bodies else None
 
     def stepped(self, reward: NDArray, infos: Sequence[Mapping[str, Any]]) -> None:
         """Keep the numbers of all users."""

@@ -18,6 +18,7 @@ from sim2vr_harness.evaluation.data.columns import column_name, merged, row_tabl
 from sim2vr_harness.evaluation.data.folder import (
     FOLDER,
     columns_in,
+    data_frame,
     dictionary_bytes,
     joined,
     read_table,
@@ -168,7 +169,7 @@ class StudyData:
     @cached_property
     def cells(self) -> Any:
         """A row per cell: its levels, folder, user. Key: ``design_cell``."""
-        return read_table(self.root / FOLDER / "cells.parquet").to_pandas()
+        return data_frame(read_table(self.root / FOLDER / "cells.parquet"))
 
     @cached_property
     def episodes(self) -> Any:
@@ -176,7 +177,7 @@ class StudyData:
 
         Keys: ``design_cell``, ``episode``.
         """
-        return read_table(self.root / FOLDER / "episodes.parquet").to_pandas()
+        return data_frame(read_table(self.root / FOLDER / "episodes.parquet"))
 
     @cached_property
     def events(self) -> Any:
@@ -184,7 +185,7 @@ class StudyData:
 
         Keys: ``design_cell``, ``episode``, ``item``, ``item_id``.
         """
-        return read_table(self.root / FOLDER / "events.parquet").to_pandas()
+        return data_frame(read_table(self.root / FOLDER / "events.parquet"))
 
     @cached_property
     def dictionary(self) -> Any:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from sim2vr_harness.cores import available
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.files import read_json
-from sim2vr_harness.studies.config import StudyConfig, load_study
+from sim2vr_harness.studies.config import StudyConfig, load_study, parse_study
 from sim2vr_harness.studies.data import STUDY_FILE, StudyData, read_study, write_data
 from sim2vr_harness.studies.plan import Plan, plan_of
 from sim2vr_harness.studies.pool import Done, Here, Pool, Processes
@@ -56,7 +57,7 @@ class StudyResult:
 
 
 def run_study(
-    study: StudyConfig | str | Path,
+    study: StudyConfig | Mapping[str, Any] | str | Path,
     out: str | Path | None = None,
     *,
     jobs: int | None = None,
@@ -66,7 +67,7 @@ def run_study(
     """Run a study, or go on with it: what is done is not done again.
 
     Args:
-        study: The study, or its YAML file.
+        study: The study, its YAML file, or what such a file says.
         out: Its folder; None: ``studies/NAME``.
         jobs: Cells and trainings side by side; None: one per two cores.
         on_progress: Told after every task.
@@ -77,9 +78,11 @@ def run_study(
             (the others are kept).
     """
     beside = None
-    if not isinstance(study, StudyConfig):
+    if isinstance(study, (str, Path)):
         beside = Path(study).parent
         study = load_study(study)
+    elif not isinstance(study, StudyConfig):
+        study = parse_study(study)
     root = Path(out) if out is not None else Path("studies") / study.name
     jobs = _jobs(jobs)
     _require_own(root, study)

@@ -27,6 +27,7 @@ __all__ = [
     "DataFolder",
     "EvaluationData",
     "columns_in",
+    "data_frame",
     "dictionary_bytes",
     "joined",
     "read_data",
@@ -205,6 +206,13 @@ def read_table(file: Path) -> pa.Table:
         raise InputError(file_name(file), "no Parquet, or a damaged one", _EXPECTED) from error
 
 
+def data_frame(table: pa.Table) -> Any:
+    """Return a table as pandas has it; truths that are missing are no obstacle to choosing rows."""
+    import pandas as pd
+
+    return table.to_pandas(types_mapper={pa.bool_(): pd.BooleanDtype()}.get)
+
+
 @dataclass(frozen=True)
 class EvaluationData:
     """The tables of an evaluation as data frames of pandas, read when asked for.
@@ -218,12 +226,12 @@ class EvaluationData:
     @cached_property
     def episodes(self) -> Any:
         """A row per episode: who, what, every measure. Key: ``episode``."""
-        return read_table(self.root / "episodes.parquet").to_pandas()
+        return data_frame(read_table(self.root / "episodes.parquet"))
 
     @cached_property
     def events(self) -> Any:
         """A row per item that came and went. Keys: ``episode``, ``item``, ``item_id``."""
-        return read_table(self.root / "events.parquet").to_pandas()
+        return data_frame(read_table(self.root / "events.parquet"))
 
     def steps(self, *episodes: str, columns: Sequence[str] | None = None) -> Any:
         """A row per user step of these episodes, or of all. Keys: ``episode``, ``step``.
@@ -275,7 +283,7 @@ class EvaluationData:
             if key not in known:
                 raise unknown_name("episode", key, known)
         read = _reader(keys, columns)
-        return joined([read(there[key]) for key in episodes or known]).to_pandas()
+        return data_frame(joined([read(there[key]) for key in episodes or known]))
 
 
 def _reader(keys: Sequence[str], columns: Sequence[str] | None) -> Callable[[Path], pa.Table]:

@@ -72,6 +72,26 @@ Json conditionJson(const GameCondition& condition) {
           {"evaluated", condition.evaluated}};
 }
 
+Json itemJson(const LoggedItem& item) {
+  if (item.name.empty() || item.id_field.empty() || item.outcomes.empty()) {
+    throw InvalidArgument("items", "'" + item.name + "'", "a name, an id_field and outcomes");
+  }
+  Json outcomes = Json::array();
+  for (const LoggedItem::Outcome& outcome : item.outcomes) {
+    outcomes.push_back(
+        {{"event", outcome.event}, {"name", outcome.name}, {"success", outcome.success}});
+  }
+  return {{"name", item.name},
+          {"id_field", item.id_field},
+          {"begin_event", textOrNull(item.begin_event)},
+          {"outcomes", outcomes},
+          {"counted_events", item.counted_events},
+          {"cell_field", textOrNull(item.cell_field)},
+          {"place_field", textOrNull(item.place_field)},
+          {"places_event", textOrNull(item.places_event)},
+          {"velocity_field", textOrNull(item.velocity_field)}};
+}
+
 std::set<std::string> keysOf(const Json& object) {
   std::set<std::string> keys;
   for (const auto& [key, value] : object.items()) keys.insert(key);
@@ -146,6 +166,8 @@ std::string factsJson(std::string_view name, std::string_view description, GameF
   for (const RewardTerm& term : facts.reward_terms) {
     terms.push_back({{"log_key", term.log_key}, {"label", term.label}});
   }
+  Json items = Json::array();
+  for (const LoggedItem& item : facts.items) items.push_back(itemJson(item));
   checkDevices(facts.devices);
   checkScore(measures, facts.score);
   checkConditions(conditions, facts.default_condition);
@@ -161,6 +183,7 @@ std::string factsJson(std::string_view name, std::string_view description, GameF
       {"score", textOrNull(facts.score)},
       {"reward_terms", terms},
       {"reward_rest", facts.reward_rest},
+      {"items", items},
       {"conditions", conditions},
       {"default_condition", facts.default_condition},
       {"evaluation_options", objectOf("evaluation_options", facts.evaluation_options_json)}};

@@ -19,6 +19,7 @@ BELOW: dict[str, tuple[str, ...]] = {
     "envs": ("client", "users", "perception"),
     "training": ("client", "users", "perception", "games", "envs"),
     "evaluation": ("client", "users", "perception", "games", "envs", "training"),
+    "studies": ("client", "users", "perception", "games", "envs", "training", "evaluation"),
     "bench": ("client", "users", "perception", "games", "envs", "training"),
 }
 """What each room may import beside itself; ``cli`` may import all, and nothing imports it."""

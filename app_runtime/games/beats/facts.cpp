@@ -1,4 +1,8 @@
 // How rounds of Beats are measured; docs/games/beats.md has the log's definitions.
+#include <string>
+#include <utility>
+#include <vector>
+
 #include "beats/game.hpp"
 
 namespace sim2vr::games::beats {
@@ -108,6 +112,21 @@ std::vector<rl::Measure> movementMeasures() {
   };
 }
 
+std::vector<rl::LoggedItem> loggedItems() {
+  const auto item = [](const std::string& name, std::vector<rl::LoggedItem::Outcome> outcomes) {
+    return rl::LoggedItem{.name = name,
+                          .id_field = "number",
+                          .outcomes = std::move(outcomes),
+                          .place_field = "place",
+                          .velocity_field = "velocity"};
+  };
+  return {item("box", {{"box_slice", "slice", true},
+                       {"box_wrong_hand", "wrong hand", false},
+                       {"box_wrong_direction", "wrong direction", false},
+                       {"box_miss", "miss", false}}),
+          item("mine", {{"mine_hit", "hit", false}}), item("wall", {{"wall_hit", "hit", false}})};
+}
+
 }  // namespace
 
 rl::GameFacts Beats::facts() const {
@@ -121,6 +140,7 @@ rl::GameFacts Beats::facts() const {
   facts.reward_terms = {{"ApproachReward", "blade closeness"},
                         {"PenaltyReward", "misses and errors"}};
   facts.reward_rest = "score";
+  facts.items = loggedItems();
   facts.conditions = {
       {.name = "first",
        .description = "Ten seconds with four boxes; a missed one ends the round",

@@ -84,6 +84,14 @@ rl::GameFacts Pointing::facts() const {
   facts.score = "throughput_bps";
   facts.reward_terms = {{"DistanceReward", "target closeness"}, {"ErrorReward", "errors"}};
   facts.reward_rest = "hits";
+  facts.items = {{.name = "target",
+                  .id_field = "target ID",
+                  .begin_event = "target_spawn",
+                  .outcomes = {{"target_hit", "hit", true},
+                               {"target_error", "error", false},
+                               {"target_miss", "timeout", false}},
+                  .cell_field = "grid ID",
+                  .place_field = "center"}};
   facts.conditions = {
       plane("near", "30 cm before the eyes", 0.30),
       plane("mid", "40 cm before the eyes", 0.40),

@@ -69,6 +69,14 @@ rl::GameFacts WhacAMole::facts() const {
   facts.reward_terms = {{"DistanceReward", "target closeness"},
                         {"RewardUnsuccessfulContact", "slow contacts"}};
   facts.reward_rest = "hits";
+  facts.items = {{.name = "target",
+                  .id_field = "target ID",
+                  .begin_event = "target_spawn",
+                  .outcomes = {{"target_hit", "hit", true}, {"target_miss", "miss", false}},
+                  .counted_events = {"target_contact"},
+                  .cell_field = "grid ID",
+                  .places_event = "grid mapping",
+                  .velocity_field = "velocity"}};
   facts.conditions = publishedConditions();
   facts.default_condition = usual.condition;
   // As in the reference's evaluator: a curriculum favours the targets that a user fails at, so that

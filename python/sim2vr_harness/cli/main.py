@@ -18,7 +18,18 @@ import typer
 from rich.console import Console
 
 from sim2vr_harness import __version__
-from sim2vr_harness.cli import bench, chart, compare, film, fitts, games, level, users
+from sim2vr_harness.cli import (
+    bench,
+    chart,
+    compare,
+    export,
+    film,
+    fitts,
+    games,
+    level,
+    study,
+    users,
+)
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
 from sim2vr_harness.cli.options import (
@@ -49,6 +60,8 @@ app.add_typer(users.app, name="users")
 app.command("games")(games.games)
 app.command("level")(level.level)
 app.command("fitts")(fitts.fitts)
+app.command("export")(export.export)
+app.command("study")(study.study)
 
 RunArgument = Annotated[
     str,
@@ -285,8 +298,16 @@ def evaluate(
         bool, typer.Option("--record", help="Film the first round of every condition (MP4).")
     ] = False,
     log: Annotated[
-        bool, typer.Option("--log", help="Write the game's CSV logs, a folder per round.")
+        bool, typer.Option("--log", help="Keep the game's CSV logs, a folder per round.")
     ] = False,
+    steps: Annotated[
+        bool,
+        typer.Option(
+            "--steps/--no-steps",
+            help="Write tables of every user step and app frame beside those of episodes and "
+            "events (default).",
+        ),
+    ] = True,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -322,6 +343,7 @@ def evaluate(
         deterministic=deterministic,
         record=record,
         log=log,
+        steps=steps,
         out=out,
         overwrite=overwrite,
         batch=batch,
@@ -333,6 +355,9 @@ def evaluate(
         found = evaluate_run(run, request, on_progress=share.show)
     for line in found.unpractised:
         typer.echo(f"note: this user never practised {line}", err=True)
+    for line in found.unread[:1]:
+        more = f" (and {len(found.unread) - 1} more)" if found.unread[1:] else ""
+        typer.echo(f"note: not in the tables: {line}{more}", err=True)
     if json:
         _print_json(found.summaries)
         return

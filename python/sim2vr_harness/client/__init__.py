@@ -34,6 +34,8 @@ from sim2vr_harness.client.errors import (
 from sim2vr_harness.client.games import (
     Condition,
     GameFacts,
+    ItemOutcome,
+    LoggedItem,
     Measure,
     RewardTerm,
     describe_game,
@@ -95,6 +97,8 @@ __all__ = [
     "InProcessBatch",
     "InProcessBatchApp",
     "Input",
+    "ItemOutcome",
+    "LoggedItem",
     "Measure",
     "OptionValue",
     "Protocol1App",

@@ -19,6 +19,8 @@ from sim2vr_harness.client.runtime import list_games, load_runtime
 __all__ = [
     "Condition",
     "GameFacts",
+    "ItemOutcome",
+    "LoggedItem",
     "Measure",
     "RewardTerm",
     "describe_game",
@@ -128,6 +130,50 @@ class RewardTerm:
 
 
 @dataclass(frozen=True)
+class ItemOutcome:
+    """A way in which an item ends.
+
+    Attributes:
+        event: The log's event.
+        name: What data and tables call it.
+        success: Whether the player did well.
+    """
+
+    event: str
+    name: str
+    success: bool
+
+
+@dataclass(frozen=True)
+class LoggedItem:
+    """What comes and goes in a round, such as targets, as the episode's log tells of it.
+
+    A line of the log is ``time, EVENT, FIELD VALUE, FIELD VALUE ...``.
+
+    Attributes:
+        name: Such as ``target``.
+        id_field: The field that tells the items of that name apart.
+        outcomes: How they can end.
+        begin_event: With which they come; None: the log does not say.
+        counted_events: Events in between that are counted.
+        cell_field: The field with the number of their place.
+        place_field: The field with their place, 2 or 3 numbers, m.
+        places_event: The event with ``[cell ... x y z]`` for every cell, world, m.
+        velocity_field: The field with the velocity that decided, 3 numbers, m/s.
+    """
+
+    name: str
+    id_field: str
+    outcomes: tuple[ItemOutcome, ...]
+    begin_event: str | None = None
+    counted_events: tuple[str, ...] = ()
+    cell_field: str | None = None
+    place_field: str | None = None
+    places_event: str | None = None
+    velocity_field: str | None = None
+
+
+@dataclass(frozen=True)
 class GameFacts:
     """What is known of a game without playing it.
 
@@ -144,6 +190,7 @@ class GameFacts:
         score: Name of the measure by which users are compared; None: the return.
         reward_terms: Parts of the reward that the log has.
         reward_rest: What to call the rest of the reward.
+        items: What comes and goes in a round, by the episode's log.
         conditions: In the order in which they are listed; empty for an app that publishes none.
         default_condition: What a round without options is.
         evaluation_options: Options that an evaluation sets.
@@ -161,6 +208,7 @@ class GameFacts:
     score: str | None = None
     reward_terms: tuple[RewardTerm, ...] = ()
     reward_rest: str = "game"
+    items: tuple[LoggedItem, ...] = ()
     conditions: tuple[Condition, ...] = ()
     default_condition: str = ""
     evaluation_options: Mapping[str, OptionValue] = field(default_factory=dict)
@@ -289,5 +337,12 @@ def read_facts(told: Mapping[str, Any]) -> GameFacts:
             "measures": measures,
             "conditions": conditions,
             "reward_terms": terms,
+            "items": tuple(map(_read_item, told.get("items", ()))),
         }
     )
+
+
+def _read_item(told: Mapping[str, Any]) -> LoggedItem:
+    outcomes = tuple(ItemOutcome(**outcome) for outcome in told["outcomes"])
+    counted = tuple(told["counted_events"])
+    return LoggedItem(**{**told, "outcomes": outcomes, "counted_events": counted})

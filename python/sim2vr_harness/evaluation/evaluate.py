@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing, nullcontext
+from contextlib import ExitStack, closing
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +16,8 @@ from sim2vr_harness.envs.apps import knows_options
 from sim2vr_harness.envs.config import EnvConfig, UserConfig, with_options
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.errors import InputError
+from sim2vr_harness.evaluation.data.folder import EvaluationData
+from sim2vr_harness.evaluation.data.recording import DataRecorder
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.player import Player
@@ -31,6 +34,9 @@ __all__ = ["Evaluation", "Request", "evaluate"]
 
 _LONGEST_NAME = 120
 """Of a folder, in characters."""
+
+_PASSING_LOGS = ".logs"
+"""Of rounds whose logs are read, and not kept."""
 
 _USER_BYTES = 2_000_000
 """What a round needs beside others at least: body, app and its share of the renderers."""
@@ -52,7 +58,8 @@ class Request:
             condition each; None: as in the training.
         deterministic: Whether actions are the policy's mean.
         record: Whether to film the first round of every condition.
-        log: Whether to write the game's CSV logs.
+        log: Whether to keep the game's CSV logs.
+        steps: Whether to write tables of every user step and app frame, too.
         out: Where files go; None takes the run's ``evaluation/step_<N>``, and in it a folder named
             after what is different from the run's own settings, if anything is. Results are added
             to those that are there.
@@ -62,6 +69,7 @@ class Request:
         overrides: ``env.key=value``, what else is different from the training's environment.
         trust_app: Whether the program that the run names as its app may be started, though this
             user has never done so (docs/remote_apps.md).
+        cores: How many to use, whatever the run says; changes no number.
     """
 
     conditions: Sequence[str] | None = None
@@ -71,12 +79,14 @@ class Request:
     deterministic: bool | None = None
     record: bool = False
     log: bool = False
+    steps: bool = True
     out: str | Path | None = None
     overwrite: bool = False
     batch: int = 10
     app: Mapping[str, Any] = field(default_factory=dict)
     overrides: Sequence[str] = ()
     trust_app: bool = False
+    cores: int | None = None
 
 
 @dataclass(frozen=True)
@@ -88,9 +98,11 @@ class Evaluation:
         facts: What the game publishes.
         step: User steps that the evaluated checkpoint was trained for.
         checkpoint: The evaluated checkpoint or packed weights.
-        files: Results, videos and logs that were written.
+        files: Results, tables, videos and logs that were written.
         rounds: Every round.
         unpractised: What the user never practised, a line each.
+        data: The tables, as data frames: of everything that is in the folder.
+        unread: Logs of the app that the tables lack, and why, a line each.
     """
 
     summaries: dict[str, dict[str, Any]]
@@ -100,6 +112,28 @@ class Evaluation:
     files: list[Path]
     rounds: list[RoundResult]
     unpractised: list[str]
+    data: EvaluationData
+    unread: list[str]
+
+    @property
+    def episodes(self) -> Any:
+        """A row per episode; see :class:`EvaluationData`, as for what follows."""
+        return self.data.episodes
+
+    @property
+    def events(self) -> Any:
+        """A row per item of a round."""
+        return self.data.events
+
+    @property
+    def steps(self) -> Any:
+        """A row per user step."""
+        return self.data.steps()
+
+    @property
+    def frames(self) -> Any:
+        """A row per frame of the app."""
+        return self.data.frames()
 
 
 def _simulation(config: EnvConfig, n: int, *, log_dir: Path | None = None) -> Any:
@@ -139,6 +173,8 @@ def evaluate(
     )
     if request.people is not None:
         env = _with_people(env, request.people, seed)
+    if request.cores is not None:
+        env = env.model_copy(update={"cores": request.cores})
     require_contract(user, env)
     facts = game_facts(env.app)
     conditions = _conditions(facts, request.conditions or config.evaluation.conditions)
@@ -158,18 +194,26 @@ def evaluate(
     }
     results = Results(out)
     new = unpractised(config, env, names)
-    logs = RoundLogs(out / "logs") if request.log else None
+    weight = effort_weight(env.user.effort.model, env.user.effort.weight)
+    log_root = out / ("logs" if request.log else _PASSING_LOGS)
+    logs = RoundLogs(log_root) if request.log or _logs_by_itself(env) else None
     filmer = RoundFilmer(out, facts) if request.record else None
-    watchers: list[Watcher] = [watcher for watcher in (logs, filmer) if watcher is not None]
+    recorder = DataRecorder(out, facts, env, moments=request.steps)
+    watchers: list[Watcher] = [*recorder.watchers, *(each for each in (logs, filmer) if each)]
 
     def make_act(users: Any) -> Callable[..., Any]:
         player = Player(user, users.observation_space, users.action_space)
         settings["trained_steps"] = player.step
         if not request.overwrite:
             results.require_room(names, settings)
+        else:
+            recorder.clear()
         return player.act
 
-    with closing(filmer) if filmer is not None else nullcontext():
+    with ExitStack() as stack:
+        stack.callback(shutil.rmtree, out / _PASSING_LOGS, ignore_errors=True)
+        if filmer is not None:
+            stack.enter_context(closing(filmer))
         rounds: list[RoundResult] = []
         groups = _groups(env, conditions)
         for number, (own_env, own_conditions) in enumerate(groups):
@@ -190,8 +234,11 @@ def evaluate(
                 watchers=watchers,
                 on_progress=advance,
             )
-    if logs is not None:
-        rounds = logs.settle(rounds, out)
+        if logs is not None:
+            settled = logs.settle(rounds, out)
+            rounds = settled if request.log else rounds
+            recorder.take_logs(settled)
+        recorder.finish(rounds, settings, weight)
     summaries = {}
     for name in names:
         own = [result for result in rounds if result.condition == name]
@@ -199,15 +246,22 @@ def evaluate(
             **summarise(own, facts),
             **settings,
             "game": facts.name,
-            "effort_weight": effort_weight(env.user.effort.model, env.user.effort.weight),
+            "effort_weight": weight,
             "unpractised": new,
             "rounds": [result.as_dict() for result in own],
         }
-    files = [results.add(summaries, overwrite=request.overwrite), *(filmer.files if filmer else [])]
-    if logs is not None and logs.any:
+    files = [results.add(summaries, overwrite=request.overwrite), recorder.root]
+    files += filmer.files if filmer else []
+    if request.log and logs is not None and logs.any:
         files.append(out / "logs")
     step = int(settings["trained_steps"])
-    return Evaluation(summaries, facts, step, user.source, files, rounds, new)
+    data, unread = EvaluationData(recorder.root), recorder.unread
+    return Evaluation(summaries, facts, step, user.source, files, rounds, new, data, unread)
+
+
+def _logs_by_itself(env: EnvConfig) -> bool:
+    """Whether the app is ours and started here, so that its logs cost nobody an argument."""
+    return env.app.connect is None and env.app.executable is None
 
 
 def _with_people(env: EnvConfig, people: int, seed: int) -> EnvConfig:

@@ -92,6 +92,15 @@ class RoundResult:
     log_folder: str | None = None
     person: dict[str, Any] | None = None
 
+    @property
+    def key(self) -> str:
+        """Names the round among those of an evaluation: ``easy_seed1``.
+
+        ``easy_person3_seed1`` where users are people.
+        """
+        who = "" if self.person is None else f"_person{self.person['index']}"
+        return f"{self.condition}{who}_seed{self.seed}"
+
     def as_dict(self) -> dict[str, Any]:
         """Return everything, ready for JSON; ``person`` is the number, with ``person_fields``."""
         content = asdict(self)

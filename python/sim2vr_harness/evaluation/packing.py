@@ -71,7 +71,11 @@ def pack_measured(
             pack_curves(user.source.parent.parent, place)
             measured = Path(scratch) / f"measured_{user.config.seed}"
             request = Request(
-                conditions=conditions, episodes=episodes, out=measured, trust_app=True
+                conditions=conditions,
+                episodes=episodes,
+                steps=False,
+                out=measured,
+                trust_app=True,
             )
             found = evaluate(place, request)
             card["results"] = {

@@ -32,9 +32,8 @@ class RoundLogs:
     """A watcher that finds every round's log and, in the end, gives it the round's name.
 
     Args:
-        root: Gets a folder ``<condition>_seed<seed>`` for every round that was logged; where users
-            are people, ``<condition>_person<number>_seed<seed>`` with who played in
-            ``person.json``.
+        root: Gets a folder, named by :attr:`RoundResult.key`, for every round that was logged;
+            where users are people, with who played in ``person.json``.
     """
 
     def __init__(self, root: Path) -> None:
@@ -88,8 +87,7 @@ class RoundLogs:
             if place is None or not place.is_dir():
                 settled.append(result)
                 continue
-            who = "" if result.person is None else f"_person{result.person['index']}"
-            folder = self._root / f"{result.condition}{who}_seed{result.seed}"
+            folder = self._root / result.key
             _move(place, folder)
             if result.person is not None:
                 content = json.dumps(result.person, indent=2) + "\n"

@@ -27,7 +27,7 @@ def is_temporary(file: Path) -> bool:
 
 
 @contextmanager
-def sole_training(folder: Path, lock_file: Path) -> Iterator[None]:
+def sole_training(folder: Path, lock_file: Path, what: str = "training") -> Iterator[None]:
     """Hold a run's folder, made if needed, for the time of a training.
 
     The kernel lets go of the lock when the process ends, however it ends.
@@ -35,9 +35,10 @@ def sole_training(folder: Path, lock_file: Path) -> Iterator[None]:
     Args:
         folder: of the run; empty folders that were made here go again if nothing came into them.
         lock_file: in it.
+        what: what works there, for people, where it is no training.
 
     Raises:
-        InputError: another training works there.
+        InputError: another one works there.
     """
     made = not folder.exists()
     folder.mkdir(parents=True, exist_ok=True)
@@ -48,8 +49,8 @@ def sole_training(folder: Path, lock_file: Path) -> Iterator[None]:
         except BlockingIOError as error:
             raise InputError(
                 "--out",
-                f"{str(folder)!r}, in which another training is running",
-                "that training to end first, or another folder",
+                f"{str(folder)!r}, in which another {what} is running",
+                f"that {what} to end first, or another folder",
             ) from error
         sweep(folder)
         yield

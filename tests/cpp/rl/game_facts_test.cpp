@@ -22,6 +22,16 @@ TEST(GameFacts, AGameThatSaysNothingHasOneConditionAndItsReward) {
   EXPECT_TRUE(facts["conditions"][0]["evaluated"]);
 }
 
+TEST(GameFacts, ItemsSayWhatTheLogCallsThem) {
+  GameFacts facts;
+  facts.items = {{.name = "coin", .id_field = "ID", .outcomes = {{"coin_taken", "taken", true}}}};
+  const auto told = nlohmann::json::parse(factsJson("g", "", facts))["items"];
+  EXPECT_EQ(told, nlohmann::json::parse(R"([{"name": "coin", "id_field": "ID", "begin_event": null,
+      "outcomes": [{"event": "coin_taken", "name": "taken", "success": true}],
+      "counted_events": [], "cell_field": null, "place_field": null, "places_event": null,
+      "velocity_field": null}])"));
+}
+
 TEST(GameFacts, TheDefaultConditionIsEvaluatedWhenNoneIsNamed) {
   GameFacts facts;
   facts.conditions = {{.name = "a", .options_json = R"({"x": 1})"},
@@ -56,6 +66,10 @@ TEST(GameFacts, ContradictionsAreNamed) {
   facts.devices = {};
   facts.measures = {{.name = "hits", .label = "Hits"}};
   EXPECT_EQ(refusal(facts), "measures: got 'hits', expected a name, a label and a log_key");
+  facts.measures = {};
+  facts.score = "";
+  facts.items = {{.name = "coin", .id_field = "ID"}};
+  EXPECT_EQ(refusal(facts), "items: got 'coin', expected a name, an id_field and outcomes");
 
   GameFacts other;
   other.conditions = {{.name = "a", .options_json = R"({"x": 1})"},

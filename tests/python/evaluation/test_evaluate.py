@@ -136,7 +136,7 @@ def test_defaults_come_from_the_run_and_results_are_stored(trained: Path) -> Non
     summary = found.summaries["medium"]
     assert (summary["episodes"], summary["seed"], summary["deterministic"]) == (3, 1, False)
     file = trained / "evaluation" / "step_000000120" / "results.json"
-    assert found.files == [file]
+    assert found.files == [file, file.with_name("data")]
     assert json.loads(file.read_text()) == found.summaries
     assert all(np.isfinite(row["return"]) for row in summary["rounds"])
 
@@ -167,7 +167,10 @@ def test_the_environment_can_be_another_than_the_training_s(trained: Path) -> No
     assert found.summaries["medium"]["game"] == "whacamole"
     folder = "user.noise.constant=white,app.options.adaptive=true"
     place = trained / "evaluation" / "step_000000120" / folder
-    assert found.files == [place / "results.json"]  # beside the results without changes
+    assert found.files == [
+        place / "results.json",
+        place / "data",
+    ]  # beside the results without changes
 
 
 def test_bad_requests(trained: Path, tmp_path: Path) -> None:
@@ -244,6 +247,8 @@ def test_progress_and_logs(trained: Path, tmp_path: Path) -> None:
             text = (tmp_path / row["log_folder"] / "states.csv").read_text()
             assert text == f"{condition} {row['game_seed']}"
             assert row["game_seed"] == 1000 + row["seed"]
+    assert len(found.unread) == 6, "logs of a format of their own are kept, and not in the tables"
+    assert found.unread[0].endswith("got 'easy 1001', expected 'condition C, random seed N'")
     assert 0.0 <= min(shares) <= max(shares) <= 1.0
     assert shares[-1] > 0.9
 

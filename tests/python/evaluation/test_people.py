@@ -5,11 +5,10 @@ from __future__ import annotations
 import io
 import json
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-from fake_simulation import FakeSimulation
+from fake_people import FakePeople
 from rich.console import Console
 
 from sim2vr_harness.client import Condition, describe_game
@@ -21,30 +20,6 @@ from sim2vr_harness.evaluation.tables import results_table
 from sim2vr_harness.users import People, PeopleSettings
 
 WHACAMOLE = describe_game("whacamole")
-
-
-class FakePeople(FakeSimulation):
-    """The quick stand-in, with people who take longer the higher their number."""
-
-    def __init__(self, config: Any = None, n: int = 1, *, log_dir: Path | None = None) -> None:
-        super().__init__(config, n, log_dir=log_dir)
-        self.people = People(config.user.people)
-        self.rounds = 0
-
-    def reset(self, ids=None, seeds=None, options=None, persons=None):  # type: ignore[no-untyped-def]
-        started = super().reset(ids, seeds, options)
-        if persons is None:
-            return started
-        found = []
-        for i, info, number in zip(ids, started, persons, strict=True):
-            if self.log_dir is not None:
-                folder = self.log_dir / f"user{i:03d}" / f"{self.rounds:04d}-round"
-                folder.mkdir(parents=True)
-                (folder / "events.csv").write_text(f"{seeds}")
-                self.rounds += 1
-            self.length[i] = 6 + number
-            found.append(info | {"person": self.people.number(number).as_dict()})
-        return found
 
 
 def result(points: float, person: int | None, episode: int = 0) -> RoundResult:

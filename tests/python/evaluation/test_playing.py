@@ -99,3 +99,10 @@ def test_evaluate_takes_what_the_command_takes(tmp_path: Path) -> None:
     assert list(found.summaries) == ["easy"]
     assert (tmp_path / "results.json").is_file()
     assert found.rounds[0].steps == 21
+    # And gives data frames.
+    assert found.episodes["hits"].tolist() == [found.rounds[0].values["hits"]]
+    assert len(found.steps) == 21 and len(found.frames) == 22
+    assert found.events["outcome"].isin(["hit", "miss"]).sum() <= len(found.events)
+    again = sim2vr_harness.read_data(tmp_path)
+    assert again.episodes.equals(found.episodes)
+    assert not (tmp_path / ".logs").exists() and not (tmp_path / "logs").exists()

@@ -267,6 +267,7 @@ def _played(
         episodes=plays.episodes,
         seed=plays.seed,
         log=True,
+        steps=False,
         overwrite=True,
         batch=plays.batch,
         people=plays.persons,

@@ -62,6 +62,38 @@ struct RewardTerm {
   std::string label;
 };
 
+/// What comes and goes in a round, such as targets, as the episode's log tells of it
+/// (EpisodeLogger): evaluations write a row of data for each. A line of the log is "EVENT, FIELD
+/// VALUE, FIELD VALUE"; the names below are those of events and fields.
+struct LoggedItem {
+  /// A way to end.
+  struct Outcome {
+    std::string event;
+    /// What data and tables call it: "hit".
+    std::string name;
+    /// Whether the player did well.
+    bool success = false;
+  };
+
+  /// "target"
+  std::string name;
+  /// Tells the items of a round apart, together with `name`.
+  std::string id_field;
+  /// The event with which it comes; empty: the log has none.
+  std::string begin_event = {};
+  std::vector<Outcome> outcomes = {};
+  /// Events in between, which are counted: touches that were too slow.
+  std::vector<std::string> counted_events = {};
+  /// The field with the number of the place that it came up in; empty: no such number.
+  std::string cell_field = {};
+  /// The field with its place, 2 or 3 numbers, m.
+  std::string place_field = {};
+  /// Or the event at the round's start with "[cell ... x y z]" for every cell: world, m.
+  std::string places_event = {};
+  /// The field with the velocity that decided, 3 numbers, m/s.
+  std::string velocity_field = {};
+};
+
 struct GameFacts {
   /// Of a round with default options; 0 when rounds have no usual length.
   double round_seconds = 0.0;
@@ -81,6 +113,8 @@ struct GameFacts {
   /// Terms that are not the score's; what they leave of the game's reward is called reward_rest.
   std::vector<RewardTerm> reward_terms = {};
   std::string reward_rest = "Game";
+  /// What evaluations write a row of data for; none without logs.
+  std::vector<LoggedItem> items = {};
   /// In the order in which they are listed to people. None: the game has one, its defaults.
   std::vector<GameCondition> conditions = {};
   /// Name of the condition that a round without options is; may be empty without conditions.

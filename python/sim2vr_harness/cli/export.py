@@ -1,0 +1,33 @@
+"""``sim2vr-harness export``: an evaluation's steps for other programs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim2vr_harness.cli.options import writable_folder
+
+__all__ = ["export"]
+
+
+def export(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Of an evaluation that kept its steps.")
+    ],
+    episode: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY", help="A key of the table episodes; may be repeated. Without, all."
+        ),
+    ] = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the files.", callback=writable_folder)
+    ] = Path("opensim"),
+) -> None:
+    """Write joint angles (.mot), activations and forces (.sto) for OpenSim."""
+    from sim2vr_harness.evaluation.data import export_opensim, read_data
+
+    for file in export_opensim(read_data(folder), out, episode or ()):
+        typer.echo(f"Written: {file}")

@@ -1,0 +1,40 @@
+"""``sim2vr-harness study``: from a YAML file to tables and comparisons."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim2vr_harness.cli.options import writable_folder
+
+__all__ = ["study"]
+
+
+def study(
+    file: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study's file.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Its folder; studies/NAME by default. What is done there is not done again.",
+            callback=writable_folder,
+        ),
+    ] = None,
+    jobs: Annotated[
+        int | None,
+        typer.Option(help="Cells and trainings side by side; one per two cores by default."),
+    ] = None,
+) -> None:
+    """Play the cells of a study, train what it needs, and compare."""
+    from rich.console import Console
+
+    from sim2vr_harness.cli.studies import Shown, comparison_table
+    from sim2vr_harness.studies import run_study
+
+    with Shown() as shown:
+        found = run_study(file, out, jobs=jobs, on_progress=shown.show)
+    for table in comparison_table(found.data):
+        Console().print(table)
+    typer.echo(f"Played: {found.played} of {found.played + found.found} cells and trainings")
+    typer.echo(f"Written: {found.data.root}")

@@ -1,0 +1,237 @@
+"""A study's tables: those of its cells in one, with the factors as columns."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from sim2vr_harness.client import Measure
+from sim2vr_harness.errors import InputError, unknown_name
+from sim2vr_harness.evaluation.data import Column, EvaluationData, read_data
+from sim2vr_harness.evaluation.data.columns import column_name, merged, row_table
+from sim2vr_harness.evaluation.data.folder import (
+    FOLDER,
+    columns_in,
+    data_frame,
+    dictionary_bytes,
+    joined,
+    read_table,
+    write_table,
+)
+from sim2vr_harness.evaluation.metrics import measures_of
+from sim2vr_harness.files import file_name, read_json
+from sim2vr_harness.studies.config import StudyConfig, parse_study
+from sim2vr_harness.studies.plan import Plan
+from sim2vr_harness.studies.tasks import CELLS, TRAININGS, CellTask
+from sim2vr_harness.training.run_folder import write_atomically
+
+__all__ = ["STUDY_FILE", "StudyData", "factor_column", "read_study", "write_data"]
+
+STUDY_FILE = "study.json"
+"""The study and what is needed to read its tables: measures and units."""
+_CELL = Column("design_cell", "text", "", "Cell of the study's design; a key of the table cells")
+_EXPECTED = "what a study wrote, or another folder"
+
+
+def factor_column(name: str) -> str:
+    """What a factor is called in the tables."""
+    return f"factor_{column_name(name)}"
+
+
+def write_data(plan: Plan, root: Path) -> None:
+    """Write the study's tables from its cells, all of which are done.
+
+    Raises:
+        InputError: A cell's table cannot be read.
+    """
+    tables: dict[str, pa.Table] = {"cells": _cells_table(plan)}
+    for name in ("episodes", "events"):
+        parts = []
+        for cell, task in zip(plan.cells, plan.tasks, strict=True):
+            part = read_table(root / CELLS / task.key / FOLDER / f"{name}.parquet")
+            levels = cell.levels if name == "episodes" else {}
+            parts.append(_with_cell(part, cell.name, levels, plan.study))
+        tables[name] = joined(parts)
+    for name, table in tables.items():
+        write_table(root / FOLDER / name, table)
+    told = {name: columns_in(table.schema) for name, table in tables.items()}
+    told |= _told_of_moments(plan.tasks[0], root)
+    write_atomically(root / FOLDER / "dictionary.csv", dictionary_bytes(told))
+    about = {
+        "study": plan.study.model_dump(mode="json"),
+        "game": plan.facts.name,
+        "score": plan.facts.score,
+        "unit": unit_of(plan.study),
+        "measures": [_told(measure) for measure in measures_of(plan.facts)
+                     if measure.name in plan.measures],
+        "grids": [_told(measure) for measure in plan.facts.grids],
+    }  # fmt: skip
+    write_atomically(root / STUDY_FILE, (json.dumps(about, indent=2) + "\n").encode())
+
+
+def unit_of(study: StudyConfig) -> str:
+    """What n counts: ``person``, the name of the unit factor, or ``user``: one, unless said."""
+    return "person" if study.people is not None else study.unit_factor or "user"
+
+
+def _told(measure: Measure) -> dict[str, Any]:
+    keys = ("name", "label", "unit", "better", "digits", "description")
+    told = {key: getattr(measure, key) for key in keys}
+    return told | ({"grid": list(measure.grid)} if measure.grid else {})
+
+
+def _cells_table(plan: Plan) -> pa.Table:
+    rows, columns = [], [_CELL]
+    columns += [
+        Column(factor_column(name), "text", "", f"Level of the factor {name}")
+        for name in plan.study.factors
+    ]
+    columns += [
+        Column("folder", "text", "", "Where its own tables, steps and frames are"),
+        Column("user", "text", "", "The trained user; none where the study trained it"),
+        Column("training", "text", "", "Folder of its training, where the study trained it"),
+        Column("condition", "text", "", "The game's condition"),
+        Column("settings", "text", "", "JSON object: everything that the cell sets"),
+    ]
+    for cell, task in zip(plan.cells, plan.tasks, strict=True):
+        training = None if task.training is None else f"{TRAININGS}/{task.training}"
+        rows.append(
+            {
+                "design_cell": cell.name,
+                **{factor_column(name): label for name, label in cell.levels.items()},
+                "folder": f"{CELLS}/{task.key}",
+                "user": None if task.user is None else cell.settings["user"],
+                "training": training,
+                "condition": task.condition,
+                "settings": json.dumps(dict(sorted(cell.settings.items()))),
+            }
+        )
+    return row_table(rows, columns)
+
+
+def _with_cell(
+    table: pa.Table, cell: str, levels: Mapping[str, str], study: StudyConfig
+) -> pa.Table:
+    """A cell's rows with the cell, its levels and the unit of analysis in front."""
+    columns = [_CELL]
+    values: list[Any] = [[cell] * len(table)]
+    for name, label in levels.items():
+        columns.append(Column(factor_column(name), "text", "", f"Level of the factor {name}"))
+        values.append([label] * len(table))
+    if levels:
+        what = "What n counts: the person, the level of the unit factor, or the user"
+        columns.append(Column("unit", "text", "", what))
+        factor = study.unit_factor
+        if study.people is not None:
+            persons = table["person"].to_pylist()
+            of = f"{levels[factor]}, " if factor else ""
+            values.append([f"{of}person {person}" for person in persons])
+        elif factor is not None:
+            values.append([levels[factor]] * len(table))
+        else:
+            values.append(table["user"].to_pylist())
+    arrays = [
+        pa.array(given, column.field.type) for given, column in zip(values, columns, strict=True)
+    ]
+    fields = [column.field for column in columns] + list(table.schema)
+    return pa.Table.from_arrays([*arrays, *table.columns], schema=pa.schema(fields))
+
+
+def _told_of_moments(task: CellTask, root: Path) -> dict[str, list[Column]]:
+    found: dict[str, list[Column]] = {}
+    for name in ("steps", "frames"):
+        files = sorted((root / CELLS / task.key / FOLDER / name).glob("*.parquet"))
+        if files:
+            found[name] = merged(columns_in(read_table(files[0]).schema))
+    return found
+
+
+@dataclass(frozen=True)
+class StudyData:
+    """A study's tables as data frames of pandas, read when asked for.
+
+    Attributes:
+        root: The study's folder.
+        study: What it was.
+        about: ``game``, ``score``, ``unit``, ``measures`` and ``grids`` as the game publishes them.
+    """
+
+    root: Path
+    study: StudyConfig
+    about: Mapping[str, Any]
+
+    @cached_property
+    def cells(self) -> Any:
+        """A row per cell: its levels, folder, user. Key: ``design_cell``."""
+        return data_frame(read_table(self.root / FOLDER / "cells.parquet"))
+
+    @cached_property
+    def episodes(self) -> Any:
+        """A row per episode: levels (``factor_...``), ``unit``, measures.
+
+        Keys: ``design_cell``, ``episode``.
+        """
+        return data_frame(read_table(self.root / FOLDER / "episodes.parquet"))
+
+    @cached_property
+    def events(self) -> Any:
+        """A row per item that came and went.
+
+        Keys: ``design_cell``, ``episode``, ``item``, ``item_id``.
+        """
+        return data_frame(read_table(self.root / FOLDER / "events.parquet"))
+
+    @cached_property
+    def dictionary(self) -> Any:
+        """A row per column of every table: type, unit, description."""
+        return EvaluationData(self.root / FOLDER).dictionary
+
+    @cached_property
+    def statistics(self) -> dict[str, list[dict[str, Any]]]:
+        """``summaries`` of each condition and measure, ``results`` of the comparisons."""
+        return read_json(self.root / "statistics.json", _EXPECTED)
+
+    def of_cell(self, cell: str) -> EvaluationData:
+        """One cell's own tables, with steps and frames.
+
+        Raises:
+            InputError: There is no such cell.
+        """
+        folders = dict(zip(self.cells["design_cell"], self.cells["folder"], strict=True))
+        if cell not in folders:
+            raise unknown_name("cell", cell, folders)
+        return read_data(self.root / folders[cell])
+
+    def steps(self, cell: str, *episodes: str, columns: Sequence[str] | None = None) -> Any:
+        """Steps of a cell; see :meth:`EvaluationData.steps`."""
+        return self.of_cell(cell).steps(*episodes, columns=columns)
+
+    def frames(self, cell: str, *episodes: str, columns: Sequence[str] | None = None) -> Any:
+        """App frames of a cell; see :meth:`EvaluationData.frames`."""
+        return self.of_cell(cell).frames(*episodes, columns=columns)
+
+
+def read_study(folder: str | Path) -> StudyData:
+    """Return what a study has measured.
+
+    Args:
+        folder: Of a study that is done.
+
+    Raises:
+        InputError: There is none.
+    """
+    root = Path(folder)
+    if not (root / STUDY_FILE).is_file():
+        raise InputError(
+            file_name(root), f"no {STUDY_FILE} in it", "the folder of a study that is done"
+        )
+    about = read_json(root / STUDY_FILE, _EXPECTED)
+    if not isinstance(about.get("study"), dict):
+        raise InputError(file_name(root / STUDY_FILE), "no study in it", _EXPECTED)
+    return StudyData(root, parse_study(about.pop("study")), about)

@@ -1,0 +1,199 @@
+"""Processes of this machine that do a study's tasks, any of which may die."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from pathlib import Path
+from typing import Any, Protocol
+
+from sim2vr_harness.errors import reason
+from sim2vr_harness.studies.tasks import Task
+
+__all__ = ["Done", "Here", "Pool", "Processes"]
+
+Work = Callable[[Task, Path, int], None]
+"""Task, the study's folder, cores."""
+
+_ATTEMPTS = 3
+"""Workers that may die of one task before it is given up."""
+_GRACE_S = 30.0
+"""For trainings to save when a study is stopped."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """A task that has ended.
+
+    Attributes:
+        task: Which.
+        error: Why it failed, in a line; None: it did not.
+    """
+
+    task: Task
+    error: str | None = None
+
+
+class Pool(Protocol):
+    """Does tasks, in whatever order."""
+
+    def submit(self, task: Task) -> None:
+        """Take a task."""
+
+    def next(self) -> Done:
+        """Wait for one of those that were submitted."""
+
+    def close(self) -> None:
+        """Stop whatever is being done; idempotent."""
+
+
+class Here:
+    """This process, one task after the other, when somebody waits for it."""
+
+    def __init__(self, root: Path, cores: int) -> None:
+        self._root, self._cores = root, cores
+        self._tasks: deque[Task] = deque()
+
+    def submit(self, task: Task) -> None:
+        """See :class:`Pool`."""
+        self._tasks.append(task)
+
+    def next(self) -> Done:
+        """See :class:`Pool`."""
+        return _done(self._tasks.popleft(), self._root, self._cores)
+
+    def close(self) -> None:
+        """See :class:`Pool`."""
+        self._tasks.clear()
+
+
+def _do(task: Task, root: Path, cores: int) -> None:
+    from sim2vr_harness.studies.work import do  # loads all that plays and learns
+
+    do(task, root, cores)
+
+
+def _done(task: Task, root: Path, cores: int, work: Work = _do) -> Done:
+    try:
+        work(task, root, cores)
+    except Exception as error:
+        return Done(task, in_a_line(error))
+    return Done(task)
+
+
+def in_a_line(error: BaseException) -> str:
+    """What went wrong, for a report over several tasks."""
+    if isinstance(error, OSError) and error.filename is not None:
+        return f"{error.filename}: got {reason(error)!r}, expected to read or write it"
+    text = " ".join(str(error).split())
+    return text if isinstance(error, ValueError) and text else f"{type(error).__name__}: {text}"
+
+
+class _Worker:
+    """A process and the task that it has."""
+
+    def __init__(self, root: Path, cores: int, work: Work) -> None:
+        context = multiprocessing.get_context("spawn")
+        self.pipe, theirs = context.Pipe()
+        self.process: Any = context.Process(
+            target=_serve, args=(theirs, str(root), cores, work), daemon=False
+        )
+        self.process.start()
+        theirs.close()
+        self.task: Task | None = None
+
+
+def _serve(pipe: Connection, root: str, cores: int, work: Work) -> None:
+    """What a worker does until the study is over, or nobody listens any more."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the study's, which tells its workers
+    with suppress(EOFError, OSError):
+        while (task := pipe.recv()) is not None:
+            pipe.send(_done(task, Path(root), cores, work))
+    os._exit(0)  # threads of renderers and of torch are not waited for
+
+
+class Processes:
+    """A fixed number of processes; a task whose process dies is done again in another one.
+
+    Args:
+        root: The study's folder.
+        count: How many.
+        cores: How many each uses.
+        work: What they do with a task; it must not depend on anything but its arguments.
+    """
+
+    def __init__(self, root: Path, count: int, cores: int, work: Work = _do) -> None:
+        self._root, self._count, self._cores, self._work = root, count, cores, work
+        self._workers: list[_Worker] = []
+        self._tasks: deque[Task] = deque()
+        self._deaths: dict[str, int] = {}
+
+    def submit(self, task: Task) -> None:
+        """See :class:`Pool`."""
+        self._tasks.append(task)
+        self._assign()
+
+    def _assign(self) -> None:
+        for worker in self._workers:
+            if self._tasks and worker.task is None:
+                self._give(worker)
+        while self._tasks and len(self._workers) < self._count:
+            self._workers.append(_Worker(self._root, self._cores, self._work))
+            self._give(self._workers[-1])
+
+    def _give(self, worker: _Worker) -> None:
+        worker.task = self._tasks.popleft()
+        with suppress(OSError):  # it is dead, which `next` finds out
+            worker.pipe.send(worker.task)
+
+    def next(self) -> Done:
+        """See :class:`Pool`."""
+        while True:
+            self._assign()
+            busy = {worker.pipe: worker for worker in self._workers if worker.task is not None}
+            ready = wait([*busy, *(worker.process.sentinel for worker in busy.values())])
+            for worker in busy.values():
+                if worker.pipe in ready or worker.process.sentinel in ready:
+                    done = self._take(worker)
+                    if done is not None:
+                        return done
+
+    def _take(self, worker: _Worker) -> Done | None:
+        task = worker.task
+        assert task is not None
+        with suppress(EOFError, OSError):
+            if worker.pipe.poll():
+                done: Done = worker.pipe.recv()
+                worker.task = None
+                return done
+        worker.process.join()
+        self._workers.remove(worker)
+        deaths = self._deaths[task.key] = self._deaths.get(task.key, 0) + 1
+        if deaths >= _ATTEMPTS:
+            code = worker.process.exitcode
+            return Done(task, f"its process died {deaths} times, at last with exit code {code}")
+        self._tasks.appendleft(task)
+        return None
+
+    def close(self) -> None:
+        """See :class:`Pool`."""
+        for worker in self._workers:
+            if worker.task is None:
+                with suppress(OSError):
+                    worker.pipe.send(None)
+            else:
+                worker.process.terminate()  # of a training: it saves
+        for worker in self._workers:
+            worker.process.join(_GRACE_S)
+            if worker.process.is_alive():
+                worker.process.kill()
+                worker.process.join()
+            worker.pipe.close()
+        self._workers.clear()
+        self._tasks.clear()

@@ -1,0 +1,184 @@
+"""Runs a study: what is not done yet, then its tables and comparisons."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sim2vr_harness.cores import available
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.files import read_json
+from sim2vr_harness.studies.config import StudyConfig, load_study, parse_study
+from sim2vr_harness.studies.data import STUDY_FILE, StudyData, read_study, write_data
+from sim2vr_harness.studies.plan import Plan, plan_of
+from sim2vr_harness.studies.pool import Done, Here, Pool, Processes
+from sim2vr_harness.studies.tasks import CELLS, TRAININGS, CellTask, Task, is_done
+from sim2vr_harness.studies.work import clear_away
+from sim2vr_harness.training.locking import sole_training
+from sim2vr_harness.training.run_folder import write_atomically
+
+__all__ = ["Progress", "StudyResult", "run_study"]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a study is.
+
+    Attributes:
+        done: Tasks that are done, those of earlier sessions included.
+        total: All tasks: trainings and cells.
+        label: The one that has just ended; empty at first.
+        error: Why that one failed; None: it did not.
+    """
+
+    done: int
+    total: int
+    label: str = ""
+    error: str | None = None
+
+
+@dataclass(frozen=True)
+class StudyResult:
+    """What came out.
+
+    Attributes:
+        data: The study's tables.
+        played: Cells and trainings that were done now.
+        found: Those that were done already.
+    """
+
+    data: StudyData
+    played: int
+    found: int
+
+
+def run_study(
+    study: StudyConfig | Mapping[str, Any] | str | Path,
+    out: str | Path | None = None,
+    *,
+    jobs: int | None = None,
+    on_progress: Callable[[Progress], None] = lambda progress: None,
+    make_pool: Callable[[Path], Pool] | None = None,
+) -> StudyResult:
+    """Run a study, or go on with it: what is done is not done again.
+
+    Args:
+        study: The study, its YAML file, or what such a file says.
+        out: Its folder; None: ``studies/NAME``.
+        jobs: Cells and trainings side by side; None: one per two cores.
+        on_progress: Told after every task.
+        make_pool: Who does the tasks, given the folder; None: processes of this machine.
+
+    Raises:
+        InputError: Something of the study cannot be used (nothing is played then), or cells failed
+            (the others are kept).
+    """
+    beside = None
+    if isinstance(study, (str, Path)):
+        beside = Path(study).parent
+        study = load_study(study)
+    elif not isinstance(study, StudyConfig):
+        study = parse_study(study)
+    root = Path(out) if out is not None else Path("studies") / study.name
+    jobs = _jobs(jobs)
+    _require_own(root, study)
+    plan = plan_of(study, folder=beside)
+    (root / CELLS).mkdir(parents=True, exist_ok=True)
+    with sole_training(root, root / ".lock", "study"):
+        clear_away(root)
+        wanted: list[Task] = [*plan.trainings, *{task.key: task for task in plan.tasks}.values()]
+        left = [task for task in wanted if not is_done(task, root)]
+        done = len(wanted) - len(left)
+        on_progress(Progress(done, len(wanted)))
+        if left:
+            pool = make_pool(root) if make_pool is not None else _pool(root, min(jobs, len(left)))
+            with closing(pool):
+                _work(pool, left, root, done, on_progress)
+        write_data(plan, root)
+        _compare(plan, root)
+    return StudyResult(read_study(root), len(left), done)
+
+
+def _pool(root: Path, jobs: int) -> Pool:
+    if jobs == 1:
+        return Here(root, available())
+    return Processes(root, jobs, max(1, available() // jobs))
+
+
+def _jobs(jobs: int | None) -> int:
+    if jobs is None:
+        return max(1, available() // 2)
+    if not 1 <= jobs <= 1024:
+        raise InputError("--jobs", str(jobs), "1 to 1024")
+    return jobs
+
+
+def _require_own(root: Path, study: StudyConfig) -> None:
+    """Refuse the folder of another study, and of something else."""
+    if (root / STUDY_FILE).is_file():
+        there = read_json(root / STUDY_FILE, "a study's, or another --out").get("study")
+        name = there.get("name") if isinstance(there, dict) else None
+        if name != study.name:
+            expected = f"another folder for {study.name!r}"
+            raise InputError("--out", f"{str(root)!r}, which has the study {name!r}", expected)
+    elif root.is_dir() and not (root / CELLS).is_dir() and any(root.iterdir()):
+        raise InputError("--out", f"{str(root)!r}, which has other files", "a folder of its own")
+
+
+def _work(
+    pool: Pool, left: list[Task], root: Path, done: int, on_progress: Callable[[Progress], None]
+) -> None:
+    """Do what is left; a cell waits for its training."""
+    total = done + len(left)
+    waiting = [task for task in left if _waits(task, root)]
+    failed: list[Done] = []
+    submitted = len(left) - len(waiting)
+    for task in left:
+        if task not in waiting:
+            pool.submit(task)
+    while submitted:
+        ended = pool.next()
+        submitted -= 1
+        if ended.error is None:
+            done += 1
+        else:
+            failed.append(ended)
+        on_progress(Progress(done, total, _label(ended.task), ended.error))
+        for task in [task for task in waiting if not _waits(task, root)]:
+            waiting.remove(task)
+            pool.submit(task)
+            submitted += 1
+    if failed:
+        more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
+        raise InputError(
+            f"{_label(failed[0].task)}",
+            f"{failed[0].error}{more}",
+            f"every cell to be played; {done} of {total} tasks are kept, run the study again to go "
+            "on",
+        )
+
+
+def _waits(task: Task, root: Path) -> bool:
+    if not isinstance(task, CellTask) or task.training is None:
+        return False
+    return not (root / TRAININGS / task.training / "trained.json").is_file()
+
+
+def _label(task: Task) -> str:
+    return f"cell {task.cell}" if isinstance(task, CellTask) else f"training {task.label}"
+
+
+def _compare(plan: Plan, root: Path) -> None:
+    from sim2vr_harness.studies.statistics import compare_all, summaries
+
+    data = read_study(root)
+    found = {
+        "summaries": summaries(data, plan.measures),
+        "results": compare_all(data, plan.measures),
+    }
+    text = json.dumps(found, indent=2)
+    write_atomically(root / "statistics.json", (text + "\n").encode())

@@ -1,0 +1,84 @@
+"""Linear mixed models: fixed effects of factors, a random intercept per unit."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+from sim2vr_harness.studies.data import factor_column
+
+__all__ = ["mixed_model"]
+
+
+def mixed_model(
+    episodes: Any, measure: str, factors: Sequence[str], levels: Sequence[Sequence[str]]
+) -> dict[str, Any]:
+    """Fit measure ~ factors and their interactions + (1 | unit) by REML.
+
+    Rounds of one unit share its intercept, so that they do not count as independent.
+
+    Args:
+        episodes: A row per round, with ``unit``.
+        measure: The dependent variable.
+        factors: Categorical predictors.
+        levels: Of each, in order; the first is what the others are compared with.
+
+    Returns:
+        ``formula``, ``groups``, ``rounds``, ``converged``, ``unit_variance``,
+        ``residual_variance`` and ``effects``: per fixed effect ``name``, ``estimate``, ``error``,
+        ``z``, ``p``, ``low``, ``high`` (95 %).
+
+    Raises:
+        ValueError: The model cannot be fitted to these rows.
+    """
+    import numpy as np
+    import pandas as pd
+    import statsmodels.formula.api as smf
+
+    table = episodes.dropna(subset=[measure])
+    frame = pd.DataFrame(
+        {"value": table[measure].to_numpy(float), "unit": table["unit"].to_numpy()}
+    )
+    terms = []
+    for number, (name, own) in enumerate(zip(factors, levels, strict=True)):
+        present = [label for label in own if label in set(table[factor_column(name)])]
+        frame[f"f{number}"] = pd.Categorical(table[factor_column(name)], categories=present)
+        if len(present) > 1:
+            terms.append(f"C(f{number})")
+    formula = f"value ~ {' * '.join(terms) or '1'}"
+    try:
+        with warnings.catch_warnings():  # what they say is in `converged` and the variances
+            warnings.simplefilter("ignore")
+            fit = smf.mixedlm(formula, frame, groups=frame["unit"]).fit(reml=True)
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise ValueError(f"the model does not fit: {error}") from error
+    intervals = fit.conf_int()
+    effects = [
+        {
+            "name": _plain(name, factors),
+            "estimate": float(fit.fe_params[name]),
+            "error": float(fit.bse_fe[name]),
+            "z": float(fit.tvalues[name]),
+            "p": float(fit.pvalues[name]),
+            "low": float(intervals.loc[name, 0]),
+            "high": float(intervals.loc[name, 1]),
+        }
+        for name in fit.fe_params.index
+    ]
+    return {
+        "formula": f"{measure} ~ {' * '.join(factors) or '1'} + (1 | unit)",
+        "groups": int(frame["unit"].nunique()),
+        "rounds": len(frame),
+        "converged": bool(fit.converged),
+        "unit_variance": float(fit.cov_re.iloc[0, 0]),
+        "residual_variance": float(fit.scale),
+        "effects": effects,
+    }
+
+
+def _plain(name: str, factors: Sequence[str]) -> str:
+    """``C(f0)[T.hard]:C(f1)[T.b]`` -> ``difficulty=hard:version=b``."""
+    for number, factor in enumerate(factors):
+        name = name.replace(f"C(f{number})[T.", f"{factor}=")
+    return name.replace("]", "")

@@ -1,0 +1,81 @@
+"""What there is to do for a study, one task at a time, and where it leaves its results."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+__all__ = [
+    "CELLS",
+    "TRAININGS",
+    "CellTask",
+    "Task",
+    "TrainingTask",
+    "folder_of",
+    "is_done",
+    "mark_of",
+]
+
+CELLS, TRAININGS = "cells", "trainings"
+"""Folders of a study, with a folder per task, named by its key."""
+
+
+@dataclass(frozen=True)
+class TrainingTask:
+    """A user to be trained.
+
+    Attributes:
+        key: Hash of its configuration; the name of the run's folder.
+        config: The complete configuration, YAML.
+        label: For people.
+    """
+
+    key: str
+    config: str
+    label: str
+
+
+@dataclass(frozen=True)
+class CellTask:
+    """A cell to be played.
+
+    Attributes:
+        key: Hash of all that decides about its bytes; the name of its folder.
+        cell: Whose key in the study's tables.
+        user: A trained user as ``evaluate`` takes it; None: the one of ``training``.
+        training: Key of the training that it waits for.
+        condition: Of the game.
+        overrides: ``env.key=value``.
+        episodes, seed, people, deterministic, steps, logs: As of an evaluation.
+    """
+
+    key: str
+    cell: str
+    user: str | None
+    training: str | None
+    condition: str
+    overrides: tuple[str, ...]
+    episodes: int
+    seed: int
+    people: int | None
+    deterministic: bool
+    steps: bool
+    logs: bool
+
+
+Task = CellTask | TrainingTask
+
+
+def folder_of(task: Task, root: Path) -> Path:
+    """Where a task's results are, or will be."""
+    return root / (CELLS if isinstance(task, CellTask) else TRAININGS) / task.key
+
+
+def mark_of(task: Task) -> str:
+    """The file in a task's folder that says that it is done."""
+    return "cell.json" if isinstance(task, CellTask) else "trained.json"
+
+
+def is_done(task: Task, root: Path) -> bool:
+    """Whether a task need not be done again."""
+    return (folder_of(task, root) / mark_of(task)).is_file()

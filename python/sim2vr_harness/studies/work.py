@@ -1,0 +1,100 @@
+"""What is done for a study, one task at a time, wherever that is."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import shutil
+from dataclasses import asdict
+from pathlib import Path
+
+from rich.console import Console
+
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.studies.tasks import (
+    CELLS,
+    TRAININGS,
+    CellTask,
+    Task,
+    TrainingTask,
+    folder_of,
+    mark_of,
+)
+from sim2vr_harness.training import trainer
+from sim2vr_harness.training.config import parse_config
+from sim2vr_harness.training.run_folder import RunFolder, write_atomically
+
+__all__ = ["clear_away", "do"]
+
+
+def do(task: Task, root: Path, cores: int) -> None:
+    """Do a task; its folder appears when it is done, or, of a training, is gone on with.
+
+    Args:
+        task: What to do.
+        root: The study's folder.
+        cores: How many to use.
+
+    Raises:
+        InputError: Something cannot be used.
+        OSError: Something cannot be written; names the file.
+    """
+    if isinstance(task, CellTask):
+        _play(task, root, cores)
+    else:
+        _train(task, root, cores)
+
+
+def _play(task: CellTask, root: Path, cores: int) -> None:
+    place = folder_of(task, root)
+    working = place.with_name(f".{task.key}.{os.getpid()}.part")
+    shutil.rmtree(working, ignore_errors=True)
+    user = task.user
+    if user is None:
+        assert task.training is not None
+        user = str(root / TRAININGS / task.training)
+    request = Request(
+        conditions=[task.condition],
+        episodes=task.episodes,
+        seed=task.seed,
+        people=task.people,
+        deterministic=task.deterministic,
+        steps=task.steps,
+        log=task.logs,
+        out=working,
+        overrides=task.overrides,
+        cores=cores,
+    )
+    try:
+        evaluate(user, request)
+        about = {**asdict(task), "overrides": list(task.overrides)}
+        about.pop("cell")  # the study's name for it, which may change
+        write_atomically(working / mark_of(task), (json.dumps(about, indent=2) + "\n").encode())
+        shutil.rmtree(place, ignore_errors=True)
+        working.rename(place)
+    finally:
+        shutil.rmtree(working, ignore_errors=True)
+
+
+def _train(task: TrainingTask, root: Path, cores: int) -> None:
+    import yaml
+
+    place = folder_of(task, root)
+    config = parse_config(yaml.safe_load(task.config))
+    cored = config.model_copy(update={"env": config.env.model_copy(update={"cores": cores})})
+    console = Console(file=io.StringIO())
+    result = trainer.train(cored, place, resume=RunFolder(place).exists, console=console)
+    if result.interrupted or result.checkpoint is None:
+        got = f"a training that was stopped in stage {result.stage!r}"
+        raise InputError(f"training {task.label}", got, "the study to be run again")
+    write_atomically(
+        place / mark_of(task), (json.dumps({"checkpoint": result.checkpoint.name}) + "\n").encode()
+    )
+
+
+def clear_away(root: Path) -> None:
+    """Remove what killed workers were playing; trainings go on from what they saved."""
+    for left in (root / CELLS).glob(".*.part"):
+        shutil.rmtree(left, ignore_errors=True)

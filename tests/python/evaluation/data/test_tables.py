@@ -1,0 +1,128 @@
+"""Tables that are written, added to and read again."""
+
+from __future__ import annotations
+
+import gzip
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.evaluation.data import DataFolder, EvaluationData, export_opensim, read_data
+from sim2vr_harness.evaluation.data.columns import (
+    Column,
+    column_name,
+    columns_of,
+    merged,
+    number_table,
+)
+
+KEY = Column("episode", "text", "", "Key")
+HITS = Column("hits", "integer", "", "Hits")
+
+
+def episodes(*rows: tuple[str, int], **more: Any) -> dict[str, Any]:
+    found = [{"episode": key, "hits": hits, **more} for key, hits in rows]
+    columns = [KEY, HITS, *columns_of(more, {"speed": ("m/s", "Speed")})]
+    return {"episodes": (found, columns), "events": ([], [KEY])}
+
+
+def steps(episode: str, times: int = 2) -> Any:
+    columns = [
+        Column("q_elbow", "single", "rad", "Angle"),
+        Column("q_slide", "single", "m", "Position"),
+        Column("act_biceps", "single", "", "Activation"),
+        Column("force_biceps", "single", "N", "Force"),
+    ]
+    counts = [
+        (Column("step", "integer", "", "Step"), range(1, times + 1)),
+        (Column("time_s", "number", "s", "Time"), 0.05 * np.arange(1, times + 1)),
+    ]
+    values = np.tile(np.array([np.pi / 2, 0.1, 0.25, -20.0], np.float32), (times, 1))
+    return number_table(episode, counts, values, columns)
+
+
+def test_rows_are_added_and_the_same_episodes_replaced(tmp_path: Path) -> None:
+    folder = DataFolder(tmp_path / "data")
+    folder.add(episodes(("a", 1), ("b", 2)))
+    folder.add(episodes(("b", 3), ("c", 4), speed=1.5))
+    found = read_data(tmp_path).episodes
+    assert found["episode"].tolist() == ["a", "b", "c"]
+    assert found["hits"].tolist() == [1, 3, 4]
+    assert found["speed"].isna().tolist() == [True, False, False]
+    text = (tmp_path / "data" / "episodes.csv").read_text()
+    assert text == '"episode","hits","speed"\n"a",1,\n"b",3,1.5\n"c",4,1.5\n'
+    told = read_data(tmp_path).dictionary
+    line = told[(told["table"] == "episodes") & (told["column"] == "speed")].iloc[0]
+    assert (line["type"], line["unit"], line["description"]) == ("number", "m/s", "Speed")
+    folder.clear()
+    folder.add(episodes(("d", 5)))
+    assert read_data(tmp_path).episodes["episode"].tolist() == ["d"]
+
+
+def test_the_same_rows_are_the_same_bytes(tmp_path: Path) -> None:
+    for name in ("one", "other"):
+        folder = DataFolder(tmp_path / name)
+        folder.write_moments("steps", "a", steps("a"))
+        folder.add(episodes(("a", 1)))
+    files = sorted(p.relative_to(tmp_path / "one") for p in (tmp_path / "one").rglob("*.*"))
+    assert len(files) == 7
+    for file in files:
+        assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "other" / file).read_bytes()
+
+
+def test_steps_are_read_by_episode_and_column(tmp_path: Path) -> None:
+    folder = DataFolder(tmp_path / "data")
+    for key in ("a", "b"):
+        folder.write_moments("steps", key, steps(key))
+    folder.add(episodes(("a", 1), ("b", 2)))
+    data = EvaluationData(tmp_path / "data")
+    assert len(data.steps()) == 4
+    assert data.steps("b", columns=["act_biceps"]).columns.tolist() == [
+        *("episode", "step", "time_s", "act_biceps")
+    ]
+    with gzip.open(tmp_path / "data" / "steps" / "a.csv.gz", "rt") as stream:
+        assert stream.readline().startswith('"episode","step","time_s","q_elbow"')
+    with pytest.raises(InputError, match=r"^episode: got 'c', expected one of a, b"):
+        data.steps("c")
+    with pytest.raises(InputError, match=r"^column: got 'act_bicep'.*did you mean 'act_biceps'"):
+        data.steps("a", columns=["act_bicep"])
+    with pytest.raises(InputError, match=r"frames: got no frames, expected .*--no-steps"):
+        data.frames()
+
+
+def test_opensim_s_tables_by_hand(tmp_path: Path) -> None:
+    folder = DataFolder(tmp_path / "data")
+    folder.write_moments("steps", "a", steps("a"))
+    folder.add(episodes(("a", 1)))
+    files = export_opensim(read_data(tmp_path), tmp_path / "out")
+    assert [file.name for file in files] == [*("a_joints.mot", "a_activations.sto", "a_forces.sto")]
+    assert files[0].read_text().split("\n") == [
+        *("a_joints", "version=1", "nRows=2", "nColumns=3", "inDegrees=yes", "endheader"),
+        *("time\telbow\tslide", "0.050000\t90\t0.1", "0.100000\t90\t0.1", ""),
+    ]
+    assert files[1].read_text().split("\n")[6:8] == ["time\tbiceps", "0.050000\t0.25"]
+    assert files[2].read_text().split("\n")[6:8] == ["time\tbiceps", "0.050000\t20"], "it pulls"
+
+
+def test_what_is_no_table_is_said(tmp_path: Path) -> None:
+    with pytest.raises(
+        InputError, match=r"got no data/episodes.parquet in it, expected the folder"
+    ):
+        read_data(tmp_path)
+    (tmp_path / "episodes.parquet").write_bytes(b"PAR1 cut off")
+    with pytest.raises(InputError, match=r"got no Parquet, or a damaged one, expected a table"):
+        _ = read_data(tmp_path).episodes
+    with pytest.raises(InputError, match=r"got no Parquet, or a damaged one"):
+        DataFolder(tmp_path).add(episodes(("a", 1)))
+
+
+def test_names_and_kinds_of_columns() -> None:
+    assert column_name("hammer.depth_m") == "hammer_depth_m"
+    assert column_name(" Target ID ") == "target_id"
+    whole, fraction = Column("x", "integer", "", "X"), Column("x", "number", "", "X")
+    word = Column("x", "text", "", "X")
+    assert merged([whole, fraction]) == [fraction]
+    assert merged([whole, word, fraction]) == [word]

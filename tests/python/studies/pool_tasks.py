@@ -1,0 +1,22 @@
+"""What the processes of the pool's test do, importable by them."""
+
+from __future__ import annotations
+
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+
+def work(task: Any, root: Path, cores: int) -> None:
+    """Leave a file; the task's condition says what goes wrong."""
+    attempts = root / f"{task.key}.attempts"
+    with attempts.open("a") as stream:
+        stream.write("x")
+    if task.condition == "dies once" and attempts.stat().st_size == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if task.condition == "always dies":
+        os._exit(3)
+    if task.condition == "fails":
+        raise ValueError("condition: got 'fails', expected another")
+    (root / task.key).write_text(f"{os.getpid()}")

@@ -1,0 +1,202 @@
+"""Comparisons of tables that were written by hand: what n counts, and when there is no p value."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sim2vr_harness.studies.config import ComparisonConfig, parse_study
+from sim2vr_harness.studies.data import StudyData
+from sim2vr_harness.studies.statistics import compare, summaries
+from sim2vr_harness.studies.statistics.mixed import mixed_model
+
+
+def study_of(values: dict[tuple[str, str], list[list[float]]], **settings: Any) -> StudyData:
+    """A study of two factors; (difficulty, version) -> per unit the values of its rounds."""
+    rows = [
+        {
+            "design_cell": f"difficulty={difficulty},version={version}",
+            "factor_difficulty": difficulty,
+            "factor_version": version,
+            "unit": f"person {unit}",
+            "seed": 10 * unit + number,
+            "ended": "finished",
+            "coins": value,
+        }
+        for (difficulty, version), units in values.items()
+        for unit, rounds in enumerate(units)
+        for number, value in enumerate(rounds)
+    ]
+    episodes = pd.DataFrame(rows)
+    labels = {
+        "difficulty": list(dict.fromkeys(difficulty for difficulty, _ in values)),
+        "version": list(dict.fromkeys(version for _, version in values)),
+    }
+    factors = {
+        "difficulty": {"key": "condition", "levels": labels["difficulty"]},
+        "version": {"key": "env.app.options.version", "levels": labels["version"]},
+    }
+    fixed = {"user": "somebody"}
+    study = parse_study(
+        {"name": "by_hand", "people": 3, "fixed": fixed, "factors": factors, **settings}
+    )
+    data = StudyData(Path("nowhere"), study, {"unit": "person"})
+    cells = episodes.drop_duplicates("design_cell")
+    data.__dict__.update(episodes=episodes, cells=cells)
+    return data
+
+
+def asked(**settings: Any) -> ComparisonConfig:
+    return ComparisonConfig(factor="difficulty", **settings)
+
+
+THREE = {
+    ("easy", "A"): [[4.0, 6.0], [7.0, 7.0], [9.0, 9.0]],
+    ("hard", "A"): [[1.0, 1.0], [2.0, 4.0], [3.0, 5.0]],
+}
+"""Means of persons: 5, 7, 9 and 1, 3, 4."""
+
+
+def test_n_counts_persons_and_rounds_are_averaged_first() -> None:
+    (found,) = compare(study_of(THREE), asked(), ["coins"])
+    assert (found["test"], found["n"], found["unit"]) == ("wilcoxon", 3, "person")
+    assert found["means"] == pytest.approx([7.0, 8.0 / 3.0])
+    assert found["medians"] == [7.0, 3.0]
+    # Differences 4, 4, 5: all positive, 2 / 2^3 two-sided.
+    assert found["p"] == pytest.approx(0.25)
+    assert found["effect"] == 1.0
+    assert found["difference"]["mean"] == pytest.approx(13.0 / 3.0)
+    assert (found["difference"]["low"], found["difference"]["high"]) == (4.0, 5.0)
+    assert found["note"] == "with n = 3 no exact p can be below 0.25"
+    (greater,) = compare(study_of(THREE), asked(alternative="greater"), ["coins"])
+    assert greater["p"] == pytest.approx(0.125)
+
+
+def test_one_person_has_no_p_however_many_rounds() -> None:
+    one = {key: [units[0] * 50] for key, units in THREE.items()}
+    (found,) = compare(study_of(one), asked(), ["coins"])
+    assert found["p"] is None and found["n"] == 1
+    assert found["refused"] == (
+        "n = 1: one unit shows no variation between units, however many rounds it played, so there "
+        "is no p value; let persons play (people), or train with several seeds"
+    )
+    assert found["means"] == [5.0, 1.0]
+    assert found["difference"] == {"mean": 4.0, "low": None, "high": None}
+
+
+def test_rounds_as_units_are_marked() -> None:
+    (found,) = compare(study_of(THREE), asked(unit="round"), ["coins"])
+    assert (found["unit"], found["n"]) == ("round", 6)
+    assert found["note"].startswith("n counts rounds of one policy, as in the publication")
+
+
+def test_three_levels_give_friedman_s_test_and_corrected_pairs() -> None:
+    values = {**THREE, ("middle", "A"): [[3.0], [5.0], [6.0]]}
+    found = compare(study_of(values), asked(), ["coins"])
+    assert [one["test"] for one in found] == ["friedman", "wilcoxon", "wilcoxon", "wilcoxon"]
+    assert [one["levels"] for one in found[1:]] == [
+        ["easy", "hard"], ["easy", "middle"], ["hard", "middle"],
+    ]  # fmt: skip
+    assert found[0]["effect"] == pytest.approx(1.0)
+    # Each pair has p = 0.25; three of them: 0.75.
+    assert [one["p_holm"] for one in found[1:]] == pytest.approx([0.75] * 3)
+    assert {one["family"] for one in found[1:]} == {3}
+
+
+def test_other_factors_are_looked_at_apart_or_together() -> None:
+    values = {**THREE, ("easy", "B"): [[1.0], [1.0], [1.0]], ("hard", "B"): [[1.0], [2.0], [3.0]]}
+    found = compare(study_of(values), asked(), ["coins"])
+    assert [one["by"] for one in found] == [{"version": "A"}, {"version": "B"}]
+    (only,) = compare(study_of(values), asked(where={"version": "B"}), ["coins"])
+    assert only["by"] == {"version": "B"} and only["means"] == [1.0, 2.0]
+    (both,) = compare(study_of(values), asked(by=[]), ["coins"])
+    # Person 0 at easy: rounds 4, 6 and 1.
+    assert both["means"][0] == pytest.approx(((4 + 6 + 1) + (7 + 7 + 1) + (9 + 9 + 1)) / 9)
+
+
+def test_nothing_to_compare_is_said() -> None:
+    same = {("easy", "A"): [[1.0], [2.0]], ("hard", "A"): [[1.0], [2.0]]}
+    (found,) = compare(study_of(same), asked(), ["coins"])
+    assert found["refused"] == "no pair differs: there is nothing to test"
+    missing = {("easy", "A"): [[1.0], [2.0]], ("hard", "A"): [[float("nan")], [float("nan")]]}
+    (found,) = compare(study_of(missing), asked(), ["coins"])
+    assert found["refused"].startswith("no unit has a value in every level")
+
+
+def test_trainings_of_two_kinds_are_independent() -> None:
+    factors = {
+        "weight": {"key": "training.env.user.effort.weight", "levels": ["0.1", "0.2"]},
+        "seed": {"key": "training.seed", "levels": ["1", "2", "3"]},
+    }
+    rows = [
+        {"factor_weight": weight, "factor_seed": seed, "unit": seed, "seed": 1, "coins": value,
+         "ended": "finished", "design_cell": f"{weight} {seed}"}
+        for weight, values in (("0.1", [1.0, 2.0, 3.0]), ("0.2", [4.0, 5.0, 6.0]))
+        for seed, value in zip("123", values, strict=True)
+    ]  # fmt: skip
+    study = parse_study({"name": "w", "fixed": {"config": "x.yaml"}, "factors": factors})
+    data = StudyData(Path("nowhere"), study, {"unit": "seed"})
+    data.__dict__.update(episodes=pd.DataFrame(rows), cells=pd.DataFrame(rows))
+    (found,) = compare(data, ComparisonConfig(factor="weight"), ["coins"])
+    assert (found["test"], found["n"], found["unit"]) == ("mann-whitney", [3, 3], "seed")
+    # One of the 20 ways to choose three ranks is so low: two-sided 2 / 20.
+    assert found["p"] == pytest.approx(0.1)
+    assert found["effect"] == -1.0
+
+
+def test_a_mixed_model_by_hand() -> None:
+    """Balanced: effects are differences of means, variances those of the analysis of variance."""
+    rng = np.random.default_rng(5)
+    people, rounds = 12, 8
+    person = rng.normal(0.0, 2.0, people)
+    table = pd.DataFrame(
+        {
+            "unit": np.repeat(np.arange(people), 2 * rounds),
+            "factor_difficulty": np.tile(np.repeat(["easy", "hard"], rounds), people),
+        }
+    )
+    hard = table["factor_difficulty"] == "hard"
+    noise = rng.normal(0.0, 1.0, len(table))
+    table["coins"] = 10.0 - 3.0 * hard + person[table["unit"]] + noise
+    found = mixed_model(table, "coins", ["difficulty"], [["easy", "hard"]])
+    intercept, slope = found["effects"]
+    easy_mean, hard_mean = table.groupby("factor_difficulty")["coins"].mean()
+    assert intercept["estimate"] == pytest.approx(easy_mean, abs=1e-6)
+    assert slope["name"] == "difficulty=hard"
+    assert slope["estimate"] == pytest.approx(hard_mean - easy_mean, abs=1e-6)
+    # Residuals of the additive model, N - people - 1 degrees of freedom.
+    fitted = (
+        table.groupby("unit")["coins"].transform("mean")
+        + table.groupby("factor_difficulty")["coins"].transform("mean")
+        - table["coins"].mean()
+    )
+    residual = ((table["coins"] - fitted) ** 2).sum() / (len(table) - people - 1)
+    assert found["residual_variance"] == pytest.approx(residual, rel=1e-3)
+    means = table.groupby("unit")["coins"].mean()
+    assert found["unit_variance"] == pytest.approx(means.var() - residual / (2 * rounds), rel=1e-2)
+    assert slope["error"] == pytest.approx(np.sqrt(2.0 * residual / (people * rounds)), rel=1e-3)
+    assert (found["groups"], found["rounds"]) == (12, 192)
+    assert found["formula"] == "coins ~ difficulty + (1 | unit)"
+
+
+def test_a_mixed_model_needs_units() -> None:
+    (found,) = compare(study_of(THREE), asked(test="mixed", by=[]), ["coins"])
+    assert found["n"] == 3 and found["refused"] is None
+    assert found["note"] == "n = 3 units: their variance, and with it every p, is a rough estimate"
+    assert [one["name"] for one in found["effects"]] == ["Intercept", "difficulty=hard"]
+    one = {key: [units[0]] for key, units in THREE.items()}
+    (found,) = compare(study_of(one), asked(test="mixed", by=[]), ["coins"])
+    assert found["refused"].startswith("n = 1: a mixed model tells units apart from rounds")
+
+
+def test_summaries_are_over_units() -> None:
+    easy, hard = summaries(study_of(THREE), ["coins"])
+    assert easy["levels"] == {"difficulty": "easy", "version": "A"}
+    assert (easy["n"], easy["rounds"], easy["mean"]) == (3, 6, 7.0)
+    assert easy["sd"] == pytest.approx(2.0)
+    assert easy["rounds_sd"] == pytest.approx(np.std([4, 6, 7, 7, 9, 9], ddof=1))
+    assert hard["mean"] == pytest.approx(8.0 / 3.0)

@@ -1,0 +1,239 @@
+"""Studies of the quick stand-in: what is done, kept, gone on with; what if something fails."""
+
+from __future__ import annotations
+
+import errno
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fake_people import FakePeople
+from fake_simulation import FakeSimulation
+
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.evaluation.evaluate import evaluate
+from sim2vr_harness.studies import StudyConfig, read_study, run_study, work
+from sim2vr_harness.studies.config import parse_study
+from sim2vr_harness.studies.pool import Here
+from sim2vr_harness.studies.runner import Progress
+
+
+@pytest.fixture
+def quick(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Plays with the stand-in; returns what was played."""
+    played: list[str] = []
+
+    def play(user: str, request: Any) -> Any:
+        played.append(request.conditions[0])
+        fake = FakePeople if request.people else FakeSimulation
+        return evaluate(user, request, simulation=fake)
+
+    monkeypatch.setattr(work, "evaluate", play)
+    return played
+
+
+def study(trained: Path, **changes: Any) -> StudyConfig:
+    return parse_study(
+        {
+            "name": "quick",
+            "fixed": {"user": str(trained)},
+            "factors": {
+                "difficulty": {"key": "condition", "levels": ["easy", "hard"]},
+                "noise": {"key": "env.user.noise.constant", "levels": {"off": None, "on": "white"}},
+            },
+            "episodes": 2,
+            "measures": ["hits", "return"],
+            "comparisons": [{"factor": "difficulty", "where": {"noise": "off"}}],
+            **changes,
+        }
+    )
+
+
+def content(folder: Path) -> dict[str, bytes]:
+    """Every file of a study by its name, the lock left out."""
+    return {
+        str(file.relative_to(folder)): file.read_bytes()
+        for file in sorted(folder.rglob("*"))
+        if file.is_file() and file.name != ".lock"
+    }
+
+
+def test_cells_become_tables_with_the_factors(
+    trained: Path, quick: list[str], tmp_path: Path
+) -> None:
+    told: list[Progress] = []
+    found = run_study(study(trained), tmp_path / "out", jobs=1, on_progress=told.append)
+    assert quick == ["easy", "easy", "hard", "hard"]
+    assert [(one.done, one.total) for one in told] == [(k, 4) for k in range(5)]
+    assert told[-1].label == "cell difficulty=hard,noise=on"
+    data = found.data
+    assert len(data.cells) == 4 and len(data.episodes) == 8
+    rows = data.episodes.query("factor_difficulty == 'hard' and factor_noise == 'on'")
+    assert rows["design_cell"].unique().tolist() == ["difficulty=hard,noise=on"]
+    assert rows["condition"].tolist() == ["hard", "hard"]
+    assert rows["seed"].tolist() == [1, 2]
+    assert "env.user.noise.constant" in rows["changes"].iloc[0]
+    # The same numbers as the cell's own.
+    own = data.of_cell("difficulty=hard,noise=on").episodes
+    assert own["hits"].tolist() == rows["hits"].tolist()
+    with pytest.raises(InputError, match=r"cell: got 'difficulty=hard', expected one of"):
+        data.of_cell("difficulty=hard")
+    columns = data.dictionary.query("table == 'episodes'")["column"].tolist()
+    assert columns == data.episodes.columns.tolist()
+
+
+def test_a_study_goes_on_after_a_kill_and_has_the_same_bytes(
+    trained: Path, quick: list[str], tmp_path: Path
+) -> None:
+    run_study(study(trained), tmp_path / "whole", jobs=1)
+    quick.clear()
+
+    class Killed(Here):
+        """Stops as if killed, in the middle of the fourth cell."""
+
+        def next(self) -> Any:
+            if len(quick) == 3:
+                left = self._root / "cells" / f".{self._tasks[0].key}.1.part"
+                (left / "data").mkdir(parents=True)
+                raise KeyboardInterrupt
+            return super().next()
+
+    parted = tmp_path / "parted"
+    with pytest.raises(KeyboardInterrupt):
+        run_study(study(trained), parted, make_pool=lambda root: Killed(root, 1))
+    assert quick == ["easy", "easy", "hard"]
+    found = run_study(study(trained), parted, jobs=1)
+    assert quick == ["easy", "easy", "hard", "hard"], "none was played twice"
+    assert (found.found, found.played) == (3, 1)
+    assert content(parted) == content(tmp_path / "whole")
+    again = run_study(study(trained), parted, jobs=1)
+    assert (again.found, again.played, len(quick)) == (4, 0, 4)
+
+
+def test_a_study_that_grows_keeps_what_is_there(
+    trained: Path, quick: list[str], tmp_path: Path
+) -> None:
+    small = study(trained, cells=[{"difficulty": "easy", "noise": "off"}], comparisons=[])
+    run_study(small, tmp_path, jobs=1)
+    assert run_study(study(trained), tmp_path, jobs=1).found == 1
+    assert len(quick) == 4
+    with pytest.raises(InputError, match=r"--out: got .* which has the study 'quick', expected an"):
+        run_study(study(trained, name="another"), tmp_path, jobs=1)
+    other = tmp_path / "full"
+    other.mkdir()
+    (other / "notes.txt").write_text("mine")
+    with pytest.raises(InputError, match=r"--out: got .*which has other files, expected a folder"):
+        run_study(study(trained), other, jobs=1)
+    assert [file.name for file in other.iterdir()] == ["notes.txt"]
+
+
+def test_cells_that_fail_leave_the_others(
+    trained: Path, quick: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    played = work.evaluate
+
+    def fail_on(condition: str, error: Exception) -> Callable[..., Any]:
+        def play(user: str, request: Any) -> Any:
+            if request.conditions == [condition]:
+                raise error
+            return played(user, request)
+
+        return play
+
+    full = OSError(errno.ENOSPC, "No space left on device", "episodes.parquet")
+    monkeypatch.setattr(work, "evaluate", fail_on("hard", full))
+    message = (
+        r"^cell difficulty=hard,noise=off: got episodes.parquet: got 'no space left on device'.* "
+        r"\(and 1 more\), expected every cell to be played; 2 of 4 tasks are kept, run the study "
+    )
+    with pytest.raises(InputError, match=message):
+        run_study(study(trained), tmp_path, jobs=1)
+    assert not list((tmp_path / "cells").glob(".*"))
+    monkeypatch.setattr(work, "evaluate", played)
+    assert run_study(study(trained), tmp_path, jobs=1).found == 2
+
+
+def test_people_are_the_units(trained: Path, quick: list[str], tmp_path: Path) -> None:
+    factors = {"actions": {"key": "deterministic", "levels": {"mean": True, "drawn": False}}}
+    asked = {"people": 4, "factors": factors, "measures": ["return"]}
+    fixed = {"user": str(trained), "condition": "easy"}
+    comparisons = [{"factor": "actions", "alternative": "greater"}]
+    asked |= {"fixed": fixed, "comparisons": comparisons}
+    found = run_study(study(trained, **asked), tmp_path, jobs=1)
+    episodes = found.data.episodes
+    assert sorted(episodes["unit"].unique()) == [f"person {k}" for k in range(4)]
+    assert found.data.about["unit"] == "person"
+    summary = found.data.statistics["summaries"][0]
+    assert (summary["n"], summary["rounds"], summary["unit"]) == (4, 8, "person")
+    (result,) = found.data.statistics["results"]
+    assert (result["test"], result["n"], result["refused"]) == ("wilcoxon", 4, None)
+    # Each person counts with the mean of its two rounds.
+    means = episodes.groupby(["unit", "factor_actions"])["return"].mean().unstack()
+    assert result["means"] == pytest.approx([means["mean"].mean(), means["drawn"].mean()])
+    assert result["note"] == "with n = 4 no exact p can be below 0.0625"
+    assert "person_stature_m" in episodes
+
+
+def test_one_user_has_no_p_value(trained: Path, quick: list[str], tmp_path: Path) -> None:
+    found = run_study(study(trained), tmp_path, jobs=1)
+    results = found.data.statistics["results"]
+    assert [result["measure"] for result in results] == ["hits", "return"]
+    assert {result["p"] for result in results} == {None}
+    assert results[0]["refused"].startswith("n = 1: one unit shows no variation between units")
+    assert results[0]["unit"] == "user"
+
+
+def test_one_episode_is_enough_for_means(trained: Path, quick: list[str], tmp_path: Path) -> None:
+    found = run_study(study(trained, episodes=1), tmp_path, jobs=1)
+    summary = found.data.statistics["summaries"][0]
+    assert (summary["n"], summary["sd"], summary["rounds_sd"]) == (1, None, None)
+
+
+def test_what_is_no_study_is_said(trained: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"got no study.json in it, expected the folder of"):
+        read_study(tmp_path)
+    with pytest.raises(InputError, match=r"--jobs: got 0, expected 1 to 1024"):
+        run_study(study(trained), tmp_path, jobs=0)
+
+
+def test_a_factor_may_need_training(
+    trained: Path, quick: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Effort's weight times the training's seed: four trainings, whose seeds are the units."""
+    trainings: list[Path] = []
+    real = work.trainer.train
+
+    def train(config: Any, out: Path, **how: Any) -> Any:
+        trainings.append(out)
+        return real(config, out, **how, simulation=lambda c: FakeSimulation(c.env, c.ppo.n_envs))
+
+    monkeypatch.setattr(work.trainer, "train", train)
+    shutil.copy(trained / "config.yaml", tmp_path / "small.yaml")
+    factors = {
+        "effort": {
+            "key": "training.env.user.effort.weight",
+            "levels": {"lazy": 0.2, "eager": 0.01},
+        },
+        "seed": {"key": "training.seed", "levels": [1, 2]},
+    }
+    fixed = {"config": str(tmp_path / "small.yaml"), "condition": "easy"}
+    asked = study(
+        trained, factors=factors, fixed=fixed, comparisons=[{"factor": "effort"}], measures=["hits"]
+    )
+    found = run_study(asked, tmp_path / "out", jobs=1)
+    assert len(set(trainings)) == len(trainings) == 4
+    data = found.data
+    assert data.about["unit"] == "seed"
+    assert sorted(data.episodes["unit"].unique()) == ["1", "2"]
+    assert data.episodes.groupby("factor_effort")["effort_weight"].unique().to_dict() == {
+        "lazy": [0.2], "eager": [0.01],
+    }  # fmt: skip
+    result = data.statistics["results"][0]
+    # Trainings of two weights have nothing in common, whatever their seeds are called.
+    assert (result["test"], result["n"]) == ("mann-whitney", [2, 2])
+    before = content(tmp_path / "out")
+    run_study(asked, tmp_path / "out", jobs=1)
+    assert len(trainings) == 4
+    assert content(tmp_path / "out") == before

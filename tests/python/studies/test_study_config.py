@@ -1,0 +1,154 @@
+"""What a study's file may say, and what is said of one that cannot be used."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.studies.cells import cells_of
+from sim2vr_harness.studies.config import load_study, parse_study
+from sim2vr_harness.studies.plan import plan_of
+
+USER = "whacamole_constrained"
+STUDY: dict[str, Any] = {
+    "name": "placement",
+    "fixed": {"user": USER, "env.app.options.round_seconds": 2.0},
+    "factors": {
+        "difficulty": {"key": "condition", "levels": ["easy", "hard"]},
+        "life": {"key": "env.app.options.life_seconds", "levels": {"long": 1.0, "short": 0.5}},
+    },
+}
+
+
+def study(**changes: Any) -> Any:
+    return parse_study({**STUDY, **changes})
+
+
+def test_all_combinations_of_levels() -> None:
+    cells = cells_of(study())
+    assert [cell.name for cell in cells] == [
+        "difficulty=easy,life=long",
+        "difficulty=easy,life=short",
+        "difficulty=hard,life=long",
+        "difficulty=hard,life=short",
+    ]
+    assert cells[3].settings == {
+        "user": USER,
+        "env.app.options.round_seconds": 2.0,
+        "condition": "hard",
+        "env.app.options.life_seconds": 0.5,
+    }
+    assert {cell.seed for cell in cells} == {1}, "paired seeds"
+    assert len({cell.seed for cell in cells_of(study(seeds="own"))}) == 4
+
+
+def test_listed_cells_and_levels_that_set_several_keys() -> None:
+    factors = {
+        "version": {
+            "levels": {
+                "A": {"condition": "easy", "env.app.options.life_seconds": 1.0},
+                "B": {"condition": "hard"},
+            }
+        },
+        "noise": {"key": "env.user.noise.constant", "levels": {"none": None, "white": "white"}},
+    }
+    cells = cells_of(study(factors=factors, cells=[{"version": "B", "noise": "none"}]))
+    assert [cell.settings for cell in cells] == [
+        {**STUDY["fixed"], "condition": "hard", "env.user.noise.constant": None}
+    ]
+    assert cells[0].of("env.") == [
+        "env.app.options.round_seconds=2.0",
+        "env.user.noise.constant=null",
+    ]
+
+
+def test_contents_decide_about_hashes() -> None:
+    plan = plan_of(study())
+    keys = [task.key for task in plan.tasks]
+    assert len(set(keys)) == 4
+    # Another order, other names, other measures: the same cells.
+    factors = dict(reversed(STUDY["factors"].items()))
+    renamed = plan_of(study(name="other", factors=factors, measures=["hits"]))
+    assert sorted(task.key for task in renamed.tasks) == sorted(keys)
+    for change in ({"episodes": 3}, {"seed": 2}, {"people": 2}, {"deterministic": True}):
+        assert not set(keys) & {task.key for task in plan_of(study(**change)).tasks}
+
+
+def refusal(**changes: Any) -> str:
+    with pytest.raises(InputError) as caught:
+        plan_of(study(**changes))
+    return str(caught.value)
+
+
+def test_what_cannot_be_meant_is_said_in_a_sentence(tmp_path: Path) -> None:
+    difficulty = STUDY["factors"]["difficulty"]
+    compared = {"factor": "difficulty"}
+    for changes, message in [
+        ({"measures": ["hit"]}, "measures: got 'hit', expected one of hits, .*did you mean 'hits'"),
+        (
+            {"comparisons": [{**compared, "measures": ["hitrate"]}]},
+            r"measures: got 'hitrate', .*did you mean 'hit_rate'\?",
+        ),
+        ({"fixed": {"user": "whacamole_contrained"}}, "cell .*RUN: got 'whacamole_contrained'"),
+        ({"fixed": {}}, "user: got neither user nor config, expected a trained user, or"),
+        ({"fixed": {**STUDY["fixed"], "config": "x"}}, "got both user and config"),
+        ({"factors": {}}, "factors: got none, expected at least one"),
+        (
+            {"factors": {"difficulty": {"key": "condition", "levels": []}}},
+            r"factors\.difficulty\.levels: got none, expected at least one",
+        ),
+        (
+            {"factors": {"difficulty": {"key": "condition", "levels": ["easy", "esay"]}}},
+            r"cell difficulty=esay: condition: got 'esay', expected .*did you mean 'easy'",
+        ),
+        (
+            {"factors": {"difficulty": {"key": "conditon", "levels": ["easy"]}}},
+            r"key: got 'conditon', expected one of user, .*did you mean 'condition'",
+        ),
+        (
+            {"factors": {"a": difficulty, "b": difficulty}},
+            r"factors\.b: got condition, which factors\.a sets as well, expected every key in one",
+        ),
+        (
+            {"factors": {"a": {"key": "env.app.options.live_seconds", "levels": [1.0]}}},
+            r"env\.app\.options: got unknown option 'live_seconds', .*did you mean 'life_seconds'",
+        ),
+        (
+            {"factors": {"a": {"key": "env.user.nose", "levels": [1.0]}}},
+            r"cell a=1.0: env\.user\.nose: got an unknown key",
+        ),
+        (
+            {"factors": {"a": {"key": "training.seed", "levels": [1, 2]}}},
+            r"training\.seed: got it together with a user, expected config instead of user",
+        ),
+        ({"episodes": 0}, "episodes: got 0, expected greater than or equal to 1"),
+        ({"people": 0}, "people: got 0"),
+        ({"repeats": 3}, "repeats: got an unknown key"),
+        ({"cells": [{"difficulty": "easy"}]}, r"cells\.0: got no life, expected a level of it"),
+        (
+            {"comparisons": [{"factor": "dificulty"}]},
+            r"comparisons\.0: got 'dificulty', expected .*did you mean 'difficulty'",
+        ),
+        (
+            {"comparisons": [{**compared, "levels": ["easy"]}]},
+            r"comparisons\.0\.levels: got 1, expected two",
+        ),
+    ]:
+        with pytest.raises(InputError, match=message):
+            plan_of(study(**changes))
+    file = tmp_path / "study.yaml"
+    file.write_text("- a list")
+    with pytest.raises(InputError, match=r"study.yaml: got YAML of .*expected a study in YAML"):
+        load_study(file)
+
+
+def test_another_game_s_users_are_studied_by_its_own_measures() -> None:
+    factors = {"user": {"key": "user", "levels": ["beats_first_lazy", "beats_first_eager"]}}
+    plan = plan_of(study(fixed={"condition": "first"}, factors=factors))
+    assert "slice_rate" in plan.measures and "hits" not in plan.measures
+    both = {"user": {"key": "user", "levels": [USER, "beats_first_eager"]}}
+    message = "user=beats_first_eager: got a user of beats, expected one of whacamole, as in cell"
+    assert message in refusal(fixed={}, factors=both)

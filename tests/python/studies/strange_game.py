@@ -43,7 +43,9 @@ def write_tables(root: Path) -> Path:
             folder.write_moments("frames", key, _frames(key))
     extra = columns_of({"sparks": 1.0, "effort": 1.0}, {"sparks": ("V", "Sparks: of the wheel")})
     player = [Column("max_fatigued", "number", "0-1", "Muscle fatigue: at its worst")]
-    player += [Column(n, "number", "", f"{n}: of a round") for n in ("effort", "game_return", "return")]
+    player += [
+        Column(n, "number", "", f"{n}: of a round") for n in ("effort", "game_return", "return")
+    ]
     columns = merged([*EPISODE_COLUMNS, *extra[:1], *player])
     folder.add({"episodes": (episodes, columns), "events": (events, EVENT_COLUMNS)})
     return root

@@ -11,6 +11,8 @@ import pytest
 from sim2vr_harness.client import Measure
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.games.published import published_of
+from sim2vr_harness.studies.config import load_study
+from sim2vr_harness.studies.plan import plan_of
 from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.body import load_of
 from sim2vr_harness.studies.report.numbers import summary_of
@@ -156,6 +158,15 @@ def test_reports_know_no_game() -> None:
     assert named == []
 
 
+@pytest.mark.parametrize("name", ["paper_whacamole", "paper_beats"])
+def test_the_paper_s_studies_can_be_played(name: str) -> None:
+    root = Path(__file__).parents[3]
+    plan = plan_of(load_study(root / "studies" / f"{name}.yaml"))
+    assert len(plan.cells) == {"paper_whacamole": 15, "paper_beats": 3}[name]
+    by_round = [one for one in plan.study.comparisons if one.unit == "round"]
+    assert by_round and len(by_round) < len(plan.study.comparisons)
+
+
 # --- what is published ----------------------------------------------------------------------------
 
 
@@ -176,7 +187,9 @@ def test_rounds_of_another_length_are_not_put_beside_counts() -> None:
     short = known.beside_rounds_of(20.0)
     assert short.people_in("easy", "hits") == [] and short.people_in("easy", "hit_rate") != []
     row = {"condition": "easy", "user": "whacamole_constrained"}
-    assert known.beside("hits", row) == {"published users": 105.0} and short.beside("hits", row) == {}
+    assert (
+        known.beside("hits", row) == {"published users": 105.0} and short.beside("hits", row) == {}
+    )
     assert "20 s" in short.differences[0]
 
 

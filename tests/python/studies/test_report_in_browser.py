@@ -41,10 +41,14 @@ def test_every_figure_is_drawn_and_nothing_is_cut_off(report: Path, tmp_path: Pa
             page.wait_for("reportState.drawn + reportState.errors.length >= reportState.expected")
             state = page.value("reportState")
             assert state["errors"] == [] and page.errors == []
-            assert state["drawn"] == state["expected"] == page.value(
-                "document.querySelectorAll('.plot svg.main-svg').length "
-                "/ document.querySelectorAll('.plot')[0].querySelectorAll('svg.main-svg').length"
-                " > 0 ? document.querySelectorAll('.plot .svg-container').length : 0"
+            assert (
+                state["drawn"]
+                == state["expected"]
+                == page.value(
+                    "document.querySelectorAll('.plot svg.main-svg').length "
+                    "/ document.querySelectorAll('.plot')[0].querySelectorAll('svg.main-svg').length"
+                    " > 0 ? document.querySelectorAll('.plot .svg-container').length : 0"
+                )
             )
             assert page.value("document.documentElement.scrollWidth") <= width
             assert json.loads(page.value(CUT_OFF)) == []

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import strange_game
 
 from sim2vr_harness.client import Measure
 from sim2vr_harness.errors import InputError
@@ -21,7 +22,6 @@ from sim2vr_harness.studies.report.source import ReportSource, read_source
 from sim2vr_harness.studies.report.stills import write_stills
 from sim2vr_harness.studies.report.strategy import depth_of, figures_of_strategy
 from sim2vr_harness.studies.report.tables import test_table as table_of_tests
-import strange_game
 
 REPORT = Path(__file__).parents[3] / "python" / "sim2vr_harness" / "studies" / "report"
 NOBODY = published_of("strange")

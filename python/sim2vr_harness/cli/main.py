@@ -30,6 +30,7 @@ from sim2vr_harness.cli import (
     study,
     users,
 )
+from sim2vr_harness.cli import report as report_command
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
 from sim2vr_harness.cli.options import (
@@ -62,6 +63,7 @@ app.command("level")(level.level)
 app.command("fitts")(fitts.fitts)
 app.command("export")(export.export)
 app.command("study")(study.study)
+app.command("report")(report_command.report)
 
 RunArgument = Annotated[
     str,

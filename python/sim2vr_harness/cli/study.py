@@ -25,8 +25,11 @@ def study(
         int | None,
         typer.Option(help="Cells and trainings side by side; one per two cores by default."),
     ] = None,
+    report: Annotated[
+        bool, typer.Option("--report/--no-report", help="Write report.html at the end (default).")
+    ] = True,
 ) -> None:
-    """Play the cells of a study, train what it needs, and compare."""
+    """Play the cells of a study, train what it needs, compare, and write the report."""
     from rich.console import Console
 
     from sim2vr_harness.cli.studies import Shown, comparison_table
@@ -38,3 +41,7 @@ def study(
         Console().print(table)
     typer.echo(f"Played: {found.played} of {found.played + found.found} cells and trainings")
     typer.echo(f"Written: {found.data.root}")
+    if report:
+        from sim2vr_harness.studies.report import write_report
+
+        typer.echo(f"Written: {write_report(found.data.root).page}")

@@ -30,7 +30,7 @@ from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.trained_users import TrainedUser, find_user, require_contract
 from sim2vr_harness.users import PeopleSettings, effort_weight
 
-__all__ = ["Evaluation", "Request", "evaluate"]
+__all__ = ["Evaluation", "Request", "evaluate", "name_of"]
 
 _LONGEST_NAME = 120
 """Of a folder, in characters."""
@@ -184,7 +184,7 @@ def evaluate(
     _check_numbers(episodes, seed, min(batch, rounds_each * len(conditions)))
     out = Path(request.out) if request.out else user.evaluation_dir / _folder_of(config, request)
     settings: dict[str, Any] = {
-        "user": _name_of(user),
+        "user": name_of(user),
         "episodes": episodes,
         "seed": seed,
         "deterministic": deterministic,
@@ -277,7 +277,7 @@ def _with_people(env: EnvConfig, people: int, seed: int) -> EnvConfig:
     return env.model_copy(update={"user": user})
 
 
-def _name_of(user: TrainedUser) -> str:
+def name_of(user: TrainedUser) -> str:
     """A packed user's name, or the run's and the checkpoint's."""
     if "name" in user.card:
         return str(user.card["name"])

@@ -15,6 +15,7 @@ __all__ = [
     "imagined_game",
     "imagined_games",
     "imagined_settings",
+    "room_of",
 ]
 
 _ROOMS = {
@@ -28,6 +29,11 @@ may be set of it. A new game is one line."""
 _MEASURED = {"whacamole": "sim2vr_harness.games.whacamole"}
 """Name of the game -> its package, whose ``behaviour.BEHAVIOUR`` describes how players' behaviour
 is measured; it needs no twin."""
+
+
+def room_of(name: str) -> str | None:
+    """Return the package of a game's room; None of a game without one."""
+    return _ROOMS.get(name) or _MEASURED.get(name)
 
 
 def imagined_games() -> tuple[str, ...]:

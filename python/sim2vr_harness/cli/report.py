@@ -1,0 +1,38 @@
+"""``sim2vr-harness report``: an evaluation or a study as a page for people."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim2vr_harness.cli.options import writable_file
+
+__all__ = ["report"]
+
+
+def report(
+    folder: Annotated[
+        Path, typer.Argument(metavar="FOLDER", help="Of an evaluation or of a study.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.html",
+            help="The page; FOLDER/report.html by default. Figures go to FILE_figures beside it.",
+            callback=writable_file,
+        ),
+    ] = None,
+    figures: Annotated[
+        bool,
+        typer.Option("--figures/--no-figures", help="Write figures as PNG and PDF (default)."),
+    ] = True,
+) -> None:
+    """Write a report: one HTML file that opens offline, and its figures as PNG and PDF."""
+    from sim2vr_harness.studies.report import write_report
+
+    found = write_report(folder, out, stills=figures)
+    typer.echo(f"Written: {found.page}")
+    if found.figures:
+        typer.echo(f"Written: {found.figures[0].parent} ({len(found.figures)} files)")

@@ -1,0 +1,324 @@
+"""Muscles and motors: who tires, who works, drawn on the body that played."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.envs.config import body_of
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.evaluation.evaluate import name_of
+from sim2vr_harness.studies.report.drawing import (
+    COLOURS,
+    Bars,
+    Figure,
+    Heat,
+    Layer,
+    Line,
+    Panel,
+    colour_of,
+)
+from sim2vr_harness.studies.report.source import Group, ReportSource
+from sim2vr_harness.training.trained_users import TrainedUser, find_user
+from sim2vr_harness.users import Body
+
+__all__ = [
+    "BodyPicture",
+    "Load",
+    "body_pictures",
+    "body_with",
+    "figures_of_body",
+    "load_of",
+    "trained_users_of",
+]
+
+FloatArray = NDArray[np.float64]
+
+_SIZE = (420, 420)
+_MOST_PICTURES = 6
+_OVER_TIME = 40
+_PREFIXES = (
+    ("most_fatigued_", "largest share of fatigued motor units"),
+    ("act_", "mean activation"),
+    ("force_", "mean torque, without its sign (Nm)"),
+)
+"""What a muscle's or motor's load is told by, the first that there is."""
+
+
+@dataclass(frozen=True)
+class Load:
+    """How much every muscle or motor of a group did.
+
+    Attributes:
+        names: Of M muscles or motors.
+        values: (M,) mean over rounds.
+        what: In words, with the unit.
+        fatigue: Whether it is fatigue.
+    """
+
+    names: tuple[str, ...]
+    values: FloatArray
+    what: str
+    fatigue: bool
+
+
+@dataclass(frozen=True)
+class BodyPicture:
+    """The body in its usual posture, muscles coloured by their load.
+
+    Attributes:
+        label: Of the group.
+        png: Base64.
+        highest: What the strongest colour stands for.
+    """
+
+    label: str
+    png: str
+    highest: float
+
+
+def load_of(group: Group) -> Load | None:
+    """Return how much every muscle did, mean over rounds; None where steps do not tell."""
+    known = group.columns("steps")
+    for prefix, what in _PREFIXES:
+        columns = [name for name in known if name.startswith(prefix)]
+        if not columns:
+            continue
+        rounds = []
+        for rows in group.moments("steps", columns):
+            values = rows[columns].to_numpy(np.float64)
+            # The largest share so far is the round's at its end.
+            last = prefix == "most_fatigued_"
+            rounds.append(values[-1] if last else np.abs(values).mean(axis=0))
+        if rounds:
+            names = tuple(name.removeprefix(prefix) for name in columns)
+            return Load(names, np.mean(rounds, axis=0), what, prefix == "most_fatigued_")
+    return None
+
+
+def trained_users_of(source: ReportSource) -> Iterator[tuple[str, TrainedUser, Body]]:
+    """Yield the users that played, by the tables' names, as far as they are found again."""
+    wanted = set(source.users)
+    for place in dict.fromkeys(_places_of_users(source)):
+        if not wanted:
+            return
+        try:
+            user = find_user(place)
+            body = body_of(user.config.env.user)
+        except (InputError, ValueError, OSError):
+            continue
+        name = name_of(user)
+        if name in wanted:
+            wanted.remove(name)
+            yield name, user, body
+
+
+def _places_of_users(source: ReportSource) -> Iterator[str]:
+    """Where to look: shipped ones, what the study names, what it trained, the run around."""
+    for user in source.users:
+        yield f"pretrained:{user}"
+    for settings in (source.planned.get("fixed", {}), *_levels(source)):
+        if isinstance(settings.get("user"), str):
+            yield settings["user"]
+    yield from sorted(str(run) for run in source.root.glob("trainings/*"))
+    yield from map(str, source.root.resolve().parents[:3])
+
+
+def _levels(source: ReportSource) -> Iterator[dict[str, Any]]:
+    for factor in source.planned.get("factors", {}).values():
+        for value in factor["levels"].values():
+            yield value if isinstance(value, dict) else {factor.get("key"): value}
+
+
+def body_with(bodies: Iterable[Body], loads: Sequence[Load | None]) -> Body | None:
+    """Return the first body that has the muscles and motors of the loads, the same in all."""
+    names = {load.names for load in loads if load is not None}
+    if len(names) != 1:
+        return None
+    wanted = set(next(iter(names)))
+    return next((b for b in bodies if wanted <= {*b.muscles, *b.action_names}), None)
+
+
+def figures_of_body(
+    source: ReportSource, loads: Sequence[Load | None], body: Body | None
+) -> Iterator[Figure]:
+    """Yield loads by muscle, by part of the body and over time."""
+    told = [(g, load) for g, load in zip(source.groups, loads, strict=True) if load is not None]
+    if not told or len({load.names for _, load in told}) != 1:
+        return
+    first = told[0][1]
+    labels = [group.label for group, _ in told]
+    parts = _parts_of(body, first.names) if body is not None else {}
+    order = np.argsort(-np.mean([load.values for _, load in told], axis=0), kind="stable")
+    high = float(max(load.values.max() for _, load in told)) or 1.0
+    rows = [first.names[i] for i in order]
+    values = [[float(load.values[i]) for _, load in told] for i in order]
+    panels = [Panel(f"Each: {first.what}", [Heat(values, labels, rows, 0.0, high)], rows=len(rows))]
+    if parts:
+        names = list(dict.fromkeys(parts[name] for name in first.names if name in parts))
+        inside = {n: [i for i, m in enumerate(first.names) if parts.get(m) == n] for n in names}
+        table = [[float(load.values[inside[n]].mean()) for _, load in told] for n in names]
+        panels.append(
+            Panel("By part of the body (mean)", [Heat(table, labels, names, 0.0, high)],
+                  rows=max(4, 2 * len(names)))
+        )  # fmt: skip
+    over_time = list(_over_time(source.groups))
+    if over_time:
+        panels.append(
+            Panel("Over the round, mean of the muscles", over_time, "time (s)",
+                  "share of fatigued motor units", legend=True)
+        )  # fmt: skip
+    kind = "Muscle fatigue" if first.fatigue else "Load"
+    panels += _effort_split(told, parts)
+    caption = "Means over rounds; the most loaded first." + (
+        " A muscle counts to the joint that it turns most in the body's own posture."
+        if parts
+        else ""
+    )
+    yield Figure("body", f"Body: {kind.lower()}", caption, panels)
+
+
+def _over_time(groups: Sequence[Group]) -> Iterator[Layer]:
+    for index, group in enumerate(groups):
+        columns = [name for name in group.columns("steps") if name.startswith("fatigued_")]
+        curves = [
+            (rows["time_s"].to_numpy(np.float64), rows[columns].to_numpy(np.float64).mean(axis=1))
+            for rows in group.moments("steps", columns)
+        ]
+        if curves:
+            end = min(times[-1] for times, _ in curves)
+            at = np.linspace(curves[0][0][0], end, _OVER_TIME)
+            mean = np.mean([np.interp(at, *curve) for curve in curves], axis=0)
+            yield Line(group.label, list(map(float, at)), list(map(float, mean)), colour_of(index))
+
+
+def _effort_split(told: Sequence[tuple[Group, Load]], parts: dict[str, str]) -> Iterator[Panel]:
+    """Which part of the body the squared activations, or torques, are of."""
+    shares = []
+    for group, load in told:
+        known = group.columns("steps")
+        prefix = "act_" if f"act_{load.names[0]}" in known else "force_"
+        columns = [f"{prefix}{name}" for name in load.names]
+        squares = [
+            (rows[columns].to_numpy(np.float64) ** 2).sum(axis=0)
+            for rows in group.moments("steps", columns)
+        ]
+        total = np.sum(squares, axis=0)
+        shares.append(total / total.sum() if total.sum() > 0 else total)
+    names = list(dict.fromkeys(parts.get(name, name) for name in told[0][1].names))
+    if len(names) > 2 * len(COLOURS):
+        return
+    what = "squared activations" if prefix == "act_" else "squared torques"
+    layers = [
+        Bars(
+            part,
+            [group.label for group, _ in told],
+            [
+                float(sum(share[i] for i, n in enumerate(load.names) if parts.get(n, n) == part))
+                for share, (_, load) in zip(shares, told, strict=True)
+            ],
+            colour_of(index),
+        )
+        for index, part in enumerate(names)
+    ]
+    yield Panel(f"Who does the work: share of {what}", layers, y_label="share", stacked=True,
+                legend=True, y_range=(0.0, 1.02))  # fmt: skip
+
+
+_PLACES = (
+    ("shoulder", ("elv_angle", "shoulder", "clavic", "acromio", "unrot", "humer")),
+    ("elbow", ("elbow",)),
+    ("forearm", ("pro_sup", "radius", "forearm")),
+    ("wrist", ("deviation", "flexion", "wrist", "hand")),
+    ("neck", ("neck", "skull", "head")),
+    ("trunk", ("trunk", "torso", "lumbar", "pelvis", "thorax")),
+)
+"""Parts of a body, by words in the names of joints, the first that fits; else the joint."""
+
+
+def _parts_of(body: Body, names: Sequence[str]) -> dict[str, str]:
+    """Muscle or motor -> the part of the body whose joint it turns most, at rest."""
+    model = body.model
+    data = mujoco.MjData(model)
+    mujoco.mj_forward(model, data)
+    moments = np.zeros((model.nu, model.nv))
+    mujoco.mju_sparse2dense(
+        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+    )
+    # Joints that follow others do not count: their moments reach the body through these.
+    free = {model.joint(name).dofadr[0] for name in body.observed_joints}
+    found = {}
+    for name in names:
+        row = np.abs(moments[model.actuator(name).id])
+        row[[i for i in range(model.nv) if i not in free]] = 0.0
+        if row.max() > 0:
+            found[name] = _place_of(model.joint(int(model.dof_jntid[int(row.argmax())])).name)
+    return found
+
+
+def _place_of(joint: str) -> str:
+    side = {"_r": ", right", "_l": ", left"}.get(joint[-2:], "")
+    for place, words in _PLACES:
+        if any(word in joint for word in words):
+            return place + side
+    return joint
+
+
+def body_pictures(
+    groups: Sequence[Group], loads: Sequence[Load | None], body: Body | None
+) -> list[BodyPicture]:
+    """Draw the body, muscles coloured by their load, a picture per group.
+
+    Returns:
+        Nothing for bodies without muscles, and where no OpenGL platform works.
+    """
+    from sim2vr_harness.users.rendering import RenderingError, UserRenderer
+
+    told = [(g, load) for g, load in zip(groups, loads, strict=True) if load is not None]
+    if body is None or not told or not set(body.muscles) <= set(told[0][1].names):
+        return []
+    highest = float(max(load.values.max() for _, load in told))
+    if highest <= 0:
+        return []
+    found = []
+    try:
+        with UserRenderer(body, *_SIZE) as renderer:
+            for group, load in told[:_MOST_PICTURES]:
+                share = dict(zip(load.names, load.values / highest, strict=True))
+                colours = np.array([share[name] for name in body.muscles])
+                picture = renderer.render(_posture(group, body), "arm", colours)
+                found.append(BodyPicture(group.label, _png(picture), highest))
+    except RenderingError:
+        return []
+    return found
+
+
+def _posture(group: Group, body: Body) -> FloatArray:
+    """The posture of a step in the middle of the first round; the body's own without steps."""
+    model = body.model
+    qpos = np.array(model.qpos0, dtype=np.float64)
+    columns = [name for name in group.columns("steps") if name.startswith("q_")]
+    for rows in group.moments("steps", columns)[:1]:
+        row = rows[columns].to_numpy(np.float64)
+        # A real moment: medians joint by joint need not be a posture of a coupled shoulder.
+        nearest = int(np.argmin(np.abs(row - np.median(row, axis=0)).sum(axis=1)))
+        for name, value in zip(columns, row[nearest], strict=True):
+            joint = name.removeprefix("q_")
+            if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_JOINT, joint) >= 0:
+                qpos[model.joint(joint).qposadr[0]] = value
+    return qpos
+
+
+def _png(picture: NDArray[np.uint8]) -> str:
+    from PIL import Image
+
+    stream = io.BytesIO()
+    Image.fromarray(picture).save(stream, "PNG", optimize=True)
+    return base64.b64encode(stream.getvalue()).decode()

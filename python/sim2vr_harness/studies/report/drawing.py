@@ -1,0 +1,179 @@
+"""What a report draws, in plain terms: panels of a few kinds of layers.
+
+A panel is drawn twice: by Plotly in the page (:mod:`interactive`) and by Matplotlib into PNG and
+PDF (:mod:`stills`). Both know these layers and nothing of games or muscles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+__all__ = [
+    "COLOURS",
+    "GREY",
+    "Band",
+    "Bars",
+    "Figure",
+    "Heat",
+    "Layer",
+    "Line",
+    "Panel",
+    "Path",
+    "Points",
+    "Ranges",
+    "colour_of",
+]
+
+COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f3c8d", "#5b5b5b")
+"""Okabe and Ito's, which colour-blind people can tell apart, and two more."""
+GREY = "#9aa0a6"
+"""Of people, and of what is there to compare with."""
+
+Numbers = Sequence[float | None]
+
+
+def colour_of(index: int) -> str:
+    """The colour of the thing of that number; they come again after the last one."""
+    return COLOURS[index % len(COLOURS)]
+
+
+@dataclass(frozen=True)
+class Line:
+    """A line through points; a missing value interrupts it."""
+
+    name: str
+    x: Numbers
+    y: Numbers
+    colour: str
+    dashed: bool = False
+    stepped: bool = False
+
+
+@dataclass(frozen=True)
+class Points:
+    """Single points, with bars of ``spread`` up and down where there is one."""
+
+    name: str
+    x: Numbers
+    y: Numbers
+    colour: str
+    size: int = 6
+    symbol: str = "circle"
+    spread: Numbers | None = None
+    text: Sequence[str] | None = None
+
+
+@dataclass(frozen=True)
+class Band:
+    """The area between two lines over the same ``x``."""
+
+    name: str
+    x: Sequence[float]
+    low: Sequence[float]
+    high: Sequence[float]
+    colour: str
+
+
+@dataclass(frozen=True)
+class Ranges:
+    """Upright boxes from ``low`` to ``high``: people's ranges behind users' points."""
+
+    name: str
+    x: Sequence[float]
+    low: Sequence[float]
+    high: Sequence[float]
+    colour: str = GREY
+    text: Sequence[str] | None = None
+
+
+@dataclass(frozen=True)
+class Bars:
+    """Bars upon categories; those of one panel are put on each other or side by side."""
+
+    name: str
+    x: Sequence[str]
+    y: Numbers
+    colour: str
+
+
+@dataclass(frozen=True)
+class Heat:
+    """A table of colours; ``rows`` from top to bottom."""
+
+    values: Sequence[Numbers]
+    columns: Sequence[str]
+    rows: Sequence[str]
+    low: float
+    high: float
+    digits: int = 2
+    labelled: bool = True
+
+
+@dataclass(frozen=True)
+class Path:
+    """A way through space, or single places of it; x right, y forward, z up, m."""
+
+    name: str
+    x: Numbers
+    y: Numbers
+    z: Numbers
+    colour: str
+    places: bool = False
+
+
+Layer = Line | Points | Band | Ranges | Bars | Heat | Path
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Axes and what is drawn on them.
+
+    Attributes:
+        title: Above.
+        layers: From back to front.
+        x_label, y_label: With units.
+        ticks: Names of x = 0, 1, 2 ...; None: numbers.
+        stacked: Whether bars are put on each other.
+        sideways: Whether bars lie, categories on the left.
+        square: Whether a metre is as long in both directions.
+        y_range: Least and greatest y; None: as the layers need it.
+        legend: Whether to name the layers.
+        wide: Whether it takes a whole line of the page.
+        rows: Height in lines of bars or of a table; 0: the usual height.
+    """
+
+    title: str
+    layers: Sequence[Layer]
+    x_label: str = ""
+    y_label: str = ""
+    ticks: Sequence[str] | None = None
+    stacked: bool = False
+    sideways: bool = False
+    square: bool = False
+    y_range: tuple[float, float] | None = None
+    legend: bool = False
+    wide: bool = False
+    rows: int = 0
+
+    @property
+    def in_space(self) -> bool:
+        """Whether it is drawn in three dimensions."""
+        return any(isinstance(layer, Path) for layer in self.layers)
+
+
+@dataclass(frozen=True)
+class Figure:
+    """Panels that belong together.
+
+    Attributes:
+        key: Name of its files.
+        title: A heading.
+        caption: What is to be seen, and how it was worked out.
+        panels: At least one.
+    """
+
+    key: str
+    title: str
+    caption: str
+    panels: Sequence[Panel] = field(default_factory=tuple)

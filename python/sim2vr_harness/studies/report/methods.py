@@ -1,0 +1,214 @@
+"""The paragraph for a paper's methods section, and whom to cite."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+
+from sim2vr_harness import __version__
+from sim2vr_harness.envs.contract import contract, contract_hash
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.files import read_bytes
+from sim2vr_harness.studies.report.body import trained_users_of
+from sim2vr_harness.studies.report.source import ReportSource, changes_of
+
+__all__ = ["BIBTEX", "PlayedBy", "methods_of", "played_by"]
+
+_PACKAGES = {
+    "mujoco": "MuJoCo",
+    "torch": "PyTorch",
+    "stable-baselines3": "Stable-Baselines3",
+    "scipy": "SciPy",
+    "statsmodels": "statsmodels",
+}
+
+BIBTEX = """@inproceedings{Fischer2024SIM2VR,
+  author    = {Fischer, Florian and Ikkala, Aleksi and Klar, Markus and Fleig, Arthur and
+               Bachinski, Miroslav and Murray-Smith, Roderick and
+               H{\\"a}m{\\"a}l{\\"a}inen, Perttu and Oulasvirta, Antti and M{\\"u}ller, J{\\"o}rg},
+  title     = {{SIM2VR}: Towards Automated Biomechanical Testing in {VR}},
+  booktitle = {Proceedings of the 37th Annual ACM Symposium on User Interface Software and
+               Technology (UIST '24)},
+  year      = {2024},
+  doi       = {10.1145/3654777.3676452}
+}
+
+@inproceedings{Ikkala2022Breathing,
+  author    = {Ikkala, Aleksi and Fischer, Florian and Klar, Markus and Bachinski, Miroslav and
+               Fleig, Arthur and Howes, Andrew and H{\\"a}m{\\"a}l{\\"a}inen, Perttu and
+               M{\\"u}ller, J{\\"o}rg and Murray-Smith, Roderick and Oulasvirta, Antti},
+  title     = {Breathing Life Into Biomechanical User Models},
+  booktitle = {Proceedings of the 35th Annual ACM Symposium on User Interface Software and
+               Technology (UIST '22)},
+  year      = {2022},
+  doi       = {10.1145/3526113.3545689}
+}
+
+@inproceedings{Todorov2012MuJoCo,
+  author    = {Todorov, Emanuel and Erez, Tom and Tassa, Yuval},
+  title     = {{MuJoCo}: A physics engine for model-based control},
+  booktitle = {IEEE/RSJ International Conference on Intelligent Robots and Systems},
+  year      = {2012},
+  pages     = {5026--5033},
+  doi       = {10.1109/IROS.2012.6386109}
+}
+"""
+"""Of the method, of what it is built on, and of the simulator."""
+
+
+@dataclass(frozen=True)
+class PlayedBy:
+    """A trained user that played.
+
+    Attributes:
+        name: As the tables have it.
+        steps: User steps that it was trained for; None: the tables do not say.
+        body: Name of the body.
+        muscles: How many it has.
+        effort: Model and weight, in words.
+        contract: Hash of what the policy relies on.
+        weights: First 16 digits of the SHA-256 of its weights.
+    """
+
+    name: str
+    steps: int | None
+    body: str = ""
+    muscles: int = 0
+    effort: str = ""
+    contract: str = ""
+    weights: str = ""
+
+
+def played_by(source: ReportSource) -> list[PlayedBy]:
+    """Return who played; of users that cannot be found any more only what the tables say."""
+    found = []
+    known = {name: (user, body) for name, user, body in trained_users_of(source)}
+    for name in source.users:
+        rows = [group.episodes for group in source.groups if group.user == name]
+        steps = rows[0]["trained_steps"].dropna()
+        trained = int(steps.iloc[0]) if len(steps) else None
+        if name not in known:
+            found.append(PlayedBy(name, trained))
+            continue
+        user, body = known[name]
+        env = user.config.env
+        try:
+            weights = hashlib.sha256(read_bytes(user.source, "weights")).hexdigest()[:16]
+        except InputError:
+            weights = ""
+        found.append(
+            PlayedBy(
+                name,
+                trained,
+                body.name,
+                len(body.muscles),
+                f"{env.user.effort.model}, weight {env.user.effort.weight:g}",
+                contract_hash(contract(env)),
+                weights,
+            )
+        )
+    return found
+
+
+def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:
+    """Return the paragraph, ready to paste."""
+    groups = source.groups
+    rounds = sorted({len(group.episodes) for group in groups})
+    per = str(rounds[0]) if len(rounds) == 1 else f"{rounds[0]} to {rounds[-1]}"
+    first = groups[0].episodes
+    frequency = (first["steps"] / first["duration_s"]).round(3).median()
+    seeds = sorted({int(seed) for group in groups for seed in group.episodes["seed"]})
+    paired = all(
+        sorted(group.episodes["seed"]) == sorted(first["seed"]) for group in groups
+    ) and len(groups) > 1  # fmt: skip
+    means = {bool(value) for group in groups for value in group.episodes["deterministic"]}
+    actions = "the policies' means" if means == {True} else "samples of the policies"
+    conditions = list(dict.fromkeys(group.condition for group in groups))
+    parts = [
+        f"{_count(len(users), 'simulated user')} ({'; '.join(map(_user, users))}) played "
+        f"{source.facts.name} ({', '.join(conditions)}) in sim2vr {__version__}, in lockstep at "
+        f"{frequency:g} user steps a second, {per} rounds per group.",
+        f"Round seeds were {_seeds(seeds)}{', the same in all groups' if paired else ''}; actions "
+        f"were {actions}.",
+    ]
+    if source.unit == "person":
+        parts.append(
+            f"Users were {len(source.units)} simulated persons who differ in size, strength, "
+            "delays, noise and effort."
+        )
+    changes = list(dict.fromkeys(c for group in groups for c in changes_of(group)))
+    if changes:
+        parts.append(f"Unlike in their training: {', '.join(changes)}.")
+    ended = {str(end) for group in groups for end in group.episodes["ended"]} - {"finished"}
+    if ended:
+        parts.append(f"Some rounds ended otherwise than by the game: {', '.join(sorted(ended))}.")
+    parts.append(
+        f"n counts {_unit(source.unit)} (n = {len(source.units)}); a unit's value is the mean of "
+        "its rounds."
+    )
+    if source.comparisons:
+        parts.append(_tests(source))
+    parts.append(f"Software: {', '.join(_versions())}.")
+    return " ".join(parts)
+
+
+def _tests(source: ReportSource) -> str:
+    names = {
+        "wilcoxon": "Wilcoxon's signed-rank test",
+        "friedman": "Friedman's test",
+        "mann-whitney": "Mann and Whitney's test",
+        "kruskal-wallis": "Kruskal and Wallis' test",
+        "mixed": "linear mixed models with an intercept per unit",
+    }
+    used = dict.fromkeys(str(r["test"]) for r in source.comparisons if r.get("refused") is None)
+    if not used:
+        return "No test was made: n is too small for a p value."
+    text = f"Groups were compared by {', '.join(names.get(name, name) for name in used)}"
+    if any(result.get("p_holm") is not None for result in source.comparisons):
+        text += ", p values of pairs corrected after Holm"
+    return f"{text}; intervals are 95 % bootstrap intervals over units."
+
+
+def _user(user: PlayedBy) -> str:
+    parts = [user.name]
+    if user.body:
+        muscles = f", {user.muscles} muscles" if user.muscles else ""
+        parts.append(f"body {user.body}{muscles}")
+    if user.effort:
+        parts.append(f"effort {user.effort}")
+    if user.steps is not None:
+        parts.append(f"trained for {user.steps:,} user steps")
+    if user.contract:
+        parts.append(f"contract {user.contract}")
+    if user.weights:
+        parts.append(f"weights {user.weights}")
+    return ", ".join(parts)
+
+
+def _unit(unit: str) -> str:
+    words = {"person": "simulated persons", "user": "trained users"}
+    return words.get(unit, f"levels of {unit}")
+
+
+def _count(n: int, what: str) -> str:
+    return f"One {what}" if n == 1 else f"{n} {what}s"
+
+
+def _seeds(seeds: list[int]) -> str:
+    if len(seeds) > 1 and seeds == list(range(seeds[0], seeds[-1] + 1)):
+        return f"{seeds[0]} to {seeds[-1]}"
+    text = ", ".join(map(str, seeds[:8]))
+    return text if len(seeds) <= 8 else f"{text} and {len(seeds) - 8} more"
+
+
+def _versions() -> Iterator[str]:
+    """Of the installation that writes the report."""
+    yield f"Python {platform.python_version()}"
+    for package, name in _PACKAGES.items():
+        try:
+            yield f"{name} {version(package)}"
+        except PackageNotFoundError:
+            continue

@@ -1,0 +1,65 @@
+"""Means over the players of a group, and words for numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim2vr_harness.client import Measure
+from sim2vr_harness.studies.report.source import Group
+
+__all__ = ["Summary", "in_words", "known", "summary_of", "with_spread"]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """A measure of a group.
+
+    Attributes:
+        mean: Over the players, of whom each counts with the mean of its rounds.
+        spread: Standard deviation (ddof 1): over the players; of a single player, over its rounds.
+        n: Players with the number.
+        rounds: Rounds with the number.
+    """
+
+    mean: float
+    spread: float | None
+    n: int
+    rounds: int
+
+
+def summary_of(group: Group, measure: str) -> Summary | None:
+    """Return a measure's mean over the players of a group; None where no round has it."""
+    by_unit: dict[str, list[float]] = {}
+    for unit, value in zip(group.units, group.values(measure), strict=True):
+        if value is not None:
+            by_unit.setdefault(unit, []).append(value)
+    if not by_unit:
+        return None
+    means = [float(np.mean(values)) for values in by_unit.values()]
+    rounds = [value for values in by_unit.values() for value in values]
+    over = means if len(means) > 1 else rounds
+    spread = float(np.std(over, ddof=1)) if len(over) > 1 else None
+    return Summary(float(np.mean(means)), spread, len(means), len(rounds))
+
+
+def known(values: Sequence[float | None]) -> list[float]:
+    """The values that there are."""
+    return [value for value in values if value is not None and math.isfinite(value)]
+
+
+def in_words(value: float, measure: Measure) -> str:
+    """A number with its unit, as many digits as the game publishes."""
+    unit = f" {measure.unit}" if measure.unit and "-" not in measure.unit else ""
+    return f"{value:,.{measure.digits}f}{unit}"
+
+
+def with_spread(found: Summary | None, measure: Measure) -> str:
+    """``12.3 ± 1.2``; a dash without a number."""
+    if found is None:
+        return "–"
+    text = f"{found.mean:,.{measure.digits}f}"
+    return text if found.spread is None else f"{text} ± {found.spread:,.{measure.digits}f}"

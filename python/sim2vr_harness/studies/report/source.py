@@ -1,0 +1,235 @@
+"""What a report is made of: the tables of an evaluation or a study, in groups to be compared."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim2vr_harness.client import GameFacts, Measure, facts_of_outside
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.evaluation.data import EvaluationData, read_data
+from sim2vr_harness.evaluation.metrics import PLAYER_MEASURES
+from sim2vr_harness.files import file_name
+from sim2vr_harness.studies.data import STUDY_FILE, factor_column, read_study
+
+__all__ = ["Group", "ReportSource", "changes_of", "read_source"]
+
+
+@dataclass(frozen=True)
+class Group:
+    """Episodes that are looked at together: a cell of a study, or a user in a condition.
+
+    Attributes:
+        label: What distinguishes it from the others, such as ``easy``.
+        user: The trained user.
+        condition: The game's condition.
+        episodes: Its rows of the table of episodes.
+        events: Its rows of the table of items.
+        parts: Where its steps and frames are: tables, and which of their episodes.
+    """
+
+    label: str
+    user: str
+    condition: str
+    episodes: Any
+    events: Any
+    parts: Sequence[tuple[EvaluationData, Sequence[str]]]
+
+    @property
+    def units(self) -> list[str]:
+        """Who each episode's player is: what n counts."""
+        if "unit" in self.episodes:
+            return [str(unit) for unit in self.episodes["unit"]]
+        persons = self.episodes["person"]
+        if persons.notna().all():
+            return [f"person {int(person)}" for person in persons]
+        return [str(user) for user in self.episodes["user"]]
+
+    def values(self, measure: str) -> list[float | None]:
+        """A measure of every episode; None where it has none."""
+        if measure not in self.episodes:
+            return [None] * len(self.episodes)
+        found = self.episodes[measure].to_numpy(dtype=np.float64, na_value=np.nan)
+        return [float(value) if np.isfinite(value) else None for value in found]
+
+    def moments(self, table: str, columns: Sequence[str]) -> list[Any]:
+        """Steps or frames with these of their columns, a data frame per episode that has them.
+
+        Args:
+            table: ``steps`` or ``frames``.
+            columns: Those that the table lacks are left out.
+        """
+        found = []
+        for data, keys in self.parts:
+            there = {file.stem for file in (data.root / table).glob("*.parquet")}
+            wanted = [name for name in columns if name in _columns(data, table)]
+            if wanted:
+                read = getattr(data, table)
+                found += [read(key, columns=wanted) for key in keys if key in there]
+        return found
+
+    def columns(self, table: str) -> list[str]:
+        """Names of the columns of steps or frames."""
+        return _columns(self.parts[0][0], table)
+
+
+def _columns(data: EvaluationData, table: str) -> list[str]:
+    rows = data.dictionary
+    return list(rows[rows["table"] == table]["column"])
+
+
+@dataclass(frozen=True)
+class ReportSource:
+    """Everything that a report is about.
+
+    Attributes:
+        root: The folder.
+        title: For people.
+        groups: What is compared, in the order of the study or of the evaluation.
+        facts: What the game publishes.
+        measures: Numbers of an episode, in the order of the tables.
+        grids: Measures with a number per place.
+        comparisons: What a study's statistics came to, one each; empty of an evaluation.
+        unit: What n counts.
+        planned: The study's file, as it was read; empty of an evaluation.
+    """
+
+    root: Path
+    title: str
+    groups: Sequence[Group]
+    facts: GameFacts
+    measures: Sequence[Measure]
+    grids: Sequence[Measure]
+    comparisons: Sequence[Mapping[str, Any]] = ()
+    unit: str = "user"
+    planned: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def score(self) -> Measure:
+        """The measure by which the game is looked at first."""
+        wanted = self.facts.score or "return"
+        return next((m for m in self.measures if m.name == wanted), self.measures[0])
+
+    def measure(self, name: str) -> Measure | None:
+        """The measure of that name; None: nobody has it."""
+        return next((measure for measure in self.measures if measure.name == name), None)
+
+    @cached_property
+    def units(self) -> list[str]:
+        """All players: what n counts."""
+        return list(dict.fromkeys(unit for group in self.groups for unit in group.units))
+
+    @cached_property
+    def users(self) -> list[str]:
+        """All trained users."""
+        return list(dict.fromkeys(group.user for group in self.groups))
+
+
+def read_source(folder: str | Path) -> ReportSource:
+    """Read what a report of an evaluation or a study is made of.
+
+    Args:
+        folder: Of the evaluation or the study.
+
+    Raises:
+        InputError: There are no tables in it, or no episodes in the tables.
+    """
+    root = Path(folder)
+    if (root / STUDY_FILE).is_file():
+        return _of_study(root)
+    data = read_data(root)
+    if not len(data.episodes):
+        raise InputError(file_name(root), "no episodes in its tables", "at least one")
+    return _of_evaluation(root, data)
+
+
+def _of_evaluation(root: Path, data: EvaluationData) -> ReportSource:
+    episodes, events = data.episodes, data.events
+    several = episodes["user"].nunique() > 1
+    groups = []
+    for (user, condition), own in episodes.groupby(["user", "condition"], sort=False):
+        label = f"{user}, {condition}" if several else str(condition)
+        mine = events[events["episode"].isin(own["episode"])]
+        parts = [(data, list(own["episode"]))]
+        groups.append(Group(label, str(user), str(condition), own, mine, parts))
+    facts = facts_of_outside(str(episodes["game"].iloc[0]))
+    measures = _told_measures(facts, data)
+    title = f"{', '.join(map(str, episodes['user'].unique()))} in {facts.name}"
+    grids = [grid for grid in facts.grids if f"{grid.name}_0" in episodes]
+    persons = episodes["person"].notna().all()
+    unit = "person" if persons else "user"
+    return ReportSource(root, title, groups, facts, measures, grids, unit=unit)
+
+
+def _of_study(root: Path) -> ReportSource:
+    study = read_study(root)
+    episodes, events = study.episodes, study.events
+    unit_column = factor_column(study.study.unit_factor or "")
+    # Levels of the unit factor, such as seeds of trainings, are repetitions of the same thing.
+    factors = [c for c in study.cells if c.startswith("factor_") and c != unit_column]
+    shown = [name for name in factors if study.cells[name].nunique() > 1] or factors
+    cells = study.cells
+    labels = [", ".join(str(row[name]) for name in shown) for _, row in cells.iterrows()]
+    groups = []
+    for label in dict.fromkeys(labels):
+        names = [
+            cell for cell, other in zip(cells["design_cell"], labels, strict=True) if other == label
+        ]
+        own = episodes[episodes["design_cell"].isin(names)]
+        if not len(own):
+            continue
+        parts = [
+            (study.of_cell(cell), list(own[own["design_cell"] == cell]["episode"]))
+            for cell in names
+        ]
+        user, condition = str(own["user"].iloc[0]), str(own["condition"].iloc[0])
+        mine = events[events["design_cell"].isin(names)]
+        groups.append(Group(label, user, condition, own, mine, parts))
+    facts = facts_of_outside(str(study.about["game"]))
+    return ReportSource(
+        root,
+        study.study.title or study.study.name,
+        groups,
+        facts,
+        [_measure(told) for told in study.about["measures"]],
+        [_measure(told) for told in study.about["grids"]],
+        comparisons=study.statistics["results"],
+        unit=str(study.about["unit"]),
+        planned=study.study.model_dump(mode="json", exclude_defaults=True),
+    )
+
+
+def _measure(told: Mapping[str, Any]) -> Measure:
+    grid = told.get("grid")
+    return Measure(**{**told, "grid": None if grid is None else tuple(grid)})
+
+
+def _told_measures(facts: GameFacts, data: EvaluationData) -> list[Measure]:
+    """The measures that these episodes have; of an unknown game by the data dictionary."""
+    known = [*facts.scalars, *PLAYER_MEASURES]
+    found = [m for m in known if m.name in data.episodes and data.episodes[m.name].notna().any()]
+    if facts.scalars:
+        return found
+    own = PLAYER_MEASURES[0].name
+    rows = data.dictionary[data.dictionary["table"] == "episodes"]
+    names = list(rows["column"])
+    begin, end = names.index("log_folder") + 1, names.index(own)
+    told = {row.column: row for row in rows.itertuples()}
+    of_game = [
+        Measure(name, told[name].description.partition(":")[0], unit=told[name].unit, digits=2)
+        for name in names[begin:end]
+        if told[name].type in ("number", "integer") and not name.startswith(("option_", "person_"))
+    ]
+    return [*of_game, *found]
+
+
+def changes_of(group: Group) -> list[str]:
+    """What a group's episodes differ in from the user's training."""
+    texts = group.episodes["changes"].dropna().unique()
+    return [change for text in texts for change in json.loads(text)]

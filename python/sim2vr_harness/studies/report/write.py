@@ -1,0 +1,87 @@
+"""Writes the report of an evaluation or a study: a page, and its figures for papers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.games.published import published_of
+from sim2vr_harness.studies.report.body import (
+    body_pictures,
+    body_with,
+    figures_of_body,
+    load_of,
+    trained_users_of,
+)
+from sim2vr_harness.studies.report.effort import figures_of_effort
+from sim2vr_harness.studies.report.media import examples_of
+from sim2vr_harness.studies.report.methods import methods_of, played_by
+from sim2vr_harness.studies.report.outcomes import figures_of_outcomes
+from sim2vr_harness.studies.report.page import Content, page_of
+from sim2vr_harness.studies.report.sentences import sentences_of
+from sim2vr_harness.studies.report.source import read_source
+from sim2vr_harness.studies.report.stills import write_stills
+from sim2vr_harness.studies.report.strategy import figures_of_strategy
+from sim2vr_harness.training.run_folder import write_atomically
+
+__all__ = ["PAGE", "Report", "write_report"]
+
+PAGE = "report.html"
+"""In the folder of the evaluation or study."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What was written.
+
+    Attributes:
+        page: The HTML file.
+        figures: PNG and PDF files, in the folder ``NAME_figures`` beside it.
+    """
+
+    page: Path
+    figures: tuple[Path, ...]
+
+
+def write_report(
+    folder: str | Path, out: str | Path | None = None, *, stills: bool = True
+) -> Report:
+    """Write the report of an evaluation or a study.
+
+    Args:
+        folder: Of the evaluation or the study.
+        out: The HTML file; None: ``report.html`` in the folder.
+        stills: Whether to write figures as PNG and PDF, too.
+
+    Raises:
+        InputError: There are no tables, or ``out`` is no HTML file.
+    """
+    page = Path(folder) / PAGE if out is None else Path(out)
+    if page.suffix.lower() not in (".html", ".htm"):
+        raise InputError("--out", repr(str(page)), "a file name that ends in .html")
+    source = read_source(folder)
+    duration_s = max(float(group.episodes["duration_s"].median()) for group in source.groups)
+    published = published_of(source.facts.name).beside_rounds_of(duration_s)
+    loads = [load_of(group) for group in source.groups]
+    body = body_with([own for _, _, own in trained_users_of(source)], loads)
+    figures = [
+        *figures_of_outcomes(source, published),
+        *figures_of_body(source, loads, body),
+        *figures_of_strategy(source, published),
+        *figures_of_effort(source),
+    ]
+    users = played_by(source)
+    content = Content(
+        source,
+        published,
+        sentences_of(source, published, loads),
+        figures,
+        body_pictures(source.groups, loads, body),
+        examples_of(source.groups, source.root),
+        users,
+        methods_of(source, users),
+    )
+    write_atomically(page, page_of(content).encode())
+    drawn = write_stills(figures, page.with_name(f"{page.stem}_figures")) if stills else []
+    return Report(page, tuple(drawn))

@@ -1,0 +1,219 @@
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import strange_game
+
+from sim2vr_harness.client import Measure
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.games.published import published_of
+from sim2vr_harness.studies.config import load_study
+from sim2vr_harness.studies.plan import plan_of
+from sim2vr_harness.studies.report import write_report
+from sim2vr_harness.studies.report.body import load_of
+from sim2vr_harness.studies.report.numbers import summary_of
+from sim2vr_harness.studies.report.sentences import sentences_of
+from sim2vr_harness.studies.report.source import ReportSource, read_source
+from sim2vr_harness.studies.report.stills import write_stills
+from sim2vr_harness.studies.report.strategy import depth_of, figures_of_strategy
+from sim2vr_harness.studies.report.tables import test_table as table_of_tests
+
+REPORT = Path(__file__).parents[3] / "python" / "sim2vr_harness" / "studies" / "report"
+NOBODY = published_of("strange")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return strange_game.write_tables(tmp_path_factory.mktemp("strange"))
+
+
+@pytest.fixture(scope="module")
+def source(folder: Path) -> ReportSource:
+    return read_source(folder)
+
+
+@pytest.fixture(scope="module")
+def page(folder: Path) -> str:
+    return write_report(folder).page.read_text(encoding="utf-8")
+
+
+def test_an_unknown_game_is_told_by_its_data_dictionary(source: ReportSource) -> None:
+    assert [group.label for group in source.groups] == list(strange_game.CONDITIONS)
+    sparks = source.measure("sparks")
+    assert sparks is not None and sparks.label == "Sparks" and sparks.unit == "V"
+
+
+def test_a_single_user_s_spread_is_over_its_rounds(source: ReportSource) -> None:
+    found = summary_of(source.groups[0], "sparks")  # 10 and 14
+    assert found is not None and (found.mean, found.n, found.rounds) == (12.0, 1, 2)
+    assert found.spread == pytest.approx(np.sqrt(8.0))
+
+
+def test_persons_count_with_the_mean_of_their_rounds(source: ReportSource) -> None:
+    group = source.groups[0]
+    rows = group.episodes.iloc[[0, 0, 1]].copy()
+    rows["person"], rows["sparks"] = [1, 1, 2], [1.0, 3.0, 8.0]
+    found = summary_of(replace(group, episodes=rows), "sparks")
+    assert found is not None and (found.mean, found.n, found.rounds) == (5.0, 2, 3)  # 2 and 8
+    assert found.spread == pytest.approx(np.sqrt(18.0))
+
+
+def test_depth_is_the_tool_s_distance_behind_the_items_plane(source: ReportSource) -> None:
+    depths = depth_of(source.groups[0])
+    assert len(depths) == 2
+    np.testing.assert_allclose(depths[0].values_m, -0.1, atol=1e-6)
+    assert "wand" in depths[0].what and "plane" in depths[0].what
+    assert depths[0].times_s[0] == 0.0  # the log's first row is from before the round
+
+
+def test_fatigue_of_a_round_is_the_one_at_its_end(source: ReportSource) -> None:
+    load = load_of(source.groups[0])
+    assert load is not None and load.fatigue and load.names == strange_game.MUSCLES
+    np.testing.assert_allclose(load.values, [0.1, 0.3, 0.2], atol=1e-6)
+
+
+def test_sentences_have_the_numbers_behind_them(source: ReportSource) -> None:
+    loads = [load_of(group) for group in source.groups]
+    told = {one.text: one.numbers for one in sentences_of(source, NOBODY, loads)}
+    # The return is 2 sparks - 2: 22 and 44.
+    assert told["The return is highest in wild <b> and lowest in calm."] == "44.0 against 22.0"
+    tired = "The most tired muscles are BETA, GAMMA and ALPHA (in calm)."
+    assert told[tired].endswith("BETA 0.30, GAMMA 0.20, ALPHA 0.10")
+    assert told["wild <b> tires the muscles most, calm least."].endswith("0.230 against 0.120")
+    text = next(text for text in told if text.startswith("n is 1"))
+    assert "no p value" in text and told[text] == "n = 1, 4 rounds in 2 groups"
+
+
+def test_comparisons_say_what_n_is_and_why_there_is_no_p(source: ReportSource) -> None:
+    about = {
+        "factor": "mood", "by": {}, "measure": "sparks", "levels": ["calm", "wild"],
+        "means": [12.0, 23.0], "n": 1, "unit": "user", "test": "wilcoxon", "p": None,
+        "refused": "n = 1: one unit", "note": None, "difference": None,
+    }  # fmt: skip
+    by_round = about | {
+        "unit": "round", "n": 10, "p": 0.002, "z": -2.803, "refused": None, "p_holm": 0.006,
+        "family": 3, "difference": {"mean": -11.0, "low": -13.0, "high": -9.0}, "effect": -1.0,
+        "effect_name": "rank-biserial", "note": "no sample of persons",
+    }  # fmt: skip
+    tested = replace(source, comparisons=[about, by_round])
+    html = table_of_tests(tested)
+    assert html is not None and "no p value: n = 1: one unit" in html
+    assert "10 rounds of one policy (no sample of people)" in html
+    assert "Z = -2.803" in html and "0.0020" in html and "0.0060" in html
+    told = [one for one in sentences_of(tested, NOBODY, [None, None]) if "than in" in one.text]
+    assert [one.text for one in told] == ["Sparks is lower in calm than in wild."]
+    assert "95 % -13 to -9" in told[0].numbers and "rounds of one policy" in told[0].numbers
+
+
+def test_the_page_has_everything_in_it(page: str) -> None:
+    assert len(page.encode()) < 10_000_000
+    before, _, _ = page.partition("<script>")
+    assert not re.search(r"""(src|href)=["'](?!data:|#)""", before)
+    assert "wild &lt;b&gt;" in page and "wild <b>" not in before
+    assert "@inproceedings{Fischer2024SIM2VR" in page and "contract" in page.lower()
+
+
+def test_the_page_s_panels_show_all_groups(page: str) -> None:
+    found = re.search(r'<script type="application/json" id="panels">(.*?)</script>', page, re.S)
+    assert found is not None
+    panels = json.loads(found.group(1).replace("<\\/", "</"))
+    assert len(panels) == page.count('class="plot"')
+    names = {trace["name"] for panel in panels for trace in panel["data"] if trace.get("name")}
+    assert set(strange_game.CONDITIONS) <= names
+    assert any(trace["type"] == "scatter3d" for panel in panels for trace in panel["data"])
+
+
+def test_figures_are_files_for_papers_and_the_same_bytes_again(
+    source: ReportSource, tmp_path: Path
+) -> None:
+    figures = list(figures_of_strategy(source, NOBODY))
+    first = write_stills(figures, tmp_path / "a")
+    again = write_stills(figures, tmp_path / "b")
+    assert {file.suffix for file in first} == {".png", ".pdf"} and len(first) == 2 * len(figures)
+    for one, other in zip(first, again, strict=True):
+        assert one.read_bytes() == other.read_bytes() != b""
+
+
+def test_what_cannot_be_reported_is_said_in_one_sentence(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"no data/episodes\.parquet in it"):
+        write_report(tmp_path)
+    with pytest.raises(InputError, match=r"--out: got .*a file name that ends in \.html"):
+        write_report(folder, tmp_path / "report.pdf")
+
+
+def test_reports_know_no_game() -> None:
+    games = [p.name for p in (REPORT.parents[1] / "games").iterdir() if (p / "game.py").is_file()]
+    assert len(games) > 2
+    named = [
+        (file.name, game)
+        for file in REPORT.glob("*.*")
+        for game in games
+        if re.search(rf"\b{game}\b", file.read_text(encoding="utf-8"))
+    ]
+    assert named == []
+
+
+@pytest.mark.parametrize("name", ["paper_whacamole", "paper_beats"])
+def test_the_paper_s_studies_can_be_played(name: str) -> None:
+    root = Path(__file__).parents[3]
+    plan = plan_of(load_study(root / "studies" / f"{name}.yaml"))
+    assert len(plan.cells) == {"paper_whacamole": 15, "paper_beats": 3}[name]
+    by_round = [one for one in plan.study.comparisons if one.unit == "round"]
+    assert by_round and len(by_round) < len(plan.study.comparisons)
+
+
+# --- what is published ----------------------------------------------------------------------------
+
+
+def test_people_are_found_by_all_names_of_their_conditions() -> None:
+    known = published_of("whacamole")
+    easy = known.people_in("easy", "hits")
+    assert len(easy) == 12 and np.mean(easy) == pytest.approx(68.25)  # of the released data
+    assert len(known.people_in("hard-unconstrained", "hits")) == 6
+    assert known.people_in("low-medium", "hit_rate") == known.people_in("low", "hit_rate") != []
+    assert known.people_in("easy", "effort") == []
+    grid = known.grid_of("high-medium", "cell_hit_rates")
+    assert grid is not None and len(grid) == 9
+
+
+def test_rounds_of_another_length_are_not_put_beside_counts() -> None:
+    known = published_of("whacamole")
+    assert known.beside_rounds_of(60.05) is known
+    short = known.beside_rounds_of(20.0)
+    assert short.people_in("easy", "hits") == [] and short.people_in("easy", "hit_rate") != []
+    row = {"condition": "easy", "user": "whacamole_constrained"}
+    assert (
+        known.beside("hits", row) == {"published users": 105.0} and short.beside("hits", row) == {}
+    )
+    assert "20 s" in short.differences[0]
+
+
+def test_published_users_are_found_by_their_settings() -> None:
+    low = {"condition": "low-medium", "user": "whacamole_constrained"}
+    assert published_of("whacamole").beside("max_fatigued", low) == {"paper, SIM_u": 0.232}
+    other = low | {"user": "whacamole_adaptive_constrained"}
+    assert published_of("whacamole").beside("max_fatigued", other) == {"paper, SIM_a": 0.266}
+    beats = published_of("beats")
+    first = {"condition": "first", "effort_weight": 0.05}
+    assert list(beats.beside("correct_slices", first).values()) == [3.03]
+    assert beats.beside("correct_slices", first | {"condition": "full"}) == {}
+
+
+def test_published_measures_are_measures_of_the_game() -> None:
+    from sim2vr_harness.client import describe_game
+    from sim2vr_harness.evaluation.metrics import measures_of
+
+    for game in ("whacamole", "beats"):
+        facts, known = describe_game(game), published_of(game)
+        names = {measure.name for measure in measures_of(facts)}
+        assert {one.measure for one in known.values} <= names
+        columns = {key for row in known.rows for key in row}
+        assert columns <= names | {"person", "condition", "latency_s"}
+        assert {str(row["condition"]) for row in known.rows} <= {c.name for c in facts.conditions}
+        assert known.differences
+    assert Measure("x", "x").heading == "x"

@@ -1,0 +1,61 @@
+"""The page as people see it: in a browser, on a desk and on a telephone."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import strange_game
+from chromium import Page, find_chromium
+
+from sim2vr_harness.studies.report import write_report
+
+CHROMIUM = find_chromium()
+pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
+
+CUT_OFF = """JSON.stringify([...document.querySelectorAll('.plot')].flatMap(plot => {
+  const box = plot.getBoundingClientRect();
+  return [...plot.querySelectorAll('text')]
+    .filter(text => text.textContent.trim() && getComputedStyle(text).visibility !== 'hidden')
+    .map(text => [text.textContent, text.getBoundingClientRect()])
+    .filter(([, r]) => r.width > 0 && (r.left < box.left - 1 || r.right > box.right + 1
+                                       || r.top < box.top - 1 || r.bottom > box.bottom + 1))
+    .map(([text]) => plot.id + ': ' + text);
+}))"""
+"""Texts of figures that reach over the figure's edge."""
+
+
+@pytest.fixture(scope="module")
+def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = strange_game.write_tables(tmp_path_factory.mktemp("seen"))
+    return write_report(folder, stills=False).page
+
+
+def test_every_figure_is_drawn_and_nothing_is_cut_off(report: Path, tmp_path: Path) -> None:
+    assert CHROMIUM is not None
+    with Page(CHROMIUM, tmp_path) as page:
+        for width in (1280, 390):
+            page.open(report, width)
+            page.wait_for("window.reportState && reportState.expected > 0")
+            page.wait_for("reportState.drawn + reportState.errors.length >= reportState.expected")
+            state = page.value("reportState")
+            assert state["errors"] == [] and page.errors == []
+            there = page.value("document.querySelectorAll('.plot .svg-container').length")
+            assert state["drawn"] == state["expected"] == there
+            assert page.value("document.documentElement.scrollWidth") <= width
+            assert json.loads(page.value(CUT_OFF)) == []
+
+
+def test_a_key_hides_and_shows_its_lines(report: Path, tmp_path: Path) -> None:
+    assert CHROMIUM is not None
+    with Page(CHROMIUM, tmp_path) as page:
+        page.open(report, 1280)
+        page.wait_for("window.reportState && reportState.drawn === reportState.expected")
+        visible = (
+            "(() => { const key = document.querySelector('.keys button'); key.click(); "
+            "const plot = key.closest('.panel').querySelector('.plot'); "
+            "return plot.data.filter(t => t.visible === false).length; })()"
+        )
+        assert page.value(visible) > 0
+        assert page.value(visible) == 0

@@ -21,7 +21,9 @@ def test_the_notebook_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setenv("OMP_NUM_THREADS", os.environ.get("OMP_NUM_THREADS", "1"))
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     assert all(not cell.get("outputs") for cell in notebook.cells), "kept without outputs"
-    client = NotebookClient(notebook, timeout=600, kernel_name="python3", shutdown_kernel="immediate")
+    client = NotebookClient(
+        notebook, timeout=600, kernel_name="python3", shutdown_kernel="immediate"
+    )
     client.execute()
     last = [cell for cell in notebook.cells if cell.cell_type == "code"][-2]
     assert "'unit': 'person'" in str(last.outputs)

@@ -24,7 +24,12 @@ BELOW: dict[str, tuple[str, ...]] = {
 }
 """What each room may import beside itself; ``cli`` may import all, and nothing imports it."""
 
-ALONE = {"stable_baselines3": {"training"}, "zmq": {"client"}, "plotly": {"studies"}}
+ALONE = {
+    "stable_baselines3": {"training"},
+    "zmq": {"client"},
+    "plotly": {"studies"},
+    "ray": {"studies"},
+}
 """Packages that only these rooms import (``bench`` asks training for what it needs of them)."""
 
 

@@ -28,6 +28,20 @@ def study(
     report: Annotated[
         bool, typer.Option("--report/--no-report", help="Write report.html at the end (default).")
     ] = True,
+    ray: Annotated[
+        str | None,
+        typer.Option(
+            metavar="auto|ADDRESS", help="Let a running Ray cluster do them, one core a task."
+        ),
+    ] = None,
+    storage: Annotated[
+        str | None,
+        typer.Option(
+            metavar="URL",
+            help="With --ray: where machines that do not see the study's folder leave results, "
+            "such as s3://BUCKET/STUDY.",
+        ),
+    ] = None,
 ) -> None:
     """Play the cells of a study, train what it needs, compare, and write the report."""
     from rich.console import Console
@@ -36,7 +50,7 @@ def study(
     from sim2vr_harness.studies import run_study
 
     with Shown() as shown:
-        found = run_study(file, out, jobs=jobs, on_progress=shown.show)
+        found = run_study(file, out, jobs=jobs, ray=ray, storage=storage, on_progress=shown.show)
     for table in comparison_table(found.data):
         Console().print(table)
     typer.echo(f"Played: {found.played} of {found.played + found.found} cells and trainings")

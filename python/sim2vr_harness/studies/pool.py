@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from sim2vr_harness.errors import reason
 from sim2vr_harness.studies.tasks import Task
 
-__all__ = ["Done", "Here", "Pool", "Processes"]
+__all__ = ["Done", "Here", "Pool", "Processes", "Work", "done_by", "play_or_train"]
 
 Work = Callable[[Task, Path, int], None]
 """Task, the study's folder, cores."""
@@ -66,20 +66,22 @@ class Here:
 
     def next(self) -> Done:
         """See :class:`Pool`."""
-        return _done(self._tasks.popleft(), self._root, self._cores)
+        return done_by(self._tasks.popleft(), self._root, self._cores)
 
     def close(self) -> None:
         """See :class:`Pool`."""
         self._tasks.clear()
 
 
-def _do(task: Task, root: Path, cores: int) -> None:
+def play_or_train(task: Task, root: Path, cores: int) -> None:
+    """Do a task as it is meant, see :func:`sim2vr_harness.studies.work.do`."""
     from sim2vr_harness.studies.work import do  # loads all that plays and learns
 
     do(task, root, cores)
 
 
-def _done(task: Task, root: Path, cores: int, work: Work = _do) -> Done:
+def done_by(task: Task, root: Path, cores: int, work: Work = play_or_train) -> Done:
+    """Do a task, whatever comes of it."""
     try:
         work(task, root, cores)
     except Exception as error:
@@ -114,7 +116,7 @@ def _serve(pipe: Connection, root: str, cores: int, work: Work) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the study's, which tells its workers
     with suppress(EOFError, OSError):
         while (task := pipe.recv()) is not None:
-            pipe.send(_done(task, Path(root), cores, work))
+            pipe.send(done_by(task, Path(root), cores, work))
     os._exit(0)  # threads of renderers and of torch are not waited for
 
 
@@ -128,7 +130,7 @@ class Processes:
         work: What they do with a task; it must not depend on anything but its arguments.
     """
 
-    def __init__(self, root: Path, count: int, cores: int, work: Work = _do) -> None:
+    def __init__(self, root: Path, count: int, cores: int, work: Work = play_or_train) -> None:
         self._root, self._count, self._cores, self._work = root, count, cores, work
         self._workers: list[_Worker] = []
         self._tasks: deque[Task] = deque()

@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -61,6 +62,8 @@ def run_study(
     out: str | Path | None = None,
     *,
     jobs: int | None = None,
+    ray: str | None = None,
+    storage: str | None = None,
     on_progress: Callable[[Progress], None] = lambda progress: None,
     make_pool: Callable[[Path], Pool] | None = None,
 ) -> StudyResult:
@@ -70,6 +73,8 @@ def run_study(
         study: The study, its YAML file, or what such a file says.
         out: Its folder; None: ``studies/NAME``.
         jobs: Cells and trainings side by side; None: one per two cores.
+        ray: Address of a Ray cluster that does them instead, or ``auto``.
+        storage: With ``ray``: where workers leave results that do not see the study's folder.
         on_progress: Told after every task.
         make_pool: Who does the tasks, given the folder; None: processes of this machine.
 
@@ -83,10 +88,15 @@ def run_study(
         study = load_study(study)
     elif not isinstance(study, StudyConfig):
         study = parse_study(study)
+    if storage is not None and ray is None:
+        raise InputError("--storage", "it without --ray", "it together with --ray")
     root = Path(out) if out is not None else Path("studies") / study.name
     jobs = _jobs(jobs)
     _require_own(root, study)
     plan = plan_of(study, folder=beside)
+    if study.comparisons and find_spec("statsmodels") is None:
+        expected = "it: pip install 'sim2vr-harness[studies]'"
+        raise InputError("comparisons", "no statsmodels in this installation", expected)
     (root / CELLS).mkdir(parents=True, exist_ok=True)
     with sole_training(root, root / ".lock", "study"):
         clear_away(root)
@@ -95,7 +105,15 @@ def run_study(
         done = len(wanted) - len(left)
         on_progress(Progress(done, len(wanted)))
         if left:
-            pool = make_pool(root) if make_pool is not None else _pool(root, min(jobs, len(left)))
+            pool: Pool
+            if make_pool is not None:
+                pool = make_pool(root)
+            elif ray is not None:
+                from sim2vr_harness.studies.cluster import OnRay
+
+                pool = OnRay(root, ray, 1, storage=storage)
+            else:
+                pool = _pool(root, min(jobs, len(left)))
             with closing(pool):
                 _work(pool, left, root, done, on_progress)
         write_data(plan, root)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 from pathlib import Path
 from typing import Any
 
@@ -19,4 +20,14 @@ def work(task: Any, root: Path, cores: int) -> None:
         os._exit(3)
     if task.condition == "fails":
         raise ValueError("condition: got 'fails', expected another")
+    if task.condition == "takes a while":
+        time.sleep(2.0)
     (root / task.key).write_text(f"{os.getpid()}")
+
+
+def folder(task: Any, root: Path, cores: int) -> None:
+    """Leave a cell's folder."""
+    place = root / "cells" / task.key
+    (place / "data").mkdir(parents=True)
+    (place / "data" / "x.csv").write_text("1")
+    (place / "cell.json").write_text("{}")

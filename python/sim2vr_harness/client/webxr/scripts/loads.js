@@ -82,8 +82,14 @@
     if (String(name).toLowerCase() === 'src' && String(value)) until(this, ['load', 'error']);
     return setAttribute.call(this, name, value);
   };
-  const asks = (node) => (node instanceof HTMLScriptElement && node.src)
-    || (node instanceof HTMLLinkElement && node.href && node.rel === 'stylesheet');
+  const begun = new WeakSet(); // a script runs once, however often it is moved
+  const asks = (node) => {
+    const scripts = node instanceof HTMLScriptElement && node.src;
+    const styles = node instanceof HTMLLinkElement && node.href && node.rel === 'stylesheet';
+    if (!(scripts || styles) || node.isConnected || begun.has(node)) return false;
+    begun.add(node);
+    return true;
+  };
   const watchAdding = (object, ...names) => {
     for (const name of names) {
       const real = object[name];

@@ -202,18 +202,15 @@ class WebXRApp:
         if not np.isfinite(inputs).all():
             raise AppRefused("inputs: got numbers that are not finite, expected finite ones")
         _check_rotations(rows, poses)
-        devices = [
-            None if getattr(poses, name) is None else rows[:, k].tolist()
-            for k, name in enumerate(DEVICES)
-        ]
-        if devices[0] is None:
-            raise AppRefused("head: got none, expected a pose")
-        head, left, right = devices
+        head, left, right = rows.swapaxes(0, 1).tolist()
         return [
             [
                 int(times[k]) / 1e6,
                 head[k],
-                [left and left[k], right and right[k]],
+                [
+                    None if poses.left_controller is None else left[k],
+                    None if poses.right_controller is None else right[k],
+                ],
                 inputs[k].tolist(),
                 k == drawn,
             ]
@@ -320,5 +317,3 @@ def _checked_options(given: Mapping[str, OptionValue]) -> dict[str, str]:
                 f"{', '.join(known)}"
             )
     return found
-
-

@@ -110,10 +110,14 @@ class Browser:
         command = [program, *_ALWAYS, f"--user-data-dir={self._home}/profile"]
         if os.geteuid() == 0:
             command.append("--no-sandbox")  # Chromium's own cannot be had as root
-        home = {name: self._home for name in ("HOME", "TMPDIR", "XDG_CONFIG_HOME", "XDG_CACHE_HOME")}
+        home = {
+            name: self._home for name in ("HOME", "TMPDIR", "XDG_CONFIG_HOME", "XDG_CACHE_HOME")
+        }
         (theirs_in, ours_out), (ours_in, theirs_out) = os.pipe(), os.pipe()
         try:
-            self.process = AppProcess([*command, "about:blank"], environment=home, pipes=(theirs_in, theirs_out))
+            self.process = AppProcess(
+                [*command, "about:blank"], environment=home, pipes=(theirs_in, theirs_out)
+            )
         except BaseException:
             for descriptor in (ours_out, ours_in):
                 os.close(descriptor)

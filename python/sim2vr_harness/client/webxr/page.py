@@ -10,7 +10,7 @@ from typing import Any
 from urllib.parse import urlencode
 
 from sim2vr_harness.client.base import OptionValue
-from sim2vr_harness.client.errors import AppDied, AppError, AppRefused, ProtocolError
+from sim2vr_harness.client.errors import AppDied, AppRefused
 from sim2vr_harness.client.webxr.browser import Browser, read_script
 from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.pipe import RefusedRequest
@@ -86,9 +86,7 @@ class Page:
         with suppress(RefusedRequest):
             ask("Browser.setDownloadBehavior", wait_s, behavior="deny", browserContextId=context)
         target = ask("Target.createTarget", wait_s, url="about:blank", browserContextId=context)
-        attached = ask(
-            "Target.attachToTarget", wait_s, targetId=target["targetId"], flatten=True
-        )
+        attached = ask("Target.attachToTarget", wait_s, targetId=target["targetId"], flatten=True)
         return str(attached["sessionId"])
 
     def _listen(self) -> None:
@@ -166,9 +164,7 @@ class Page:
         self._loaded = False
         if self._seed_script is not None:
             self._ask("Page.removeScriptToEvaluateOnNewDocument", identifier=self._seed_script)
-        added = self._ask(
-            "Page.addScriptToEvaluateOnNewDocument", source=f"__sim2vr.seed({seed});"
-        )
+        added = self._ask("Page.addScriptToEvaluateOnNewDocument", source=f"__sim2vr.seed({seed});")
         self._seed_script = added["identifier"]
         self._loading = _with_query(self.files.url, options)
         found = self._ask("Page.navigate", url=self._loading, timeout_s=self._start_timeout_s)

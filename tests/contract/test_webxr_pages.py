@@ -19,7 +19,7 @@ from sim2vr_harness.client import (
     frame_time_ns,
     input_named,
 )
-from tests.webxr_pages import HEAD, NEEDS_BROWSER, NEEDS_ENGINES, PAGES, hands, open_page
+from webxr_pages import HEAD, NEEDS_BROWSER, NEEDS_ENGINES, PAGES, hands, open_page
 
 pytestmark = NEEDS_BROWSER
 STEPS = 12
@@ -50,7 +50,10 @@ def played(app: WebXRApp, seed: int = 7, steps: int = STEPS) -> list[Any]:
 @pytest.mark.parametrize("page", ["touch.html", "late.html"])
 def test_the_same_input_gives_the_same_bits_across_reloads_and_processes(page: str) -> None:
     values = VALUES if page == "touch.html" else {"loaded": "app.loaded", "missing": "app.missing"}
-    with open_page(PAGES / page, values=values) as one, open_page(PAGES / page, values=values) as two:
+    with (
+        open_page(PAGES / page, values=values) as one,
+        open_page(PAGES / page, values=values) as two,
+    ):
         first = played(one)
         assert played(two) == first
         assert played(one) == first
@@ -178,7 +181,7 @@ def test_bad_input_names_the_field_and_leaves_the_round_as_it_was(touch: WebXRAp
     with pytest.raises(ValueError, match=r"head\.rotation: got .*expected a quaternion"):
         touch.step(frame_time_ns(1, 20), long)
     touch.step(frame_time_ns(5, 20), good)
-    with pytest.raises(AppRefused, match="time_ns: got .*expected no step backwards"):
+    with pytest.raises(AppRefused, match=r"time_ns: got .*expected no step backwards"):
         touch.step(frame_time_ns(4, 20), good)
     touch.step(frame_time_ns(6, 20), good)
 

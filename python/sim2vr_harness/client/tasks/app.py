@@ -86,7 +86,7 @@ class TaskedApp:
         try:
             self.task.reset(moment, seed)
         except Exception as error:
-            raise self._wrong("reset", f"raised {words_of(error)}", "to begin a round") from error
+            raise self._wrong("reset", words_of(error), "to begin a round") from error
         return self._reply(reply, moment, Outcome(0.0))
 
     def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
@@ -114,7 +114,7 @@ class TaskedApp:
         try:
             outcome = self.task.step(moment)
         except Exception as error:
-            raise self._wrong("step", f"raised {words_of(error)}", "an Outcome") from error
+            raise self._wrong("step", words_of(error), "an Outcome") from error
         return self._reply(reply, moment, self._checked(outcome))
 
     def _moment(self, reply: AppReply, poses: DevicePoses, time_s: float) -> TaskMoment:
@@ -152,7 +152,7 @@ class TaskedApp:
 
     def _checked(self, outcome: Any) -> Outcome:
         if not isinstance(outcome, Outcome):
-            raise self._wrong("step", f"returned {type(outcome).__name__}", "an Outcome")
+            raise self._wrong("step", type(outcome).__name__, "an Outcome")
         numbers = {"reward": outcome.reward, **outcome.log}
         if outcome.time_feature is not None:
             numbers["time_feature"] = outcome.time_feature
@@ -162,7 +162,7 @@ class TaskedApp:
             except TypeError:
                 finite = False
             if not finite:
-                raise self._wrong("step", f"returned {name}={number!r}", "finite numbers")
+                raise self._wrong("step", f"{name}={number!r}", "finite numbers")
         return outcome
 
     def _reply(self, reply: AppReply, moment: TaskMoment, outcome: Outcome) -> AppReply:

@@ -6,7 +6,7 @@ import importlib.util
 import inspect
 import sys
 from pathlib import Path
-from typing import Any
+from traceback import extract_tb
 
 import pydantic
 
@@ -92,9 +92,8 @@ def words_of(error: BaseException) -> str:
 
 
 def _line_of(error: BaseException) -> str:
-    trace: Any = error.__traceback__
-    while trace is not None and trace.tb_next is not None:
-        trace = trace.tb_next
-    if trace is None:
-        return ""
-    return f", {Path(trace.tb_frame.f_code.co_filename).name} line {trace.tb_lineno}"
+    """Where it was raised: the innermost line that is not the package's own."""
+    own = str(Path(__file__).parents[2])
+    frames = [frame for frame in extract_tb(error.__traceback__) if "<" not in frame.filename]
+    theirs = [frame for frame in frames if not frame.filename.startswith(own)]
+    return f", {Path(theirs[-1].filename).name} line {theirs[-1].lineno}" if theirs else ""

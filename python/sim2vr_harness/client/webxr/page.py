@@ -69,6 +69,7 @@ class Page:
         self._timeout_s, self._start_timeout_s = timeout_s, start_timeout_s
         self._errors: list[str] = []
         self._complaints: list[str] = []
+        self._left: str | None = None
         self._loaded = self._crashed = False
         self._seed_script: str | None = None
         self._loading: str | None = None
@@ -128,7 +129,7 @@ class Page:
     def _note_navigation(self, event: Mapping[str, Any]) -> None:
         frame = event["frame"]
         if "parentId" not in frame and self._loading is None and frame["url"] != "about:blank":
-            self._errors.append(f"went to another address, {frame['url'][:200]}")
+            self._left = str(frame["url"])[:200]
 
     def _dismiss(self, event: Mapping[str, Any]) -> None:
         self._tell("Page.handleJavaScriptDialog", accept=True)
@@ -212,7 +213,11 @@ class Page:
         Raises:
             AppDied, AppTimeout: the page cannot go on.
         """
-        told = self._finish(number, self._timeout_s)
+        try:
+            told = self._finish(number, self._timeout_s)
+        except RefusedRequest as error:
+            self._check_playing()
+            raise self._died(str(error)) from error
         if not isinstance(told, str):
             self._check_playing()
             raise self._died("answered a step with something else")
@@ -246,6 +251,8 @@ class Page:
     def _check_playing(self) -> None:
         if self._crashed:
             raise self._died("its tab crashed")
+        if self._left is not None:
+            raise self._died(f"went to another address, {self._left}")
         if self.files.refused:
             raise self._died(f"asks for {self.files.refused[0]}, which app.map maps to no folder")
         if self._errors and not self._ignore_errors:

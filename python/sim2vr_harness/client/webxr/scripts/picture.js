@@ -170,6 +170,10 @@
     _read(near, far) {
       const gl = this._gl;
       const [w, h] = [this.framebufferWidth, this.framebufferHeight];
+      if (gl.isContextLost()) {
+        sim.fail('lost', 'lost its WebGL context');
+        return this._pixels;
+      }
       keepingState(gl, () => {
         realBind.call(gl, gl.FRAMEBUFFER, this._seen);
         gl.useProgram(this._program);
@@ -194,7 +198,6 @@
         real.clearBufferfv.call(gl, gl.COLOR, 0, [0, 0, 0, 0]);
         real.clearBufferfi.call(gl, gl.DEPTH_STENCIL, 0, 1, 0);
       });
-      if (gl.isContextLost()) sim.fail('lost', 'lost its WebGL context');
       return this._pixels;
     }
   }

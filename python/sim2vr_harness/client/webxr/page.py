@@ -15,7 +15,14 @@ from sim2vr_harness.client.webxr.browser import Browser, read_script
 from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.pipe import RefusedRequest
 
-__all__ = ["PROFILES", "SCRIPT_ERRORS", "Page", "PageSettings"]
+__all__ = [
+    "PROFILES",
+    "SCRIPT_ERRORS",
+    "Page",
+    "PageSettings",
+    "describe_browser",
+    "open_tab",
+]
 
 PROFILES = ("oculus-touch", "generic-trigger")
 SCRIPT_ERRORS = ("fail", "ignore")
@@ -64,7 +71,7 @@ class Page:
         start_timeout_s: float,
     ) -> None:
         self.files = files
-        self._browser, self._tools = browser, browser.tools
+        self._tools = browser.tools
         self._enter, self._ignore_errors = enter, ignore_errors
         self._timeout_s, self._start_timeout_s = timeout_s, start_timeout_s
         self._errors: list[str] = []
@@ -73,22 +80,12 @@ class Page:
         self._loaded = self._crashed = False
         self._seed_script: str | None = None
         self._loading: str | None = None
-        self._session = self._open()
+        self._session = open_tab(browser, start_timeout_s)
         self._listen()
         for method in ("Page.enable", "Runtime.enable", "Inspector.enable", "Network.enable"):
             self._ask(method)
         self._ask("Fetch.enable", patterns=[{"urlPattern": "*"}])
         self._ask("Page.addScriptToEvaluateOnNewDocument", source=_bundle(settings, values))
-
-    def _open(self) -> str:
-        # A context of its own: nothing is stored beyond it, nothing may be downloaded.
-        ask, wait_s = self._browser.request, self._start_timeout_s
-        context = ask("Target.createBrowserContext", wait_s)["browserContextId"]
-        with suppress(RefusedRequest):
-            ask("Browser.setDownloadBehavior", wait_s, behavior="deny", browserContextId=context)
-        target = ask("Target.createTarget", wait_s, url="about:blank", browserContextId=context)
-        attached = ask("Target.attachToTarget", wait_s, targetId=target["targetId"], flatten=True)
-        return str(attached["sessionId"])
 
     def _listen(self) -> None:
         on = self._tools.on
@@ -305,6 +302,38 @@ class Page:
 
     def _evaluate(self, expression: str, timeout_s: float | None = None) -> Any:
         return self._finish(self._start(expression), timeout_s or self._timeout_s)
+
+
+def open_tab(browser: Browser, timeout_s: float) -> str:
+    """Open an empty tab that stores and downloads nothing; returns how to address it.
+
+    Args:
+        browser: in which.
+        timeout_s: of every answer.
+    """
+    ask = browser.request
+    context = ask("Target.createBrowserContext", timeout_s)["browserContextId"]
+    with suppress(RefusedRequest):
+        ask("Browser.setDownloadBehavior", timeout_s, behavior="deny", browserContextId=context)
+    target = ask("Target.createTarget", timeout_s, url="about:blank", browserContextId=context)
+    attached = ask("Target.attachToTarget", timeout_s, targetId=target["targetId"], flatten=True)
+    return str(attached["sessionId"])
+
+
+def describe_browser(program: str, timeout_s: float = 30.0) -> str:
+    """Return the version of a browser and what draws WebGL 2 in it; starts and ends it.
+
+    Raises:
+        AppRefused, AppDied, AppTimeout: it cannot be started.
+    """
+    browser = Browser(program, timeout_s)
+    try:
+        tab = open_tab(browser, timeout_s)
+        asked = {"expression": _RENDERER, "returnByValue": True}
+        told = browser.tools.request("Runtime.evaluate", asked, tab, timeout_s=timeout_s)
+        return f"{browser.version}, {told['result'].get('value', 'no WebGL 2')}"
+    finally:
+        browser.stop()
 
 
 _RENDERER = """(() => {

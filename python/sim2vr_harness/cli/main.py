@@ -321,7 +321,9 @@ def evaluate(
     user: Annotated[
         str | None,
         typer.Option(
-            metavar="WHO", help="Instead of a trained user: still or random, for a first look."
+            metavar="WHO",
+            help="Instead of a trained user, for a first look: still, random, or 'reach NAME', who "
+            "moves the hand to the object of that name.",
         ),
     ] = None,
     trust_app: TrustOption = False,
@@ -399,7 +401,7 @@ def _first_look(
 
     config = load_config("webxr", [*overrides, *as_overrides(app)])
     with Share("Playing") as share:
-        summaries, facts, files = look(
+        found = look(
             with_task(config.env),
             user,
             episodes=2 if episodes is None else episodes,
@@ -409,11 +411,14 @@ def _first_look(
             overwrite=overwrite,
             on_progress=share.show,
         )
+    for problem in found.problems:
+        typer.echo(f"note: the task: {problem}", err=True)
     if json:
-        _print_json(dict(summaries))
+        _print_json(dict(found.summaries))
         return
-    Console().print(results_table(summaries, facts, f"A user who has learned nothing ({user})"))
-    for file in files:
+    title = f"A user who has learned nothing ({user})"
+    Console().print(results_table(found.summaries, found.facts, title))
+    for file in found.files:
         typer.echo(f"Written: {file}")
 
 

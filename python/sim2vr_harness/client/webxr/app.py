@@ -234,6 +234,19 @@ class WebXRApp:
             values[name] = tuple(value) if isinstance(value, list) else value
         return values
 
+    def locate(self, name: str) -> tuple[float, float, float]:
+        """Return where an object of the page is now, x y z in m, app frame; moves nothing.
+
+        Args:
+            name: of three.js and Babylon.js the object's name, of A-Frame its id.
+
+        Raises:
+            AppRefused: there is none of that name; names those that there are.
+        """
+        self._require_open()
+        x, y, z = self._page.locate(name)
+        return float(x), float(y), float(z)
+
     # --- what a page cannot do -----------------------------------------------------------------
 
     def head_request(

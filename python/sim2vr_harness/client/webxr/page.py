@@ -224,6 +224,14 @@ class Page:
         self._check_playing()
         return reply
 
+    def locate(self, name: str) -> list[float]:
+        """Return the place of a named object; see :meth:`WebXRApp.locate`."""
+        try:
+            found: list[float] = self._evaluate(f"__sim2vr.locate({json.dumps(name)})")
+        except RefusedRequest as error:
+            raise self._refused(str(error).removeprefix("Error: ")) from error
+        return found
+
     def describe_renderer(self) -> str:
         """Return the name of what draws in this browser."""
         return str(self._evaluate(_RENDERER))

@@ -81,6 +81,28 @@ def test_engines_give_the_same_bits(page: str) -> None:
     assert all(int(np.ptp(image[..., channel])) > 0 for channel in range(4))
 
 
+@NEEDS_ENGINES
+@pytest.mark.parametrize(
+    ("page", "name", "place", "point", "depth_m"),
+    [
+        # The panel's front, left of the buttons; the cabinet's, above the drawer; the wall's.
+        ("buttons", "low", (0.12, 0.85, 0.42), (-0.05, 1.2), 0.46),
+        ("drawer", "handle", (0.12, 1.0, 0.5), (0.3, 1.25), 0.55),
+        ("balls", "wall", (0.0, 1.2, 2.0), (-0.9, 0.6), 1.95),
+    ],
+)
+def test_engines_put_things_where_they_say(
+    page: str, name: str, place: Any, point: tuple[float, float], depth_m: float
+) -> None:
+    with open_page(page) as app:
+        app.reset(7, DevicePoses(HEAD))
+        assert app.locate(name) == pytest.approx(place, abs=1e-6)
+        with pytest.raises(AppRefused, match=rf'no object "{name}s"; objects with names: .*{name}'):
+            app.locate(f"{name}s")
+        column, row = 60 + 40 * point[0] / depth_m, 40 - 40 * (point[1] - 1.2) / depth_m
+        assert abs(int(app.image[int(row), int(column), 3]) - depth_m * 25.5) <= 1.0
+
+
 def test_depth_and_place_are_those_of_the_scene(touch: WebXRApp) -> None:
     reply = touch.reset(7, DevicePoses(HEAD))
     image = touch.image

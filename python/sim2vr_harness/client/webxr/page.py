@@ -27,6 +27,9 @@ __all__ = [
 PROFILES = ("oculus-touch", "generic-trigger")
 SCRIPT_ERRORS = ("fail", "ignore")
 
+_CLEAN_EVERY = 4
+"""How many documents may be left behind; a browser by itself keeps dozens, 200 MB of them."""
+
 _SCRIPTS = (
     "clock.js",
     "loads.js",
@@ -79,10 +82,11 @@ class Page:
         self._left: str | None = None
         self._loaded = self._crashed = False
         self._seed_script: str | None = None
+        self._loads = 0
         self._loading: str | None = None
         self._session = open_tab(browser, start_timeout_s)
         self._listen()
-        for method in ("Page.enable", "Runtime.enable", "Inspector.enable", "Network.enable"):
+        for method in ("Page.enable", "Runtime.enable", "Inspector.enable"):
             self._ask(method)
         self._ask("Fetch.enable", patterns=[{"urlPattern": "*"}])
         self._ask("Page.addScriptToEvaluateOnNewDocument", source=_bundle(settings, values))
@@ -164,6 +168,9 @@ class Page:
             self._ask("Page.removeScriptToEvaluateOnNewDocument", identifier=self._seed_script)
         added = self._ask("Page.addScriptToEvaluateOnNewDocument", source=f"__sim2vr.seed({seed});")
         self._seed_script = added["identifier"]
+        self._loads += 1
+        if self._loads % _CLEAN_EVERY == 0:
+            self._ask("HeapProfiler.collectGarbage")
         self._loading = _with_query(self.files.url, options)
         found = self._ask("Page.navigate", url=self._loading, timeout_s=self._start_timeout_s)
         if "errorText" in found:

@@ -107,8 +107,8 @@ def snapshot(
         text = score_text(facts, log, len(moves) / users.config.action_frequency_hz, total)
     if "headset" not in pictures:
         pictures["headset"] = _drawn_larger(simulation, config, seed, moves, size)
-    views = {"body": "body", "headset": "headset", "third_person": "game"}
-    panels = {label: pictures[name] for name, label in views.items() if name in pictures}
+    views = {"body": "play", "headset": "headset"}
+    panels = {label: pictures[name] for name, label in views.items()}
     pictures["overview"] = compose(panels, f"{facts.name} {shown}".strip(), text)
     return _write(out, pictures)
 

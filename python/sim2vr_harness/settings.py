@@ -149,7 +149,9 @@ _WORDS = {
 def _written(model: type[BaseModel], location: Sequence[Any]) -> list[str]:
     """Return the keys of a problem as people write them: without the members of a union."""
     parts: list[str] = []
-    for part in (str(part) for part in location if part != "[key]"):
+    for part in (str(part) for part in location):
+        if part == "[key]" or part.startswith("function-"):  # pydantic's own words
+            continue
         above = model_at(parts, model)
         inside_value = above is None and parts and model_at(parts[:-1], model) is None
         if inside_value and part in _UNION_MEMBERS:
@@ -235,4 +237,7 @@ def _without_none(annotation: Any) -> Any:
     if get_origin(annotation) not in (Union, UnionType):
         return annotation
     members = [member for member in get_args(annotation) if member is not type(None)]
+    models = [one for one in members if isinstance(one, type) and issubclass(one, BaseModel)]
+    if len(models) == 1:
+        return models[0]  # beside which a name may stand for one
     return members[0] if len(members) == 1 else None

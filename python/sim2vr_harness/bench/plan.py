@@ -24,9 +24,16 @@ DEFAULT_N = 64
 _OVER_TRANSPORTS = ("render", "env")
 
 
-def transports() -> tuple[str, ...]:
-    """The ways to an app that there are, in process first."""
-    names = [transport.name for transport in list_transports()]
+def transports(page: bool = False) -> tuple[str, ...]:
+    """The ways to an app that there are, in process first.
+
+    Args:
+        page: whether the app is a page, which only some lead to; those lead to nothing else.
+    """
+    known = [one for one in list_transports() if ("page" in one.reads) == page]
+    names = [transport.name for transport in known]
+    if page:
+        return tuple(names)
     return (IN_PROCESS, *(name for name in names if name != IN_PROCESS))
 
 
@@ -66,7 +73,8 @@ class Plan:
         self.scenes = _names("--scene", scene, NAMES) or list(USUAL)
         self.n = _numbers("--n", n)
         self.threads = _numbers("--threads", usual_threads if threads is None else threads)
-        self.transports = _names("--transport", transport, transports()) or [IN_PROCESS]
+        known = transports(config.env.app.page is not None)
+        self.transports = _names("--transport", transport, known) or [known[0]]
         self.seconds, self.train_steps = seconds, train_steps
 
 

@@ -71,7 +71,8 @@ class Spec:
             app: further settings of the app.
         """
         config = self.config.env
-        settings = config.app.model_dump(include={"game", "options", "renderer"})
+        kept = {"game", "options", "renderer", "page", "map", "browser", "task", "timeout_s"}
+        settings = config.app.model_dump(include=kept)
         settings |= {"transport": self.transport or IN_PROCESS}
         settings |= {"processes": min(self.threads, self.n), **app}
         return config.model_copy(update={"app": AppConfig(**settings), "cores": self.threads})

@@ -153,6 +153,30 @@ def _mujoco_gl_check() -> Iterator[Check]:
     yield Check("MuJoCo renderer", "warning", "; ".join(answers), _apt("libegl1 libgl1-mesa-dri"))
 
 
+def _browser_check() -> Iterator[Check]:
+    """Look for a browser that plays WebXR pages, and what draws in it."""
+    from sim2vr_harness.client.errors import AppRefused
+    from sim2vr_harness.client.webxr.browser import BROWSERS, find_browser
+
+    try:
+        program = find_browser()
+    except AppRefused:
+        found = f"none of {', '.join(BROWSERS)}; only WebXR pages need one (docs/webxr.md)"
+        yield Check("browser for WebXR pages", "info", found)
+        return
+    works, answer = _probe(
+        "from sim2vr_harness.client.webxr import describe_browser as describe\n"
+        f"print(describe({program!r}))"
+    )
+    usable = works and "no WebGL 2" not in answer
+    yield Check(
+        "browser for WebXR pages",
+        "ok" if usable else "warning",
+        f"{program}: {answer}",
+        "" if usable else _apt(BROWSERS[0]),
+    )
+
+
 def _looking_checks() -> Iterator[Check]:
     """Look for what people look with: letters in pictures, films, windows, a viewer of bodies."""
     try:
@@ -261,6 +285,7 @@ def collect() -> list[Check]:
         _python_checks,
         _app_checks,
         _mujoco_gl_check,
+        _browser_check,
         _looking_checks,
         _machine_checks,
         _debian_checks,

@@ -31,6 +31,18 @@ from sim2vr_harness.cli import (
     users,
 )
 from sim2vr_harness.cli import report as report_command
+from sim2vr_harness.cli.app_options import (
+    AppArgOption,
+    AppOption,
+    BrowserOption,
+    ConnectOption,
+    MapOption,
+    PageOption,
+    ProtocolOption,
+    TaskOption,
+    app_settings,
+    as_overrides,
+)
 from sim2vr_harness.cli.errors import INTERRUPTED, report
 from sim2vr_harness.cli.games import HelpWithGames
 from sim2vr_harness.cli.options import (
@@ -78,46 +90,6 @@ EnvSetOption = Annotated[
         help="Change the environment: --set env.user.noise.constant=white.",
     ),
 ]
-AppOption = Annotated[
-    str | None,
-    typer.Option(
-        "--app", metavar="PATH", help="Play in this executable, such as a Unity build with SIM2VR."
-    ),
-]
-AppArgOption = Annotated[
-    list[str] | None,
-    typer.Option("--app-arg", metavar="ARG", help="An argument for --app; may be repeated."),
-]
-ConnectOption = Annotated[
-    str | None,
-    typer.Option(metavar="HOST:PORT", help="Play in an app that runs already."),
-]
-ProtocolOption = Annotated[
-    int | None,
-    typer.Option(help="What --app or --connect speak: 1, SIM2VR's (default), or 2, sim2vr-app's."),
-]
-
-
-def _app_settings(
-    app: str | None, arguments: list[str] | None, connect: str | None, protocol: int | None
-) -> dict[str, Any]:
-    """Return the settings of ``env.app`` that the options mean; none without any of them."""
-    from sim2vr_harness.errors import InputError
-
-    if protocol not in (None, 1, 2):
-        raise InputError("--protocol", str(protocol), "1 or 2")
-    if app is not None and connect is not None:
-        raise InputError("--connect", "it together with --app", "one of them")
-    if arguments and app is None:
-        raise InputError("--app-arg", "it without --app", "it together with --app")
-    if app is None and connect is None and protocol is None:
-        return {}
-    return {
-        "transport": f"protocol{protocol or 1}",
-        "executable": None if app is None else str(Path(app).expanduser().absolute()),
-        "arguments": list(arguments or []),
-        "connect": connect,
-    }
 
 
 def _print_version(wanted: bool) -> None:
@@ -171,9 +143,14 @@ def train(
     app_arg: AppArgOption = None,
     connect: ConnectOption = None,
     protocol: ProtocolOption = None,
+    page: PageOption = None,
+    map_: MapOption = None,
+    task: TaskOption = None,
+    browser: BrowserOption = None,
     trust_app: TrustOption = False,
 ) -> int:
     """Train a simulated user; Ctrl-C saves, --resume continues exactly."""
+    from sim2vr_harness.envs.games import with_task
     from sim2vr_harness.errors import InputError
     from sim2vr_harness.training import trainer
     from sim2vr_harness.training.config import load_config
@@ -192,12 +169,17 @@ def train(
             raise InputError("--out", f"{str(out)!r}", f"{config!r} as well, or nothing")
         out = Path(config)
         config = None
+    overrides = [*(set_ or []), *([] if seed is None else [f"seed={seed}"])]
+    wanted = app_settings(app, app_arg, connect, protocol, page, map_, task, browser)
+    overrides += as_overrides(wanted)
+    if config is None and page is not None and not resume:
+        if task is None:
+            raise InputError("--task", "nothing", "what the page is worth: rules or FILE.py:CLASS")
+        config = "webxr"
+        overrides.append(f"name={wanted['game']}")
     if config is None and (not resume or out is None):
         expected = "a configuration file, or --resume with the folder of a run"
         raise InputError("CONFIG", "nothing", expected)
-    overrides = [*(set_ or []), *([] if seed is None else [f"seed={seed}"])]
-    for key, value in _app_settings(app, app_arg, connect, protocol).items():
-        overrides.append(f"env.app.{key}={jsonlib.dumps(value)}")
     if config is None:
         assert out is not None
         settings = RunFolder.open(out).load_config(overrides)
@@ -206,6 +188,8 @@ def train(
     folder = out or Path("runs") / settings.name
     source = folder if config is None else Path(config)
     require_trust(settings.env.app, source, named=named_app(overrides), trust=trust_app)
+    if not resume:
+        settings = settings.model_copy(update={"env": with_task(settings.env)})
     result = trainer.train(
         settings,
         folder,
@@ -257,7 +241,13 @@ def _print_where_next(result: TrainResult, resumable: bool) -> None:
 
 @app.command(cls=HelpWithGames)
 def evaluate(
-    run: RunArgument,
+    run: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[RUN]",
+            help="A run's folder, a checkpoint, or pretrained:NAME; nothing with --user.",
+        ),
+    ] = None,
     condition: Annotated[
         list[str] | None,
         typer.Option(
@@ -326,17 +316,38 @@ def evaluate(
     app_arg: AppArgOption = None,
     connect: ConnectOption = None,
     protocol: ProtocolOption = None,
+    page: PageOption = None,
+    map_: MapOption = None,
+    task: TaskOption = None,
+    browser: BrowserOption = None,
+    user: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHO",
+            help="Instead of a trained user, for a first look: still, random, or 'reach NAME', who "
+            "moves the hand to the object of that name.",
+        ),
+    ] = None,
     trust_app: TrustOption = False,
     overrides: EnvSetOption = None,
     json: JsonOption = False,
 ) -> None:
     """Let a trained user play, and measure what it does."""
+    from sim2vr_harness.errors import InputError
     from sim2vr_harness.evaluation.evaluate import Request
     from sim2vr_harness.evaluation.evaluate import evaluate as evaluate_run
     from sim2vr_harness.evaluation.practised import words_of_change
     from sim2vr_harness.evaluation.tables import results_table
 
-    remote = _app_settings(app, app_arg, connect, protocol)
+    remote = app_settings(app, app_arg, connect, protocol, page, map_, task, browser)
+    if user is not None:
+        if run is not None:
+            raise InputError("--user", f"it together with {run!r}", "one of them")
+        _first_look(user, remote, overrides or [], episodes, seed, record, out, overwrite, json)
+        return
+    if run is None:
+        expected = "a run's folder, or --user still or random for somebody untrained"
+        raise InputError("RUN", "nothing", expected)
     request = Request(
         conditions=condition,
         episodes=episodes,
@@ -370,6 +381,45 @@ def evaluate(
         title += f"\nWith {words_of_change(key.strip(), value.strip())}"
     Console().print(results_table(found.summaries, found.facts, title))
     typer.echo(f"Evaluated: {found.checkpoint}")
+    for file in found.files:
+        typer.echo(f"Written: {file}")
+
+
+def _first_look(
+    user: str,
+    app: dict[str, Any],
+    overrides: list[str],
+    episodes: int | None,
+    seed: int | None,
+    record: bool,
+    out: Path | None,
+    overwrite: bool,
+    json: bool,
+) -> None:
+    from sim2vr_harness.envs.games import with_task
+    from sim2vr_harness.evaluation.first_look import look
+    from sim2vr_harness.evaluation.tables import results_table
+    from sim2vr_harness.training.config import load_config
+
+    config = load_config("webxr", [*overrides, *as_overrides(app)])
+    with Share("Playing") as share:
+        found = look(
+            with_task(config.env),
+            user,
+            episodes=2 if episodes is None else episodes,
+            seed=1 if seed is None else seed,
+            record=record,
+            out=out,
+            overwrite=overwrite,
+            on_progress=share.show,
+        )
+    for problem in found.problems:
+        typer.echo(f"note: the task: {problem}", err=True)
+    if json:
+        _print_json(dict(found.summaries))
+        return
+    title = f"A user who has learned nothing ({user})"
+    Console().print(results_table(found.summaries, found.facts, title))
     for file in found.files:
         typer.echo(f"Written: {file}")
 
@@ -492,6 +542,10 @@ def snapshot(
     run: Annotated[
         str | None, typer.Option(help="A trained user; without, the arm moves at random.")
     ] = None,
+    page: PageOption = None,
+    map_: MapOption = None,
+    task: TaskOption = None,
+    browser: BrowserOption = None,
     trust_app: TrustOption = False,
 ) -> None:
     """Write pictures of a game: headset view, third person and body.
@@ -508,6 +562,7 @@ def snapshot(
         seconds=seconds,
         seed=seed,
         run=run,
+        app=app_settings(page=page, mapped=map_, task=task, browser=browser),
         trust_app=trust_app,
     )
     for file in files:

@@ -62,6 +62,15 @@ from sim2vr_harness.client.runtime import (
     list_games,
     runtime_version,
 )
+from sim2vr_harness.client.tasks import (
+    Outcome,
+    Task,
+    TaskedApp,
+    TaskMoment,
+    TaskRules,
+    check_task,
+    load_task,
+)
 from sim2vr_harness.client.timeline import Timeline, TimelineItem, describe_level
 from sim2vr_harness.client.transport import AppPlace, AppSource, AppsWanted, Transport
 from sim2vr_harness.client.transports import (
@@ -69,6 +78,7 @@ from sim2vr_harness.client.transports import (
     register_transport,
     transport_named,
 )
+from sim2vr_harness.client.webxr import WebXRApp
 
 __all__ = [
     "APP_FAILURES",
@@ -101,6 +111,7 @@ __all__ = [
     "LoggedItem",
     "Measure",
     "OptionValue",
+    "Outcome",
     "Protocol1App",
     "Protocol2App",
     "Protocol2Connection",
@@ -108,9 +119,15 @@ __all__ = [
     "RewardTerm",
     "SoundEvent",
     "StartingApp",
+    "Task",
+    "TaskMoment",
+    "TaskRules",
+    "TaskedApp",
     "Timeline",
     "TimelineItem",
     "Transport",
+    "WebXRApp",
+    "check_task",
     "connect",
     "describe_game",
     "describe_level",
@@ -122,6 +139,7 @@ __all__ = [
     "is_sim2vr_app",
     "list_games",
     "list_transports",
+    "load_task",
     "register_transport",
     "require_capability",
     "runtime_version",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal, Protocol
 
 import numpy as np
@@ -16,6 +16,7 @@ __all__ = [
     "CAPABILITIES",
     "AppClient",
     "AppReply",
+    "AppValue",
     "ClockSettings",
     "DevicePoses",
     "Float32Array",
@@ -30,6 +31,8 @@ __all__ = [
 ]
 
 OptionValue = bool | int | float | str | list[float]
+AppValue = bool | int | float | tuple[float, float, float] | None
+"""Of an app's expression: a number, a truth, or a place x y z, metres, in the app's frame."""
 UInt8Array = NDArray[np.uint8]
 Float32Array = NDArray[np.float32]
 Float64Array = NDArray[np.float64]
@@ -65,6 +68,8 @@ class AppReply:
     """What the frames of this step or reset asked the controllers for, in order."""
     sounds: tuple[SoundEvent, ...] = ()
     """Sounds that began in them, in order."""
+    values: Mapping[str, AppValue] = field(default_factory=dict)
+    """What the app answers for the expressions of :attr:`AppsWanted.values`, after the step."""
 
 
 def numbers_of_log(names: Sequence[str], values: Sequence[float]) -> dict[str, float]:

@@ -29,6 +29,9 @@ BAD_USAGE = 2
 NOT_STARTED = (126, 127)
 """Exit statuses by which the helper that starts a program says that it could not."""
 
+_MOVED_PIPES = ("sh", "-c", 'exec "$0" "$@" 3<&0 4>&1 0</dev/null 1>&2')
+"""Words before a command that make its standard input and output its descriptors 3 and 4."""
+
 _POLL_S = 0.01
 _KILL_S = 10.0
 _TAIL_BYTES = 4000
@@ -66,6 +69,8 @@ class AppProcess:
         environment: variables on top of this process's.
         extra_logs: files that the app writes by itself and that errors shall quote, too.
         socket: file of the socket that the app listens on, deleted at the end; None: none.
+        pipes: descriptors that become the app's 3 (to read from) and 4 (to write to); they stay
+            this side's to close.
 
     Raises:
         AppRefused: the executable is missing or cannot be run.
@@ -78,6 +83,7 @@ class AppProcess:
         environment: Mapping[str, str] | None = None,
         extra_logs: Sequence[Path] = (),
         socket: Path | None = None,
+        pipes: tuple[int, int] | None = None,
     ) -> None:
         self.command = [os.fspath(part) for part in command]
         self.name = Path(self.command[0]).name
@@ -89,10 +95,10 @@ class AppProcess:
         self._socket = socket
         try:
             self._popen = _spawner().start(
-                [*_dying_with_parent(), *self.command],
-                stdin=subprocess.DEVNULL,
-                stdout=handle,
-                stderr=subprocess.STDOUT,
+                [*_dying_with_parent(), *([] if pipes is None else _MOVED_PIPES), *self.command],
+                stdin=subprocess.DEVNULL if pipes is None else pipes[0],
+                stdout=handle if pipes is None else pipes[1],
+                stderr=handle,
                 env={**os.environ, **(environment or {})},
                 start_new_session=True,
             )

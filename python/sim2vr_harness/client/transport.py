@@ -33,6 +33,10 @@ class AppPlace:
         start_timeout_s: how long an app may take to start.
         time_scale: how many times faster than real time a Unity app may run at most.
         processes: servers that share the users; 0: one per core at most.
+        page: of WebXR: a file, a folder with an ``index.html``, or an address below one of ``map``.
+        map: beginning of addresses -> local folder that pages may load them from; all others are
+            refused.
+        browser: program that shows pages; None: the one that is found.
         options: of the transport alone (:attr:`Transport.options`).
     """
 
@@ -43,6 +47,9 @@ class AppPlace:
     start_timeout_s: float = 60.0
     time_scale: int = 5
     processes: int = 0
+    page: str | None = None
+    map: Mapping[str, str] = field(default_factory=dict)
+    browser: str | None = None
     options: Mapping[str, OptionValue] = field(default_factory=dict)
 
 
@@ -62,6 +69,9 @@ class AppsWanted:
         frequency_hz: user steps per second.
         threads: for what runs in this process.
         place: where the apps are.
+        values: name -> expression that an app with values of its own (a page) answers with its
+            value after every step.
+        page_reset: expression by which a page begins a round; None: it is loaded anew.
     """
 
     n: int
@@ -75,6 +85,8 @@ class AppsWanted:
     frequency_hz: int = 20
     threads: int = 1
     place: AppPlace = AppPlace()
+    values: Mapping[str, str] = field(default_factory=dict)
+    page_reset: str | None = None
 
 
 @dataclass(frozen=True)

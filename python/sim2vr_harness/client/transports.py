@@ -11,6 +11,7 @@ import difflib
 from sim2vr_harness.client.in_process_apps import IN_PROCESS
 from sim2vr_harness.client.servers import PROTOCOL1, PROTOCOL2
 from sim2vr_harness.client.transport import Transport
+from sim2vr_harness.client.webxr import WEBXR
 
 __all__ = ["list_transports", "register_transport", "transport_named"]
 
@@ -20,6 +21,7 @@ _TABLE: dict[str, Transport] = {
         IN_PROCESS,
         PROTOCOL1,
         PROTOCOL2,
+        WEBXR,
     )
 }
 

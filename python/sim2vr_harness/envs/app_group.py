@@ -26,7 +26,7 @@ from sim2vr_harness.client import (
     transport_named,
 )
 from sim2vr_harness.client.base import numbers_of_log
-from sim2vr_harness.envs.apps import IPD_M, AppFactory, app_factory, apps_wanted
+from sim2vr_harness.envs.apps import IPD_M, AppFactory, app_factory, apps_wanted, judged
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.perception import channel_indices, pick_channels
 
@@ -182,7 +182,7 @@ def app_group(
         RuntimeError: an app or its renderer cannot be started.
     """
     batch = transport_named(config.app.transport).batch
-    if make_app is None and batch is not None:
+    if make_app is None and batch is not None and not judged(config.app):
         return BatchGroup(batch(apps_wanted(config, n, ipd_m), log_dir, _channels(config)), n)
     make = app_factory(config, n, ipd_m) if make_app is None else make_app
     return ClientGroup(make, config, n, log_dir)

@@ -15,10 +15,19 @@ from sim2vr_harness.client import (
     list_transports,
     transport_named,
 )
+from sim2vr_harness.client.tasks import Task, TaskedApp, load_task
 from sim2vr_harness.cores import budget
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 
-__all__ = ["IPD_M", "AppFactory", "app_factory", "apps_wanted", "facts_told", "knows_options"]
+__all__ = [
+    "IPD_M",
+    "AppFactory",
+    "app_factory",
+    "apps_wanted",
+    "facts_told",
+    "judged",
+    "knows_options",
+]
 
 AppFactory = Callable[[EnvConfig, int, Path | None], AppClient]
 """Makes the app of user i: (config, i, log folder) -> client. Called again for a user whose app has
@@ -28,13 +37,16 @@ IPD_M = 0.064
 """Distance of the pupils of those who do not say theirs."""
 
 
-def apps_wanted(config: EnvConfig, n: int, ipd_m: float = IPD_M) -> AppsWanted:
+def apps_wanted(
+    config: EnvConfig, n: int, ipd_m: float = IPD_M, task: Task | None = None
+) -> AppsWanted:
     """Return what the transport is asked for.
 
     Args:
         config: of the users.
         n: how many users there will be.
         ipd_m: distance of their pupils.
+        task: what judges the apps, if anything does.
     """
     return AppsWanted(
         n=n,
@@ -48,6 +60,8 @@ def apps_wanted(config: EnvConfig, n: int, ipd_m: float = IPD_M) -> AppsWanted:
         frequency_hz=config.action_frequency_hz,
         threads=budget(config.cores),
         place=_place(config.app),
+        values={} if task is None else dict(task.values),
+        page_reset=None if task is None else task.page_reset,
     )
 
 
@@ -60,6 +74,9 @@ def _place(app: AppConfig) -> AppPlace:
         start_timeout_s=app.start_timeout_s,
         time_scale=app.time_scale,
         processes=app.processes,
+        page=app.page,
+        map=app.map,
+        browser=app.browser,
         options=app.transport_options,
     )
 
@@ -84,8 +101,18 @@ def app_factory(config: EnvConfig, n: int, ipd_m: float = IPD_M) -> AppFactory:
         bool(config.user.inputs),
         f"user.inputs: got {', '.join(config.user.inputs)}",
     )
-    source = transport.apps(apps_wanted(config, n, ipd_m))
-    return lambda _config, index, log_dir: source(index, log_dir)
+    if not judged(config.app):
+        source = transport.apps(apps_wanted(config, n, ipd_m))
+        return lambda _config, index, log_dir: source(index, log_dir)
+    source = transport.apps(apps_wanted(config, n, ipd_m, load_task(config.app.task)))
+    return lambda _config, index, log_dir: TaskedApp(
+        source(index, log_dir), load_task(config.app.task)
+    )
+
+
+def judged(app: AppConfig) -> bool:
+    """Whether a task says what an app is worth: one that is named; of a page always one."""
+    return app.task is not None or app.page is not None
 
 
 def _require(transport: Transport, capability: str, wanted: bool, got: str) -> None:

@@ -16,6 +16,7 @@ from pydantic import Field, field_validator, model_validator
 from sim2vr_harness.client import list_transports, transport_named
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.devices import INPUT_NAMES
+from sim2vr_harness.client.tasks import TaskRules
 from sim2vr_harness.perception.registry import SenseConfig, check_list
 from sim2vr_harness.settings import Settings, Weight
 from sim2vr_harness.users import (
@@ -41,6 +42,7 @@ __all__ = [
     "SenseConfig",
     "UserConfig",
     "VisionConfig",
+    "page_name",
     "with_options",
 ]
 
@@ -262,6 +264,25 @@ class AppConfig(Settings):
     """How many times faster than real time a Unity app may run at most."""
     processes: int = Field(default=0, ge=0, le=1024)
     """Protocol 2: server processes that share the users; 0 takes one per core at most."""
+    page: str | None = None
+    """WebXR (docs/webxr.md): a page in HTML, a folder with an index.html, or an address below one
+    of ``map``."""
+    map: dict[str, str] = Field(default_factory=dict)
+    """WebXR: beginning of an address -> local folder (or a whole address -> local file) that pages
+    load from instead; all other addresses are refused."""
+    browser: str | None = None
+    """WebXR: the program that shows pages; None takes a Chromium that is found."""
+    task: TaskRules | str | None = None
+    """What the app is worth, where it does not say so itself or another thing counts: rules, a YAML
+    file of them, or ``FILE.py:CLASS`` (docs/webxr.md). Works with every transport."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _named_after_its_page(cls, given: Any) -> Any:
+        """A page's game is called like the page."""
+        if not isinstance(given, dict) or not isinstance(given.get("page"), str):
+            return given
+        return {"game": page_name(given["page"]), **given}
 
     @model_validator(mode="after")
     def _consistent_transport(self) -> AppConfig:
@@ -283,7 +304,9 @@ class AppConfig(Settings):
                     "one of the two: an app that runs already, or one to start"
                 )
         transport = transport_named(self.transport)
-        for name in ("executable", "connect", "arguments"):
+        if "page" in transport.reads and self.page is None:
+            raise ValueError(f"page: got none for {self.transport!r}, expected a page in HTML")
+        for name in ("executable", "connect", "arguments", "page", "map", "browser"):
             if getattr(self, name) and name not in transport.reads:
                 readers = [repr(one.name) for one in list_transports() if name in one.reads]
                 raise ValueError(
@@ -299,6 +322,16 @@ class AppConfig(Settings):
                     + (f"; did you mean {near[0]!r}?" if near else "")
                 )
         return self
+
+
+def page_name(page: str) -> str:
+    """What to call the app that a page is: its file's name, or its folder's for an index."""
+    parts = [part for part in re.split(r"[/\\\\]", page.partition("?")[0]) if part not in ("", ".")]
+    last = parts[-1] if parts else "page"
+    stem = re.sub(r"\.html?$", "", last, flags=re.IGNORECASE)
+    if stem == "index" and len(parts) > 1:
+        stem = parts[-2]
+    return re.sub(r"[^A-Za-z0-9_.-]+", "_", stem).strip("_.-") or "page"
 
 
 class EnvConfig(Settings):

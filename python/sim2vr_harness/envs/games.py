@@ -3,26 +3,35 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import Any
 
 from sim2vr_harness.client import GameFacts, describe_game, facts_of_outside, list_games
-from sim2vr_harness.envs.apps import facts_told, knows_options
+from sim2vr_harness.client.tasks import load_task, names_code, task_facts
+from sim2vr_harness.envs.apps import facts_told, judged, knows_options
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, with_options
 from sim2vr_harness.users import Body, list_bodies, load_body
 
-__all__ = ["game_facts", "with_condition", "with_game", "with_hand"]
+__all__ = ["game_facts", "with_condition", "with_game", "with_hand", "with_task"]
 
 
 def game_facts(app: AppConfig, *, ask: bool = True) -> GameFacts:
     """What is known of the game that an app plays.
 
+    Where a task judges the app, what the task says: it replaces what the game publishes.
+
     Args:
         app: The app's settings.
-        ask: Whether an app that runs already is asked about a game that the runtime does not have.
+        ask: Whether an app that runs already is asked about a game that the runtime does not have,
+            and whether a task's code may run.
 
     Raises:
         ValueError: The runtime has no such game; names the nearest.
         RuntimeError: The app that was asked does not answer.
     """
+    if judged(app):
+        if names_code(app.task) and not ask:
+            return GameFacts(name=app.game, published=False)
+        return task_facts(load_task(app.task), app.game)
     if knows_options(app) or (app.transport == "protocol2" and app.game in list_games()):
         return describe_game(app.game)
     told = facts_told(app) if ask and app.game not in list_games() else None
@@ -52,6 +61,25 @@ def with_game(config: EnvConfig, game: str | None) -> EnvConfig:
         return config
     model = _body_wearing(game_facts(config.app, ask=False).needs("right"), config.user.model)
     return config.model_copy(update={"user": config.user.model_copy(update={"model": model})})
+
+
+def with_task(config: EnvConfig) -> EnvConfig:
+    """The configuration with fingers and a body for what the app's task says.
+
+    As far as the configuration does not say which itself.
+
+    Raises:
+        InputError: the task cannot be used.
+    """
+    if not judged(config.app):
+        return config
+    task, user = load_task(config.app.task), config.user
+    changes: dict[str, Any] = {}
+    if task.inputs and "inputs" not in user.model_fields_set:
+        changes["inputs"] = tuple(task.inputs)
+    if "model" not in user.model_fields_set:
+        changes["model"] = _body_wearing(tuple(task.devices), user.model)
+    return config.model_copy(update={"user": user.model_copy(update=changes)})
 
 
 @cache

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
-from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import game_facts, with_condition, with_game
+from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
+from sim2vr_harness.envs.games import game_facts, with_condition, with_game, with_task
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.pictures import BodyPainter, compose, score_text
@@ -47,20 +47,26 @@ def snapshot(
     seed: int = 1,
     game: str | None = None,
     run: str | Path | None = None,
+    app: Mapping[str, Any] | None = None,
     trust_app: bool = False,
     simulation: Callable[..., Any] | None = None,
 ) -> list[Path]:
     """Play a little and write what it looks like.
 
+    An app that draws no views, such as a page, is played once more with pictures of that size:
+    the same moves, hence the same moment.
+
     Args:
         out: Folder for ``headset.png``, ``third_person.png``, ``recorder.png``, ``body.png``, the
             user's own image ``observation.png`` (colour left, depth right) and ``overview.png``.
+            An app that draws no views is not seen from outside.
         condition: The game's condition; None leaves it at its default.
         size: (width, height) of the pictures, pixels.
         seconds: How long to play first.
         seed: Seed of the round.
         game: The game; None takes the run's, or that of a default environment.
         run: A trained user to play; None lets the user act at random, gently.
+        app: Settings that replace those of ``env.app``, for example a page.
         trust_app: Whether the app that the run names may be started, though this user never has.
         simulation: How to make the user: (EnvConfig, n) -> simulation.
 
@@ -82,7 +88,9 @@ def snapshot(
     user = None if run is None else find_user(run)
     config = EnvConfig()
     if user is not None:
-        config = evaluation_env(user.config, source=str(run), trust_app=trust_app)
+        config = evaluation_env(user.config, app, source=str(run), trust_app=trust_app)
+    elif app:
+        config = with_task(EnvConfig(app=AppConfig(**app)))
     config = with_game(config, game)
     if user is not None:
         require_contract(user, config)
@@ -94,10 +102,12 @@ def snapshot(
         act: Callable[..., Any] = partial(_gentle, users.action_space.shape[0])
         if user is not None:
             act = Player(user, users.observation_space, users.action_space).act
-        log, total, steps = _play(users, act, seconds, seed)
+        log, total, moves = _play(users, act, seconds, seed)
         pictures = _draw(users, size)
-        text = score_text(facts, log, steps / users.config.action_frequency_hz, total)
-    views = {"body": "body", "headset": "headset", "third_person": "game"}
+        text = score_text(facts, log, len(moves) / users.config.action_frequency_hz, total)
+    if "headset" not in pictures:
+        pictures["headset"] = _drawn_larger(simulation, config, seed, moves, size)
+    views = {"body": "play", "headset": "headset"}
     panels = {label: pictures[name] for name, label in views.items()}
     pictures["overview"] = compose(panels, f"{facts.name} {shown}".strip(), text)
     return _write(out, pictures)
@@ -109,20 +119,38 @@ def _gentle(actions: int, observation: Mapping[str, Any], rng: np.random.Generat
 
 def _play(
     users: Any, act: Callable[..., Any], seconds: float, seed: int
-) -> tuple[dict[str, float], float, int]:
-    """Play for some seconds, or to the end of the round; return log, return and steps."""
+) -> tuple[dict[str, float], float, list[Any]]:
+    """Play for some seconds, or to the end of the round; return log, return and moves."""
     rng = np.random.default_rng([seed, 1])
     log: dict[str, float] = {}
-    total, steps = 0.0, 0
+    total = 0.0
+    moves: list[Any] = []
     for _ in range(round(seconds * users.config.action_frequency_hz)):
         observation = {key: value[0] for key, value in users.observation().items()}
-        outcome = users.step(np.asarray(act(observation, rng))[None])
+        moves.append(np.asarray(act(observation, rng))[None])
+        outcome = users.step(moves[-1])
         total += float(outcome.reward[0])
-        steps += 1
         log = outcome.infos[0].get("log", log)
         if outcome.terminated[0] or outcome.truncated[0]:
             break
-    return log, total, steps
+    return log, total, moves
+
+
+def _drawn_larger(
+    simulation: Callable[..., Any],
+    config: EnvConfig,
+    seed: int,
+    moves: list[Any],
+    size: tuple[int, int],
+) -> Any:
+    """What the headset shows after the same moves, from between the eyes, (height, width, 3)."""
+    vision = VisionConfig(width=size[0], height=size[1])
+    larger = config.model_copy(update={"vision": vision})
+    with closing(simulation(larger, 1)) as users:
+        users.reset(seeds=[seed])
+        for move in moves:
+            users.step(move)
+        return users.apps[0].image[..., :3].copy()
 
 
 def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
@@ -130,8 +158,11 @@ def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
     with closing(BodyPainter(users, *size)) as painter:
         body = painter.draw(0)
     vision = users.config.vision
-    own = app.render_headset(vision.width, vision.height)
+    views = "views" in app.capabilities
+    own = app.render_headset(vision.width, vision.height) if views else _side_by_side(app.image)
     depth = np.repeat(own[..., 3:], 3, axis=2)
+    if not views:
+        return {"body": body, "observation": np.concatenate([own[..., :3], depth], axis=1)}
     return {
         "headset": app.render_headset(*size)[..., :3],
         "third_person": app.render_third_person(*size, view="spectator")[..., :3],
@@ -139,6 +170,11 @@ def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
         "body": body,
         "observation": np.concatenate([own[..., :3], depth], axis=1),
     }
+
+
+def _side_by_side(image: Any) -> Any:
+    """(H, W, 4), of two eyes (H, 2 W, 4)."""
+    return image.copy() if image.ndim == 3 else np.concatenate(list(image), axis=1)
 
 
 def _write(out: Path, pictures: Mapping[str, Any]) -> list[Path]:

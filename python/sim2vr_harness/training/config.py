@@ -136,7 +136,7 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainingConf
         file = paths.config_path(path)
     except FileNotFoundError as error:
         raise InputError("CONFIG", repr(str(path)), f"a configuration file: {error}") from error
-    return parse_config(apply_overrides(_with_body_beside(read_mapping(file), file), overrides))
+    return parse_config(apply_overrides(_with_files_beside(read_mapping(file), file), overrides))
 
 
 def read_mapping(file: Path) -> dict[str, Any]:
@@ -152,10 +152,13 @@ def read_mapping(file: Path) -> dict[str, Any]:
     return tree
 
 
-def _with_body_beside(tree: dict[str, Any], file: Path) -> dict[str, Any]:
-    """A body's file is looked for beside the configuration that names it, then where one is."""
+def _with_files_beside(tree: dict[str, Any], file: Path) -> dict[str, Any]:
+    """Files of a body, a page, a task: looked for beside the configuration, then where one is."""
     tree = _copied(tree)
     env = tree.get("env")
+    app = env.get("app") if isinstance(env, dict) else None
+    if isinstance(app, dict):
+        _with_page_beside(app, file.parent)
     user = env.get("user") if isinstance(env, dict) else None
     model = user.get("model") if isinstance(user, dict) else user
     if not (isinstance(env, dict) and isinstance(model, str) and is_file(model)):
@@ -164,6 +167,22 @@ def _with_body_beside(tree: dict[str, Any], file: Path) -> dict[str, Any]:
     found = str((beside if beside.is_file() else Path(model)).resolve())
     env["user"] = {**user, "model": found} if isinstance(user, dict) else {"model": found}
     return tree
+
+
+def _with_page_beside(app: dict[str, Any], folder: Path) -> None:
+    """Make the paths of a page absolute, in place; what is not there stays as it is."""
+
+    def found(name: object) -> Any:
+        beside = folder / name if isinstance(name, str) and "://" not in name else None
+        return str(beside.resolve()) if beside is not None and beside.exists() else name
+
+    if "page" in app:
+        app["page"] = found(app["page"])
+    if isinstance(app.get("map"), dict):
+        app["map"] = {prefix: found(place) for prefix, place in app["map"].items()}
+    if isinstance(app.get("task"), str):
+        task, colon, name = app["task"].partition(".py:")
+        app["task"] = found(f"{task}.py") + f":{name}" if colon else found(app["task"])
 
 
 def defaults(overrides: Sequence[str] = ()) -> TrainingConfig:

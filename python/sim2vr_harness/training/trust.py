@@ -18,6 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from sim2vr_harness.client.tasks import names_code
 from sim2vr_harness.envs.config import AppConfig
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.config import apply_overrides
@@ -25,7 +26,7 @@ from sim2vr_harness.training.run_folder import write_atomically
 
 __all__ = ["named_app", "remember", "require_trust", "state_folder"]
 
-_KEYS = ("executable", "arguments", "connect")
+_KEYS = ("executable", "arguments", "connect", "page", "map", "browser", "task")
 _told: list[dict[str, Any]] = []
 """What was remembered in this process, for homes that cannot be written to."""
 
@@ -48,14 +49,14 @@ def require_trust(
     Args:
         app: the app to play in.
         source: the file, or the folder that it is in, for people.
-        named: which of ``executable``, ``arguments`` and ``connect`` the command line gave itself.
+        named: which settings of the app the command line gave itself.
         trust: whether this user says that it is fine (``--trust-app``), which is remembered.
 
     Raises:
         InputError: neither; prints what would be started.
     """
     wanted = _entry(app)
-    from_file = [key for key in _KEYS if wanted[key] and key not in named]
+    from_file = [key for key in _KEYS if wanted.get(key) and key not in named]
     if not from_file:
         return
     if trust:
@@ -88,7 +89,7 @@ def remember(app: AppConfig, folder: Path) -> None:
             came with it and is asked for every time.
     """
     entry = _entry(app)
-    if not any(entry[key] for key in _KEYS) or _known(entry):
+    if not any(entry.get(key) for key in _KEYS) or _known(entry):
         return
     _told.append(entry)
     place, real = state_folder(), entry["real"]
@@ -102,14 +103,27 @@ def remember(app: AppConfig, folder: Path) -> None:
 
 
 def _entry(app: AppConfig) -> dict[str, Any]:
-    """What is trusted: the program by its path and by where that leads, and its arguments."""
+    """What is trusted: the program by its path and by where that leads, and its arguments.
+
+    Of a page its path, what it may load, the browser, and the file of a task in Python.
+    """
     program = None if app.executable is None else os.path.abspath(app.executable)
-    return {
+    entry: dict[str, Any] = {
         "executable": program,
         "real": None if program is None else os.path.realpath(program),
         "arguments": list(app.arguments),
         "connect": app.connect,
     }
+    if app.page is not None:
+        entry["page"] = app.page if "://" in app.page else os.path.realpath(app.page)
+        if app.map:
+            entry["map"] = {key: os.path.realpath(place) for key, place in app.map.items()}
+        if app.browser is not None:
+            entry["browser"] = app.browser
+    if isinstance(app.task, str) and names_code(app.task):
+        file, _, name = app.task.rpartition(":")
+        entry["task"] = f"{os.path.realpath(file)}:{name}"
+    return entry
 
 
 def _known(entry: dict[str, Any]) -> bool:
@@ -119,7 +133,7 @@ def _known(entry: dict[str, Any]) -> bool:
 def _knows(wanted: dict[str, Any], keys: Collection[str]) -> bool:
     """Whether an app was remembered that is the same in all that a file names."""
     same = [*keys, *(["real"] if "executable" in keys else [])]
-    return any(all(known.get(key) == wanted[key] for key in same) for known in _entries())
+    return any(all(known.get(key) == wanted.get(key) for key in same) for known in _entries())
 
 
 def _entries() -> list[dict[str, Any]]:
@@ -143,7 +157,13 @@ def _own(path: Path) -> bool:
 
 
 def _unknown(app: AppConfig, source: str | Path) -> InputError:
-    if app.connect is not None:
+    if names_code(app.task):
+        key, what, option = "task", str(app.task), "--task with the same path"
+        doing = "code that you have not run before"
+    elif app.page is not None:
+        key, what, option = "page", app.page, "--page with the same path"
+        doing = "a page that you have not opened before"
+    elif app.connect is not None:
         key, what, option = "connect", app.connect, "--connect with the same address"
         doing = "an address that was never connected to by you"
     else:

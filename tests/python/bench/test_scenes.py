@@ -18,8 +18,10 @@ from sim2vr_harness.bench.plan import Plan, specs, transports
 from sim2vr_harness.bench.scene import Spec
 from sim2vr_harness.bench.scenes import EnvScene, PhysicsScene, open_scene, short_iteration
 from sim2vr_harness.bench.senses import sense_variants
+from sim2vr_harness.envs import AppConfig
 from sim2vr_harness.perception import SENSES, WRAPPERS
 from sim2vr_harness.training.config import TrainingConfig, parse_config
+from webxr_pages import NEEDS_BROWSER, PAGES
 
 PACKAGE = "sim2vr_harness.bench"
 MORE_ACTIONS = ("sense=fingers", "sense=gaze")
@@ -53,6 +55,15 @@ def test_threads_do_not_matter(config: TrainingConfig, name: Any) -> None:
 @pytest.mark.parametrize("name", ["render", "env"])
 def test_transports_do_not_matter(config: TrainingConfig, name: Any) -> None:
     found = {hashes(Spec(name, config, 2, 1, kind)) for kind in transports()}
+    assert len(found) == 1
+
+
+@NEEDS_BROWSER
+def test_a_page_is_the_same_twice(config: TrainingConfig) -> None:
+    app = AppConfig(transport="webxr", page=str(PAGES / "touch.html"))
+    page = config.model_copy(update={"env": config.env.model_copy(update={"app": app})})
+    assert Plan(page, ["render"]).transports == ["webxr"]
+    found = {hashes(Spec("render", page, 1, 1, "webxr")) for _ in range(2)}
     assert len(found) == 1
 
 

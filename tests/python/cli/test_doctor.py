@@ -38,6 +38,21 @@ def test_the_table_gives_the_mending_command(monkeypatch, capsys):
     assert "apt-get install -y a-part" in output
 
 
+def test_a_browser_is_looked_at(monkeypatch):
+    from sim2vr_harness.client.webxr import browser
+
+    monkeypatch.setattr(browser, "BROWSERS", ("no-such-browser",))
+    (check,) = doctor._browser_check()
+    assert (check.status, check.mend) == ("info", "")
+    monkeypatch.setattr(browser, "BROWSERS", ("false",))
+    (check,) = doctor._browser_check()
+    assert check.status == "warning"
+    assert "false (process" in check.found
+    monkeypatch.setattr(doctor, "_probe", lambda code: (True, "HeadlessChrome/1, SwiftShader"))
+    (check,) = doctor._browser_check()
+    assert check.status == "ok"
+
+
 def test_a_crashing_probe_is_reported_not_suffered():
     assert doctor._probe("import os; os.abort()") == (False, "crashed with signal 6")
     assert doctor._probe("raise ValueError('boom')") == (False, "ValueError: boom")

@@ -102,7 +102,7 @@ def test_what_nobody_can_carry_is_said_before_anything_starts() -> None:
     with pytest.raises(
         AppUnsupported,
         match=r"two_eyes: vision.eyes: got 2, which the transport 'protocol1' cannot carry, "
-        r"expected 'in_process' or 'protocol2'",
+        r"expected 'in_process' or 'protocol2' or 'webxr'",
     ):
         app_factory(two_eyes, 1)
     fingers = EnvConfig(

@@ -1,0 +1,142 @@
+"""Options of commands that say which app to play in, and what they mean as settings."""
+
+from __future__ import annotations
+
+import json as jsonlib
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from sim2vr_harness.errors import InputError
+
+__all__ = [
+    "AppArgOption",
+    "AppOption",
+    "BrowserOption",
+    "ConnectOption",
+    "MapOption",
+    "PageOption",
+    "ProtocolOption",
+    "TaskOption",
+    "app_settings",
+    "as_overrides",
+]
+
+AppOption = Annotated[
+    str | None,
+    typer.Option(
+        "--app", metavar="PATH", help="Play in this executable, such as a Unity build with SIM2VR."
+    ),
+]
+AppArgOption = Annotated[
+    list[str] | None,
+    typer.Option("--app-arg", metavar="ARG", help="An argument for --app; may be repeated."),
+]
+ConnectOption = Annotated[
+    str | None,
+    typer.Option(metavar="HOST:PORT", help="Play in an app that runs already."),
+]
+ProtocolOption = Annotated[
+    int | None,
+    typer.Option(help="What --app or --connect speak: 1, SIM2VR's (default), or 2, sim2vr-app's."),
+]
+PageOption = Annotated[
+    str | None,
+    typer.Option(
+        "--page", metavar="FILE", help="Play a WebXR page: a file, a folder, or a mapped address."
+    ),
+]
+MapOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--map",
+        metavar="URL=FOLDER",
+        help="Where a page finds addresses that begin so; may be repeated. All others are refused.",
+    ),
+]
+TaskOption = Annotated[
+    str | None,
+    typer.Option(
+        "--task", metavar="FILE", help="What the app is worth: FILE.py:CLASS, or rules in YAML."
+    ),
+]
+BrowserOption = Annotated[
+    str | None,
+    typer.Option("--browser", metavar="PATH", help="The Chromium that shows pages; found if not."),
+]
+
+
+def app_settings(
+    app: str | None = None,
+    arguments: list[str] | None = None,
+    connect: str | None = None,
+    protocol: int | None = None,
+    page: str | None = None,
+    mapped: list[str] | None = None,
+    task: str | None = None,
+    browser: str | None = None,
+) -> dict[str, Any]:
+    """Return the settings of ``env.app`` that the options mean; none without any of them.
+
+    Raises:
+        InputError: options that do not go together.
+    """
+    if protocol not in (None, 1, 2):
+        raise InputError("--protocol", str(protocol), "1 or 2")
+    given = [("--app", app), ("--connect", connect), ("--page", page)]
+    named = [option for option, value in given if value is not None]
+    if len(named) > 1:
+        raise InputError(named[1], f"it together with {named[0]}", "one of them")
+    if arguments and app is None:
+        raise InputError("--app-arg", "it without --app", "it together with --app")
+    for option, value in (("--map", mapped), ("--browser", browser)):
+        if value and page is None:
+            raise InputError(option, "it without --page", "it together with --page")
+    judged = {} if task is None else {"task": _absolute_task(task)}
+    if page is not None:
+        if protocol is not None:
+            raise InputError("--protocol", "it together with --page", "one of them")
+        return {**_page_settings(page, mapped or [], browser), **judged}
+    if app is None and connect is None and protocol is None:
+        return judged
+    return {
+        "transport": f"protocol{protocol or 1}",
+        "executable": None if app is None else str(Path(app).expanduser().absolute()),
+        "arguments": list(arguments or []),
+        "connect": connect,
+        **judged,
+    }
+
+
+def _page_settings(page: str, mapped: list[str], browser: str | None) -> dict[str, Any]:
+    from sim2vr_harness.envs.config import page_name
+
+    places = {}
+    for pair in mapped:
+        address, equals, place = pair.rpartition("=")
+        if not equals or "://" not in address:
+            expected = "URL=FOLDER, such as https://cdn.jsdelivr.net/npm/=node_modules"
+            raise InputError("--map", repr(pair), expected)
+        places[address] = _absolute(place)
+    return {
+        "transport": "webxr",
+        "game": page_name(page),
+        "page": page if "://" in page else _absolute(page),
+        "map": places,
+        "browser": browser,
+    }
+
+
+def _absolute(path: str) -> str:
+    return str(Path(path).expanduser().absolute())
+
+
+def _absolute_task(task: str) -> str:
+    file, colon, name = task.rpartition(".py:")
+    return f"{_absolute(f'{file}.py')}:{name}" if colon else _absolute(task)
+
+
+def as_overrides(settings: dict[str, Any]) -> list[str]:
+    """Return settings of ``env.app`` as ``--set`` takes them."""
+    return [f"env.app.{key}={jsonlib.dumps(value)}" for key, value in settings.items()]

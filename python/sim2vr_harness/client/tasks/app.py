@@ -1,0 +1,230 @@
+"""An app that a task judges: an :class:`AppClient` with another reward, end and log."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from sim2vr_harness.client.base import (
+    AppClient,
+    AppReply,
+    AppValue,
+    Int64Array,
+    OptionValue,
+    ThirdPersonView,
+    UInt8Array,
+)
+from sim2vr_harness.client.devices import DevicePoses
+from sim2vr_harness.client.errors import AppUnsupported
+from sim2vr_harness.client.poses import one_frame
+from sim2vr_harness.client.tasks.loading import FIELD, words_of
+from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
+from sim2vr_harness.errors import InputError, unknown_name
+
+__all__ = ["TaskedApp"]
+
+_EARLY_S = 1e-3
+"""Frames lie a hair before whole periods; a round of 30 s ends with the one at 29.9999982 s."""
+
+
+class TaskedApp:
+    """An app and what it is worth; everything else is the app's.
+
+    A task may keep what it likes, so a round cannot be saved.
+
+    Args:
+        app: to judge; owned by this object from now on. One that answers no expressions is asked
+            for the numbers of its log.
+        task: the judge, of this app alone.
+    """
+
+    def __init__(self, app: AppClient, task: Task) -> None:
+        self.app, self.task = app, task
+        self.moments: list[TaskMoment] | None = None
+        """What the task was told, where somebody wants it recorded; see :meth:`record`."""
+        self._time_s = self._start_s = 0.0
+        self._poses: DevicePoses | None = None
+        self._times_ns: Int64Array = np.zeros(1, np.int64)
+
+    @property
+    def capabilities(self) -> frozenset[str]:
+        """See :class:`AppClient`."""
+        return self.app.capabilities - {"save", "privileged"}
+
+    @property
+    def renderer_description(self) -> str:
+        """See :class:`AppClient`."""
+        return self.app.renderer_description
+
+    @property
+    def image(self) -> UInt8Array:
+        """See :class:`AppClient`."""
+        return self.app.image
+
+    def record(self) -> None:
+        """Keep every moment from now on in :attr:`moments`, with copies of the pictures."""
+        self.moments = []
+
+    # --- rounds --------------------------------------------------------------------------------
+
+    def reset(
+        self,
+        seed: int,
+        poses: DevicePoses,
+        options: Mapping[str, OptionValue] | None = None,
+        *,
+        time_ns: int = 0,
+    ) -> AppReply:
+        """See :class:`AppClient`."""
+        reply = self.app.reset(seed, poses, options, time_ns=time_ns)
+        self._time_s, self._start_s = 0.0, time_ns * 1e-9
+        moment = self._moment(reply, poses, self._start_s)
+        self._keep(moment)
+        try:
+            self.task.reset(moment, seed)
+        except Exception as error:
+            raise self._wrong("reset", words_of(error), "to begin a round") from error
+        return self._reply(reply, moment, Outcome(0.0))
+
+    def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
+        """See :class:`AppClient`."""
+        return self.step_frames(np.array([time_ns]), one_frame(poses))
+
+    def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
+        """See :class:`AppClient`."""
+        self.start_step(times_ns, poses, drawn)
+        return self.finish_step()
+
+    def start_step(
+        self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
+    ) -> None:
+        """See :class:`AppClient`."""
+        self.app.start_step(times_ns, poses, drawn, last=last)
+        self._times_ns, self._poses = np.asarray(times_ns), poses
+
+    def finish_step(self) -> AppReply:
+        """See :class:`AppClient`; the task judges the step as a whole."""
+        reply = self.app.finish_step()
+        assert self._poses is not None
+        moment = self._moment(reply, self._poses[-1], float(self._times_ns[-1]) * 1e-9)
+        self._keep(moment)
+        try:
+            outcome = self.task.step(moment)
+        except Exception as error:
+            raise self._wrong("step", words_of(error), "an Outcome") from error
+        return self._reply(reply, moment, self._checked(outcome))
+
+    def _moment(self, reply: AppReply, poses: DevicePoses, time_s: float) -> TaskMoment:
+        before_s, self._time_s = self._time_s, time_s - self._start_s
+        return TaskMoment(
+            time_s=self._time_s,
+            step_s=self._time_s - before_s,
+            poses=poses,
+            haptics=reply.haptics,
+            sounds=reply.sounds,
+            values=self._values(reply),
+            log=reply.log,
+            app_reward=reply.reward,
+            app_finished=reply.finished,
+            picture=self.app.image,
+        )
+
+    def _values(self, reply: AppReply) -> dict[str, AppValue]:
+        """What the app answers; of an app without expressions the numbers of its log."""
+        if reply.values or not self.task.values:
+            return dict(reply.values)
+        for expression in self.task.values.values():
+            if expression.startswith("locate("):
+                raise AppUnsupported(f"{FIELD}: {expression} asks for an object, which pages have")
+            if reply.log and expression not in reply.log:
+                raise unknown_name(FIELD, expression, reply.log)
+        return {name: reply.log.get(number) for name, number in self.task.values.items()}
+
+    def _keep(self, moment: TaskMoment) -> None:
+        if self.moments is not None:
+            kept = {**vars(moment), "picture": moment.picture.copy()}
+            self.moments.append(TaskMoment(**kept))
+
+    # --- outcomes ------------------------------------------------------------------------------
+
+    def _checked(self, outcome: Any) -> Outcome:
+        if not isinstance(outcome, Outcome):
+            raise self._wrong("step", type(outcome).__name__, "an Outcome")
+        numbers = {"reward": outcome.reward, **outcome.log}
+        if outcome.time_feature is not None:
+            numbers["time_feature"] = outcome.time_feature
+        for name, number in numbers.items():
+            try:
+                finite = math.isfinite(number)
+            except TypeError:
+                finite = False
+            if not finite:
+                raise self._wrong("step", f"{name}={number!r}", "finite numbers")
+        return outcome
+
+    def _reply(self, reply: AppReply, moment: TaskMoment, outcome: Outcome) -> AppReply:
+        length_s = self.task.round_seconds
+        part = outcome.time_feature
+        if part is None:
+            part = 2.0 * min(1.0, moment.time_s / length_s) - 1.0
+        late = moment.time_s >= length_s - _EARLY_S
+        numbers = {
+            name: float(value)
+            for name, value in moment.values.items()
+            if isinstance(value, (bool, int, float))
+        }
+        return AppReply(
+            reward=float(outcome.reward),
+            finished=bool(outcome.finished or reply.finished or late),
+            time_feature=float(part),
+            log={**reply.log, **numbers, **{key: float(v) for key, v in outcome.log.items()}},
+            haptics=reply.haptics,
+            sounds=reply.sounds,
+            values=reply.values,
+        )
+
+    def _wrong(self, method: str, got: str, expected: str) -> InputError:
+        return InputError(f"task {type(self.task).__name__}.{method}", got, expected)
+
+    # --- what is the app's ---------------------------------------------------------------------
+
+    def head_request(
+        self, seed: int, options: Mapping[str, OptionValue] | None = None
+    ) -> float | None:
+        """See :class:`AppClient`."""
+        return self.app.head_request(seed, options)
+
+    def render_headset(self, width: int, height: int) -> UInt8Array:
+        """See :class:`AppClient`."""
+        return self.app.render_headset(width, height)
+
+    def render_third_person(
+        self, width: int, height: int, view: ThirdPersonView = "spectator"
+    ) -> UInt8Array:
+        """See :class:`AppClient`."""
+        return self.app.render_third_person(width, height, view)
+
+    def save(self) -> bytes:
+        """See :class:`AppClient`; not with a task."""
+        raise AppUnsupported("save: a round that a task judges cannot be saved")
+
+    def load(self, state: bytes) -> None:
+        """See :class:`AppClient`; not with a task."""
+        raise AppUnsupported("save: a round that a task judges cannot be saved")
+
+    def state_hash(self) -> int:
+        """See :class:`AppClient`; not with a task."""
+        raise AppUnsupported("save: a round that a task judges cannot be saved")
+
+    def close(self) -> None:
+        """See :class:`AppClient`."""
+        self.app.close()
+
+    def __enter__(self) -> TaskedApp:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()

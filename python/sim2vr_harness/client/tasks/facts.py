@@ -1,0 +1,32 @@
+"""What a task publishes of its app, as a game does of itself."""
+
+from __future__ import annotations
+
+from sim2vr_harness.client.games import Condition, GameFacts
+from sim2vr_harness.client.tasks.task import Task
+
+__all__ = ["CONDITION", "task_facts"]
+
+CONDITION = "standard"
+"""The only condition of an app that a task judges."""
+
+
+def task_facts(task: Task, name: str) -> GameFacts:
+    """Return what tables, curves and the command line go by.
+
+    Args:
+        task: the task.
+        name: what the app is called.
+    """
+    return GameFacts(
+        name=name,
+        description=task.description,
+        round_seconds=float(task.round_seconds),
+        devices=tuple(task.devices),
+        measures=tuple(task.measures),
+        score=task.score,
+        reward_terms=tuple(task.reward_terms),
+        reward_rest="rest",
+        conditions=(Condition(CONDITION, "the app as it is", evaluated=True),),
+        default_condition=CONDITION,
+    )

@@ -1,0 +1,38 @@
+"""WebXR pages in lockstep: a headless browser, a device and a clock of our own."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sim2vr_harness.client.base import AppClient
+from sim2vr_harness.client.errors import AppRefused
+from sim2vr_harness.client.transport import AppSource, AppsWanted, Transport
+from sim2vr_harness.client.webxr.app import CAPABILITIES, WebXRApp
+from sim2vr_harness.client.webxr.browser import find_browser
+from sim2vr_harness.client.webxr.page import describe_browser
+
+__all__ = ["WEBXR", "WebXRApp", "describe_browser", "find_browser"]
+
+
+def _apps(wanted: AppsWanted) -> AppSource:
+    def app(index: int, log_dir: Path | None) -> AppClient:
+        if log_dir is not None:
+            raise AppRefused("logs: got a folder, but a page writes none, expected no --log")
+        return WebXRApp(wanted)
+
+    return app
+
+
+WEBXR = Transport(
+    name="webxr",
+    summary="a WebXR page as it is, in a headless browser",
+    apps=_apps,
+    capabilities=CAPABILITIES,
+    reads=frozenset({"page", "map", "browser", "timeout_s", "start_timeout_s"}),
+    options={
+        "profile": "controllers: oculus-touch (default) or generic-trigger",
+        "enter": "CSS selector of what to click to enter VR; found out by default",
+        "script_errors": "fail (default) or ignore errors that the page does not catch",
+    },
+    users_per_connection=1,
+)

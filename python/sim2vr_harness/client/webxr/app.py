@@ -1,0 +1,332 @@
+"""A WebXR page as an app in lockstep: :class:`~sim2vr_harness.client.base.AppClient`."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.client.base import (
+    AppReply,
+    Int64Array,
+    OptionValue,
+    ThirdPersonView,
+    UInt8Array,
+)
+from sim2vr_harness.client.devices import DevicePoses, HapticPulse
+from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported
+from sim2vr_harness.client.poses import (
+    DEVICES,
+    check_finite,
+    frame_times,
+    input_rows,
+    one_frame,
+    pose_rows,
+)
+from sim2vr_harness.client.runtime import checked_seed
+from sim2vr_harness.client.transport import AppsWanted
+from sim2vr_harness.client.webxr.browser import Browser, find_browser
+from sim2vr_harness.client.webxr.files import PageFiles
+from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, Page
+
+__all__ = ["CAPABILITIES", "WebXRApp"]
+
+CAPABILITIES = frozenset({"frames", "inputs", "left_controller", "haptics", "two_eyes"})
+FARTHEST_M = 10.0
+"""Distance of which the depth channel's 255 is, as in our own runtime."""
+VERTICAL_FOV_DEG = 90.0
+FRAME_RATE_HZ = 72
+"""What the page is told that the display does; the first Quest's."""
+_ROTATION_TOLERANCE = 1e-3
+
+
+class WebXRApp:
+    """One page in one browser.
+
+    A reset loads the page anew, unless the task names what begins a round. A page takes no part in
+    being saved: what its scripts hold cannot be written down.
+
+    Args:
+        wanted: what is asked for; its ``place`` names page, map and browser.
+
+    Raises:
+        AppRefused: a setting, the page or the browser cannot be used.
+        AppDied, AppTimeout: the browser ends, or does not answer.
+    """
+
+    def __init__(self, wanted: AppsWanted) -> None:
+        place = wanted.place
+        if place.page is None:
+            raise AppRefused("app.page: got none, expected a page in HTML, a folder or an address")
+        options = _checked_options(place.options)
+        self._files = PageFiles(place.page, place.map)
+        self._wanted = wanted
+        self._options: dict[str, OptionValue] = dict(wanted.options)
+        self._closed = False
+        self._playing = False
+        self._last_ns = 0
+        self._awaited: int | None = None
+        shape = (wanted.height, wanted.width, 4)
+        self._image: UInt8Array = np.zeros((2, *shape) if wanted.eyes == 2 else shape, np.uint8)
+        self._renderer: str | None = None
+        self._browser = Browser(find_browser(place.browser), place.start_timeout_s)
+        try:
+            self._page = Page(
+                self._browser,
+                self._files,
+                {
+                    "seed": 0,
+                    "width": wanted.width,
+                    "height": wanted.height,
+                    "eyes": wanted.eyes,
+                    "ipd_m": wanted.ipd_m,
+                    "vertical_fov_deg": VERTICAL_FOV_DEG,
+                    "farthest_m": FARTHEST_M,
+                    "frame_rate_hz": FRAME_RATE_HZ,
+                    "profile": options["profile"],
+                },
+                values=wanted.values,
+                enter=options["enter"] or None,
+                ignore_errors=options["script_errors"] == "ignore",
+                timeout_s=place.timeout_s,
+                start_timeout_s=place.start_timeout_s,
+            )
+        except BaseException:
+            self._browser.kill()
+            raise
+
+    @property
+    def capabilities(self) -> frozenset[str]:
+        """See :class:`AppClient`."""
+        return CAPABILITIES
+
+    @property
+    def renderer_description(self) -> str:
+        """See :class:`AppClient`."""
+        if self._renderer is None:
+            self._renderer = f"{self._browser.version}: {self._page.describe_renderer()}"
+        return self._renderer
+
+    @property
+    def image(self) -> UInt8Array:
+        """See :class:`AppClient`."""
+        return self._image
+
+    # --- rounds --------------------------------------------------------------------------------
+
+    def reset(
+        self,
+        seed: int,
+        poses: DevicePoses,
+        options: Mapping[str, OptionValue] | None = None,
+        *,
+        time_ns: int = 0,
+    ) -> AppReply:
+        """See :class:`AppClient`; options are the query of the page's address."""
+        self._require_open()
+        checked_seed(seed)
+        if time_ns != 0:
+            raise AppUnsupported("time_ns: a page's clock begins at 0 with each round")
+        frames = self._frames(np.zeros(1, np.int64), one_frame(poses), 0)
+        wished = {**self._options, **(options or {})}
+        again = self._playing and wished == self._options and self._wanted.page_reset is not None
+        self._playing = False
+        if again:
+            assert self._wanted.page_reset is not None
+            self._page.restart(seed, self._wanted.page_reset)
+        else:
+            self._page.load(seed, wished)
+        self._options = wished
+        self._playing, self._last_ns = True, 0
+        self._awaited = self._page.start_step(frames, bool(self._wanted.values))
+        return self.finish_step()
+
+    def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
+        """See :class:`AppClient`."""
+        return self.step_frames(np.array([time_ns]), one_frame(poses))
+
+    def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
+        """See :class:`AppClient`."""
+        self.start_step(times_ns, poses, drawn)
+        return self.finish_step()
+
+    def start_step(
+        self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
+    ) -> None:
+        """See :class:`AppClient`; sends the frames."""
+        self._require_open()
+        if not self._playing or self._awaited is not None:
+            raise AppError("step: no round was started; call reset first")
+        times = frame_times(times_ns)
+        if times[0] < self._last_ns or (np.diff(times) < 0).any():
+            raise AppRefused(
+                f"time_ns: got {int(times[0])} after {self._last_ns}, expected no step backwards"
+            )
+        frames = self._frames(times, poses, range(len(times))[drawn])
+        self._last_ns = int(times[-1])
+        self._awaited = self._page.start_step(frames, bool(self._wanted.values))
+
+    def finish_step(self) -> AppReply:
+        """See :class:`AppClient`; waits for the page."""
+        if self._awaited is None:
+            raise AppError("finish_step: no step was started; call start_step first")
+        number, self._awaited = self._awaited, None
+        told = self._page.finish_step(number)
+        if told["picture"]:
+            self._take_picture(base64.b64decode(told["picture"]))
+        self._playing = not told["ended"]
+        return AppReply(
+            reward=0.0,
+            finished=bool(told["ended"]),
+            time_feature=0.0,
+            log={},
+            haptics=tuple(
+                HapticPulse(hand, float(amplitude), 0.0, float(duration_s))
+                for hand, amplitude, duration_s in told["haptics"]
+            ),
+            values=self._values(told["values"]),
+        )
+
+    def _frames(self, times: Int64Array, poses: DevicePoses, drawn: int) -> list[Any]:
+        """The frames of a step as ``steps.js`` takes them.
+
+        Raises:
+            ValueError: a pose or an input that cannot be one; names it.
+        """
+        count = len(times)
+        rows, inputs = pose_rows(poses, count), input_rows(poses, count)
+        check_finite(rows)
+        if not np.isfinite(inputs).all():
+            raise AppRefused("inputs: got numbers that are not finite, expected finite ones")
+        _check_rotations(rows, poses)
+        head, left, right = rows.swapaxes(0, 1).tolist()
+        return [
+            [
+                int(times[k]) / 1e6,
+                head[k],
+                [
+                    None if poses.left_controller is None else left[k],
+                    None if poses.right_controller is None else right[k],
+                ],
+                inputs[k].tolist(),
+                k == drawn,
+            ]
+            for k in range(count)
+        ]
+
+    def _take_picture(self, content: bytes) -> None:
+        wanted = self._wanted
+        both = np.frombuffer(content, np.uint8).reshape(wanted.height, wanted.eyes, wanted.width, 4)
+        self._image[...] = both.swapaxes(0, 1) if wanted.eyes == 2 else both[:, 0]
+
+    def _values(self, told: list[Any]) -> dict[str, Any]:
+        values = {}
+        for name, value, *error in told:
+            if error:
+                expression = self._wanted.values[name]
+                raise AppRefused(
+                    f"task: got the expression {expression!r}, of which {self._files.name} says: "
+                    f"{error[0]}; expected one that the page has a value for in every step"
+                )
+            values[name] = tuple(value) if isinstance(value, list) else value
+        return values
+
+    def locate(self, name: str) -> tuple[float, float, float]:
+        """Return where an object of the page is now, x y z in m, app frame; moves nothing.
+
+        Args:
+            name: of three.js and Babylon.js the object's name, of A-Frame its id.
+
+        Raises:
+            AppRefused: there is none of that name; names those that there are.
+        """
+        self._require_open()
+        x, y, z = self._page.locate(name)
+        return float(x), float(y), float(z)
+
+    # --- what a page cannot do -----------------------------------------------------------------
+
+    def head_request(
+        self, seed: int, options: Mapping[str, OptionValue] | None = None
+    ) -> float | None:
+        """See :class:`AppClient`; a page has no wish."""
+        return None
+
+    def render_headset(self, width: int, height: int) -> UInt8Array:
+        """See :class:`AppClient`; a page's frame is drawn once, in its own size."""
+        if self._image.shape == (height, width, 4):
+            return self._image.copy()
+        raise _unsupported("views")
+
+    def render_third_person(
+        self, width: int, height: int, view: ThirdPersonView = "spectator"
+    ) -> UInt8Array:
+        """See :class:`AppClient`; not for a page."""
+        raise _unsupported("views")
+
+    def save(self) -> bytes:
+        """See :class:`AppClient`; not for a page."""
+        raise _unsupported("save")
+
+    def load(self, state: bytes) -> None:
+        """See :class:`AppClient`; not for a page."""
+        raise _unsupported("save")
+
+    def state_hash(self) -> int:
+        """See :class:`AppClient`; not for a page."""
+        raise _unsupported("save")
+
+    # --- the end -------------------------------------------------------------------------------
+
+    def close(self) -> None:
+        """See :class:`AppClient`; ends the browser."""
+        self._closed = True
+        if self._browser.tools.usable and self._awaited is None:
+            self._browser.stop()
+        else:
+            self._browser.kill()
+
+    def _require_open(self) -> None:
+        if self._closed:
+            raise RuntimeError("the app is closed; make a new one")
+
+    def __enter__(self) -> WebXRApp:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+
+def _unsupported(capability: str) -> AppUnsupported:
+    what = {"save": "what a page's scripts hold cannot be saved", "views": "a page draws one view"}
+    return AppUnsupported(f"{capability}: {what[capability]}")
+
+
+def _check_rotations(rows: NDArray[np.float64], poses: DevicePoses) -> None:
+    for k, name in enumerate(DEVICES):
+        if getattr(poses, name) is None:
+            continue
+        lengths = np.linalg.norm(rows[:, k, 3:], axis=1)
+        if (np.abs(lengths - 1.0) > _ROTATION_TOLERANCE).any():
+            got = rows[int(np.abs(lengths - 1.0).argmax()), k, 3:].tolist()
+            raise AppRefused(f"{name}.rotation: got {got}, expected a quaternion of length 1")
+
+
+def _checked_options(given: Mapping[str, OptionValue]) -> dict[str, str]:
+    """The transport's options with their defaults.
+
+    Raises:
+        AppRefused: one has a value that it cannot have.
+    """
+    found = {"profile": PROFILES[0], "enter": "", "script_errors": SCRIPT_ERRORS[0]}
+    found |= {name: str(value) for name, value in given.items()}
+    for name, known in (("profile", PROFILES), ("script_errors", SCRIPT_ERRORS)):
+        if found[name] not in known:
+            raise AppRefused(
+                f"app.transport_options.{name}: got {found[name]!r}, expected one of "
+                f"{', '.join(known)}"
+            )
+    return found

@@ -1,0 +1,169 @@
+"""One headless browser: found, started without a way out, ended with everything it has."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+import weakref
+from pathlib import Path
+from typing import Any
+
+from sim2vr_harness.client.errors import AppDied, AppRefused
+from sim2vr_harness.client.process import AppProcess
+from sim2vr_harness.client.webxr.pipe import DevTools
+
+__all__ = ["BROWSERS", "Browser", "find_browser"]
+
+BROWSERS = (
+    "chromium-headless-shell",
+    "chrome-headless-shell",
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+)
+"""What is looked for on the PATH, the lightest first; another is named by ``app.browser``."""
+
+_ALWAYS = (
+    "--headless",
+    "--remote-debugging-pipe",
+    # A software renderer of the browser's own: the same pictures with any driver, or without.
+    "--use-gl=angle",
+    "--use-angle=swiftshader",
+    "--enable-unsafe-swiftshader",
+    "--ignore-gpu-blocklist",
+    "--disable-gpu-watchdog",
+    # No way out: names lead nowhere, and what needs none goes to a proxy that is not there.
+    "--host-resolver-rules=MAP * ~NOTFOUND",
+    "--proxy-server=127.0.0.1:9",
+    "--proxy-bypass-list=<-loopback>",
+    "--webrtc-ip-handling-policy=disable_non_proxied_udp",
+    "--force-webrtc-ip-handling-policy",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-domain-reliability",
+    "--disable-sync",
+    "--no-pings",
+    # Nothing that comes of itself.
+    "--no-first-run",
+    "--no-default-browser-check",
+    "--disable-extensions",
+    "--disable-default-apps",
+    "--disable-breakpad",
+    "--disable-crash-reporter",
+    "--disable-hang-monitor",
+    "--disable-popup-blocking",
+    "--disable-background-timer-throttling",
+    "--disable-renderer-backgrounding",
+    "--disable-backgrounding-occluded-windows",
+    "--disable-dev-shm-usage",
+    "--disable-features=Translate,MediaRouter,OptimizationHints,PaintHolding",
+    "--autoplay-policy=no-user-gesture-required",
+    "--mute-audio",
+    "--hide-scrollbars",
+    "--force-color-profile=srgb",
+    "--force-device-scale-factor=1",
+)
+
+
+def find_browser(named: str | None = None) -> str:
+    """Return the path of the browser to start.
+
+    Args:
+        named: a path or a name on the PATH; None takes the first of :data:`BROWSERS`.
+
+    Raises:
+        AppRefused: there is none; says how to get one.
+    """
+    if named is not None:
+        found = shutil.which(os.path.expanduser(named))
+        if found is None:
+            raise AppRefused(
+                f"app.browser: got {named!r}, which is no program here, expected the path of "
+                "Chromium or Chrome"
+            )
+        return found
+    for name in BROWSERS:
+        if found := shutil.which(name):
+            return found
+    raise AppRefused(
+        f"app.browser: got none, and there is no {BROWSERS[0]} on the PATH, expected a browser: "
+        f"apt-get install {BROWSERS[0]}, or name a Chromium or Chrome"
+    )
+
+
+class Browser:
+    """A browser process with an empty, passing profile, and the conversation with it.
+
+    Args:
+        program: its path.
+        start_timeout_s: how long it may take to answer.
+
+    Raises:
+        AppRefused: it cannot be started.
+        AppDied, AppTimeout: it ends at once, or says nothing.
+    """
+
+    def __init__(self, program: str, start_timeout_s: float) -> None:
+        self._home = tempfile.mkdtemp(prefix="sim2vr-browser-")
+        self._clean = weakref.finalize(self, _remove, self._home, os.getpid())
+        command = [program, *_ALWAYS, f"--user-data-dir={self._home}/profile"]
+        if os.geteuid() == 0:
+            command.append("--no-sandbox")  # Chromium's own cannot be had as root
+        home = {
+            name: self._home for name in ("HOME", "TMPDIR", "XDG_CONFIG_HOME", "XDG_CACHE_HOME")
+        }
+        (theirs_in, ours_out), (ours_in, theirs_out) = os.pipe(), os.pipe()
+        try:
+            self.process = AppProcess(
+                [*command, "about:blank"], environment=home, pipes=(theirs_in, theirs_out)
+            )
+        except BaseException:
+            for descriptor in (ours_out, ours_in):
+                os.close(descriptor)
+            self._clean()
+            raise
+        finally:
+            os.close(theirs_in)
+            os.close(theirs_out)
+        self.tools = DevTools(self.process, ours_out, ours_in)
+        try:
+            version = self.tools.request("Browser.getVersion", timeout_s=start_timeout_s)
+        except AppDied as error:
+            self.kill()
+            words = str(error)
+            if "sandbox" in words:
+                words += " (a container without user namespaces: see docs/webxr.md)"
+            raise AppDied(words) from error
+        except BaseException:
+            self.kill()
+            raise
+        self.version = str(version.get("product", "a browser"))
+
+    def request(self, method: str, timeout_s: float, **parameters: Any) -> Any:
+        """Ask the browser itself; see :meth:`DevTools.request`."""
+        return self.tools.request(method, parameters, timeout_s=timeout_s)
+
+    def stop(self) -> None:
+        """End the browser in an orderly way; idempotent."""
+        if self.tools.usable:
+            self.tools.send("Browser.close", answered=False)
+            self.tools.close()
+            self.process.stop()
+        self.kill()
+
+    def kill(self) -> None:
+        """End the browser at once; idempotent."""
+        self.tools.close()
+        self.process.kill()
+        self._clean()
+
+
+def _remove(folder: str, owner: int) -> None:
+    if os.getpid() == owner:  # not in a fork
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def read_script(name: str) -> str:
+    """Return one of the scripts that pages are given."""
+    return (Path(__file__).parent / "scripts" / name).read_text(encoding="utf-8")

@@ -1,0 +1,137 @@
+"""Which local file an address of a page means; everything else is refused and named."""
+
+from __future__ import annotations
+
+import mimetypes
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from urllib.parse import quote, unquote, urlsplit
+
+from sim2vr_harness.client.errors import AppRefused
+
+__all__ = ["HOST", "Answer", "PageFiles"]
+
+HOST = "https://page.invalid/"
+"""Where a page that is a file seems to be: a name that can lead nowhere (RFC 2606), over a scheme
+that browsers allow WebXR on."""
+
+MOST_BYTES = 1 << 28
+"""A file that is larger is not served."""
+
+_TYPES = {
+    ".js": "text/javascript",
+    ".mjs": "text/javascript",
+    ".json": "application/json",
+    ".wasm": "application/wasm",
+    ".gltf": "model/gltf+json",
+    ".glb": "model/gltf-binary",
+    ".hdr": "image/vnd.radiance",
+    ".ktx2": "image/ktx2",
+    ".html": "text/html; charset=utf-8",
+    ".htm": "text/html; charset=utf-8",
+}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What the page gets for a request.
+
+    Attributes:
+        status: 200, 404, or 0: refused, nobody is there.
+        content: of the file.
+        mime: its type.
+    """
+
+    status: int
+    content: bytes = b""
+    mime: str = "text/plain"
+
+
+class PageFiles:
+    """A page and the addresses that it may load from.
+
+    Args:
+        page: a file, a folder with an ``index.html``, or an address below one of ``mapped``.
+        mapped: beginning of addresses -> local folder; or a whole address -> local file.
+
+    Raises:
+        AppRefused: there is no such page or folder; names it.
+    """
+
+    def __init__(self, page: str, mapped: Mapping[str, str]) -> None:
+        self._folders: dict[str, Path] = {}
+        for prefix, place in mapped.items():
+            self._folders[_checked_prefix(prefix)] = _checked_place(prefix, place)
+        self.name = page
+        self.url = page if "://" in page else self._url_of_file(Path(page).expanduser())
+        self.missing: list[str] = []
+        """Addresses below a mapped one, without a file."""
+        self.refused: list[str] = []
+        """Addresses that are mapped nowhere."""
+        if self.answer(self.url).status != 200:
+            raise AppRefused(
+                f"app.page: got {page!r}, which is no file"
+                + (" below the addresses of app.map" if "://" in page else "")
+                + ", expected a page in HTML"
+            )
+        self.missing.clear()
+
+    def _url_of_file(self, file: Path) -> str:
+        file = file.absolute()
+        if file.is_dir():
+            file = file / "index.html"
+        if not file.is_file():
+            raise AppRefused(
+                f"app.page: got {self.name!r}, which is no file, expected a page in HTML or a "
+                "folder with an index.html"
+            )
+        self._folders[HOST] = file.parent.resolve()
+        return HOST + quote(file.name)
+
+    def answer(self, url: str) -> Answer:
+        """Return what a request for an address gets."""
+        plain = url.split("#")[0].split("?")[0]
+        if plain.startswith(("data:", "blob:", "about:")):
+            return Answer(200)
+        best = max((one for one in self._folders if plain.startswith(one)), key=len, default=None)
+        if best is None:
+            self.refused.append(url)
+            return Answer(0)
+        place, rest = self._folders[best], unquote(plain[len(best) :])
+        file = _below(place, rest) if place.is_dir() else (None if rest else place)
+        if file is None or file.stat().st_size > MOST_BYTES:
+            self.missing.append(url)
+            return Answer(404, b"no such file")
+        mime = _TYPES.get(file.suffix.lower()) or mimetypes.guess_type(file.name)[0]
+        return Answer(200, file.read_bytes(), mime or "application/octet-stream")
+
+
+def _below(folder: Path, path: str) -> Path | None:
+    """Return the file at a path within a folder, links followed; None outside or without one."""
+    if "\0" in path:
+        return None
+    file = Path(os.path.realpath(folder / path.lstrip("/")))
+    if file.is_dir():
+        file = Path(os.path.realpath(file / "index.html"))
+    return file if file.is_relative_to(folder) and file.is_file() else None
+
+
+def _checked_prefix(prefix: str) -> str:
+    parts = urlsplit(prefix)
+    if parts.scheme not in ("http", "https") or not parts.netloc:
+        raise AppRefused(
+            f"app.map: got {prefix!r}, expected the beginning of an address, such as "
+            "https://cdn.jsdelivr.net/npm/three@0.187.0/"
+        )
+    return prefix if parts.path else prefix + "/"
+
+
+def _checked_place(prefix: str, place: str) -> Path:
+    found = Path(place).expanduser()
+    if not found.exists():
+        raise AppRefused(
+            f"app.map: got {place!r} for {prefix}, which is not there, expected a folder or a file"
+        )
+    return found.resolve()

@@ -1,0 +1,396 @@
+"""A page in a browser of its own: loaded, brought into VR, watched for what goes wrong."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import Any
+from urllib.parse import urlencode
+
+from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.client.errors import AppDied, AppRefused
+from sim2vr_harness.client.webxr.browser import Browser, read_script
+from sim2vr_harness.client.webxr.files import PageFiles
+from sim2vr_harness.client.webxr.pipe import RefusedRequest
+
+__all__ = [
+    "PROFILES",
+    "SCRIPT_ERRORS",
+    "Page",
+    "PageSettings",
+    "describe_browser",
+    "open_tab",
+]
+
+PROFILES = ("oculus-touch", "generic-trigger")
+SCRIPT_ERRORS = ("fail", "ignore")
+
+_CLEAN_EVERY = 4
+"""How many documents may be left behind; a browser by itself keeps dozens, 200 MB of them."""
+
+_SCRIPTS = (
+    "clock.js",
+    "loads.js",
+    "spaces.js",
+    "controllers.js",
+    "picture.js",
+    "session.js",
+    "objects.js",
+    "steps.js",
+    "walls.js",
+)
+"""In the order in which they build on each other."""
+
+PageSettings = Mapping[str, Any]
+"""What the scripts are told: seed, size, eyes and so on (:class:`~.app.WebXRApp`)."""
+
+
+class Page:
+    """The page of one user.
+
+    Args:
+        browser: to show it in; stays the caller's.
+        files: what it may load.
+        settings: of the scripts.
+        values: name -> expression in JavaScript that is read after every step.
+        enter: CSS selector of what to click to enter VR; None: found out.
+        ignore_errors: whether the page goes on after an error that its scripts do not catch.
+        timeout_s: of every answer.
+        start_timeout_s: of loading the page.
+    """
+
+    def __init__(
+        self,
+        browser: Browser,
+        files: PageFiles,
+        settings: PageSettings,
+        *,
+        values: Mapping[str, str],
+        enter: str | None,
+        ignore_errors: bool,
+        timeout_s: float,
+        start_timeout_s: float,
+    ) -> None:
+        self.files = files
+        self._tools = browser.tools
+        self._enter, self._ignore_errors = enter, ignore_errors
+        self._timeout_s, self._start_timeout_s = timeout_s, start_timeout_s
+        self._errors: list[str] = []
+        self._complaints: list[str] = []
+        self._left: str | None = None
+        self._loaded = self._crashed = False
+        self._seed_script: str | None = None
+        self._loads = 0
+        self._loading: str | None = None
+        self._session = open_tab(browser, start_timeout_s)
+        self._listen()
+        for method in ("Page.enable", "Runtime.enable", "Inspector.enable"):
+            self._ask(method)
+        self._ask("Fetch.enable", patterns=[{"urlPattern": "*"}])
+        self._ask("Page.addScriptToEvaluateOnNewDocument", source=_bundle(settings, values))
+
+    def _listen(self) -> None:
+        on = self._tools.on
+        on("Fetch.requestPaused", self._answer)
+        on("Page.loadEventFired", self._note_loaded)
+        on("Page.frameNavigated", self._note_navigation)
+        on("Page.javascriptDialogOpening", self._dismiss)
+        on("Runtime.exceptionThrown", self._note_error)
+        on("Runtime.consoleAPICalled", self._note_complaint)
+        on("Inspector.targetCrashed", self._note_crash)
+
+    # --- events --------------------------------------------------------------------------------
+
+    def _answer(self, event: Mapping[str, Any]) -> None:
+        """Serve a request from its file, or refuse it."""
+        number, url = event["requestId"], event["request"]["url"]
+        answer = self.files.answer(url)
+        if answer.status == 0:
+            self._tell("Fetch.failRequest", requestId=number, errorReason="BlockedByClient")
+            return
+        headers = {
+            "Content-Type": answer.mime,
+            "Content-Length": str(len(answer.content)),
+            "Access-Control-Allow-Origin": "*",
+            "Cache-Control": "max-age=31536000",
+        }
+        self._tell(
+            "Fetch.fulfillRequest",
+            requestId=number,
+            responseCode=answer.status,
+            responseHeaders=[{"name": name, "value": value} for name, value in headers.items()],
+            body=base64.b64encode(answer.content).decode(),
+        )
+
+    def _note_loaded(self, event: Mapping[str, Any]) -> None:
+        self._loaded = True
+
+    def _note_navigation(self, event: Mapping[str, Any]) -> None:
+        frame = event["frame"]
+        if "parentId" not in frame and self._loading is None and frame["url"] != "about:blank":
+            self._left = str(frame["url"])[:200]
+
+    def _dismiss(self, event: Mapping[str, Any]) -> None:
+        self._tell("Page.handleJavaScriptDialog", accept=True)
+
+    def _note_error(self, event: Mapping[str, Any]) -> None:
+        self._errors.append(_words_of(event["exceptionDetails"]))
+
+    def _note_complaint(self, event: Mapping[str, Any]) -> None:
+        if event["type"] in ("error", "warning", "assert"):
+            words = [str(one.get("value", one.get("description", ""))) for one in event["args"]]
+            self._complaints.append(" ".join(words).partition("\n")[0][:200])
+
+    def _note_crash(self, event: Mapping[str, Any]) -> None:
+        self._crashed = True
+
+    # --- rounds --------------------------------------------------------------------------------
+
+    def load(self, seed: int, options: Mapping[str, OptionValue]) -> None:
+        """Load the page anew and bring it into VR; its clock is at 0 then.
+
+        Args:
+            seed: of its random numbers.
+            options: become the query of its address.
+
+        Raises:
+            AppRefused: it cannot be played, and would not be another time; says why.
+            AppDied, AppTimeout: the browser ended, or does not answer.
+        """
+        self._errors.clear()
+        self._complaints.clear()
+        self.files.missing.clear()
+        self.files.refused.clear()
+        self._loaded = False
+        if self._seed_script is not None:
+            self._ask("Page.removeScriptToEvaluateOnNewDocument", identifier=self._seed_script)
+        added = self._ask("Page.addScriptToEvaluateOnNewDocument", source=f"__sim2vr.seed({seed});")
+        self._seed_script = added["identifier"]
+        self._loads += 1
+        if self._loads % _CLEAN_EVERY == 0:
+            self._ask("HeapProfiler.collectGarbage")
+        self._loading = _with_query(self.files.url, options)
+        found = self._ask("Page.navigate", url=self._loading, timeout_s=self._start_timeout_s)
+        if "errorText" in found:
+            raise self._refused(f"cannot be loaded ({found['errorText']})")
+        self._tools.wait_until(
+            lambda: self._loaded or self._crashed, f"loading {self._name}", self._start_timeout_s
+        )
+        selector = json.dumps(self._enter)
+        failure = self._evaluate(f"__sim2vr.enter({selector})", self._start_timeout_s)
+        self._check_loading(failure)
+        self._evaluate("__sim2vr.begin()")
+        self._loading = None
+
+    def restart(self, seed: int, expression: str) -> None:
+        """Begin a round by the page's own expression instead of loading it again.
+
+        Raises:
+            AppRefused: the expression fails.
+        """
+        source = f"(__sim2vr.seed({seed}), Promise.resolve({expression}).then(() => null))"
+        try:
+            self._evaluate(source)
+        except RefusedRequest as error:
+            raise AppRefused(
+                f"task.reset: got {expression!r}, which {self._name} answers with {error}, "
+                "expected an expression that begins a round"
+            ) from error
+        self._evaluate("__sim2vr.begin()")
+        self._check_playing()
+
+    def start_step(self, frames: Sequence[Any], with_values: bool) -> int:
+        """Have frames run; returns what :meth:`finish_step` needs.
+
+        Args:
+            frames: see ``steps.js``.
+            with_values: whether to read the values afterwards.
+        """
+        expression = f"__sim2vr.step({json.dumps(frames)},{'true' if with_values else 'false'})"
+        return self._start(expression)
+
+    def finish_step(self, number: int) -> dict[str, Any]:
+        """Return what the frames brought: ``haptics``, ``ended``, ``values``, ``picture``.
+
+        Raises:
+            AppDied, AppTimeout: the page cannot go on.
+        """
+        try:
+            told = self._finish(number, self._timeout_s)
+        except RefusedRequest as error:
+            self._check_playing()
+            raise self._died(str(error)) from error
+        if not isinstance(told, str):
+            self._check_playing()
+            raise self._died("answered a step with something else")
+        reply: dict[str, Any] = json.loads(told)
+        if reply["failure"]:
+            raise self._died(reply["failure"][1])
+        self._check_playing()
+        return reply
+
+    def locate(self, name: str) -> list[float]:
+        """Return the place of a named object; see :meth:`WebXRApp.locate`."""
+        try:
+            found: list[float] = self._evaluate(f"__sim2vr.locate({json.dumps(name)})")
+        except RefusedRequest as error:
+            raise self._refused(str(error).removeprefix("Error: ")) from error
+        return found
+
+    def describe_renderer(self) -> str:
+        """Return the name of what draws in this browser."""
+        return str(self._evaluate(_RENDERER))
+
+    # --- what goes wrong -----------------------------------------------------------------------
+
+    @property
+    def _name(self) -> str:
+        return self.files.name
+
+    def _check_loading(self, failure: Sequence[str] | None) -> None:
+        if self.files.refused:
+            raise self._refused(
+                f"asks for {self.files.refused[0]}, which app.map maps to no folder (to an empty "
+                "one if the page can do without)"
+            )
+        if self._errors and (failure or not self._ignore_errors):
+            raise self._refused(f"script error: {self._errors[0]}")
+        if failure:
+            raise self._refused(failure[1] + self._hints())
+
+    def _check_playing(self) -> None:
+        if self._crashed:
+            raise self._died("its tab crashed")
+        if self._left is not None:
+            raise self._died(f"went to another address, {self._left}")
+        if self.files.refused:
+            raise self._died(f"asks for {self.files.refused[0]}, which app.map maps to no folder")
+        if self._errors and not self._ignore_errors:
+            raise self._died(f"script error: {self._errors[0]}")
+
+    def _hints(self) -> str:
+        missing = [url for url in self.files.missing if not url.endswith("/favicon.ico")]
+        words = []
+        if missing:
+            words.append(f"not found: {missing[0]}")
+        if self._complaints:
+            words.append(f"it says: {self._complaints[-1]}")
+        return f" ({'; '.join(words)})" if words else ""
+
+    def _refused(self, what: str) -> AppRefused:
+        return AppRefused(f"{self._name}: {what}")
+
+    def _died(self, what: str) -> Exception:
+        return self._tools.give_up(AppDied(f"{self._name}: {what}"))
+
+    # --- requests ------------------------------------------------------------------------------
+
+    def _ask(self, method: str, *, timeout_s: float | None = None, **parameters: Any) -> Any:
+        wait_s = timeout_s or self._timeout_s
+        return self._tools.request(method, parameters, self._session, timeout_s=wait_s)
+
+    def _tell(self, method: str, **parameters: Any) -> None:
+        self._tools.send(method, parameters, self._session, answered=False)
+
+    def _start(self, expression: str) -> int:
+        parameters = {"expression": expression, "awaitPromise": True, "returnByValue": True}
+        return self._tools.send("Runtime.evaluate", parameters, self._session)
+
+    def _finish(self, number: int, timeout_s: float) -> Any:
+        """The value of an expression.
+
+        Raises:
+            RefusedRequest: it throws; says what.
+        """
+        try:
+            found = self._tools.receive(number, self._name, timeout_s)
+        except RefusedRequest as error:  # the document is gone
+            self._check_playing()
+            raise self._died(f"left its document ({error})") from error
+        if self._crashed:
+            raise self._died("its tab crashed")
+        if "exceptionDetails" in found:
+            raise RefusedRequest(_words_of(found["exceptionDetails"]))
+        return found["result"].get("value")
+
+    def _evaluate(self, expression: str, timeout_s: float | None = None) -> Any:
+        return self._finish(self._start(expression), timeout_s or self._timeout_s)
+
+
+def open_tab(browser: Browser, timeout_s: float) -> str:
+    """Open an empty tab that stores and downloads nothing; returns how to address it.
+
+    Args:
+        browser: in which.
+        timeout_s: of every answer.
+    """
+    ask = browser.request
+    context = ask("Target.createBrowserContext", timeout_s)["browserContextId"]
+    with suppress(RefusedRequest):
+        ask("Browser.setDownloadBehavior", timeout_s, behavior="deny", browserContextId=context)
+    target = ask("Target.createTarget", timeout_s, url="about:blank", browserContextId=context)
+    attached = ask("Target.attachToTarget", timeout_s, targetId=target["targetId"], flatten=True)
+    return str(attached["sessionId"])
+
+
+def describe_browser(program: str, timeout_s: float = 30.0) -> str:
+    """Return the version of a browser and what draws WebGL 2 in it; starts and ends it.
+
+    Raises:
+        AppRefused, AppDied, AppTimeout: it cannot be started.
+    """
+    browser = Browser(program, timeout_s)
+    try:
+        tab = open_tab(browser, timeout_s)
+        asked = {"expression": _RENDERER, "returnByValue": True}
+        told = browser.tools.request("Runtime.evaluate", asked, tab, timeout_s=timeout_s)
+        return f"{browser.version}, {told['result'].get('value', 'no WebGL 2')}"
+    finally:
+        browser.stop()
+
+
+_RENDERER = """(() => {
+  const gl = document.createElement('canvas').getContext('webgl2');
+  if (!gl) return 'no WebGL 2';
+  const names = gl.getExtension('WEBGL_debug_renderer_info');
+  const name = gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER);
+  gl.getExtension('WEBGL_lose_context')?.loseContext();
+  return name;
+})()"""
+
+
+def _bundle(settings: PageSettings, values: Mapping[str, str]) -> str:
+    """The scripts as one, which runs before any of the page's."""
+    parts = "\n".join(read_script(name) for name in _SCRIPTS)
+    reads = "\n".join(
+        f"sim.values.set({json.dumps(name)}, (locate) => ({expression}\n));"
+        for name, expression in values.items()
+    )
+    return (
+        f"{{ if (window === window.top) {{ const sim = {{ settings: {json.dumps(settings)} }};\n"
+        "Object.defineProperty(window, '__sim2vr', { value: sim });\n"
+        f"{parts}\n{reads}\n}} }}"
+    )
+
+
+def _with_query(url: str, options: Mapping[str, OptionValue]) -> str:
+    if not options:
+        return url
+    plain = {
+        name: json.dumps(value) if isinstance(value, (bool, list)) else str(value)
+        for name, value in options.items()
+    }
+    address, mark, rest = url.partition("#")
+    return address + ("&" if "?" in address else "?") + urlencode(plain) + mark + rest
+
+
+def _words_of(details: Mapping[str, Any]) -> str:
+    """What an exception says, in one line, and where it was thrown."""
+    thrown = details.get("exception", {})
+    text = thrown.get("description") or thrown.get("value") or details.get("text", "an error")
+    line = " ".join(str(text).partition("\n    at ")[0].split())[:300]
+    url = details.get("url") or ""
+    where = url.rpartition("/")[2].partition("?")[0]
+    return f"{line} ({where}:{details.get('lineNumber', 0) + 1})" if where else line

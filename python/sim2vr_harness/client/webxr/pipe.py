@@ -1,0 +1,215 @@
+"""The browser's developer tools over a pair of pipes: requests, replies and events, in JSON.
+
+``--remote-debugging-pipe``: no port that others could connect to, no library. Messages end with a
+zero byte. While a reply is waited for, events are handled and the process is watched.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import time
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from typing import Any
+
+from sim2vr_harness.client.errors import AppDied, AppError, AppTimeout, ProtocolError
+from sim2vr_harness.client.process import AppProcess
+
+__all__ = ["DevTools", "RefusedRequest"]
+
+_CHUNK_BYTES = 1 << 18
+_SLICE_S = 0.25
+"""How often a process is looked at whose end does not wake anybody."""
+_MOST_BYTES = 1 << 28
+"""A message that is longer is none of a browser's."""
+
+Handler = Callable[[Mapping[str, Any]], None]
+
+
+class RefusedRequest(AppError):
+    """The browser answered that it cannot do what was asked."""
+
+
+class DevTools:
+    """One conversation with a browser, given up after the first failure.
+
+    Args:
+        process: the browser's.
+        to_browser: descriptor to write to, owned by this object from now on.
+        from_browser: descriptor to read from, likewise.
+    """
+
+    def __init__(self, process: AppProcess, to_browser: int, from_browser: int) -> None:
+        self.process = process
+        self._out, self._in = to_browser, from_browser
+        for descriptor in (to_browser, from_browser):
+            os.set_blocking(descriptor, False)
+        self._ended = process.open_pidfd()
+        self._buffer = bytearray()
+        self._searched = 0
+        self._unsent = bytearray()
+        self._last = 0
+        self._replies: dict[int, Mapping[str, Any]] = {}
+        self._awaited: set[int] = set()
+        self._handlers: dict[str, Handler] = {}
+        self._failure: str | None = None
+
+    def on(self, event: str, handler: Handler) -> None:
+        """Have ``handler`` called with the parameters of every event of that name."""
+        self._handlers[event] = handler
+
+    def send(
+        self,
+        method: str,
+        parameters: Mapping[str, Any] | None = None,
+        session: str | None = None,
+        *,
+        answered: bool = True,
+    ) -> int:
+        """Send a request; returns its number.
+
+        Args:
+            method: such as ``Page.navigate``.
+            parameters: of the request.
+            session: the page that it is for; None: the browser.
+            answered: whether somebody will ask for the reply.
+
+        Raises:
+            AppDied: the conversation is over.
+        """
+        if self._failure is not None:
+            raise AppDied(f"{self.process} was given up: {self._failure}")
+        self._last += 1
+        message: dict[str, Any] = {"id": self._last, "method": method, "params": parameters or {}}
+        if session is not None:
+            message["sessionId"] = session
+        if answered:
+            self._awaited.add(self._last)
+        self._unsent += json.dumps(message, separators=(",", ":")).encode() + b"\0"
+        self._flush()
+        return self._last
+
+    def receive(self, number: int, doing: str, timeout_s: float) -> Mapping[str, Any]:
+        """Wait for the reply to a request, handling what else comes.
+
+        Args:
+            number: of the request.
+            doing: the request in words, for messages.
+            timeout_s: how long to wait.
+
+        Raises:
+            AppDied: the browser ended.
+            AppTimeout: no reply in time.
+            RefusedRequest: the browser says no.
+        """
+        deadline = time.monotonic() + timeout_s
+        while number not in self._replies:
+            self._wait(deadline, doing, timeout_s)
+        self._awaited.discard(number)
+        reply = self._replies.pop(number)
+        if "error" in reply:
+            raise RefusedRequest(f"{doing}: {reply['error'].get('message', reply['error'])}")
+        result: Mapping[str, Any] = reply.get("result", {})
+        return result
+
+    def request(
+        self,
+        method: str,
+        parameters: Mapping[str, Any] | None = None,
+        session: str | None = None,
+        *,
+        timeout_s: float,
+    ) -> Mapping[str, Any]:
+        """:meth:`send` and :meth:`receive`."""
+        return self.receive(self.send(method, parameters, session), method, timeout_s)
+
+    def wait_until(self, done: Callable[[], bool], doing: str, timeout_s: float) -> None:
+        """Handle what comes until ``done`` says so; raises as :meth:`receive`."""
+        deadline = time.monotonic() + timeout_s
+        while not done():
+            self._wait(deadline, doing, timeout_s)
+
+    def _wait(self, deadline: float, doing: str, timeout_s: float) -> None:
+        """Take in what is there, or wait for it a little."""
+        if self._failure is not None:
+            raise AppDied(f"{self.process} was given up: {self._failure}")
+        left = deadline - time.monotonic()
+        if left <= 0.0:
+            raise self.give_up(
+                AppTimeout(f"{self.process} gave no answer to {doing} within {timeout_s:g} s")
+            )
+        reading = [self._in, *([] if self._ended is None else [self._ended])]
+        writing = [self._out] if self._unsent else []
+        ready, writable, _ = select.select(reading, writing, [], min(left, _SLICE_S))
+        if writable:
+            self._flush()
+        if self._in in ready:
+            self._take(doing)
+        elif not self.process.running:
+            raise self.give_up(self.process.death(f"during {doing}"))
+
+    def _flush(self) -> None:
+        while self._unsent:
+            try:
+                sent = os.write(self._out, self._unsent[:_CHUNK_BYTES])
+            except BlockingIOError:
+                return
+            except OSError:  # its end is gone; reading will find out why
+                self._unsent.clear()
+                return
+            del self._unsent[:sent]
+
+    def _take(self, doing: str) -> None:
+        try:
+            got = os.read(self._in, _CHUNK_BYTES)
+        except BlockingIOError:
+            return
+        if not got:
+            self.process.wait(1.0)
+            raise self.give_up(self.process.death(f"during {doing}"))
+        self._buffer += got
+        while (end := self._buffer.find(b"\0", self._searched)) >= 0:
+            message = bytes(self._buffer[:end])
+            del self._buffer[: end + 1]
+            self._searched = 0
+            self._handle(message)
+        self._searched = len(self._buffer)
+        if len(self._buffer) > _MOST_BYTES:
+            raise self.give_up(ProtocolError(f"{self.process} sends a message without an end"))
+
+    def _handle(self, message: bytes) -> None:
+        try:
+            content = json.loads(message)
+        except ValueError as error:
+            raise self.give_up(
+                ProtocolError(f"{self.process} sent {message[:60]!r}, expected JSON")
+            ) from error
+        if "id" in content:
+            if content["id"] in self._awaited:
+                self._replies[content["id"]] = content
+        elif (handler := self._handlers.get(content.get("method", ""))) is not None:
+            handler(content.get("params", {}))
+
+    def give_up(self, error: Exception) -> Exception:
+        """End the conversation because of ``error``, which later calls repeat; returns it."""
+        if self._failure is None:
+            self._failure = str(error)
+        return error
+
+    @property
+    def usable(self) -> bool:
+        """Whether the conversation goes on."""
+        return self._failure is None
+
+    def close(self) -> None:
+        """Close the pipes, at which a browser ends by itself; idempotent."""
+        if self._failure is None:
+            self._failure = "it is closed; make a new one"
+        for descriptor in (self._out, self._in, self._ended):
+            if descriptor is not None:
+                with suppress(OSError):
+                    os.close(descriptor)
+        self._out = self._in = -1
+        self._ended = None

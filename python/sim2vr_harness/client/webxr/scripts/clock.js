@@ -1,0 +1,120 @@
+// Virtual time: nothing that a page's scripts read moves unless a step moves it.
+// Covers performance.now, Date, timers, requestAnimationFrame, requestIdleCallback, the time stamps
+// of events and the document's timeline, and seeds Math.random and crypto. Not covered: the clocks
+// of workers and of audio, CSS animation, video (docs/webxr.md).
+{
+  const EPOCH_MS = Date.UTC(2024, 0, 1);
+  const RealDate = Date;
+  const channel = new MessageChannel();
+  const waiting = [];
+  channel.port1.onmessage = () => waiting.shift()();
+
+  let now = 0; // ms since the document began
+  let lastId = 0;
+  const timers = new Map(); // id -> {due, callback, args, every}
+  let frames = new Map(); // id -> callback of requestAnimationFrame
+
+  // Lets everything run that is due by now in truth: promises' reactions, events of loads.
+  sim.turn = () => new Promise((resolve) => {
+    waiting.push(resolve);
+    channel.port2.postMessage(0);
+  });
+  sim.now = () => now;
+  sim.call = (callback, ...args) => {
+    try {
+      callback(...args);
+    } catch (error) {
+      reportError(error); // as the browser would: the page's own handlers, then the harness
+    }
+  };
+
+  const addTimer = (callback, delay, args, repeats) => {
+    const wait = Math.max(1, Number(delay) || 0);
+    const run = typeof callback === 'function' ? callback : new Function(String(callback));
+    const id = ++lastId;
+    timers.set(id, { due: now + wait, callback: run, args, every: repeats ? wait : 0 });
+    return id;
+  };
+  const next = (until) => {
+    let found = 0;
+    let due = until;
+    for (const [id, timer] of timers) {
+      if (timer.due < due || (timer.due === due && (found === 0 || id < found))) {
+        found = id;
+        due = timer.due;
+      }
+    }
+    return found;
+  };
+  // Runs timers in the order in which they are due, up to a time, ms.
+  sim.runTimers = async (until) => {
+    for (let id = next(until); id !== 0; id = next(until)) {
+      const timer = timers.get(id);
+      now = Math.max(now, timer.due);
+      if (timer.every) timer.due += timer.every;
+      else timers.delete(id);
+      sim.call(timer.callback, ...timer.args);
+      await sim.turn();
+      await sim.loaded();
+    }
+    now = Math.max(now, until);
+  };
+  sim.runFrames = () => {
+    const due = frames;
+    frames = new Map();
+    for (const callback of due.values()) sim.call(callback, now);
+  };
+
+  const define = (object, name, value) =>
+    Object.defineProperty(object, name, { value, configurable: true, writable: true });
+  define(window, 'setTimeout', (callback, delay, ...args) => addTimer(callback, delay, args, false));
+  define(window, 'setInterval', (callback, delay, ...args) => addTimer(callback, delay, args, true));
+  define(window, 'clearTimeout', (id) => void timers.delete(id));
+  define(window, 'clearInterval', (id) => void timers.delete(id));
+  define(window, 'requestAnimationFrame', (callback) => {
+    frames.set(++lastId, callback);
+    return lastId;
+  });
+  define(window, 'cancelAnimationFrame', (id) => void frames.delete(id));
+  define(window, 'requestIdleCallback', (callback) =>
+    addTimer(() => callback({ didTimeout: false, timeRemaining: () => 10 }), 1, [], false));
+  define(window, 'cancelIdleCallback', (id) => void timers.delete(id));
+
+  define(Performance.prototype, 'now', () => now);
+  Object.defineProperty(Performance.prototype, 'timeOrigin', { get: () => EPOCH_MS });
+  Object.defineProperty(Event.prototype, 'timeStamp', { get: () => now });
+  Object.defineProperty(AnimationTimeline.prototype, 'currentTime', { get: () => now });
+  const VirtualDate = function (...args) {
+    if (!new.target) return new RealDate(EPOCH_MS + now).toString();
+    return Reflect.construct(RealDate, args.length ? args : [EPOCH_MS + now], new.target);
+  };
+  Object.setPrototypeOf(VirtualDate, RealDate);
+  VirtualDate.prototype = RealDate.prototype;
+  define(VirtualDate, 'now', () => Math.floor(EPOCH_MS + now));
+  define(RealDate.prototype, 'constructor', VirtualDate);
+  define(window, 'Date', VirtualDate);
+
+  // Mulberry32 (T. Ettinger, public domain): 32 bits of state, one number per step.
+  let state = 0;
+  const draw = () => {
+    state = (state + 0x6d2b79f5) | 0;
+    let t = Math.imul(state ^ (state >>> 15), 1 | state);
+    t = (t + Math.imul(t ^ (t >>> 7), 61 | t)) ^ t;
+    return (t ^ (t >>> 14)) >>> 0;
+  };
+  sim.seed = (seed) => { state = seed | 0; };
+  sim.seed(sim.settings.seed);
+  define(Math, 'random', () => (draw() * 2 ** 21 + (draw() >>> 11)) / 2 ** 53);
+  define(Crypto.prototype, 'getRandomValues', (array) => {
+    const bytes = new Uint8Array(array.buffer, array.byteOffset, array.byteLength);
+    for (let k = 0; k < bytes.length; k++) bytes[k] = draw() & 255;
+    return array;
+  });
+  define(Crypto.prototype, 'randomUUID', () => {
+    const hex = Array.from({ length: 32 }, () => (draw() & 15).toString(16));
+    hex[12] = '4';
+    hex[16] = '89ab'[draw() & 3];
+    const part = (from, to) => hex.slice(from, to).join('');
+    return [part(0, 8), part(8, 12), part(12, 16), part(16, 20), part(20, 32)].join('-');
+  });
+}

@@ -1,0 +1,238 @@
+// navigator.xr and its one immersive session, whose frames run when the harness says so.
+{
+  const { compose, inverse, fromApp, IDENTITY } = sim.spaces;
+  const { XRRigidTransform, XRPose, XRSpace, XRReferenceSpace, XRInputSource } = sim.classes;
+  const HANDS = ['left', 'right'];
+  const FEATURES = ['viewer', 'local', 'local-floor', 'bounded-floor', 'unbounded'];
+  const ROOM_M = 2; // half the side of the square in which the user may move
+  const EYES = { 1: ['none'], 2: ['left', 'right'] };
+
+  const projection = (near, far) => {
+    const { width, height, vertical_fov_deg: fov } = sim.settings;
+    const f = 1 / Math.tan((fov * Math.PI) / 360);
+    const bounded = Number.isFinite(far);
+    return new Float32Array([
+      (f * height) / width, 0, 0, 0, 0, f, 0, 0,
+      0, 0, bounded ? (near + far) / (near - far) : -1, -1,
+      0, 0, bounded ? (2 * near * far) / (near - far) : -2 * near, 0,
+    ]);
+  };
+
+  class XRView {
+    constructor(index, pose, session) {
+      const { depthNear, depthFar } = session.renderState;
+      this._index = index;
+      this.eye = EYES[sim.settings.eyes][index];
+      this.projectionMatrix = projection(depthNear, depthFar);
+      this.transform = XRRigidTransform._of(pose);
+      this.recommendedViewportScale = null;
+      this.isFirstPersonObserver = false;
+    }
+    requestViewportScale() {}
+  }
+  class XRViewerPose extends XRPose {
+    constructor(pose, views) {
+      super(pose);
+      this.views = Object.freeze(views);
+    }
+  }
+
+  class XRFrame {
+    constructor(session, state, animated) {
+      this.session = session;
+      this.predictedDisplayTime = sim.now();
+      this._state = state;
+      this._animated = animated;
+      this._active = true;
+    }
+    _locate(space, base) {
+      if (!this._active) throw new DOMException('the frame is over', 'InvalidStateError');
+      const [where, origin] = [space._where(this._state), base._where(this._state)];
+      return where && origin && compose(inverse(origin), where);
+    }
+    getPose(space, base) {
+      const pose = this._locate(space, base);
+      return pose ? new XRPose(pose) : null;
+    }
+    getViewerPose(base) {
+      if (!this._animated) throw new DOMException('not an animation frame', 'InvalidStateError');
+      const head = this._locate(this.session._viewer, base);
+      if (!head) return null;
+      const { eyes, ipd_m: ipd } = sim.settings;
+      const views = EYES[eyes].map((_, k) => {
+        const offset = { p: [eyes === 1 ? 0 : (k - 0.5) * ipd, 0, 0], q: IDENTITY.q };
+        return new XRView(k, compose(head, offset), this.session);
+      });
+      return new XRViewerPose(head, views);
+    }
+    fillPoses(spaces, base, transforms) {
+      return spaces.every((space, k) => {
+        const pose = this._locate(space, base);
+        if (pose) transforms.set(XRRigidTransform._of(pose).matrix, 16 * k);
+        return Boolean(pose);
+      });
+    }
+  }
+
+  // Events that also have an on... attribute.
+  const fire = (target, event) => {
+    const handler = target[`on${event.type}`];
+    if (typeof handler === 'function') sim.call(handler.bind(target), event);
+    target.dispatchEvent(event);
+  };
+  const eventOf = (type, members) => Object.assign(new Event(type), members);
+
+  class XRSession extends EventTarget {
+    constructor(features) {
+      super();
+      this.enabledFeatures = Object.freeze(features);
+      this.visibilityState = 'visible';
+      this.environmentBlendMode = 'opaque';
+      this.interactionMode = 'world-space';
+      this.isSystemKeyboardSupported = false;
+      this.domOverlayState = null;
+      this.frameRate = sim.settings.frame_rate_hz;
+      this.supportedFrameRates = new Float32Array([this.frameRate]);
+      this.inputSources = [];
+      this.renderState = Object.freeze({
+        baseLayer: null, depthNear: 0.1, depthFar: 1000, inlineVerticalFieldOfView: null,
+        layers: Object.freeze([]),
+      });
+      this._viewer = new XRSpace((state) => state.head);
+      this._sources = Object.fromEntries(HANDS.map((hand) => [hand, new XRInputSource(hand)]));
+      this._callbacks = new Map();
+      this._last = 0;
+      this._ended = false;
+    }
+    updateRenderState(changes = {}) {
+      if (this._ended) throw new DOMException('the session is over', 'InvalidStateError');
+      if (changes.layers?.length) {
+        throw new DOMException('layers are not there', 'NotSupportedError');
+      }
+      const known = Object.entries(changes).filter(([key, value]) => value !== undefined && key !== 'layers');
+      this._pending = { ...this._pending, ...Object.fromEntries(known) };
+    }
+    _settle() {
+      if (!this._pending) return;
+      this.renderState = Object.freeze({ ...this.renderState, ...this._pending });
+      this._pending = null;
+    }
+    async requestReferenceSpace(type) {
+      if (!this.enabledFeatures.includes(type)) {
+        throw new DOMException(`no reference space ${type}`, 'NotSupportedError');
+      }
+      if (type === 'viewer') return new XRReferenceSpace((state) => state.head);
+      if (type === 'local') {
+        // Where the head was at the start, at eye height.
+        return new XRReferenceSpace((state) => ({ p: [0, state.eyes_m, 0], q: IDENTITY.q }));
+      }
+      const corners = [[-1, -1], [-1, 1], [1, 1], [1, -1]];
+      const bounds = type === 'bounded-floor'
+        ? corners.map(([x, z]) => new DOMPointReadOnly(x * ROOM_M, 0, z * ROOM_M, 1)) : null;
+      return new XRReferenceSpace(() => IDENTITY, bounds);
+    }
+    requestAnimationFrame(callback) {
+      if (this._ended) return 0;
+      this._callbacks.set(++this._last, callback);
+      return this._last;
+    }
+    cancelAnimationFrame(id) { this._callbacks.delete(id); }
+    async updateTargetFrameRate() {}
+    async requestHitTestSource() { throw new DOMException('no hit tests', 'NotSupportedError'); }
+    async end() {
+      if (this._ended) return;
+      this._ended = true;
+      fire(this, eventOf('end', { session: this }));
+    }
+
+    // Whether the page is ready to be shown frames.
+    get _ready() {
+      return Boolean((this._pending?.baseLayer ?? this.renderState.baseLayer) && this._callbacks.size);
+    }
+
+    // One frame: rows of the devices in the app's frame, null where one is not tracked.
+    _frame({ head, hands, inputs, drawn }) {
+      this._settle();
+      const [left, right] = hands.map(fromApp);
+      this._eyes_m ??= head[1];
+      const state = { head: fromApp(head), left, right, eyes_m: this._eyes_m };
+      this._track(state);
+      HANDS.forEach((hand, k) => {
+        if (!state[hand]) return;
+        const source = this._sources[hand];
+        for (const type of source._take(inputs[k])) {
+          const frame = new XRFrame(this, state, false);
+          fire(this, eventOf(type, { frame, inputSource: source }));
+          frame._active = false;
+        }
+      });
+      const layer = this.renderState.baseLayer;
+      const callbacks = this._callbacks;
+      if (this._ended || !layer || callbacks.size === 0) return null;
+      this._callbacks = new Map();
+      const frame = new XRFrame(this, state, true);
+      for (const callback of callbacks.values()) sim.call(callback, sim.now(), frame);
+      frame._active = false;
+      if (!drawn || this._ended) return null;
+      return layer._read(this.renderState.depthNear, this.renderState.depthFar);
+    }
+    _track(state) {
+      const tracked = HANDS.filter((hand) => state[hand]).map((hand) => this._sources[hand]);
+      const added = tracked.filter((source) => !this.inputSources.includes(source));
+      const removed = this.inputSources.filter((source) => !tracked.includes(source));
+      if (added.length + removed.length === 0) return;
+      this.inputSources = tracked;
+      fire(this, eventOf('inputsourceschange', { session: this, added, removed }));
+    }
+  }
+  for (const type of [
+    'end', 'inputsourceschange', 'select', 'selectstart', 'selectend', 'squeeze', 'squeezestart',
+    'squeezeend', 'visibilitychange', 'frameratechange',
+  ]) XRSession.prototype[`on${type}`] = null;
+
+  const supports = (mode) => mode === 'immersive-vr';
+  class XRSystem extends EventTarget {
+    async isSessionSupported(mode) {
+      sim.asked = true;
+      return supports(mode);
+    }
+    async supportsSession(mode) {
+      if (!(await this.isSessionSupported(mode))) throw new DOMException(mode, 'NotSupportedError');
+    }
+    async requestSession(mode, { requiredFeatures = [], optionalFeatures = [] } = {}) {
+      sim.asked = true;
+      const lacking = requiredFeatures.filter((name) => !FEATURES.includes(name));
+      if (!supports(mode) || lacking.length) {
+        sim.refused = supports(mode) ? `the feature ${lacking[0]}` : `a session of ${mode}`;
+        throw new DOMException(`sim2vr has no ${sim.refused}`, 'NotSupportedError');
+      }
+      if (sim.session && !sim.session._ended) {
+        throw new DOMException('there is a session already', 'InvalidStateError');
+      }
+      const wished = [...requiredFeatures, ...optionalFeatures];
+      const granted = FEATURES.filter((name) => wished.includes(name));
+      sim.session = new XRSession([...new Set(['viewer', 'local', ...granted])]);
+      return sim.session;
+    }
+    // The harness is who takes an offer, when the page has loaded.
+    offerSession(mode, init) {
+      sim.asked = true;
+      return new Promise((resolve, reject) => {
+        sim.offer = () => {
+          sim.offer = null;
+          this.requestSession(mode, init).then(resolve, reject);
+        };
+      });
+    }
+  }
+  const system = new XRSystem();
+  system.ondevicechange = null;
+  Object.defineProperty(Navigator.prototype, 'xr', { get: () => system, configurable: true });
+  Object.assign(sim.classes, { XRView, XRViewerPose, XRFrame, XRSession, XRSystem });
+  for (const [name, made] of Object.entries(sim.classes)) {
+    Object.defineProperty(window, name, { value: made, configurable: true, writable: true });
+  }
+  for (const name of ['XRWebGLBinding', 'XRMediaBinding', 'XRHand']) delete window[name];
+  sim.system = system;
+  sim.fire = fire;
+}

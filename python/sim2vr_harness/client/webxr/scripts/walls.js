@@ -1,0 +1,28 @@
+// What a page under test has no business with: the network beyond its files, other windows, files
+// to write. The browser is started without a way out; here it is said to the page's scripts.
+{
+  const refuse = (name) => function () {
+    throw new DOMException(`${name} is not there under sim2vr`, 'NotSupportedError');
+  };
+  for (const name of [
+    'WebSocket', 'WebSocketStream', 'WebTransport', 'RTCPeerConnection', 'webkitRTCPeerConnection',
+    'SharedWorker', 'showSaveFilePicker', 'showOpenFilePicker', 'showDirectoryPicker',
+  ]) {
+    if (name in window) {
+      Object.defineProperty(window, name, { value: refuse(name), configurable: true, writable: true });
+    }
+  }
+  if (navigator.serviceWorker) {
+    Object.defineProperty(ServiceWorkerContainer.prototype, 'register', {
+      value: async () => refuse('serviceWorker')(),
+    });
+  }
+  if (window.StorageManager) {
+    StorageManager.prototype.getDirectory = async () => refuse('getDirectory')();
+  }
+  window.open = () => null;
+  window.alert = () => {};
+  window.confirm = () => true;
+  window.prompt = () => null;
+  navigator.sendBeacon = () => false;
+}

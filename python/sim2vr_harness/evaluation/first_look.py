@@ -1,0 +1,198 @@
+"""A first look at an app without a trained user.
+
+Somebody sits still, moves at random, or reaches for an object.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import closing, nullcontext
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim2vr_harness.client import (
+    GameFacts,
+    TaskedApp,
+    TaskMoment,
+    WebXRApp,
+    check_task,
+    load_task,
+)
+from sim2vr_harness.client.frames import position_to_mujoco
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.errors import InputError, unknown_name
+from sim2vr_harness.evaluation.metrics import summarise
+from sim2vr_harness.evaluation.results import Results
+from sim2vr_harness.evaluation.rollouts import Act, jobs_for, play
+from sim2vr_harness.evaluation.video import RoundFilmer
+from sim2vr_harness.users.reaching import Reacher
+
+__all__ = ["USERS", "Look", "act_of", "look"]
+
+USERS = ("still", "random", "reach NAME")
+"""Who can play without having learned anything."""
+
+_REACH = "reach "
+
+
+def act_of(user: str, simulation: Any) -> Act:
+    """Return what somebody who has learned nothing does.
+
+    Args:
+        user: of :data:`USERS`: ``still`` keeps all activations as they are; ``random`` changes them
+            at random, as a policy before its training; ``reach NAME`` moves the hand to where the
+            object of that name is.
+        simulation: of the users; of one, who reaches.
+
+    Raises:
+        InputError: there is no such user, or the app cannot say where an object is.
+    """
+    if user.startswith(_REACH):
+        return _reaching(user.removeprefix(_REACH).strip(), simulation)
+    if user not in USERS[:2]:
+        raise unknown_name("--user", user, USERS)
+    actions = simulation.action_space.shape[0]
+
+    def act(observation: dict[str, Any], rng: np.random.Generator | None) -> Any:
+        if user == "still" or rng is None:
+            return np.zeros(actions, np.float32)
+        return np.clip(rng.standard_normal(actions), -1.0, 1.0).astype(np.float32)
+
+    return act
+
+
+def _reaching(name: str, simulation: Any) -> Act:
+    worn = [
+        one for one in ("controller_right", "controller_left") if one in simulation.body.devices
+    ]
+    if not worn:
+        raise InputError("--user", f"'reach {name}' without a controller", "a body that wears one")
+    reacher = Reacher(simulation.body, worn[0])
+    if not isinstance(getattr(simulation.apps[0], "app", None), WebXRApp):
+        raise InputError("--user", f"'reach {name}'", "--page with it: other apps name no objects")
+    actions = simulation.action_space.shape[0]
+
+    def act(observation: dict[str, Any], rng: np.random.Generator | None) -> Any:
+        users, action = simulation.users, np.zeros(actions, np.float32)
+        goal = position_to_mujoco(simulation.apps[0].app.locate(name))
+        body = reacher.action(users.qpos[0], users.qvel[0], users.act[0], goal)
+        action[: len(body)] = body
+        return action
+
+    return act
+
+
+@dataclass(frozen=True)
+class Look:
+    """What a first look found.
+
+    Attributes:
+        summaries: means by condition, as of an evaluation.
+        facts: what the app publishes.
+        files: results and films.
+        problems: what is wrong with the app's task, a sentence each.
+    """
+
+    summaries: Mapping[str, dict[str, Any]]
+    facts: GameFacts
+    files: list[Path]
+    problems: list[str]
+
+
+def look(
+    env: EnvConfig,
+    user: str,
+    *,
+    episodes: int = 2,
+    seed: int = 1,
+    record: bool = False,
+    out: Path | None = None,
+    overwrite: bool = False,
+    batch: int = 2,
+    on_progress: Callable[[float], None] = lambda share: None,
+    simulation: Callable[..., Any] | None = None,
+) -> Look:
+    """Let somebody play who has learned nothing, measure it, and check the app's task against it.
+
+    Args:
+        env: users and app.
+        user: of :data:`USERS`.
+        episodes: rounds.
+        seed: of the first one.
+        record: whether to film the first round.
+        out: folder for results and films; None writes nothing.
+        overwrite: whether to begin with new results where there are others.
+        batch: rounds side by side at most.
+        on_progress: called with the share of the work done.
+        simulation: how to make the users: (EnvConfig, n) -> simulation.
+
+    Raises:
+        InputError: a number or the user cannot be used.
+    """
+    if episodes < 1:
+        raise InputError("--episodes", str(episodes), "at least 1")
+    if record and out is None:
+        raise InputError("--record", "it without --out", "a folder for the film, --out FOLDER")
+    if simulation is None:
+        from sim2vr_harness.envs.simulation import Simulation
+
+        simulation = Simulation
+    judges: list[TaskedApp] = []
+
+    def make(n: int) -> Any:
+        users = simulation(env, n)
+        if not judges and isinstance(users.apps[0], TaskedApp):
+            judges.append(users.apps[0])
+            users.apps[0].record()
+        return users
+
+    if user.startswith(_REACH):
+        batch = 1
+    facts = game_facts(env.app)
+    condition = facts.condition(facts.default_condition)
+    filmer = RoundFilmer(out, facts) if record and out is not None else None
+    with closing(filmer) if filmer is not None else nullcontext():
+        rounds = play(
+            make,
+            lambda users: act_of(user, users),
+            jobs_for([condition], episodes, seed),
+            facts,
+            deterministic=False,
+            batch=batch,
+            watchers=[] if filmer is None else [filmer],
+            on_progress=on_progress,
+        )
+    settings = {
+        "user": user,
+        "episodes": episodes,
+        "seed": seed,
+        "deterministic": False,
+        "overrides": [],
+        "app": env.app.model_dump(mode="json", exclude_defaults=True),
+        "trained_steps": 0,
+    }
+    summary = {
+        **summarise(rounds, facts),
+        **settings,
+        "game": facts.name,
+        "rounds": [result.as_dict() for result in rounds],
+    }
+    summaries = {condition.name: summary}
+    files = list(filmer.files) if filmer is not None else []
+    if out is not None:
+        results = Results(out)
+        if not overwrite:
+            results.require_room(list(summaries), settings)
+        files.insert(0, results.add(summaries, overwrite=overwrite))
+    problems = check_task(load_task(env.app.task), _first_round(judges[0])) if judges else []
+    return Look(summaries, facts, files, problems)
+
+
+def _first_round(judge: TaskedApp) -> list[TaskMoment]:
+    moments = judge.moments or []
+    starts = [k for k, moment in enumerate(moments) if moment.step_s == 0.0]
+    return moments[: starts[1]] if len(starts) > 1 else moments

@@ -1,0 +1,130 @@
+"""A hand that goes where it is told, without learning: muscles worked by the body's own mechanics.
+
+A spring pulls the hand to its goal. Its force, and what gravity and motion ask for, become torques
+of the joints that are free to move, and these activations of muscles, as small as will do.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import lsq_linear
+
+from sim2vr_harness.users.actuation import Actuation
+from sim2vr_harness.users.bodies.body import Body
+
+__all__ = ["Reacher"]
+
+FloatArray = NDArray[np.float64]
+
+_STIFFNESS_N_M = 250.0
+_DAMPING_N_S_M = 45.0
+_FURTHEST_M = 0.25
+"""The spring pulls no harder than at this distance."""
+_JOINT_DAMPING = 0.3
+"""N m s: keeps the joints quiet that the hand's place leaves free."""
+_EASE = 0.3
+"""Weight of activations beside torques, N m: of muscles that pull against each other, less."""
+
+
+class Reacher:
+    """Says what the muscles of a body have to do for a device to come to a place.
+
+    Args:
+        body: with muscles, wearing the device.
+        device: such as ``controller_right``.
+
+    Raises:
+        ValueError: the body has no muscles, or does not wear the device.
+    """
+
+    def __init__(self, body: Body, device: str = "controller_right") -> None:
+        if device not in body.devices:
+            raise ValueError(f"device: got {device!r}, expected one of {', '.join(body.devices)}")
+        self._model = body.physics_model
+        self._data = mujoco.MjData(self._model)
+        self._actuation = Actuation(body)
+        if len(self._actuation.muscles) == 0:
+            raise ValueError(f"user: got {body.name!r}, expected a body with muscles")
+        self._site = int(self._model.site(device).id)
+        self._actions = len(body.action_names)
+
+    def action(
+        self, qpos: FloatArray, qvel: FloatArray, act: FloatArray, goal: FloatArray
+    ) -> NDArray[np.float32]:
+        """Return the body's action, (A,) in [-1, 1].
+
+        Args:
+            qpos: (nq,) posture.
+            qvel: (nv,) velocities.
+            act: (M,) activations of the muscles.
+            goal: (3,) where the device shall go, MuJoCo's frame, m.
+        """
+        muscles = self._actuation.muscles
+        wanted = self._activations(qpos, qvel, goal)
+        action = np.zeros(self._actions, np.float32)
+        action[muscles] = np.clip(wanted - act, -1.0, 1.0)
+        return action
+
+    def _activations(self, qpos: FloatArray, qvel: FloatArray, goal: FloatArray) -> FloatArray:
+        model, data = self._model, self._data
+        data.qpos[:], data.qvel[:] = qpos, qvel
+        columns = self._actuation.activations
+        data.act[columns] = 1.0
+        mujoco.mj_forward(model, data)
+        ids = self._actuation.actuators[self._actuation.muscles]
+        full = data.actuator_force[ids].copy()
+        data.act[columns] = 0.0
+        mujoco.mj_forward(model, data)
+        slack = data.actuator_force[ids].copy()
+        moments = self._moments()[ids]
+        free = self._free_directions()
+        torques = free.T @ (self._wanted_torques(goal) - moments.T @ slack)
+        pulls = free.T @ (moments * (full - slack)[:, None]).T
+        stacked = np.concatenate([pulls, _EASE * np.eye(len(ids))])
+        target = np.concatenate([torques, np.zeros(len(ids))])
+        found: FloatArray = lsq_linear(stacked, target, bounds=(0.0, 1.0)).x
+        return found
+
+    def _wanted_torques(self, goal: FloatArray) -> FloatArray:
+        """(nv,) of gravity, motion and the spring."""
+        model, data = self._model, self._data
+        jacobian = np.zeros((3, model.nv))
+        mujoco.mj_jacSite(model, data, jacobian, None, self._site)
+        gap = goal - data.site_xpos[self._site]
+        far = float(np.linalg.norm(gap))
+        gap *= min(1.0, _FURTHEST_M / far) if far > 0.0 else 1.0
+        force = _STIFFNESS_N_M * gap - _DAMPING_N_S_M * (jacobian @ data.qvel)
+        wanted: FloatArray = (
+            jacobian.T @ force - _JOINT_DAMPING * data.qvel + data.qfrc_bias - data.qfrc_passive
+        )
+        return wanted
+
+    def _moments(self) -> FloatArray:
+        """(nu, nv) moment arms."""
+        data: Any = self._data
+        dense = np.zeros((self._model.nu, self._model.nv))
+        mujoco.mju_sparse2dense(
+            dense, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
+        )
+        return dense
+
+    def _free_directions(self) -> FloatArray:
+        """(nv, F) directions in which joints can move that hang together by equalities."""
+        model, data = self._model, self._data
+        if data.ne == 0:
+            return np.eye(model.nv)
+        jacobian = np.zeros((data.nefc, model.nv))
+        if mujoco.mj_isSparse(model):
+            mujoco.mju_sparse2dense(
+                jacobian, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind
+            )
+        else:
+            jacobian[:] = data.efc_J.reshape(data.nefc, model.nv)
+        _, sizes, rows = np.linalg.svd(jacobian[: data.ne])
+        rank = int((sizes > 1e-8 * sizes[0]).sum())
+        free: FloatArray = rows[rank:].T
+        return free

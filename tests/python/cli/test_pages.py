@@ -1,0 +1,157 @@
+"""WebXR pages on the command line: a first look, and what cannot be."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image
+
+from sim2vr_harness.cli.app_options import app_settings
+from sim2vr_harness.cli.main import main
+from sim2vr_harness.envs import AppConfig
+from sim2vr_harness.envs.config import page_name
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.training.config import load_config
+from sim2vr_harness.training.trust import require_trust
+from webxr_pages import NEEDS_BROWSER, PAGES
+
+TOUCH = str(PAGES / "touch.html")
+
+
+def call(capsys: Any, *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as exit_:
+        main(list(arguments))
+    out, err = capsys.readouterr()
+    return int(exit_.value.code or 0), out, err
+
+
+@pytest.fixture
+def rules(tmp_path: Path) -> str:
+    file = tmp_path / "task.yaml"
+    file.write_text("seconds: 0.5\nreward: {expression: app.score, name: hits, weight: 10}\n")
+    return str(file)
+
+
+@NEEDS_BROWSER
+def test_a_first_look_at_a_page(capsys: Any, tmp_path: Path, rules: str) -> None:
+    out = tmp_path / "look"
+    status, _, err = call(
+        capsys, "evaluate", "--page", TOUCH, "--task", rules, "--user", "random",
+        "--episodes", "1", "--out", str(out), "--json",
+    )  # fmt: skip
+    assert status == 0, err
+    found = json.loads((out / "results.json").read_text())["standard"]
+    assert (found["user"], found["episodes"], found["game"]) == ("random", 1, "touch")
+    assert found["rounds"][0]["log"]["hits"] == found["hits"]
+    assert found["rounds"][0]["steps"] == 10
+
+
+@NEEDS_BROWSER
+def test_what_the_user_sees_of_a_page(capsys: Any, tmp_path: Path) -> None:
+    out = tmp_path / "seen"
+    status, _, err = call(
+        capsys, "snapshot", "--page", TOUCH, "--seconds", "0.2", "--size", "240x160",
+        "--out", str(out),
+    )  # fmt: skip
+    assert status == 0, err
+    assert sorted(file.name for file in out.iterdir()) == [
+        "body.png", "headset.png", "observation.png", "overview.png",
+    ]  # fmt: skip
+    small = np.asarray(Image.open(out / "observation.png"))[:, :120].astype(int)
+    large = np.asarray(Image.open(out / "headset.png")).astype(int)
+    assert large.shape == (160, 240, 3)
+    # The same moment, at twice the size: but for edges the same colours.
+    assert (np.abs(large[::2, ::2] - small).max(axis=2) <= 8).mean() > 0.9
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (("train", "--page", TOUCH), "--task: got nothing, expected what the page is worth"),
+        (("train", "--page", TOUCH, "--app", "x"), "--page: got it together with --app"),
+        (("evaluate", "--user", "random", "--map", "x=y"), "--map: got it without --page"),
+        (("evaluate", "--page", TOUCH, "--map", "x"), "--map: got 'x', expected URL=FOLDER"),
+        (("evaluate", "--page", TOUCH), "RUN: got nothing, expected a run's folder, or --user"),
+        (("evaluate", "run", "--user", "still"), "--user: got it together with 'run'"),
+        (("evaluate", "--user", "stil", "--page", TOUCH), "did you mean 'still'"),
+        (("snapshot", "--page", "nowhere.html"), "app.page: got '"),
+        (("evaluate", "--user", "still", "--page", TOUCH, "--task", "x.py:Y"), "no file '"),
+        (("evaluate", "--user", "still", "--page", TOUCH, "--browser", "/no"), "app.browser: got"),
+    ],
+)  # fmt: skip
+def test_one_line_for_what_cannot_be(capsys: Any, arguments: tuple[str, ...], words: str) -> None:
+    status, _, err = call(capsys, *arguments)
+    assert status == 2
+    assert words in err
+    assert err.count("\n") == 1
+
+
+def test_options_of_a_page_as_settings(tmp_path: Path) -> None:
+    (tmp_path / "engine").mkdir()
+    cdn = f"https://cdn.example.com/a=b/={tmp_path}/engine"
+    settings = app_settings(page=TOUCH, mapped=[cdn], task="t.py:T")
+    app = AppConfig(**settings)
+    assert app.game == "touch"
+    assert app.map == {"https://cdn.example.com/a=b/": f"{tmp_path}/engine"}
+    assert app.task == f"{Path.cwd()}/t.py:T"
+    assert page_name("https://example.com/my game/index.html?x=1") == "my_game"
+    assert page_name("games/play.htm") == "play"
+    assert page_name("/") == "page"
+
+
+def test_files_beside_a_configuration(tmp_path: Path) -> None:
+    for name in ("page.html", "task.py", "rules.yaml"):
+        (tmp_path / name).write_text("")
+    app = {"transport": "webxr", "page": "page.html", "map": {"https://c.de/": "."}}
+    for task, found in (("task.py:T", "task.py:T"), ("rules.yaml", "rules.yaml")):
+        file = tmp_path / "config.yaml"
+        file.write_text(yaml.safe_dump({"env": {"app": {**app, "task": task}}}))
+        config = load_config(str(file)).env.app
+        assert config.page == str(tmp_path / "page.html")
+        assert config.map == {"https://c.de/": str(tmp_path)}
+        assert config.task == f"{tmp_path}/{found}"
+
+
+@pytest.mark.parametrize(
+    ("settings", "words"),
+    [
+        ({"transport": "webxr"}, "page: got none for 'webxr', expected a page in HTML"),
+        ({"page": "x.html"}, "got 'in_process' together with page, expected 'webxr'"),
+        ({"browser": "chromium"}, "got 'in_process' together with browser"),
+        ({"transport": "webxr", "page": "x.html", "connect": "a:1"}, "together with connect"),
+        (
+            {"transport": "webxr", "page": "x", "transport_options": {"profil": "x"}},
+            "got 'profil' for 'webxr'.*did you mean 'profile'",
+        ),
+    ],
+)
+def test_settings_that_do_not_go_together(settings: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        AppConfig(**settings)
+
+
+def test_pages_and_code_of_others_are_asked_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setattr("sim2vr_harness.training.trust._told", [])
+    page = {"transport": "webxr", "page": TOUCH}
+    seen = AppConfig(**page, task={"seconds": 5})
+    with pytest.raises(InputError, match=r"env\.app\.page: got .*not opened before, expected --tr"):
+        require_trust(seen, "runs/x")
+    coded = AppConfig(**page, task="task.py:T")
+    with pytest.raises(InputError, match=r"env\.app\.task: got 'task\.py:T' .*code that you have"):
+        require_trust(coded, "runs/x", named={"page"})
+    require_trust(coded, "runs/x", named={"page", "task"})
+    require_trust(seen, "runs/x", trust=True)
+    require_trust(seen, "runs/y")  # remembered
+    with pytest.raises(InputError, match="code that you have not run"):
+        require_trust(coded, "runs/x")
+    elsewhere = AppConfig(**page, map={"https://c.de/": str(tmp_path)}, task={"seconds": 5})
+    with pytest.raises(InputError, match="not opened before"):
+        require_trust(elsewhere, "runs/x")

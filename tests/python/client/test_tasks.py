@@ -1,0 +1,324 @@
+"""Tasks: rules and code, over any transport; what is wrong is said in one line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim2vr_harness.client import (
+    AppReply,
+    AppUnsupported,
+    DevicePoses,
+    HapticPulse,
+    InProcessApp,
+    Measure,
+    Outcome,
+    Task,
+    TaskedApp,
+    TaskMoment,
+    TaskRules,
+    check_task,
+    frame_time_ns,
+    load_task,
+)
+from sim2vr_harness.client.tasks import RuleTask, task_facts
+from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
+from sim2vr_harness.envs.games import game_facts
+from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page
+
+HEAD = np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+
+def moment(time_s: float, **told: Any) -> TaskMoment:
+    hand = np.array([0.0, 1.0, told.pop("hand_z", 0.3), 0.0, 0.0, 0.0, 1.0])
+    return TaskMoment(time_s, 0.0 if time_s == 0.0 else 0.05, DevicePoses(HEAD, hand), **told)
+
+
+def rewards(rules: dict[str, Any], moments: list[TaskMoment]) -> list[float]:
+    task = RuleTask(TaskRules(**rules))
+    task.reset(moments[0], 1)
+    return [task.step(one).reward for one in moments[1:]]
+
+
+def test_rules_are_worth_what_they_say() -> None:
+    scores = [moment(0.05 * k, values={"score": v}) for k, v in enumerate([2, 2, 5, 4])]
+    assert rewards({"reward": {"expression": "app.score"}}, scores) == [0.0, 3.0, -1.0]
+    per = {"expression": "app.score", "per": "second", "weight": 10.0}
+    assert rewards({"reward": per}, scores) == pytest.approx([1.0, 2.5, 2.0])
+    per = {"expression": "app.score", "per": "step", "name": "score"}
+    assert rewards({"reward": [per, {"seconds": True, "weight": -2.0}]}, scores) == pytest.approx(
+        [1.9, 4.9, 3.9]
+    )
+    pulses = [
+        moment(0.0),
+        moment(0.05, haptics=(HapticPulse("right", 0.5, 0.0, 0.1),)),
+        moment(0.1, haptics=(HapticPulse("left", 0.5, 0.0, 0.1), HapticPulse("right", 0.0, 0, 0))),
+    ]
+    assert rewards({"reward": {"haptics": "right", "weight": 3.0}}, pulses) == [3.0, 0.0]
+    assert rewards({"reward": {"haptics": "any"}}, pulses) == [1.0, 1.0]
+    # From (0, 1, 0.3) and (0, 1, 0.4) to (0.3, 1, 0.7): 0.5 m and 0.3 * sqrt 2 m.
+    place = {"values": {"distance_ball": (0.3, 1.0, 0.7)}}
+    near = [moment(0.0, **place), moment(0.05, hand_z=0.4, **place)]
+    rule = {"distance": {"object": "ball"}, "weight": -1.0}
+    assert rewards({"reward": rule}, near) == pytest.approx([0.5 - 0.3 * 2**0.5])
+
+
+def test_a_rule_task_says_what_it_reads_and_measures() -> None:
+    task = RuleTask(
+        TaskRules(
+            reward=[{"expression": "app.hits"}, {"distance": {"object": "a 'b'"}}],
+            finished="app.over",
+            values={"misses": "app.misses"},
+            seconds=30.0,
+        )
+    )
+    assert task.values == {
+        "misses": "app.misses",
+        "hits": "app.hits",
+        "distance_b": "locate(\"a 'b'\")",
+        "is_finished": "app.over",
+    }
+    facts = task_facts(task, "page")
+    assert [one.name for one in facts.measures] == ["hits", "misses"]
+    assert (facts.score, facts.round_seconds, facts.evaluated) == ("hits", 30.0, ("standard",))
+    task.reset(moment(0.0, values={"hits": 0, "distance_b": (0, 0, 0)}), 1)
+    over = {"hits": 1, "distance_b": (0, 0, 0), "is_finished": True}
+    outcome = task.step(moment(0.05, values=over))
+    assert outcome.finished
+    assert outcome.log["reward_hits"] == outcome.log["reward_hitsSum"] == 1.0
+
+
+@pytest.mark.parametrize(
+    ("rules", "words"),
+    [
+        ({"reward": {"per": "change"}}, r"reward.*got none of them, expected one of expression"),
+        (
+            {"reward": {"expression": "a", "haptics": "any"}},
+            "got expression and haptics, expected one",
+        ),
+        (
+            {"reward": {"haptics": "any", "per": "step"}},
+            "per: got 'step' for haptics, expected none",
+        ),
+        ({"reward": [{"haptics": "any"}] * 2}, "got 'haptics_any' twice"),
+        ({"reward": {"distance": {"device": "head"}}}, "expected one of them"),
+        ({"reward": {"expression": "a", "weight": float("nan")}}, "weight: got nan"),
+        ({"seconds": 0}, "seconds: got 0"),
+        ({"score": "x"}, "score: got 'x', expected one of no measures"),
+        ({"rewards": {}}, "rewards: got an unknown key, expected one of .*did you mean 'reward'"),
+        ({"inputs": ["right.trigga"]}, "inputs: got 'right.trigga', expected any of"),
+    ],
+)
+def test_rules_that_cannot_be(rules: dict[str, Any], words: str) -> None:
+    with pytest.raises(ValueError, match=words) as caught:
+        TaskRules(**rules)
+    assert "\n" not in str(caught.value)
+
+
+CODE = """
+from sim2vr_harness.client import Measure, Outcome, Task
+
+class Good(Task):
+    values = {{"score": "Points"}}
+    measures = (Measure("score", "Score", log_key="score"),)
+    score = "score"
+    def reset(self, moment, seed):
+        self.before = moment.number("score")
+    def step(self, moment):
+        before, self.before = self.before, moment.number("score")
+        {line}
+        return Outcome(self.before - before + 1.0)
+"""
+
+
+def code(folder: Path, line: str = "pass") -> str:
+    file = folder / "task.py"
+    file.write_text(CODE.format(line=line))
+    return f"{file}:Good"
+
+
+def test_files_that_hold_no_task(tmp_path: Path) -> None:
+    good = code(tmp_path)
+    assert isinstance(load_task(good), Task)
+    broken = tmp_path / "broken.py"
+    broken.write_text("import nothing_like_it")
+    (tmp_path / "empty.py").write_text("")
+    (tmp_path / "rules.yaml").write_text("reward: {expression: a, wait: 1}")
+    for task, words in {
+        good.replace("Good", "God"): r"env\.app\.task: got 'God', expected .*did you mean 'Good'",
+        "nowhere.py:Task": r"no file 'nowhere\.py', expected rules",
+        "task": r"got 'task', expected rules, a YAML file of them, or FILE\.py:CLASS",
+        f"{broken}:X": r"cannot be read \(ModuleNotFoundError: .* line 1\)",
+        f"{tmp_path}/empty.py:X": "expected a class below",
+        f"{tmp_path}/rules.yaml": r"rules\.yaml\.reward.*wait: got an unknown key",
+    }.items():
+        with pytest.raises(ValueError, match=words) as caught:
+            load_task(task)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("1 / 0", r"task Good\.step: got ZeroDivisionError: .*task\.py line 12, expected"),
+        (
+            "return Outcome(float('nan'))",
+            r"task Good\.step: got reward=nan, expected finite",
+        ),
+        ("return 1.0", r"task Good\.step: got float, expected an Outcome"),
+        ("return Outcome(0.0, log={'x': float('inf')})", "got x=inf, expected finite"),
+        (
+            "moment.place('score')",
+            r"got TypeError: score is .*expected a place x y z, task\.py line 12, expected",
+        ),
+    ],
+)
+def test_a_task_that_fails_says_so_in_one_line(tmp_path: Path, line: str, words: str) -> None:
+    app = TaskedApp(InProcessApp("sample", width=16, height=16), load_task(code(tmp_path, line)))
+    with app:
+        app.reset(1, hands(0))
+        with pytest.raises(ValueError, match=words) as caught:
+            app.step(frame_time_ns(1, 20), hands(1))
+    assert "\n" not in str(caught.value)
+
+
+def test_a_task_judges_any_transport(tmp_path: Path) -> None:
+    settings: dict[str, Any] = {"game": "sample", "options": {}, "task": code(tmp_path)}
+    rows = []
+    for transport in ("in_process", "protocol2", "protocol1"):
+        app = AppConfig(**settings, transport=transport)
+        simulation = Simulation(EnvConfig(app=app, vision=VisionConfig(width=16, height=16)), 2)
+        assert not simulation.exact_states
+        simulation.reset(seeds=[1, 2])
+        rng = np.random.default_rng(0)
+        shape = (2, simulation.action_space.shape[0])
+        steps = [simulation.step(rng.uniform(-1, 1, shape)) for _ in range(5)]
+        rows.append([(s.game_reward.tolist(), s.infos[0]["log"]["score"]) for s in steps])
+        simulation.close()
+    assert rows[0] == rows[1] == rows[2]
+    assert rows[0][0][0] == [1.0, 1.0]
+    assert [one.name for one in game_facts(AppConfig(**settings)).measures] == ["score"]
+
+
+def test_what_an_app_s_log_has_not_is_named(tmp_path: Path) -> None:
+    rules = TaskRules(reward={"expression": "Pints"})
+    with (
+        TaskedApp(InProcessApp("sample", width=16, height=16), RuleTask(rules)) as app,
+        pytest.raises(ValueError, match=r"got 'Pints', expected .*did you mean 'Points'"),
+    ):
+        app.reset(1, hands(0))
+    rules = TaskRules(reward={"distance": {"object": "ball"}})
+    with (
+        TaskedApp(InProcessApp("sample", width=16, height=16), RuleTask(rules)) as app,
+        pytest.raises(AppUnsupported, match=r"locate\(\"ball\"\) asks for an object"),
+    ):
+        app.reset(1, hands(0))
+
+
+class _Still:
+    """An app of which only the time moves."""
+
+    capabilities = frozenset({"save", "haptics"})
+    image = np.zeros((2, 2, 4), np.uint8)
+
+    def reset(self, seed: int, poses: Any, options: Any = None, *, time_ns: int = 0) -> AppReply:
+        return AppReply(0.0, False, 0.0, {})
+
+    def start_step(self, times_ns: Any, poses: Any, drawn: int = -1, *, last: bool = False) -> None:
+        pass
+
+    def finish_step(self) -> AppReply:
+        return AppReply(0.0, False, 0.0, {})
+
+
+def test_a_round_is_over_in_the_frame_of_its_last_second() -> None:
+    app = TaskedApp(_Still(), RuleTask(TaskRules(seconds=0.5)))  # type: ignore[arg-type]
+    assert app.capabilities == {"haptics"}
+    app.reset(1, hands(0))
+    replies = [app.step(frame_time_ns(k, 20), hands(0)) for k in range(1, 11)]
+    assert [reply.finished for reply in replies] == [False] * 9 + [True]
+    assert replies[4].time_feature == pytest.approx(0.0, abs=1e-6)
+    assert replies[9].time_feature == pytest.approx(1.0, abs=1e-6)
+
+
+class _Counting(Task):
+    measures = (Measure("steps", "Steps", log_key="steps"),)
+    score = "steps"
+
+    def reset(self, moment: TaskMoment, seed: int) -> None:
+        self.steps = 0
+
+    def step(self, moment: TaskMoment) -> Outcome:
+        self.steps += 1
+        return Outcome(1.0, log={"steps": self.steps})
+
+
+def test_the_checker_says_what_is_wrong() -> None:
+    moments = [moment(0.05 * k) for k in range(5)]
+    assert check_task(_Counting(), moments) == []
+
+    class Wrong(_Counting):
+        score = "hits"
+        inputs = ("right.trigga",)
+        devices = ("controller",)
+
+    found = check_task(Wrong(), moments)
+    assert [line.partition(":")[0] for line in found] == ["devices", "inputs", "score"]
+
+    class Forgets(_Counting):
+        steps = 0
+
+        def reset(self, moment: TaskMoment, seed: int) -> None:
+            pass
+
+    (line,) = check_task(Forgets(), moments)
+    assert line.startswith("reset: got other outcomes")
+
+    class Raises(_Counting):
+        def step(self, moment: TaskMoment) -> Outcome:
+            raise RuntimeError("no")
+
+    (line,) = check_task(Raises(), moments)
+    assert line.startswith("step 1: raised RuntimeError: no, test_tasks.py line ")
+
+    class Nothing(_Counting):
+        values = {"x": "app.x"}  # noqa: RUF012
+        measures = (Measure("steps", "Steps", log_key="paces"),)
+
+        def step(self, moment: TaskMoment) -> Outcome:
+            return Outcome(0.0)
+
+    found = check_task(Nothing(), moments)
+    assert [line.partition(":")[0] for line in found] == ["reward", "measures", "values"]
+    assert check_task(_Counting(), moments[:1]) == ["moments: got 1, expected a reset and steps"]
+
+
+@NEEDS_BROWSER
+def test_a_page_is_judged_by_what_it_holds() -> None:
+    task = RuleTask(
+        TaskRules(
+            reward=[
+                {"expression": "app.score", "weight": 5},
+                {"haptics": "right"},
+                {"distance": {"expression": "app.target"}, "weight": -1, "name": "gap"},
+            ]
+        )
+    )
+    with TaskedApp(open_page(PAGES / "touch.html", values=task.values), task) as app:
+        app.record()
+        start = app.reset(7, hands(0)).values["gap"]
+        assert isinstance(start, tuple)
+        touching = DevicePoses(HEAD, np.array([*start, 0.0, 0.0, 0.0, 1.0]))
+        reply = app.step(frame_time_ns(1, 20), touching)
+        assert reply.log["score"] == 1.0
+        assert reply.log["reward_score"] == 5.0
+        assert reply.log["reward_haptics_right"] == 1.0
+        before = np.linalg.norm(hands(0).right_controller[:3] - np.array(start))
+        after = np.linalg.norm(np.array(start) - np.array(reply.values["gap"]))
+        assert reply.log["reward_gap"] == pytest.approx(before - after)
+        assert reply.reward == pytest.approx(6.0 + before - after)
+        assert app.moments is not None
+        assert check_task(task, app.moments) == []

@@ -1,0 +1,61 @@
+"""Pages for tests, and a browser to show them, where there is one."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim2vr_harness.client import AppPlace, AppRefused, AppsWanted, DevicePoses, WebXRApp
+from sim2vr_harness.client.webxr.browser import find_browser
+
+__all__ = ["HEAD", "NEEDS_BROWSER", "NEEDS_ENGINES", "PAGES", "hands", "open_page", "page_with"]
+
+ROOT = Path(__file__).parents[1]
+PAGES = ROOT / "tests" / "data" / "webxr"
+ENGINES = ROOT / "docs" / "examples" / "webxr" / "engines"
+CDN = "https://cdn.jsdelivr.net/npm/"
+HEAD = np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.0, 1.0])
+
+
+def _no_browser() -> str:
+    try:
+        find_browser()
+    except AppRefused as error:
+        return str(error)
+    return ""
+
+
+NEEDS_BROWSER = pytest.mark.skipif(bool(_no_browser()), reason=_no_browser() or "none")
+NEEDS_ENGINES = pytest.mark.skipif(
+    not ENGINES.is_dir(), reason="no engines; docs/examples/webxr/engines.sh gets them from npm"
+)
+
+
+def hands(frame: int) -> DevicePoses:
+    """Both hands in front of the head, the right one circling."""
+    turn = 0.3 * frame
+    right = [0.15 + 0.1 * np.cos(turn), 1.1 + 0.1 * np.sin(turn), 0.35, 0.0, 0.0, 0.0, 1.0]
+    left = [-0.15, 1.1, 0.35, 0.0, 0.0, 0.0, 1.0]
+    return DevicePoses(HEAD, np.array(right), np.array(left))
+
+
+def open_page(page: Path | str, **changes: Any) -> WebXRApp:
+    """A page in a browser of its own; settings of the place and of what is wanted by name."""
+    place = {name: changes.pop(name) for name in ("map", "browser", "options") if name in changes}
+    times = {name: changes.pop(name, 30.0) for name in ("timeout_s", "start_timeout_s")}
+    if page in ("buttons", "drawer", "balls"):
+        page, place["map"] = ROOT / "docs" / "examples" / "webxr" / str(page), {CDN: str(ENGINES)}
+    wanted = AppsWanted(n=1, game="page", place=AppPlace(page=str(page), **times, **place))
+    return WebXRApp(wanted.__class__(**{**vars(wanted), **changes}))
+
+
+def page_with(folder: Path, script: str, name: str = "page.html") -> Path:
+    """A page of one script, a module beside boxes.js."""
+    shutil.copy(PAGES / "boxes.js", folder)
+    file = folder / name
+    file.write_text(f"<!doctype html><body></body>\n<script type=module>\n{script}\n</script>\n")
+    return file

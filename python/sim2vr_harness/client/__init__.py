@@ -62,6 +62,7 @@ from sim2vr_harness.client.runtime import (
     list_games,
     runtime_version,
 )
+from sim2vr_harness.client.scene import PLAYER_LAYER, AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.timeline import Timeline, TimelineItem, describe_level
 from sim2vr_harness.client.transport import AppPlace, AppSource, AppsWanted, Transport
 from sim2vr_harness.client.transports import (
@@ -76,6 +77,7 @@ __all__ = [
     "INPUTS",
     "INPUT_COUNT",
     "INPUT_NAMES",
+    "PLAYER_LAYER",
     "AppClient",
     "AppDied",
     "AppError",
@@ -83,6 +85,7 @@ __all__ = [
     "AppProcess",
     "AppRefused",
     "AppReply",
+    "AppScene",
     "AppSource",
     "AppTimeout",
     "AppUnsupported",
@@ -106,6 +109,8 @@ __all__ = [
     "Protocol2Connection",
     "ProtocolError",
     "RewardTerm",
+    "SceneMesh",
+    "SceneObject",
     "SoundEvent",
     "StartingApp",
     "Timeline",

@@ -97,7 +97,7 @@ def snapshot(
         log, total, steps = _play(users, act, seconds, seed)
         pictures = _draw(users, size)
         text = score_text(facts, log, steps / users.config.action_frequency_hz, total)
-    views = {"body": "body", "headset": "headset", "third_person": "game"}
+    views = {"body": "play", "headset": "headset"}
     panels = {label: pictures[name] for name, label in views.items()}
     pictures["overview"] = compose(panels, f"{facts.name} {shown}".strip(), text)
     return _write(out, pictures)

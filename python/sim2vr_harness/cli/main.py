@@ -27,6 +27,7 @@ from sim2vr_harness.cli import (
     fitts,
     games,
     level,
+    reach,
     study,
     users,
 )
@@ -518,6 +519,7 @@ app.command("compare")(compare.compare)
 app.command("chart")(chart.chart)
 app.command("film")(film.film)
 app.command("bench")(bench.bench)
+app.command("reach")(reach.reach)
 
 
 @app.command()

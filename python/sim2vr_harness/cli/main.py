@@ -28,6 +28,7 @@ from sim2vr_harness.cli import (
     games,
     level,
     reach,
+    rewards,
     study,
     users,
 )
@@ -520,6 +521,7 @@ app.command("chart")(chart.chart)
 app.command("film")(film.film)
 app.command("bench")(bench.bench)
 app.command("reach")(reach.reach)
+app.command("rewards")(rewards.rewards)
 
 
 @app.command()

@@ -31,6 +31,7 @@ from sim2vr_harness.cli import (
     rewards,
     study,
     users,
+    watch,
 )
 from sim2vr_harness.cli import report as report_command
 from sim2vr_harness.cli.errors import INTERRUPTED, report
@@ -522,6 +523,7 @@ app.command("film")(film.film)
 app.command("bench")(bench.bench)
 app.command("reach")(reach.reach)
 app.command("rewards")(rewards.rewards)
+app.command("watch")(watch.watch)
 
 
 @app.command()

@@ -23,7 +23,11 @@ _GAP = 6
 _BACKGROUND = (24, 26, 30)
 _INK = (236, 236, 236)
 _FAINT = (168, 172, 180)
-_LABELS = {"play": "Simulated user at play", "headset": "Headset view"}
+_LABELS = {
+    "play": "Simulated user at play",
+    "headset": "Headset view",
+    "game": "Game, third person",
+}
 
 
 class PlainLooks:

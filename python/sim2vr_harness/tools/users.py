@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sim2vr_harness import paths
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import with_condition, with_game
+from sim2vr_harness.envs.games import game_facts, with_condition, with_game
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.training.config import TrainingConfig, load_config, parse_config, read_mapping
@@ -70,6 +70,7 @@ def environment_of(
         if game is not None and game != env.app.game:
             options = env.app.model_copy(update={"options": {}})
             env = with_game(env.model_copy(update={"app": options}), game)
+            game_facts(env.app)
     except ValueError as error:
         raise _named("--game", error) from error
     try:

@@ -110,7 +110,7 @@ def _figure(found: Measured) -> Any:
             "xaxis_title": "right (m)",
             "yaxis_title": "ahead (m)",
             "zaxis_title": "up (m)",
-            "camera": {"eye": {"x": 1.25, "y": -1.25, "z": 0.7}},
+            "camera": {"eye": {"x": 1.5, "y": -1.5, "z": 0.8}},
         },
     )
     return figure

@@ -122,7 +122,7 @@ def _picture(found: Contributions, out: Path) -> Path:
         axis.set_title(f"{approach}: {found.total(approach):.3g}")
         axis.legend(fontsize=8)
     for kind in EFFORTS:
-        label = f"{kind}: {-found.cost(kind):.3g}"
+        label = f"{kind}: {0.0 - found.cost(kind):.3g}"
         axes.flat[4].plot(found.times_s, -found.efforts[kind], ":", label=label)
     axes.flat[4].set_title(f"effort, {found.effort_name}", fontsize=10)
     axes.flat[4].legend(fontsize=8)

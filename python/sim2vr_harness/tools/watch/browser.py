@@ -57,6 +57,7 @@ class Stage:
         self._parts: list[tuple[int, Any]] = []
         self._muscles: Any = None
         scene.set_up_direction("+z")
+        scene.configure_default_lights(cast_shadow=False)  # browsers without a GPU are slow
         scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.25, position=(0, 0, -0.01))
         if show.body is not None:
             self._poser = Poser(show.body)

@@ -205,10 +205,10 @@ class _Tracks:
                 self._best[key] = distance, one.path.rpartition("/")[2], one.pose[:3].copy()
 
     def _fits(self, one: SceneObject) -> bool:
+        if one.mesh is None or self._pattern is None:
+            return one.mesh is not None
         name = one.path.rpartition("/")[2]
-        if self._pattern is not None:
-            return fnmatchcase(name, self._pattern) or fnmatchcase(one.path, self._pattern)
-        return one.mesh is not None
+        return fnmatchcase(name, self._pattern) or fnmatchcase(one.path, self._pattern)
 
     def targets(self) -> list[Target]:
         """Those that were found, the earliest first."""

@@ -15,6 +15,7 @@
 #include <vector>
 
 #include "device_rows.hpp"
+#include "shown_binding.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/runtime/app_batch.hpp"
 
@@ -194,6 +195,11 @@ class PyAppBatch {
     return image;
   }
 
+  ShownColumns shown(int app) const { return shownColumns(batch().app(app).shown()); }
+  MeshArrays shownMesh(int app, int number) const {
+    return meshArrays(batch().app(app).shownMesh(number));
+  }
+
   py::bytes save(int app) const {
     std::string state;
     {
@@ -299,6 +305,13 @@ void bindAppBatch(py::module_& module) {
            py::arg("width"), py::arg("height"),
            "An app's last frame from 'headset', 'recorder' or 'spectator', (height, width, 4) "
            "uint8.")
+      .def("shown", &PyAppBatch::shown, py::arg("app"),
+           "What an app's last frame holds and shows, K rows: paths, objects (K,), layers (K,), "
+           "meshes (K,) with -1 for none, poses (K, 7), scales (K, 3), colours (K, 4) sRGB and "
+           "alpha, unlit (K,).")
+      .def("shown_mesh", &PyAppBatch::shownMesh, py::arg("app"), py::arg("mesh"),
+           "A mesh that `shown` numbered: name, vertices (V, 3), triangles (T, 3), whose fronts "
+           "are clockwise in the app's left-handed frame.")
       .def("save", &PyAppBatch::save, py::arg("app"),
            "The whole state of one app as bytes, mid-round included.")
       .def("load", &PyAppBatch::load, py::arg("app"), py::arg("state"),

@@ -44,7 +44,8 @@ render::EyeView eyeView(const XrView& view) {
 Capabilities capabilitiesOf(const rl::Game& game) {
   Capabilities all{Capability::save,   Capability::views,           Capability::frames,
                    Capability::inputs, Capability::left_controller, Capability::haptics,
-                   Capability::sounds, Capability::head_request,    Capability::two_eyes};
+                   Capability::sounds, Capability::head_request,    Capability::two_eyes,
+                   Capability::scene};
   if (!game.privilegedNames().empty()) all.insert(Capability::privileged);
   return all;
 }
@@ -264,6 +265,8 @@ const render::Camera& App::camera(View view) const {
 void App::renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba) {
   renderer_->render(round("renderView").scene, camera(view), size, rgba);
 }
+
+std::vector<render::Shown> App::shown() { return render::shownBy(round("shown").scene, meshes_); }
 
 void App::addViews(std::vector<render::ViewRequest>& views) {
   Round& current = round("draw");

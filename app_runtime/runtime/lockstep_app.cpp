@@ -6,9 +6,9 @@
 namespace sim2vr::runtime {
 namespace {
 
-constexpr std::array<std::string_view, 10> kCapabilityNames{
-    "save",    "views",  "frames",       "inputs",   "left_controller",
-    "haptics", "sounds", "head_request", "two_eyes", "privileged"};
+constexpr std::array<std::string_view, 11> kCapabilityNames{
+    "save",         "views",    "frames",     "inputs", "left_controller", "haptics", "sounds",
+    "head_request", "two_eyes", "privileged", "scene"};
 
 bool atRest(const xr::ControllerState& hand) {
   return hand.trigger == 0.0F && hand.squeeze == 0.0F && hand.thumbstick.x == 0.0F &&
@@ -112,6 +112,10 @@ std::optional<double> LockstepApp::headRequest(const RoundStart&) const {
 void LockstepApp::renderView(View, render::ImageSize, std::span<std::uint8_t>) {
   throw Unsupported(Capability::views);
 }
+
+std::vector<render::Shown> LockstepApp::shown() { throw Unsupported(Capability::scene); }
+
+const render::Mesh& LockstepApp::shownMesh(int) const { throw Unsupported(Capability::scene); }
 
 std::string LockstepApp::save() { throw Unsupported(Capability::save); }
 

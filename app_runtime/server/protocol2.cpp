@@ -106,6 +106,18 @@ HeadRequest decodeHeadRequest(Frames body) {
   return request;
 }
 
+SceneRequest decodeSceneRequest(Frames body) {
+  checkFrames(body, 2, "scene");
+  const Json json = parseJson(body[1], "scene");
+  const JsonFields fields(json, "scene");
+  fields.expectOnly({"app", "meshes"});
+  SceneRequest request;
+  request.app = static_cast<std::uint32_t>(fields.integer("app", 0, 0, kMaximumApps - 1));
+  request.meshes =
+      static_cast<int>(fields.integer("meshes", 0, 0, std::numeric_limits<std::int32_t>::max()));
+  return request;
+}
+
 /// The options of each record; an empty frame means none.
 std::vector<std::string> decodeOptions(std::string_view frame, std::size_t count) {
   std::vector<std::string> options(count, "{}");
@@ -217,8 +229,10 @@ Request readRequest(const Header& header, Frames body) {
       return Quit{};
     case Type::head_request:
       return decodeHeadRequest(body);
+    case Type::scene:
+      return decodeSceneRequest(body);
   }
-  refuse("header type", std::to_string(header.type), "a request, 1 to 9");
+  refuse("header type", std::to_string(header.type), "a request, 1 to 10");
 }
 
 }  // namespace

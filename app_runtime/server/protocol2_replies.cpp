@@ -123,6 +123,38 @@ Reply encodeOtherVersion(const Header& request) {
                   request.version, kVersion, version()));
 }
 
+Reply encodeScene(const Header& request, const std::vector<render::Shown>& shown,
+                  const std::vector<const render::Mesh*>& new_meshes) {
+  Json objects = Json::array();
+  for (const render::Shown& each : shown) {
+    const auto& rotation = each.pose.rotation.coeffs();
+    objects.push_back({{"id", each.object},
+                       {"path", each.path},
+                       {"layer", each.layer},
+                       {"mesh", each.mesh},
+                       {"pose",
+                        {each.pose.position.x(), each.pose.position.y(), each.pose.position.z(),
+                         rotation.x(), rotation.y(), rotation.z(), rotation.w()}},
+                       {"scale", {each.scale.x(), each.scale.y(), each.scale.z()}},
+                       {"color", {each.color.r, each.color.g, each.color.b, each.color.a}},
+                       {"unlit", each.unlit}});
+  }
+  Json meshes = Json::array();
+  std::string numbers;
+  for (const render::Mesh* mesh : new_meshes) {
+    meshes.push_back({{"name", mesh->name},
+                      {"vertices", mesh->vertices.size()},
+                      {"triangles", mesh->triangleCount()}});
+    for (const render::Vertex& vertex : mesh->vertices) {
+      for (const float coordinate : vertex.position) append<float>(numbers, coordinate);
+    }
+    for (const std::uint32_t index : mesh->indices) append<std::uint32_t>(numbers, index);
+  }
+  return {encodeHeader(replyHeader(request)),
+          text({{"objects", std::move(objects)}, {"meshes", std::move(meshes)}}),
+          std::move(numbers)};
+}
+
 std::string encodeHash(std::uint64_t hash) {
   std::string bytes;
   append(bytes, hash);

@@ -129,6 +129,18 @@ Reply Session2::respond(const Header& header, const protocol2::HeadRequest& requ
   return protocol2::encodeReply(header, protocol2::encodeHeadRequest(pitch_deg));
 }
 
+Reply Session2::respond(const Header& header, const protocol2::SceneRequest& request) {
+  runtime::LockstepApp& asked = app(request.app).app();
+  const std::vector<render::Shown> shown = asked.shown();
+  int known = 0;
+  for (const render::Shown& each : shown) known = std::max(known, each.mesh + 1);
+  std::vector<const render::Mesh*> new_meshes;
+  for (int number = request.meshes; number < known; ++number) {
+    new_meshes.push_back(&asked.shownMesh(number));
+  }
+  return protocol2::encodeScene(header, shown, new_meshes);
+}
+
 runtime::AppSettings Session2::appSettings(const protocol2::Hello& hello) const {
   runtime::AppSettings settings = host_.settings().app;
   const bool other_game = hello.game && *hello.game != settings.game;

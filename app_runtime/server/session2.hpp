@@ -34,6 +34,7 @@ class Session2 final : public Session {
   Reply respond(const Header& header, const protocol2::Hash& hash);
   Reply respond(const Header& header, const protocol2::Quit& quit);
   Reply respond(const Header& header, const protocol2::HeadRequest& request);
+  Reply respond(const Header& header, const protocol2::SceneRequest& request);
   runtime::AppSettings appSettings(const protocol2::Hello& hello) const;
   /// The answer to hello: what the session is.
   std::string about(const runtime::AppSettings& settings) const;

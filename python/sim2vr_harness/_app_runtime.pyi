@@ -53,6 +53,14 @@ class AppBatch:
         """
         The whole state of one app as bytes, mid-round included.
         """
+    def shown(self, app: typing.SupportsInt | typing.SupportsIndex) -> tuple[list[str], numpy.typing.NDArray[numpy.uint64], numpy.typing.NDArray[numpy.int32], numpy.typing.NDArray[numpy.int32], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float64], numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.bool]]:
+        """
+        What an app's last frame holds and shows, K rows: paths, objects (K,), layers (K,), meshes (K,) with -1 for none, poses (K, 7), scales (K, 3), colours (K, 4) sRGB and alpha, unlit (K,).
+        """
+    def shown_mesh(self, app: typing.SupportsInt | typing.SupportsIndex, mesh: typing.SupportsInt | typing.SupportsIndex) -> tuple[str, numpy.typing.NDArray[numpy.float32], numpy.typing.NDArray[numpy.uint32]]:
+        """
+        A mesh that `shown` numbered: name, vertices (V, 3), triangles (T, 3), whose fronts are clockwise in the app's left-handed frame.
+        """
     def sounds(self, app: typing.SupportsInt | typing.SupportsIndex) -> list[tuple[str, typing.Annotated[list[float], "FixedSize(3)"], float]]:
         """
         The sounds of one app: (name, position in m, gain).

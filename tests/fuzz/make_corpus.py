@@ -88,6 +88,7 @@ MESSAGES = {
     "head_request": message(
         Type.HEAD_REQUEST, text({"app": 1, "seed": 5, "options": {"condition": "low"}})
     ),
+    "scene": message(Type.SCENE, text({"app": 1, "meshes": 0})),
     "quit": message(Type.QUIT),
 }
 SAMPLE = message(Type.HELLO, text({"apps": 2, "game": "sample", "width": 8, "height": 6}))
@@ -98,6 +99,7 @@ SESSIONS = {
                step({0: 3}, drawn=1, left=True, pressed=True)],
     "early": [step({0: 1}), MESSAGES["save"], MESSAGES["hash"], MESSAGES["render"]],
     "hello_again": [SAMPLE, reset(1, {}, pressed=True), step({1: 1}, pressed=True)],
+    "scene": [MESSAGES["scene"], reset(1, {}), MESSAGES["scene"]],
     "two_eyes": [MESSAGES["hello"], reset(0, {}), MESSAGES["head_request"], MESSAGES["quit"]],
 }  # fmt: skip
 

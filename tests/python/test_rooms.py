@@ -20,6 +20,7 @@ BELOW: dict[str, tuple[str, ...]] = {
     "training": ("client", "users", "perception", "games", "envs"),
     "evaluation": ("client", "users", "perception", "games", "envs", "training"),
     "studies": ("client", "users", "perception", "games", "envs", "training", "evaluation"),
+    "tools": ("client", "users", "perception", "games", "envs", "training", "evaluation"),
     "bench": ("client", "users", "perception", "games", "envs", "training"),
 }
 """What each room may import beside itself; ``cli`` may import all, and nothing imports it."""
@@ -27,8 +28,10 @@ BELOW: dict[str, tuple[str, ...]] = {
 ALONE = {
     "stable_baselines3": {"training"},
     "zmq": {"client"},
-    "plotly": {"studies"},
     "ray": {"studies"},
+    "plotly": {"studies", "tools"},
+    "viser": {"tools"},
+    "rerun": {"tools"},
 }
 """Packages that only these rooms import (``bench`` asks training for what it needs of them)."""
 

@@ -27,8 +27,11 @@ from sim2vr_harness.cli import (
     fitts,
     games,
     level,
+    reach,
+    rewards,
     study,
     users,
+    watch,
 )
 from sim2vr_harness.cli import report as report_command
 from sim2vr_harness.cli.app_options import (
@@ -573,6 +576,9 @@ app.command("compare")(compare.compare)
 app.command("chart")(chart.chart)
 app.command("film")(film.film)
 app.command("bench")(bench.bench)
+app.command("reach")(reach.reach)
+app.command("rewards")(rewards.rewards)
+app.command("watch")(watch.watch)
 
 
 @app.command()

@@ -62,6 +62,7 @@ from sim2vr_harness.client.runtime import (
     list_games,
     runtime_version,
 )
+from sim2vr_harness.client.scene import PLAYER_LAYER, AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.tasks import (
     Outcome,
     Task,
@@ -86,6 +87,7 @@ __all__ = [
     "INPUTS",
     "INPUT_COUNT",
     "INPUT_NAMES",
+    "PLAYER_LAYER",
     "AppClient",
     "AppDied",
     "AppError",
@@ -93,6 +95,7 @@ __all__ = [
     "AppProcess",
     "AppRefused",
     "AppReply",
+    "AppScene",
     "AppSource",
     "AppTimeout",
     "AppUnsupported",
@@ -117,6 +120,8 @@ __all__ = [
     "Protocol2Connection",
     "ProtocolError",
     "RewardTerm",
+    "SceneMesh",
+    "SceneObject",
     "SoundEvent",
     "StartingApp",
     "Task",

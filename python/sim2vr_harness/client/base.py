@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.client.devices import DevicePoses, HapticPulse, SoundEvent
 from sim2vr_harness.client.errors import AppUnsupported
+from sim2vr_harness.client.scene import AppScene
 
 __all__ = [
     "CAPABILITIES",
@@ -96,6 +97,7 @@ CAPABILITIES: dict[str, str] = {
     "head_request": "says before a round how the head shall be held",
     "two_eyes": "a picture for each eye",
     "privileged": "numbers behind the picture, for teachers",
+    "scene": "the scene's objects: where they are, their shapes and colours",
 }
 """What an app may be able to do, and what that is; see :attr:`AppClient.capabilities`."""
 
@@ -221,6 +223,13 @@ class AppClient(Protocol):
         self, width: int, height: int, view: ThirdPersonView = "spectator"
     ) -> UInt8Array:
         """A third-person view of the last frame, (height, width, 4) RGBA."""
+
+    def scene(self) -> AppScene:
+        """What the last frame's scene holds and shows, app frame.
+
+        Raises:
+            RuntimeError: no round was started.
+        """
 
     def save(self) -> bytes:
         """The whole app state, mid-round included."""

@@ -52,6 +52,30 @@ def rotation_to_mujoco(quat_xyzw: ArrayLike) -> Float64Array:
     return np.stack([-q[..., 3], q[..., 2], -q[..., 0], q[..., 1]], axis=-1)
 
 
+def pose_to_mujoco(pose: ArrayLike) -> tuple[Float64Array, Float64Array]:
+    """Inverse of :func:`pose_to_app`: (..., 7) -> positions (..., 3), quaternions w x y z (..., 4).
+
+    Unlike :func:`rotation_to_mujoco` alone it gives each rotation the sign with w of 0 or more.
+    """
+    rows = np.asarray(pose, dtype=np.float64)
+    quat = rotation_to_mujoco(rows[..., 3:])
+    return position_to_mujoco(rows[..., :3]), np.where(quat[..., :1] < 0.0, -quat, quat)
+
+
+def scale_to_mujoco(scale: ArrayLike) -> Float64Array:
+    """Sizes along a body's own x right, y up, z forward as those along x forward, y left, z up."""
+    s = np.asarray(scale, dtype=np.float64)
+    return np.stack([s[..., 2], s[..., 0], s[..., 1]], axis=-1)
+
+
+def triangles_to_mujoco(triangles: NDArray[np.integer]) -> NDArray[np.int64]:
+    """Corners (T, 3) of triangles, from clockwise fronts (left-handed) to counter-clockwise ones.
+
+    The corners' own coordinates are those of :func:`position_to_mujoco`.
+    """
+    return np.asarray(triangles, dtype=np.int64)[:, ::-1].copy()
+
+
 def pose_to_app(position: ArrayLike, quat_wxyz: ArrayLike) -> Float64Array:
     """MuJoCo poses as the app's pose rows.
 

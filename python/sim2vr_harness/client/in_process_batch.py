@@ -27,6 +27,7 @@ from sim2vr_harness.client.base import (
     require_capability,
 )
 from sim2vr_harness.client.runtime import checked_seed, load_runtime
+from sim2vr_harness.client.scene import AppScene, SceneMesh
 
 __all__ = ["InProcessBatch", "InProcessBatchApp"]
 
@@ -294,6 +295,7 @@ class InProcessBatchApp:
     def __init__(self, batch: InProcessBatch, index: int) -> None:
         self._batch: InProcessBatch | None = batch
         self._index = index
+        self._meshes: list[SceneMesh] = []
         self._indices = np.array([index], dtype=np.int32)
         self._capabilities = batch.capabilities
 
@@ -389,6 +391,16 @@ class InProcessBatchApp:
         require_capability(self.capabilities, "views")
         image: UInt8Array = self.batch.native.render_view(self._index, view, width, height)
         return image
+
+    def scene(self) -> AppScene:
+        """See :class:`AppClient`."""
+        require_capability(self.capabilities, "scene")
+        native = self.batch.native
+        columns = native.shown(self._index)
+        for number in range(len(self._meshes), int(columns[3].max(initial=-1)) + 1):
+            name, vertices, triangles = native.shown_mesh(self._index, number)
+            self._meshes.append(SceneMesh(name, vertices, triangles.astype(np.int64)))
+        return AppScene.of_columns(columns, self._meshes)
 
     def save(self) -> bytes:
         """See :class:`AppClient`."""

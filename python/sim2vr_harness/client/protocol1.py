@@ -38,6 +38,7 @@ from sim2vr_harness.client.poses import (
     pose_rows,
     require_devices,
 )
+from sim2vr_harness.client.scene import AppScene
 
 __all__ = ["Protocol1App", "decode_reply"]
 
@@ -278,6 +279,13 @@ class Protocol1App:
                 )
 
     # --- state and views ---------------------------------------------------------------------
+
+    def scene(self) -> AppScene:
+        """See :class:`AppClient`; this protocol has no word for it."""
+        raise AppUnsupported(
+            f"scene: {self._channel.app} speaks protocol 1, which has no word for its scene; "
+            "protocol 2 has"
+        )
 
     def save(self) -> bytes:
         """See :class:`AppClient`."""

@@ -44,6 +44,7 @@ from sim2vr_harness.client.protocol2_wire import (
     Type,
     error_of,
 )
+from sim2vr_harness.client.scene import AppScene, SceneMesh
 
 __all__ = ["Protocol2App", "Protocol2Connection"]
 
@@ -61,6 +62,7 @@ _DOING = {
     Type.HASH: "the hash",
     Type.QUIT: "the end",
     Type.HEAD_REQUEST: "the head's pitch",
+    Type.SCENE: "its scene",
 }
 
 
@@ -125,6 +127,7 @@ class Protocol2Connection:
             )
         self._sequence = 0
         self._names = Names()
+        self._meshes: dict[int, list[SceneMesh]] = {}
         self._queued: dict[int, tuple[NDArray[Any], int]] = {}
         self._sent: list[int] = []
         self._results: dict[int, AppReply | Exception] = {}
@@ -318,6 +321,18 @@ class Protocol2Connection:
             return np.frombuffer(data, np.uint8).reshape(height, width, 4)
         except ValueError as error:
             raise self._malformed(f"a view: {error}") from error
+
+    def scene(self, app: int) -> AppScene:
+        """What one app's last frame shows; meshes that it has sent before do not come again."""
+        self.require("scene", "a scene that it tells of")
+        meshes = self._meshes.setdefault(app, [])
+        wanted = {"app": app, "meshes": len(meshes)}
+        self._settle()
+        frames, _ = self._request(Type.SCENE, [json.dumps(wanted).encode()])
+        try:
+            return wire.decode_scene(frames, meshes)
+        except (IndexError, KeyError, TypeError, ValueError) as error:
+            raise self._malformed(f"a scene: {error!r}") from error
 
     def save(self, app: int) -> bytes:
         """The state of one app."""
@@ -514,6 +529,10 @@ class Protocol2App:
     ) -> UInt8Array:
         """See :class:`AppClient`."""
         return self._open().render(self._index, view, width, height)
+
+    def scene(self) -> AppScene:
+        """See :class:`AppClient`."""
+        return self._open().scene(self._index)
 
     def save(self) -> bytes:
         """See :class:`AppClient`."""

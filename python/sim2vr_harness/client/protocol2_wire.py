@@ -22,6 +22,7 @@ from sim2vr_harness.client.devices import (
 )
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, ProtocolError
 from sim2vr_harness.client.poses import input_rows, pose_rows, tracked_devices
+from sim2vr_harness.client.scene import AppScene, SceneMesh, SceneObject
 
 __all__ = ["HEADER", "MAGIC", "REPLY", "VERSION", "Names", "Results", "Status", "Type", "error_of"]
 
@@ -85,6 +86,7 @@ class Type(IntEnum):
     HASH = 7
     QUIT = 8
     HEAD_REQUEST = 9
+    SCENE = 10
 
 
 class Status(IntEnum):
@@ -231,4 +233,52 @@ def _sounds(frame: bytes, names: Names) -> tuple[SoundEvent, ...]:
         for name, gain, (x, y, z) in zip(
             rows["name"].tolist(), rows["gain"].tolist(), places, strict=True
         )
+    )
+
+
+def decode_scene(frames: Sequence[bytes], meshes: list[SceneMesh]) -> AppScene:
+    """Read the reply to a question for an app's scene.
+
+    Args:
+        frames: of the message, after the header.
+        meshes: known of the app; those that are new are added.
+
+    Raises:
+        IndexError, KeyError, TypeError, ValueError: it is no such reply.
+    """
+    told, numbers = json.loads(frames[0]), frames[1]
+    at, new = 0, []
+    for mesh in told["meshes"]:
+        corners, triangles = int(mesh["vertices"]), int(mesh["triangles"])
+        vertices = np.frombuffer(numbers, "<f4", 3 * corners, at).reshape(-1, 3)
+        at += vertices.nbytes
+        faces = np.frombuffer(numbers, "<u4", 3 * triangles, at).reshape(-1, 3)
+        at += faces.nbytes
+        if triangles and faces.max() >= corners:
+            raise ValueError(f"a mesh whose triangles go past its {corners} vertices")
+        new.append(SceneMesh(str(mesh["name"]), vertices, faces.astype(np.int64)))
+    known = [*meshes, *new]
+    objects = tuple(_scene_object(one, len(known)) for one in told["objects"])
+    meshes += new
+    return AppScene(objects, tuple(meshes))
+
+
+def _scene_object(told: dict[str, Any], meshes: int) -> SceneObject:
+    number = int(told["mesh"])
+    if number >= meshes:
+        raise ValueError(f"mesh {number} of {meshes}")
+    rows = {"pose": 7, "scale": 3, "color": 4}
+    arrays = {name: np.array(told[name], dtype=np.float64) for name in rows}
+    for name, length in rows.items():
+        if arrays[name].shape != (length,) or not np.isfinite(arrays[name]).all():
+            raise ValueError(f"{name} {told[name]}, expected {length} numbers")
+    return SceneObject(
+        int(told["id"]),
+        str(told["path"]),
+        int(told["layer"]),
+        None if number < 0 else number,
+        arrays["pose"],
+        arrays["scale"],
+        arrays["color"].astype(np.float32),
+        bool(told["unlit"]),
     )

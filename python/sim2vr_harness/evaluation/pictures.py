@@ -1,4 +1,4 @@
-"""Pictures of a user at play: body, headset view and the game from outside, side by side."""
+"""Pictures of a user at play: body and game in one scene, and the headset view beside it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from PIL import Image, ImageDraw, ImageFont
 
 from sim2vr_harness.client import GameFacts, Measure
 
-__all__ = ["BodyPainter", "Painter", "Panels", "compose", "score_text"]
+__all__ = ["BodyPainter", "Painter", "Panels", "PlainLooks", "compose", "score_text"]
 
 Picture = NDArray[np.uint8]
 
@@ -23,10 +23,14 @@ _GAP = 6
 _BACKGROUND = (24, 26, 30)
 _INK = (236, 236, 236)
 _FAINT = (168, 172, 180)
-_LABELS = {"body": "Simulated user", "headset": "Headset view", "game": "Game, third person"}
+_LABELS = {
+    "play": "Simulated user at play",
+    "headset": "Headset view",
+    "game": "Game, third person",
+}
 
 
-class _PlainLooks:
+class PlainLooks:
     """A body drawn without shadows and antialiasing: 7 times as fast without a GPU."""
 
     appearance = True
@@ -36,6 +40,7 @@ class _PlainLooks:
         self.muscles = body.muscles
 
     def spec(self) -> Any:
+        """Return the body's specification without them."""
         spec = self._body.spec()
         spec.visual.quality.shadowsize = 0
         spec.visual.quality.offsamples = 0
@@ -43,7 +48,9 @@ class _PlainLooks:
 
 
 class BodyPainter:
-    """Draws the bodies of a simulation's users.
+    """Draws the bodies of a simulation's users, with the game's objects around them.
+
+    Apps that do not tell of their scene (protocol 1) leave the body alone in its room.
 
     Args:
         simulation: Whose users to draw.
@@ -56,14 +63,18 @@ class BodyPainter:
         from sim2vr_harness.users.rendering import UserRenderer
 
         self._simulation = simulation
-        body: Any = _PlainLooks(simulation.body) if fast else simulation.body
+        body: Any = PlainLooks(simulation.body) if fast else simulation.body
         self._renderer = UserRenderer(body, width, height)
 
     def draw(self, index: int) -> Picture:
         """Return user ``index``, (height, width, 3); colours show the muscles' activation."""
-        users = self._simulation.users
+        users, app = self._simulation.users, self._simulation.apps[index]
+        scene = app.scene() if "scene" in app.capabilities else None
         picture: Picture = self._renderer.render(
-            users.qpos[index], camera="third_person", activations=users.act[index]
+            users.qpos[index],
+            camera="third_person" if scene is None else "play",
+            activations=users.act[index],
+            scene=scene,
         )
         return picture
 
@@ -73,9 +84,9 @@ class BodyPainter:
 
 
 class Panels:
-    """The three views of one user, each (height, width, 3) uint8.
+    """The two views of one user, each (height, width, 3) uint8.
 
-    Two where the app cannot draw views (a SIM2VR app of others): the headset's is enlarged then.
+    Where the app draws no views (a SIM2VR app of others) the headset's picture is enlarged.
 
     Args:
         simulation: The simulation.
@@ -86,31 +97,23 @@ class Panels:
         self._simulation = simulation
         vision = simulation.config.vision
         self.sizes = {
-            "body": (height, height),
+            "play": (round(height * 4 / 3 / 2) * 2, height),
             "headset": (round(height * vision.width / vision.height / 2) * 2, height),
-            "game": (round(height * 4 / 3 / 2) * 2, height),
         }
         self._app_draws = all("views" in app.capabilities for app in simulation.apps)
-        if not self._app_draws:
-            del self.sizes["game"]
-        self._body = BodyPainter(simulation, *self.sizes["body"], fast=True)
+        self._body = BodyPainter(simulation, *self.sizes["play"], fast=True)
 
     def draw(self, index: int) -> dict[str, Picture]:
-        """Return the views of user ``index`` by name: ``body``, ``headset``, ``game``."""
-        app = self._simulation.apps[index]
-        if not self._app_draws:
-            small = Image.fromarray(np.ascontiguousarray(app.image[..., :3]))
-            return {
-                "body": self._body.draw(index),
-                "headset": np.asarray(
-                    small.resize(self.sizes["headset"], Image.Resampling.NEAREST)
-                ),
-            }
-        return {
-            "body": self._body.draw(index),
-            "headset": app.render_headset(*self.sizes["headset"])[..., :3],
-            "game": app.render_third_person(*self.sizes["game"], view="spectator")[..., :3],
-        }
+        """Return the views of user ``index`` by name: ``play``, ``headset``."""
+        return {"play": self._body.draw(index), "headset": self._headset(index)}
+
+    def _headset(self, index: int) -> Picture:
+        app, size = self._simulation.apps[index], self.sizes["headset"]
+        if self._app_draws:
+            drawn: Picture = app.render_headset(*size)[..., :3]
+            return drawn
+        small = Image.fromarray(np.ascontiguousarray(app.image[..., :3]))
+        return np.asarray(small.resize(size, Image.Resampling.NEAREST))
 
     def close(self) -> None:
         """Free the OpenGL context of the body."""

@@ -22,7 +22,7 @@ from sim2vr_harness.training.trained_users import find_user, require_contract
 __all__ = ["film_side_by_side"]
 
 _VIEW = (480, 360)
-"""Width and height of the game from outside; the body's picture above it is as wide."""
+"""Width and height of each of the two pictures."""
 _MOST = 4
 
 
@@ -82,11 +82,10 @@ class _Seat:
         self.over = ended or self._steps >= self._most
 
     def picture(self) -> Picture:
-        """The body above the game from outside; how it stands between them."""
-        app = self._users.apps[0]
-        game = app.render_third_person(*_VIEW, view="spectator")[..., :3]
+        """The body in its game above the headset view; how it stands between them."""
+        headset = self._users.apps[0].render_headset(*_VIEW)[..., :3]
         text = score_text(self.facts, self._log, self._steps / self.frequency_hz, self._return)
-        return np.concatenate([self._body.draw(0), _line(text), np.ascontiguousarray(game)])
+        return np.concatenate([self._body.draw(0), _line(text), np.ascontiguousarray(headset)])
 
     def close(self) -> None:
         """Free app and drawing context."""

@@ -354,12 +354,12 @@ def _draw_controller(pen: _Pen, name: str, side: float) -> None:
     pen.line(name, ring, 0.0055, _DEVICE)
 
 
-CAMERAS = ("front", "side", "arm", "third_person")
+CAMERAS = ("front", "side", "arm", "third_person", "play")
 """What `add_cameras` adds."""
 
 
 def add_cameras(spec: mujoco.MjSpec) -> None:
-    """Adds the cameras `front`, `side`, `arm` and `third_person`, which look at a seated user."""
+    """Adds the cameras of `CAMERAS`, which look at a seated user."""
     views = {
         "front": ([2.35, -0.85, 1.30], [0.12, -0.03, 0.64], 40.0),
         "side": ([0.20, -2.45, 1.00], [0.18, 0.0, 0.68], 40.0),
@@ -367,6 +367,8 @@ def add_cameras(spec: mujoco.MjSpec) -> None:
         # The reference's third-person view is taken from here (User-in-the-Box reference); it is
         # turned up a little, so that an arm above the head stays in the picture.
         "third_person": ([1.2, -0.8, 0.95], [0.05, -0.05, 0.90], 54.0),
+        # Over the right shoulder: body, hands and what they reach for.
+        "play": ([-0.72, -1.50, 1.55], [0.36, -0.05, 0.84], 46.0),
     }
     for name, (position, target, fovy) in views.items():
         forward = np.subtract(target, position)

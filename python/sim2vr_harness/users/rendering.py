@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import os
 import sys
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Any
 
@@ -12,12 +13,32 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.client import AppScene
 from sim2vr_harness.gl import prepare_process
 from sim2vr_harness.users.appearance import colour_muscles
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.names import unknown_name
+from sim2vr_harness.users.stage import add_meshes, put_objects
 
+_FLOOR_GAP_M = 0.01
 _PLATFORMS = ("egl", "osmesa")  # EGL also works on Mesa's software rasteriser
+
+
+@dataclass(frozen=True)
+class OrbitView:
+    """A camera that looks at a place.
+
+    Attributes:
+        towards_m: the place, MuJoCo's world.
+        distance_m: from there.
+        azimuth_deg: of the direction of view about the vertical; 0 looks ahead, 90 to the left.
+        elevation_deg: of the direction of view; negative looks down.
+    """
+
+    towards_m: tuple[float, float, float]
+    distance_m: float
+    azimuth_deg: float
+    elevation_deg: float
 
 
 class RenderingError(RuntimeError):
@@ -43,8 +64,9 @@ class UserRenderer:
     def __init__(self, body: Body, width: int = 640, height: int = 480) -> None:
         if not body.appearance:
             raise ValueError("body: got appearance=False, expected load_body(appearance=True)")
-        self._muscles = body.muscles
+        self._body, self._muscles = body, body.muscles
         self._model = body.spec().compile()  # own copy: muscle colours are written into it
+        self._meshes = 0
         limits = self._model.vis.global_
         for field, size, limit in (
             ("width", width, limits.offwidth),
@@ -53,15 +75,34 @@ class UserRenderer:
             if not 1 <= size <= limit:
                 raise ValueError(f"{field}: got {size}, expected 1 to {limit} pixels")
         self.width, self.height = width, height
-        self._data = mujoco.MjData(self._model)
-        self._scene = mujoco.MjvScene(self._model, maxgeom=10_000)
         self._options = mujoco.MjvOption()
         self._context = _open_context(width, height)
+        self._painter: mujoco.MjrContext | None = None
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Make ready to draw the model, in the place of the one before."""
+        self._data = mujoco.MjData(self._model)
+        self._scene = mujoco.MjvScene(self._model, maxgeom=10_000)
+        # Sheets are seen from both sides.
+        self._scene.flags[mujoco.mjtRndFlag.mjRND_CULL_FACE.value] = 0
         self._context.make_current()
-        self._painter: mujoco.MjrContext | None = mujoco.MjrContext(
-            self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value
-        )
+        if self._painter is not None:
+            self._painter.free()
+        self._painter = mujoco.MjrContext(self._model, mujoco.mjtFontScale.mjFONTSCALE_100.value)
         mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN.value, self._painter)
+
+    def _learn(self, scene: AppScene) -> None:
+        """Take in shapes of the app that were not there before."""
+        if len(scene.meshes) == self._meshes:
+            return
+        spec = self._body.spec()
+        add_meshes(spec, scene.meshes)
+        self._model, self._meshes = spec.compile(), len(scene.meshes)
+        # The app's floor, where it has one, lies on the room's.
+        planes = self._model.geom_type == mujoco.mjtGeom.mjGEOM_PLANE
+        self._model.geom_pos[planes, 2] -= _FLOOR_GAP_M
+        self._prepare()
 
     @property
     def cameras(self) -> tuple[str, ...]:
@@ -71,16 +112,18 @@ class UserRenderer:
     def render(
         self,
         qpos: NDArray[np.floating] | mujoco.MjData,
-        camera: str = "front",
+        camera: str | OrbitView = "front",
         activations: NDArray[np.floating] | None = None,
+        scene: AppScene | None = None,
     ) -> NDArray[np.uint8]:
         """Draws a posture.
 
         Args:
             qpos: (nq,) posture in rad, e.g. `batch.qpos[i]`, or an MjData of the body's model,
                 whose activations then colour the muscles.
-            camera: one of `cameras`.
+            camera: one of `cameras`, or a view of one's own.
             activations: (M,) muscle activations in [0, 1] that colour the muscles, blue to red.
+            scene: of the app that the user plays in, to be drawn around the user.
 
         Returns:
             (height, width, 3) uint8 RGB image, owned by the caller.
@@ -91,7 +134,7 @@ class UserRenderer:
         """
         if self._painter is None:
             raise RenderingError("render was called after close")
-        if camera not in self.cameras:
+        if isinstance(camera, str) and camera not in self.cameras:
             raise ValueError(unknown_name("camera", camera, self.cameras))
         if isinstance(qpos, mujoco.MjData):
             if activations is None:
@@ -100,6 +143,8 @@ class UserRenderer:
                 ]
                 activations = np.array(qpos.act[states])
             qpos = np.array(qpos.qpos)
+        if scene is not None:
+            self._learn(scene)
         posture = np.asarray(qpos, dtype=np.float64)
         if posture.shape != (self._model.nq,):
             raise ValueError(f"qpos: got shape {posture.shape}, expected ({self._model.nq},)")
@@ -108,8 +153,13 @@ class UserRenderer:
         relaxed = np.zeros(len(self._muscles))
         colour_muscles(self._model, self._muscles, relaxed if activations is None else activations)
         view = mujoco.MjvCamera()
-        view.type = mujoco.mjtCamera.mjCAMERA_FIXED
-        view.fixedcamid = self._model.camera(camera).id
+        if isinstance(camera, str):
+            view.type = mujoco.mjtCamera.mjCAMERA_FIXED
+            view.fixedcamid = self._model.camera(camera).id
+        else:
+            view.type = mujoco.mjtCamera.mjCAMERA_FREE
+            view.lookat[:], view.distance = camera.towards_m, camera.distance_m
+            view.azimuth, view.elevation = camera.azimuth_deg, camera.elevation_deg
         mujoco.mjv_updateScene(
             self._model,
             self._data,
@@ -119,6 +169,8 @@ class UserRenderer:
             mujoco.mjtCatBit.mjCAT_ALL.value,
             self._scene,
         )
+        if scene is not None:
+            put_objects(self._model, self._scene, scene, self._meshes)
         self._context.make_current()
         window = mujoco.MjrRect(0, 0, self.width, self.height)
         mujoco.mjr_render(window, self._scene, self._painter)

@@ -147,7 +147,7 @@ TEST(Protocol2, MessagesThatCannotBe) {
   const std::string record = testing::resetRecord(0, 1, 0, testing::playerPoses(0));
   const std::string frame = testing::stepFrame(0, testing::playerPoses(0));
   const std::pair<Reply, const char*> messages[] = {
-      {testing::message2(static_cast<Type>(10), 0, {}), "header type: got 10"},
+      {testing::message2(static_cast<Type>(11), 0, {}), "header type: got 11"},
       {testing::message2(Type::hello, 0, {}), "hello: got 1 frames, expected 2 with the header"},
       {testing::message2(Type::hello, 0, {"{}", "{}"}), "hello: got 3 frames"},
       {testing::message2(Type::hello, 0, {"hello"}), "hello: got no JSON"},
@@ -159,6 +159,7 @@ TEST(Protocol2, MessagesThatCannotBe) {
       {testing::message2(Type::hello, 0, {R"({"capabilities": ["a", 1]})"}),
        "hello.capabilities[1]: got 1, expected a string"},
       {testing::message2(Type::head_request, 0, {R"({"seed": -1})"}), "head_request.seed: got -1"},
+      {testing::message2(Type::scene, 0, {R"({"meshes": -1})"}), "scene.meshes: got -1"},
       {testing::message2(Type::hello, 0, {R"({"apps": 0})"}), "hello.apps: got 0"},
       {testing::message2(Type::hello, 0, {R"({"apps": 1e9})"}), "hello.apps: got 1000000000.0"},
       {testing::message2(Type::reset, 2, {record, ""}),

@@ -85,8 +85,9 @@ TEST(Session2, HelloSaysWhatThereIs) {
   EXPECT_EQ(about["shared_memory"], nullptr);
   EXPECT_EQ(about["eyes"], 1);
   EXPECT_EQ(about["facts"], Json::parse(games::gameFactsJson("sample")));
-  EXPECT_EQ(about["capabilities"], (Json{"save", "views", "frames", "inputs", "left_controller",
-                                         "haptics", "sounds", "head_request", "two_eyes"}));
+  EXPECT_EQ(about["capabilities"],
+            (Json{"save", "views", "frames", "inputs", "left_controller", "haptics", "sounds",
+                  "head_request", "two_eyes", "scene"}));
 }
 
 TEST(Session2, AnswersAtOnceWhenTheServerIsAskedToEnd) {
@@ -145,6 +146,7 @@ TEST(Session2, WhatAnAppCannotDoIsRefusedByItsName) {
   EXPECT_EQ(errorOf(client.ask(Type::save, 0, {appIndex(0)})).find("7 save: "), 0U);
   EXPECT_EQ(errorOf(client.ask(Type::render, 0, {"{}"})).find("7 views: "), 0U);
   EXPECT_EQ(errorOf(client.ask(Type::head_request, 0, {"{}"})).find("7 head_request: "), 0U);
+  EXPECT_EQ(errorOf(client.ask(Type::scene, 0, {"{}"})).find("7 scene: "), 0U);
   const auto refusal = [&client](const TrackedPoses& poses) {
     const Reply reply = client.ask(Type::step, 1, {stepRecord(0, 1), stepFrame(frameNs(1), poses)});
     return std::to_string(recordStatus(reply, 0)) + " " + reply.at(5);

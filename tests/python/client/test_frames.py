@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from sim2vr_harness.client import frames
 from sim2vr_harness.client.frames import (
     pose_to_app,
     position_to_app,
@@ -50,3 +51,28 @@ def test_round_trips_are_exact() -> None:
     np.testing.assert_array_equal(position_to_mujoco(position_to_app(p)), p)
     np.testing.assert_array_equal(rotation_to_mujoco(rotation_to_app(q)), q)
     assert pose_to_app(p, q).shape == (7, 7)
+
+
+def test_poses_come_back() -> None:
+    rng = np.random.default_rng(4)
+    rows = np.concatenate([rng.standard_normal((20, 3)), rng.standard_normal((20, 4))], axis=1)
+    rows[:, 3:] /= np.linalg.norm(rows[:, 3:], axis=1)[:, None]
+    position, quat = frames.pose_to_mujoco(rows)
+    assert (quat[:, 0] >= 0.0).all()
+    back = frames.pose_to_app(position, quat)
+    np.testing.assert_allclose(back[:, :3], rows[:, :3])
+    signs = np.sign((back[:, 3:] * rows[:, 3:]).sum(axis=1))
+    np.testing.assert_allclose(back[:, 3:] * signs[:, None], rows[:, 3:], atol=1e-12)
+
+
+def test_fronts_of_triangles_stay_fronts() -> None:
+    # A sheet that faces the viewer who looks ahead, along the app's z: (b - a) x (c - a) points
+    # back at the viewer, to -z there and to -x in MuJoCo's world.
+    vertices = np.array([[0.0, 0.0, 1.0], [0.0, 1.0, 1.0], [1.0, 0.0, 1.0]])
+    a, b, c = vertices
+    assert np.cross(b - a, c - a)[2] < 0.0
+    moved = frames.position_to_mujoco(vertices)
+    (corners,) = frames.triangles_to_mujoco(np.array([[0, 1, 2]]))
+    a, b, c = moved[corners]
+    np.testing.assert_allclose(np.cross(b - a, c - a), [-1.0, 0.0, 0.0])
+    np.testing.assert_allclose(frames.scale_to_mujoco([1.0, 2.0, 3.0]), [3.0, 1.0, 2.0])

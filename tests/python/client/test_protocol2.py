@@ -354,6 +354,7 @@ def test_what_an_app_cannot_do_is_not_asked_for(liar: str) -> None:
         "left_controller": lambda: app.step(STEP, lefty),
         "frames": lambda: app.step_frames(np.array([STEP, 2 * STEP]), two),
         "head_request": lambda: app.head_request(1),
+        "scene": app.scene,
     }.items():
         with pytest.raises(AppUnsupported, match=f"^{capability}: the app at"):
             call()

@@ -89,7 +89,7 @@ def test_films_are_h264_at_the_users_rate(fake_body: None, tmp_path: Path) -> No
     assert list(tmp_path.iterdir()) == filmer.files
     assert imageio_ffmpeg.count_frames_and_secs(str(filmer.files[0])) == (10, 0.5)
     report = probe(filmer.files[0])
-    for part in ("h264", "yuv420p", "1622x464", "20 fps"):
+    for part in ("h264", "yuv420p", "1196x464", "20 fps"):
         assert part in report
 
 
@@ -116,7 +116,7 @@ def test_snapshot_writes_every_view(fake_body: None, tmp_path: Path) -> None:
     for name in ("headset", "third_person", "recorder", "body"):
         assert sizes[name] == (64, 48)
     assert sizes["observation"] == (240, 80)
-    assert sizes["overview"] == (3 * 64 + 2 * 6, 48 + 44)
+    assert sizes["overview"] == (2 * 64 + 6, 48 + 44)
     with pytest.raises(ValueError, match="condition: got 'nope'"):
         snapshot(tmp_path / "out", condition="nope", simulation=make)
     with pytest.raises(ValueError, match="did you mean 'sample'"):

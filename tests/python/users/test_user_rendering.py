@@ -6,8 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim2vr_harness.client import PLAYER_LAYER, AppScene, SceneMesh, SceneObject
 from sim2vr_harness.users import Body, load_body
-from sim2vr_harness.users.rendering import RenderingError, UserRenderer
+from sim2vr_harness.users.rendering import OrbitView, RenderingError, UserRenderer
 
 
 @pytest.fixture(scope="module")
@@ -62,3 +63,45 @@ def test_errors(user: Body, renderer: UserRenderer) -> None:
     closed.close()
     with pytest.raises(RenderingError, match="after close"):
         closed.render(np.zeros(21))
+
+
+def wedge(name: str) -> SceneMesh:
+    """A pyramid of 20 cm whose middle is far from its own origin, app frame."""
+    corners = np.array([[0, 0, 0], [0.2, 0, 0], [0, 0.2, 0], [0, 0, 0.2]], np.float32)
+    triangles = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    return SceneMesh(name, corners + np.float32([1.0, 0.0, 0.0]), triangles)
+
+
+def shown(place: list[float], turn: list[float], color: list[float], layer: int = 0) -> SceneObject:
+    pose = np.array([*place, *turn])
+    scale = np.array([0.5, 0.5, 0.5])
+    return SceneObject(1, "Wedge", layer, 0, pose, scale, np.array(color, np.float32), True)
+
+
+def test_an_app_s_objects_are_drawn_where_they_are(user: Body) -> None:
+    level = [0.0, 0.0, 0.0, 1.0]
+    # A view from 2 m behind, level, at the place 1 m ahead and 1.2 m up.
+    view = OrbitView((1.0, 0.0, 1.2), 2.0, 0.0, 0.0)
+    # The mesh's middle lies 0.5 * (1.05, 0.05, 0.05) from its object: to the right of the middle.
+    scene = AppScene((shown([0.0, 1.2, 1.0], level, [1, 0, 1, 1]),), (wedge("w"),))
+    with UserRenderer(user, 160, 120) as renderer:
+
+        def magenta(scene: AppScene) -> np.ndarray:
+            picture = renderer.render(np.zeros(21), view, scene=scene).astype(int)
+            rows = np.argwhere((picture[..., 0] > 120) & (picture[..., 1] < 80))
+            return rows[picture[tuple(rows.T)][:, 2] > 120]
+
+        pixels = magenta(scene)
+        fov = np.radians(renderer._model.vis.global_.fovy)
+        focal = 60.0 / np.tan(fov / 2.0)
+        middle = pixels.mean(axis=0)
+        assert abs(middle[1] - (80 + focal * 0.525 / 2.025)) < 3.0
+        assert abs(middle[0] - (60 - focal * 0.025 / 2.025)) < 3.0
+        # Half a turn about the vertical: to the left.
+        turned = AppScene((shown([0.0, 1.2, 1.0], [0, 1, 0, 0], [1, 0, 1, 1]),), scene.meshes)
+        assert abs(magenta(turned).mean(axis=0)[1] - (80 - focal * 0.525 / 1.975)) < 3.0
+        # What stands for the player is not drawn beside the body; a new shape is taken in.
+        player = AppScene((shown([0, 1.2, 1], level, [1, 0, 1, 1], PLAYER_LAYER),), scene.meshes)
+        assert len(magenta(player)) == 0
+        twice = AppScene(scene.objects, (*scene.meshes, wedge("other")))
+        np.testing.assert_array_equal(magenta(twice), pixels)

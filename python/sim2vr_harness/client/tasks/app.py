@@ -20,6 +20,7 @@ from sim2vr_harness.client.base import (
 from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppUnsupported
 from sim2vr_harness.client.poses import one_frame
+from sim2vr_harness.client.scene import AppScene
 from sim2vr_harness.client.tasks.loading import FIELD, words_of
 from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
 from sim2vr_harness.errors import InputError, unknown_name
@@ -206,6 +207,10 @@ class TaskedApp:
     ) -> UInt8Array:
         """See :class:`AppClient`."""
         return self.app.render_third_person(width, height, view)
+
+    def scene(self) -> AppScene:
+        """See :class:`AppClient`."""
+        return self.app.scene()
 
     def save(self) -> bytes:
         """See :class:`AppClient`; not with a task."""

@@ -27,6 +27,7 @@ from sim2vr_harness.client.poses import (
     pose_rows,
 )
 from sim2vr_harness.client.runtime import checked_seed
+from sim2vr_harness.client.scene import AppScene
 from sim2vr_harness.client.transport import AppsWanted
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
@@ -267,6 +268,10 @@ class WebXRApp:
         """See :class:`AppClient`; not for a page."""
         raise _unsupported("views")
 
+    def scene(self) -> AppScene:
+        """See :class:`AppClient`; not for a page."""
+        raise _unsupported("scene")
+
     def save(self) -> bytes:
         """See :class:`AppClient`; not for a page."""
         raise _unsupported("save")
@@ -301,7 +306,11 @@ class WebXRApp:
 
 
 def _unsupported(capability: str) -> AppUnsupported:
-    what = {"save": "what a page's scripts hold cannot be saved", "views": "a page draws one view"}
+    what = {
+        "save": "what a page's scripts hold cannot be saved",
+        "scene": "a page keeps what it draws to itself",
+        "views": "a page draws one view",
+    }
     return AppUnsupported(f"{capability}: {what[capability]}")
 
 

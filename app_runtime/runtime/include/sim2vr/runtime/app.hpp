@@ -55,6 +55,8 @@ class App final : public LockstepApp {
   void fillPrivileged(std::span<float> values) const override;
   std::optional<double> headRequest(const RoundStart& start) const override;
   void renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba) override;
+  std::vector<render::Shown> shown() override;
+  const render::Mesh& shownMesh(int number) const override { return meshes_.mesh(number); }
   std::string save() override;
   void load(const std::string& state) override;
   std::uint64_t stateHash() override;
@@ -94,6 +96,7 @@ class App final : public LockstepApp {
   Step step_;
   std::vector<std::uint8_t> own_image_;
   std::span<std::uint8_t> image_;
+  render::MeshNumbers meshes_;
   std::unique_ptr<Round> round_;
 };
 

@@ -18,6 +18,7 @@
 #include "sim2vr/core/clock.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/render/renderer.hpp"
+#include "sim2vr/render/shown.hpp"
 #include "sim2vr/rl/sound.hpp"
 #include "sim2vr/xr/device.hpp"
 
@@ -103,6 +104,7 @@ enum class Capability : std::uint8_t {
   head_request,     // headRequest
   two_eyes,         // AppSettings::eyes = 2
   privileged,       // fillPrivileged
+  scene,            // shown
 };
 using Capabilities = std::set<Capability>;
 
@@ -212,6 +214,11 @@ class LockstepApp {
   /// headset's from between the eyes. Throws StateError before the first reset, InvalidArgument for
   /// a view that the app does not offer.
   virtual void renderView(View view, render::ImageSize size, std::span<std::uint8_t> rgba);
+  /// What the latest frame's scene holds and shows. Meshes keep their numbers for the app's life.
+  /// Throws StateError before the first reset.
+  virtual std::vector<render::Shown> shown();
+  /// The mesh of a number that shown() gave. Throws InvalidArgument for another one.
+  virtual const render::Mesh& shownMesh(int number) const;
   /// The whole state, mid-round included, for an app with the same settings. Throws StateError
   /// before the first reset.
   virtual std::string save();

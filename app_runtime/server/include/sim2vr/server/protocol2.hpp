@@ -35,6 +35,7 @@ enum class Type : std::uint16_t {
   hash = 7,
   quit = 8,
   head_request = 9,
+  scene = 10,
 };
 
 enum class Status : std::uint32_t {
@@ -123,8 +124,14 @@ struct HeadRequest {
   std::string options_json = "{}";
 };
 
-using Request =
-    std::variant<Hello, Reset, Step, PictureRequest, Save, Load, Hash, Quit, HeadRequest>;
+struct SceneRequest {
+  std::uint32_t app = 0;
+  /// How many meshes the client has already; it gets those from this number on.
+  int meshes = 0;
+};
+
+using Request = std::variant<Hello, Reset, Step, PictureRequest, Save, Load, Hash, Quit,
+                             HeadRequest, SceneRequest>;
 
 /// The message after its header. Throws MalformedMessage.
 Request decodeRequest(const Header& header, Frames body);
@@ -164,6 +171,9 @@ Reply encodeError(const Header& request, Status status, std::string_view message
 Reply encodeOtherVersion(const Header& request);
 /// JSON object {"pitch_deg": number or null}.
 std::string encodeHeadRequest(std::optional<double> pitch_deg);
+/// Two frames: JSON object {"objects": [...], "meshes": [...]}, and the meshes' numbers.
+Reply encodeScene(const Header& request, const std::vector<render::Shown>& shown,
+                  const std::vector<const render::Mesh*>& new_meshes);
 /// 8 bytes, little-endian.
 std::string encodeHash(std::uint64_t hash);
 

@@ -1,0 +1,158 @@
+"""``sim2vr-harness reach``: what a user can reach."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sim2vr_harness.cli.options import TrustOption, finite, writable_folder
+
+if TYPE_CHECKING:
+    from sim2vr_harness.envs.config import EnvConfig
+    from sim2vr_harness.tools.reach.linkage import Point
+    from sim2vr_harness.tools.reach.measuring import Measured
+    from sim2vr_harness.tools.reach.targets import Target
+
+__all__ = ["reach"]
+
+
+def reach(
+    user: Annotated[
+        str,
+        typer.Argument(
+            metavar="USER",
+            help="A body or its YAML file, a configuration, or a trained user.",
+        ),
+    ] = "mobl_arms_wrist",
+    point: Annotated[
+        str | None,
+        typer.Option(
+            metavar="PART",
+            help="What is to get there: a device or part of the body, such as controller_right or "
+            "hand. Without, the first controller.",
+        ),
+    ] = None,
+    tool: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="An object that the game puts in the hand, instead of --point."
+        ),
+    ] = None,
+    target: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="[NAME=]X,Y,Z", help="A place, m to the right, up and ahead; may be repeated."
+        ),
+    ] = None,
+    log: Annotated[
+        list[Path] | None,
+        typer.Option(metavar="PATH", help="Targets of a round's log (events.csv or its folder)."),
+    ] = None,
+    game: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="Targets of a game that is run, nobody playing."),
+    ] = None,
+    condition: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="The game's condition; may be repeated."),
+    ] = None,
+    objects: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="Which of the game's objects are targets, with * and ?; without, those that come, "
+            "go or move.",
+        ),
+    ] = None,
+    seconds: Annotated[
+        float, typer.Option(help="How long to look at each of three rounds.", callback=finite)
+    ] = 10.0,
+    cell: Annotated[
+        float,
+        typer.Option(help="Edge of the cells that the room is divided into, m.", callback=finite),
+    ] = 0.05,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the files.", callback=writable_folder)
+    ] = Path("reach"),
+    film: Annotated[bool, typer.Option("--film/--no-film", help="Film it from all sides.")] = True,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Change the user: --set env.user.torso=true."
+        ),
+    ] = None,
+    trust_app: TrustOption = False,
+) -> None:
+    """Measure what a user can reach, and say of targets whether they lie within."""
+    from sim2vr_harness.envs.config import body_of
+    from sim2vr_harness.errors import InputError
+    from sim2vr_harness.tools.missing import needed
+    from sim2vr_harness.tools.reach.files import write
+    from sim2vr_harness.tools.reach.measuring import chosen_point, measure
+    from sim2vr_harness.tools.reach.targets import given_target, logged_targets
+    from sim2vr_harness.tools.users import environment_of
+
+    needed("plotly", "studies", "reach")
+    if tool is not None and (point is not None or game is None):
+        wrong = "it together with --point" if point is not None else "it without --game"
+        raise InputError("--tool", wrong, "it with --game and without --point")
+    if game is None and (condition or objects is not None):
+        raise InputError("--condition or --objects", "it without --game", "it with --game")
+    if not 0.0 < seconds <= 600.0:
+        raise InputError("--seconds", f"{seconds:g}", "more than 0, at most 600")
+    targets = [given_target(text) for text in target or ()]
+    for path in log or ():
+        targets += logged_targets(path)
+    conditions: list[str | None] = [*condition] if condition else [None]
+    environments = [
+        environment_of(user, game=game, condition=name, overrides=set_ or (), trust_app=trust_app)
+        for name in conditions
+    ]
+    body = body_of(environments[0].user)
+    where = chosen_point(body, point)
+    if game is not None:
+        targets += _of_game(environments, conditions, objects, seconds)
+        if tool is not None:
+            where = _in_hand(environments[0], tool)
+    found = measure(body, where, targets, cell_m=cell)
+    _tell(found)
+    for file in write(found, out, film=film):
+        typer.echo(f"Written: {file}")
+
+
+def _of_game(
+    environments: list[EnvConfig], conditions: list[str | None], objects: str | None, seconds: float
+) -> list[Target]:
+    from dataclasses import replace
+
+    from sim2vr_harness.tools.reach.targets import seen_targets
+
+    found = []
+    for environment, condition in zip(environments, conditions, strict=True):
+        for one in seen_targets(environment, objects, seconds=seconds):
+            found.append(replace(one, name=f"{condition or ''} {one.name}".strip()))
+    return found
+
+
+def _in_hand(environment: EnvConfig, tool: str) -> Point:
+    from contextlib import closing
+
+    from sim2vr_harness.envs.simulation import Simulation
+    from sim2vr_harness.tools.reach.targets import tool_point
+
+    with closing(Simulation(environment, 1)) as users:
+        users.reset(seeds=[1])
+        return tool_point(users.apps[0].scene(), tool)
+
+
+def _tell(found: Measured) -> None:
+    from sim2vr_harness.tools.reach.page import margin_words
+    from sim2vr_harness.tools.reach.pictures import caption
+
+    typer.echo(caption(found))
+    for name, low, high in zip(("right", "up", "ahead"), *found.extent_m, strict=True):
+        typer.echo(f"  {name:5} {low:7.3f} to {high:6.3f} m")
+    for target, verdict in zip(found.targets, found.verdicts, strict=True):
+        typer.echo(f"  {target.name}: {margin_words(verdict.margin_m)}")

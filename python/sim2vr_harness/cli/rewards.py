@@ -1,0 +1,82 @@
+"""``sim2vr-harness rewards``: what the parts of a reward are worth."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim2vr_harness.cli.options import TrustOption, writable_folder
+
+__all__ = ["rewards"]
+
+
+def rewards(
+    user: Annotated[
+        str,
+        typer.Argument(
+            metavar="USER",
+            help="A configuration, a trained user, or a body: whose game, effort and muscles.",
+        ),
+    ] = "whacamole_constrained",
+    terms: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.yaml", help="Terms of one's own instead of the game's."),
+    ] = None,
+    game: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Another game than the user's.")
+    ] = None,
+    condition: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The game's condition.")
+    ] = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the files.", callback=writable_folder)
+    ] = Path("rewards"),
+    set_: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set",
+            metavar="KEY=VALUE",
+            help="Change the environment: --set env.user.effort.weight=0.01.",
+        ),
+    ] = None,
+    trust_app: TrustOption = False,
+) -> None:
+    """Say what each term of a reward comes to over a movement, beside the effort's cost."""
+    from rich.console import Console
+    from rich.table import Table
+
+    from sim2vr_harness.envs.config import body_of
+    from sim2vr_harness.errors import InputError
+    from sim2vr_harness.games.registry import reward_terms, rewarding_games
+    from sim2vr_harness.tools.missing import needed
+    from sim2vr_harness.tools.rewards.contributions import contributions
+    from sim2vr_harness.tools.rewards.description import read_terms
+    from sim2vr_harness.tools.rewards.files import sums, write
+    from sim2vr_harness.tools.rewards.warnings import warnings_of
+    from sim2vr_harness.tools.users import environment_of
+
+    needed("plotly", "studies", "rewards")
+    own = None if terms is None else read_terms(terms)
+    env = environment_of(
+        user, game=game, condition=condition, overrides=set_ or (), trust_app=trust_app
+    )
+    if own is None:
+        if env.app.game not in rewarding_games():
+            expected = f"--terms FILE.yaml, or a game of {', '.join(rewarding_games())}"
+            raise InputError("--game", repr(env.app.game), expected)
+        own = reward_terms(env.app.game, env.app.options)
+    found = contributions(
+        own, env.user.effort, body_of(env.user), frequency_hz=env.action_frequency_hz
+    )
+    told = warnings_of(found)
+    header, rows = sums(found)
+    table = Table(*header, title=f"{own.name}: one target, {own.start_m:g} m, {own.seconds:g} s")
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)
+    for line in told:
+        typer.echo(f"note: {line}")
+    for file in write(found, told, out):
+        typer.echo(f"Written: {file}")

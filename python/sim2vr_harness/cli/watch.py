@@ -1,0 +1,86 @@
+"""``sim2vr-harness watch``: a look at play, in the browser or as a file for Rerun."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from sim2vr_harness.cli.options import TrustOption, writable_file
+
+__all__ = ["watch"]
+
+
+def watch(
+    run: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[RUN|LOG|RECORDING]",
+            help="A trained user, a configuration or body, or the folder of a logged or recorded "
+            "round.",
+        ),
+    ] = None,
+    try_: Annotated[
+        bool, typer.Option("--try", help="Play yourself, with mouse and keyboard.")
+    ] = False,
+    game: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The game; without, the user's.")
+    ] = None,
+    condition: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The game's condition.")
+    ] = None,
+    seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Seed of the round.")] = 1,
+    deterministic: Annotated[
+        bool, typer.Option("--deterministic/--stochastic", help="Take the policy's mean.")
+    ] = False,
+    rerun: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.rrd",
+            help="Write a recording for Rerun's viewer instead.",
+            callback=writable_file,
+        ),
+    ] = None,
+    host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = 8080,
+    trust_app: TrustOption = False,
+) -> None:
+    """Watch a user at play in the browser: body, game and headset view; or try the game."""
+    from sim2vr_harness.errors import InputError
+    from sim2vr_harness.tools.missing import needed
+
+    if rerun is not None and rerun.suffix.lower() != ".rrd":
+        raise InputError("--rerun", repr(str(rerun)), "a file name that ends in .rrd")
+    if rerun is not None and try_:
+        raise InputError("--rerun", "it together with --try", "one of them")
+    if run is None and not try_:
+        raise InputError("RUN", "nothing", "a user, a log or a recording; or --try")
+    needed(*(("rerun", "rerun", "--rerun") if rerun is not None else ("viser", "watch", "watch")))
+
+    from sim2vr_harness.tools.watch.choosing import choose
+
+    show = choose(
+        run,
+        person=try_,
+        game=game,
+        condition=condition,
+        seed=seed,
+        deterministic=deterministic,
+        trust_app=trust_app,
+    )
+    if rerun is not None:
+        from sim2vr_harness.cli.progress import Share
+        from sim2vr_harness.tools.watch.rerun_file import write_rerun
+
+        with Share("Recording") as share:
+            write_rerun(show, rerun, on_progress=lambda time_s: share.show(min(time_s / 60.0, 1.0)))
+        typer.echo(f"Written: {rerun}")
+        return
+    from contextlib import closing
+
+    from sim2vr_harness.tools.watch.browser import Theatre
+
+    with closing(Theatre(show, host, port)) as theatre:
+        typer.echo(f"{show.title}: {theatre.address} (Ctrl-C ends)")
+        theatre.run()

@@ -1,0 +1,1 @@
+"""How far a user reaches, and which targets lie within."""

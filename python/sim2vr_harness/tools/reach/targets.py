@@ -1,0 +1,260 @@
+"""Places to reach: given by hand, from a game's log, or from a running game."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable
+from contextlib import closing
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.client import AppScene, SceneObject
+from sim2vr_harness.client.frames import position_to_mujoco
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.evaluation.replay.state_log import read_lines
+from sim2vr_harness.tools.reach.linkage import Point
+
+__all__ = ["Target", "given_target", "logged_targets", "seen_targets", "tool_point"]
+
+FloatArray = NDArray[np.float64]
+
+_RIG = "XR Rig/"
+_CONTROLLERS = {
+    "XR Rig/RightHand Controller": "controller_right",
+    "XR Rig/LeftHand Controller": "controller_left",
+}
+_NEW_AFTER_M = 0.01
+"""Places nearer to each other than this are one."""
+_MOST = 500
+_NUMBER = r"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?"
+_GRID = re.compile(rf"\[(\d+) \d+ \d+ {_NUMBER} {_NUMBER} ({_NUMBER}) ({_NUMBER}) ({_NUMBER})\]")
+_PLANE = re.compile(rf", target plane transform ((?:{_NUMBER} ){{6}}{_NUMBER})")
+_CENTER = re.compile(rf", target_spawn, .*grid ID (\d+), .*center ({_NUMBER}) ({_NUMBER})")
+
+
+@dataclass(frozen=True)
+class Target:
+    """A place to reach.
+
+    Attributes:
+        name: for people.
+        place_m: (3,) right, up, ahead: the app's frame, m, origin on the floor below the body.
+    """
+
+    name: str
+    place_m: FloatArray
+
+
+def given_target(text: str) -> Target:
+    """Read ``[NAME=]RIGHT,UP,AHEAD`` in metres.
+
+    Raises:
+        InputError: It is something else.
+    """
+    name, _, numbers = text.rpartition("=")
+    try:
+        place = np.array([float(number) for number in numbers.split(",")])
+    except ValueError:
+        place = np.empty(0)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        expected = "[NAME=]RIGHT,UP,AHEAD in metres, for example cup=0.2,1.1,0.45"
+        raise InputError("--target", repr(text), expected)
+    return Target(name or numbers, place)
+
+
+def logged_targets(log: Path) -> list[Target]:
+    """Read where targets were from a round's ``events.csv``.
+
+    Their places are in ``grid mapping``, or in ``target_spawn`` as a centre in the target plane.
+
+    Args:
+        log: The file, or its folder.
+
+    Raises:
+        InputError: There is no such file, or no target in it.
+    """
+    file = log / "events.csv" if log.is_dir() else log
+    if not file.is_file():
+        raise InputError("--log", repr(str(log)), "a round's events.csv, or its folder")
+    found: dict[str, FloatArray] = {}
+    plane: FloatArray | None = None
+    for line in read_lines(file):
+        if match := _PLANE.search(line):
+            plane = np.array([float(number) for number in match[1].split()])
+        if ", grid mapping " in line:
+            for cell, *place in _GRID.findall(line):
+                found[cell] = np.array([float(number) for number in place])
+        if plane is not None and (match := _CENTER.search(line)):
+            in_plane = np.array([float(match[2]), float(match[3]), 0.0])
+            place_m = plane[:3] + _turned(plane[3:], in_plane)
+            if not any(_same(place_m, other) for other in found.values()):
+                found[str(len(found))] = place_m
+    if not found:
+        expected = "one with 'grid mapping', or with the 'center' of each target_spawn"
+        raise InputError("--log", f"{str(file)!r}, which says of no target where it is", expected)
+    return [Target(f"target {cell}", place) for cell, place in found.items()]
+
+
+def _turned(quat_xyzw: FloatArray, vector: FloatArray) -> FloatArray:
+    axis, w = quat_xyzw[:3], quat_xyzw[3]
+    turned: FloatArray = vector + 2.0 * np.cross(axis, np.cross(axis, vector) + w * vector)
+    return turned
+
+
+def _same(a: FloatArray, b: FloatArray) -> bool:
+    return bool(np.linalg.norm(a - b) < _NEW_AFTER_M)
+
+
+def seen_targets(
+    config: EnvConfig,
+    pattern: str | None,
+    *,
+    seconds: float = 10.0,
+    seed: int = 1,
+    rounds: int = 3,
+    simulation: Callable[..., Any] | None = None,
+) -> list[Target]:
+    """Let the user sit still in a game, and note where objects come up.
+
+    An object that moves counts where it comes nearest to the headset.
+
+    Args:
+        config: User and app.
+        pattern: Of objects' names, with ``*`` and ``?``; None takes those that come, go or move by
+            themselves.
+        seconds: How long to look at a round.
+        seed: Of the first round.
+        rounds: How many rounds to look at.
+        simulation: How to make the user: (EnvConfig, n) -> simulation.
+
+    Raises:
+        InputError: The app does not tell of its scene, or nothing fits the pattern.
+    """
+    if simulation is None:
+        from sim2vr_harness.envs.simulation import Simulation
+
+        simulation = Simulation
+    seen: list[Target] = []
+    names: set[str] = set()
+    with closing(simulation(config, 1)) as users:
+        app = users.apps[0]
+        if "scene" not in app.capabilities:
+            raise InputError("--game", "an app that tells nothing of its scene", "one that does")
+        still = np.zeros((1, *users.action_space.shape), np.float32)
+        for number in range(rounds):
+            users.reset(seeds=[seed + number])
+            tracks = _Tracks(app.scene(), pattern)
+            for _ in range(round(seconds * users.config.action_frequency_hz)):
+                outcome = users.step(still)
+                scene = app.scene()
+                names |= {one.path for one in scene.objects}
+                tracks.add(scene)
+                if outcome.terminated[0] or outcome.truncated[0]:
+                    break
+            for target in tracks.targets():
+                if not any(_same(target.place_m, other.place_m) for other in seen):
+                    seen.append(target)
+    if not seen:
+        wanted = "that comes, goes or moves" if pattern is None else f"called {pattern!r}"
+        own = sorted({name.rpartition("/")[2] for name in names if not name.startswith(_RIG)})
+        raise InputError("--objects", f"nothing {wanted}", f"one of {', '.join(own)}")
+    return _numbered(seen[:_MOST])
+
+
+def _numbered(seen: list[Target]) -> list[Target]:
+    """Number places of a kind, whatever numbers the objects had."""
+    counts: dict[str, int] = {}
+    named = []
+    for target in seen:
+        kind = target.name.rstrip("0123456789 ") or target.name
+        counts[kind] = counts.get(kind, 0) + 1
+        named.append(replace(target, name=f"{kind} {counts[kind]}"))
+    return named
+
+
+class _Tracks:
+    """Where objects of a round come nearest to the head, that fit a pattern or move."""
+
+    def __init__(self, first: AppScene, pattern: str | None) -> None:
+        self._pattern = pattern
+        self._first = {_key(one): one for one in first.objects}
+        self._best: dict[tuple[int, int], tuple[float, str, FloatArray]] = {}
+        self._moved: set[tuple[int, int]] = set()
+        self.add(first)
+
+    def add(self, scene: AppScene) -> None:
+        """Look at a moment."""
+        head = next(one.pose[:3] for one in scene.objects if one.path == f"{_RIG}Main Camera")
+        counts: dict[int, int] = {}
+        for one in scene.objects:
+            key = one.id, counts.get(one.id, 0)
+            counts[one.id] = key[1] + 1
+            if one.path.startswith(_RIG) or key[1] or not self._fits(one):
+                continue
+            before = self._first.get(_key(one))
+            if before is None or not _same(before.pose[:3], one.pose[:3]):
+                self._moved.add(key)
+            distance = float(np.linalg.norm(one.pose[:3] - head))
+            if key not in self._best or distance < self._best[key][0]:
+                self._best[key] = distance, one.path.rpartition("/")[2], one.pose[:3].copy()
+
+    def _fits(self, one: SceneObject) -> bool:
+        if one.mesh is None or self._pattern is None:
+            return one.mesh is not None
+        name = one.path.rpartition("/")[2]
+        return fnmatchcase(name, self._pattern) or fnmatchcase(one.path, self._pattern)
+
+    def targets(self) -> list[Target]:
+        """Those that were found, the earliest first."""
+        return [
+            Target(name, place)
+            for key, (_, name, place) in self._best.items()
+            if self._pattern is not None or key in self._moved
+        ]
+
+
+def _key(one: SceneObject) -> int:
+    return one.id
+
+
+def tool_point(scene: AppScene, pattern: str) -> Point:
+    """Where a tool is on the controller that carries it.
+
+    Args:
+        scene: Of a round that has begun.
+        pattern: Name of the tool's object, with ``*`` and ``?``; it must be below a controller.
+
+    Raises:
+        InputError: No object, or several, fit.
+    """
+    carried = [
+        (one, path)
+        for one in scene.named(pattern)
+        for path in _CONTROLLERS
+        if one.path.startswith(f"{path}/")
+    ]
+    if len({one.path for one, _ in carried}) != 1:
+        below = [
+            one.path
+            for one in scene.objects
+            if any(one.path.startswith(f"{p}/") for p in _CONTROLLERS)
+        ]
+        got = f"{pattern!r}, which {len(carried)} objects in hands are called"
+        raise InputError("--tool", got, f"one of {', '.join(map(repr, below)) or 'none'}")
+    tool, path = carried[0]
+    (hand,) = [one for one in scene.objects if one.path == path]
+    quat = hand.pose[3:] * np.array([-1.0, -1.0, -1.0, 1.0])
+    offset = _turned(quat, tool.pose[:3] - hand.pose[:3])
+    x, y, z = position_to_mujoco(offset).tolist()
+    return Point(_CONTROLLERS[path], (x, y, z))
+
+
+def in_mujoco(targets: Iterable[Target]) -> FloatArray:
+    """(T, 3) the targets in MuJoCo's world."""
+    return np.array([position_to_mujoco(target.place_m) for target in targets]).reshape(-1, 3)

@@ -1,0 +1,84 @@
+"""Whom a tool is about: a run, a shipped user, a configuration, or a body."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from sim2vr_harness import paths
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.games import game_facts, with_condition, with_game
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.evaluation.environment import evaluation_env
+from sim2vr_harness.training.config import TrainingConfig, load_config, parse_config, read_mapping
+from sim2vr_harness.training.trained_users import find_user
+from sim2vr_harness.users import list_bodies
+
+__all__ = ["environment_of", "settings_of"]
+
+
+def settings_of(who: str) -> TrainingConfig:
+    """Return the configuration that a name stands for.
+
+    Args:
+        who: A body's name or YAML file (docs/bodies.md), a configuration's, or a user as of
+            :func:`~sim2vr_harness.training.trained_users.find_user`.
+
+    Raises:
+        InputError: It is none of them.
+    """
+    if who in list_bodies():
+        return parse_config({"env": {"user": {"model": who}}})
+    if who.lower().endswith((".yaml", ".yml")):
+        file = Path(who)
+        if file.is_file() and {"mjcf", "model", "package"} & read_mapping(file).keys():
+            return parse_config({"env": {"user": {"model": str(file.resolve())}}})
+        return load_config(who)
+    try:
+        return find_user(who).config
+    except InputError as error:
+        try:
+            paths.config_path(who)
+        except FileNotFoundError:
+            expected = f"{error.expected}, a configuration, or a body: {', '.join(list_bodies())}"
+            raise InputError("USER", repr(who), expected) from error
+        return load_config(who)
+
+
+def environment_of(
+    who: str,
+    *,
+    game: str | None = None,
+    condition: str | None = None,
+    overrides: Sequence[str] = (),
+    trust_app: bool = False,
+) -> EnvConfig:
+    """Return the environment of a user; see :func:`settings_of`.
+
+    Args:
+        who: The user.
+        game: Another game than the user's.
+        condition: Of the game.
+        overrides: ``env.key=value``.
+        trust_app: Whether the app that it names may be started, though you never have.
+
+    Raises:
+        InputError: Something cannot be used.
+    """
+    env = evaluation_env(settings_of(who), overrides=overrides, source=who, trust_app=trust_app)
+    try:
+        if game is not None and game != env.app.game:
+            options = env.app.model_copy(update={"options": {}})
+            env = with_game(env.model_copy(update={"app": options}), game)
+            game_facts(env.app)
+    except ValueError as error:
+        raise _named("--game", error) from error
+    try:
+        return with_condition(env, condition)
+    except ValueError as error:
+        raise _named("--condition", error) from error
+
+
+def _named(option: str, error: ValueError) -> InputError:
+    got, _, expected = str(error).partition("got ")[2].partition(", expected ")
+    return InputError(option, got or str(error), expected or "another one")

@@ -1,0 +1,315 @@
+"""Play in the browser, by viser: one scene to walk around in, and what drives it beside it."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.client.frames import (
+    pose_to_app,
+    pose_to_mujoco,
+)
+from sim2vr_harness.tools.missing import needed
+from sim2vr_harness.tools.watch.moments import Hands, Moment, Show
+from sim2vr_harness.tools.watch.playback import SPEEDS, Playback
+from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
+
+__all__ = ["Stage", "Theatre"]
+
+_LAST_EVENTS = 8
+_LIGHTEST = 0.995
+_KEYS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
+    ("W", "Hand ahead", (0.0, 0.0, 1.0)),
+    ("S", "Hand back", (0.0, 0.0, -1.0)),
+    ("A", "Hand to the left", (-1.0, 0.0, 0.0)),
+    ("D", "Hand to the right", (1.0, 0.0, 0.0)),
+    ("E", "Hand up", (0.0, 1.0, 0.0)),
+    ("Q", "Hand down", (0.0, -1.0, 0.0)),
+)
+_STRIDE_M = 0.04
+_TURNS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
+    ("arrowleft", "Look left", (0.0, -1.0, 0.0)),
+    ("arrowright", "Look right", (0.0, 1.0, 0.0)),
+    ("arrowup", "Look up", (-1.0, 0.0, 0.0)),
+    ("arrowdown", "Look down", (1.0, 0.0, 0.0)),
+)
+"""Turns about axes of the head, app frame: left-handed, so that a turn about y goes right."""
+_TURN_RAD = np.radians(5.0)
+
+
+class Stage:
+    """Body and objects of a show in viser's scene, MuJoCo's world.
+
+    Args:
+        scene: of a viser server.
+        show: whose body.
+    """
+
+    def __init__(self, scene: Any, show: Show) -> None:
+        self._scene, self._show = scene, show
+        self._objects: dict[tuple[int, int], tuple[int, Any]] = {}
+        self._poser: Poser | None = None
+        self._parts: list[tuple[int, Any]] = []
+        self._muscles: Any = None
+        scene.set_up_direction("+z")
+        scene.configure_default_lights(cast_shadow=False)  # browsers without a GPU are slow
+        scene.add_grid("/floor", width=6.0, height=6.0, cell_size=0.25, position=(0, 0, -0.01))
+        if show.body is not None:
+            self._poser = Poser(show.body)
+            for shape in body_shapes(show.body):
+                handle = scene.add_mesh_simple(
+                    f"/body/{shape.name}",
+                    shape.vertices.astype(np.float32),
+                    shape.faces.astype(np.uint32),
+                    color=shape.color,
+                    side="double",
+                )
+                self._parts.append((shape.part, handle))
+
+    def draw(self, moment: Moment) -> None:
+        """Show a moment."""
+        if self._poser is not None and moment.qpos is not None:
+            self._draw_body(self._poser, moment)
+        self._draw_objects(moment)
+
+    def _draw_body(self, poser: Poser, moment: Moment) -> None:
+        assert moment.qpos is not None
+        activations = np.zeros(0) if moment.activations is None else moment.activations
+        posture = poser.pose(moment.qpos, activations)
+        for part, handle in self._parts:
+            handle.position, handle.wxyz = posture.positions[part], posture.quats[part]
+        if not len(posture.muscles):
+            return
+        points = posture.muscles.astype(np.float32)
+        if self._muscles is None:
+            self._muscles = self._scene.add_line_segments(
+                "/body/muscles", points, posture.colors, thickness=0.008
+            )
+        else:
+            self._muscles.points, self._muscles.colors = points, posture.colors
+
+    def _draw_objects(self, moment: Moment) -> None:
+        seen: dict[int, int] = {}
+        shown = set()
+        for one in moment.scene.drawn(player=self._show.body is None):
+            assert one.mesh is not None
+            key = one.id, seen.get(one.id, 0)
+            seen[one.id] = key[1] + 1
+            shown.add(key)
+            position, quat, scale = one.in_mujoco()
+            mesh, handle = self._objects.get(key, (-1, None))
+            if mesh != one.mesh:
+                if handle is not None:
+                    handle.remove()
+                handle = self._new_object(moment, key, one.mesh)
+                self._objects[key] = one.mesh, handle
+            assert handle is not None
+            handle.position, handle.wxyz = position, quat
+            handle.scale = tuple(scale.tolist())
+            handle.color = tuple(int(255 * channel) for channel in one.color[:3])
+            opacity = float(one.color[3])
+            handle.opacity = None if opacity > _LIGHTEST else opacity
+            handle.visible = True
+        for key, (_, handle) in self._objects.items():
+            if key not in shown:
+                handle.visible = False
+
+    def _new_object(self, moment: Moment, key: tuple[int, int], number: int) -> Any:
+        vertices, triangles = moment.scene.meshes[number].in_mujoco()
+        return self._scene.add_mesh_simple(
+            f"/app/{key[0]}_{key[1]}",
+            vertices.astype(np.float32),
+            triangles.astype(np.uint32),
+            side="double",
+        )
+
+
+class Theatre:
+    """A server that shows a show to whoever opens its address.
+
+    Args:
+        show: what to show.
+        host: address to listen on; this machine alone by default.
+        port: of the server.
+
+    Raises:
+        InputError: viser is not installed.
+    """
+
+    def __init__(self, show: Show, host: str = "127.0.0.1", port: int = 8080) -> None:
+        viser = needed("viser", "watch", "watch")
+        self._show, self.playback = show, Playback(show)
+        self._server = viser.ViserServer(host=host, port=port, label="sim2vr", verbose=False)
+        self._server.initial_camera.position = (-1.4, -2.0, 1.8)
+        self._server.initial_camera.look_at = (0.35, -0.05, 0.9)
+        self._stage = Stage(self._server.scene, show)
+        self._wanted: list[Callable[[], bool]] = []
+        self._bars: dict[str, tuple[Any, Any]] = {}
+        self._sliding = False
+        self._build()
+        if show.hands is not None:
+            self._give_hands(show.hands)
+
+    @property
+    def address(self) -> str:
+        """Where to look."""
+        return f"http://{self._server.get_host()}:{self._server.get_port()}"
+
+    def _build(self) -> None:
+        gui = self._server.gui
+        gui.configure_theme(control_layout="collapsible", show_logo=False, show_share_button=False)
+        gui.set_panel_label(self._show.title[:60])
+        self._numbers = gui.add_markdown("")
+        self._image = gui.add_image(np.zeros((160, 240, 3), np.uint8), label="Headset view")
+        pause = gui.add_button_group("Play", ("pause", "step", "again"))
+        speed = gui.add_dropdown("Speed", [f"{s:g}x" for s in SPEEDS], initial_value="1x")
+        self._slider = gui.add_slider("Time (s)", 0.0, 0.1, 0.05, 0.0)
+        self._bar_folder = gui.add_folder("Effort and fatigue")
+        with gui.add_folder("Events"):
+            self._events = gui.add_markdown("None yet.")
+
+        def hurry(_event: Any) -> None:
+            self.playback.speed = float(speed.value.rstrip("x"))
+
+        def seek(event: Any) -> None:
+            if event.client is None or self._sliding:
+                return  # moved by the play itself
+            number = round(self._slider.value * self._show.frequency_hz) - 1
+            self._wanted.append(partial(self._sought, number))
+
+        pause.on_click(lambda _event: self._ask(pause.value))
+        speed.on_update(hurry)
+        self._slider.on_update(seek)
+
+        for key, label, what in (
+            ("space", "Pause or play", "pause"),
+            ("enter", "One step", "step"),
+        ):
+            command = gui.add_command(label, hotkey=key)
+            command.on_trigger(lambda _event, what=what: self._ask(what))
+
+    def _ask(self, what: str) -> None:
+        self._wanted.append(partial(self._pressed, what))
+
+    def _pressed(self, what: str) -> bool:
+        if what == "pause":
+            self.playback.playing = not self.playback.playing
+            return False
+        if what == "again":
+            self.playback.restart()
+            self.playback.playing = True
+            return self.playback.step()
+        self.playback.playing = False
+        return self.playback.step()
+
+    def _sought(self, number: int) -> bool:
+        self.playback.playing = False
+        return self.playback.seek(number)
+
+    def _give_hands(self, hands: Hands) -> None:
+        """Let a person move head and hands: arrows to drag, keys to press."""
+        for device in hands.poses:
+            position, quat = pose_to_mujoco(hands.poses[device])
+            grip = self._server.scene.add_transform_controls(
+                f"/hands/{device}", scale=0.25, position=position, wxyz=quat, depth_test=False
+            )
+
+            def drag(_event: Any, device: str = device, grip: Any = grip) -> None:
+                hands.poses[device] = pose_to_app(grip.position, grip.wxyz)
+
+            grip.on_update(drag)
+            self._hotkeys(hands, device, grip)
+
+    def _hotkeys(self, hands: Hands, device: str, grip: Any) -> None:
+        keys, change = (_TURNS, turned) if device == "head" else (_KEYS, moved)
+        if device == "left_controller":
+            return  # by the mouse
+        for key, label, way in keys:
+            command = self._server.gui.add_command(label, hotkey=key)
+
+            def press(_event: Any, way: tuple[float, float, float] = way) -> None:
+                hands.poses[device] = change(hands.poses[device], np.array(way))
+                grip.position, grip.wxyz = pose_to_mujoco(hands.poses[device])
+
+            command.on_trigger(press)
+
+    def draw(self) -> None:
+        """Show the moment of the playback."""
+        moment = self.playback.now
+        if moment is None:
+            return
+        with self._server.atomic():
+            self._stage.draw(moment)
+            self._image.image = moment.headset
+            self._numbers.content = f"**{moment.time_s:.2f} s**   {moment.text}"
+            events = [
+                line
+                for past in self.playback.moments[: self.playback.at + 1]
+                for line in past.events
+            ]
+            last = events[-_LAST_EVENTS:][::-1]
+            self._events.content = "\n".join(f"- {line}" for line in last) or "None yet."
+            self._draw_bars(moment)
+            self._sliding = True
+            self._slider.max = max(0.1, self.playback.moments[-1].time_s)
+            self._slider.value = min(moment.time_s, self._slider.max)
+            self._sliding = False
+
+    def _draw_bars(self, moment: Moment) -> None:
+        for name, share in moment.bars.items():
+            if name not in self._bars:
+                with self._bar_folder:
+                    text = self._server.gui.add_markdown("")
+                    self._bars[name] = text, self._server.gui.add_progress_bar(0.0)
+            text, bar = self._bars[name]
+            text.content = f"{name}: {100.0 * share:.1f} %"
+            bar.value = 100.0 * float(np.clip(share, 0.0, 1.0))
+
+    def turn(self, seconds: float) -> None:
+        """Do what was asked for in the browser, let time go by, and draw what changed."""
+        changed = False
+        while self._wanted:
+            changed |= self._wanted.pop(0)()
+        if self.playback.tick(seconds) or changed:
+            self.draw()
+
+    def run(self, until: Callable[[], bool] = lambda: False) -> None:
+        """Go on until interrupted, or ``until`` says so."""
+        before = time.monotonic()
+        while not until():
+            now = time.monotonic()
+            self.turn(now - before)
+            before = now
+            time.sleep(0.005)
+
+    def close(self) -> None:
+        """End the round and the server."""
+        self.playback.close()
+        self._server.stop()
+
+
+def moved(pose: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a pose (7,) a little further along a way (right, up, ahead)."""
+    there = pose.copy()
+    there[:3] += _STRIDE_M * way
+    return there
+
+
+def turned(pose: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a pose (7,) turned a little about one of its own axes; sideways about the vertical."""
+    half = 0.5 * _TURN_RAD
+    step = np.array([*(np.sin(half) * axis), np.cos(half)])
+    there = pose.copy()
+    there[3:] = _product(step, pose[3:]) if axis[1] else _product(pose[3:], step)
+    return there
+
+
+def _product(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The turn a after b, x y z w."""
+    vector = a[3] * b[:3] + b[3] * a[:3] + np.cross(a[:3], b[:3])
+    return np.array([*vector, a[3] * b[3] - a[:3] @ b[:3]])

@@ -1,0 +1,69 @@
+"""What to watch: a trained user, a body, a logged or recorded round, or a game to try."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.tools.users import environment_of
+from sim2vr_harness.tools.watch.moments import Show, person_show, recorded_show, user_show
+from sim2vr_harness.training.trained_users import TrainedUser, find_user, require_contract
+
+__all__ = ["choose"]
+
+_BODY = "mobl_arms_wrist"
+
+
+def choose(
+    run: str | None,
+    *,
+    person: bool = False,
+    game: str | None = None,
+    condition: str | None = None,
+    seed: int = 1,
+    deterministic: bool = False,
+    trust_app: bool = False,
+) -> Show:
+    """Return what is meant.
+
+    Args:
+        run: a user, configuration or body; the folder or files of a logged or recorded round.
+        person: whether a person plays.
+        game: another game than the user's.
+        condition: of the game.
+        seed: of the round.
+        deterministic: whether actions are the policy's mean.
+        trust_app: whether the app that it names may be started, though you never have.
+
+    Raises:
+        InputError: It is none of them, or does not go together.
+    """
+    if run is not None and not person and _recorded(Path(run)):
+        if game is not None or condition is not None:
+            raise InputError("--game or --condition", "it with a recording", "neither of them")
+        return recorded_show(Path(run))
+    who = run or _BODY
+    env = environment_of(who, game=game, condition=condition, trust_app=trust_app)
+    if person:
+        return person_show(env, seed=seed)
+    user = _trained(who)
+    if user is not None:
+        require_contract(user, env)
+    return user_show(user, env, seed=seed, deterministic=deterministic)
+
+
+def _recorded(path: Path) -> bool:
+    """Whether it is a round's log or a recording rather than a run."""
+    if path.is_file():
+        return path.suffix in (".csv", ".npz", ".json")
+    if not path.is_dir() or (path / "config.yaml").exists() or (path / "card.json").exists():
+        return False
+    return any(path.rglob("states.csv")) or any(path.rglob("manifest.json"))
+
+
+def _trained(who: str) -> TrainedUser | None:
+    """The trained user of that name; None for a configuration or a body."""
+    try:
+        return find_user(who)
+    except InputError:
+        return None

@@ -1,0 +1,99 @@
+"""A recording of a show for Rerun's viewer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim2vr_harness.tools.missing import needed
+from sim2vr_harness.tools.watch.moments import Moment, Show
+from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
+
+__all__ = ["write_rerun"]
+
+
+def write_rerun(
+    show: Show, file: Path, *, on_progress: Callable[[float], None] = lambda time_s: None
+) -> Path:
+    """Play a show to its end and write what there was to see, by game time.
+
+    Args:
+        show: the show.
+        file: ``*.rrd``.
+        on_progress: called with the game's time, s.
+
+    Raises:
+        InputError: Rerun is not installed.
+    """
+    rerun = needed("rerun", "rerun", "--rerun")
+    stream = rerun.RecordingStream("sim2vr", make_default=False)
+    stream.save(str(file))
+    stream.log("/", rerun.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
+    poser = None
+    if show.body is not None:
+        poser = Poser(show.body)
+        for shape in body_shapes(show.body):
+            mesh = rerun.Mesh3D(
+                vertex_positions=shape.vertices.astype(np.float32),
+                triangle_indices=shape.faces.astype(np.uint32),
+                albedo_factor=[*shape.color, 255],
+            )
+            stream.log(f"body/{shape.part}/{shape.name}", mesh, static=True)
+    before: set[str] = set()
+    for moment in show.moments():
+        stream.set_time("game", duration=moment.time_s)
+        if poser is not None:
+            _log_body(rerun, stream, poser, moment)
+        before = _log_objects(rerun, stream, moment, before, player=show.body is None)
+        stream.log("headset", rerun.Image(moment.headset).compress(jpeg_quality=85))
+        for line in moment.events:
+            stream.log("events", rerun.TextLog(line))
+        for name, value in {**moment.bars, **moment.numbers}.items():
+            stream.log(f"numbers/{name}", rerun.Scalars(value))
+        on_progress(moment.time_s)
+    stream.flush()
+    return file
+
+
+def _log_body(rerun: Any, stream: Any, poser: Poser, moment: Moment) -> None:
+    if moment.qpos is None:
+        return
+    activations = np.zeros(0) if moment.activations is None else moment.activations
+    posture = poser.pose(moment.qpos, activations)
+    for part, (place, quat) in enumerate(zip(posture.positions, posture.quats, strict=True)):
+        turn = rerun.Quaternion(xyzw=np.roll(quat, -1))
+        stream.log(f"body/{part}", rerun.Transform3D(translation=place, rotation=turn))
+    if len(posture.muscles):
+        lines = rerun.LineStrips3D(posture.muscles, colors=posture.colors[:, 0], radii=0.004)
+        stream.log("muscles", lines)
+
+
+def _log_objects(
+    rerun: Any, stream: Any, moment: Moment, before: set[str], player: bool
+) -> set[str]:
+    """Log what the app shows; clear what is no longer there. Return what there is."""
+    here: dict[str, int] = {}
+    for one in moment.scene.drawn(player=player):
+        assert one.mesh is not None
+        path = f"app/{one.path.replace(' ', '_')}/{one.id}"
+        count = here[path] = here.get(path, 0) + 1
+        vertices, triangles = moment.scene.meshes[one.mesh].in_mujoco()
+        position, quat, scale = one.in_mujoco()
+        own = f"{path}_{count}"
+        color = (255 * np.clip(one.color, 0.0, 1.0)).astype(np.uint8)
+        # With its scale, since Rerun's transforms of a mesh are those of all below it.
+        mesh = rerun.Mesh3D(
+            vertex_positions=(vertices * scale).astype(np.float32),
+            triangle_indices=triangles.astype(np.uint32),
+            albedo_factor=color,
+        )
+        stream.log(own, mesh)
+        turn = rerun.Quaternion(xyzw=np.roll(quat, -1))
+        stream.log(own, rerun.Transform3D(translation=position, rotation=turn))
+        here[own] = 0
+    for gone in before - here.keys():
+        stream.log(gone, rerun.Clear(recursive=False))
+    return {own for own, count in here.items() if count == 0}

@@ -1,0 +1,240 @@
+"""How far users reach, against geometry worked out by hand."""
+
+from __future__ import annotations
+
+import csv
+import re
+from pathlib import Path
+
+import mujoco
+import numpy as np
+import pytest
+
+from sim2vr_harness.client import AppScene, DevicePoses, InProcessApp
+from sim2vr_harness.client.frames import position_to_app
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.tools.reach import files, measuring, page
+from sim2vr_harness.tools.reach.extent import Reach
+from sim2vr_harness.tools.reach.linkage import Linkage, Point
+from sim2vr_harness.tools.reach.measuring import Measured, chosen_point, measure
+from sim2vr_harness.tools.reach.shell import shell
+from sim2vr_harness.tools.reach.targets import (
+    Target,
+    given_target,
+    logged_targets,
+    tool_point,
+)
+from sim2vr_harness.users import Body, Plan, SpecBody, load_body
+
+UPPER, LOWER, BENT = 0.30, 0.25, 2.0 * np.pi / 3.0
+FAR = UPPER + LOWER
+NEAR = np.sqrt(UPPER**2 + LOWER**2 + 2.0 * UPPER * LOWER * np.cos(BENT))
+"""Of an arm that turns about its shoulder every way, with an elbow that bends by 120 degrees."""
+
+
+def ball_arm() -> Body:
+    """Two rods from a shoulder 1 m up; the tip is drawn 5 cm below the site ``grip``."""
+
+    def build(_appearance: bool) -> mujoco.MjSpec:
+        return mujoco.MjSpec.from_string(f"""
+            <mujoco><compiler angle="radian"/><worldbody>
+              <body name="upper" pos="0 0 1">
+                <joint name="yaw" axis="0 0 1" range="-3.15 3.15" limited="true"/>
+                <joint name="pitch" axis="0 1 0" range="-3.15 3.15" limited="true"/>
+                <geom type="capsule" fromto="0 0 0 {UPPER} 0 0" size=".02"/>
+                <body name="lower" pos="{UPPER} 0 0">
+                  <joint name="elbow" axis="0 1 0" range="0 {BENT}" limited="true"/>
+                  <geom type="capsule" fromto="0 0 0 {LOWER} 0 0" size=".02"/>
+                  <site name="grip" pos="{LOWER} 0 0"/>
+                </body>
+              </body>
+            </worldbody></mujoco>""")
+
+    return SpecBody(Plan("ball_arm", (), (), ("grip",), 0.002), build)
+
+
+@pytest.fixture(scope="module")
+def reach() -> Reach:
+    return Reach(Linkage(ball_arm(), Point("grip")))
+
+
+def test_extent_and_volume_are_those_of_a_shell(reach: Reach) -> None:
+    low, high = reach.extent()
+    np.testing.assert_allclose(high, [FAR, FAR, 1.0 + FAR], atol=1e-3)
+    np.testing.assert_allclose(low, [-FAR, -FAR, 1.0 - FAR], atol=1e-3)
+    volume = reach.fill(0.05)
+    litres = 4000.0 / 3.0 * np.pi * (FAR**3 - NEAR**3)
+    assert volume.litres == pytest.approx(litres, rel=0.02)
+    middle = np.rint((np.array([0.0, 0.0, 1.0]) - volume.low_m) / 0.05).astype(int)
+    assert not volume.reached[tuple(middle)], "too near to the shoulder for this elbow"
+    vertices, triangles = shell(volume)
+    radii = np.linalg.norm(vertices - [0.0, 0.0, 1.0], axis=1)
+    assert NEAR - 0.05 < radii.min() < NEAR + 0.02
+    assert FAR - 0.03 < radii.max() < FAR + 0.04
+    a, b, c = vertices[triangles].transpose(1, 0, 2)
+    outwards = np.einsum("tx,tx->t", np.cross(b - a, c - a), a - [0.0, 0.0, 1.0])
+    outer = np.linalg.norm(a - [0.0, 0.0, 1.0], axis=1) > 0.45
+    assert (outwards[outer] > 0.0).mean() > 0.99, "fronts are outside"
+
+
+def test_margins_are_distances_to_the_shell_s_two_sides(reach: Reach) -> None:
+    expected = {
+        0.45: FAR - 0.45,  # nearer to the outer side
+        0.33: 0.33 - NEAR,  # nearer to the inner one
+        0.62: -0.07,
+        0.20: -(NEAR - 0.20),
+    }
+    way = np.array([0.6, 0.64, 0.48])
+    verdicts = reach.judge(np.array([[0.0, 0.0, 1.0] + radius * way for radius in expected]))
+    found = [verdict.margin_m for verdict in verdicts]
+    np.testing.assert_allclose(found, list(expected.values()), atol=2e-3)
+    assert [verdict.inside for verdict in verdicts] == [True, True, False, False]
+    np.testing.assert_allclose(verdicts[2].nearest_m, [0.0, 0.0, 1.0] + FAR * way, atol=1e-3)
+
+
+def test_a_tool_is_part_of_the_arm() -> None:
+    longer = Linkage(ball_arm(), Point("grip", (0.1, 0.0, 0.0)))
+    (verdict,) = Reach(longer).judge(np.array([[0.62, 0.0, 1.0]]))
+    assert verdict.margin_m == pytest.approx(0.03, abs=3e-3)
+    with pytest.raises(InputError, match="--point: got 'world'"):
+        measure(ball_arm(), Point("world"))
+    with pytest.raises(InputError, match="did you mean 'grip'"):
+        chosen_point(ball_arm(), "grp")
+
+
+def test_the_arm_s_lengths_are_those_of_the_tables() -> None:
+    """Of facts/mobl_arms/wrist/bodies.csv, in the zero posture, where all frames are parallel."""
+    body = load_body("mobl_arms_wrist", appearance=False)
+    hand, elbow, shoulder = (Linkage(body, Point(p)) for p in ("hand", "ulna", "humerus"))
+    assert hand.joints == body.independent_joints
+    ulna = np.array([0.0061, -0.2904, -0.0123])
+    rest = [[0.0004, -0.011503, 0.019999], [0.018, -0.242, 0.025], [0.003992, -0.015054, 0.002327]]
+    straight = np.linalg.norm(ulna + np.sum(rest, axis=0))
+    assert straight == pytest.approx(0.5608, abs=1e-4)
+    zero = np.zeros((1, 7))
+    joint = shoulder.place(np.zeros((1, len(shoulder.joints))))
+    assert np.linalg.norm(hand.place(zero) - joint) == pytest.approx(straight)
+    # The upper arm is as long in every posture; nothing of the arm is longer than its parts.
+    rng = np.random.default_rng(1)
+    low, high = hand.limits.T
+    q = low + rng.random((200, 7)) * (high - low)
+    joints = shoulder.place(q[:, [hand.joints.index(j) for j in shoulder.joints]])
+    elbows = elbow.place(q[:, [hand.joints.index(j) for j in elbow.joints]])
+    np.testing.assert_allclose(np.linalg.norm(elbows - joints, axis=1), np.linalg.norm(ulna))
+    longest = np.linalg.norm(ulna) + np.linalg.norm(rest, axis=1).sum()
+    assert np.linalg.norm(hand.place(q) - joints, axis=1).max() < longest
+
+
+@pytest.mark.parametrize("name", ["mobl_arms_bimanual", "mobl_arms_wrist"])
+def test_places_and_slopes_are_mujoco_s(name: str) -> None:
+    body = load_body(name, appearance=False, torso=name == "mobl_arms_bimanual")
+    linkage = Linkage(body, Point("controller_right"))
+    model, rng = body.physics_model, np.random.default_rng(2)
+    low, high = linkage.limits.T
+    q = low + rng.random((4, len(low))) * (high - low)
+    every = np.clip(np.zeros((4, len(body.independent_joints))), *body.joint_ranges.T)
+    every[:, [body.independent_joints.index(joint) for joint in linkage.joints]] = q
+    places, slopes = linkage.place_and_slope(q)
+    data = mujoco.MjData(model)
+    for row, place in zip(every, places, strict=True):
+        data.qpos[:] = body.coupled_qpos(row)
+        mujoco.mj_kinematics(model, data)
+        np.testing.assert_allclose(place, data.site("controller_right").xpos, atol=1e-12)
+    for k in range(len(low)):
+        step = 1e-6 * np.eye(len(low))[k]
+        numeric = (linkage.place(q + step) - linkage.place(q - step)) / 2e-6
+        np.testing.assert_allclose(slopes[:, :, k], numeric, atol=1e-7)
+
+
+def test_the_reference_s_sweep() -> None:
+    """Its sample (controller, others within 0.05 rad of 0) spans these, MuJoCo's world, m."""
+    body = load_body("mobl_arms_wrist", appearance=False)
+    # Its controller is the device without OpenXR's offset, in the hand's frame.
+    held = Point("hand", (0.0452676, -0.0473227, -0.0165982))
+    found = measuring.sweep(Linkage(body, held))
+    assert found.joints == ("elv_angle", "shoulder_elv")
+    assert found.points.shape == (10_000, 3)
+    reference = [[-0.652, -0.771, 0.384], [0.568, 0.194, 1.660]]
+    np.testing.assert_allclose(
+        [found.points.min(axis=0), found.points.max(axis=0)], reference, atol=0.015
+    )
+    np.testing.assert_allclose(found.angles.max(axis=0), [2.26893, 3.14159], atol=1e-5)
+
+
+def test_targets_by_hand_and_from_logs(tmp_path: Path) -> None:
+    cup = given_target("cup=0.2,1.1,0.45")
+    assert cup.name == "cup"
+    np.testing.assert_array_equal(cup.place_m, [0.2, 1.1, 0.45])
+    for text in ("1,2", "a,b,c", "x=1,2,nan", ""):
+        with pytest.raises(InputError, match=r"^--target: got .*, expected .*RIGHT,UP,AHEAD"):
+            given_target(text)
+    grid = logged_targets(Path(__file__).parents[2] / "data" / "whacamole_round")
+    assert len(grid) == 9
+    np.testing.assert_array_equal(grid[0].place_m, [0.025, 1.225, 0.4])
+    log = tmp_path / "events.csv"
+    half = np.sqrt(0.5)
+    log.write_text(
+        f"0, target plane transform 0.1 1.0 0.5 0 {half} 0 {half}\n"
+        "0, target_spawn, target ID 0, grid ID 3, block 0, trial 0, center 0.2 0.1\n"
+        "1, target_spawn, target ID 1, grid ID 3, block 0, trial 1, center 0.2 0.1\n"
+    )
+    (target,) = logged_targets(log)
+    # A quarter turn about the vertical takes right to backwards (left-handed: z to x, x to -z).
+    np.testing.assert_allclose(target.place_m, [0.1, 1.1, 0.3], atol=1e-12)
+    log.write_text("0, game options {}\n")
+    with pytest.raises(InputError, match=r"^--log: got .*says of no target where it is"):
+        logged_targets(log)
+    with pytest.raises(InputError, match=r"^--log: got 'nowhere', expected a round's events.csv"):
+        logged_targets(Path("nowhere"))
+
+
+def test_a_game_s_tool_lies_in_the_hand() -> None:
+    head = np.array([0.0, 1.2, 0.0, 0.0, 0.0, 0.0, 1.0])
+    turn = np.array([0.1, 0.2, 0.3, 0.9]) / np.linalg.norm([0.1, 0.2, 0.3, 0.9])
+    offsets = []
+    for pose in (np.array([0.3, 1.0, 0.3, 0, 0, 0, 1.0]), np.array([0.1, 0.9, 0.2, *turn])):
+        with InProcessApp("pointing", renderer="null") as app:
+            app.reset(1, DevicePoses(head, pose))
+            scene: AppScene = app.scene()
+        point = tool_point(scene, "Tip")
+        assert point.part == "controller_right"
+        offsets.append(point.offset_m)
+        (tip,) = scene.named("Tip")
+        if pose[6] == 1.0:  # unturned: the offset is the difference, in the app's frame
+            np.testing.assert_allclose(
+                position_to_app(point.offset_m), tip.pose[:3] - pose[:3], atol=1e-6
+            )
+    np.testing.assert_allclose(offsets[0], offsets[1], atol=1e-6)
+    with pytest.raises(InputError, match=r"^--tool: got 'Hammer', which 0 objects .*/Tip'"):
+        tool_point(scene, "Hammer")
+
+
+@pytest.fixture(scope="module")
+def found(reach: Reach) -> Measured:
+    targets = (
+        Target("near", np.array([0.0, 1.0, 0.45])),
+        Target("<far>", np.array([0.0, 1.0, 0.62])),
+    )
+    point = Point("grip")
+    return measure(ball_arm(), point, targets, cell_m=0.1)
+
+
+def test_tables_and_page(found: Measured, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("plotly")
+    monkeypatch.setattr(files, "write_picture", lambda found, file: file)
+    written = files.write(found, tmp_path, film=False)
+    assert {file.name for file in written} == {
+        "targets.csv", "reach.csv", "sweep.csv", "reach.html", "reach.png",
+    }  # fmt: skip
+    with (tmp_path / "targets.csv").open() as table:
+        near, far = csv.DictReader(table)
+    assert (near["inside"], far["inside"]) == ("1", "0")
+    assert float(far["margin_cm"]) == pytest.approx(-7.0, abs=0.1)
+    assert float(near["margin_cm"]) == pytest.approx(10.0, abs=0.2)
+    assert float(far["nearest_ahead_m"]) == pytest.approx(FAR, abs=1e-3)
+    text = (tmp_path / "reach.html").read_text()
+    assert "1 of 2 targets cannot be reached" in text
+    assert "&lt;far&gt;" in text
+    assert "outside by 7.0 cm" in text
+    assert not re.search(r"<(script|link)[^>]*\b(src|href)=", text), "opens without a network"
+    assert page.margin_words(0.3) == "inside, more than 30 cm to spare"

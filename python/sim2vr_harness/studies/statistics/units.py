@@ -22,15 +22,13 @@ def other_factors(study: StudyConfig, factor: str) -> list[str]:
 def independent(study: StudyConfig, factor: str) -> bool:
     """Whether units of one level have nothing to do with those of another.
 
-    Trainings of two kinds are other trainings, also where their seeds have the same number; unless
-    persons are the units, who play with whatever was trained.
+    Users are other users, and trainings of two kinds other trainings, also where their seeds have
+    the same number; unless persons are the units, who play with whatever was trained.
     """
     if study.people is not None:
         return False
     keys = study.factors[factor].keys
-    return study.unit_factor is not None and any(
-        key in ("user", "config") or key.startswith("training.") for key in keys
-    )
+    return any(key in ("user", "config") or key.startswith("training.") for key in keys)
 
 
 def rows_of(data: StudyData, where: Mapping[str, str]) -> Any:

@@ -42,7 +42,7 @@ struct Shown {
   /// Along the mesh's own axes.
   Vec3 scale = Vec3::Ones();
   /// sRGB; alpha is 1 for an opaque surface.
-  Color color;
+  Color color = {};
   /// The colour as it is, whatever the light.
   bool unlit = false;
 };

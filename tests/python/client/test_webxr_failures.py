@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -277,9 +278,14 @@ def test_a_page_cannot_leave_its_folder(tmp_path: Path) -> None:
         with open_page(page) as app:
             try:
                 app.reset(1, hands(0))
-            except AppRefused as error:  # the worker's own tries are seen
-                assert "which app.map maps to no folder" in str(error)
-            told = app._page._evaluate("app.told").split()
+            except AppRefused as error:
+                # The worker's own tries are seen, or it answers too late for this page.
+                assert re.search("which app.map maps to no folder|never calls WebXR", str(error))
+            deadline = time.monotonic() + 30.0
+            told: list[str] = []
+            while len(told) < 14 and time.monotonic() < deadline:
+                told = app._page._evaluate("app.told").split()
+                time.sleep(0.05)
         server.setblocking(False)
         with pytest.raises(BlockingIOError):
             server.accept()

@@ -41,7 +41,10 @@ def test_one_file_in_the_manner_of_cleanrl() -> None:
     assert [line.split(":")[0] for line in out.splitlines()] == ["step 64", "step 128"]
 
 
-@pytest.mark.skipif(importlib.util.find_spec("ray") is None, reason="RLlib is not installed")
+@pytest.mark.skipif(
+    any(importlib.util.find_spec(name) is None for name in ("ray", "tree")),
+    reason="RLlib is not installed: pip install 'ray[rllib]'",
+)
 def test_rllib() -> None:
     out = run(
         *("train_with_rllib.py", "--iterations", "1", "--workers", "0", "--batch-size", "64"),

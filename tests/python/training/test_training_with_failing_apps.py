@@ -137,7 +137,7 @@ def test_evaluation_with_protocol_2_and_with_logs(tmp_path: Path) -> None:
     def logs(folder: Path) -> dict[str, bytes]:
         return {
             str(file.relative_to(folder)): file.read_bytes()
-            for file in sorted(folder.rglob("*.csv"))
+            for file in sorted((folder / "logs").rglob("*.csv"))
         }
 
     assert logs(tmp_path / "one") == logs(tmp_path / "two") != {}

@@ -338,8 +338,7 @@ class ImaginedWhacAMole:
         """
         age, cell = self._age.max(1)
         rows = torch.arange(self.n)
-        until_s = torch.stack([at_s - FRAME_S * age for at_s in _STROKES_S], 1)
-        first_s, second_s = until_s.unbind(1)
+        first_s, second_s = (at_s - FRAME_S * age for at_s in _STROKES_S)
         until_s = torch.where(first_s > -1.5 * FRAME_S, first_s, second_s)[:, None]
         before_m = (_STROKE_MPS * until_s).clamp(-_THROUGH_M, START_M)
         behind = self._axes[self.condition, 2]

@@ -231,6 +231,7 @@ class BodyModel(nn.Module):
         )
         columns = [j for each in self._each() for j in each.joint_columns]
         self._order = [columns.index(j) for j in range(len(columns))]
+        self._in_order = columns == sorted(columns)
         self._persons = persons
         self._chains = Chains(user, devices, persons.references if persons else ())
         self.register_buffer("error", torch.zeros(len(user.independent_joints)))
@@ -297,9 +298,8 @@ class BodyModel(nn.Module):
             if each.seen_columns and not base:
                 change = after_v - before.speeds[:, each.joint_columns]
                 changed |= dict(zip(each.joint_columns, change.unbind(1), strict=True))
-        in_order = self._order == sorted(self._order)
         all_angles, all_speeds = (
-            torch.cat(parts, 1) if in_order else torch.cat(parts, 1)[:, self._order]
+            torch.cat(parts, 1) if self._in_order else torch.cat(parts, 1)[:, self._order]
             for parts in (angles, speeds)
         )
         all_angles = all_angles.clamp(self._low, self._high)

@@ -101,8 +101,10 @@ def _divided(body: Body, whole: Limb) -> list[Limb]:
     stays whole.
     """
     stem = _stem(body, whole.joints)
+    if len(stem) in (0, len(whole.joints)):
+        return [whole]
     branches = [limb for limb in _apart(body, stem) if set(limb.joints) <= set(whole.joints)]
-    if not stem or len(branches) < 2 or _is_bridged(body, stem):
+    if len(branches) < 2 or _is_bridged(body, stem):
         return [whole]
     carried = tuple(joint for branch in branches for joint in branch.joints)
     return [

@@ -186,11 +186,11 @@ class ImaginedRollouts:
             )
             self._keep_best(played)
             self._seen.append(new)
-            self._find_rest()
             if len(self._seen) > 1 + config.kept_cycles:
                 del self._seen[1]
             if first:
                 self.body.scale_by(new)
+                self._find_rest()
                 self.game.calibrate(self._place(new), new.fields)
             fit = fit_body(
                 self.body,

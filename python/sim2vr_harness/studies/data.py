@@ -83,7 +83,8 @@ def write_data(plan: Plan, root: Path, found: Found | None = None) -> None:
     }  # fmt: skip
     if found is not None:
         optimise = found.search.model_dump(mode="json", exclude_defaults=True)
-        about |= {"search": {"optimise": optimise, "sampler": found.sampler}}
+        told = {"optimise": optimise, "sampler": found.sampler}
+        about |= {"search": told | {"measures": list(found.search.measures)}}
     write_atomically(root / STUDY_FILE, (json.dumps(about, indent=2) + "\n").encode())
 
 

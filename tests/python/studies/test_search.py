@@ -218,9 +218,7 @@ def test_what_cannot_be_searched_for_is_said(
         "did you mean 'life_seconds'",
         parameters={"life": {**life, "key": "env.app.options.live_seconds"}},
     )
-    said(
-        "cell life=-1: env.app.options", parameters={"life": {**life, "low": -1.0}}
-    )
+    said("cell life=-1: env.app.options", parameters={"life": {**life, "low": -1.0}})
     said("optimise.parameters: got none, expected at least one", parameters={})
     said("optimise.objectives: got 0, expected 1 to 4", objectives={})
     said("objectives.hits: got 'least'", objectives={"hits": "least"})

@@ -8,6 +8,8 @@ python=${PYTHON:-.venv/bin/python}
 raw=build/wheel/raw
 rm -rf "$raw"
 mkdir -p "$raw" dist
+# The compiler that CMake finds elsewhere: ccache knows what it has made. Python would name another.
+export CXX=${CXX:-$(command -v c++)}
 "$python" -m pip wheel . --no-deps --no-build-isolation --quiet \
   --config-settings=build-dir=build/wheel/cmake --wheel-dir "$raw"
 # Of the wheels of this version only the new one stays.

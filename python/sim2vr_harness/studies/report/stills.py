@@ -107,7 +107,9 @@ def _draw(axes: Any, panel: Panel) -> None:
     if panel.square:
         axes.set_aspect("equal", adjustable="datalim")
     if panel.legend:
-        axes.legend(fontsize=7, frameon=False)
+        handles, names = axes.get_legend_handles_labels()
+        once = dict(zip(names, handles, strict=True))  # several layers may have one name
+        axes.legend(once.values(), once.keys(), fontsize=7, frameon=False)
 
 
 def _draw_flat(axes: Any, layer: Line | Points | Band | Ranges | Heat) -> None:

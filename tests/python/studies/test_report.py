@@ -16,6 +16,7 @@ from sim2vr_harness.studies.config import load_study
 from sim2vr_harness.studies.plan import plan_of
 from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.body import load_of
+from sim2vr_harness.studies.report.methods import PlayedBy, methods_of
 from sim2vr_harness.studies.report.numbers import summary_of
 from sim2vr_harness.studies.report.sentences import sentences_of
 from sim2vr_harness.studies.report.source import ReportSource, read_source
@@ -108,6 +109,19 @@ def test_comparisons_say_what_n_is_and_why_there_is_no_p(source: ReportSource) -
     told = [one for one in sentences_of(tested, NOBODY, [None, None]) if "than in" in one.text]
     assert [one.text for one in told] == ["Sparks is lower in calm than in wild."]
     assert "95 % -13 to -9" in told[0].numbers and "rounds of one policy" in told[0].numbers
+
+
+def test_the_methods_name_the_versions_of_the_recording(source: ReportSource) -> None:
+    then = {"sim2vr-harness": "0.1", "python": "3.10.1", "mujoco": "3.1", "gymnasium": "1.0"}
+    tested = replace(source, analysed_with={"scipy": "1.2"})
+    tested.__dict__["recorded_with"] = [then, {**then, "mujoco": "3.2"}]
+    text = methods_of(tested, [PlayedBy("somebody", 1000)])
+    assert "in sim2vr 0.1, in lockstep" in text
+    assert text.endswith("Software: Python 3.10.1, MuJoCo 3.1 and 3.2, SciPy 1.2.")
+    old = replace(source, groups=source.groups)
+    old.__dict__["recorded_with"] = []
+    text = methods_of(old, [PlayedBy("somebody", 1000)])
+    assert "in sim2vr, in lockstep" in text and "Software" not in text
 
 
 def test_the_page_has_everything_in_it(page: str) -> None:

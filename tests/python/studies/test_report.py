@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import strange_game
+from PIL import Image
 
 from sim2vr_harness.client import Measure
 from sim2vr_harness.errors import InputError
@@ -16,6 +18,8 @@ from sim2vr_harness.studies.config import load_study
 from sim2vr_harness.studies.plan import plan_of
 from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.body import load_of
+from sim2vr_harness.studies.report.drawing import Bars, Figure, Line, Panel, colour_of, keys_of
+from sim2vr_harness.studies.report.interactive import plotly_of
 from sim2vr_harness.studies.report.methods import PlayedBy, methods_of
 from sim2vr_harness.studies.report.numbers import summary_of
 from sim2vr_harness.studies.report.sentences import sentences_of
@@ -140,6 +144,25 @@ def test_the_page_s_panels_show_all_groups(page: str) -> None:
     names = {trace["name"] for panel in panels for trace in panel["data"] if trace.get("name")}
     assert set(strange_game.CONDITIONS) <= names
     assert any(trace["type"] == "scatter3d" for panel in panels for trace in panel["data"])
+
+
+def test_many_groups_have_names_below_and_colours_of_their_own(tmp_path: Path) -> None:
+    names = [f"group {i}" for i in range(15)]
+    lines = [Line(name, [0, 1], [0, i], colour_of(i)) for i, name in enumerate(names)]
+    bars = Panel("", [Bars("share", names, [0.5] * 15, "#000000")])
+    panel = Panel("", lines, legend=True)
+    assert len({colour for _, colour in keys_of(panel)}) == 15
+    assert bars.crowded and not panel.crowded
+    assert plotly_of(bars)["layout"]["xaxis"]["tickangle"] == -45
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_stills([Figure("many", "Many", "", [panel, bars])], tmp_path)
+    with Image.open(tmp_path / "many.png") as many:
+        write_stills(
+            [Figure("few", "Few", "", [Panel("", lines[:3], legend=True), bars])], tmp_path
+        )
+        with Image.open(tmp_path / "few.png") as few:
+            assert many.height > few.height, "the names have lines of their own"
 
 
 def test_figures_are_files_for_papers_and_the_same_bytes_again(

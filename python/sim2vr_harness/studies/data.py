@@ -193,8 +193,11 @@ class StudyData:
         return EvaluationData(self.root / FOLDER).dictionary
 
     @cached_property
-    def statistics(self) -> dict[str, list[dict[str, Any]]]:
-        """``summaries`` of each condition and measure, ``results`` of the comparisons."""
+    def statistics(self) -> dict[str, Any]:
+        """``summaries`` of each condition and measure, ``results`` of the comparisons.
+
+        ``versions`` are those of the packages that worked them out.
+        """
         return read_json(self.root / "statistics.json", _EXPECTED)
 
     def of_cell(self, cell: str) -> EvaluationData:

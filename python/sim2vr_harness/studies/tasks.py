@@ -47,6 +47,7 @@ class CellTask:
         condition: Of the game.
         overrides: ``env.key=value``.
         episodes, seed, people, deterministic, steps, logs: As of an evaluation.
+        film_seconds: Of the first round, to be filmed; 0: no film.
     """
 
     key: str
@@ -61,6 +62,7 @@ class CellTask:
     deterministic: bool
     steps: bool
     logs: bool
+    film_seconds: float
 
 
 Task = CellTask | TrainingTask

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from processes import emptied, group
 from sim2vr_harness.client import AppDied, AppRefused, AppTimeout, frame_time_ns
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import HOST, PageFiles
@@ -205,29 +206,13 @@ def test_no_browser_outlives_the_harness(ending: str) -> None:
     assert harness.stdout is not None
     number, home = harness.stdout.readline().split()
     if ending == "killed":
-        assert _alive(int(number))
+        assert group(int(number))
         harness.kill()
     harness.wait(20)
     harness.stdout.close()
-    deadline = time.monotonic() + 10.0
-    while _alive(int(number)) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert _alive(int(number)) == []
+    assert emptied(int(number))
     if ending == "exits":
         assert not Path(home).exists()
-
-
-def _alive(group: int) -> list[str]:
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rpartition(") ")[2].split()
-            except OSError:
-                continue
-            if int(fields[2]) == group and fields[0] != "Z":
-                found.append(entry.name)
-    return found
 
 
 # --- what a page may not ----------------------------------------------------------------------

@@ -331,6 +331,12 @@ def open_tab(browser: Browser, timeout_s: float) -> str:
     with suppress(RefusedRequest):
         ask("Browser.setDownloadBehavior", timeout_s, behavior="deny", browserContextId=context)
     target = ask("Target.createTarget", timeout_s, url="about:blank", browserContextId=context)
+    ours = set(ask("Target.getBrowserContexts", timeout_s)["browserContextIds"])
+    for other in ask("Target.getTargets", timeout_s)["targetInfos"]:
+        if other["type"] == "page" and other["browserContextId"] not in ours:
+            ask(
+                "Target.closeTarget", timeout_s, targetId=other["targetId"]
+            )  # with which it started
     attached = ask("Target.attachToTarget", timeout_s, targetId=target["targetId"], flatten=True)
     return str(attached["sessionId"])
 

@@ -20,6 +20,11 @@
   if (window.StorageManager) {
     StorageManager.prototype.getDirectory = async () => refuse('getDirectory')();
   }
+  // What the machine has would make rounds differ.
+  navigator.getGamepads = () => [null, null, null, null];
+  for (const [name, value] of [['hardwareConcurrency', 4], ['deviceMemory', 4]]) {
+    if (name in navigator) Object.defineProperty(Navigator.prototype, name, { get: () => value });
+  }
   window.open = () => null;
   window.alert = () => {};
   window.confirm = () => true;

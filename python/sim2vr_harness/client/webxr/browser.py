@@ -35,8 +35,7 @@ _ALWAYS = (
     "--host-resolver-rules=MAP * ~NOTFOUND",
     "--proxy-server=127.0.0.1:9",
     "--proxy-bypass-list=<-loopback>",
-    "--webrtc-ip-handling-policy=disable_non_proxied_udp",
-    "--force-webrtc-ip-handling-policy",
+    "--force-webrtc-ip-handling-policy=disable_non_proxied_udp",
     "--disable-background-networking",
     "--disable-component-update",
     "--disable-domain-reliability",
@@ -64,6 +63,9 @@ _ALWAYS = (
     "--force-color-profile=srgb",
     "--force-device-scale-factor=1",
 )
+
+_NO_SANDBOX = ("No usable sandbox", "Failed to move to new namespace", "credentials.cc")
+"""What Chromium says when it is not allowed the namespaces that its sandbox is made of."""
 
 
 def find_browser(named: str | None = None) -> str:
@@ -141,10 +143,13 @@ class Browser:
             version = self.tools.request("Browser.getVersion", timeout_s=start_timeout_s)
         except AppDied as error:
             self.kill()
-            words = str(error)
-            if "sandbox" in words:
-                words += " (a container without user namespaces: see docs/webxr.md)"
-            raise AppDied(words) from error
+            if any(words in str(error) for words in _NO_SANDBOX):
+                raise AppRefused(
+                    f"app.browser: got {program}, whose sandbox this machine does not let a user "
+                    "have, expected user namespaces or the package chromium-sandbox; in a "
+                    "container: --security-opt seccomp=unconfined (docs/webxr.md)"
+                ) from error
+            raise
         except BaseException:
             self.kill()
             raise

@@ -52,7 +52,8 @@ class Guide(Protocol):
 
     def numbers(self, simulation: Any) -> NDArray[np.float32]:
         """(N, K) what the teacher knows of the game, about 1 in size; asked for where
-        ``numbers_weight`` is set."""
+        ``numbers_weight`` is set.
+        """
 
 
 @dataclass

@@ -139,6 +139,12 @@ def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:
             f"Users were {len(source.units)} simulated persons who differ in size, strength, "
             "delays, noise and effort."
         )
+    if source.search is not None:
+        count = len(source.search.trials)
+        parts.append(
+            f"Parameters were chosen by {source.search.sampler} in {count} trials; numbers here "
+            "are of the best of them."
+        )
     changes = list(dict.fromkeys(c for group in groups for c in changes_of(group)))
     if changes:
         parts.append(f"Unlike in their training: {', '.join(changes)}.")

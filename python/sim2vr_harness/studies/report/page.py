@@ -16,6 +16,7 @@ from sim2vr_harness.studies.report.drawing import Figure
 from sim2vr_harness.studies.report.interactive import plotly_of
 from sim2vr_harness.studies.report.media import Example
 from sim2vr_harness.studies.report.methods import BIBTEX, PlayedBy
+from sim2vr_harness.studies.report.search import trial_table
 from sim2vr_harness.studies.report.sentences import Sentence, n_sentence
 from sim2vr_harness.studies.report.source import ReportSource
 from sim2vr_harness.studies.report.tables import (
@@ -60,10 +61,12 @@ class Content:
 def page_of(content: Content) -> str:
     """Return the page."""
     panels: list[dict] = []
+    searched = [figure for figure in content.figures if figure.key.startswith("search")]
     first = [figure for figure in content.figures if figure.key == "measures"]
-    others = [figure for figure in content.figures if figure.key != "measures"]
+    others = [figure for figure in content.figures if figure not in (*searched, *first)]
     sections = [
         ("summary", "In plain words", _summary(content)),
+        *((f.key, f.title, _figure(f, panels) + _trials(content, f)) for f in searched),
         *((f.key, f.title, _measures(content, f, panels)) for f in first),
         *((f.key, f.title, _figure(f, panels, _bodies(content, f))) for f in others),
         ("examples", "Examples", _examples(content)),
@@ -151,6 +154,10 @@ def _figure(figure: Figure, panels: list[dict], more: str = "") -> str:
 
 def _measures(content: Content, figure: Figure, panels: list[dict]) -> str:
     return _figure(figure, panels) + measure_table(content.source, content.published)
+
+
+def _trials(content: Content, figure: Figure) -> str:
+    return trial_table(content.source) if figure.key == "search_parallel" else ""
 
 
 def _bodies(content: Content, figure: Figure) -> str:

@@ -78,8 +78,14 @@ def _drawn(figure: Figure) -> Any:
     if together:
         named = [_handles(axes, p) for axes, p in zip(canvas.axes, figure.panels, strict=True)]
         handles = {name: handle for own in named for name, handle in own.items()}
-        below = {"loc": "outside lower center", "ncol": max(2, 2 * columns), "frameon": False}
-        canvas.legend(handles.values(), handles.keys(), fontsize=7, **below)
+        canvas.legend(
+            handles.values(),
+            handles.keys(),
+            fontsize=7,
+            loc="outside lower center",
+            ncol=max(2, 2 * columns),
+            frameon=False,
+        )
         lines_below = -(-len(handles) // max(2, 2 * columns))
         canvas.set_size_inches(size[0], size[1] + 0.16 * lines_below)
     canvas.suptitle(figure.title, fontsize=11)

@@ -78,6 +78,8 @@ class StudyConfig(Settings):
     """Whether to keep tables of user steps and frames."""
     logs: bool = False
     """Whether to keep the game's own logs."""
+    film_seconds: float = Field(default=0.0, ge=0.0, le=600.0)
+    """How much of the first round of every cell is filmed; 0: nothing."""
 
     @model_validator(mode="after")
     def _usable(self) -> StudyConfig:

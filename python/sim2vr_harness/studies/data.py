@@ -83,8 +83,8 @@ def write_data(plan: Plan, root: Path, found: Found | None = None) -> None:
     }  # fmt: skip
     if found is not None:
         optimise = found.search.model_dump(mode="json", exclude_defaults=True)
-        told = {"optimise": optimise, "sampler": found.sampler}
-        about |= {"search": told | {"measures": list(found.search.measures)}}
+        sought = {"optimise": optimise, "sampler": found.sampler}
+        about |= {"search": sought | {"measures": list(found.search.measures)}}
     write_atomically(root / STUDY_FILE, (json.dumps(about, indent=2) + "\n").encode())
 
 
@@ -220,8 +220,11 @@ class StudyData:
         return EvaluationData(self.root / FOLDER).dictionary
 
     @cached_property
-    def statistics(self) -> dict[str, list[dict[str, Any]]]:
-        """``summaries`` of each condition and measure, ``results`` of the comparisons."""
+    def statistics(self) -> dict[str, Any]:
+        """``summaries`` of each condition and measure, ``results`` of the comparisons.
+
+        ``versions`` are those of the packages that worked them out.
+        """
         return read_json(self.root / "statistics.json", _EXPECTED)
 
     def of_cell(self, cell: str) -> EvaluationData:

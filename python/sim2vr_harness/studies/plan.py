@@ -23,7 +23,7 @@ from sim2vr_harness.training.trained_users import TrainedUser, find_user, requir
 
 __all__ = ["Plan", "Users", "plan_of"]
 
-_FORMAT = 1
+_FORMAT = 2
 """Of what a cell's folder holds; another one makes all cells anew."""
 
 
@@ -186,6 +186,7 @@ class _Resolved:
             deterministic=_truth(settings.get("deterministic", study.deterministic)),
             steps=study.steps,
             logs=study.logs,
+            film_seconds=study.film_seconds,
         )
         identity |= {
             "format": _FORMAT,
@@ -198,6 +199,7 @@ class _Resolved:
             "deterministic": task.deterministic,
             "steps": task.steps,
             "logs": task.logs,
+            "film_seconds": task.film_seconds,
         }
         return cls(cell, replace(task, key=content_hash(identity)), training, facts)
 

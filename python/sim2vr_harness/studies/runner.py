@@ -6,6 +6,7 @@ import json
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -25,6 +26,9 @@ from sim2vr_harness.training.locking import sole_training
 from sim2vr_harness.training.run_folder import write_atomically
 
 __all__ = ["Progress", "StudyResult", "run_study"]
+
+_STATISTICS = ("scipy", "statsmodels")
+"""What works the statistics out."""
 
 
 @dataclass(frozen=True)
@@ -141,6 +145,7 @@ def _compare(plan: Plan, root: Path) -> None:
     found = {
         "summaries": summaries(data, plan.measures),
         "results": compare_all(data, plan.measures),
+        "versions": {name: version(name) for name in _STATISTICS if find_spec(name) is not None},
     }
     text = json.dumps(found, indent=2)
     write_atomically(root / "statistics.json", (text + "\n").encode())

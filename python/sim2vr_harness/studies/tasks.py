@@ -71,6 +71,7 @@ class CellTask:
         condition: Of the game.
         overrides: ``env.key=value``.
         episodes, seed, people, deterministic, steps, logs: As of an evaluation.
+        film_seconds: Of the first round, to be filmed; 0: no film.
     """
 
     key: str
@@ -85,6 +86,7 @@ class CellTask:
     deterministic: bool
     steps: bool
     logs: bool
+    film_seconds: float
 
 
 Task = CellTask | TrainingTask

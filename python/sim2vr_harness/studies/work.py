@@ -65,6 +65,8 @@ def _play(task: CellTask, root: Path, cores: int) -> None:
         deterministic=task.deterministic,
         steps=task.steps,
         log=task.logs,
+        record=task.film_seconds > 0.0,
+        film_seconds=task.film_seconds,
         out=working,
         overrides=task.overrides,
         cores=cores,

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from sim2vr_harness.envs.simulation import Simulation
@@ -20,6 +21,8 @@ from sim2vr_harness.training.teacher_policy import load_teacher
 
 __all__ = ["TeacherGuide"]
 
+_FARTHEST = 3.0
+"""Deviations from the mean at which numbers are cut."""
 SCALE_STEPS, SCALE_EVERY = 120, 4
 """User steps in which the teacher shows what a body goes through."""
 
@@ -39,6 +42,8 @@ class TeacherGuide:
         self._policy = load_teacher(
             file, self._senses.space, simulation.action_space, config.policy
         )
+        known = {f"felt {name}" for name in self._senses.names} | set(self._senses.names)
+        self._game = [i for i, name in enumerate(self._senses.observed_names) if name in known]
         self._facts = [name for name in self._senses.names if fnmatch.fnmatchcase(name, game.facts)]
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:
@@ -51,6 +56,13 @@ class TeacherGuide:
         if not columns:
             return np.zeros((simulation.n, 0), np.float32)
         return np.clip(np.stack(columns, axis=1), 0.0, 1.0)
+
+    def numbers(self, simulation: Any) -> NDArray[np.float32]:
+        """See the protocol: what the teacher observes of the game, as its network takes it."""
+        with torch.inference_mode():
+            told = {OBSERVATION: torch.from_numpy(self._senses.observe())}
+            scaled: NDArray[np.float32] = self._policy.normaliser(told).numpy()
+        return np.clip(scaled[:, self._game], -_FARTHEST, _FARTHEST)
 
     def proprioception_scale(
         self, simulation: Simulation

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import copy
 import json
+import math
 import time
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -33,10 +34,10 @@ from sim2vr_harness.training.threads import torch_threads
 
 __all__ = ["Guide", "Student", "StudentProgress"]
 
-STATE_FORMAT = 1
+STATE_FORMAT = 2
 _COLLECTED = 0.4
 """Share of a round's time that is over after collecting."""
-_TARGETS = ("label", "facts")
+_TARGETS = ("label", "facts", "numbers")
 """What a stored frame holds beside the observation."""
 
 
@@ -49,6 +50,11 @@ class Guide(Protocol):
     def facts(self, simulation: Any) -> NDArray[np.float32]:
         """(N, F) numbers in [0, 1] that the picture shows; F may be 0."""
 
+    def numbers(self, simulation: Any) -> NDArray[np.float32]:
+        """(N, K) what the teacher knows of the game, about 1 in size; asked for where
+        ``numbers_weight`` is set.
+        """
+
 
 @dataclass
 class StudentProgress:
@@ -57,7 +63,9 @@ class StudentProgress:
     Attributes:
         frames: user steps collected so far.
         imitation_error: root mean square difference to the teacher's action, per muscle.
-        facts_error: mean cross entropy of the facts, NaN without any.
+        facts_error: mean cross entropy of the facts, 0 without any.
+        numbers_error: mean squared error of what the teacher knows of the game, 0 where the student
+            does not learn to tell it.
         teacher_share: share of users on whom the teacher acted.
         episodes: episodes that ended, on which the student alone acted.
         means: means over the last of those, as :func:`episode_means` gives them.
@@ -68,6 +76,7 @@ class StudentProgress:
     frames: int
     imitation_error: float
     facts_error: float
+    numbers_error: float
     teacher_share: float
     episodes: int
     means: dict[str, float]
@@ -114,12 +123,14 @@ class Student:
             encoders: Any = policy.features_extractor.encoders
             width = encoders["vision"].linear[0].out_features
             self._heads = nn.Linear(width, self._facts).to(self._device) if self._facts else None
+            self._tell = self._telling(policy)
         mlp: Any = policy.mlp_extractor
         self._parameters = [
             *policy.features_extractor.parameters(),
             *mlp.actor.parameters(),
             *policy.action_net.parameters(),
             *(self._heads.parameters() if self._heads else ()),
+            *(self._tell.parameters() if self._tell else ()),
         ]
         self._optimizer = torch.optim.AdamW(
             self._parameters, lr=config.learning_rate, weight_decay=config.weight_decay
@@ -131,7 +142,12 @@ class Student:
         self.store = FrameStore(
             frames,
             -(-config.frames // (self.n * config.rollout_steps)) * self.n * config.rollout_steps,
-            shapes | {"label": ((actions,), np.float32), "facts": ((self._facts,), np.float32)},
+            shapes
+            | {
+                "label": ((actions,), np.float32),
+                "facts": ((self._facts,), np.float32),
+                "numbers": ((self._tell.out_features if self._tell else 0,), np.float32),
+            },
         )
         self.round = 0
         # Rounds end at different times, so that every minibatch has all phases of a round in it.
@@ -140,6 +156,13 @@ class Student:
         self._acted = np.zeros(self.n)
         self._episodes: deque[dict[str, Any]] = deque(maxlen=config.statistics_episodes)
         self._ended = 0
+
+    def _telling(self, policy: UserPolicy) -> nn.Linear | None:
+        """The head that tells what the teacher knows, from all of the student's features."""
+        if self.config.numbers_weight == 0.0:
+            return None
+        told = self.guide.numbers(self.simulation).shape[1]
+        return nn.Linear(policy.features_dim, told).to(self._device)
 
     @property
     def finished(self) -> bool:
@@ -159,12 +182,13 @@ class Student:
             share = self._collect(on_progress)
         collected = time.monotonic()
         with torch_threads(1 if self.policy.in_shards else torch.get_num_threads()):
-            error, facts_error = self._learn(on_progress)
+            error, facts_error, numbers_error = self._learn(on_progress)
         self.round += 1
         return StudentProgress(
             frames=self.store.count,
             imitation_error=error,
             facts_error=facts_error,
+            numbers_error=numbers_error,
             teacher_share=share,
             episodes=self._ended,
             means=episode_means(list(self._episodes), self.game),
@@ -183,7 +207,8 @@ class Student:
             observation = self.simulation.observation()
             label = np.clip(self.guide.actions(self.simulation), -1.0, 1.0)
             facts = self.guide.facts(self.simulation)
-            self.store.append({**observation, "label": label, "facts": facts})
+            told = {"label": label, "facts": facts, "numbers": self._told()}
+            self.store.append({**observation, **told})
             # Whole stretches by one of the two would show fewer of the student's mistakes.
             by_teacher = self._rng.random(self.n) < share
             noise = self._rng.standard_normal(label.shape).astype(np.float32)
@@ -193,6 +218,12 @@ class Student:
             self._count(outcome, by_teacher)
             shown += int(by_teacher.sum())
         return shown / (config.rollout_steps * self.n)
+
+    def _told(self) -> NDArray[np.float32]:
+        """(N, K) what the student learns to tell; K may be 0."""
+        if self._tell is None:
+            return np.zeros((self.n, 0), np.float32)
+        return self.guide.numbers(self.simulation)
 
     def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
         """(N, A) the student's mean actions."""
@@ -217,7 +248,7 @@ class Student:
             self.simulation.reset(ids=again)
             self._acted[again] = 0
 
-    def _learn(self, on_progress: Callable[[float], None]) -> tuple[float, float]:
+    def _learn(self, on_progress: Callable[[float], None]) -> tuple[float, float, float]:
         config = self.config
         samples = round(config.samples_per_frame * self.n * config.rollout_steps)
         minibatches = max(1, round(samples / config.batch_size))
@@ -226,23 +257,26 @@ class Student:
         for group in self._optimizer.param_groups:
             group["lr"] = config.learning_rate * max(fall, 0.02)
         self.policy.train()
-        errors, facts_errors = [], []
+        errors = []
         for number in range(minibatches):
             on_progress(_COLLECTED + (1.0 - _COLLECTED) * number / minibatches)
             rows = np.sort(self._rng.integers(0, self.store.count, config.batch_size))
             batch = {key: value.to(self._device) for key, value in self.store.rows(rows).items()}
-            error, facts_error = self._losses(batch)
+            error, facts_error, numbers_error = self._losses(batch)
             loss = config.imitation_weight * error + config.facts_weight * facts_error
+            if self._tell is not None:
+                loss = loss + config.numbers_weight * numbers_error
             self._optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             nn.utils.clip_grad_norm_(self._parameters, config.max_grad_norm)
             self._optimizer.step()
-            errors.append(float(error.detach()))
-            facts_errors.append(float(facts_error.detach()))
+            parts = (error, facts_error, numbers_error)
+            errors.append([float(part.detach()) for part in parts])
         self.policy.eval()
-        return float(np.sqrt(np.mean(errors))), float(np.mean(facts_errors))
+        imitation, facts, numbers = np.mean(errors, axis=0).tolist()
+        return math.sqrt(imitation), facts, numbers
 
-    def _losses(self, batch: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+    def _losses(self, batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
         if self.config.image_noise > 0.0:
             batch["vision"] = _noisy(batch["vision"], self.config.image_noise)
         observation = {key: value for key, value in batch.items() if key not in _TARGETS}
@@ -252,18 +286,23 @@ class Student:
         else:
             answers = self._network(observation)
         error = nn.functional.mse_loss(answers[0], batch["label"])
-        if self._heads is None:
-            return error, torch.zeros(())
-        return error, nn.functional.binary_cross_entropy_with_logits(answers[1], batch["facts"])
+        facts_error = numbers_error = torch.zeros(())
+        if self._heads is not None:
+            facts_error = nn.functional.binary_cross_entropy_with_logits(answers[1], batch["facts"])
+        if self._tell is not None:
+            numbers_error = nn.functional.mse_loss(answers[-1], batch["numbers"])
+        return error, facts_error, numbers_error
 
     def _network(self, batch: dict[str, Tensor]) -> tuple[Tensor, ...]:
-        """Mean actions (B, A), and the facts' logits (B, F) if there are any facts."""
+        """Mean actions (B, A), facts' logits (B, F) if there are any, numbers (B, K) if told."""
         features = self.policy.extract_features(batch)
         latent = self.policy.mlp_extractor.forward_actor(features)
-        mean = torch.tanh(self.policy.action_net(latent))
-        if self._heads is None:
-            return (mean,)
-        return mean, self._heads(features[:, : self._heads.in_features])
+        answers = [torch.tanh(self.policy.action_net(latent))]
+        if self._heads is not None:
+            answers.append(self._heads(features[:, : self._heads.in_features]))
+        if self._tell is not None:
+            answers.append(self._tell(features))
+        return tuple(answers)
 
     # --- exact resume ------------------------------------------------------------------------
 
@@ -281,6 +320,7 @@ class Student:
         return {
             "policy": copy.deepcopy(self.policy.state_dict()),
             "heads": None if self._heads is None else copy.deepcopy(self._heads.state_dict()),
+            "tell": None if self._tell is None else copy.deepcopy(self._tell.state_dict()),
             "optimizer": copy.deepcopy(self._optimizer.state_dict()),
             "torch_rng": torch.get_rng_state(),
             "arrays": {
@@ -309,6 +349,8 @@ class Student:
         self.policy.load_state_dict(state["policy"])
         if self._heads is not None:
             self._heads.load_state_dict(state["heads"])
+        if self._tell is not None:
+            self._tell.load_state_dict(state["tell"])
         self._optimizer.load_state_dict(state["optimizer"])
         torch.set_rng_state(state["torch_rng"].cpu())
         self.simulation.load_state(arrays["simulation"].tobytes())

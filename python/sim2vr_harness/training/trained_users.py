@@ -19,7 +19,7 @@ from torch import nn
 from sim2vr_harness import __version__, paths
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.contract import contract, contract_hash, differences
-from sim2vr_harness.errors import InputError, closest, UnusableFile, closest, shown
+from sim2vr_harness.errors import InputError, UnusableFile, closest, shown
 from sim2vr_harness.files import file_name, read_json
 from sim2vr_harness.training.checkpoint import (
     DAMAGE,

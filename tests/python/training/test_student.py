@@ -34,6 +34,9 @@ class HomingGuide:
     def facts(self, simulation: FakeSimulation) -> np.ndarray:
         return (simulation.place[:, :1] > 0).astype(np.float32)
 
+    def numbers(self, simulation: FakeSimulation) -> np.ndarray:
+        return (2.0 * simulation.place[:, 1:]).astype(np.float32)
+
 
 def make(folder: Path, config: StudentConfig = CONFIG, seed: int = 1) -> Student:
     simulation = FakeSimulation(n=config.n_envs)
@@ -68,6 +71,16 @@ def test_the_student_learns_what_the_teacher_would_do(tmp_path: Path) -> None:
     assert rows[-1].means["ep_Points_mean"] > 0
 
 
+def test_what_the_teacher_knows_is_told_too(tmp_path: Path) -> None:
+    student = make(tmp_path, CONFIG.model_copy(update={"numbers_weight": 1.0}))
+    rows = []
+    while not student.finished:
+        rows.append(student.step())
+    # The mean is 0, so that this is what is left of the variance.
+    assert rows[-1].numbers_error < 0.1 * rows[0].numbers_error
+    assert rows[-1].imitation_error < 0.3 * rows[0].imitation_error
+
+
 def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path) -> None:
     whole = make(tmp_path / "whole")
     for _ in range(6):
@@ -86,7 +99,7 @@ def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path) -> None:
     assert again.means == last.means
     for key, value in whole.policy.state_dict().items():
         assert torch.equal(value, resumed.policy.state_dict()[key]), key
-    with pytest.raises(ValueError, match="got format 9, expected 1"):
+    with pytest.raises(ValueError, match="got format 9, expected 2"):
         make(tmp_path / "new").load_snapshot({"header": '{"format": 9}'})
 
 

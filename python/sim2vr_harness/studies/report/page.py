@@ -148,7 +148,8 @@ def _figure(figure: Figure, panels: list[dict], more: str = "") -> str:
             f'<div class="plot" id="plot{number}" role="img" aria-label="{name}"></div></div>'
         )
     caption = f'<p class="caption">{escape(figure.caption)}</p>'
-    return f'{caption}{more}<div class="panels">{"".join(parts)}</div>'
+    roomy = " roomy" if any(panel.crowded for panel in figure.panels) else ""
+    return f'{caption}{more}<div class="panels{roomy}">{"".join(parts)}</div>'
 
 
 def _measures(content: Content, figure: Figure, panels: list[dict]) -> str:
@@ -179,9 +180,8 @@ def _examples(content: Content) -> str:
         shown = ""
         if one.video is not None:
             source = f"data:video/mp4;base64,{one.video}"
-            shown = (
-                f'<video controls muted loop playsinline preload="metadata" src="{source}"></video>'
-            )
+            poster = f' poster="data:image/jpeg;base64,{one.poster}"' if one.poster else ""
+            shown = f'<video controls muted loop playsinline{poster} src="{source}"></video>'
         else:
             pictures = "".join(
                 f'<img alt="Picture {i + 1}" src="data:image/jpeg;base64,{picture}">'
@@ -189,8 +189,14 @@ def _examples(content: Content) -> str:
             )
             shown = f'<div class="strip">{pictures}</div>'
         told = f'<p class="people">From {escape(one.name)}</p>'
-        parts.append(f'<div class="panel wide"><h3>{escape(one.label)}</h3>{shown}{told}</div>')
-    return f'<div class="panels">{"".join(parts)}</div>' if parts else ""
+        parts.append(f'<div class="panel"><h3>{escape(one.label)}</h3>{shown}{told}</div>')
+    if not parts:
+        return ""
+    return (
+        '<p class="caption">The beginning of the first round: body and game in one scene, muscles '
+        "coloured by their activation (blue to red), and what the headset shows.</p>"
+        f'<div class="panels roomy">{"".join(parts)}</div>'
+    )
 
 
 def _beside(content: Content) -> str:

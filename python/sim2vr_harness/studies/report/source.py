@@ -143,6 +143,7 @@ class ReportSource:
         comparisons: What a study's statistics came to, one each; empty of an evaluation.
         unit: What n counts.
         planned: The study's file, as it was read; empty of an evaluation.
+        analysed_with: Package -> version that worked the comparisons out.
         search: What was found, of a search; its groups are the best trials.
     """
 
@@ -155,7 +156,18 @@ class ReportSource:
     comparisons: Sequence[Mapping[str, Any]] = ()
     unit: str = "user"
     planned: Mapping[str, Any] = field(default_factory=dict)
+    analysed_with: Mapping[str, str] = field(default_factory=dict)
     search: Search | None = None
+
+    @cached_property
+    def recorded_with(self) -> list[dict[str, str]]:
+        """Package -> version that rounds were recorded with, one entry for each difference."""
+        found: list[dict[str, str]] = []
+        for folder in {
+            data.root: data for group in self.groups for data, _ in group.parts
+        }.values():
+            found += [versions for versions in folder.recorded_with if versions not in found]
+        return found
 
     @property
     def score(self) -> Measure:
@@ -252,6 +264,7 @@ def _of_study(root: Path) -> ReportSource:
         comparisons=study.statistics["results"],
         unit=str(study.about["unit"]),
         planned=study.study.model_dump(mode="json", exclude_defaults=True),
+        analysed_with=study.statistics.get("versions", {}),
         search=search,
     )
 

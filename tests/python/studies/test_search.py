@@ -21,6 +21,10 @@ from sim2vr_harness.files import read_json
 from sim2vr_harness.studies import StudyConfig, run_study, work
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.pool import Here
+from sim2vr_harness.studies.report import write_report
+from sim2vr_harness.studies.report.drawing import Line
+from sim2vr_harness.studies.report.search import figures_of_search, search_sentences, trial_table
+from sim2vr_harness.studies.report.source import read_source
 from sim2vr_harness.studies.search.config import StopConfig
 from sim2vr_harness.studies.search.stopping import limits_of, reports_of
 from sim2vr_harness.studies.search.trials import Trial
@@ -133,11 +137,55 @@ def test_several_objectives_have_a_front(
     both = {"max_fatigued": "min", "hits": "max"}
     asked = search(trained, objectives=both, constraints={}, sampler="nsga2", trials=20)
     trials = run_study(asked, tmp_path, jobs=1).data.trials
+    source = read_source(tmp_path)
+    figures = {figure.key: figure for figure in figures_of_search(source)}
+    assert figures["search"].title == "The best compromises"
+    (line,) = (x for x in figures["search"].panels[0].layers if isinstance(x, Line))
+    chosen = trials[trials["chosen"]].sort_values("max_fatigued")
+    assert list(line.x) == chosen["max_fatigued"].tolist()
+    assert list(line.y) == chosen["hits"].tolist()
+    assert len(source.groups) <= 6, "only some of the best are looked at closely"
+    assert next(search_sentences(source)).text.startswith(f"{len(chosen)} trials are the best com")
     front = trials[trials["chosen"]].sort_values("hits")
     # Hard costs nothing here, and every life of it is a compromise.
     hard = trials[trials["parameter_difficulty"] == "hard"]
     assert set(front["trial"]) >= set(hard.drop_duplicates("hits")["trial"])
     assert front["max_fatigued"].is_monotonic_increasing
+
+
+def test_a_report_shows_what_was_tried(
+    trained: Path, formula: list[dict[str, float]], tmp_path: Path
+) -> None:
+    wanted = search(trained, trials=8, begin=[{"life": 1.0, "difficulty": "easy"}])
+    trials = run_study(wanted, tmp_path, jobs=1).data.trials
+    source = read_source(tmp_path)
+    best = trials[trials["chosen"]].iloc[0]
+    assert [group.label for group in source.groups] == ["trial 1", f"trial {best['trial']}"]
+    figures = {figure.key: figure for figure in figures_of_search(source)}
+    progress = figures["search"].panels[0]
+    (line,) = (layer for layer in progress.layers if isinstance(layer, Line))
+    # Nothing is the best before a trial keeps the limits; then it only falls.
+    so_far = trials["max_fatigued"].where(trials["keeps_limits"]).cummin().ffill()
+    assert [value is None for value in line.y] == so_far.isna().tolist()
+    assert [value for value in line.y if value is not None] == so_far.dropna().tolist()
+    assert len(figures["search_slices"].panels) == 4  # two parameters by two measures
+    parallel = figures["search_parallel"].panels[0]
+    assert len(parallel.layers) == 8
+    assert parallel.ticks is not None and parallel.ticks[1] == "difficulty: easy … hard"
+    for layer in parallel.layers:
+        assert isinstance(layer, Line) and all(v is None or 0 <= v <= 1 for v in layer.y)
+    first, second, *_ = search_sentences(source)
+    assert first.text == (
+        f"Trial {best['trial']} has the least muscle fatigue with hits >= 8: life "
+        f"{best['parameter_life']:.5g}, difficulty {best['parameter_difficulty']}."
+    )
+    assert "8 trials by Optuna" in first.numbers and "luck" in second.text
+    rows = trial_table(source)
+    assert (
+        rows.count("<tr>") == 9 and rows.count("beyond a limit") == (~trials["keeps_limits"]).sum()
+    )
+    page = write_report(tmp_path, stills=False).page.read_text(encoding="utf-8")
+    assert page.index('id="search_parallel"') < page.index('id="measures"')
 
 
 def test_it_begins_with_what_is_known(

@@ -43,7 +43,7 @@ def study(
         ),
     ] = None,
 ) -> None:
-    """Play the cells of a study, train what it needs, compare, and write the report."""
+    """Play the cells of a study, train or search what it needs, compare, and write the report."""
     from rich.console import Console
 
     from sim2vr_harness.cli.studies import Shown, comparison_table

@@ -54,6 +54,7 @@ def plan_of(
     folder: Path | None = None,
     users: Users | None = None,
     limits: Limits | None = None,
+    may_diverge: bool = False,
 ) -> Plan:
     """Work out what is to be done, and check all of it.
 
@@ -62,11 +63,12 @@ def plan_of(
         folder: Where its file is; users and configurations are looked for there, too.
         users: Those that were looked up before.
         limits: When its trainings are stopped early.
+        may_diverge: Whether its trainings may, see :class:`.TrainingTask`.
 
     Raises:
         InputError: A user, configuration, key, option, condition or measure that cannot be used.
     """
-    where = _Where(folder, users or Users(), limits)
+    where = _Where(folder, users or Users(), limits, may_diverge)
     found = [_Resolved.of(study, cell, where) for cell in cells_of(study)]
     facts = found[0].facts
     for one in found:
@@ -115,6 +117,7 @@ class _Where:
     folder: Path | None
     users: Users
     limits: Limits | None
+    may_diverge: bool
 
 
 @dataclass(frozen=True)
@@ -150,8 +153,9 @@ class _Resolved:
                 config.model_dump(mode="json", exclude={"name", "evaluation", "wandb"})
                 | {"format": _FORMAT, "sim2vr_harness": __version__}
                 | ({} if where.limits is None else {"limits": asdict(where.limits)})
+                | ({"may_diverge": True} if where.may_diverge else {})
             )
-            training = TrainingTask(key, text, cell.name, where.limits)
+            training = TrainingTask(key, text, cell.name, where.limits, where.may_diverge)
             identity = {"training": key}
         else:
             if cell.of("training."):

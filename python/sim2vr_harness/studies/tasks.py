@@ -51,12 +51,15 @@ class TrainingTask:
         config: The complete configuration, YAML.
         label: For people.
         limits: When it is stopped early; None: never.
+        may_diverge: Whether one whose numbers become infinite is taken for stopped, as in a search
+            that tries what nobody would; otherwise it has failed.
     """
 
     key: str
     config: str
     label: str
     limits: Limits | None = None
+    may_diverge: bool = False
 
 
 @dataclass(frozen=True)

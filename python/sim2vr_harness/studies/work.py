@@ -6,6 +6,7 @@ import io
 import json
 import os
 import shutil
+from collections.abc import Mapping
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -26,6 +27,7 @@ from sim2vr_harness.studies.tasks import (
 )
 from sim2vr_harness.training import trainer
 from sim2vr_harness.training.config import parse_config
+from sim2vr_harness.training.finite import NotFinite
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
 
 __all__ = ["clear_away", "do"]
@@ -91,14 +93,20 @@ def _train(task: TrainingTask, root: Path, cores: int) -> None:
     console = Console(file=io.StringIO())
     folder = RunFolder(place)
     watch = Watch(task.limits, folder.metrics()) if task.limits is not None else None
-    result = trainer.train(
-        cored,
-        place,
-        resume=folder.exists,
-        console=console,
-        report=None if watch is None else watch.report,
-        stop=None if watch is None else watch.stop,
-    )
+    try:
+        result = trainer.train(
+            cored,
+            place,
+            resume=folder.exists,
+            console=console,
+            report=None if watch is None else watch.report,
+            stop=None if watch is None else watch.stop,
+        )
+    except NotFinite as error:
+        if not task.may_diverge:
+            raise
+        _mark(task, place, {"checkpoint": None, "stopped_at": folder.step, "reason": str(error)})
+        return
     stopped_at = None if watch is None else watch.stopped_at
     if result.checkpoint is None or (result.interrupted and stopped_at is None):
         got = f"a training that was stopped in stage {result.stage!r}"
@@ -106,6 +114,11 @@ def _train(task: TrainingTask, root: Path, cores: int) -> None:
     mark: dict[str, Any] = {"checkpoint": result.checkpoint.name}
     if stopped_at is not None:
         mark["stopped_at"] = stopped_at
+    _mark(task, place, mark)
+
+
+def _mark(task: TrainingTask, place: Path, mark: Mapping[str, Any]) -> None:
+    """Say that a training is done, and what came of it."""
     write_atomically(place / mark_of(task), (json.dumps(mark) + "\n").encode())
 
 

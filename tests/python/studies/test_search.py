@@ -28,6 +28,7 @@ from sim2vr_harness.studies.report.source import read_source
 from sim2vr_harness.studies.search.config import StopConfig
 from sim2vr_harness.studies.search.stopping import limits_of, reports_of
 from sim2vr_harness.studies.search.trials import Trial
+from sim2vr_harness.training.finite import NotFinite
 
 pytest.importorskip("optuna")
 
@@ -385,6 +386,26 @@ def test_reports_are_the_best_so_far_at_each_step() -> None:
     assert found is not None and found.limits == ((60, 2.5),)
     kept = limits_of(lower.model_copy(update={"keep": 0.25}), trials)
     assert kept is not None and kept.limits == ((60, 1.75),)
+
+
+def test_trainings_that_diverge_are_trials_without_a_number(
+    trained: Path, trainings: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stand_in = work.trainer.train
+
+    def diverge(config: Any, out: Path, **how: Any) -> Any:
+        result = stand_in(config, out, **how)
+        if config.ppo.learning_rate.initial > 1e-4:
+            raise NotFinite("the weights are not finite")
+        return result
+
+    monkeypatch.setattr(work.trainer, "train", diverge)
+    asked = tuning(trained, tmp_path / "config", stop=None, trials=4)
+    trials = run_study(asked, tmp_path / "out", jobs=1).data.trials
+    wild = trials["parameter_rate"] > 1e-4
+    assert 0 < wild.sum() < 4
+    assert (trials["state"] == "stopped").tolist() == wild.tolist()
+    assert trials["return"].isna().tolist() == wild.tolist()
 
 
 def test_what_no_training_reports_is_said(

@@ -151,9 +151,10 @@ def _sampler(optuna: Any, search: OptimiseConfig, seed: int) -> Any:
         "gp": lambda: samplers.GPSampler(
             seed=seed, deterministic_objective=False, constraints_func=known
         ),
-        # Several generations even of the few trials that rounds of minutes allow.
+        # Several generations even of the few trials that rounds of minutes allow; not by how many
+        # trials there are, so that more of them go on with the same ones.
         "nsga2": lambda: samplers.NSGAIISampler(
-            seed=seed, population_size=max(4, min(50, search.trials // 5)), constraints_func=known
+            seed=seed, population_size=max(8, 2 * search.at_once), constraints_func=known
         ),
         "random": lambda: samplers.RandomSampler(seed=seed),
     }

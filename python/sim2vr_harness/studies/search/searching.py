@@ -160,6 +160,7 @@ class _Search:
             TRIAL,
             {str(number): self._wanted.settings(one) for number, one in values.items()},
             limits=None if stop is None else limits_of(stop, self._trials),
+            may_diverge=True,
         )
         self._doing.do(plan.trainings)
         reports = [self._reports(task) for task in plan.tasks]

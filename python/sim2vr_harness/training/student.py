@@ -51,8 +51,7 @@ class Guide(Protocol):
         """(N, F) numbers in [0, 1] that the picture shows; F may be 0."""
 
     def numbers(self, simulation: Any) -> NDArray[np.float32]:
-        """(N, K) what the teacher knows of the game, about 1 in size; asked for where
-        ``numbers_weight`` is set."""
+        """(N, K) what the teacher knows of the game, about 1 in size; only for ``numbers_weight``."""
 
 
 @dataclass

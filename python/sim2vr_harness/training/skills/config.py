@@ -15,7 +15,7 @@ from sim2vr_harness.settings import (
 )
 from sim2vr_harness.training.ppo_config import MOST_USERS
 
-__all__ = ["LookingConfig", "MotorPracticeConfig"]
+__all__ = ["LookingConfig", "MotorPracticeConfig", "SkillsConfig"]
 
 
 class MotorPracticeConfig(Settings):
@@ -85,3 +85,15 @@ class LookingConfig(Settings):
     follow: Chance = 0.01
     """How fast the slow copy of the network follows."""
     width: Width = 32
+
+
+class SkillsConfig(Settings):
+    """Users who bring a motor layer to a game and learn what is worth doing with what they see."""
+
+    motor: str | None = None
+    """File of the motor layer; None: the one that ships for the body, or, where none does, one that
+    the run makes first."""
+    practice: MotorPracticeConfig = MotorPracticeConfig()
+    looking: LookingConfig = LookingConfig()
+    baseline_seconds: float = Field(default=6.0, ge=0.0, le=1e6)
+    """For how long somebody sits still, and then moves at random, to compare with."""

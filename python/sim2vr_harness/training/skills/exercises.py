@@ -19,7 +19,6 @@ _SHARES = (0.1, 0.62, 0.28)
 _HELD = 0.5
 """Of those who have arrived without speed, how many are to stay there for a while."""
 _LONGEST_S = 1.2
-_POSES = 20_000
 _BEHIND = 0.12
 """How often goals are drawn that are not in front of the body, relative to those that are."""
 _FRONT_M = 0.12
@@ -29,6 +28,14 @@ _BY_M, _BY_MPS, _BY_AXIS = 30.0, 1.0, 2.0
 _STEP_SHARE = 0.15
 """Of that, for every user step of following."""
 _WAVES = 2
+_REGION_M, _REGIONS = 0.12, 20
+"""Goals are told apart by cubes of this size, so many along each side of a cube around the body."""
+_MIDDLE_M = 1.0
+"""Height of that cube's middle."""
+_CANDIDATES = 8
+_FORGET, _HARDEST = 0.1, 4.0
+"""How fast a region's error is forgotten, and how often the hardest come at most, relatively."""
+_USUAL_M = 0.04
 
 
 class Exercises:
@@ -53,6 +60,10 @@ class Exercises:
         self._clock_s = torch.zeros(shape)
         self._until_s = torch.zeros(shape)
         self._center = torch.zeros(*shape, 3)
+        self._hand_goal = torch.zeros(*shape, 3)
+        """(B, H, 3) where the hand itself can be for the tip to be where it shall."""
+        self._wrong_m = torch.full((_REGIONS**3,), 2.0 * _USUAL_M)
+        """Mean errors of the arrivals in every region; where nobody has been, more than usual."""
         self._waves = torch.zeros(*shape, 3, 3, _WAVES)
         """Amplitude (m), angular frequency (rad/s) and phase of a path, by axis."""
         self.clear()
@@ -141,15 +152,19 @@ class Exercises:
         self._set("_until_s", ids, hand, lasts)
         self._set("_center", ids, hand, here - begin)
         self._set("_waves", ids, hand, waves)
+        self._set("_hand_goal", ids, hand, pose[:, :3, 3])
         self._show_paths()
 
     def _reachable(self, hand: int, tip: Tensor) -> Tensor:
         """(K, 4, 4) of devices, drawn of what the body can do, mostly before it."""
         count = len(tip)
-        rows = torch.randint(len(self._poses), (4, count), generator=self.generator)
-        candidates = self._poses[rows, hand]  # (4, K, 4, 4)
-        ahead = tips(candidates, tip.expand(4, count, 3))[..., 0] > _FRONT_M
-        weights = torch.where(ahead, torch.ones(()), torch.tensor(_BEHIND)).T
+        shape = (_CANDIDATES, count)
+        rows = torch.randint(len(self._poses), shape, generator=self.generator)
+        candidates = self._poses[rows, hand]  # (C, K, 4, 4)
+        places = tips(candidates, tip.expand(*shape, 3))
+        weights = torch.where(places[..., 0] > _FRONT_M, torch.ones(()), torch.tensor(_BEHIND))
+        hard = self._wrong_m[_regions(candidates[..., :3, 3])] / _USUAL_M
+        weights = (weights * hard.clamp(0.4, _HARDEST)).T
         chosen = torch.multinomial(weights, 1, generator=self.generator)[:, 0]
         return candidates[chosen, torch.arange(count)]
 
@@ -204,6 +219,7 @@ class Exercises:
         reward = (worth * (arrived.float() + _STEP_SHARE * follows.float())).sum(1)
         with torch.no_grad():
             self._measure(arrived, follows & (self._clock_s > 0.3), off, slow)
+            self._learn_regions(arrived, off)
             goals.left_s = (goals.left_s - self._step_s).clamp(min=0.0)
             self._go_on(over, arrived, place)
             self._show_paths()
@@ -213,6 +229,12 @@ class Exercises:
         self._errors["place_m"].append(off[arrived].detach())
         self._errors["speed_mps"].append(slow[arrived].detach())
         self._errors["follow_m"].append(off[follows].detach())
+
+    def _learn_regions(self, arrived: Tensor, off: Tensor) -> None:
+        """Take in how far arrivals were off in the regions where the hands should be."""
+        where = _regions(self._hand_goal[arrived])
+        for region, error in zip(where.tolist(), off[arrived].tolist(), strict=True):
+            self._wrong_m[region] += _FORGET * (error - float(self._wrong_m[region]))
 
     def _go_on(self, over: Tensor, arrived: Tensor, place: Tensor) -> None:
         still = self.goals.velocity.abs().sum(-1) == 0.0
@@ -239,7 +261,7 @@ class Exercises:
 
     # --- exact resume ------------------------------------------------------------------------
 
-    _STATE = ("_kind", "_clock_s", "_until_s", "_center", "_waves")
+    _STATE = ("_kind", "_clock_s", "_until_s", "_center", "_waves", "_hand_goal", "_wrong_m")
 
     def state(self) -> dict[str, Tensor]:
         """Everything that their future depends on."""
@@ -254,3 +276,11 @@ class Exercises:
         for name in self.goals.tensors():
             setattr(self.goals, name, state[f"goals.{name}"].clone())
         self.generator.set_state(state["generator"])
+
+
+def _regions(places: Tensor) -> Tensor:
+    """(...) numbers of the regions that places (..., 3) are in."""
+    middle = torch.tensor([0.0, 0.0, _MIDDLE_M])
+    index = ((places - middle) / _REGION_M).floor().long() + _REGIONS // 2
+    index = index.clamp(0, _REGIONS - 1)
+    return (index[..., 0] * _REGIONS + index[..., 1]) * _REGIONS + index[..., 2]

@@ -9,6 +9,7 @@ rare colours more often than to common ones, and are seen through.
 from __future__ import annotations
 
 import copy
+import json
 from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -21,40 +22,22 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from sim2vr_harness.training.skills.choosing import Chooser, Scene
 from sim2vr_harness.training.skills.config import LookingConfig
 from sim2vr_harness.training.skills.moves import MOVES, Choice, Mover
 from sim2vr_harness.training.skills.network import PlaceValues
-from sim2vr_harness.training.skills.sight import CELL_PX, Sight, rotation
+from sim2vr_harness.training.skills.past import PastPictures
+from sim2vr_harness.training.skills.sight import CELL_PX
 
 __all__ = ["Looker", "LookingReport", "Scene"]
 
-_BEFORE_S = 0.2
+STATE_FORMAT = 1
 _TRY_STEPS = (4, 14)
 """How long a random try is seen through, user steps."""
 _REST_SHARE = 0.1
 _COLOURS = 8
 _TRUSTED_PERCENTILE = 99.0
-
-
-@dataclass
-class Scene:
-    """What N users see and where they are, at a decision.
-
-    Attributes:
-        pictures: (N, 8, H, W) uint8, red, green, blue and depth now, and 0.2 s before.
-        head: (N, 3) m.
-        turned: (N, 9) rotation of the head.
-        tips: (N, H, 3) m.
-    """
-
-    pictures: NDArray[np.uint8]
-    head: NDArray[np.float32]
-    turned: NDArray[np.float32]
-    tips: NDArray[np.float32]
-
-    def rows(self, ids: Any) -> Scene:
-        """Of some users."""
-        return Scene(self.pictures[ids], self.head[ids], self.turned[ids], self.tips[ids])
+_NEAR_M, _REACHED_M = 1.2, 0.06
 
 
 @dataclass(frozen=True)
@@ -93,7 +76,7 @@ class _Memory:
         shape = (length, n)
         mode: Any = "r+" if file.is_file() else "w+"
         self.pictures = np.memmap(file, np.uint8, mode, shape=(*shape, *picture))
-        self.known = {
+        self.known: dict[str, NDArray[Any]] = {
             "head": np.zeros((*shape, 3), np.float32),
             "turned": np.zeros((*shape, 9), np.float32),
             "tips": np.zeros((*shape, hands, 3), np.float32),
@@ -156,10 +139,10 @@ class Looker:
         self.n: int = simulation.n
         self.hands = len(mover.tip)
         vision = simulation.config.vision
-        self.sight = Sight(vision.height, vision.width)
+        self._chooser = Chooser(simulation, mover, PastPictures(simulation))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.net = PlaceValues(self.sight, self.hands, width=config.width)
+            self.net = PlaceValues(self._chooser.sight, self.hands, width=config.width)
         self._slow = copy.deepcopy(self.net).requires_grad_(False)
         self._optimizer = torch.optim.Adam(self.net.parameters(), lr=config.learning_rate)
         self.rng = np.random.default_rng([seed, 55])
@@ -171,9 +154,6 @@ class Looker:
         self._memory = _Memory(pictures, length, self.n, self.hands, picture)
         seeds = np.random.SeedSequence([seed, 56]).generate_state(self.n, np.uint32)
         simulation.reset(seeds=[int(value) for value in seeds])
-        before = round(_BEFORE_S * simulation.config.action_frequency_hz)
-        self._past: deque[NDArray[np.uint8]] = deque(maxlen=before + 1)
-        self._past.append(self._images())
         self._choice = Choice(self.n, self.hands)
         self._trying = np.zeros((self.n, self.hands), np.int64)
         """User steps for which a random try is still seen through."""
@@ -182,84 +162,40 @@ class Looker:
         self._rewards: deque[float] = deque(maxlen=200)
         self._owed = 0.0
 
-    # --- what is seen ------------------------------------------------------------------------
-
-    def _images(self) -> NDArray[np.uint8]:
-        """(N, H, W, 4) the headsets' pictures, a copy."""
-        return np.stack([np.asarray(app.image) for app in self.simulation.apps])
-
-    def _scene(self, place: Tensor) -> Scene:
-        now, before = self._past[-1], self._past[0]
-        pictures = np.concatenate([now, before], axis=3).transpose(0, 3, 1, 2)
-        head, quaternion = self.simulation.users.device_poses("headset")
-        turned = rotation(quaternion).reshape(self.n, 9).numpy()
-        tips = self.mover.tips(place).numpy()
-        return Scene(np.ascontiguousarray(pictures), head.astype(np.float32), turned, tips)
-
-    def _places(self, scene: Scene) -> Tensor:
-        depth = torch.from_numpy(scene.pictures[:, 3])
-        head, turned = torch.from_numpy(scene.head), torch.from_numpy(scene.turned)
-        return self.sight.places(depth, head, turned.reshape(-1, 3, 3))
-
-    def _values(self, net: PlaceValues, scene: Scene, places: Tensor) -> Tensor:
-        values: Tensor = net(
-            torch.from_numpy(scene.pictures),
-            places,
-            torch.from_numpy(scene.head),
-            torch.from_numpy(scene.tips),
-        )
-        return values
-
     # --- deciding ----------------------------------------------------------------------------
 
     def _decide(self, scene: Scene, explore: float) -> NDArray[np.int64]:
         """(N, H) what everybody chooses; cells and moves in one number, the last one rests."""
-        places = self._places(scene)
+        places = self._chooser.places(scene)
         with torch.inference_mode():
-            best = self._values(self.net, scene, places).argmax(-1).numpy()
+            chosen = self._chooser.values(self.net, scene, places).argmax(-1).numpy()
         weights = self._curiosity(scene, places)
-        chosen = best
-        cells = self.sight.cells
-        flat = places.flatten(2).transpose(1, 2)
+        changed = np.ones((self.n, self.hands), bool)
         for i in range(self.n):
             for hand in range(self.hands):
-                if self._trying[i, hand] > 0:
+                if self._trying[i, hand] > 0:  # the place stays the one that was tried
                     chosen[i, hand] = self._tried[i, hand]
-                    self._trying[i, hand] -= self.config.decide_steps
-                    continue
-                if self.rng.random() < explore:
-                    chosen[i, hand] = self._try(weights[i])
-                    self._tried[i, hand] = chosen[i, hand]
-                    self._trying[i, hand] = (
-                        self.rng.integers(*_TRY_STEPS) - self.config.decide_steps
-                    )
-                    self._set(i, hand, int(chosen[i, hand]), flat[i], cells)
-                    continue
-                self._set(i, hand, int(chosen[i, hand]), flat[i], cells)
-        for hand in range(self.hands):
-            place = self._choice.place[:, hand]
-            self._choice.place[:, hand] = self.mover.within_reach(hand, place)
+                    changed[i, hand] = False
+                elif self.rng.random() < explore:
+                    chosen[i, hand] = self._tried[i, hand] = self._try(weights[i])
+                    self._trying[i, hand] = self.rng.integers(*_TRY_STEPS)
+        self._trying -= self.config.decide_steps
+        self._chooser.choose(self._choice, chosen, places, changed)
         return chosen
-
-    def _set(self, i: int, hand: int, chosen: int, places: Tensor, cells: int) -> None:
-        resting = chosen == len(MOVES) * cells
-        self._choice.move[i, hand] = -1 if resting else chosen // cells
-        if not resting:
-            self._choice.place[i, hand] = places[chosen % cells]
 
     def _try(self, weights: NDArray[np.float64]) -> int:
         if self.rng.random() < _REST_SHARE:
-            return len(MOVES) * self.sight.cells
+            return len(MOVES) * self._chooser.sight.cells
         cell = int(np.searchsorted(np.cumsum(weights), self.rng.random() * weights.sum()))
-        cell = min(cell, self.sight.cells - 1)
+        cell = min(cell, self._chooser.sight.cells - 1)
         # Half of the tries touch or push.
         move = self.rng.integers(2) if self.rng.random() < 0.5 else self.rng.integers(len(MOVES))
-        return int(move) * self.sight.cells + cell
+        return int(move) * self._chooser.sight.cells + cell
 
     def _curiosity(self, scene: Scene, places: Tensor) -> NDArray[np.float64]:
         """(N, cells) how much to try: what is within reach, what has a rare colour."""
         half = CELL_PX // 2
-        rows, columns = self.sight.rows, self.sight.columns
+        rows, columns = self._chooser.sight.rows, self._chooser.sight.columns
         small = scene.pictures[:, :3, half::CELL_PX, half::CELL_PX][:, :, :rows, :columns]
         level = (small.astype(np.int64) * _COLOURS) // 256
         colour = (level[:, 0] * _COLOURS + level[:, 1]) * _COLOURS + level[:, 2]
@@ -300,8 +236,7 @@ class Looker:
     def step(self) -> LookingReport:
         """Decide, see it through, and learn."""
         explore = self.explore
-        place, _ = self._placed()
-        scene = self._scene(place)
+        scene = self._chooser.scene()
         chosen = self._decide(scene, explore)
         self._memory.append(scene, chosen)
         reward, over = self.play(self.config.decide_steps)
@@ -317,16 +252,11 @@ class Looker:
                 self._owed -= 1.0
         return LookingReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
 
-    def _placed(self) -> tuple[Tensor, Tensor]:
-        angles, speeds, _ = self.mover.layer.motion(self.simulation.users)
-        with torch.inference_mode():
-            return self.mover.layer.places(angles, speeds)
-
     def play(self, steps: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """See the present choice through: (N,) rewards, and whose episodes ended."""
         reward, over = np.zeros(self.n, np.float32), np.zeros(self.n, bool)
         for _ in range(steps):
-            actions = self.actions()
+            actions = self._chooser.actions(self._choice)
             result = self.simulation.step(actions)
             self.step_count += self.n
             reward += np.where(over, 0.0, result.game_reward).astype(np.float32)
@@ -337,22 +267,11 @@ class Looker:
                 self.simulation.reset(ids=[int(i) for i in again])
                 self._choice.move[again] = -1
                 self._trying[again] = 0
-            self._past.append(self._images())
-            for i in again:
-                for picture in self._past:
-                    picture[i] = self._past[-1][i]
             over |= ended
         return reward, over
 
     on_end: Callable[[NDArray[np.int64], Any], None] = staticmethod(lambda users, result: None)
     """Called with whose episodes have just ended, and the user step that ended them."""
-
-    def actions(self) -> NDArray[np.float32]:
-        """(N, A) what the bodies do now for the present choice."""
-        place, soon = self._placed()
-        head = torch.from_numpy(self.simulation.users.device_poses("headset")[0]).float()
-        goals = self.mover.goals(self._choice, head, place, soon)
-        return self.mover.layer.act(self.simulation.users, goals)
 
     # --- learning ----------------------------------------------------------------------------
 
@@ -380,13 +299,13 @@ class Looker:
             weight = np.where(over, 0.0, weight * config.gamma).astype(np.float32)
         then = memory.scene(rows + config.ahead, users)
         with torch.no_grad():
-            places = self._places(then)
-            best = self._values(self.net, then, places).argmax(-1, keepdim=True)
-            worth = self._values(self._slow, then, places).gather(-1, best)[..., 0].sum(1)
+            places = self._chooser.places(then)
+            best = self._chooser.values(self.net, then, places).argmax(-1, keepdim=True)
+            worth = self._chooser.values(self._slow, then, places).gather(-1, best)[..., 0].sum(1)
             wanted = torch.from_numpy(total) + torch.from_numpy(weight) * worth
         scene = memory.scene(rows, users)
         chosen = torch.from_numpy(memory.known["chosen"][rows, users])
-        values = self._values(self.net, scene, self._places(scene))
+        values = self._chooser.values(self.net, scene, self._chooser.places(scene))
         guessed = values.gather(-1, chosen[..., None])[..., 0].sum(1)
         loss = functional.smooth_l1_loss(guessed, wanted)
         self._optimizer.zero_grad()
@@ -397,3 +316,69 @@ class Looker:
             for slow, fast in zip(self._slow.parameters(), self.net.parameters(), strict=True):
                 slow.lerp_(fast, config.follow)
         return float(loss.detach())
+
+    def diagnosis(self) -> tuple[float, float]:
+        """Share of the decisions that were rewarded, and of what is near that is within reach."""
+        scene = self._chooser.scene()
+        places = self._chooser.places(scene)
+        flat = places.flatten(2).transpose(1, 2).reshape(-1, 3)
+        head = torch.from_numpy(scene.head).repeat_interleave(self._chooser.sight.cells, 0)
+        near = flat[(flat - head).norm(dim=1) < _NEAR_M]
+        within = 0.0
+        if len(near):
+            away = [self.mover.distance(hand, near).numpy() for hand in range(self.hands)]
+            within = float((np.minimum.reduce(away) < _REACHED_M).mean())
+        known = self._memory.known["reward"][: self._memory.count]
+        return float((known > 0.0).mean()), within
+
+    # --- exact resume ------------------------------------------------------------------------
+
+    def state(self) -> dict[str, Any]:
+        """Copy everything that the next decision depends on; pictures stay in their file."""
+        header = {
+            "format": STATE_FORMAT,
+            "step": self.step_count,
+            "scale": self.scale,
+            "owed": self._owed,
+            "rewards": list(self._rewards),
+            "rng": self.rng.bit_generator.state,
+        }
+        arrays = {
+            "trying": self._trying,
+            "tried": self._tried,
+            "colours": self._colours,
+            "simulation": np.frombuffer(self.simulation.save_state(), np.uint8),
+        }
+        return {
+            "header": json.dumps(header),
+            "net": copy.deepcopy(self.net.state_dict()),
+            "slow": copy.deepcopy(self._slow.state_dict()),
+            "optimizer": copy.deepcopy(self._optimizer.state_dict()),
+            "memory": self._memory.state(),
+            "choice": {"move": self._choice.move.clone(), "place": self._choice.place.clone()},
+            "arrays": {name: torch.from_numpy(values.copy()) for name, values in arrays.items()},
+        }
+
+    def load_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from :meth:`state`.
+
+        Raises:
+            ValueError: it is of another format.
+        """
+        header = json.loads(state["header"])
+        if header["format"] != STATE_FORMAT:
+            raise ValueError(f"got format {header['format']}, expected {STATE_FORMAT}")
+        self.step_count, self.scale = header["step"], header["scale"]
+        self._owed = header["owed"]
+        self._rewards.extend(header["rewards"])
+        self.rng.bit_generator.state = header["rng"]
+        self.net.load_state_dict(state["net"])
+        self._slow.load_state_dict(state["slow"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._memory.load_state(len(state["memory"]["over"]), state["memory"])
+        self._choice.move = state["choice"]["move"].clone()
+        self._choice.place = state["choice"]["place"].clone()
+        arrays = {name: values.numpy() for name, values in state["arrays"].items()}
+        self._trying, self._tried = arrays["trying"].copy(), arrays["tried"].copy()
+        self._colours = arrays["colours"].copy()
+        self.simulation.load_state(arrays["simulation"].tobytes())

@@ -42,8 +42,8 @@ class PlaceValues(nn.Module):
         self.leave = nn.Conv2d(width, hands * len(MOVES), 1)
         self.rest = nn.Linear(width, hands)
         for layer in (self.leave, self.rest):
-            nn.init.zeros_(layer.weight)
-            nn.init.zeros_(layer.bias)
+            for parameter in layer.parameters():
+                nn.init.zeros_(parameter)
 
     def forward(self, pictures: Tensor, places: Tensor, head: Tensor, tips: Tensor) -> Tensor:
         """(N, H, moves * cells + 1) values; the last one is that of resting.

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import copy
+import json
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -13,20 +15,19 @@ from torch import Tensor, nn
 
 from sim2vr_harness.training.imagined.body import BodyModel, fit_body, mlp
 from sim2vr_harness.training.imagined.effort import Effort
-from sim2vr_harness.training.imagined.experience import Experience, Motion
+from sim2vr_harness.training.imagined.experience import Experience
 from sim2vr_harness.training.imagined.gradients import limited
 from sim2vr_harness.training.imagined.users import ImaginedUsers
 from sim2vr_harness.training.skills.config import MotorPracticeConfig
 from sim2vr_harness.training.skills.exercises import Exercises
 from sim2vr_harness.training.skills.layer import MotorLayer
+from sim2vr_harness.training.skills.postures import INSIDE, reachable_poses
 from sim2vr_harness.users import Body, UserBatch
 from sim2vr_harness.users.noise import MotorNoiseSettings
 
 __all__ = ["MotorCycle", "MotorPractice"]
 
-_POSES = 20_000
-_INSIDE = 0.94
-"""Share of the joints' ranges that goals and starts are drawn from."""
+STATE_FORMAT = 1
 _WILD_SIZE = (0.05, 0.7)
 _WILD_KEEP = (0.0, 0.6, 0.9)
 _RETURN = 0.3
@@ -83,7 +84,13 @@ class MotorPractice:
         )
         self.rng = np.random.default_rng([seed, 31])
         self.cycle = self.updates = 0
-        torch.manual_seed(seed)
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self._make(body, noise, seed)
+            self._torch_state = torch.get_rng_state()
+
+    def _make(self, body: Body, noise: MotorNoiseSettings | None, seed: int) -> None:
+        config, step_s = self.config, self._step_s
         self.layer = MotorLayer(body, step_s, width=config.width)
         self.model = BodyModel(body, self.layer.hands, step_s, width=config.body_width)
         self.users = ImaginedUsers(
@@ -95,7 +102,7 @@ class MotorPractice:
             aim_cost=config.aim_cost,
             rest_cost=config.rest_cost,
         )
-        poses = self._poses()
+        poses = reachable_poses(self.layer, seed)
         self.exercises = Exercises(poses, config.users, step_s, seed + 5)
         self._played = Exercises(poses, config.bodies, step_s, seed + 6)
         """Goals of the simulated bodies."""
@@ -121,15 +128,10 @@ class MotorPractice:
 
         return activations if len(muscles) else nothing
 
-    def _poses(self) -> Tensor:
-        angles = torch.from_numpy(self._postures(_POSES)).float()
-        with torch.no_grad():
-            return self.layer.places(angles, torch.zeros_like(angles))[0]
-
     def _postures(self, count: int) -> NDArray[np.float64]:
-        """(K, J) anything that the joints can do, those of a trunk less."""
+        """(K, J) anything that the joints can do."""
         low, high = self._user.joint_ranges.T
-        middle, half = 0.5 * (low + high), 0.5 * _INSIDE * (high - low)
+        middle, half = 0.5 * (low + high), 0.5 * INSIDE * (high - low)
         return middle + half * self.rng.uniform(-1.0, 1.0, (count, len(low)))
 
     @property
@@ -143,6 +145,13 @@ class MotorPractice:
         self, on_progress: Callable[[str, float], None] = lambda doing, share: None
     ) -> MotorCycle:
         """Let bodies move, fit the model, and learn from imagined rollouts."""
+        with torch.random.fork_rng(devices=[]):
+            torch.set_rng_state(self._torch_state)
+            report = self._cycle(on_progress)
+            self._torch_state = torch.get_rng_state()
+        return report
+
+    def _cycle(self, on_progress: Callable[[str, float], None]) -> MotorCycle:
         config, first = self.config, self.cycle == 0
         self._played.clear()
         steps = config.first_play_steps if first else config.play_steps
@@ -319,3 +328,54 @@ class MotorPractice:
         with torch.no_grad():
             for slow, fast in zip(self._slow.parameters(), self._value.parameters(), strict=True):
                 slow.lerp_(fast, 0.05)
+
+    # --- exact resume ------------------------------------------------------------------------
+
+    def state(self) -> dict[str, Any]:
+        """Everything that the next cycle depends on; it shares weights: write it before that."""
+        header = {
+            "format": STATE_FORMAT,
+            "cycle": self.cycle,
+            "updates": self.updates,
+            "rng": self.rng.bit_generator.state,
+        }
+        return {
+            "header": json.dumps(header),
+            "layer": self.layer.state_dict(),
+            "model": self.model.state_dict(),
+            "value": self._value.state_dict(),
+            "slow": self._slow.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "critic": self._critic_optimizer.state_dict(),
+            "torch": self._torch_state,
+            "users": self.users.state(),
+            "rest": self.users.rest,
+            "exercises": self.exercises.state(),
+            "played": self._played.state(),
+            "seen": [part.tensors() for part in self._seen],
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """Go on from :meth:`state`; the simulated bodies begin every cycle anew.
+
+        Raises:
+            ValueError: it is of another format.
+        """
+        header = json.loads(state["header"])
+        if header["format"] != STATE_FORMAT:
+            raise ValueError(f"got format {header['format']}, expected {STATE_FORMAT}")
+        self.cycle, self.updates = header["cycle"], header["updates"]
+        self.rng.bit_generator.state = header["rng"]
+        for name, part in (("layer", self.layer), ("model", self.model), ("value", self._value)):
+            part.load_state_dict(state[name])
+        self._slow.load_state_dict(state["slow"])
+        for parameter in self.model.parameters():
+            parameter.requires_grad_(False)
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._critic_optimizer.load_state_dict(state["critic"])
+        self._torch_state = state["torch"]
+        self.users.load_state(state["users"])
+        self.users.rest = state["rest"]
+        self.exercises.load_state(state["exercises"])
+        self._played.load_state(state["played"])
+        self._seen = [Experience.of(tensors) for tensors in state["seen"]]

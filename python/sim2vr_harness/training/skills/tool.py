@@ -42,10 +42,10 @@ class Tool:
 
     def __init__(self, points: NDArray[np.float64]) -> None:
         self.points = points
-        self.tip = np.zeros(3)
+        self.tip: NDArray[np.float64] = np.zeros(3)
         if len(points):
             far = np.linalg.norm(points, axis=1)
-            self.tip = points[far > far.max() - _END_M].mean(0)
+            self.tip = np.asarray(points[far > far.max() - _END_M].mean(0))
 
 
 def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) -> list[Tool]:

@@ -15,7 +15,7 @@ BENCH      = $(VENV)/bin/sim2vr-harness bench --output $(ROWS)
 
 CPP_FILES = $(shell find app_runtime tests/cpp tests/fuzz tools -name '*.[ch]pp')
 
-.PHONY: help setup train play test test-all check lint types format stubs lock bench clean distclean
+.PHONY: help setup train play test test-all check lint types format stubs lock wheel bench clean distclean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -57,6 +57,9 @@ stubs: setup  ## Regenerate python/sim2vr_harness/_app_runtime.pyi
 
 lock: setup  ## Regenerate requirements.lock from pyproject.toml
 	$(VENV)/bin/python tools/dev/lock.py
+
+wheel: setup  ## Make one portable wheel in dist/, users included, for other machines (PYTHON=)
+	@tools/dev/wheel.sh
 
 bench: setup  ## Measure this machine and write the tables of docs/performance.md (some seven minutes)
 	mkdir -p build/bench

@@ -116,6 +116,7 @@ std::vector<rl::LoggedItem> loggedItems() {
   const auto item = [](const std::string& name, std::vector<rl::LoggedItem::Outcome> outcomes) {
     return rl::LoggedItem{.name = name,
                           .id_field = "number",
+                          .begin_event = name + "_spawn",
                           .outcomes = std::move(outcomes),
                           .place_field = "place",
                           .velocity_field = "velocity"};
@@ -124,7 +125,8 @@ std::vector<rl::LoggedItem> loggedItems() {
                        {"box_wrong_hand", "wrong hand", false},
                        {"box_wrong_direction", "wrong direction", false},
                        {"box_miss", "miss", false}}),
-          item("mine", {{"mine_hit", "hit", false}}), item("wall", {{"wall_hit", "hit", false}})};
+          item("mine", {{"mine_hit", "hit", false}, {"mine_avoided", "avoided", true}}),
+          item("wall", {{"wall_hit", "hit", false}, {"wall_avoided", "avoided", true}})};
 }
 
 }  // namespace

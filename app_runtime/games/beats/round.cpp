@@ -48,12 +48,14 @@ void Round::begin() {
 void Round::play() {
   const double now_s =
       static_cast<double>(clock().timeNs() - start_ns_) * kSecondsPerNs - settings().lead_in_s;
+  const double known_s = appearedBy();
   frame_s_ = now_s - time_s_;
   // No time, no motion: the next frame's covers it.
   if (frame_s_ <= 0.0) return;
   time_s_ = now_s;
   last_head_ = std::exchange(head_, head().transform().pose());
   for (Saber& saber : sabers_) saber.follow(frame_s_);
+  logSpawns(known_s);
   std::erase_if(bursts_, [this](const Burst& burst) { return time_s_ - burst.time_s > kBurst_s; });
 
   for (const Event& event : eventsOfFrame()) {
@@ -208,6 +210,7 @@ void Round::apply(const Event& event) {
     case Event::Kind::kMineAvoided:
       mines_.finish(event.index);
       tally_.addAvoidedMine();
+      logEvent(event, "mine_avoided");
       break;
     case Event::Kind::kWallTouched:
       walls_touched_[event.index] = 1;
@@ -217,7 +220,10 @@ void Round::apply(const Event& event) {
       break;
     case Event::Kind::kWallGone:
       walls_.finish(event.index);
-      if (walls_touched_[event.index] == 0) tally_.addAvoidedWall();
+      if (walls_touched_[event.index] == 0) {
+        tally_.addAvoidedWall();
+        logEvent(event, "wall_avoided");
+      }
       break;
   }
 }
@@ -234,12 +240,12 @@ void Round::applyCut(const Event& event) {
     const double speed_mps = touch.velocity_mps.norm();
     tally_.addSlice(cutPoints(rules, speed_mps, *angle_deg), speed_mps, *angle_deg);
     feedback_.slice(touch.hand, event.place_m);
-    logEvent(event, "box_slice");
+    logCut(event, "box_slice", angle_deg);
     return;
   }
   tally_.addFault(right_hand ? Fault::kWrongDirection : Fault::kWrongHand);
   feedback_.wrongCut(touch.hand, event.place_m);
-  logEvent(event, right_hand ? "box_wrong_direction" : "box_wrong_hand");
+  logCut(event, right_hand ? "box_wrong_direction" : "box_wrong_hand", angle_deg);
 }
 
 void Round::Burst::fields(Archive& archive) {

@@ -5,6 +5,7 @@
 #include <cstdint>
 #include <memory>
 #include <optional>
+#include <string>
 #include <vector>
 
 #include "beats/feedback.hpp"
@@ -100,7 +101,11 @@ class Round : public scene::Component {
   Block placed(Block block) const;
   void openLog();
   void logState();
-  void logEvent(const Event& event, const char* what);
+  /// What has appeared since `after_s`, a level time of things.
+  void logSpawns(double after_s);
+  void logEvent(const Event& event, const char* what, const std::string& more = {});
+  /// With how much later than its time the box was cut, and the angle to what it demands.
+  void logCut(const Event& event, const char* what, std::optional<double> angle_deg);
   void closeLog();
 
   RoundSetup setup_;

@@ -2,7 +2,9 @@
 
 #include <algorithm>
 #include <array>
+#include <cmath>
 #include <nlohmann/json.hpp>
+#include <numbers>
 #include <utility>
 
 #include "sim2vr/core/errors.hpp"
@@ -128,23 +130,69 @@ CellWeights weightsFromOptions(Options& options) {
 
 Quat aboutX(double x, double w) { return Quat(w, x, 0.0, 0.0).normalized(); }
 
-}  // namespace
+constexpr double kRadPerDeg = std::numbers::pi / 180.0;
+constexpr double kLies_deg = 22.5;
 
-PlacementGeometry geometry(Placement placement, xr::Hand hand) {
-  const double side_m = hand == xr::Hand::left ? -0.15 : 0.15;
+PlacementGeometry placementGeometry(Placement placement, double side_m) {
   switch (placement) {
     case Placement::kLow:
-      return {{side_m, -0.30, 0.35}, aboutX(0.3826834, 0.9238795), -30.0};
+      return {{side_m, -0.30, 0.35}, aboutX(0.3826834, 0.9238795), -30.0, true};
     case Placement::kHigh:
-      return {{side_m, 0.20, 0.30}, aboutX(-0.3826834, 0.9238795), 30.0};
+      return {{side_m, 0.20, 0.30}, aboutX(-0.3826834, 0.9238795), 30.0, false};
     case Placement::kMid:
       break;
   }
-  return {{side_m, -0.10, 0.40}, Quat::Identity(), -10.0};
+  return {{side_m, -0.10, 0.40}, Quat::Identity(), -10.0, false};
 }
 
-double strikeSpeed(Placement placement, const Vec3& velocity_mps) {
-  return placement == Placement::kLow ? -velocity_mps.y() : velocity_mps.z();
+double elevation_rad(const PlacementGeometry& place) {
+  return std::atan2(place.offset_m.y(), place.offset_m.z());
+}
+
+/// Between the pitches of the three placements; beyond low and high as theirs.
+double headPitch_deg(double direction_rad) {
+  const std::array<PlacementGeometry, 3> known{placementGeometry(Placement::kLow, 0.0),
+                                               placementGeometry(Placement::kMid, 0.0),
+                                               placementGeometry(Placement::kHigh, 0.0)};
+  for (std::size_t i = 1; i < known.size(); ++i) {
+    const double from = elevation_rad(known[i - 1]);
+    const double to = elevation_rad(known[i]);
+    if (direction_rad > to) continue;
+    const double share = std::max(0.0, (direction_rad - from) / (to - from));
+    return std::lerp(known[i - 1].head_pitch_deg, known[i].head_pitch_deg, share);
+  }
+  return known.back().head_pitch_deg;
+}
+
+AreaChanges areaFromOptions(Options& options) {
+  const auto number = [&options](const std::string& name, double least, double most) {
+    // Asked for in any case, so that the name is known.
+    const double value = options.getNumber(name, std::max(least, 0.0), least, most);
+    return options.has(name) ? std::optional(value) : std::nullopt;
+  };
+  return {number("area_height_m", -1.0, 1.0), number("area_distance_m", 0.1, 1.5),
+          number("area_tilt_deg", -90.0, 90.0)};
+}
+
+}  // namespace
+
+PlacementGeometry geometry(Placement placement, xr::Hand hand, const AreaChanges& changes) {
+  PlacementGeometry place = placementGeometry(placement, hand == xr::Hand::left ? -0.15 : 0.15);
+  if (changes.height_m) place.offset_m.y() = *changes.height_m;
+  if (changes.distance_m) place.offset_m.z() = *changes.distance_m;
+  if (changes.height_m || changes.distance_m) {
+    place.head_pitch_deg = headPitch_deg(elevation_rad(place));
+  }
+  if (changes.tilt_deg) {
+    const double half_rad = 0.5 * kRadPerDeg * *changes.tilt_deg;
+    place.rotation = aboutX(std::sin(half_rad), std::cos(half_rad));
+    place.struck_down = *changes.tilt_deg > kLies_deg;
+  }
+  return place;
+}
+
+double strikeSpeed(const PlacementGeometry& place, const Vec3& velocity_mps) {
+  return place.struck_down ? -velocity_mps.y() : velocity_mps.z();
 }
 
 std::span<const std::string> conditionNames() {
@@ -220,6 +268,9 @@ std::string Settings::playOptionsJson() const {
   add("strike_threshold_mps", strike_threshold_mps, usual.strike_threshold_mps);
   add("velocity_smoothing", velocity_smoothing, usual.velocity_smoothing);
   add("hammer_margin_m", hammer_margin_m, usual.hammer_margin_m);
+  if (area.height_m) options["area_height_m"] = *area.height_m;
+  if (area.distance_m) options["area_distance_m"] = *area.distance_m;
+  if (area.tilt_deg) options["area_tilt_deg"] = *area.tilt_deg;
   add("spawn_weights", spawn_weights, usual.spawn_weights);
   if (velocity_point == VelocityPoint::kHead) options["velocity_point"] = "head";
   if (hand == xr::Hand::left) options["hand"] = "left";
@@ -247,6 +298,7 @@ Settings Settings::fromOptions(Options& options) {
   settings.show_controllers = options.getBool("show_controllers", settings.show_controllers);
   settings.hand =
       options.getChoice("hand", "right", kHands) == "left" ? xr::Hand::left : xr::Hand::right;
+  settings.area = areaFromOptions(options);
   settings.spawns = spawnsFromOptions(options);
   settings.spawn_weights = weightsFromOptions(options);
   settings.fade_in_s = static_cast<float>(options.getNumber("fade_in_seconds", 0.1, 0.0, 60.0));

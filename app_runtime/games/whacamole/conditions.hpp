@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <string>
 #include <string_view>
@@ -29,13 +30,27 @@ struct PlacementGeometry {
   Vec3 offset_m;          // area origin minus head position, world axes; head rotation is ignored
   Quat rotation;          // of the area, world
   double head_pitch_deg;  // how the head is best held, up positive
+  bool struck_down;       // whether a hit needs downward speed; otherwise forward speed
 };
-/// For a left-handed player the area lies on the other side of the head.
-PlacementGeometry geometry(Placement placement, xr::Hand hand = xr::Hand::right);
+
+/// Where a designer puts the area; what is not given stays as the placement has it.
+struct AreaChanges {
+  std::optional<double> height_m;    // above the head, of the area's middle
+  std::optional<double> distance_m;  // in front of the head
+  std::optional<double> tilt_deg;    // about x: 90 lies flat and faces up, 0 stands
+
+  bool operator==(const AreaChanges&) const = default;
+};
+
+/// For a left-handed player the area lies on the other side of the head. A moved area asks for a
+/// head between those of the three placements, by the direction in which its middle lies; one that
+/// lies rather than stands, by a limit half-way between low and mid, is struck down.
+PlacementGeometry geometry(Placement placement, xr::Hand hand = xr::Hand::right,
+                           const AreaChanges& changes = {});
 
 /// Component of the hammer's velocity that a constrained hit is judged by, m/s: downward speed for
-/// the low area, forward speed for the others.
-double strikeSpeed(Placement placement, const Vec3& velocity_mps);
+/// an area like the low one, forward speed for the others.
+double strikeSpeed(const PlacementGeometry& place, const Vec3& velocity_mps);
 /// The study's; what a hit needs by default.
 inline constexpr float kStrikeThreshold_mps = 0.8F;
 /// Of the 3x3 grid, numbered row by row from the top left as the player sees them.
@@ -83,6 +98,7 @@ struct Settings {
   bool show_controllers = true;
   /// Which controller holds the hammer; left: everything is the mirror image.
   xr::Hand hand = xr::Hand::right;
+  AreaChanges area;
   /// In order of time. When there are any, they replace the random spawns of the round.
   std::vector<ScheduledSpawn> spawns;
   /// Chance of each cell, up to a factor; empty when all are equal. Wins over `adaptive`.

@@ -65,7 +65,8 @@ rl::RLEnv& WhacAMole::build(rl::GameContext& context) {
 
 std::optional<double> WhacAMole::headRequest(std::uint32_t seed) const {
   if (!settings_.head_request) return std::nullopt;
-  return geometry(resolveCondition(settings_.condition, seed).placement).head_pitch_deg;
+  const Placement placement = resolveCondition(settings_.condition, seed).placement;
+  return geometry(placement, settings_.hand, settings_.area).head_pitch_deg;
 }
 
 const std::vector<std::string>& WhacAMole::privilegedNames() const { return Privileged::names(); }

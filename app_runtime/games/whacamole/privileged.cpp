@@ -98,8 +98,7 @@ void Privileged::addToAids() {
       progress_sum_m_ += (there - marker_m_).norm() - (there - marker).norm();
     }
     if (const Target* aim = nearest(alive, marker)) {
-      const double speed_mps =
-          strikeSpeed(round_->condition().placement, round_->hammer().velocity_mps());
+      const double speed_mps = round_->strikeSpeed_mps(round_->hammer().velocity_mps());
       const double reach = (aim->hitCenter_m() - marker).norm() / kStrikeReach_m;
       strike_sum_ += std::clamp(speed_mps, 0.0, 1.0) * std::exp(-reach * reach) * dt_s;
     }
@@ -160,7 +159,7 @@ void Privileged::writeHammer(rl::NumberWriter& out) const {
   out.vector(hammer.velocity_mps());
   out.vector(rotation * -Vec3::UnitX());
   out.vector(rotation * Vec3::UnitY());
-  out.number(strikeSpeed(round_->condition().placement, hammer.velocity_mps()));
+  out.number(round_->strikeSpeed_mps(hammer.velocity_mps()));
   out.number((marker - area.position()).dot(area.forward()));
 }
 

@@ -44,6 +44,7 @@ void Counts::fields(Archive& archive) {
 
 Round::Round(RoundSetup setup)
     : setup_(std::move(setup)),
+      place_(geometry(setup_.condition.placement, setup_.settings.hand, setup_.settings.area)),
       spawner_(setup_.seed, setup_.settings.spawn_weights, setup_.settings.spawns) {}
 
 void Round::Update() {
@@ -69,9 +70,8 @@ void Round::Update() {
 }
 
 void Round::placeArea() {
-  const PlacementGeometry place = geometry(setup_.condition.placement, setup_.settings.hand);
   const Vec3 head = setup_.rig.camera->transform().position();
-  setup_.area->transform().setPose({head + place.offset_m, place.rotation});
+  setup_.area->transform().setPose({head + place_.offset_m, place_.rotation});
   if (scene::GameObject* spectator = scene().find(rl::kSpectatorCameraPath)) {
     spectator->transform().setPose(spectatorPose(head, setup_.settings.hand));
   }
@@ -135,8 +135,7 @@ void Round::measureDepth() {
 
 bool Round::isHit(const Vec3& velocity_mps) const {
   if (!setup_.condition.constrained) return true;
-  const double strike = strikeSpeed(setup_.condition.placement, velocity_mps);
-  return static_cast<float>(strike) > setup_.settings.strike_threshold_mps;
+  return static_cast<float>(strikeSpeed_mps(velocity_mps)) > setup_.settings.strike_threshold_mps;
 }
 
 void Round::recordHit(const Target& target, const Vec3& velocity_mps) {
@@ -150,7 +149,7 @@ void Round::recordHit(const Target& target, const Vec3& velocity_mps) {
 void Round::recordContact(const Target& target, const Vec3& velocity_mps, bool first) {
   ++counts_.contacts;
   if (first) ++counts_.first_contacts;
-  counts_.last_contact_strike_mps = strikeSpeed(setup_.condition.placement, velocity_mps);
+  counts_.last_contact_strike_mps = strikeSpeed_mps(velocity_mps);
   logTarget("target_contact", target, velocity_mps);
 }
 

@@ -76,6 +76,10 @@ class Round : public scene::Component {
   /// Game seconds since play began, 0 before.
   float elapsed_s() const;
 
+  /// The component of a velocity that constrained hits are judged by.
+  double strikeSpeed_mps(const Vec3& velocity_mps) const {
+    return strikeSpeed(place_, velocity_mps);
+  }
   bool isHit(const Vec3& velocity_mps) const;
   // What the targets report; the time is the clock's.
   void recordHit(const Target& target, const Vec3& velocity_mps);
@@ -98,6 +102,7 @@ class Round : public scene::Component {
                  const std::optional<Vec3>& velocity_mps = std::nullopt);
 
   RoundSetup setup_;
+  PlacementGeometry place_;
   Spawner spawner_;
   Counts counts_;
   Phase phase_ = Phase::kReady;

@@ -173,7 +173,7 @@ def _browser_check() -> Iterator[Check]:
         "browser for WebXR pages",
         "ok" if usable else "warning",
         f"{program}: {answer}",
-        "" if usable else _apt(BROWSERS[0]),
+        "" if usable else _apt("chromium-sandbox" if "sandbox" in answer else BROWSERS[0]),
     )
 
 

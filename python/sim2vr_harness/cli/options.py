@@ -5,8 +5,10 @@ Before a command starts, so that nothing is played and then lost.
 
 from __future__ import annotations
 
+import json
 import math
 import os
+import sys
 import tempfile
 from pathlib import Path
 from typing import Annotated, Any
@@ -15,11 +17,30 @@ import typer
 
 from sim2vr_harness.errors import InputError
 
-__all__ = ["SetOption", "TrustOption", "finite", "writable_file", "writable_folder"]
+__all__ = [
+    "EnvSetOption",
+    "JsonOption",
+    "SetOption",
+    "TrustOption",
+    "finite",
+    "print_json",
+    "writable_file",
+    "writable_folder",
+]
 
 SetOption = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help="Change a value: --set ppo.n_envs=4."),
+]
+
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")]
+EnvSetOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change the environment: --set env.user.noise.constant=white.",
+    ),
 ]
 
 TrustOption = Annotated[
@@ -29,6 +50,11 @@ TrustOption = Annotated[
         help="Start the app that a file names, though you never have; remembered.",
     ),
 ]
+
+
+def print_json(content: dict[str, Any]) -> None:
+    """Print one JSON object."""
+    sys.stdout.write(json.dumps(content, indent=2) + "\n")
 
 
 def finite(parameter: typer.CallbackParam, value: float | None) -> float | None:

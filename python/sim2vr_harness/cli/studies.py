@@ -42,7 +42,10 @@ class Shown:
 
 
 def comparison_table(data: StudyData) -> Iterator[RenderableType]:
-    """Yield a table of means per condition, and one of the comparisons."""
+    """Yield a table of means per condition, and one of the comparisons; of a search its best."""
+    if "search" in data.about:
+        yield from _best_of(data)
+        return
     found = data.statistics
     if found["summaries"]:
         yield _summary_table(found["summaries"])
@@ -50,6 +53,30 @@ def comparison_table(data: StudyData) -> Iterator[RenderableType]:
         yield _results_table(found["results"])
         for note in dict.fromkeys(_notes(found["results"])):
             yield Text(f"note: {note}")
+
+
+def _best_of(data: StudyData) -> Iterator[RenderableType]:
+    trials = data.trials
+    best = trials[trials["chosen"]]
+    kept = f"{int(trials['keeps_limits'].sum())} of {len(trials)} trials keep the limits"
+    if not len(best):
+        yield Text(f"Nothing was found: no trial of {len(trials)} keeps the limits.")
+        return
+    names = [
+        name
+        for name in trials.columns
+        if name.startswith("parameter_") or name in data.about["search"]["measures"]
+    ]
+    table = Table(box=box.SIMPLE, title=f"The best; {kept}")
+    for name in ("trial", *names):
+        table.add_column(name.removeprefix("parameter_"), justify="right")
+    for _, row in best.iterrows():
+        values = [row[name] for name in names]
+        table.add_row(
+            str(row["trial"]),
+            *(value if isinstance(value, str) else f"{value:.4g}" for value in values),
+        )
+    yield table
 
 
 def _summary_table(summaries: list[dict[str, Any]]) -> Table:

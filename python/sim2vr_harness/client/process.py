@@ -71,6 +71,7 @@ class AppProcess:
         socket: file of the socket that the app listens on, deleted at the end; None: none.
         pipes: descriptors that become the app's 3 (to read from) and 4 (to write to); they stay
             this side's to close.
+        folder: the app's working directory; None: this process's.
 
     Raises:
         AppRefused: the executable is missing or cannot be run.
@@ -84,6 +85,7 @@ class AppProcess:
         extra_logs: Sequence[Path] = (),
         socket: Path | None = None,
         pipes: tuple[int, int] | None = None,
+        folder: str | None = None,
     ) -> None:
         self.command = [os.fspath(part) for part in command]
         self.name = Path(self.command[0]).name
@@ -100,6 +102,7 @@ class AppProcess:
                 stdout=handle if pipes is None else pipes[1],
                 stderr=handle,
                 env={**os.environ, **(environment or {})},
+                cwd=folder,
                 start_new_session=True,
             )
         except OSError as error:

@@ -58,6 +58,7 @@ class Request:
             condition each; None: as in the training.
         deterministic: Whether actions are the policy's mean.
         record: Whether to film the first round of every condition.
+        film_seconds: The longest film, game time; None: whole rounds.
         log: Whether to keep the game's CSV logs.
         steps: Whether to write tables of every user step and app frame, too.
         out: Where files go; None takes the run's ``evaluation/step_<N>``, and in it a folder named
@@ -78,6 +79,7 @@ class Request:
     people: int | None = None
     deterministic: bool | None = None
     record: bool = False
+    film_seconds: float | None = None
     log: bool = False
     steps: bool = True
     out: str | Path | None = None
@@ -197,7 +199,9 @@ def evaluate(
     weight = effort_weight(env.user.effort.model, env.user.effort.weight)
     log_root = out / ("logs" if request.log else _PASSING_LOGS)
     logs = RoundLogs(log_root) if request.log or _logs_by_itself(env) else None
-    filmer = RoundFilmer(out, facts) if request.record else None
+    filmer = None
+    if request.record:
+        filmer = RoundFilmer(out, facts, seconds=request.film_seconds)
     recorder = DataRecorder(out, facts, env, moments=request.steps)
     watchers: list[Watcher] = [*recorder.watchers, *(each for each in (logs, filmer) if each)]
 

@@ -74,11 +74,14 @@ class RoundFilmer:
         folder: Where ``<condition>_<episode>.mp4`` goes.
         facts: What the game publishes, for the numbers in the header.
         rounds: How many rounds per condition.
+        seconds: The longest film, game time; None: the whole round.
     """
 
-    def __init__(self, folder: Path, facts: GameFacts, rounds: int = 1) -> None:
+    def __init__(
+        self, folder: Path, facts: GameFacts, rounds: int = 1, seconds: float | None = None
+    ) -> None:
         self._folder, self._facts = folder, facts
-        self._rounds = rounds
+        self._rounds, self._seconds = rounds, seconds
         self._films: dict[int, Film] = {}
         self._panels: Panels | None = None
         self.files: list[Path] = []
@@ -106,13 +109,15 @@ class RoundFilmer:
         if self._panels is None:
             return
         seconds = self._steps / self._simulation.config.action_frequency_hz
-        for i, film in self._films.items():
+        for i, film in list(self._films.items()):
             if infos[i].get("termination") == "app_failed":
                 continue  # there is no app to draw the frame
             text = score_text(
                 self._facts, infos[i].get("log", {}), seconds, float(self._returns[i])
             )
             film.add(self._painter.frame(self._panels.draw(i), self._jobs[i].condition, text))
+            if self._seconds is not None and seconds >= self._seconds:
+                self.files.append(self._films.pop(i).finish())
 
     def ended(self, index: int, result: RoundResult) -> None:
         """Finish the film of a round; a round whose app failed leaves none."""

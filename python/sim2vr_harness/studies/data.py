@@ -28,6 +28,8 @@ from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.files import file_name, read_json
 from sim2vr_harness.studies.config import StudyConfig, parse_study
 from sim2vr_harness.studies.plan import Plan
+from sim2vr_harness.studies.search.searching import Found
+from sim2vr_harness.studies.search.table import trials_table
 from sim2vr_harness.studies.tasks import CELLS, TRAININGS, CellTask
 from sim2vr_harness.training.run_folder import write_atomically
 
@@ -44,13 +46,20 @@ def factor_column(name: str) -> str:
     return f"factor_{column_name(name)}"
 
 
-def write_data(plan: Plan, root: Path) -> None:
+def write_data(plan: Plan, root: Path, found: Found | None = None) -> None:
     """Write the study's tables from its cells, all of which are done.
+
+    Args:
+        plan: The study.
+        root: Its folder.
+        found: What its search found, if it was one.
 
     Raises:
         InputError: A cell's table cannot be read.
     """
     tables: dict[str, pa.Table] = {"cells": _cells_table(plan)}
+    if found is not None:
+        tables["trials"] = trials_table(found)
     for name in ("episodes", "events"):
         parts = []
         for cell, task in zip(plan.cells, plan.tasks, strict=True):
@@ -63,7 +72,7 @@ def write_data(plan: Plan, root: Path) -> None:
     told = {name: columns_in(table.schema) for name, table in tables.items()}
     told |= _told_of_moments(plan.tasks[0], root)
     write_atomically(root / FOLDER / "dictionary.csv", dictionary_bytes(told))
-    about = {
+    about: dict[str, Any] = {
         "study": plan.study.model_dump(mode="json"),
         "game": plan.facts.name,
         "score": plan.facts.score,
@@ -72,6 +81,10 @@ def write_data(plan: Plan, root: Path) -> None:
                      if measure.name in plan.measures],
         "grids": [_told(measure) for measure in plan.facts.grids],
     }  # fmt: skip
+    if found is not None:
+        optimise = found.search.model_dump(mode="json", exclude_defaults=True)
+        sought = {"optimise": optimise, "sampler": found.sampler}
+        about |= {"search": sought | {"measures": list(found.search.measures)}}
     write_atomically(root / STUDY_FILE, (json.dumps(about, indent=2) + "\n").encode())
 
 
@@ -159,7 +172,8 @@ class StudyData:
     Attributes:
         root: The study's folder.
         study: What it was.
-        about: ``game``, ``score``, ``unit``, ``measures`` and ``grids`` as the game publishes them.
+        about: ``game``, ``score``, ``unit``, ``measures`` and ``grids`` as the game publishes them;
+            of a search ``search``.
     """
 
     root: Path
@@ -170,6 +184,19 @@ class StudyData:
     def cells(self) -> Any:
         """A row per cell: its levels, folder, user. Key: ``design_cell``."""
         return data_frame(read_table(self.root / FOLDER / "cells.parquet"))
+
+    @cached_property
+    def trials(self) -> Any:
+        """A row per trial of a search: parameters, measures, whether it is among the best.
+
+        Key: ``trial``; ``design_cell`` of those that were played.
+
+        Raises:
+            InputError: The study was no search.
+        """
+        if "search" not in self.about:
+            raise InputError(file_name(self.root), "a study without optimise", "a search")
+        return data_frame(read_table(self.root / FOLDER / "trials.parquet"))
 
     @cached_property
     def episodes(self) -> Any:
@@ -193,8 +220,11 @@ class StudyData:
         return EvaluationData(self.root / FOLDER).dictionary
 
     @cached_property
-    def statistics(self) -> dict[str, list[dict[str, Any]]]:
-        """``summaries`` of each condition and measure, ``results`` of the comparisons."""
+    def statistics(self) -> dict[str, Any]:
+        """``summaries`` of each condition and measure, ``results`` of the comparisons.
+
+        ``versions`` are those of the packages that worked them out.
+        """
         return read_json(self.root / "statistics.json", _EXPECTED)
 
     def of_cell(self, cell: str) -> EvaluationData:

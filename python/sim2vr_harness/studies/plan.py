@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,13 +17,13 @@ from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.files import read_bytes
 from sim2vr_harness.studies.cells import Cell, cells_of, content_hash
 from sim2vr_harness.studies.config import StudyConfig
-from sim2vr_harness.studies.tasks import CellTask, TrainingTask
+from sim2vr_harness.studies.tasks import CellTask, Limits, TrainingTask
 from sim2vr_harness.training.config import TrainingConfig, load_config, to_yaml
 from sim2vr_harness.training.trained_users import TrainedUser, find_user, require_contract
 
-__all__ = ["Plan", "plan_of"]
+__all__ = ["Plan", "Users", "plan_of"]
 
-_FORMAT = 1
+_FORMAT = 2
 """Of what a cell's folder holds; another one makes all cells anew."""
 
 
@@ -48,18 +48,26 @@ class Plan:
     measures: tuple[str, ...]
 
 
-def plan_of(study: StudyConfig, *, folder: Path | None = None) -> Plan:
+def plan_of(
+    study: StudyConfig,
+    *,
+    folder: Path | None = None,
+    users: Users | None = None,
+    limits: Limits | None = None,
+) -> Plan:
     """Work out what is to be done, and check all of it.
 
     Args:
         study: The study.
         folder: Where its file is; users and configurations are looked for there, too.
+        users: Those that were looked up before.
+        limits: When its trainings are stopped early.
 
     Raises:
         InputError: A user, configuration, key, option, condition or measure that cannot be used.
     """
-    users = _Users()
-    found = [_Resolved.of(study, cell, folder, users) for cell in cells_of(study)]
+    where = _Where(folder, users or Users(), limits)
+    found = [_Resolved.of(study, cell, where) for cell in cells_of(study)]
     facts = found[0].facts
     for one in found:
         if one.facts.name != facts.name:
@@ -85,18 +93,28 @@ def plan_of(study: StudyConfig, *, folder: Path | None = None) -> Plan:
     )
 
 
-class _Users:
+class Users:
     """Trained users and hashes of their weights, each read once."""
 
     def __init__(self) -> None:
         self._known: dict[str, tuple[TrainedUser, str]] = {}
 
     def find(self, name: str) -> tuple[TrainedUser, str]:
+        """Return a user and the SHA-256 of its weights."""
         if name not in self._known:
             user = find_user(name)
             weights = read_bytes(user.source, "weights of a user")
             self._known[name] = user, hashlib.sha256(weights).hexdigest()
         return self._known[name]
+
+
+@dataclass(frozen=True)
+class _Where:
+    """What all cells of a plan have in common; see :func:`plan_of`."""
+
+    folder: Path | None
+    users: Users
+    limits: Limits | None
 
 
 @dataclass(frozen=True)
@@ -107,16 +125,16 @@ class _Resolved:
     facts: GameFacts
 
     @classmethod
-    def of(cls, study: StudyConfig, cell: Cell, folder: Path | None, users: _Users) -> _Resolved:
+    def of(cls, study: StudyConfig, cell: Cell, where: _Where) -> _Resolved:
         try:
-            return cls._of(study, cell, folder, users)
+            return cls._of(study, cell, where)
         except InputError as error:
             field = f"cell {cell.name}: {error.field}"
             raise InputError(field, error.got, error.expected) from error
 
     @classmethod
-    def _of(cls, study: StudyConfig, cell: Cell, folder: Path | None, users: _Users) -> _Resolved:
-        settings = cell.settings
+    def _of(cls, study: StudyConfig, cell: Cell, where: _Where) -> _Resolved:
+        settings, folder, users = cell.settings, where.folder, where.users
         if ("user" in settings) == ("config" in settings):
             got = "both user and config" if "user" in settings else "neither user nor config"
             raise InputError("user", got, "a trained user, or the configuration of a training")
@@ -131,8 +149,9 @@ class _Resolved:
             key = content_hash(
                 config.model_dump(mode="json", exclude={"name", "evaluation", "wandb"})
                 | {"format": _FORMAT, "sim2vr_harness": __version__}
+                | ({} if where.limits is None else {"limits": asdict(where.limits)})
             )
-            training = TrainingTask(key, text, cell.name)
+            training = TrainingTask(key, text, cell.name, where.limits)
             identity = {"training": key}
         else:
             if cell.of("training."):
@@ -167,6 +186,7 @@ class _Resolved:
             deterministic=_truth(settings.get("deterministic", study.deterministic)),
             steps=study.steps,
             logs=study.logs,
+            film_seconds=study.film_seconds,
         )
         identity |= {
             "format": _FORMAT,
@@ -179,6 +199,7 @@ class _Resolved:
             "deterministic": task.deterministic,
             "steps": task.steps,
             "logs": task.logs,
+            "film_seconds": task.film_seconds,
         }
         return cls(cell, replace(task, key=content_hash(identity)), training, facts)
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Mapping
-from contextlib import closing
 from dataclasses import dataclass
+from functools import partial
+from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -15,31 +16,19 @@ from sim2vr_harness.errors import InputError
 from sim2vr_harness.files import read_json
 from sim2vr_harness.studies.config import StudyConfig, load_study, parse_study
 from sim2vr_harness.studies.data import STUDY_FILE, StudyData, read_study, write_data
+from sim2vr_harness.studies.doing import Doing, Progress
 from sim2vr_harness.studies.plan import Plan, plan_of
-from sim2vr_harness.studies.pool import Done, Here, Pool, Processes
-from sim2vr_harness.studies.tasks import CELLS, TRAININGS, CellTask, Task, is_done
+from sim2vr_harness.studies.pool import Here, Pool, Processes
+from sim2vr_harness.studies.search.searching import search
+from sim2vr_harness.studies.tasks import CELLS, Task
 from sim2vr_harness.studies.work import clear_away
 from sim2vr_harness.training.locking import sole_training
 from sim2vr_harness.training.run_folder import write_atomically
 
 __all__ = ["Progress", "StudyResult", "run_study"]
 
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a study is.
-
-    Attributes:
-        done: Tasks that are done, those of earlier sessions included.
-        total: All tasks: trainings and cells.
-        label: The one that has just ended; empty at first.
-        error: Why that one failed; None: it did not.
-    """
-
-    done: int
-    total: int
-    label: str = ""
-    error: str | None = None
+_STATISTICS = ("scipy", "statsmodels")
+"""What works the statistics out."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +54,7 @@ def run_study(
     ray: str | None = None,
     storage: str | None = None,
     on_progress: Callable[[Progress], None] = lambda progress: None,
-    make_pool: Callable[[Path], Pool] | None = None,
+    make_pool: Callable[[Path, int], Pool] | None = None,
 ) -> StudyResult:
     """Run a study, or go on with it: what is done is not done again.
 
@@ -76,7 +65,8 @@ def run_study(
         ray: Address of a Ray cluster that does them instead, or ``auto``.
         storage: With ``ray``: where workers leave results that do not see the study's folder.
         on_progress: Told after every task.
-        make_pool: Who does the tasks, given the folder; None: processes of this machine.
+        make_pool: Who does the tasks, given the folder and how many there are at once; None:
+            processes of this machine.
 
     Raises:
         InputError: Something of the study cannot be used (nothing is played then), or cells failed
@@ -93,38 +83,39 @@ def run_study(
     root = Path(out) if out is not None else Path("studies") / study.name
     jobs = _jobs(jobs)
     _require_own(root, study)
-    plan = plan_of(study, folder=beside)
+    plan = plan_of(study, folder=beside) if study.optimise is None else None
     if study.comparisons and find_spec("statsmodels") is None:
         expected = "it: pip install 'sim2vr-harness[studies]'"
         raise InputError("comparisons", "no statsmodels in this installation", expected)
     (root / CELLS).mkdir(parents=True, exist_ok=True)
     with sole_training(root, root / ".lock", "study"):
         clear_away(root)
-        wanted: list[Task] = [*plan.trainings, *{task.key: task for task in plan.tasks}.values()]
-        left = [task for task in wanted if not is_done(task, root)]
-        done = len(wanted) - len(left)
-        on_progress(Progress(done, len(wanted)))
-        if left:
-            pool: Pool
-            if make_pool is not None:
-                pool = make_pool(root)
-            elif ray is not None:
-                from sim2vr_harness.studies.cluster import OnRay
-
-                pool = OnRay(root, ray, 1, storage=storage)
+        make = make_pool or partial(_pool, jobs=jobs, ray=ray, storage=storage)
+        with Doing(root, make, on_progress) as doing:
+            if study.optimise is None:
+                assert plan is not None
+                tasks: list[Task] = [*plan.trainings, *plan.tasks]
+                doing.expect(len({task.key for task in tasks}))
+                doing.do(tasks)
+                found = None
             else:
-                pool = _pool(root, min(jobs, len(left)))
-            with closing(pool):
-                _work(pool, left, root, done, on_progress)
-        write_data(plan, root)
+                found = search(study, study.optimise, beside, doing)
+                plan = found.plan
+        write_data(plan, root, found)
         _compare(plan, root)
-    return StudyResult(read_study(root), len(left), done)
+    return StudyResult(read_study(root), doing.played, doing.found)
 
 
-def _pool(root: Path, jobs: int) -> Pool:
-    if jobs == 1:
+def _pool(root: Path, tasks: int, *, jobs: int, ray: str | None, storage: str | None) -> Pool:
+    """Who does the tasks, of which there are so many at once."""
+    if ray is not None:
+        from sim2vr_harness.studies.cluster import OnRay
+
+        return OnRay(root, ray, 1, storage=storage)
+    count = min(jobs, tasks)
+    if count == 1:
         return Here(root, available())
-    return Processes(root, jobs, max(1, available() // jobs))
+    return Processes(root, count, max(1, available() // count))
 
 
 def _jobs(jobs: int | None) -> int:
@@ -147,49 +138,6 @@ def _require_own(root: Path, study: StudyConfig) -> None:
         raise InputError("--out", f"{str(root)!r}, which has other files", "a folder of its own")
 
 
-def _work(
-    pool: Pool, left: list[Task], root: Path, done: int, on_progress: Callable[[Progress], None]
-) -> None:
-    """Do what is left; a cell waits for its training."""
-    total = done + len(left)
-    waiting = [task for task in left if _waits(task, root)]
-    failed: list[Done] = []
-    submitted = len(left) - len(waiting)
-    for task in left:
-        if task not in waiting:
-            pool.submit(task)
-    while submitted:
-        ended = pool.next()
-        submitted -= 1
-        if ended.error is None:
-            done += 1
-        else:
-            failed.append(ended)
-        on_progress(Progress(done, total, _label(ended.task), ended.error))
-        for task in [task for task in waiting if not _waits(task, root)]:
-            waiting.remove(task)
-            pool.submit(task)
-            submitted += 1
-    if failed:
-        more = f" (and {len(failed) - 1} more)" if len(failed) > 1 else ""
-        raise InputError(
-            f"{_label(failed[0].task)}",
-            f"{failed[0].error}{more}",
-            f"every cell to be played; {done} of {total} tasks are kept, run the study again to go "
-            "on",
-        )
-
-
-def _waits(task: Task, root: Path) -> bool:
-    if not isinstance(task, CellTask) or task.training is None:
-        return False
-    return not (root / TRAININGS / task.training / "trained.json").is_file()
-
-
-def _label(task: Task) -> str:
-    return f"cell {task.cell}" if isinstance(task, CellTask) else f"training {task.label}"
-
-
 def _compare(plan: Plan, root: Path) -> None:
     from sim2vr_harness.studies.statistics import compare_all, summaries
 
@@ -197,6 +145,7 @@ def _compare(plan: Plan, root: Path) -> None:
     found = {
         "summaries": summaries(data, plan.measures),
         "results": compare_all(data, plan.measures),
+        "versions": {name: version(name) for name in _STATISTICS if find_spec(name) is not None},
     }
     text = json.dumps(found, indent=2)
     write_atomically(root / "statistics.json", (text + "\n").encode())

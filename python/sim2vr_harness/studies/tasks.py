@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 __all__ = [
     "CELLS",
     "TRAININGS",
     "CellTask",
+    "Limits",
     "Task",
     "TrainingTask",
     "folder_of",
@@ -21,6 +23,26 @@ CELLS, TRAININGS = "cells", "trainings"
 
 
 @dataclass(frozen=True)
+class Limits:
+    """What a training must have reported at some steps; it is stopped where it has not.
+
+    Attributes:
+        report: Which number.
+        better: Which way it is good.
+        limits: User steps of the last stage, and the worst number that may go on.
+    """
+
+    report: str
+    better: Literal["higher", "lower"]
+    limits: tuple[tuple[int, float], ...]
+
+    @property
+    def at(self) -> tuple[int, ...]:
+        """The steps."""
+        return tuple(step for step, _ in self.limits)
+
+
+@dataclass(frozen=True)
 class TrainingTask:
     """A user to be trained.
 
@@ -28,11 +50,13 @@ class TrainingTask:
         key: Hash of its configuration; the name of the run's folder.
         config: The complete configuration, YAML.
         label: For people.
+        limits: When it is stopped early; None: never.
     """
 
     key: str
     config: str
     label: str
+    limits: Limits | None = None
 
 
 @dataclass(frozen=True)
@@ -47,6 +71,7 @@ class CellTask:
         condition: Of the game.
         overrides: ``env.key=value``.
         episodes, seed, people, deterministic, steps, logs: As of an evaluation.
+        film_seconds: Of the first round, to be filmed; 0: no film.
     """
 
     key: str
@@ -61,6 +86,7 @@ class CellTask:
     deterministic: bool
     steps: bool
     logs: bool
+    film_seconds: float
 
 
 Task = CellTask | TrainingTask

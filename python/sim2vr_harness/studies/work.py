@@ -8,11 +8,13 @@ import os
 import shutil
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from rich.console import Console
 
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.studies.search.stopping import Watch
 from sim2vr_harness.studies.tasks import (
     CELLS,
     TRAININGS,
@@ -63,6 +65,8 @@ def _play(task: CellTask, root: Path, cores: int) -> None:
         deterministic=task.deterministic,
         steps=task.steps,
         log=task.logs,
+        record=task.film_seconds > 0.0,
+        film_seconds=task.film_seconds,
         out=working,
         overrides=task.overrides,
         cores=cores,
@@ -85,13 +89,24 @@ def _train(task: TrainingTask, root: Path, cores: int) -> None:
     config = parse_config(yaml.safe_load(task.config))
     cored = config.model_copy(update={"env": config.env.model_copy(update={"cores": cores})})
     console = Console(file=io.StringIO())
-    result = trainer.train(cored, place, resume=RunFolder(place).exists, console=console)
-    if result.interrupted or result.checkpoint is None:
+    folder = RunFolder(place)
+    watch = Watch(task.limits, folder.metrics()) if task.limits is not None else None
+    result = trainer.train(
+        cored,
+        place,
+        resume=folder.exists,
+        console=console,
+        report=None if watch is None else watch.report,
+        stop=None if watch is None else watch.stop,
+    )
+    stopped_at = None if watch is None else watch.stopped_at
+    if result.checkpoint is None or (result.interrupted and stopped_at is None):
         got = f"a training that was stopped in stage {result.stage!r}"
         raise InputError(f"training {task.label}", got, "the study to be run again")
-    write_atomically(
-        place / mark_of(task), (json.dumps({"checkpoint": result.checkpoint.name}) + "\n").encode()
-    )
+    mark: dict[str, Any] = {"checkpoint": result.checkpoint.name}
+    if stopped_at is not None:
+        mark["stopped_at"] = stopped_at
+    write_atomically(place / mark_of(task), (json.dumps(mark) + "\n").encode())
 
 
 def clear_away(root: Path) -> None:

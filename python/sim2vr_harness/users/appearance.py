@@ -254,7 +254,10 @@ def picture_settings(spec: mujoco.MjSpec) -> None:
     # Lights and clipping planes scale with these; without them, with the floor's size.
     spec.stat.extent = 1.6
     spec.stat.center = [0.1, 0.0, 0.6]
-    spec.visual.quality.shadowsize = 2048
+    # The square that casts shadows, clip times extent to every side of the light's middle. Near its
+    # rim a floor casts specks of shadow on itself: the rim lies outside of what is looked at.
+    spec.visual.map.shadowclip = 3.0
+    spec.visual.quality.shadowsize = 4096
     spec.visual.global_.offwidth = 1280
     spec.visual.global_.offheight = 960
     spec.visual.map.znear = 0.01

@@ -55,8 +55,8 @@ class BeatsRound {
   /// Frames of 20 Hz lie where the reference's do.
   explicit BeatsRound(const Level& level,
                       const std::string& options_json = R"({"end_on_miss": false})",
-                      std::int64_t period_ns = 49'999'997)
-      : game(level), harness(game, 1, options_json, time()), period_ns_(period_ns) {}
+                      std::int64_t period_ns = 49'999'997, rl::EpisodeLogger* logger = nullptr)
+      : game(level), harness(game, 1, options_json, time(), 0, logger), period_ns_(period_ns) {}
 
   void frame(const Stance& stance) {
     xr::DeviceState state;

@@ -2,12 +2,15 @@
 
 #include <algorithm>
 #include <cmath>
+#include <filesystem>
+#include <fstream>
 #include <numbers>
 #include <string>
 #include <vector>
 
 #include "beats_player.hpp"
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/rl/episode_logger.hpp"
 
 namespace sim2vr::games::beats {
 namespace {
@@ -62,6 +65,44 @@ TEST(BeatsRound, WrongHandAndWrongDirectionAreErrorsAndTakeTheBox) {
     EXPECT_EQ(round->tally().misses(), 0);
     EXPECT_FALSE(round->harness.env().finished());
   }
+}
+
+// The box (at 1 s) is there from the start, the mine (at 3 s) comes 2 s before its time, the wall
+// (at 9 s) never. The stroke of the first test touches the box's top, at y = 1.09, half-way through
+// its frame from 0.95 to 1 s: (1.15 - 1.09) / (0.1375 cos 30 degrees) = 0.504, 25 ms early.
+TEST(BeatsRound, TheLogHasWhatCameAndHowItEnded) {
+  const auto root = std::filesystem::path(::testing::TempDir()) / "sim2vr_beats_log";
+  std::filesystem::remove_all(root);
+  Level level = oneBox();
+  level.mines = {{3.0, 0.0, 2.0}};
+  level.walls = {{9.0, 1.5, 3.0, 0.0}};
+  level.length_s = 5.0;
+  {
+    rl::EpisodeLogger logger(root);
+    BeatsRound round(level, R"({"end_on_miss": false})", 49'999'997, &logger);
+    round.waitUntil(0.9);
+    const Vec3 from(0.2, 1.15, 0.0);
+    const Vec3 way = 0.1375 * Vec3(0.5, -std::numbers::sqrt3 / 2.0, 0.0);
+    round.stroke(Hand::kRight, from, from + way);
+    round.waitUntil(5.1);
+  }
+  std::ifstream file(root / "0000-by hand" / "events.csv");
+  std::vector<std::string> lines;
+  for (std::string line; std::getline(file, line);) lines.push_back(line);
+  ASSERT_EQ(lines.size(), 7U);
+  EXPECT_EQ(lines[2],
+            "0, box_spawn, number 0, due 1, column 2, row 1, kind: right box, direction -90");
+  EXPECT_EQ(lines[3].find("0.9999999, box_slice, number 0, level time 0.97"), 0U) << lines[3];
+  const auto behind = [&lines](const std::string& field) {
+    return std::stod(lines[3].substr(lines[3].find(field) + field.size()));
+  };
+  EXPECT_NEAR(behind(", timing "), 0.0252 - 0.05, 1e-3);
+  EXPECT_NEAR(behind(", angle "), 30.0, 1e-3);
+  EXPECT_EQ(lines[4], "1.0499998, mine_spawn, number 0, due 3, column 0, row 2");
+  EXPECT_NE(lines[5].find(", mine_avoided, number 0, level time 3.4"), std::string::npos)
+      << lines[5];
+  EXPECT_NE(lines[6].find("episode statistics"), std::string::npos);
+  std::filesystem::remove_all(root);
 }
 
 // Just inside and just outside of 60 degrees, to either side.

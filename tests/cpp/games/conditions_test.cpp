@@ -1,6 +1,8 @@
 #include <gtest/gtest.h>
 
+#include <cmath>
 #include <map>
+#include <numbers>
 #include <string>
 
 #include "sim2vr/core/errors.hpp"
@@ -82,9 +84,49 @@ TEST(Conditions, GeometryTable) {
 
 TEST(Conditions, StrikeSpeedIsDownwardForLowAndForwardElsewhere) {
   const Vec3 velocity(1.0, -2.0, 3.0);
-  EXPECT_EQ(strikeSpeed(Placement::kLow, velocity), 2.0);
-  EXPECT_EQ(strikeSpeed(Placement::kMid, velocity), 3.0);
-  EXPECT_EQ(strikeSpeed(Placement::kHigh, velocity), 3.0);
+  EXPECT_EQ(strikeSpeed(geometry(Placement::kLow), velocity), 2.0);
+  EXPECT_EQ(strikeSpeed(geometry(Placement::kMid), velocity), 3.0);
+  EXPECT_EQ(strikeSpeed(geometry(Placement::kHigh), velocity), 3.0);
+}
+
+TEST(Conditions, AMovedAreaKeepsWhatIsNotMoved) {
+  const PlacementGeometry higher = geometry(Placement::kMid, xr::Hand::right, {.height_m = 0.05});
+  EXPECT_EQ(higher.offset_m, Vec3(0.15, 0.05, 0.40));
+  EXPECT_TRUE(higher.rotation.isApprox(Quat::Identity()));
+  const PlacementGeometry nearer = geometry(Placement::kLow, xr::Hand::left, {.distance_m = 0.30});
+  EXPECT_EQ(nearer.offset_m, Vec3(-0.15, -0.30, 0.30));
+  EXPECT_TRUE(nearer.rotation.isApprox(geometry(Placement::kLow).rotation));
+  EXPECT_TRUE(nearer.struck_down);
+}
+
+TEST(Conditions, ATiltedAreaLiesAsTheStudysDo) {
+  for (const Placement placement : {Placement::kLow, Placement::kMid, Placement::kHigh}) {
+    const PlacementGeometry study = geometry(placement);
+    const double tilt_deg =
+        placement == Placement::kLow ? 45.0 : (placement == Placement::kHigh ? -45.0 : 0.0);
+    const PlacementGeometry tilted = geometry(Placement::kMid, xr::Hand::right,
+                                              {study.offset_m.y(), study.offset_m.z(), tilt_deg});
+    EXPECT_EQ(tilted.offset_m, study.offset_m);
+    EXPECT_TRUE(tilted.rotation.isApprox(study.rotation, 1e-6));
+    EXPECT_EQ(tilted.struck_down, study.struck_down);
+    EXPECT_NEAR(tilted.head_pitch_deg, study.head_pitch_deg, 1e-9);
+  }
+  // Half-way between low and mid, which is struck forward still.
+  EXPECT_FALSE(geometry(Placement::kMid, xr::Hand::right, {.tilt_deg = 22.5}).struck_down);
+  EXPECT_TRUE(geometry(Placement::kMid, xr::Hand::right, {.tilt_deg = 22.6}).struck_down);
+  EXPECT_FALSE(geometry(Placement::kLow, xr::Hand::right, {.tilt_deg = 0.0}).struck_down);
+}
+
+TEST(Conditions, TheHeadIsAskedForBetweenThePlacements) {
+  const auto pitch = [](double height_m, double distance_m) {
+    return geometry(Placement::kMid, xr::Hand::right,
+                    {.height_m = height_m, .distance_m = distance_m})
+        .head_pitch_deg;
+  };
+  // The middle of the angles to mid's (-14.04 degrees) and high's (33.69) middles: 9.83 degrees.
+  EXPECT_NEAR(pitch(std::tan(9.8275 * std::numbers::pi / 180.0), 1.0), 10.0, 0.01);
+  EXPECT_EQ(pitch(1.0, 0.2), 30.0);
+  EXPECT_EQ(pitch(-1.0, 0.2), -30.0);
 }
 
 TEST(Settings, Defaults) {
@@ -114,6 +156,19 @@ TEST(Settings, ReadsEveryOption) {
   EXPECT_EQ(settings.countdown_s, 4.0F);
   EXPECT_FALSE(settings.head_request);
   EXPECT_FALSE(settings.show_controllers);
+}
+
+TEST(Settings, ReadsWhereTheAreaIs) {
+  Options options = Options::fromJson(R"({"area_height_m": -0.2, "area_tilt_deg": 30})");
+  const Settings settings = Settings::fromOptions(options);
+  EXPECT_NO_THROW(options.expectAllRead());
+  EXPECT_EQ(settings.area, (AreaChanges{-0.2, std::nullopt, 30.0}));
+  EXPECT_EQ(settings.playOptionsJson(), R"({"area_height_m":-0.2,"area_tilt_deg":30.0})");
+  EXPECT_EQ(Settings{}.playOptionsJson(), "{}");
+  for (const char* wrong : {R"({"area_distance_m": 0.05})", R"({"area_tilt_deg": "flat"})"}) {
+    Options refused = Options::fromJson(wrong);
+    EXPECT_THROW(Settings::fromOptions(refused), InvalidArgument) << wrong;
+  }
 }
 
 TEST(Settings, SuggestsTheNearestCondition) {

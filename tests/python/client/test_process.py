@@ -14,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from processes import emptied, group
 from sim2vr_harness.client import AppDied, AppProcess, AppRefused, AppTimeout
 
 SLEEPER = 'trap "" TERM\necho ready\nsleep 600 & wait'  # deaf to SIGTERM, with a child of its own
@@ -35,29 +36,6 @@ def gone(pid: int, within_s: float = 10.0) -> bool:
         except OSError:
             return True
         time.sleep(0.02)
-    return False
-
-
-def group(pid: int) -> list[int]:
-    """Processes of the group, zombies left out."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rpartition(") ")[2].split()
-            except OSError:
-                continue
-            if int(fields[2]) == pid and fields[0] != "Z":
-                found.append(int(entry.name))
-    return found
-
-
-def emptied(number: int) -> bool:
-    """Whether all processes of a group are gone; init takes its time to bury the orphans."""
-    for _ in range(500):
-        if not group(number):
-            return True
-        time.sleep(0.01)
     return False
 
 

@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import os
-import re
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -15,9 +13,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from processes import emptied, group
 from sim2vr_harness.client import AppDied, AppRefused, AppTimeout, frame_time_ns
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
-from sim2vr_harness.client.webxr.files import HOST, PageFiles
+from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.page import Page
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page, page_with
@@ -205,124 +204,13 @@ def test_no_browser_outlives_the_harness(ending: str) -> None:
     assert harness.stdout is not None
     number, home = harness.stdout.readline().split()
     if ending == "killed":
-        assert _alive(int(number))
+        assert group(int(number))
         harness.kill()
     harness.wait(20)
     harness.stdout.close()
-    deadline = time.monotonic() + 10.0
-    while _alive(int(number)) and time.monotonic() < deadline:
-        time.sleep(0.05)
-    assert _alive(int(number)) == []
+    assert emptied(int(number))
     if ending == "exits":
         assert not Path(home).exists()
-
-
-def _alive(group: int) -> list[str]:
-    found = []
-    for entry in Path("/proc").iterdir():
-        if entry.name.isdigit():
-            try:
-                fields = (entry / "stat").read_text().rpartition(") ")[2].split()
-            except OSError:
-                continue
-            if int(fields[2]) == group and fields[0] != "Z":
-                found.append(entry.name)
-    return found
-
-
-# --- what a page may not ----------------------------------------------------------------------
-
-PRYING = """import { Boxes, button } from './boxes.js';
-const app = window.app = { told: '' };
-const tell = (what) => { app.told += what + ' '; };
-const status = (url) => fetch(url).then((reply) => reply.status, () => 'refused');
-tell(await status('../secret.txt'));
-tell(await status('%2e%2e/secret.txt'));
-tell(await status('..%2fsecret.txt'));
-tell(await status('link.txt'));
-tell(await status('inside.txt'));
-for (const make of [
-  () => new WebSocket('ws://127.0.0.1:9'), () => new RTCPeerConnection(),
-  () => new SharedWorker('worker.js'),
-]) { try { make(); tell('made'); } catch { tell('none'); } }
-tell(await navigator.storage.getDirectory().then(() => 'made', () => 'none'));
-tell(window.open('about:blank') === null ? 'none' : 'made');
-const worker = new Worker('worker.js');
-tell(await new Promise((resolve) => { worker.onmessage = ({ data }) => resolve(data); }));
-const boxes = new Boxes();
-button('Enter VR', () => boxes.enter(() => {}));
-"""
-WORKER = """const tries = ['https://example.com/', 'http://127.0.0.1:%d/', 'file:///etc/passwd'];
-Promise.all(tries.map((url) => fetch(url).then(() => 'reached', () => 'refused')))
-  .then((found) => new Promise((resolve) => {
-    const socket = new WebSocket('ws://127.0.0.1:%d/');
-    socket.onopen = () => resolve([...found, 'reached']);
-    socket.onerror = () => resolve([...found, 'refused']);
-  })).then((found) => postMessage(found.join(' ')));"""
-
-
-@NEEDS_BROWSER
-def test_a_page_cannot_leave_its_folder(tmp_path: Path) -> None:
-    import socket
-
-    folder = tmp_path / "page"
-    folder.mkdir()
-    (tmp_path / "secret.txt").write_text("secret")
-    (folder / "inside.txt").write_text("inside")
-    (folder / "link.txt").symlink_to(tmp_path / "secret.txt")
-    page = page_with(folder, PRYING)
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
-        (folder / "worker.js").write_text(WORKER % (port, port))
-        before = sorted(tmp_path.rglob("*"))
-        with open_page(page) as app:
-            try:
-                app.reset(1, hands(0))
-            except AppRefused as error:
-                # The worker's own tries are seen, or it answers too late for this page.
-                assert re.search("which app.map maps to no folder|never calls WebXR", str(error))
-            deadline = time.monotonic() + 30.0
-            told: list[str] = []
-            while len(told) < 14 and time.monotonic() < deadline:
-                told = app._page._evaluate("app.told").split()
-                time.sleep(0.05)
-        server.setblocking(False)
-        with pytest.raises(BlockingIOError):
-            server.accept()
-    assert told[:5] == ["404", "404", "404", "404", "200"]
-    assert told[5:10] == ["none"] * 5
-    assert told[10:] == ["refused"] * 4
-    assert sorted(tmp_path.rglob("*")) == before
-
-
-def test_addresses_lead_below_their_folders_only(tmp_path: Path) -> None:
-    page = tmp_path / "page"
-    engine = tmp_path / "engine"
-    for folder in (page, engine / "build"):
-        folder.mkdir(parents=True)
-    (page / "index.html").write_text("<!doctype html>")
-    (page / "a b.txt").write_text("spaced")
-    (engine / "build" / "e.mjs").write_text("export {}")
-    (tmp_path / "secret.txt").write_text("secret")
-    cdn = "https://cdn.example.com/engine@1/"
-    files = PageFiles(
-        str(page), {cdn: str(engine), "https://one.example.com/x.js": str(engine / "build/e.mjs")}
-    )
-    assert files.url == f"{HOST}index.html"
-    assert files.answer(f"{HOST}a%20b.txt?version=2#top").content == b"spaced"
-    found = files.answer(f"{cdn}build/e.mjs")
-    assert (found.status, found.mime) == (200, "text/javascript")
-    assert files.answer("https://one.example.com/x.js").content == b"export {}"
-    assert files.answer("https://one.example.com/x.js.map").status == 404
-    for url in (
-        f"{HOST}../secret.txt",
-        f"{HOST}%2e%2e/secret.txt",
-        f"{cdn}/etc/passwd",
-        f"{HOST}%00",
-    ):
-        assert files.answer(url).status == 404
-    assert files.answer("https://cdn.example.com/other/e.mjs").status == 0
-    assert files.refused == ["https://cdn.example.com/other/e.mjs"]
 
 
 @pytest.mark.parametrize(
@@ -346,6 +234,17 @@ def test_addresses_lead_below_their_folders_only(tmp_path: Path) -> None:
 def test_places_that_are_not_there(page: str, mapped: dict[str, str], words: str) -> None:
     with pytest.raises(AppRefused, match=words):
         PageFiles(page, mapped)
+
+
+def test_a_sandbox_that_cannot_be_had_is_said_in_one_line(tmp_path: Path) -> None:
+    browser = tmp_path / "chromium"
+    browser.write_text(
+        "#!/bin/sh\necho 'FATAL: No usable sandbox! If this is Debian,' >&2; exit 1\n"
+    )
+    browser.chmod(0o755)
+    with pytest.raises(AppRefused, match=r"app\.browser: got .*chromium, whose sandbox") as caught:
+        Browser(str(browser), 30.0)
+    assert "\n" not in str(caught.value)
 
 
 @NEEDS_BROWSER

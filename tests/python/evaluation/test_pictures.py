@@ -93,6 +93,20 @@ def test_films_are_h264_at_the_users_rate(fake_body: None, tmp_path: Path) -> No
         assert part in report
 
 
+def test_a_film_may_be_shorter_than_its_round(fake_body: None, tmp_path: Path) -> None:
+    filmer = video.RoundFilmer(tmp_path, WHACAMOLE, seconds=0.25)
+    filmer.started(simulation(), [Job("medium", 0, 1), Job("medium", 1, 2)])
+    for _ in range(10):
+        filmer.stepped(np.ones(2), [{}, {}])
+    assert filmer.files == [tmp_path / "medium_0.mp4"]
+    assert imageio_ffmpeg.count_frames_and_secs(str(filmer.files[0])) == (5, 0.25)
+    done = round_result(WHACAMOLE, condition="medium", episode=0, seed=1, steps=10, game_return=0.0,
+                        effort=0.0, info={}, log={})  # fmt: skip
+    filmer.ended(0, done)
+    filmer.close()
+    assert list(tmp_path.iterdir()) == filmer.files
+
+
 def test_an_unfinished_film_is_deleted(fake_body: None, tmp_path: Path) -> None:
     filmer = video.RoundFilmer(tmp_path, WHACAMOLE)
     filmer.started(simulation(), [Job("medium", 0, 1), Job("medium", 1, 2)])

@@ -127,6 +127,26 @@ def test_nothing_to_compare_is_said() -> None:
     assert found["refused"].startswith("no unit has a value in every level")
 
 
+def test_levels_that_one_user_plays_are_that_user_s() -> None:
+    levels = {
+        "easy": {"user": "A", "condition": "easy"},
+        "hard": {"user": "A", "condition": "hard"},
+        "other": {"user": "B", "condition": "hard"},
+    }
+    rows = [
+        {"factor_task": task, "unit": told["user"], "seed": seed, "coins": float(seed),
+         "ended": "finished", "design_cell": task}
+        for task, told in levels.items() for seed in (1, 2)
+    ]  # fmt: skip
+    study = parse_study({"name": "t", "factors": {"task": {"levels": levels}}})
+    data = StudyData(Path("nowhere"), study, {"unit": "user"})
+    data.__dict__.update(episodes=pd.DataFrame(rows), cells=pd.DataFrame(rows))
+    (own,) = compare(data, ComparisonConfig(factor="task", levels=("easy", "hard")), ["coins"])
+    assert (own["test"], own["n"], own["p"]) == ("wilcoxon", 1, None)
+    (other,) = compare(data, ComparisonConfig(factor="task", levels=("hard", "other")), ["coins"])
+    assert (other["test"], other["n"], other["p"]) == ("mann-whitney", [1, 1], None)
+
+
 def test_trainings_of_two_kinds_are_independent() -> None:
     factors = {
         "weight": {"key": "training.env.user.effort.weight", "levels": ["0.1", "0.2"]},

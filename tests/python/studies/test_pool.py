@@ -25,6 +25,7 @@ def task(key: str, condition: str = "fine") -> CellTask:
         deterministic=False,
         steps=False,
         logs=False,
+        film_seconds=0.0,
     )
 
 

@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import json
 import re
+import warnings
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import strange_game
+from PIL import Image
 
 from sim2vr_harness.client import Measure
 from sim2vr_harness.errors import InputError
@@ -16,6 +18,9 @@ from sim2vr_harness.studies.config import load_study
 from sim2vr_harness.studies.plan import plan_of
 from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.body import load_of
+from sim2vr_harness.studies.report.drawing import Bars, Figure, Line, Panel, colour_of, keys_of
+from sim2vr_harness.studies.report.interactive import plotly_of
+from sim2vr_harness.studies.report.methods import PlayedBy, methods_of
 from sim2vr_harness.studies.report.numbers import summary_of
 from sim2vr_harness.studies.report.sentences import sentences_of
 from sim2vr_harness.studies.report.source import ReportSource, read_source
@@ -110,6 +115,19 @@ def test_comparisons_say_what_n_is_and_why_there_is_no_p(source: ReportSource) -
     assert "95 % -13 to -9" in told[0].numbers and "rounds of one policy" in told[0].numbers
 
 
+def test_the_methods_name_the_versions_of_the_recording(source: ReportSource) -> None:
+    then = {"sim2vr-harness": "0.1", "python": "3.10.1", "mujoco": "3.1", "gymnasium": "1.0"}
+    tested = replace(source, analysed_with={"scipy": "1.2"})
+    tested.__dict__["recorded_with"] = [then, {**then, "mujoco": "3.2"}]
+    text = methods_of(tested, [PlayedBy("somebody", 1000)])
+    assert "in sim2vr 0.1, in lockstep" in text
+    assert text.endswith("Software: Python 3.10.1, MuJoCo 3.1 and 3.2, SciPy 1.2.")
+    old = replace(source, groups=source.groups)
+    old.__dict__["recorded_with"] = []
+    text = methods_of(old, [PlayedBy("somebody", 1000)])
+    assert "in sim2vr, in lockstep" in text and "Software" not in text
+
+
 def test_the_page_has_everything_in_it(page: str) -> None:
     assert len(page.encode()) < 10_000_000
     before, _, _ = page.partition("<script>")
@@ -126,6 +144,25 @@ def test_the_page_s_panels_show_all_groups(page: str) -> None:
     names = {trace["name"] for panel in panels for trace in panel["data"] if trace.get("name")}
     assert set(strange_game.CONDITIONS) <= names
     assert any(trace["type"] == "scatter3d" for panel in panels for trace in panel["data"])
+
+
+def test_many_groups_have_names_below_and_colours_of_their_own(tmp_path: Path) -> None:
+    names = [f"group {i}" for i in range(15)]
+    lines = [Line(name, [0, 1], [0, i], colour_of(i)) for i, name in enumerate(names)]
+    bars = Panel("", [Bars("share", names, [0.5] * 15, "#000000")])
+    panel = Panel("", lines, legend=True)
+    assert len({colour for _, colour in keys_of(panel)}) == 15
+    assert bars.crowded and not panel.crowded
+    assert plotly_of(bars)["layout"]["xaxis"]["tickangle"] == -45
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        write_stills([Figure("many", "Many", "", [panel, bars])], tmp_path)
+    with Image.open(tmp_path / "many.png") as many:
+        write_stills(
+            [Figure("few", "Few", "", [Panel("", lines[:3], legend=True), bars])], tmp_path
+        )
+        with Image.open(tmp_path / "few.png") as few:
+            assert many.height > few.height, "the names have lines of their own"
 
 
 def test_figures_are_files_for_papers_and_the_same_bytes_again(

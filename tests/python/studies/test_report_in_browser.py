@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 import strange_game
-from chromium import Page, find_chromium
 
+from chromium import Page
 from sim2vr_harness.studies.report import write_report
+from webxr_pages import NEEDS_BROWSER
 
-CHROMIUM = find_chromium()
-pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium is installed")
+pytestmark = NEEDS_BROWSER
 
 CUT_OFF = """JSON.stringify([...document.querySelectorAll('.plot')].flatMap(plot => {
   const box = plot.getBoundingClientRect();
@@ -32,11 +32,10 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_report(folder, stills=False).page
 
 
-def test_every_figure_is_drawn_and_nothing_is_cut_off(report: Path, tmp_path: Path) -> None:
-    assert CHROMIUM is not None
-    with Page(CHROMIUM, tmp_path) as page:
+def test_every_figure_is_drawn_and_nothing_is_cut_off(report: Path) -> None:
+    with Page() as page:
         for width in (1280, 390):
-            page.open(report, width)
+            page.open(report.as_uri(), width)
             page.wait_for("window.reportState && reportState.expected > 0")
             page.wait_for("reportState.drawn + reportState.errors.length >= reportState.expected")
             state = page.value("reportState")
@@ -47,10 +46,9 @@ def test_every_figure_is_drawn_and_nothing_is_cut_off(report: Path, tmp_path: Pa
             assert json.loads(page.value(CUT_OFF)) == []
 
 
-def test_a_key_hides_and_shows_its_lines(report: Path, tmp_path: Path) -> None:
-    assert CHROMIUM is not None
-    with Page(CHROMIUM, tmp_path) as page:
-        page.open(report, 1280)
+def test_a_key_hides_and_shows_its_lines(report: Path) -> None:
+    with Page() as page:
+        page.open(report.as_uri(), 1280)
         page.wait_for("window.reportState && reportState.drawn === reportState.expected")
         visible = (
             "(() => { const key = document.querySelector('.keys button'); key.click(); "

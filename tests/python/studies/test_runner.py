@@ -102,7 +102,7 @@ def test_a_study_goes_on_after_a_kill_and_has_the_same_bytes(
 
     parted = tmp_path / "parted"
     with pytest.raises(KeyboardInterrupt):
-        run_study(study(trained), parted, make_pool=lambda root: Killed(root, 1))
+        run_study(study(trained), parted, make_pool=lambda root, tasks: Killed(root, 1))
     assert quick == ["easy", "easy", "hard"]
     found = run_study(study(trained), parted, jobs=1)
     assert quick == ["easy", "easy", "hard", "hard"], "none was played twice"

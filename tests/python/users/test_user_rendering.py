@@ -34,6 +34,12 @@ def test_pictures(user: Body, renderer: UserRenderer) -> None:
     assert np.abs(picture.astype(int) - renderer.render(reaching, "front")).max() > 50
 
 
+def test_an_empty_floor_has_no_specks_of_shadow(user: Body) -> None:
+    with UserRenderer(user, 320, 240) as large:
+        floor = large.render(np.zeros(21), "play")[150:235, 225:310]  # in front of the user
+    assert floor.min() > 150, "light grey everywhere"
+
+
 def test_the_sky_is_on_top(renderer: UserRenderer) -> None:
     picture = renderer.render(np.zeros(21), "side").astype(int)
     sky, floor = picture[2].mean(axis=0), picture[-3].mean(axis=0)

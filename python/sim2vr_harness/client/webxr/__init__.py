@@ -33,6 +33,7 @@ WEBXR = Transport(
         "profile": "controllers: oculus-touch (default) or generic-trigger",
         "enter": "CSS selector of what to click to enter VR; found out by default",
         "script_errors": "fail (default) or ignore errors that the page does not catch",
+        "renderer": "swiftshader (default: the browser's own) or mesa (the system's llvmpipe)",
     },
     users_per_connection=1,
 )

@@ -32,6 +32,7 @@ from sim2vr_harness.client.transport import AppsWanted
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, Page
+from sim2vr_harness.client.webxr.renderers import RENDERERS
 
 __all__ = ["CAPABILITIES", "WebXRApp"]
 
@@ -73,7 +74,9 @@ class WebXRApp:
         shape = (wanted.height, wanted.width, 4)
         self._image: UInt8Array = np.zeros((2, *shape) if wanted.eyes == 2 else shape, np.uint8)
         self._renderer: str | None = None
-        self._browser = Browser(find_browser(place.browser), place.start_timeout_s)
+        self._browser = Browser(
+            find_browser(place.browser), place.start_timeout_s, options["renderer"]
+        )
         try:
             self._page = Page(
                 self._browser,
@@ -330,9 +333,10 @@ def _checked_options(given: Mapping[str, OptionValue]) -> dict[str, str]:
     Raises:
         AppRefused: one has a value that it cannot have.
     """
-    found = {"profile": PROFILES[0], "enter": "", "script_errors": SCRIPT_ERRORS[0]}
+    choices = {"profile": PROFILES, "script_errors": SCRIPT_ERRORS, "renderer": RENDERERS}
+    found = {name: known[0] for name, known in choices.items()} | {"enter": ""}
     found |= {name: str(value) for name, value in given.items()}
-    for name, known in (("profile", PROFILES), ("script_errors", SCRIPT_ERRORS)):
+    for name, known in choices.items():
         if found[name] not in known:
             raise AppRefused(
                 f"app.transport_options.{name}: got {found[name]!r}, expected one of "

@@ -66,6 +66,7 @@ class PageFiles:
             self._folders[_checked_prefix(prefix)] = _checked_place(prefix, place)
         self.name = page
         self.url = page if "://" in page else self._url_of_file(Path(page).expanduser())
+        self.origin = "{0.scheme}://{0.netloc}".format(urlsplit(self.url))
         self.missing: list[str] = []
         """Addresses below a mapped one, without a file."""
         self.refused: list[str] = []

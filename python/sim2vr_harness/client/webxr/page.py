@@ -39,9 +39,8 @@ _SCRIPTS = (
     "session.js",
     "objects.js",
     "steps.js",
-    "walls.js",
 )
-"""In the order in which they build on each other."""
+"""In the order in which they build on each other; ``walls.js`` is for the frames within, too."""
 
 PageSettings = Mapping[str, Any]
 """What the scripts are told: seed, size, eyes and so on (:class:`~.app.WebXRApp`)."""
@@ -166,12 +165,14 @@ class Page:
         self._loaded = False
         if self._seed_script is not None:
             self._ask("Page.removeScriptToEvaluateOnNewDocument", identifier=self._seed_script)
-        added = self._ask("Page.addScriptToEvaluateOnNewDocument", source=f"__sim2vr.seed({seed});")
+        source = f"window.__sim2vr?.seed({seed});"  # frames within have none
+        added = self._ask("Page.addScriptToEvaluateOnNewDocument", source=source)
         self._seed_script = added["identifier"]
         self._loads += 1
         if self._loads % _CLEAN_EVERY == 0:
             self._ask("HeapProfiler.collectGarbage")
         self._loading = _with_query(self.files.url, options)
+        self._ask("Storage.clearDataForOrigin", origin=self.files.origin, storageTypes="all")
         found = self._ask("Page.navigate", url=self._loading, timeout_s=self._start_timeout_s)
         if "errorText" in found:
             raise self._refused(f"cannot be loaded ({found['errorText']})")
@@ -331,6 +332,12 @@ def open_tab(browser: Browser, timeout_s: float) -> str:
     with suppress(RefusedRequest):
         ask("Browser.setDownloadBehavior", timeout_s, behavior="deny", browserContextId=context)
     target = ask("Target.createTarget", timeout_s, url="about:blank", browserContextId=context)
+    ours = set(ask("Target.getBrowserContexts", timeout_s)["browserContextIds"])
+    for other in ask("Target.getTargets", timeout_s)["targetInfos"]:
+        if other["type"] == "page" and other["browserContextId"] not in ours:
+            ask(
+                "Target.closeTarget", timeout_s, targetId=other["targetId"]
+            )  # with which it started
     attached = ask("Target.attachToTarget", timeout_s, targetId=target["targetId"], flatten=True)
     return str(attached["sessionId"])
 
@@ -371,7 +378,7 @@ def _bundle(settings: PageSettings, values: Mapping[str, str]) -> str:
     return (
         f"{{ if (window === window.top) {{ const sim = {{ settings: {json.dumps(settings)} }};\n"
         "Object.defineProperty(window, '__sim2vr', { value: sim });\n"
-        f"{parts}\n{reads}\n}} }}"
+        f"{parts}\n{reads}\n}} }}\n{read_script('walls.js')}"
     )
 
 

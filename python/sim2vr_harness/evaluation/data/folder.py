@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import gzip
 import io
+import json
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,8 +20,8 @@ import pyarrow.parquet as pq
 
 from sim2vr_harness.errors import InputError, unknown_name
 from sim2vr_harness.evaluation.data.columns import Column, merged, row_table, schema_of
-from sim2vr_harness.files import file_name, read_bytes
-from sim2vr_harness.training.run_folder import write_atomically
+from sim2vr_harness.files import file_name, read_bytes, read_json
+from sim2vr_harness.training.run_folder import versions, write_atomically
 
 __all__ = [
     "FOLDER",
@@ -38,6 +39,8 @@ __all__ = [
 FOLDER = "data"
 """In the folder of an evaluation."""
 _DICTIONARY = "dictionary.csv"
+_MANIFEST = "manifest.json"
+"""What the episodes were recorded with."""
 _ROW_TABLES = ("episodes", "events")
 """One file each."""
 _MOMENT_TABLES = ("steps", "frames")
@@ -51,7 +54,7 @@ class DataFolder:
     ``episodes`` and ``events`` are one table each, ``steps`` and ``frames`` one per episode. Every
     table is a Parquet file, with units and descriptions of its columns as metadata, and a CSV file
     of the same rows (of steps and frames packed, ``.csv.gz``); ``dictionary.csv`` has a line per
-    column of all tables.
+    column of all tables, ``manifest.json`` the versions that each episode was recorded with.
 
     Args:
         root: The folder; made when something is written.
@@ -67,7 +70,8 @@ class DataFolder:
             shutil.rmtree(self.root / name, ignore_errors=True)
             for file in self.root.glob(f"{name}.*"):
                 file.unlink()
-        (self.root / _DICTIONARY).unlink(missing_ok=True)
+        for left in (_DICTIONARY, _MANIFEST):
+            (self.root / left).unlink(missing_ok=True)
 
     def write_moments(self, name: str, episode: str, table: pa.Table) -> None:
         """Write the steps or frames of one episode, in the place of those that are there.
@@ -91,9 +95,10 @@ class DataFolder:
             tables: name -> rows with an ``episode`` each, and their columns.
 
         Raises:
-            InputError: A table that is there cannot be read.
+            InputError: A table that is there, or the manifest, cannot be read.
         """
         new = {str(row["episode"]) for row in tables["episodes"][0]}
+        manifest = self._manifest_with(new)
         written = {}
         for name, (rows, columns) in tables.items():
             table = row_table(rows, columns)
@@ -104,7 +109,19 @@ class DataFolder:
             written[name] = table
         for name, table in written.items():
             write_table(self.root / name, table)
+        write_atomically(self.root / _MANIFEST, (json.dumps(manifest, indent=2) + "\n").encode())
         self._write_dictionary({name: columns_in(t.schema) for name, t in written.items()})
+
+    def _manifest_with(self, new: set[str]) -> dict[str, Any]:
+        """The manifest with episodes of now, which earlier ones of the same keys make room for."""
+        here, own, others = versions(), set(new), []
+        for known in _recorded_with(self.root):
+            kept = set(known["episodes"]) - new
+            if known["versions"] == here:
+                own |= kept
+            elif kept:
+                others.append({"versions": known["versions"], "episodes": sorted(kept)})
+        return {"recorded_with": [*others, {"versions": here, "episodes": sorted(own)}]}
 
     def _write_dictionary(self, tables: Mapping[str, Sequence[Column]]) -> None:
         kept: dict[str, list[Column]] = {name: list(columns) for name, columns in tables.items()}
@@ -116,6 +133,23 @@ class DataFolder:
             if known:
                 kept[name] = list(known)
         write_atomically(self.root / _DICTIONARY, dictionary_bytes(kept))
+
+
+def _recorded_with(root: Path) -> list[dict[str, Any]]:
+    """Versions and the episodes that were recorded with them; none without a manifest.
+
+    Raises:
+        InputError: The manifest cannot be read.
+    """
+    file = root / _MANIFEST
+    if not file.is_file():
+        return []
+    sets = read_json(file, _EXPECTED).get("recorded_with")
+    if isinstance(sets, list) and all(isinstance(one, dict) for one in sets):
+        usual = {"versions": dict, "episodes": list}
+        if all(isinstance(one.get(key), kind) for one in sets for key, kind in usual.items()):
+            return sets
+    raise InputError(file_name(file), "no list 'recorded_with' of versions and episodes", _EXPECTED)
 
 
 def write_table(place: Path, table: pa.Table) -> None:
@@ -266,6 +300,14 @@ class EvaluationData:
 
         content = read_bytes(self.root / _DICTIONARY, _EXPECTED)
         return pd.read_csv(io.BytesIO(content), keep_default_na=False)
+
+    @cached_property
+    def recorded_with(self) -> list[dict[str, str]]:
+        """Versions of this package, Python and others at the time, one entry for each difference.
+
+        Empty for tables without a manifest.
+        """
+        return [dict(one["versions"]) for one in _recorded_with(self.root)]
 
     def _moments(
         self,

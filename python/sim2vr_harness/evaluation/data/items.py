@@ -1,7 +1,8 @@
 """What came and went in a round, a row each, from the game's own log (``events.csv``).
 
-A line of the log is ``time, EVENT, FIELD VALUE, FIELD VALUE ...``; which events and fields mean
-what, the game publishes (:class:`~sim2vr_harness.client.LoggedItem`).
+A line of the log is ``time, EVENT, FIELD VALUE, FIELD VALUE ...``, with a colon between a field and
+a value that is no number (``kind: left box``); which events and fields mean what, the game
+publishes (:class:`~sim2vr_harness.client.LoggedItem`).
 """
 
 from __future__ import annotations
@@ -81,6 +82,9 @@ def read_log(file: Path) -> list[LogLine]:
 
 def _field(text: str) -> tuple[str, str]:
     """``target ID 3`` -> ``target ID`` and ``3``: numbers at the end are the value."""
+    name, colon, value = text.partition(": ")
+    if colon:
+        return name, value.strip()
     words = text.split()
     count = len(words)
     while count > 1 and _NUMBER.fullmatch(words[count - 1]):
@@ -175,7 +179,7 @@ def _further(name: str, text: str) -> dict[str, Any]:
         names = _AXES if len(values) <= len(_AXES) else map(str, range(len(values)))
         return {f"log_{column}_{axis}": v for axis, v in zip(names, values, strict=False)}
     # A word alone says something by being there: the hand that cut.
-    return {f"log_{column}": values[0] if values else True}
+    return {f"log_{column}": values[0] if values else text or True}
 
 
 def _places(log: Sequence[LogLine], item: LoggedItem) -> dict[int, Sequence[float]]:

@@ -62,7 +62,10 @@ class WhacAMole:
     ) -> ImaginedWhacAMole:
         """See the protocol."""
         starts = [condition.start for condition in conditions]
-        return ImaginedWhacAMole(n, starts, settings, step_s=step_s, frames=frames, seed=seed)
+        options = [condition.options for condition in conditions]
+        return ImaginedWhacAMole(
+            n, starts, settings, step_s=step_s, frames=frames, seed=seed, options=options
+        )
 
 
 GAME = WhacAMole()

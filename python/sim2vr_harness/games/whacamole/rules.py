@@ -6,6 +6,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from sim2vr_harness.client.base import OptionValue
+
+Triple = tuple[float, float, float]
 
 CELLS, COLUMNS = 9, 3
 MOST_TARGETS = 3
@@ -33,6 +39,9 @@ BEHIND = ((0.0, -_S, _S), (0.0, 0.0, 1.0), (0.0, _S, _S))
 STRIKE = ((0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.0, 0.0, 1.0))
 """The direction whose speed a hit is judged by."""
 
+LIES_DEG = 22.5
+"""An area tilted further by an option is struck down."""
+
 CELL_M = 0.125
 """Distance of neighbouring cells."""
 VOLUME_BEHIND_M = 0.010
@@ -45,3 +54,40 @@ BOX_M = (-0.000401, 0.139758, -0.000818)
 """The marker, and the middle of the hammer's box, from its root along its axes."""
 START_M = 0.10
 """Where a stroke may begin: so far in front of a cell."""
+
+
+@dataclass(frozen=True)
+class Area:
+    """Where the target area is.
+
+    Attributes:
+        middle_m: from the head, the app's axes, m.
+        up, behind: the area's axes.
+        strike: the direction whose speed a hit is judged by.
+    """
+
+    middle_m: Triple
+    up: Triple
+    behind: Triple
+    strike: Triple
+
+
+def area_of(placement: int, options: Mapping[str, OptionValue]) -> Area:
+    """Return the area of a placement (0 low, 1 mid, 2 high), moved as options say."""
+    across_m, height_m, distance_m = AREA_M[placement]
+    middle_m = (
+        across_m,
+        _number(options.get("area_height_m"), height_m),
+        _number(options.get("area_distance_m"), distance_m),
+    )
+    if options.get("area_tilt_deg") is None:
+        return Area(middle_m, UP[placement], BEHIND[placement], STRIKE[placement])
+    tilt_deg = _number(options["area_tilt_deg"], 0.0)
+    tilt_rad = math.radians(tilt_deg)
+    sine, cosine = math.sin(tilt_rad), math.cos(tilt_rad)
+    strike = STRIKE[0 if tilt_deg > LIES_DEG else 1]
+    return Area(middle_m, (0.0, cosine, sine), (0.0, -sine, cosine), strike)
+
+
+def _number(value: OptionValue | None, otherwise: float) -> float:
+    return float(value) if isinstance(value, (int, float)) else otherwise

@@ -14,11 +14,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.games.whacamole.hammer import POSE_FIELDS, Hammer, depths, points
 from sim2vr_harness.games.whacamole.rules import (
-    AREA_M,
     BAN_S,
-    BEHIND,
     CELL_M,
     CELLS,
     COLUMNS,
@@ -29,9 +28,8 @@ from sim2vr_harness.games.whacamole.rules import (
     LIFE_S,
     MOST_TARGETS,
     START_M,
-    STRIKE,
-    UP,
     VOLUME_BEHIND_M,
+    area_of,
 )
 from sim2vr_harness.games.whacamole.settings import Relaxation, TwinSettings
 
@@ -60,6 +58,7 @@ class ImaginedWhacAMole:
         step_s: duration of a user step; targets come, live and go by steps of 50 ms.
         frames: F, app frames of a step, in each of which the hammer may hit.
         seed: of spawns.
+        options: of each condition, those that are set: where the area is.
 
     Raises:
         ValueError: another duration than one frame.
@@ -76,7 +75,9 @@ class ImaginedWhacAMole:
         step_s: float,
         seed: int,
         frames: int = 1,
+        options: Sequence[Mapping[str, OptionValue]] | None = None,
     ) -> None:
+        changes = [{} for _ in conditions] if options is None else options
         if abs(step_s - FRAME_S) > 1e-6:
             raise ValueError(
                 f"action_frequency_hz: got {1.0 / step_s:g}, expected 20, the frames that the "
@@ -94,10 +95,14 @@ class ImaginedWhacAMole:
         self._rules = torch.tensor([[c[name] for name in _ROUND] for c in conditions])
         cell = torch.arange(CELLS)
         across, up = (cell % COLUMNS - 1.0) * CELL_M, (1.0 - cell // COLUMNS) * CELL_M
-        area, ups, behind = (torch.tensor(t)[place] for t in (AREA_M, UP, BEHIND))
+        where = [area_of(int(row), options) for row, options in zip(place, changes, strict=True)]
+        area, ups, behind, strike = (
+            torch.tensor([getattr(one, name) for one in where])
+            for name in ("middle_m", "up", "behind", "strike")
+        )
         right = torch.tensor([1.0, 0.0, 0.0]).expand_as(ups)
         self._axes = torch.stack([right, ups, behind], 1)
-        self._area, self._strike = area, torch.tensor(STRIKE)[place]
+        self._area, self._strike = area, strike
         self._cells = (
             area[:, None]
             + across[None, :, None] * right[:, None]

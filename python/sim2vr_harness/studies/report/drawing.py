@@ -23,10 +23,16 @@ __all__ = [
     "Points",
     "Ranges",
     "colour_of",
+    "keys_of",
 ]
 
-COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f3c8d", "#5b5b5b")
-"""Okabe and Ito's, which colour-blind people can tell apart, and two more."""
+COLOURS = (
+    *("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f3c8d", "#5b5b5b"),
+    *("#8c510a", "#1f2a6b", "#a6b727", "#e3211c", "#00b8c4", "#f28cb1", "#4d6b2f", "#b39ddb"),
+)
+"""Okabe and Ito's, which colour-blind people can tell apart, and others behind them."""
+_CROWDED = 8
+"""Categories that have room for their names in a panel of the usual width."""
 GREY = "#9aa0a6"
 """Of people, and of what is there to compare with."""
 
@@ -157,9 +163,29 @@ class Panel:
     rows: int = 0
 
     @property
+    def crowded(self) -> bool:
+        """Whether there are so many categories that the panel has to be wider."""
+        counts = [len(self.ticks or ())]
+        if not self.sideways:
+            counts += [len(layer.x) for layer in self.layers if isinstance(layer, Bars)]
+        counts += [len(layer.columns) for layer in self.layers if isinstance(layer, Heat)]
+        return max(counts) > _CROWDED
+
+    @property
     def in_space(self) -> bool:
         """Whether it is drawn in three dimensions."""
         return any(isinstance(layer, Path) for layer in self.layers)
+
+
+def keys_of(panel: Panel) -> list[list[str]]:
+    """Names and colours of a panel's legend, which stand beside it; empty without one."""
+    if not panel.legend:
+        return []
+    named: list[Layer] = [layer for layer in panel.layers if isinstance(layer, (Line, Bars, Path))]
+    shown = named or [layer for layer in panel.layers if isinstance(layer, Points)]
+    whole = [layer for layer in shown if not (isinstance(layer, Path) and layer.places)]
+    pairs = [(x.name, x.colour) for x in whole if not isinstance(x, Heat)]
+    return [list(pair) for pair in dict.fromkeys(pairs)]
 
 
 @dataclass(frozen=True)

@@ -16,11 +16,14 @@ from sim2vr_harness.studies.report.drawing import (
     Path,
     Points,
     Ranges,
+    keys_of,
 )
 
 __all__ = ["plotly_of"]
 
 _HEIGHT, _HEIGHT_IN_SPACE, _ROW = 300, 460, 17
+_SLANTED = 60
+"""More height for names of many categories."""
 _INK, _FAINT, _GRID = "#24292f", "#57606a", "#e3e6ea"
 _SCALE = [[0, "#f7fbff"], [0.35, "#9ecae1"], [0.7, "#3182bd"], [1, "#08306b"]]
 """Of tables of colours: pale is little."""
@@ -29,18 +32,7 @@ _SCALE = [[0, "#f7fbff"], [0.35, "#9ecae1"], [0.7, "#3182bd"], [1, "#08306b"]]
 def plotly_of(panel: Panel) -> dict[str, Any]:
     """Return ``data``, ``layout`` and ``keys`` (name, colour) of a panel, ready for JSON."""
     traces = [trace for layer in panel.layers for trace in _traces(layer, panel)]
-    return {"data": traces, "layout": _layout(panel), "keys": _keys(panel)}
-
-
-def _keys(panel: Panel) -> list[list[str]]:
-    """What the page writes beside the panel, in lines as long as there is room."""
-    if not panel.legend:
-        return []
-    named: list[Layer] = [layer for layer in panel.layers if isinstance(layer, (Line, Bars, Path))]
-    shown = named or [layer for layer in panel.layers if isinstance(layer, Points)]
-    whole = [layer for layer in shown if not (isinstance(layer, Path) and layer.places)]
-    pairs = [(x.name, x.colour) for x in whole if not isinstance(x, Heat)]
-    return [list(pair) for pair in dict.fromkeys(pairs)]
+    return {"data": traces, "layout": _layout(panel), "keys": keys_of(panel)}
 
 
 def _traces(layer: Layer, panel: Panel) -> list[dict[str, Any]]:
@@ -161,6 +153,9 @@ def _layout(panel: Panel) -> dict[str, Any]:
         return layout
     heat = any(isinstance(layer, Heat) for layer in panel.layers)
     x_axis, y_axis = _axis(panel.x_label), _axis(panel.y_label)
+    if panel.crowded:
+        x_axis["tickangle"] = -45
+        layout["height"] += _SLANTED
     if panel.ticks is not None:
         x_axis |= {"tickvals": list(range(len(panel.ticks))), "ticktext": list(panel.ticks)}
         x_axis |= {"range": [-0.6, len(panel.ticks) - 0.4], "showgrid": False}

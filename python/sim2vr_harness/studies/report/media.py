@@ -15,6 +15,8 @@ __all__ = ["Example", "examples_of"]
 
 _WIDTH = 720
 _SECONDS = 10.0
+_POSTER_S = 3.0
+"""When arms have risen from where they hung."""
 _QUALITY = 30  # of H.264: larger is smaller
 _STRIP, _STRIP_WIDTH = 5, 640
 _MOST_BYTES = 3_000_000
@@ -30,12 +32,14 @@ class Example:
         label: Of the group.
         name: Of the whole film's file, relative to the report's folder.
         video: An excerpt as MP4, Base64; None: too large, or it cannot be cut.
+        poster: What is shown before it plays, JPEG, Base64.
         strip: Pictures from it, JPEG, Base64, from first to last.
     """
 
     label: str
     name: str
     video: str | None
+    poster: str
     strip: Sequence[str]
 
 
@@ -59,6 +63,7 @@ def examples_of(groups: Sequence[Group], root: Path) -> list[Example]:
                 group.label,
                 str(name),
                 None if video is None else base64.b64encode(video).decode(),
+                "" if video is None else _poster(film),
                 [] if video is not None else _strip(film),
             )
         )
@@ -79,6 +84,13 @@ def _excerpt(film: Path) -> bytes | None:
     how += ["-crf", str(_QUALITY), "-pix_fmt", "yuv420p", "-movflags", "+faststart"]
     made = _ffmpeg(film, how, "excerpt.mp4")
     return made[0] if made else None
+
+
+def _poster(film: Path) -> str:
+    """A picture from the middle of the excerpt; empty where that fails."""
+    how = ["-vf", f"select=gte(t\\,{_POSTER_S:g}),scale={_WIDTH}:-2", "-frames:v", "1", "-q:v", "6"]
+    made = _ffmpeg(film, how, "poster.jpg")
+    return base64.b64encode(made[0]).decode() if made else ""
 
 
 def _strip(film: Path) -> list[str]:

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import hashlib
-import platform
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 
-from sim2vr_harness import __version__
 from sim2vr_harness.envs.contract import contract, contract_hash
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.files import read_bytes
@@ -17,13 +14,16 @@ from sim2vr_harness.studies.report.source import ReportSource, changes_of
 
 __all__ = ["BIBTEX", "PlayedBy", "methods_of", "played_by"]
 
-_PACKAGES = {
+_OWN = "sim2vr-harness"
+_RECORDING = {
+    "python": "Python",
     "mujoco": "MuJoCo",
     "torch": "PyTorch",
     "stable-baselines3": "Stable-Baselines3",
-    "scipy": "SciPy",
-    "statsmodels": "statsmodels",
 }
+"""Package -> name: what decides the numbers of a round."""
+_ANALYSIS = {"scipy": "SciPy", "statsmodels": "statsmodels"}
+"""What works out statistics."""
 
 BIBTEX = """@inproceedings{Fischer2024SIM2VR,
   author    = {Fischer, Florian and Ikkala, Aleksi and Klar, Markus and Fleig, Arthur and
@@ -129,7 +129,7 @@ def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:
     conditions = list(dict.fromkeys(group.condition for group in groups))
     parts = [
         f"{_count(len(users), 'simulated user')} ({'; '.join(map(_user, users))}) played "
-        f"{source.facts.name} ({', '.join(conditions)}) in sim2vr {__version__}, in lockstep at "
+        f"{source.facts.name} ({', '.join(conditions)}) in {_own(source)}, in lockstep at "
         f"{frequency:g} user steps a second, {per} rounds per group.",
         f"Round seeds were {_seeds(seeds)}{', the same in all groups' if paired else ''}; actions "
         f"were {actions}.",
@@ -138,6 +138,12 @@ def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:
         parts.append(
             f"Users were {len(source.units)} simulated persons who differ in size, strength, "
             "delays, noise and effort."
+        )
+    if source.search is not None:
+        count = len(source.search.trials)
+        parts.append(
+            f"Parameters were chosen by {source.search.sampler} in {count} trials; numbers here "
+            "are of the best of them."
         )
     changes = list(dict.fromkeys(c for group in groups for c in changes_of(group)))
     if changes:
@@ -151,7 +157,12 @@ def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:
     )
     if source.comparisons:
         parts.append(_tests(source))
-    parts.append(f"Software: {', '.join(_versions())}.")
+    software = [
+        *_versions(_RECORDING, source.recorded_with),
+        *_versions(_ANALYSIS, [source.analysed_with]),
+    ]
+    if software:
+        parts.append(f"Software: {', '.join(software)}.")
     return " ".join(parts)
 
 
@@ -204,11 +215,13 @@ def _seeds(seeds: list[int]) -> str:
     return text if len(seeds) <= 8 else f"{text} and {len(seeds) - 8} more"
 
 
-def _versions() -> Iterator[str]:
-    """Of the installation that writes the report."""
-    yield f"Python {platform.python_version()}"
-    for package, name in _PACKAGES.items():
-        try:
-            yield f"{name} {version(package)}"
-        except PackageNotFoundError:
-            continue
+def _own(source: ReportSource) -> str:
+    return next(_versions({_OWN: "sim2vr"}, source.recorded_with), "sim2vr")
+
+
+def _versions(names: Mapping[str, str], known: Sequence[Mapping[str, str]]) -> Iterator[str]:
+    """Of packages as they were then; several, where rounds were recorded with several."""
+    for package, name in names.items():
+        found = dict.fromkeys(versions[package] for versions in known if package in versions)
+        if found:
+            yield f"{name} {' and '.join(found)}"

@@ -26,6 +26,8 @@ __all__ = ["figures_of_outcomes"]
 
 _MOST_POINTS = 400
 """Of items in a panel; more would only cover each other."""
+_MOST_COUNTS = 6
+"""That are told one by one."""
 _SPREAD = 0.5
 """Of a group's rounds, in the distance of two groups."""
 
@@ -182,7 +184,10 @@ def _outcomes(groups: Sequence[Group]) -> Figure:
             )
             for end, colour in _coloured(own, ends)
         ]
-        counts = ", ".join(str(int(rows["outcome"].notna().sum())) for rows in own)
+        numbers = [int(rows["outcome"].notna().sum()) for rows in own]
+        counts = ", ".join(map(str, numbers))
+        if len(numbers) > _MOST_COUNTS:
+            counts = f"{min(numbers)} to {max(numbers)} in each"
         panels.append(
             Panel(f"{name.capitalize()}s ({counts})", layers, y_label="share", stacked=True,
                   legend=True, y_range=(0.0, 1.02))

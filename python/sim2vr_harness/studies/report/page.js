@@ -12,6 +12,12 @@ function configOf(panel) {
   return { responsive: true, displaylogo: false, modeBarButtons: [["toImage", reset]] };
 }
 
+/** The key that a trace belongs to: its own name, or else the longest before a comma. */
+function keyOf(panel, trace) {
+  const fits = panel.keys.map(([name]) => name).filter((name) => trace === name || trace.startsWith(name + ", "));
+  return fits.sort((a, b) => b.length - a.length)[0];
+}
+
 /** A key that hides and shows everything of its name. */
 function addKeys(panel, plot) {
   const box = plot.previousElementSibling;
@@ -25,7 +31,7 @@ function addKeys(panel, plot) {
     key.addEventListener("click", () => {
       const shown = key.getAttribute("aria-pressed") !== "true";
       key.setAttribute("aria-pressed", String(shown));
-      const own = panel.data.map((trace, i) => [trace.name, i]).filter(([other]) => other === name || other.startsWith(name + ", ")).map(([, i]) => i);
+      const own = panel.data.map((trace, i) => [trace.name, i]).filter(([other]) => keyOf(panel, other) === name).map(([, i]) => i);
       Plotly.restyle(plot, { visible: shown }, own);
     });
     box.append(key);

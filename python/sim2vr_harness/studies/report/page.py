@@ -16,6 +16,7 @@ from sim2vr_harness.studies.report.drawing import Figure
 from sim2vr_harness.studies.report.interactive import plotly_of
 from sim2vr_harness.studies.report.media import Example
 from sim2vr_harness.studies.report.methods import BIBTEX, PlayedBy
+from sim2vr_harness.studies.report.search import trial_table
 from sim2vr_harness.studies.report.sentences import Sentence, n_sentence
 from sim2vr_harness.studies.report.source import ReportSource
 from sim2vr_harness.studies.report.tables import (
@@ -60,10 +61,12 @@ class Content:
 def page_of(content: Content) -> str:
     """Return the page."""
     panels: list[dict] = []
+    searched = [figure for figure in content.figures if figure.key.startswith("search")]
     first = [figure for figure in content.figures if figure.key == "measures"]
-    others = [figure for figure in content.figures if figure.key != "measures"]
+    others = [figure for figure in content.figures if figure not in (*searched, *first)]
     sections = [
         ("summary", "In plain words", _summary(content)),
+        *((f.key, f.title, _figure(f, panels) + _trials(content, f)) for f in searched),
         *((f.key, f.title, _measures(content, f, panels)) for f in first),
         *((f.key, f.title, _figure(f, panels, _bodies(content, f))) for f in others),
         ("examples", "Examples", _examples(content)),
@@ -145,11 +148,16 @@ def _figure(figure: Figure, panels: list[dict], more: str = "") -> str:
             f'<div class="plot" id="plot{number}" role="img" aria-label="{name}"></div></div>'
         )
     caption = f'<p class="caption">{escape(figure.caption)}</p>'
-    return f'{caption}{more}<div class="panels">{"".join(parts)}</div>'
+    roomy = " roomy" if any(panel.crowded for panel in figure.panels) else ""
+    return f'{caption}{more}<div class="panels{roomy}">{"".join(parts)}</div>'
 
 
 def _measures(content: Content, figure: Figure, panels: list[dict]) -> str:
     return _figure(figure, panels) + measure_table(content.source, content.published)
+
+
+def _trials(content: Content, figure: Figure) -> str:
+    return trial_table(content.source) if figure.key == "search_parallel" else ""
 
 
 def _bodies(content: Content, figure: Figure) -> str:
@@ -172,9 +180,8 @@ def _examples(content: Content) -> str:
         shown = ""
         if one.video is not None:
             source = f"data:video/mp4;base64,{one.video}"
-            shown = (
-                f'<video controls muted loop playsinline preload="metadata" src="{source}"></video>'
-            )
+            poster = f' poster="data:image/jpeg;base64,{one.poster}"' if one.poster else ""
+            shown = f'<video controls muted loop playsinline{poster} src="{source}"></video>'
         else:
             pictures = "".join(
                 f'<img alt="Picture {i + 1}" src="data:image/jpeg;base64,{picture}">'
@@ -182,8 +189,14 @@ def _examples(content: Content) -> str:
             )
             shown = f'<div class="strip">{pictures}</div>'
         told = f'<p class="people">From {escape(one.name)}</p>'
-        parts.append(f'<div class="panel wide"><h3>{escape(one.label)}</h3>{shown}{told}</div>')
-    return f'<div class="panels">{"".join(parts)}</div>' if parts else ""
+        parts.append(f'<div class="panel"><h3>{escape(one.label)}</h3>{shown}{told}</div>')
+    if not parts:
+        return ""
+    return (
+        '<p class="caption">The beginning of the first round: body and game in one scene, muscles '
+        "coloured by their activation (blue to red), and what the headset shows.</p>"
+        f'<div class="panels roomy">{"".join(parts)}</div>'
+    )
 
 
 def _beside(content: Content) -> str:

@@ -18,6 +18,8 @@ from sim2vr_harness.studies.report.source import Group, ReportSource
 __all__ = ["Sentence", "n_sentence", "sentences_of"]
 
 _MOST_TESTS = 6
+_MOST_GROUPS = 6
+"""That are named one by one; of more the table has the numbers."""
 _SIGNIFICANT = 0.05
 
 
@@ -82,7 +84,7 @@ def _score(source: ReportSource) -> Iterator[Sentence]:
         return
     ordered = sorted(found, key=lambda pair: pair[1].mean)
     (low_group, low), (high_group, high) = ordered[0], ordered[-1]
-    if high.mean == low.mean:
+    if in_words(high.mean, score) == in_words(low.mean, score):
         yield Sentence(
             f"The {label} is the same in all: {in_words(low.mean, score)}.", _numbers(low, score)
         )
@@ -111,16 +113,16 @@ def _people(source: ReportSource, published: Published) -> Iterator[Sentence]:
         summary = summary_of(group, score.name)
         if len(people) < 2 or summary is None:
             continue
-        share = float(np.mean([value < summary.mean for value in people]))
+        fewer = sum(value < summary.mean for value in people)
         place = inside if min(people) <= summary.mean <= max(people) else (
             above if summary.mean > max(people) else below)  # fmt: skip
         place.append(group.label)
         told.append(
             f"{group.label}: {in_words(summary.mean, score)}, people {in_words(min(people), score)}"
-            f" to {in_words(max(people), score)} (more than {share:.0%} of {len(people)})"
+            f" to {in_words(max(people), score)} (higher than {fewer} of {len(people)} people)"
         )
     parts = [
-        f"{words} in {_list(groups)}"
+        f"{words} in {_groups(groups, len(told))}"
         for words, groups in (
             ("inside the range of the people", inside),
             ("above all of them", above),
@@ -129,7 +131,7 @@ def _people(source: ReportSource, published: Published) -> Iterator[Sentence]:
         if groups
     ]
     if parts:
-        yield Sentence(f"The {_lower(score.label)} is {', '.join(parts)}.", "; ".join(told))
+        yield Sentence(f"The {_lower(score.label)} is {', '.join(parts)}.", _some(told))
 
 
 def _places(source: ReportSource) -> Iterator[Sentence]:
@@ -183,7 +185,7 @@ def _times(source: ReportSource, published: Published) -> Iterator[Sentence]:
     text += " of the item's coming"
     if faster and all(faster):
         text += "; all of the people are slower"
-    yield Sentence(f"{text}.", "; ".join(words for _, words in told))
+    yield Sentence(f"{text}.", _some([words for _, words in told]))
 
 
 def _tiring(source: ReportSource) -> Iterator[Sentence]:
@@ -195,6 +197,12 @@ def _tiring(source: ReportSource) -> Iterator[Sentence]:
         return
     ordered = sorted(found, key=lambda pair: pair[1].mean)
     (low_group, low), (high_group, high) = ordered[0], ordered[-1]
+    if f"{high.mean:.3f}" == f"{low.mean:.3f}":
+        yield Sentence(
+            "All tire the muscles alike.",
+            f"largest share of fatigued motor units, mean of the muscles: {high.mean:.3f}",
+        )
+        return
     yield Sentence(
         f"{high_group.label} tires the muscles most, {low_group.label} least.",
         f"largest share of fatigued motor units, mean of the muscles: {high.mean:.3f} against "
@@ -220,11 +228,14 @@ def _effort(source: ReportSource) -> Iterator[Sentence]:
     if not found:
         return
     low, high = min(found), max(found)
-    if len(found) == 1 or low[0] == high[0]:
+    if len(found) == 1 or f"{low[0]:.1%}" == f"{high[0]:.1%}":
         text = f"Effort costs {high[0]:.0%} of the game's reward."
     else:
-        text = f"Effort costs most of the game's reward in {high[1]}, least in {low[1]}."
-    yield Sentence(text, ", ".join(f"{label} {share:.1%}" for share, label in found))
+        text = (
+            f"Effort takes the largest share of the game's reward in {high[1]}, the smallest in "
+            f"{low[1]}."
+        )
+    yield Sentence(text, _some([f"{label}: {share:.1%}" for share, label in found]))
 
 
 def _tests(source: ReportSource) -> Iterator[Sentence]:
@@ -286,6 +297,17 @@ def p_words(p: float) -> str:
 
 def _lower(label: str) -> str:
     return label if label[:2].isupper() else label[:1].lower() + label[1:]
+
+
+def _some(told: Sequence[str]) -> str:
+    """What is told of groups, of the first ones only where there are many."""
+    more = len(told) - _MOST_GROUPS
+    return "; ".join([*told[:_MOST_GROUPS], *([f"and {more} more below"] if more > 0 else [])])
+
+
+def _groups(names: Sequence[str], count: int) -> str:
+    """Names of some of the groups, or their number where they are many."""
+    return _list(names) if len(names) <= _MOST_GROUPS else f"{len(names)} of {count} groups"
 
 
 def _list(names: Sequence[str]) -> str:

@@ -16,9 +16,14 @@ from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.data import EvaluationData, read_data
 from sim2vr_harness.evaluation.metrics import PLAYER_MEASURES
 from sim2vr_harness.files import file_name
-from sim2vr_harness.studies.data import STUDY_FILE, factor_column, read_study
+from sim2vr_harness.studies.data import STUDY_FILE, StudyData, factor_column, read_study
+from sim2vr_harness.studies.search.config import OptimiseConfig
+from sim2vr_harness.studies.search.table import parameter_column
 
-__all__ = ["Group", "ReportSource", "changes_of", "read_source"]
+__all__ = ["Group", "ReportSource", "Search", "changes_of", "read_source"]
+
+_MOST_SHOWN = 6
+"""Trials of a search whose rounds are looked at closely."""
 
 
 @dataclass(frozen=True)
@@ -85,6 +90,46 @@ def _columns(data: EvaluationData, table: str) -> list[str]:
 
 
 @dataclass(frozen=True)
+class Search:
+    """What a search found.
+
+    Attributes:
+        wanted: What was searched for.
+        trials: A row per trial, see :attr:`.StudyData.trials`.
+        sampler: Who chose.
+    """
+
+    wanted: OptimiseConfig
+    trials: Any
+    sampler: str
+
+    def numbers(self, column: str) -> list[float | None]:
+        """A column of the trials; None where a trial has no number."""
+        found = self.trials[column].to_numpy(dtype=np.float64, na_value=np.nan)
+        return [float(value) if np.isfinite(value) else None for value in found]
+
+    def told(self, row: int) -> str:
+        """A trial's number and parameters, for who points at it."""
+        one = self.trials.iloc[row]
+        values = ", ".join(
+            f"{name} {one[parameter_column(name)]}" for name in self.wanted.parameters
+        )
+        return f"trial {one['trial']}: {values}"
+
+    @property
+    def shown(self) -> list[str]:
+        """Labels of the trials that are looked at closely: the best, and where the search began."""
+        played = self.trials[self.trials["design_cell"].notna()]
+        best = played[played["chosen"]]
+        if not len(best):
+            best = played.iloc[-1:]
+        # Evenly over a long front, its ends included.
+        picked = np.unique(np.linspace(0, len(best) - 1, _MOST_SHOWN).round().astype(int))
+        began = [1] if self.wanted.begin and (played["trial"] == 1).any() else []
+        return [str(n) for n in dict.fromkeys([*began, *best["trial"].iloc[picked].tolist()])]
+
+
+@dataclass(frozen=True)
 class ReportSource:
     """Everything that a report is about.
 
@@ -98,6 +143,8 @@ class ReportSource:
         comparisons: What a study's statistics came to, one each; empty of an evaluation.
         unit: What n counts.
         planned: The study's file, as it was read; empty of an evaluation.
+        analysed_with: Package -> version that worked the comparisons out.
+        search: What was found, of a search; its groups are the best trials.
     """
 
     root: Path
@@ -109,6 +156,18 @@ class ReportSource:
     comparisons: Sequence[Mapping[str, Any]] = ()
     unit: str = "user"
     planned: Mapping[str, Any] = field(default_factory=dict)
+    analysed_with: Mapping[str, str] = field(default_factory=dict)
+    search: Search | None = None
+
+    @cached_property
+    def recorded_with(self) -> list[dict[str, str]]:
+        """Package -> version that rounds were recorded with, one entry for each difference."""
+        found: list[dict[str, str]] = []
+        for folder in {
+            data.root: data for group in self.groups for data, _ in group.parts
+        }.values():
+            found += [versions for versions in folder.recorded_with if versions not in found]
+        return found
 
     @property
     def score(self) -> Measure:
@@ -176,8 +235,10 @@ def _of_study(root: Path) -> ReportSource:
     shown = [name for name in factors if study.cells[name].nunique() > 1] or factors
     cells = study.cells
     labels = [", ".join(str(row[name]) for name in shown) for _, row in cells.iterrows()]
+    search = _search_of(study)
+    wanted = list(dict.fromkeys(labels)) if search is None else search.shown
     groups = []
-    for label in dict.fromkeys(labels):
+    for label in wanted:
         names = [
             cell for cell, other in zip(cells["design_cell"], labels, strict=True) if other == label
         ]
@@ -190,7 +251,8 @@ def _of_study(root: Path) -> ReportSource:
         ]
         user, condition = str(own["user"].iloc[0]), str(own["condition"].iloc[0])
         mine = events[events["design_cell"].isin(names)]
-        groups.append(Group(label, user, condition, own, mine, parts))
+        told = label if search is None else f"trial {label}"
+        groups.append(Group(told, user, condition, own, mine, parts))
     facts = facts_of_outside(str(study.about["game"]))
     return ReportSource(
         root,
@@ -202,7 +264,17 @@ def _of_study(root: Path) -> ReportSource:
         comparisons=study.statistics["results"],
         unit=str(study.about["unit"]),
         planned=study.study.model_dump(mode="json", exclude_defaults=True),
+        analysed_with=study.statistics.get("versions", {}),
+        search=search,
     )
+
+
+def _search_of(study: StudyData) -> Search | None:
+    about = study.about.get("search")
+    if about is None:
+        return None
+    wanted = OptimiseConfig.model_validate(about["optimise"])
+    return Search(wanted, study.trials, str(about["sampler"]))
 
 
 def _measure(told: Mapping[str, Any]) -> Measure:

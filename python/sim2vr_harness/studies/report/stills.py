@@ -19,6 +19,7 @@ from sim2vr_harness.studies.report.drawing import (
     Path,
     Points,
     Ranges,
+    keys_of,
 )
 
 __all__ = ["write_stills"]
@@ -27,6 +28,8 @@ _COLUMNS = 3
 _PANEL_INCHES = (4.2, 3.1)
 _ROW_INCHES = 0.16
 _DPI = 120
+_MOST_KEYS = 6
+"""Names that have room in a panel; more stand below all of them."""
 _SYMBOLS = {"circle": "o", "diamond": "D", "x": "x", "square": "s"}
 
 
@@ -64,10 +67,27 @@ def _drawn(figure: Figure) -> Any:
     size = (_PANEL_INCHES[0] * columns, height * lines + 0.4)
     canvas = Canvas(figsize=size, layout="constrained")
     FigureCanvasAgg(canvas)
+    together = max(len(keys_of(panel)) for panel in figure.panels) > _MOST_KEYS
     for index, panel in enumerate(figure.panels):
         kind = {"projection": "3d"} if panel.in_space else {}
         axes = canvas.add_subplot(lines, columns, index + 1, **kind)
         _draw(axes, panel)
+        if panel.legend and not together:
+            handles = _handles(axes, panel)
+            axes.legend(handles.values(), handles.keys(), fontsize=7, frameon=False)
+    if together:
+        named = [_handles(axes, p) for axes, p in zip(canvas.axes, figure.panels, strict=True)]
+        handles = {name: handle for own in named for name, handle in own.items()}
+        canvas.legend(
+            handles.values(),
+            handles.keys(),
+            fontsize=7,
+            loc="outside lower center",
+            ncol=max(2, 2 * columns),
+            frameon=False,
+        )
+        lines_below = -(-len(handles) // max(2, 2 * columns))
+        canvas.set_size_inches(size[0], size[1] + 0.16 * lines_below)
     canvas.suptitle(figure.title, fontsize=11)
     return canvas
 
@@ -85,7 +105,7 @@ def _draw(axes: Any, panel: Panel) -> None:
             else:
                 axes.plot(x, y, z, color=layer.colour, linewidth=0.8, label=layer.name)
         else:
-            _draw_flat(axes, layer)
+            _draw_flat(axes, layer, _turn(panel))
     axes.set_title(panel.title, fontsize=9)
     if panel.in_space:
         axes.set_xlabel("right (m)", fontsize=8)
@@ -96,21 +116,32 @@ def _draw(axes: Any, panel: Panel) -> None:
         axes.set_ylabel(panel.y_label, fontsize=8)
     axes.tick_params(labelsize=7)
     if panel.ticks is not None:
-        axes.set_xticks(range(len(panel.ticks)), panel.ticks, rotation=25, ha="right")
+        axes.set_xticks(range(len(panel.ticks)), panel.ticks, rotation=_turn(panel), ha="right")
         axes.set_xlim(-0.6, len(panel.ticks) - 0.4)
     elif bars and not panel.sideways:
-        axes.tick_params(axis="x", labelrotation=25)
+        axes.set_xticks(range(len(bars[0].x)), list(bars[0].x), rotation=_turn(panel), ha="right")
     if panel.sideways:
         axes.invert_yaxis()
     if panel.y_range is not None:
         axes.set_ylim(*panel.y_range)
     if panel.square:
         axes.set_aspect("equal", adjustable="datalim")
-    if panel.legend:
-        axes.legend(fontsize=7, frameon=False)
 
 
-def _draw_flat(axes: Any, layer: Line | Points | Band | Ranges | Heat) -> None:
+def _handles(axes: Any, panel: Panel) -> dict[str, Any]:
+    """Name -> what stands for it in a legend."""
+    keys = [name for name, _ in keys_of(panel)]
+    handles, names = axes.get_legend_handles_labels()
+    found = dict(zip(names, handles, strict=True))
+    return {name: found[name] for name in keys if name in found}
+
+
+def _turn(panel: Panel) -> int:
+    """Of the names of categories, degrees."""
+    return 45 if panel.crowded else 25
+
+
+def _draw_flat(axes: Any, layer: Line | Points | Band | Ranges | Heat, turn: int) -> None:
     if isinstance(layer, Line):
         how = {"drawstyle": "steps-post"} if layer.stepped else {}
         dash = "--" if layer.dashed else "-"
@@ -137,7 +168,7 @@ def _draw_flat(axes: Any, layer: Line | Points | Band | Ranges | Heat) -> None:
     else:
         values = np.array([_array(row) for row in layer.values])
         axes.imshow(values, cmap="Blues", vmin=layer.low, vmax=layer.high, aspect="auto")
-        axes.set_xticks(range(len(layer.columns)), layer.columns, rotation=25, ha="right")
+        axes.set_xticks(range(len(layer.columns)), layer.columns, rotation=turn, ha="right")
         axes.set_yticks(range(len(layer.rows)), layer.rows)
         if layer.labelled:
             middle = (layer.low + layer.high) / 2

@@ -87,7 +87,7 @@ def depth_of(group: Group) -> list[Depth]:
                 normal = -normal
             values, what = (
                 (places - origin) @ normal,
-                f"how far the {name} is behind the plane of the items",
+                f"how far the {name} is behind the plane of the items (negative: in front of it)",
             )
         found.append(Depth(times_s - times_s[0], values, what, places))
     return found

@@ -141,6 +141,7 @@ def test_table(source: ReportSource) -> str | None:
     if not source.comparisons:
         return None
     rows = []
+    notes: list[str] = []
     for result in source.comparisons:
         measure = source.measure(str(result["measure"]))
         label = measure.label if measure else str(result["measure"])
@@ -162,21 +163,27 @@ def test_table(source: ReportSource) -> str | None:
                 p_words(adjusted) if adjusted is not None else "",
                 _effect(result),
             ]
-        note = result.get("note") or ""
+        counted = escape(f"{_n(result)} {unit_words(result)}")
+        note = result.get("note")
+        if note:
+            if note not in notes:
+                notes.append(note)
+            counted += f" <sup>{notes.index(note) + 1}</sup>"
         rows.append(
             [
                 f"{label}{place_of(result)}",
                 levels,
                 means,
                 _difference(result),
-                f"{_n(result)} {unit_words(result)}",
+                Html(counted),
                 str(result["test"]),
                 *outcome,
-                note,
             ]
         )
     headings = ["Measure", "Compared", "Means", "Difference [95 %]", "n", "Test", "Statistic", "p"]
-    return table([*headings, "p, Holm", "Effect", "Note"], rows)
+    told = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    below = f'<ol class="notes">{told}</ol>' if notes else ""
+    return table([*headings, "p, Holm", "Effect"], rows) + below
 
 
 def _n(result: Mapping[str, Any]) -> str:

@@ -19,6 +19,7 @@ from sim2vr_harness.studies.report.media import examples_of
 from sim2vr_harness.studies.report.methods import methods_of, played_by
 from sim2vr_harness.studies.report.outcomes import figures_of_outcomes
 from sim2vr_harness.studies.report.page import Content, page_of
+from sim2vr_harness.studies.report.search import figures_of_search, search_sentences
 from sim2vr_harness.studies.report.sentences import sentences_of
 from sim2vr_harness.studies.report.source import read_source
 from sim2vr_harness.studies.report.stills import write_stills
@@ -66,6 +67,7 @@ def write_report(
     loads = [load_of(group) for group in source.groups]
     body = body_with([own for _, _, own in trained_users_of(source)], loads)
     figures = [
+        *figures_of_search(source),
         *figures_of_outcomes(source, published),
         *figures_of_body(source, loads, body),
         *figures_of_strategy(source, published),
@@ -75,7 +77,7 @@ def write_report(
     content = Content(
         source,
         published,
-        sentences_of(source, published, loads),
+        [*search_sentences(source), *sentences_of(source, published, loads)],
         figures,
         body_pictures(source.groups, loads, body),
         examples_of(source.groups, source.root),

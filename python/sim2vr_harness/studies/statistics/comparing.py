@@ -97,9 +97,12 @@ def _tests(
     rows = rows_of(data, {**comparison.where, **stratum})
     table = unit_table(rows, comparison.factor, measure, by_round=by_round)
     levels = _levels(data, comparison)
-    apart = independent(data.study, comparison.factor)
-    if by_round:
-        apart = data.study.seeds == "own"
+
+    def apart(compared: Sequence[str]) -> bool:
+        if by_round:
+            return data.study.seeds == "own"
+        return independent(data.study, comparison.factor, compared)
+
     about = {
         "factor": comparison.factor,
         "by": {**comparison.where, **stratum},
@@ -110,10 +113,10 @@ def _tests(
     }
     found = []
     if len(levels) > 2 or comparison.test == "friedman":
-        found.append(about | {"alternative": "two-sided"} | _omnibus(table, levels, apart))
+        found.append(about | {"alternative": "two-sided"} | _omnibus(table, levels, apart(levels)))
     if comparison.test != "friedman":
         found += [
-            about | _pair(table, pair, comparison.alternative, apart)
+            about | _pair(table, pair, comparison.alternative, apart(pair))
             for pair in combinations(levels, 2)
         ]
     return [result | {"note": _noted(result)} for result in found]

@@ -19,16 +19,24 @@ def other_factors(study: StudyConfig, factor: str) -> list[str]:
     return [name for name in study.factors if name not in (factor, study.unit_factor)]
 
 
-def independent(study: StudyConfig, factor: str) -> bool:
-    """Whether units of one level have nothing to do with those of another.
+def independent(study: StudyConfig, factor: str, levels: Sequence[str]) -> bool:
+    """Whether units of one of these levels have nothing to do with those of another.
 
     Users are other users, and trainings of two kinds other trainings, also where their seeds have
-    the same number; unless persons are the units, who play with whatever was trained.
+    the same number; unless persons are the units, who play with whatever was trained. Levels that
+    one user plays are that user's.
     """
     if study.people is not None:
         return False
-    keys = study.factors[factor].keys
-    return any(key in ("user", "config") or key.startswith("training.") for key in keys)
+    players = []
+    for level in levels:
+        settings = study.factors[factor].settings(level)
+        players.append({key: value for key, value in settings.items() if _decides_who(key)})
+    return any(player != players[0] for player in players)
+
+
+def _decides_who(key: str) -> bool:
+    return key in ("user", "config") or key.startswith("training.")
 
 
 def rows_of(data: StudyData, where: Mapping[str, str]) -> Any:

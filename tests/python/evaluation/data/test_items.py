@@ -94,6 +94,30 @@ def test_columns_are_everybody_s_and_then_the_game_s(tmp_path: Path) -> None:
         ),
         (
             "beats",
+            "1.2, box_spawn, number 2, due 2.2, column 3, row 0, kind: left link, direction -135",
+            {
+                "item": "box",
+                "begin_s": 1.2,
+                "log_due": 2.2,
+                "log_column": 3.0,
+                "log_row": 0.0,
+                "log_kind": "left link",
+                "log_direction": -135.0,
+            },
+        ),
+        (
+            "beats",
+            "2.25, box_wrong_hand, number 2, level time 2.2, place -1 2 3, left, velocity 0 3 4, "
+            "timing -0.02, angle 12.5",
+            {"outcome": "wrong hand", "log_timing": -0.02, "log_angle": 12.5, "log_left": True},
+        ),
+        (
+            "beats",
+            "4, wall_avoided, number 1, level time 3.9, place 0 1 2",
+            {"item": "wall", "item_id": 1, "outcome": "avoided", "success": True},
+        ),
+        (
+            "beats",
             "3, mine_hit, number 2, level time 3, place -1 2 3, right, velocity 0 0 1",
             {"item": "mine", "item_id": 2, "outcome": "hit", "success": False},
         ),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gzip
+import json
 from pathlib import Path
 from typing import Any
 
@@ -62,13 +63,38 @@ def test_rows_are_added_and_the_same_episodes_replaced(tmp_path: Path) -> None:
     assert read_data(tmp_path).episodes["episode"].tolist() == ["d"]
 
 
+def test_the_manifest_has_the_versions_of_who_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    data = DataFolder(tmp_path / "data")
+    for version, keys in (("1", "ab"), ("2", "bc"), ("1", "d")):
+        monkeypatch.setattr(
+            "sim2vr_harness.evaluation.data.folder.versions",
+            lambda version=version: {"mujoco": version},
+        )
+        data.add(episodes(*((key, 0) for key in keys)))
+    found = json.loads((tmp_path / "data" / "manifest.json").read_text())
+    assert found["recorded_with"] == [
+        {"versions": {"mujoco": "2"}, "episodes": ["b", "c"]},
+        {"versions": {"mujoco": "1"}, "episodes": ["a", "d"]},
+    ]
+    assert read_data(tmp_path).recorded_with == [{"mujoco": "2"}, {"mujoco": "1"}]
+    (tmp_path / "data" / "manifest.json").write_text('{"recorded_with": [{"versions": 3}]}')
+    with pytest.raises(
+        InputError, match=r"manifest\.json: got no list 'recorded_with' of versions"
+    ):
+        data.add(episodes(("e", 0)))
+    data.clear()
+    assert not (tmp_path / "data" / "manifest.json").exists()
+
+
 def test_the_same_rows_are_the_same_bytes(tmp_path: Path) -> None:
     for name in ("one", "other"):
         folder = DataFolder(tmp_path / name)
         folder.write_moments("steps", "a", steps("a"))
         folder.add(episodes(("a", 1)))
     files = sorted(p.relative_to(tmp_path / "one") for p in (tmp_path / "one").rglob("*.*"))
-    assert len(files) == 7
+    assert len(files) == 8
     for file in files:
         assert (tmp_path / "one" / file).read_bytes() == (tmp_path / "other" / file).read_bytes()
 

@@ -43,6 +43,15 @@
   wrap(Object.getPrototypeOf(document.fonts), 'load');
   wrap(window.BaseAudioContext?.prototype, 'decodeAudioData');
   wrap(window.SubtleCrypto?.prototype, 'digest', 'encrypt', 'decrypt', 'importKey');
+  wrap(window.OffscreenCanvas?.prototype, 'convertToBlob');
+  // What the browser's other processes answer.
+  wrap(window.CacheStorage?.prototype, 'open', 'match', 'has', 'keys', 'delete');
+  wrap(window.Cache?.prototype, 'match', 'matchAll', 'add', 'addAll', 'put', 'delete', 'keys');
+  wrap(window.StorageManager?.prototype, 'estimate', 'persist', 'persisted');
+  wrap(window.Permissions?.prototype, 'query');
+  wrap(window.MediaDevices?.prototype, 'enumerateDevices', 'getUserMedia');
+  wrap(window.GPU?.prototype, 'requestAdapter');
+  wrap(Navigator.prototype, 'getBattery');
 
   // An element or request that says by events that it is done.
   const busy = new WeakSet();
@@ -56,6 +65,26 @@
       end();
     };
     for (const name of events) target.addEventListener(name, done);
+  };
+  const wrapTarget = (object, events, ...names) => {
+    for (const name of names) {
+      const real = object[name];
+      object[name] = function (...args) {
+        const target = real.apply(this, args);
+        until(target, events);
+        return target;
+      };
+    }
+  };
+  wrapTarget(IDBFactory.prototype, ['success', 'error', 'blocked'], 'open', 'deleteDatabase');
+  wrapTarget(IDBDatabase.prototype, ['complete', 'abort'], 'transaction'); // and all that is in it
+  const toBlob = HTMLCanvasElement.prototype.toBlob;
+  HTMLCanvasElement.prototype.toBlob = function (callback, ...args) {
+    begin();
+    return toBlob.call(this, (blob) => {
+      sim.call(callback, blob);
+      end();
+    }, ...args);
   };
   const send = XMLHttpRequest.prototype.send;
   XMLHttpRequest.prototype.send = function (...args) {

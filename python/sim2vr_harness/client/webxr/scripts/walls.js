@@ -1,5 +1,6 @@
 // What a page under test has no business with: the network beyond its files, other windows, files
-// to write. The browser is started without a way out; here it is said to the page's scripts.
+// to write. The browser is started without a way out; here it is said to the scripts of the page
+// and of the frames within it.
 {
   const refuse = (name) => function () {
     throw new DOMException(`${name} is not there under sim2vr`, 'NotSupportedError');
@@ -19,6 +20,17 @@
   }
   if (window.StorageManager) {
     StorageManager.prototype.getDirectory = async () => refuse('getDirectory')();
+  }
+  // A round begins without what another has kept; the harness clears what takes time to open.
+  if (window === window.top && location.protocol !== 'about:') {
+    localStorage.clear();
+    sessionStorage.clear();
+    window.name = '';
+  }
+  // What the machine has would make rounds differ.
+  navigator.getGamepads = () => [null, null, null, null];
+  for (const [name, value] of [['hardwareConcurrency', 4], ['deviceMemory', 4]]) {
+    if (name in navigator) Object.defineProperty(Navigator.prototype, name, { get: () => value });
   }
   window.open = () => null;
   window.alert = () => {};

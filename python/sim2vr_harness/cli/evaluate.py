@@ -1,0 +1,220 @@
+"""``sim2vr-harness evaluate``: a user plays, and is measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+
+from sim2vr_harness.cli.app_options import (
+    AppArgOption,
+    AppOption,
+    BrowserOption,
+    ConnectOption,
+    MapOption,
+    PageOption,
+    ProtocolOption,
+    TaskOption,
+    app_settings,
+    as_overrides,
+)
+from sim2vr_harness.cli.options import (
+    EnvSetOption,
+    JsonOption,
+    TrustOption,
+    print_json,
+    writable_folder,
+)
+from sim2vr_harness.cli.progress import Share
+
+__all__ = ["evaluate"]
+
+
+def evaluate(
+    run: Annotated[
+        str | None,
+        typer.Argument(
+            metavar="[RUN]",
+            help="A run's folder, a checkpoint, or pretrained:NAME; nothing with --user.",
+        ),
+    ] = None,
+    condition: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="A condition of the game; may be repeated. Without, the run's "
+            "evaluation.conditions, or else those below.",
+        ),
+    ] = None,
+    episodes: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Rounds per condition, and person. Without, the run's evaluation.episodes: 10 "
+            "unless set.",
+        ),
+    ] = None,
+    people: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Let N people play who differ in size, strength, delays, noise and effort; means "
+            "and deviations are then over people (docs/people.md).",
+        ),
+    ] = None,
+    seed: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="Seed of the people and of the first round, one more for each that follows. "
+            "Without, the run's evaluation.seed: 1 unless set.",
+        ),
+    ] = None,
+    deterministic: Annotated[
+        bool | None,
+        typer.Option(
+            "--deterministic/--stochastic", help="Take the policy's mean, or sample (default)."
+        ),
+    ] = None,
+    record: Annotated[
+        bool, typer.Option("--record", help="Film the first round of every condition (MP4).")
+    ] = False,
+    log: Annotated[
+        bool, typer.Option("--log", help="Keep the game's CSV logs, a folder per round.")
+    ] = False,
+    steps: Annotated[
+        bool,
+        typer.Option(
+            "--steps/--no-steps",
+            help="Write tables of every user step and app frame beside those of episodes and "
+            "events (default).",
+        ),
+    ] = True,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Folder for files; RUN/evaluation/step_N by default. Results are added to those "
+            "that are there.",
+            callback=writable_folder,
+        ),
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Begin with new results where there are others.")
+    ] = False,
+    batch: Annotated[int, typer.Option(help="Rounds played side by side at most.")] = 10,
+    app: AppOption = None,
+    app_arg: AppArgOption = None,
+    connect: ConnectOption = None,
+    protocol: ProtocolOption = None,
+    page: PageOption = None,
+    map_: MapOption = None,
+    task: TaskOption = None,
+    browser: BrowserOption = None,
+    user: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WHO",
+            help="Instead of a trained user, for a first look: still, random, or 'reach NAME', who "
+            "moves the hand to the object of that name.",
+        ),
+    ] = None,
+    trust_app: TrustOption = False,
+    overrides: EnvSetOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Let a trained user play, and measure what it does."""
+    from sim2vr_harness.errors import InputError
+    from sim2vr_harness.evaluation.evaluate import Request
+    from sim2vr_harness.evaluation.evaluate import evaluate as evaluate_run
+    from sim2vr_harness.evaluation.practised import words_of_change
+    from sim2vr_harness.evaluation.tables import results_table
+
+    remote = app_settings(app, app_arg, connect, protocol, page, map_, task, browser)
+    if user is not None:
+        if run is not None:
+            raise InputError("--user", f"it together with {run!r}", "one of them")
+        _first_look(user, remote, overrides or [], episodes, seed, record, out, overwrite, json)
+        return
+    if run is None:
+        expected = "a run's folder, or --user still or random for somebody untrained"
+        raise InputError("RUN", "nothing", expected)
+    request = Request(
+        conditions=condition,
+        episodes=episodes,
+        seed=seed,
+        people=people,
+        deterministic=deterministic,
+        record=record,
+        log=log,
+        steps=steps,
+        out=out,
+        overwrite=overwrite,
+        batch=batch,
+        app=remote,
+        overrides=overrides or (),
+        trust_app=trust_app,
+    )
+    with Share("Playing") as share:
+        found = evaluate_run(run, request, on_progress=share.show)
+    for line in found.unpractised:
+        typer.echo(f"note: this user never practised {line}", err=True)
+    for line in found.unread[:1]:
+        more = f" (and {len(found.unread) - 1} more)" if found.unread[1:] else ""
+        typer.echo(f"note: not in the tables: {line}{more}", err=True)
+    if json:
+        print_json(found.summaries)
+        return
+    how = "deterministic" if _first(found.summaries)["deterministic"] else "stochastic"
+    title = f"After {found.step:,} user steps, {how} actions"
+    for override in overrides or ():
+        key, _, value = override.partition("=")
+        title += f"\nWith {words_of_change(key.strip(), value.strip())}"
+    Console().print(results_table(found.summaries, found.facts, title))
+    typer.echo(f"Evaluated: {found.checkpoint}")
+    for file in found.files:
+        typer.echo(f"Written: {file}")
+
+
+def _first_look(
+    user: str,
+    app: dict[str, Any],
+    overrides: list[str],
+    episodes: int | None,
+    seed: int | None,
+    record: bool,
+    out: Path | None,
+    overwrite: bool,
+    json: bool,
+) -> None:
+    from sim2vr_harness.envs.games import with_task
+    from sim2vr_harness.evaluation.first_look import look
+    from sim2vr_harness.evaluation.tables import results_table
+    from sim2vr_harness.training.config import load_config
+
+    config = load_config("webxr", [*overrides, *as_overrides(app)])
+    with Share("Playing") as share:
+        found = look(
+            with_task(config.env),
+            user,
+            episodes=2 if episodes is None else episodes,
+            seed=1 if seed is None else seed,
+            record=record,
+            out=out,
+            overwrite=overwrite,
+            on_progress=share.show,
+        )
+    for problem in found.problems:
+        typer.echo(f"note: the task: {problem}", err=True)
+    if json:
+        print_json(dict(found.summaries))
+        return
+    title = f"A user who has learned nothing ({user})"
+    Console().print(results_table(found.summaries, found.facts, title))
+    for file in found.files:
+        typer.echo(f"Written: {file}")
+
+
+def _first(summaries: dict[str, dict[str, Any]]) -> dict[str, Any]:
+    return next(iter(summaries.values()))

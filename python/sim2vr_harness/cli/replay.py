@@ -1,0 +1,97 @@
+"""``sim2vr-harness replay``: recorded rounds, played again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+from rich.console import Console
+
+from sim2vr_harness.cli.options import (
+    JsonOption,
+    finite,
+    print_json,
+    writable_file,
+    writable_folder,
+)
+from sim2vr_harness.cli.progress import Share
+
+__all__ = ["replay"]
+
+
+def replay(
+    paths: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="PATH...",
+            help="Recorded rounds: folders with states.csv and events.csv, packed .npz rounds with "
+            "their manifest.json, or folders above such.",
+        ),
+    ],
+    closed: Annotated[
+        bool, typer.Option("--closed", help="Seed and poses only: spawns are predicted as well.")
+    ] = False,
+    unconstrained: Annotated[
+        bool,
+        typer.Option("--unconstrained", help="Every touch was a hit, though the logs do not say."),
+    ] = False,
+    fixed_step: Annotated[
+        float | None,
+        typer.Option(
+            help="Period of the recording's fixed steps, s; worked out by default.", callback=finite
+        ),
+    ] = None,
+    log: Annotated[
+        Path | None,
+        typer.Option(
+            help="Keep the replayed rounds' own logs in this folder.", callback=writable_folder
+        ),
+    ] = None,
+    video: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="OUT.mp4",
+            help="Film the player's view and the game from outside.",
+            callback=writable_file,
+        ),
+    ] = None,
+    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of each view in the film.")] = "640x480",
+    fps: Annotated[
+        float, typer.Option(help="Pictures per second of the film.", callback=finite)
+    ] = 30.0,
+    json: JsonOption = False,
+) -> None:
+    """Play recorded rounds again and compare every event with the recording."""
+    from sim2vr_harness.errors import InputError
+    from sim2vr_harness.evaluation.replay.film import ReplayFilm
+    from sim2vr_harness.evaluation.replay.recordings import read_recordings
+    from sim2vr_harness.evaluation.replay.replayer import Replay, replay_all
+    from sim2vr_harness.evaluation.replay.report import ReplayReport
+    from sim2vr_harness.evaluation.snapshot import parse_size
+
+    if fixed_step is not None and not 1e-4 <= fixed_step <= 1.0:
+        raise InputError("--fixed-step", f"{fixed_step:g}", "a period from 0.0001 to 1 s")
+    recordings = read_recordings(paths, unconstrained=unconstrained)
+    replays: list[Replay] = []
+    with Share("Replaying") as share:
+        film = None
+        if video is not None:
+            film = ReplayFilm(
+                video,
+                parse_size(size, (4096, 4096)),
+                fps,
+                on_progress=lambda part: share.show((len(replays) + part) / len(recordings)),
+            )
+        for done in replay_all(
+            recordings, closed_loop=closed, fixed_step_s=fixed_step, log_dir=log, film=film
+        ):
+            replays.append(done)
+            share.show(len(replays) / len(recordings))
+    found = ReplayReport(replays)
+    if json:
+        print_json(found.as_json())
+        return
+    found.print(Console())
+    for file in film.files if film else []:
+        typer.echo(f"Written: {file}")

@@ -1,0 +1,1 @@
+"""Searches: studies whose cells an optimiser chooses, trial by trial."""

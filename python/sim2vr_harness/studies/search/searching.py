@@ -1,0 +1,260 @@
+"""Runs a search: batch after batch is chosen, played and told."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim2vr_harness.client import Measure
+from sim2vr_harness.errors import InputError, unknown_name
+from sim2vr_harness.evaluation.data.folder import FOLDER, read_table
+from sim2vr_harness.evaluation.metrics import measures_of
+from sim2vr_harness.files import read_json
+from sim2vr_harness.studies.config import StudyConfig
+from sim2vr_harness.studies.doing import Doing
+from sim2vr_harness.studies.factors import FactorConfig
+from sim2vr_harness.studies.plan import Plan, Users, plan_of
+from sim2vr_harness.studies.search.config import OptimiseConfig, Value
+from sim2vr_harness.studies.search.optimiser import Optimiser
+from sim2vr_harness.studies.search.stopping import limits_of, reports_of
+from sim2vr_harness.studies.search.trials import Trial, chosen, judged
+from sim2vr_harness.studies.tasks import CELLS, TRAININGS, CellTask, TrainingTask
+from sim2vr_harness.training.config import TrainingConfig, parse_config
+from sim2vr_harness.training.run_folder import RunFolder
+
+__all__ = ["TRIAL", "Found", "search"]
+
+TRIAL = "trial"
+"""The factor of a search's tables: its levels are the numbers of the trials."""
+_EXPECTED = "what a training of this study wrote"
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found.
+
+    Attributes:
+        search: What was searched for.
+        plan: The study that it became: a cell for each trial that was played.
+        trials: All of them, in order.
+        sampler: Who chose, with its version.
+    """
+
+    search: OptimiseConfig
+    plan: Plan
+    trials: tuple[Trial, ...]
+    sampler: str
+
+
+def search(study: StudyConfig, wanted: OptimiseConfig, folder: Path | None, doing: Doing) -> Found:
+    """Search; what is done of it already is not done again.
+
+    Args:
+        study: The study.
+        wanted: Its search.
+        folder: Where its file is.
+        doing: Who does the trials.
+
+    Raises:
+        InputError: A parameter, measure or limit cannot be used (nothing is played then), or trials
+            failed (the others are kept).
+    """
+    return _Search(study, wanted, folder, doing).run()
+
+
+class _Search:
+    def __init__(
+        self, study: StudyConfig, wanted: OptimiseConfig, folder: Path | None, doing: Doing
+    ) -> None:
+        self._study, self._wanted, self._folder, self._doing = study, wanted, folder, doing
+        self._users = Users()
+        self._optimiser = Optimiser(wanted, study.seed)
+        self._trials: list[Trial] = []
+        self._plans: list[Plan] = []
+
+    def run(self) -> Found:
+        wanted = self._wanted
+        trained = self._probe()
+        self._doing.expect(wanted.trials * (2 if trained else 1), wanted.at_once)
+        while len(self._trials) < wanted.trials:
+            count = min(wanted.at_once, wanted.trials - len(self._trials))
+            self._batch(self._optimiser.ask(count))
+        if not self._plans:
+            expected = "trials whose rounds have the measures that they are judged by"
+            raise InputError("optimise", f"{len(self._trials)} trials without a number", expected)
+        trials = chosen(wanted, self._trials)
+        sampler = f"Optuna {self._optimiser.version} ({wanted.sampler})"
+        return Found(wanted, self._whole(), tuple(trials), sampler)
+
+    # --- before anything is played ---------------------------------------------------------------
+
+    def _probe(self) -> bool:
+        """Check both ends of every range and all levels; return whether trials are trained."""
+        parameters = self._wanted.parameters
+        first: dict[str, Value] = {name: p.ends[0] for name, p in parameters.items()}
+        plan = None
+        for name, parameter in parameters.items():
+            levels = {
+                value if isinstance(value, str) else f"{value:g}": self._wanted.settings(
+                    {**first, name: value}
+                )
+                for value in parameter.ends
+            }
+            plan = self._plan(name, levels)
+        assert plan is not None
+        known = measures_of(plan.facts)
+        self._check_measures(known)
+        for training in plan.trainings:
+            self._check_stop(training)
+        return bool(plan.trainings)
+
+    def _check_measures(self, known: Sequence[Measure]) -> None:
+        by_name = {measure.name: measure for measure in known}
+        for place, names in (
+            ("objectives", self._wanted.objectives),
+            ("constraints", self._wanted.constraints),
+        ):
+            for name in names:
+                if name not in by_name:
+                    raise unknown_name(f"optimise.{place}", name, by_name)
+        for name, limits in self._wanted.constraints.items():
+            low, high = _range_of(by_name[name])
+            for key, value, beyond in (
+                ("least", limits.least, limits.least is not None and limits.least > high),
+                ("most", limits.most, limits.most is not None and limits.most < low),
+            ):
+                if beyond:
+                    field = f"optimise.constraints.{name}"
+                    got = f"{key} {value:g}, which nothing can keep"
+                    raise InputError(field, got, f"a limit between {low:g} and {high:g}")
+
+    def _check_stop(self, training: TrainingTask) -> None:
+        stop = self._wanted.stop
+        total = _config_of(training).total_timesteps
+        if stop is not None and stop.at[-1] >= total:
+            got = f"{stop.at[-1]} with a training of {total} user steps"
+            raise InputError("optimise.stop.at", got, f"steps below {total}")
+
+    # --- a batch ---------------------------------------------------------------------------------
+
+    def _plan(self, factor: str, levels: Mapping[str, Any], **more: Any) -> Plan:
+        return plan_of(
+            self._as_study(factor, levels), folder=self._folder, users=self._users, **more
+        )
+
+    def _as_study(self, factor: str, levels: Mapping[str, Any]) -> StudyConfig:
+        """The study as one that says itself what its cells are."""
+        factors = {factor: FactorConfig(levels=dict(levels))}
+        return self._study.model_copy(update={"optimise": None, "factors": factors})
+
+    def _batch(self, asked: Sequence[Mapping[str, Value]]) -> None:
+        first = len(self._trials) + 1
+        values = {first + k: dict(one) for k, one in enumerate(asked)}
+        stop = self._wanted.stop
+        plan = self._plan(
+            TRIAL,
+            {str(number): self._wanted.settings(one) for number, one in values.items()},
+            limits=None if stop is None else limits_of(stop, self._trials),
+        )
+        self._doing.do(plan.trainings)
+        reports = [self._reports(task) for task in plan.tasks]
+        stopped = [self._stopped(task) for task in plan.tasks]
+        played = [task for task, end in zip(plan.tasks, stopped, strict=True) if not end]
+        self._doing.forgo(len({t.key for t in plan.tasks}) - len({t.key for t in played}))
+        self._doing.do(played)
+        found = []
+        for (number, one), task, report, end in zip(
+            values.items(), plan.tasks, reports, stopped, strict=True
+        ):
+            if end:
+                nothing = dict.fromkeys(self._wanted.measures)
+                found.append(Trial(number, one, nothing, (), "stopped", report))
+            else:
+                measures = self._measured(task)
+                found.append(judged(self._wanted, number, one, measures, report))
+        self._optimiser.tell(found)
+        self._trials += found
+        if played:
+            keep = [k for k, end in enumerate(stopped) if not end]
+            self._plans.append(
+                replace(
+                    plan,
+                    cells=tuple(plan.cells[k] for k in keep),
+                    tasks=tuple(plan.tasks[k] for k in keep),
+                )
+            )
+
+    def _reports(self, task: CellTask) -> list[tuple[int, float]]:
+        stop = self._wanted.stop
+        if stop is None or task.training is None:
+            return []
+        rows = RunFolder(self._doing.root / TRAININGS / task.training).metrics()
+        known = sorted({key for row in rows for key in row} - {"step", "time"})
+        if rows and stop.report not in known:
+            raise unknown_name("optimise.stop.report", stop.report, known)
+        return list(reports_of(rows, stop).items())
+
+    def _stopped(self, task: CellTask) -> bool:
+        if task.training is None:
+            return False
+        mark = self._doing.root / TRAININGS / task.training / "trained.json"
+        return "stopped_at" in read_json(mark, _EXPECTED)
+
+    def _measured(self, task: CellTask) -> dict[str, float | None]:
+        """Means over players of means over their rounds, of those whose app did not fail."""
+        table = read_table(self._doing.root / CELLS / task.key / FOLDER / "episodes.parquet")
+        rows = table.to_pandas()
+        rows = rows[rows["ended"] != "app_failed"]
+        found: dict[str, float | None] = {}
+        for name in self._wanted.measures:
+            found[name] = None
+            if name in rows:
+                people = rows["person"].fillna(-1)
+                mean = float(rows.groupby(people)[name].mean().mean())
+                found[name] = mean if np.isfinite(mean) else None
+        return found
+
+    # --- all of it -------------------------------------------------------------------------------
+
+    def _whole(self) -> Plan:
+        cells = tuple(cell for plan in self._plans for cell in plan.cells)
+        first = self._plans[0]
+        study = self._as_study(
+            TRIAL,
+            {
+                cell.levels[TRIAL]: self._wanted.settings(
+                    self._trials[int(cell.levels[TRIAL]) - 1].values
+                )
+                for cell in cells
+            },
+        )
+        trainings = {task.key: task for plan in self._plans for task in plan.trainings}
+        measures = [*self._wanted.measures]
+        measures += [name for name in first.measures if name not in measures]
+        return Plan(
+            study,
+            cells,
+            tuple(task for plan in self._plans for task in plan.tasks),
+            tuple(trainings.values()),
+            first.facts,
+            tuple(measures),
+        )
+
+
+def _config_of(training: TrainingTask) -> TrainingConfig:
+    import yaml
+
+    return parse_config(yaml.safe_load(training.config))
+
+
+def _range_of(measure: Measure) -> tuple[float, float]:
+    """What a measure can be, as far as its unit or its kind says it."""
+    if measure.rate_with is not None:
+        return 0.0, 1.0
+    match = re.fullmatch(r"(\d+)-(\d+)", measure.unit)
+    return (float(match[1]), float(match[2])) if match else (-np.inf, np.inf)

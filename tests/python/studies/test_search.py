@@ -1,0 +1,236 @@
+"""Searches: what is chosen, told and kept; that a killed one goes on as if nothing had happened."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from fake_simulation import FakeSimulation
+from test_runner import content
+
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.evaluation.evaluate import evaluate
+from sim2vr_harness.studies import StudyConfig, run_study, work
+from sim2vr_harness.studies.config import parse_study
+from sim2vr_harness.studies.pool import Here
+
+pytest.importorskip("optuna")
+
+LIFE, MARGIN = "env.app.options.life_seconds", "env.app.options.hammer_margin_m"
+
+
+def search(trained: Path, name: str = "found", **changes: Any) -> StudyConfig:
+    wanted = {
+        "parameters": {
+            "life": {"key": LIFE, "low": 0.5, "high": 1.5},
+            "difficulty": {"key": "condition", "levels": ["easy", "hard"]},
+        },
+        "objectives": {"max_fatigued": "min"},
+        "constraints": {"hits": {"least": 8.0}},
+        "trials": 24,
+        **changes,
+    }
+    fixed = {"user": str(trained)}
+    return parse_study({"name": name, "fixed": fixed, "episodes": 1, "optimise": wanted})
+
+
+def options_of(request: Any) -> dict[str, float]:
+    pairs = (text.split("=") for text in request.overrides)
+    return {key.rpartition(".")[2]: float(value) for key, value in pairs}
+
+
+@pytest.fixture
+def formula(monkeypatch: pytest.MonkeyPatch) -> list[dict[str, float]]:
+    """Plays with the stand-in, whose hits and fatigue are formulas of what is tried."""
+    played: list[dict[str, float]] = []
+
+    def play(user: str, request: Any) -> Any:
+        result = evaluate(user, request, simulation=FakeSimulation)
+        options = options_of(request)
+        played.append(options)
+        hard = request.conditions[0] == "hard"
+        life = options["life_seconds"]
+        # Longer lives give more hits and tire more; hard is easier on the arm here.
+        file = request.out / "data" / "episodes.parquet"
+        table = pq.read_table(file)
+        for name, value in (("hits", 10.0 * life), ("max_fatigued", life - 0.3 * hard)):
+            column = table.schema.get_field_index(name)
+            values = pa.array([value] * len(table), table.schema.field(column).type)
+            table = table.set_column(column, table.schema.field(column), values)
+        pq.write_table(table, file)
+        return result
+
+    monkeypatch.setattr(work, "evaluate", play)
+    return played
+
+
+def test_it_finds_the_best_that_keeps_the_limits(
+    trained: Path, formula: list[dict[str, float]], tmp_path: Path
+) -> None:
+    found = run_study(search(trained), tmp_path, jobs=1)
+    trials = found.data.trials
+    assert trials["trial"].tolist() == list(range(1, 25))
+    best = trials[trials["chosen"]]
+    assert len(best) == 1 and bool(best["keeps_limits"].iloc[0])
+    # At 0.8 s the limit of 8 hits is just kept; steps are 0.01 s.
+    assert best["parameter_difficulty"].iloc[0] == "hard"
+    assert 0.8 <= best["parameter_life"].iloc[0] <= 0.85
+    assert best["max_fatigued"].iloc[0] == pytest.approx(best["parameter_life"].iloc[0] - 0.3)
+    kept = trials["hits"] >= 8.0
+    assert (trials["keeps_limits"] == kept).all()
+    # Later trials know what earlier ones gave: they crowd where it is good.
+    error = (trials["parameter_life"] - 0.8).abs()
+    assert error[16:].median() < error[:10].median()
+    # A search is a study: its trials are cells of it.
+    assert found.data.cells["factor_trial"].tolist() == [str(k) for k in range(1, 25)]
+    own = found.data.of_cell(f"trial={best['trial'].iloc[0]}").episodes
+    assert own["max_fatigued"].tolist() == best["max_fatigued"].tolist()
+    columns = found.data.dictionary.query("table == 'trials'")["column"].tolist()
+    assert columns == trials.columns.tolist()
+
+
+def test_a_killed_search_goes_on_with_the_same_bytes(
+    trained: Path, formula: list[dict[str, float]], tmp_path: Path
+) -> None:
+    wanted = search(trained, trials=14)
+    run_study(wanted, tmp_path / "whole", jobs=1)
+    whole = list(formula)
+    formula.clear()
+
+    class Killed(Here):
+        def next(self) -> Any:
+            if len(formula) == 9:
+                raise KeyboardInterrupt
+            return super().next()
+
+    parted = tmp_path / "parted"
+    with pytest.raises(KeyboardInterrupt):
+        run_study(wanted, parted, make_pool=lambda root, tasks: Killed(root, 1))
+    found = run_study(wanted, parted, jobs=1)
+    assert formula == whole, "none was played twice, and none that would not have been"
+    assert found.found == 9
+    assert content(parted) == content(tmp_path / "whole")
+    # One that goes on for longer begins with the same trials.
+    more = run_study(search(trained, trials=18), parted, jobs=1)
+    assert formula[: len(whole)] == whole
+    assert len(more.data.trials) == 18 and len(formula) <= 18
+
+
+def test_several_objectives_have_a_front(
+    trained: Path, formula: list[dict[str, float]], tmp_path: Path
+) -> None:
+    both = {"max_fatigued": "min", "hits": "max"}
+    asked = search(trained, objectives=both, constraints={}, sampler="nsga2", trials=20)
+    trials = run_study(asked, tmp_path, jobs=1).data.trials
+    front = trials[trials["chosen"]].sort_values("hits")
+    # Hard costs nothing here, and every life of it is a compromise.
+    hard = trials[trials["parameter_difficulty"] == "hard"]
+    assert set(front["trial"]) >= set(hard.drop_duplicates("hits")["trial"])
+    assert front["max_fatigued"].is_monotonic_increasing
+
+
+def test_it_begins_with_what_is_known(
+    trained: Path, formula: list[dict[str, float]], tmp_path: Path
+) -> None:
+    begin = [{"life": 1.0, "difficulty": "easy"}, {"difficulty": "hard"}]
+    asked = search(trained, begin=begin, trials=3, sampler="random")
+    trials = run_study(asked, tmp_path, jobs=1).data.trials
+    assert trials["parameter_life"].iloc[0] == 1.0
+    assert trials["parameter_difficulty"].tolist()[:2] == ["easy", "hard"]
+
+
+def test_a_limit_that_no_trial_keeps_chooses_none(
+    trained: Path, formula: list[dict[str, float]], tmp_path: Path
+) -> None:
+    asked = search(trained, constraints={"hits": {"least": 99.0}}, trials=4)
+    trials = run_study(asked, tmp_path, jobs=1).data.trials
+    assert not trials["chosen"].any() and not trials["keeps_limits"].any()
+    assert set(trials["state"]) == {"measured"}
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "nsga2", "random"])
+def test_samplers_repeat_themselves(sampler: str, trained: Path) -> None:
+    from sim2vr_harness.studies.search.optimiser import Optimiser
+    from sim2vr_harness.studies.search.trials import judged
+
+    wanted = search(trained, sampler=sampler, trials=16).optimise
+    assert wanted is not None
+
+    def asked(seed: int) -> list[Any]:
+        optimiser, found = Optimiser(wanted, seed), []
+        for batch in range(4):
+            values = optimiser.ask(4)
+            found += values
+            optimiser.tell(
+                [
+                    judged(wanted, 4 * batch + k, one, {"max_fatigued": one["life"], "hits": 9.0})
+                    for k, one in enumerate(values)
+                ]
+            )
+        return found
+
+    assert asked(1) == asked(1) != asked(2)
+    for value in (one["life"] for one in asked(1)):
+        assert 0.5 <= value <= 1.5 and round(value, 2) == value, "steps of a hundredth"
+
+
+def refused(change: Callable[[dict[str, Any]], None], trained: Path, tmp_path: Path) -> str:
+    tree = search(trained).model_dump(mode="json", exclude_defaults=True)
+    change(tree)
+    with pytest.raises(InputError) as caught:
+        run_study(tree, tmp_path / "none", jobs=1)
+    assert not list((tmp_path / "none" / "cells").glob("*")), "nothing was played"
+    return str(caught.value)
+
+
+def test_what_cannot_be_searched_for_is_said(
+    trained: Path, formula: list[dict[str, float]], tmp_path: Path
+) -> None:
+    def said(message: str, **optimise: Any) -> None:
+        def change(tree: dict[str, Any]) -> None:
+            tree["optimise"] |= optimise
+
+        text = refused(change, trained, tmp_path)
+        assert message in text, text
+
+    life = {"key": LIFE, "low": 0.5, "high": 1.5}
+    said("optimise.objectives: got 'hitz', expected one of hits", objectives={"hitz": "min"})
+    said("optimise.constraints: got 'hitz', expected", constraints={"hitz": {"least": 1}})
+    said(
+        "optimise.parameters.life: got an empty range, low 1.5 and high 0.5, expected low below",
+        parameters={"life": {**life, "low": 1.5, "high": 0.5}},
+    )
+    said(
+        "optimise.constraints.hit_rate: got least 1.2, which nothing can keep, expected a limit "
+        "between 0 and 1",
+        constraints={"hit_rate": {"least": 1.2}},
+    )
+    said(
+        "optimise.constraints.hits: got least 3 and most 2, which nothing can keep",
+        constraints={"hits": {"least": 3, "most": 2}},
+    )
+    said("constraints.hits: got no limit, expected least or most", constraints={"hits": {}})
+    said(
+        "did you mean 'life_seconds'",
+        parameters={"life": {**life, "key": "env.app.options.live_seconds"}},
+    )
+    said("cell life=-1: env.app.options", parameters={"life": {**life, "low": -1.0}})
+    said("optimise.parameters: got none, expected at least one", parameters={})
+    said("optimise.objectives: got 0, expected 1 to 4", objectives={})
+    said("objectives.hits: got 'least'", objectives={"hits": "least"})
+    said("begin.0.life: got 9, expected 0.5 to 1.5", begin=[{"life": 9}])
+    said("did you mean 'life'", begin=[{"lief": 1.0}])
+    said(
+        "optimise.stop: got it without a training",
+        stop={"report": "rollout/return", "at": [10]},
+    )
+
+    def with_factors(tree: dict[str, Any]) -> None:
+        tree["factors"] = {"d": {"key": "deterministic", "levels": [True]}}
+
+    text = refused(with_factors, trained, tmp_path)
+    assert "factors: got some, expected none together with optimise" in text

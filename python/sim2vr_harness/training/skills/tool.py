@@ -128,7 +128,7 @@ def _voxels_of(far: NDArray[np.float32], to_device: NDArray[np.float64]) -> NDAr
 
 def _centers(voxels: NDArray[np.int64]) -> NDArray[np.float64]:
     parts = np.stack([voxels // _SIDE**2, voxels // _SIDE % _SIDE, voxels % _SIDE], 1)
-    centers: NDArray[np.float64] = (parts + 0.5) * _VOXEL_M - _HALF_M
+    centers: NDArray[np.float64] = (parts.astype(np.float64) + 0.5) * _VOXEL_M - _HALF_M
     return centers
 
 

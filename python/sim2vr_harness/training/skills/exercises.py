@@ -84,7 +84,7 @@ class Exercises:
     def start(self, ids: Tensor, place: Tensor) -> None:
         """Give users (K,) with their devices at (K, H, 4, 4) goals that have just begun."""
         with torch.no_grad():
-            for hand in range(self.hands):
+            for hand in range(self.hands if len(ids) else 0):
                 self._draw(ids, hand, place[:, hand])
 
     def _rand(self, *shape: int) -> Tensor:

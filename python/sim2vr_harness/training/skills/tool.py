@@ -23,11 +23,13 @@ _STEPS, _EVERY = 90, 3
 _VOXEL_M, _HALF_M = 0.03, 1.35
 _SIDE = 2 * round(_HALF_M / _VOXEL_M)
 _NEAR_M = 2.5
-_OFTEN = 0.04
+_OFTEN = 0.1
 """Share of the pictures in which a part of a tool is seen, at least."""
 _STAYS = 0.5
 """Share of the times that it could be seen."""
 _MARGIN_M = 0.08
+_JOINED_M, _AT_HAND_M = 0.1, 0.15
+"""What is in the hand hangs together, gaps no wider than this, and begins at the hand."""
 _END_M = 0.045
 """The tip is the middle of the last so many metres of what is in the hand."""
 
@@ -105,7 +107,20 @@ def _found(seen: list[Any], hand: int) -> Tool:
     for far, to_camera in views:
         through += _seen_through(far, centers @ to_camera[:3, :3].T + to_camera[:3, 3])
     stays = hits[often] / np.maximum(1.0, hits[often] + through)
-    return Tool(centers[stays > _STAYS])
+    return Tool(_joined(centers[stays > _STAYS]))
+
+
+def _joined(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Those of points (K, 3) from which others lead to the device."""
+    known = np.linalg.norm(points, axis=1) < _AT_HAND_M
+    if not known.any():
+        return points[:0]
+    near = np.linalg.norm(points[:, None] - points[None], axis=2) < _JOINED_M
+    while True:
+        more = near[known].any(0)
+        if (more == known).all():
+            return points[known]
+        known = more
 
 
 def _voxels_of(far: NDArray[np.float32], to_device: NDArray[np.float64]) -> NDArray[np.int64]:

@@ -20,7 +20,7 @@ from sim2vr_harness.errors import InputError, UnusableFile
 from sim2vr_harness.training.checkpoint import DAMAGE, in_words, read_tensors, write_tensors
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.finite import NotFinite, require_finite
-from sim2vr_harness.training.progress import View
+from sim2vr_harness.training.progress import View, duration
 from sim2vr_harness.training.run_folder import append_row, keep_rows
 from sim2vr_harness.training.skills.guide import SkillGuide
 from sim2vr_harness.training.skills.layer import MotorLayer
@@ -48,6 +48,8 @@ _STATE, _LAYER, _LOG, _PICTURES, _VALUES = (
     "pictures.bin",
     "values.pt",
 )
+_LOOKING_RATE, _STUDENT_RATE, _PPO_RATE = 0.5, 0.8, 1.4
+"""User steps a second of the stages, relative to those of users who do nothing but step."""
 _SAVE_DECISIONS, _REPORT_DECISIONS = 400, 20
 _HOPELESS = 0.35
 """Share of the stage after which a user should do better than one who does nothing."""
@@ -272,10 +274,16 @@ class LookingStage:
             far = float(np.linalg.norm(tool.tip))
             held = f"something that reaches {100 * far:.0f} cm" if far else "nothing that is seen"
             callbacks.say(f"In the hand of {hand}: {held}.")
+        began = time.monotonic()
         earned = {
             "still": _earned(simulation, self._config, moving=False),
             "random": _earned(simulation, self._config, moving=True),
         }
+        seconds = self._config.skills.baseline_seconds
+        steps = 2.0 * seconds * self._config.env.action_frequency_hz * simulation.n
+        if steps:
+            rate = steps / (time.monotonic() - began)
+            callbacks.say(_expected(self._config, rate))
         callbacks.say(
             f"Reward of the app per minute: {earned['still']:.2f} for who sits still, "
             f"{earned['random']:.2f} for who moves at random."
@@ -370,6 +378,18 @@ def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> 
         if len(ended):
             simulation.reset(ids=[int(i) for i in ended])
     return total * 60.0 / seconds
+
+
+def _expected(config: TrainingConfig, rate: float) -> str:
+    """One line: how long a run will take whose users take so many steps a second, and see."""
+    looking = config.skills.looking.user_steps / (_LOOKING_RATE * rate)
+    student = config.student.frames / (_STUDENT_RATE * rate)
+    alone = config.total_timesteps / (_PPO_RATE * rate)
+    parts = [f"{duration(seconds)}" for seconds in (looking, student, alone)]
+    return (
+        f"This machine takes {rate:,.0f} user steps a second with this app: expect about "
+        f"{parts[0]} of trying, {parts[1]} for the student and {parts[2]} of PPO."
+    )
 
 
 def _warn(reward: float, before: Mapping[str, float], looker: Looker, callbacks: Callbacks) -> None:

@@ -50,6 +50,7 @@ class Doing:
         self._make_pool, self._on_progress = make_pool, on_progress
         self._pool: Pool | None = None
         self._total, self._at_once = 0, 1
+        self._begun = False
         self.played = 0
         """Tasks that were done now."""
         self.found = 0
@@ -80,8 +81,11 @@ class Doing:
         """
         wanted = {task.key: task for task in tasks}
         left = [task for task in wanted.values() if not is_done(task, self.root)]
-        self.found += len(wanted) - len(left)
-        self._tell()
+        found = len(wanted) - len(left)
+        self.found += found
+        if found or not self._begun:
+            self._tell()
+        self._begun = True
         if not left:
             return
         if self._pool is None:

@@ -92,7 +92,7 @@ def done_by(task: Task, root: Path, cores: int, work: Work = play_or_train) -> D
 def in_a_line(error: BaseException) -> str:
     """What went wrong, for a report over several tasks."""
     if isinstance(error, OSError) and error.filename is not None:
-        return f"{error.filename}: got {reason(error)!r}, expected to read or write it"
+        return f"{error.filename}: {reason(error)}"
     text = " ".join(str(error).split())
     return text if isinstance(error, ValueError) and text else f"{type(error).__name__}: {text}"
 

@@ -101,6 +101,7 @@ def run_study(
             else:
                 found = search(study, study.optimise, beside, doing)
                 plan = found.plan
+        clear_away(root)  # what machines left that were lost on the way
         write_data(plan, root, found)
         _compare(plan, root)
     return StudyResult(read_study(root), doing.played, doing.found)

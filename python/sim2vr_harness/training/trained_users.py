@@ -82,8 +82,13 @@ def find_user(run: str | Path) -> TrainedUser:
     if text.startswith(PREFIX):
         return _shipped(text.removeprefix(PREFIX))
     path = Path(run)
-    if not path.exists() and text in [card["name"] for card in list_cards()]:
-        return _shipped(text)
+    if not path.exists():
+        names = [card["name"] for card in list_cards()]
+        if text in names:
+            return _shipped(text)
+        if meant := closest(text, names):
+            expected = f"the folder of a run, or a user that ships (did you mean {meant!r}?)"
+            raise InputError("RUN", f"{text!r}, which does not exist", expected)
     if (path / _CARD).is_file():
         return open_packed(path)
     folder, checkpoint = _run_checkpoint(path)

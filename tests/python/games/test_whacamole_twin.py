@@ -9,7 +9,7 @@ import torch
 from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.games import imagined_game, imagined_games, imagined_settings
 from sim2vr_harness.games.whacamole.hammer import points
-from sim2vr_harness.games.whacamole.rules import FRAME_S
+from sim2vr_harness.games.whacamole.rules import AREA_M, BEHIND, FRAME_S, STRIKE, UP, area_of
 from sim2vr_harness.games.whacamole.settings import Relaxation, TwinSettings
 from sim2vr_harness.games.whacamole.twin import FIELDS, ImaginedWhacAMole
 
@@ -54,6 +54,30 @@ def test_what_a_log_says_by_cell() -> None:
 def test_another_duration_of_a_step_is_refused() -> None:
     with pytest.raises(ValueError, match="action_frequency_hz: got 40, expected 20"):
         ImaginedWhacAMole(1, CONDITIONS, TwinSettings(), step_s=0.025, seed=1)
+
+
+def test_the_area_is_where_options_put_it() -> None:
+    still = area_of(0, {})
+    assert (still.middle_m, still.strike) == (AREA_M[0], STRIKE[0])
+    moved = area_of(1, {"condition": "medium", "area_height_m": 0.05, "area_tilt_deg": 90.0})
+    assert moved.middle_m == (0.15, 0.05, 0.40)
+    # Flat, its face up: behind is down, up in its plane is forward; it is struck down.
+    np.testing.assert_allclose((moved.up, moved.behind), ((0, 0, 1), (0, -1, 0)), atol=1e-12)
+    assert moved.strike == (0.0, -1.0, 0.0)
+    for placement, tilt_deg in enumerate((45.0, 0.0, -45.0)):
+        tilted = area_of(1, {"area_tilt_deg": tilt_deg})
+        np.testing.assert_allclose(tilted.up, UP[placement], atol=1e-12)
+        np.testing.assert_allclose(tilted.behind, BEHIND[placement], atol=1e-12)
+        assert tilted.strike == STRIKE[placement]
+    options = [{"area_height_m": 0.1}, {}, {"area_distance_m": 0.2}]
+    both = [
+        ImaginedWhacAMole(3, CONDITIONS, TwinSettings(), step_s=0.05, seed=2, options=given)
+        for given in (None, options)
+    ]
+    shift = (both[1]._cells - both[0]._cells).numpy()
+    np.testing.assert_allclose(shift[0], np.tile((0.0, 0.4, 0.0), (9, 1)), atol=1e-6)
+    np.testing.assert_array_equal(shift[1], 0.0)
+    np.testing.assert_allclose(shift[2], np.tile((0.0, 0.0, -0.1), (9, 1)), atol=1e-6)
 
 
 def test_targets_live_as_long_and_come_as_often_as_in_the_game() -> None:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -14,9 +17,17 @@ from test_runner import content
 
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.evaluate import evaluate
+from sim2vr_harness.files import read_json
 from sim2vr_harness.studies import StudyConfig, run_study, work
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.pool import Here
+from sim2vr_harness.studies.report import write_report
+from sim2vr_harness.studies.report.drawing import Line
+from sim2vr_harness.studies.report.search import figures_of_search, search_sentences, trial_table
+from sim2vr_harness.studies.report.source import read_source
+from sim2vr_harness.studies.search.config import StopConfig
+from sim2vr_harness.studies.search.stopping import limits_of, reports_of
+from sim2vr_harness.studies.search.trials import Trial
 
 pytest.importorskip("optuna")
 
@@ -126,11 +137,55 @@ def test_several_objectives_have_a_front(
     both = {"max_fatigued": "min", "hits": "max"}
     asked = search(trained, objectives=both, constraints={}, sampler="nsga2", trials=20)
     trials = run_study(asked, tmp_path, jobs=1).data.trials
+    source = read_source(tmp_path)
+    figures = {figure.key: figure for figure in figures_of_search(source)}
+    assert figures["search"].title == "The best compromises"
+    (line,) = (x for x in figures["search"].panels[0].layers if isinstance(x, Line))
+    chosen = trials[trials["chosen"]].sort_values("max_fatigued")
+    assert list(line.x) == chosen["max_fatigued"].tolist()
+    assert list(line.y) == chosen["hits"].tolist()
+    assert len(source.groups) <= 6, "only some of the best are looked at closely"
+    assert next(search_sentences(source)).text.startswith(f"{len(chosen)} trials are the best com")
     front = trials[trials["chosen"]].sort_values("hits")
     # Hard costs nothing here, and every life of it is a compromise.
     hard = trials[trials["parameter_difficulty"] == "hard"]
     assert set(front["trial"]) >= set(hard.drop_duplicates("hits")["trial"])
     assert front["max_fatigued"].is_monotonic_increasing
+
+
+def test_a_report_shows_what_was_tried(
+    trained: Path, formula: list[dict[str, float]], tmp_path: Path
+) -> None:
+    wanted = search(trained, trials=8, begin=[{"life": 1.0, "difficulty": "easy"}])
+    trials = run_study(wanted, tmp_path, jobs=1).data.trials
+    source = read_source(tmp_path)
+    best = trials[trials["chosen"]].iloc[0]
+    assert [group.label for group in source.groups] == ["trial 1", f"trial {best['trial']}"]
+    figures = {figure.key: figure for figure in figures_of_search(source)}
+    progress = figures["search"].panels[0]
+    (line,) = (layer for layer in progress.layers if isinstance(layer, Line))
+    # Nothing is the best before a trial keeps the limits; then it only falls.
+    so_far = trials["max_fatigued"].where(trials["keeps_limits"]).cummin().ffill()
+    assert [value is None for value in line.y] == so_far.isna().tolist()
+    assert [value for value in line.y if value is not None] == so_far.dropna().tolist()
+    assert len(figures["search_slices"].panels) == 4  # two parameters by two measures
+    parallel = figures["search_parallel"].panels[0]
+    assert len(parallel.layers) == 8
+    assert parallel.ticks is not None and parallel.ticks[1] == "difficulty: easy … hard"
+    for layer in parallel.layers:
+        assert isinstance(layer, Line) and all(v is None or 0 <= v <= 1 for v in layer.y)
+    first, second, *_ = search_sentences(source)
+    assert first.text == (
+        f"Trial {best['trial']} has the least muscle fatigue with hits >= 8: life "
+        f"{best['parameter_life']:.5g}, difficulty {best['parameter_difficulty']}."
+    )
+    assert "8 trials by Optuna" in first.numbers and "luck" in second.text
+    rows = trial_table(source)
+    assert (
+        rows.count("<tr>") == 9 and rows.count("beyond a limit") == (~trials["keeps_limits"]).sum()
+    )
+    page = write_report(tmp_path, stills=False).page.read_text(encoding="utf-8")
+    assert page.index('id="search_parallel"') < page.index('id="measures"')
 
 
 def test_it_begins_with_what_is_known(
@@ -234,3 +289,110 @@ def test_what_cannot_be_searched_for_is_said(
 
     text = refused(with_factors, trained, tmp_path)
     assert "factors: got some, expected none together with optimise" in text
+
+
+# --- searches that train -------------------------------------------------------------------------
+
+
+@pytest.fixture
+def trainings(monkeypatch: pytest.MonkeyPatch) -> list[Path]:
+    """Trains and plays the stand-in; returns what was trained, session by session."""
+    begun: list[Path] = []
+    real = work.trainer.train
+
+    def train(config: Any, out: Path, **how: Any) -> Any:
+        begun.append(out)
+        return real(config, out, **how, simulation=lambda c: FakeSimulation(c.env, c.ppo.n_envs))
+
+    monkeypatch.setattr(work.trainer, "train", train)
+    monkeypatch.setattr(
+        work, "evaluate", lambda user, r: evaluate(user, r, simulation=FakeSimulation)
+    )
+    return begun
+
+
+def tuning(trained: Path, folder: Path, **changes: Any) -> StudyConfig:
+    """Which learning rate: the training's 120 steps are judged at 60."""
+    folder.mkdir(parents=True, exist_ok=True)
+    shutil.copy(trained / "config.yaml", folder / "small.yaml")
+    wanted = {
+        "parameters": {
+            "rate": {
+                "key": "training.ppo.learning_rate.initial", "low": 1e-5, "high": 1e-2, "log": True,
+            },
+            "weight": {"key": "training.env.user.effort.weight", "levels": [0.01, 0.2]},
+        },
+        "objectives": {"return": "max"},
+        "trials": 6,
+        "at_once": 2,
+        "sampler": "random",
+        "stop": {"report": "train/value_loss", "better": "lower", "at": [60], "earlier": 2},
+        **changes,
+    }  # fmt: skip
+    fixed = {"config": str(folder / "small.yaml"), "condition": "easy"}
+    return parse_study({"name": "tuning", "fixed": fixed, "episodes": 2, "optimise": wanted})
+
+
+def test_trainings_that_learn_little_are_stopped(
+    trained: Path, trainings: list[Path], tmp_path: Path
+) -> None:
+    asked = tuning(trained, tmp_path / "config")
+    found = run_study(asked, tmp_path / "whole", jobs=1)
+    trials = found.data.trials
+    assert len(trainings) == 6
+    stopped = trials[trials["state"] == "stopped"]
+    # Nobody to be compared with in the first batch, the better half of the earlier ones then.
+    assert set(trials["state"][:2]) == {"measured"} and 0 < len(stopped) < 4
+    reports = [json.loads(text)["60"] for text in trials["reported"]]
+    for batch in (2, 4):
+        limit = np.median(reports[:batch])
+        for row in (batch, batch + 1):
+            assert (trials["state"][row] == "stopped") == (reports[row] > limit)
+    assert stopped["design_cell"].isna().all() and stopped["return"].isna().all()
+    assert len(found.data.cells) == 6 - len(stopped)
+    assert trials["chosen"].sum() == 1
+    marks = [
+        read_json(file, "")
+        for file in sorted((tmp_path / "whole").glob("trainings/*/trained.json"))
+    ]
+    assert [mark["stopped_at"] for mark in marks if "stopped_at" in mark] == [60] * len(stopped)
+    for mark in marks:
+        assert mark["checkpoint"] == (
+            "step_000000060.zip" if "stopped_at" in mark else "step_000000120.zip"
+        )
+    # Again: nothing is trained twice, and the same trials are stopped.
+    before = content(tmp_path / "whole")
+    again = run_study(asked, tmp_path / "whole", jobs=1)
+    assert (again.played, len(trainings)) == (0, 6)
+    assert content(tmp_path / "whole") == before
+
+
+def test_reports_are_the_best_so_far_at_each_step() -> None:
+    rows = [
+        {"step": 20, "r": 1.0},
+        {"step": 40, "r": 3.0},
+        {"step": 60, "r": 2.0},
+        {"step": 80, "r": None},
+        {"step": 100},
+    ]
+    stop = StopConfig(report="r", at=(30, 60, 90, 110))
+    assert reports_of(rows, stop) == {30: 3.0, 60: 3.0, 90: 3.0}
+    lower = StopConfig(report="r", at=(60,), better="lower")
+    assert reports_of(rows, lower) == {60: 1.0}
+    trials = [Trial(k, {}, {}, reports=((60, float(k)),)) for k in range(1, 5)]
+    assert limits_of(stop, trials[:3]) is None, "too few have come so far"
+    found = limits_of(stop, trials)
+    assert found is not None and found.limits == ((60, 2.5),)
+    kept = limits_of(lower.model_copy(update={"keep": 0.25}), trials)
+    assert kept is not None and kept.limits == ((60, 1.75),)
+
+
+def test_what_no_training_reports_is_said(
+    trained: Path, trainings: list[Path], tmp_path: Path
+) -> None:
+    stop = {"report": "rollout/ep_rew_maen", "at": [60]}
+    with pytest.raises(InputError, match=r"optimise\.stop\.report: got .*did you mean 'rollout/ep"):
+        run_study(tuning(trained, tmp_path, stop=stop, trials=1), tmp_path / "out", jobs=1)
+    with pytest.raises(InputError, match=r"optimise\.stop\.at: got 120 with a training of 120"):
+        stop = {"report": "rollout/ep_rew_mean", "at": [120]}
+        run_study(tuning(trained, tmp_path, stop=stop), tmp_path / "none", jobs=1)

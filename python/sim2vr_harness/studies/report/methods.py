@@ -6,6 +6,7 @@ import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.contract import contract, contract_hash
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.files import read_bytes
@@ -105,12 +106,17 @@ def played_by(source: ReportSource) -> list[PlayedBy]:
                 trained,
                 body.name,
                 len(body.muscles),
-                f"{env.user.effort.model}, weight {env.user.effort.weight:g}",
+                _effort(env),
                 contract_hash(contract(env)),
                 weights,
             )
         )
     return found
+
+
+def _effort(env: EnvConfig) -> str:
+    model, weight = env.user.effort.model, env.user.effort.weight
+    return f"{model}, its own weight" if weight is None else f"{model}, weight {weight:g}"
 
 
 def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:

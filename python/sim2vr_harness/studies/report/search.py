@@ -81,7 +81,8 @@ def figures_of_search(source: ReportSource) -> Iterator[Figure]:
     if search is None:
         return
     limits = _limits(search)
-    rule = f" Grey: beyond a limit ({limits})." if limits else ""
+    rule = " Diamonds: the best."
+    rule += f" Grey crosses: beyond a limit ({limits})." if limits else ""
     objectives = [_measure_axis(source, search, name) for name in search.wanted.objectives]
     if len(objectives) == 1:
         yield Figure(

@@ -37,10 +37,11 @@ class Optimiser:
             name: _distribution(optuna, parameter) for name, parameter in search.parameters.items()
         }
         directions = {"min": "minimize", "max": "maximize"}
-        self._study = optuna.create_study(
-            directions=[directions[way] for way in search.objectives.values()],
-            sampler=_sampler(optuna, search, seed),
-        )
+        with _quiet(optuna):
+            self._study = optuna.create_study(
+                directions=[directions[way] for way in search.objectives.values()],
+                sampler=_sampler(optuna, search, seed),
+            )
         for values in search.begin:
             self._study.enqueue_trial(
                 {name: search.parameters[name].check(name, value) for name, value in values.items()}
@@ -156,5 +157,4 @@ def _sampler(optuna: Any, search: OptimiseConfig, seed: int) -> Any:
         ),
         "random": lambda: samplers.RandomSampler(seed=seed),
     }
-    with _quiet(optuna):
-        return make[search.sampler]()
+    return make[search.sampler]()

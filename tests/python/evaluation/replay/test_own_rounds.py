@@ -86,6 +86,14 @@ def test_the_log_tells_unusual_options(play_round: PlayRound, tmp_path: Path) ->
     assert (log / "events.csv").read_bytes() == (folder / "events.csv").read_bytes()
 
 
+def test_the_log_tells_where_the_area_was(play_round: PlayRound, tmp_path: Path) -> None:
+    moved = {"area_height_m": -0.25, "area_distance_m": 0.31, "area_tilt_deg": 35.0}
+    folder = play_round(options=moved)
+    done, log = replayed_log(folder, tmp_path / "again", closed_loop=True)
+    assert {name: done.recording.options[name] for name in moved} == moved
+    assert (log / "events.csv").read_bytes() == (folder / "events.csv").read_bytes()
+
+
 def test_another_seed_is_another_round(tmp_path: Path) -> None:
     text = (FIXTURE / "states.csv").read_text().replace("random seed 42", "random seed 43")
     folder = tmp_path / "other"

@@ -28,8 +28,12 @@ _SIDEWAYS = {
 MOVES = ("touch", "push", *_SIDEWAYS)
 """Names of the moves: come and stay, go through away from the head, go through sideways."""
 
-_TOUCH_MPS, _PUSH_MPS, _SWING_MPS = 0.9, 1.5, 2.0
+_TOUCH_MPS, _PUSH_MPS, _SWING_MPS = 0.9, 2.5, 2.0
 _DEEPER_M = 0.015
+_RUN_UP_M, _FURTHER = 0.3, 1.25
+"""Over which a hand gains its speed, and how much farther back it goes to begin."""
+_SLOWEST = 0.55
+"""Share of the speed it should have by then, below which it begins again."""
 _REACHED_M = 0.06
 _DEPTH_WEIGHT = 0.2
 """How much less depth counts than height and side, where a place is out of reach."""
@@ -112,6 +116,7 @@ class Mover:
         touches = (choice.move == 0)[..., None]
         goals.place = choice.place + _DEEPER_M * away * touches
         goals.velocity = directions
+        self._run_up(goals, now, velocity)
         way = goals.place - now
         far = way.norm(dim=-1)
         closing = (velocity * way).sum(-1) / far.clamp(min=1e-3)
@@ -119,3 +124,22 @@ class Mover:
         goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
         goals.active = (choice.move >= 0).float()
         return goals
+
+    @staticmethod
+    def _run_up(goals: Goals, now: Tensor, velocity: Tensor) -> None:
+        """Send hands back that are about to go through their place too slowly.
+
+        Args:
+            goals: changed in place.
+            now: (N, H, 3) where the tips are.
+            velocity: (N, H, 3) theirs.
+        """
+        speed = goals.velocity.norm(dim=-1, keepdim=True)
+        direction = goals.velocity / speed.clamp(min=1e-6)
+        before = ((goals.place - now) * direction).sum(-1, keepdim=True)
+        due = _SLOWEST * speed * (1.0 - before / _RUN_UP_M).clamp(max=1.0)
+        late = (velocity * direction).sum(-1, keepdim=True) < due
+        back = late & (speed > 0.0)
+        begin = goals.place - _FURTHER * _RUN_UP_M * direction
+        goals.place = torch.where(back, begin, goals.place)
+        goals.velocity = torch.where(back, torch.zeros(()), goals.velocity)

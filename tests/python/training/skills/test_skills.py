@@ -12,6 +12,7 @@ from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.skills.config import LookingConfig, MotorPracticeConfig
+from sim2vr_harness.training.skills.goals import MOMENT_S
 from sim2vr_harness.training.skills.layer import MotorLayer
 from sim2vr_harness.training.skills.looking import Looker
 from sim2vr_harness.training.skills.moves import MOVES, Choice, Mover
@@ -65,13 +66,32 @@ def test_a_push_goes_through_its_place_away_from_the_head(layer: MotorLayer) -> 
     choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
     place = torch.eye(4)[None, None].clone()
     place[0, 0, :3, 3] = torch.tensor([0.2, 0.0, 1.2])
-    goals = mover.goals(choice, torch.tensor([[0.0, 0.0, 1.2]]), place, place)
-    assert goals.velocity[0, 0].tolist() == pytest.approx([1.5, 0.0, 0.0])
+    head = torch.tensor([[0.0, 0.0, 1.2]])
+    goals = mover.goals(choice, head, place, place)
+    assert goals.velocity[0, 0].tolist() == pytest.approx([2.5, 0.0, 0.0])
     assert goals.left_s[0, 0].item() == pytest.approx(0.3 / 1.2)
     choice.move[:] = MOVES.index("up right")
-    swung = mover.goals(choice, torch.tensor([[0.0, 0.0, 1.2]]), place, place).velocity[0, 0]
+    choice.place[0, 0] = torch.tensor([0.2, -0.3, 1.5])  # 0.42 m to go, up to the right
+    swung = mover.goals(choice, head, place, place).velocity[0, 0]
     half = 2.0 * 0.5**0.5
     assert swung.tolist() == pytest.approx([0.0, -half, half])  # y is to the left
+
+
+def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorLayer) -> None:
+    mover = Mover(layer, torch.zeros(1, 3), reachable_poses(layer, 1))
+    choice = Choice(1, 1)
+    choice.move[:] = MOVES.index("push")
+    choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
+    head, near = torch.tensor([[0.0, 0.0, 1.2]]), torch.eye(4)[None, None].clone()
+    near[0, 0, :3, 3] = torch.tensor([0.45, 0.0, 1.2])
+    still = mover.goals(choice, head, near, near)
+    assert still.place[0, 0].tolist() == pytest.approx([0.5 - 1.25 * 0.3, 0.0, 1.2])
+    assert not still.velocity.any()
+    soon = near.clone()
+    soon[0, 0, 0, 3] += 2.0 * MOMENT_S  # 2 m/s towards it
+    fast = mover.goals(choice, head, near, soon)
+    assert fast.place[0, 0].tolist() == pytest.approx([0.5, 0.0, 1.2])
+    assert fast.velocity[0, 0, 0].item() == pytest.approx(2.5)
 
 
 def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorLayer) -> None:

@@ -50,7 +50,7 @@ _STATE, _LAYER, _LOG, _PICTURES, _VALUES = (
 )
 _LOOKING_RATE, _STUDENT_RATE, _PPO_RATE = 0.5, 0.8, 1.4
 """User steps a second of the stages, relative to those of users who do nothing but step."""
-_SAVE_DECISIONS, _REPORT_DECISIONS = 400, 20
+_SAVE_DECISIONS, _REPORT_DECISIONS = 100, 20
 _HOPELESS = 0.35
 """Share of the stage after which a user should do better than one who does nothing."""
 

@@ -396,3 +396,36 @@ def test_what_no_training_reports_is_said(
     with pytest.raises(InputError, match=r"optimise\.stop\.at: got 120 with a training of 120"):
         stop = {"report": "rollout/ep_rew_mean", "at": [120]}
         run_study(tuning(trained, tmp_path, stop=stop), tmp_path / "none", jobs=1)
+
+
+@pytest.mark.slow
+def test_a_real_training_is_tuned(tmp_path: Path) -> None:
+    """Three learning rates, 96 user steps each, then a round of 3 s."""
+    fixed = {
+        "config": "whacamole_constrained.yaml",
+        "condition": "easy",
+        "env.app.options.round_seconds": 3.0,
+        "training.env.app.options.round_seconds": 1.0,
+        "training.total_timesteps": 96,
+        **{
+            f"training.ppo.{key}": value
+            for key, value in {"n_envs": 2, "n_steps": 16, "batch_size": 16, "n_epochs": 1}.items()
+        },
+    }
+    key = "training.ppo.learning_rate.initial"
+    stop = {"report": "train/value_loss", "better": "lower", "at": [32], "earlier": 1}
+    optimise = {
+        "parameters": {"rate": {"key": key, "low": 1e-5, "high": 1e-2, "log": True}},
+        "objectives": {"return": "max"},
+        "trials": 3,
+        "at_once": 1,
+        "stop": stop,
+    }
+    study = {"name": "tuned", "fixed": fixed, "episodes": 1, "optimise": optimise}
+    trials = run_study(study, tmp_path, jobs=1).data.trials
+    losses = [json.loads(text)["32"] for text in trials["reported"]]
+    limits = [np.inf, losses[0], np.median(losses[:2])]
+    expected = [loss > limit for loss, limit in zip(losses, limits, strict=True)]
+    assert (trials["state"] == "stopped").tolist() == expected
+    assert len(set(losses)) == 3 and trials["chosen"].sum() == 1
+    assert trials["return"].notna().tolist() == [not stopped for stopped in expected]

@@ -284,7 +284,7 @@ def search_sentences(source: ReportSource) -> Iterator[Sentence]:
     yield Sentence(
         "The best of many trials owes something to luck: played again, with other seeds, expect it "
         "to be a little less good.",
-        f"{source.planned.get('episodes', 10)} rounds a trial",
+        f"rounds of a trial: {source.planned.get('episodes', 10)}",
     )
 
 

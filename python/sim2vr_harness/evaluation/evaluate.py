@@ -266,7 +266,8 @@ def evaluate(
 
 def _logs_by_itself(env: EnvConfig) -> bool:
     """Whether the app is ours and started here, so that its logs cost nobody an argument."""
-    return env.app.connect is None and env.app.executable is None
+    app = env.app
+    return app.connect is None and app.executable is None and app.page is None
 
 
 def _with_people(env: EnvConfig, people: int, seed: int) -> EnvConfig:

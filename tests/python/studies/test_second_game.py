@@ -31,7 +31,8 @@ def test_a_study_of_beats(tmp_path: Path) -> None:
     assert data.episodes["user"].tolist() == ["beats_first_lazy", "beats_first_eager"]
     steps = data.steps("effort=eager")
     assert len(steps) == 10 and {"left_x_m", "right_x_m", "game_left_on"} <= set(steps.columns)
-    assert len(data.events) == 0, "no box has come yet"
+    assert data.events["log_kind"].tolist() == ["left box"] * 2, "the first one has come"
+    assert data.events["outcome"].isna().all(), "and is under way"
     # Two users, one of each kind.
     (result,) = data.statistics["results"]
     assert result["n"] == [1, 1] and result["p"] is None

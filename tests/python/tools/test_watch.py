@@ -201,8 +201,17 @@ def test_what_is_to_be_watched(tmp_path: Path) -> None:
     assert show.body is None
     with pytest.raises(InputError, match=r"^--game or --condition: got it with a recording"):
         choosing.choose(str(ROUND), game="sample")
-    with pytest.raises(InputError, match=r"^USER: got 'nobody', expected .*mobl_arms_wrist"):
+    with pytest.raises(
+        InputError, match=r"^RUN: got 'nobody', expected .*round, .*mobl_arms_wrist"
+    ):
         choosing.choose("nobody")
+    with pytest.raises(InputError, match=r"^--try: got it with a recording, expected it with a ga"):
+        choosing.choose(str(ROUND), person=True)
+    with pytest.raises(
+        InputError, match=r"^--host: got '300\.1\.1\.1', expected an address of this"
+    ):
+        browser._require_own("300.1.1.1")
+    browser._require_own("127.0.0.1")
     with pytest.raises(InputError, match=r"^--condition: got 'hrad', expected .*'hard'"):
         choosing.choose("mobl_arms_wrist", condition="hrad")
     with pytest.raises(InputError, match=r"^--game: got 'golf', expected"):

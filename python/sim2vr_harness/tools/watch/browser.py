@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Callable
 from functools import partial
@@ -14,6 +15,7 @@ from sim2vr_harness.client.frames import (
     pose_to_app,
     pose_to_mujoco,
 )
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.tools.missing import needed
 from sim2vr_harness.tools.watch.moments import Hands, Moment, Show
 from sim2vr_harness.tools.watch.playback import SPEEDS, Playback
@@ -138,11 +140,12 @@ class Theatre:
         port: of the server.
 
     Raises:
-        InputError: viser is not installed.
+        InputError: viser is not installed, or ``host`` is no address of this machine.
     """
 
     def __init__(self, show: Show, host: str = "127.0.0.1", port: int = 8080) -> None:
         viser = needed("viser", "watch", "watch")
+        _require_own(host)
         self._show, self.playback = show, Playback(show)
         self._server = viser.ViserServer(host=host, port=port, label="sim2vr", verbose=False)
         self._server.initial_camera.position = (-0.9, -1.6, 1.6)
@@ -165,7 +168,7 @@ class Theatre:
         gui.configure_theme(show_logo=False, show_share_button=False)
         gui.main_panel.dock_right()
         gui.set_panel_label(self._show.title[:60])
-        self._numbers = gui.add_markdown("")
+        self._numbers = gui.add_markdown("Getting ready ...")
         self._image = gui.add_image(np.zeros((160, 240, 3), np.uint8), label="Headset view")
         pause = gui.add_button_group("Play", ("pause", "step", "again"))
         speed = gui.add_dropdown("Speed", [f"{s:g}x" for s in SPEEDS], initial_value="1x")
@@ -293,6 +296,17 @@ class Theatre:
         """End the round and the server."""
         self.playback.close()
         self._server.stop()
+
+
+def _require_own(host: str) -> None:
+    """Refuse an address that nobody can listen on here; viser would wait for ever."""
+    try:
+        kind, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(kind, socket.SOCK_STREAM) as probe:
+            probe.bind(address)
+    except (OSError, UnicodeError) as error:
+        expected = "an address of this machine, such as 127.0.0.1 or 0.0.0.0"
+        raise InputError("--host", repr(host), expected) from error
 
 
 def moved(pose: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -52,12 +52,20 @@ def choose(
         return user_show(None, env, seed=seed, untrained=untrained or "random")
     if untrained is not None:
         raise InputError("--user", repr(untrained), "--page with it")
-    if run is not None and not person and _recorded(Path(run)):
+    if run is not None and _recorded(Path(run)):
+        if person:
+            raise InputError("--try", "it with a recording", "it with a game, a user, or alone")
         if game is not None or condition is not None:
             raise InputError("--game or --condition", "it with a recording", "neither of them")
         return recorded_show(Path(run))
     who = run or _BODY
-    env = environment_of(who, game=game, condition=condition, trust_app=trust_app)
+    try:
+        env = environment_of(who, game=game, condition=condition, trust_app=trust_app)
+    except InputError as error:
+        if error.field != "USER":
+            raise
+        expected = f"the folder of a logged or recorded round, {error.expected}"
+        raise InputError("RUN", error.got, expected) from error
     if person:
         return person_show(env, seed=seed)
     user = _trained(who)

@@ -11,7 +11,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any
+from unittest import mock
 
+from sim2vr_harness.client.webxr import browser
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
 
 __all__ = ["Page"]
@@ -20,14 +22,21 @@ __all__ = ["Page"]
 class Page:
     """One page of a browser of its own.
 
+    Args:
+        timeout_s: How long anything may take.
+        served: Whether it may reach servers of this machine, as WebXR pages must not.
+
     Attributes:
         errors: What its console had of errors.
     """
 
-    def __init__(self, timeout_s: float = 120.0) -> None:
+    def __init__(self, timeout_s: float = 120.0, *, served: bool = False) -> None:
         self.errors: list[str] = []
         self._timeout_s = timeout_s
-        self._browser = Browser(find_browser(), timeout_s)
+        walls = ("--proxy-", "--host-resolver-") if served else ()
+        flags = [flag for flag in browser._ALWAYS if not flag.startswith(walls)]
+        with mock.patch.object(browser, "_ALWAYS", tuple(flags)):
+            self._browser = Browser(find_browser(), timeout_s)
         target = self._browser.request("Target.createTarget", timeout_s, url="about:blank")
         attached = self._browser.request(
             "Target.attachToTarget", timeout_s, targetId=target["targetId"], flatten=True

@@ -206,7 +206,7 @@ def _first_look(
             on_progress=share.show,
         )
     for problem in found.problems:
-        typer.echo(f"note: the task: {problem}", err=True)
+        typer.echo(f"note: {problem}", err=True)
     if json:
         print_json(dict(found.summaries))
         return

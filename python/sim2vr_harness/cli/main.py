@@ -30,6 +30,7 @@ from sim2vr_harness.cli import (
     rewards,
     snapshot,
     study,
+    track,
     train,
     users,
     watch,
@@ -89,6 +90,7 @@ app.command("film")(film.film)
 app.command("bench")(bench.bench)
 app.command("reach")(reach.reach)
 app.command("rewards")(rewards.rewards)
+app.command("track")(track.track)
 app.command("watch")(watch.watch)
 
 

@@ -34,7 +34,11 @@ __all__ = ["train"]
 def train(
     config: Annotated[
         str | None,
-        typer.Argument(metavar="[CONFIG]", help="A YAML file; with --resume, the run's folder."),
+        typer.Argument(
+            metavar="[CONFIG]",
+            help="A YAML file, or the name of a game (recipe: skills); with --resume, the run's "
+            "folder.",
+        ),
     ] = None,
     set_: SetOption = None,
     timesteps: Annotated[
@@ -96,6 +100,11 @@ def train(
             raise InputError("--task", "nothing", "what the page is worth: rules or FILE.py:CLASS")
         config = "webxr"
         overrides.append(f"name={wanted['game']}")
+    elif config is None and not resume and (app is not None or connect is not None):
+        config = "skills"
+    elif config is not None and not resume and _is_game(config):
+        overrides = [f"env.app.game={config}", f"name={config}", *overrides]
+        config = "skills"
     if config is None and (not resume or out is None):
         expected = "a configuration file, or --resume with the folder of a run"
         raise InputError("CONFIG", "nothing", expected)
@@ -121,6 +130,18 @@ def train(
         _evaluate_after_training(result, settings.evaluation.episodes_after_training)
     _print_where_next(result, resumable=result.step < settings.total_timesteps)
     return INTERRUPTED if result.interrupted else 0
+
+
+def _is_game(name: str) -> bool:
+    """Whether this names a game of the runtime, and no configuration."""
+    from sim2vr_harness import paths
+    from sim2vr_harness.client import list_games
+
+    try:
+        paths.config_path(name)
+    except FileNotFoundError:
+        return name in list_games()
+    return False
 
 
 def _evaluate_after_training(result: TrainResult, episodes: int) -> None:

@@ -7,6 +7,14 @@ from typing import Annotated
 
 import typer
 
+from sim2vr_harness.cli.app_options import (
+    BrowserOption,
+    MapOption,
+    PageOption,
+    TaskOption,
+    app_settings,
+    as_overrides,
+)
 from sim2vr_harness.cli.options import TrustOption, writable_file
 
 __all__ = ["watch"]
@@ -44,6 +52,14 @@ def watch(
     ] = None,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = 8080,
+    page: PageOption = None,
+    map_: MapOption = None,
+    task: TaskOption = None,
+    browser: BrowserOption = None,
+    user: Annotated[
+        str | None,
+        typer.Option(metavar="WHO", help="Who plays the page: still, random or 'reach NAME'."),
+    ] = None,
     trust_app: TrustOption = False,
 ) -> None:
     """Watch a user at play in the browser: body, game and headset view; or try the game."""
@@ -54,8 +70,9 @@ def watch(
         raise InputError("--rerun", repr(str(rerun)), "a file name that ends in .rrd")
     if rerun is not None and try_:
         raise InputError("--rerun", "it together with --try", "one of them")
-    if run is None and not try_:
-        raise InputError("RUN", "nothing", "a user, a log or a recording; or --try")
+    app = app_settings(page=page, mapped=map_, task=task, browser=browser)
+    if run is None and not try_ and not app:
+        raise InputError("RUN", "nothing", "a user, a log or a recording; or --try, or --page")
     needed(*(("rerun", "rerun", "--rerun") if rerun is not None else ("viser", "watch", "watch")))
 
     from sim2vr_harness.tools.watch.choosing import choose
@@ -68,6 +85,8 @@ def watch(
         seed=seed,
         deterministic=deterministic,
         trust_app=trust_app,
+        page=as_overrides(app),
+        untrained=user,
     )
     if rerun is not None:
         from sim2vr_harness.cli.progress import Share

@@ -97,7 +97,7 @@ class Simulation:
             threads=budget(config.cores),
             effort=config.user.effort.model,
             effort_params=config.user.effort.options(),
-            noise=_noise(config.user.noise),
+            noise=motor_noise(config.user.noise),
             substeps=substeps,
             people=self.people,
             cut=self.body_for,
@@ -468,7 +468,8 @@ def observation_space_of(config: EnvConfig) -> spaces.Dict:
     return make_perception(config, 1, Proprioception(body), substeps, actions).space
 
 
-def _noise(config: NoiseConfig) -> MotorNoiseSettings | None:
+def motor_noise(config: NoiseConfig) -> MotorNoiseSettings | None:
+    """Return what the settings say of motor noise; None: there is none."""
     if config.signal_dependent is None and config.constant is None:
         return None
     return MotorNoiseSettings(**config.model_dump())

@@ -21,7 +21,7 @@ from sim2vr_harness.evaluation.data.recording import DataRecorder
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.player import Player
-from sim2vr_harness.evaluation.practised import unpractised
+from sim2vr_harness.evaluation.practised import met, unpractised
 from sim2vr_harness.evaluation.results import Results
 from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
 from sim2vr_harness.evaluation.round_logs import RoundLogs
@@ -179,7 +179,8 @@ def evaluate(
         env = env.model_copy(update={"cores": request.cores})
     require_contract(user, env)
     facts = game_facts(env.app)
-    conditions = _conditions(facts, request.conditions or config.evaluation.conditions)
+    wanted = request.conditions or config.evaluation.conditions or met(config)
+    conditions = _conditions(facts, wanted)
     names = [condition.name for condition in conditions]
     batch = _batch_for(env, request.batch)
     rounds_each = episodes * (request.people or 1)
@@ -265,7 +266,8 @@ def evaluate(
 
 def _logs_by_itself(env: EnvConfig) -> bool:
     """Whether the app is ours and started here, so that its logs cost nobody an argument."""
-    return env.app.connect is None and env.app.executable is None
+    app = env.app
+    return app.connect is None and app.executable is None and app.page is None
 
 
 def _with_people(env: EnvConfig, people: int, seed: int) -> EnvConfig:

@@ -37,9 +37,11 @@ USERS = ("still", "random", "reach NAME")
 """Who can play without having learned anything."""
 
 _REACH = "reach "
+_NEAR_M = 0.05
+"""As near as a hand comes that can get there."""
 
 
-def act_of(user: str, simulation: Any) -> Act:
+def act_of(user: str, simulation: Any, gaps_m: list[float] | None = None) -> Act:
     """Return what somebody who has learned nothing does.
 
     Args:
@@ -47,12 +49,13 @@ def act_of(user: str, simulation: Any) -> Act:
             at random, as a policy before its training; ``reach NAME`` moves the hand to where the
             object of that name is.
         simulation: of the users; of one, who reaches.
+        gaps_m: gets how far the hand of one who reaches is from the object, at every step.
 
     Raises:
         InputError: there is no such user, or the app cannot say where an object is.
     """
     if user.startswith(_REACH):
-        return _reaching(user.removeprefix(_REACH).strip(), simulation)
+        return _reaching(user.removeprefix(_REACH).strip(), simulation, gaps_m)
     if user not in USERS[:2]:
         raise unknown_name("--user", user, USERS)
     actions = simulation.action_space.shape[0]
@@ -65,25 +68,32 @@ def act_of(user: str, simulation: Any) -> Act:
     return act
 
 
-def _reaching(name: str, simulation: Any) -> Act:
+def _reaching(name: str, simulation: Any, gaps_m: list[float] | None) -> Act:
     worn = [
         one for one in ("controller_right", "controller_left") if one in simulation.body.devices
     ]
     if not worn:
         raise InputError("--user", f"'reach {name}' without a controller", "a body that wears one")
     reacher = Reacher(simulation.body, worn[0])
-    if not isinstance(getattr(simulation.apps[0], "app", None), WebXRApp):
+    if not isinstance(_page_of(simulation), WebXRApp):
         raise InputError("--user", f"'reach {name}'", "--page with it: other apps name no objects")
     actions = simulation.action_space.shape[0]
 
     def act(observation: dict[str, Any], rng: np.random.Generator | None) -> Any:
         users, action = simulation.users, np.zeros(actions, np.float32)
-        goal = position_to_mujoco(simulation.apps[0].app.locate(name))
+        goal = position_to_mujoco(_page_of(simulation).locate(name))
         body = reacher.action(users.qpos[0], users.qvel[0], users.act[0], goal)
         action[: len(body)] = body
+        if gaps_m is not None:
+            gaps_m.append(reacher.gap_m)
         return action
 
     return act
+
+
+def _page_of(simulation: Any) -> Any:
+    """The app, which a replacement may have become, below its task if there is one."""
+    return getattr(simulation.apps[0], "app", simulation.apps[0])
 
 
 @dataclass(frozen=True)
@@ -94,7 +104,7 @@ class Look:
         summaries: means by condition, as of an evaluation.
         facts: what the app publishes.
         files: results and films.
-        problems: what is wrong with the app's task, a sentence each.
+        problems: what is wrong with the app or its task, a sentence each.
     """
 
     summaries: Mapping[str, dict[str, Any]]
@@ -142,6 +152,7 @@ def look(
 
         simulation = Simulation
     judges: list[TaskedApp] = []
+    gaps_m: list[float] = []
 
     def make(n: int) -> Any:
         users = simulation(env, n)
@@ -158,7 +169,7 @@ def look(
     with closing(filmer) if filmer is not None else nullcontext():
         rounds = play(
             make,
-            lambda users: act_of(user, users),
+            lambda users: act_of(user, users, gaps_m),
             jobs_for([condition], episodes, seed),
             facts,
             deterministic=False,
@@ -188,8 +199,22 @@ def look(
         if not overwrite:
             results.require_room(list(summaries), settings)
         files.insert(0, results.add(summaries, overwrite=overwrite))
-    problems = check_task(load_task(env.app.task), _first_round(judges[0])) if judges else []
+    wrong = check_task(load_task(env.app.task), _first_round(judges[0])) if judges else []
+    problems = [f"the task: {one}" for one in wrong]
+    if gaps_m and facts.score and summary.get(facts.score) == 0:
+        problems.append(_reached_for_nothing(user, min(gaps_m), facts.score))
     return Look(summaries, facts, files, problems)
+
+
+def _reached_for_nothing(user: str, gap_m: float, score: str) -> str:
+    if gap_m > _NEAR_M:
+        why = "the body cannot get there (sim2vr-harness reach)"
+    else:
+        why = (
+            "the page may ask for another input, or look at another controller: where the task "
+            "names one device, that is the page's first input source"
+        )
+    return f"{user}: the hand came as near as {gap_m:.2f} m, and {score} stayed at 0; {why}"
 
 
 def _first_round(judge: TaskedApp) -> list[TaskMoment]:

@@ -10,7 +10,7 @@ from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.games import imagined_game
 from sim2vr_harness.training.config import TrainingConfig
 
-__all__ = ["unpractised", "words_of_change"]
+__all__ = ["met", "unpractised", "words_of_change"]
 
 _COSTS_ONLY = "user.effort."
 """Changes what is counted, not what the user does."""
@@ -58,6 +58,18 @@ def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str
         kind = "condition" if len(unknown) == 1 else "conditions"
         new.append(f"{kind} {', '.join(unknown)} (trained: {names})")
     return new
+
+
+def met(config: TrainingConfig) -> list[str]:
+    """The conditions that a user of the recipe ``skills`` has met, in the game's order.
+
+    Such a user has learned from the rewards of its own rounds alone: another condition, with other
+    rules, is not what it was trained for. Empty for other recipes, or if the game does not say.
+    """
+    if config.recipe != "skills":
+        return []
+    known = _practised_conditions(config)
+    return [c.name for c in game_facts(config.env.app).conditions if c.name in known]
 
 
 def words_of_change(key: str, value: Any) -> str:

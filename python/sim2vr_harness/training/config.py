@@ -22,6 +22,7 @@ from sim2vr_harness.games import imagined_settings
 from sim2vr_harness.limited_yaml import MOST_DEPTH, parse_yaml
 from sim2vr_harness.settings import MOST_STEPS, Settings, Width, first_problem, model_at
 from sim2vr_harness.training.ppo_config import LearningRateConfig, PPOConfig
+from sim2vr_harness.training.skills.config import SkillsConfig
 from sim2vr_harness.training.student_config import StudentConfig
 from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.users.bodies import is_file
@@ -108,10 +109,13 @@ class TrainingConfig(Settings):
     total_timesteps: int = Field(default=100_000_000, ge=1, le=MOST_STEPS)
     """User steps of the complete training, over which the learning-rate schedule runs."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    recipe: Literal["ppo", "distill"] = "ppo"
+    recipe: Literal["ppo", "distill", "skills"] = "ppo"
     """The stages of the run. ``ppo``: PPO from pixels alone, as the reference. ``distill``: first
     imagined rollouts, a teacher and a student, whose weights PPO begins with; for games that have a
-    twin (docs/training.md)."""
+    twin. ``skills``: hands that know how to come to a place try what is worth doing with what is
+    seen, a student learns to do the same, and PPO goes on from there; for any app
+    (docs/training.md)."""
+    skills: SkillsConfig = SkillsConfig()
     teacher: TeacherConfig = TeacherConfig()
     student: StudentConfig = StudentConfig()
     env: EnvConfig = EnvConfig()

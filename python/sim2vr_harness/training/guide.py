@@ -19,7 +19,7 @@ from sim2vr_harness.training.teacher_env import (
 )
 from sim2vr_harness.training.teacher_policy import load_teacher
 
-__all__ = ["TeacherGuide"]
+__all__ = ["TeacherGuide", "proprioception_scale"]
 
 _FARTHEST = 3.0
 """Deviations from the mean at which numbers are cut."""
@@ -67,18 +67,25 @@ class TeacherGuide:
     def proprioception_scale(
         self, simulation: Simulation
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Mean and standard deviation of the proprioception while the teacher plays, (P,) each.
+        """See the protocol."""
+        return proprioception_scale(self, simulation)
 
-        The users' present rounds are lost.
-        """
-        simulation.reset(seeds=list(range(simulation.n)))
-        seen = []
-        for step in range(SCALE_STEPS):
-            if step % SCALE_EVERY == 0:
-                seen.append(simulation.proprioception.observe(simulation.users))
-            result = simulation.step(self.actions(simulation))
-            ended = np.flatnonzero(result.terminated | result.truncated)
-            if len(ended):
-                simulation.reset([int(i) for i in ended])
-        values = np.concatenate(seen).astype(np.float64)
-        return values.mean(0), values.std(0)
+
+def proprioception_scale(
+    guide: Any, simulation: Simulation
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Mean and standard deviation of the proprioception while a guide plays, (P,) each.
+
+    The users' present rounds are lost.
+    """
+    simulation.reset(seeds=list(range(simulation.n)))
+    seen = []
+    for step in range(SCALE_STEPS):
+        if step % SCALE_EVERY == 0:
+            seen.append(simulation.proprioception.observe(simulation.users))
+        result = simulation.step(guide.actions(simulation))
+        ended = np.flatnonzero(result.terminated | result.truncated)
+        if len(ended):
+            simulation.reset([int(i) for i in ended])
+    values = np.concatenate(seen).astype(np.float64)
+    return values.mean(0), values.std(0)

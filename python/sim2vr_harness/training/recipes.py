@@ -7,13 +7,17 @@ from dataclasses import dataclass
 
 from torch import Tensor
 
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.training import ppo
 from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.training.guide import TeacherGuide
 from sim2vr_harness.training.imagined.stage import ImaginedStage
 from sim2vr_harness.training.metrics_log import make_logger
 from sim2vr_harness.training.ppo_stage import PPOStage
 from sim2vr_harness.training.run_folder import RunFolder
+from sim2vr_harness.training.skills.stage import LookingStage, MotorStage, needs_practice
 from sim2vr_harness.training.stages import Stage
+from sim2vr_harness.training.student import Guide
 from sim2vr_harness.training.student_stage import StudentStage
 from sim2vr_harness.training.teacher_stage import TeacherStage
 from sim2vr_harness.training.vec_env import SimulationLike
@@ -75,14 +79,34 @@ def _distill(run: Run) -> list[Stage]:
     teacher = TeacherStage(
         config, path / "teacher", imagined.weights if practised else lambda: None
     )
-    student = StudentStage(config, path / StudentStage.name, teacher.folder.latest_checkpoint)
+
+    def guide(simulation: Simulation) -> Guide:
+        return TeacherGuide(teacher.folder.latest_checkpoint(), config.teacher, simulation)
+
+    student = StudentStage(config, path / StudentStage.name, guide)
     title = "the student goes on by itself: PPO from what the user senses."
     last = _from_pixels(run, title, begin=student.weights)
     stages: list[Stage] = [teacher, student, last]
     return [imagined, *stages] if practised else stages
 
 
-RECIPES: dict[str, Callable[[Run], list[Stage]]] = {"ppo": _ppo, "distill": _distill}
+def _skills(run: Run) -> list[Stage]:
+    """Hands that know how to come to places, what is worth doing there, a student, PPO."""
+    config, path = run.config, run.folder.path
+    motor = MotorStage(config, path / MotorStage.name) if needs_practice(config) else None
+    looking = LookingStage(config, path / LookingStage.name, motor)
+    student = StudentStage(config, path / StudentStage.name, looking.guide)
+    title = "the student goes on by itself: PPO from what the user senses."
+    last = _from_pixels(run, title, begin=student.weights)
+    stages: list[Stage] = [looking, student, last]
+    return stages if motor is None else [motor, *stages]
+
+
+RECIPES: dict[str, Callable[[Run], list[Stage]]] = {
+    "ppo": _ppo,
+    "distill": _distill,
+    "skills": _skills,
+}
 
 
 def stages_of(run: Run) -> list[Stage]:

@@ -51,9 +51,12 @@ class Guide(Protocol):
         """(N, F) numbers in [0, 1] that the picture shows; F may be 0."""
 
     def numbers(self, simulation: Any) -> NDArray[np.float32]:
-        """(N, K) what the teacher knows of the game, about 1 in size; asked for where
-        ``numbers_weight`` is set.
-        """
+        """(N, K) what the teacher knows of the game, about 1 in size, for ``numbers_weight``."""
+
+    def proprioception_scale(
+        self, simulation: Any
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean and standard deviation of the users' proprioception while the teacher plays."""
 
 
 @dataclass

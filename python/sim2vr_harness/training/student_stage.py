@@ -21,12 +21,11 @@ from sim2vr_harness.training.checkpoint import DAMAGE, in_words, read_tensors, w
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.episodes import metric_key
 from sim2vr_harness.training.finite import NotFinite, require_finite
-from sim2vr_harness.training.guide import TeacherGuide
 from sim2vr_harness.training.policy import UserPolicy
 from sim2vr_harness.training.progress import View
 from sim2vr_harness.training.run_folder import append_row, keep_rows
 from sim2vr_harness.training.stages import Callbacks
-from sim2vr_harness.training.student import Student, StudentProgress
+from sim2vr_harness.training.student import Guide, Student, StudentProgress
 
 __all__ = ["StudentStage"]
 
@@ -39,14 +38,16 @@ class StudentStage:
     Args:
         config: of the run.
         folder: of the stage.
-        teacher: returns the teacher's checkpoint, once there is one.
+        guide: makes the teacher of N users.
     """
 
     name, unit = "student", "frames"
     title = "a student learns to do the same from what the user sees."
 
-    def __init__(self, config: TrainingConfig, folder: Path, teacher: Callable[[], Path]) -> None:
-        self._config, self.folder, self._teacher = config, folder, teacher
+    def __init__(
+        self, config: TrainingConfig, folder: Path, guide: Callable[[Simulation], Guide]
+    ) -> None:
+        self._config, self.folder, self._guide = config, folder, guide
         self.total = float(config.student.frames)
         self._simulation: Simulation | None = None
         self._student: Student | None = None
@@ -79,7 +80,7 @@ class StudentStage:
         config = self._config
         env = with_options(config.env, config.student.app_options)
         self._simulation = simulation = Simulation(env, config.student.n_envs)
-        guide = TeacherGuide(self._teacher(), config.teacher, simulation)
+        guide = self._guide(simulation)
         policy = _new_policy(config, simulation, guide)
         self.folder.mkdir(parents=True, exist_ok=True)
         self._student = Student(
@@ -180,7 +181,7 @@ def _show(callbacks: Callbacks, view: Callable[[], View], share: float) -> None:
     callbacks.show(view)
 
 
-def _new_policy(config: TrainingConfig, simulation: Simulation, guide: TeacherGuide) -> UserPolicy:
+def _new_policy(config: TrainingConfig, simulation: Simulation, guide: Guide) -> UserPolicy:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
         policy = UserPolicy(

@@ -51,6 +51,8 @@ class Reacher:
             raise ValueError(f"user: got {body.name!r}, expected a body with muscles")
         self._site = int(self._model.site(device).id)
         self._actions = len(body.action_names)
+        self.gap_m = float("inf")
+        """How far the device was from the goal of the last action."""
 
     def action(
         self, qpos: FloatArray, qvel: FloatArray, act: FloatArray, goal: FloatArray
@@ -95,7 +97,7 @@ class Reacher:
         jacobian = np.zeros((3, model.nv))
         mujoco.mj_jacSite(model, data, jacobian, None, self._site)
         gap = goal - data.site_xpos[self._site]
-        far = float(np.linalg.norm(gap))
+        self.gap_m = far = float(np.linalg.norm(gap))
         gap *= min(1.0, _FURTHEST_M / far) if far > 0.0 else 1.0
         force = _STIFFNESS_N_M * gap - _DAMPING_N_S_M * (jacobian @ data.qvel)
         wanted: FloatArray = (

@@ -92,13 +92,13 @@ TEST(BeatsRound, TheLogHasWhatCameAndHowItEnded) {
   ASSERT_EQ(lines.size(), 7U);
   EXPECT_EQ(lines[2],
             "0, box_spawn, number 0, due 1, column 2, row 1, kind: right box, direction -90");
-  EXPECT_EQ(lines[3].find("0.9999999, box_slice, number 0, level time 0.97"), 0U) << lines[3];
+  EXPECT_EQ(lines[3].find("0.99999994, box_slice, number 0, level time 0.97"), 0U) << lines[3];
   const auto behind = [&lines](const std::string& field) {
     return std::stod(lines[3].substr(lines[3].find(field) + field.size()));
   };
   EXPECT_NEAR(behind(", timing "), 0.0252 - 0.05, 1e-3);
   EXPECT_NEAR(behind(", angle "), 30.0, 1e-3);
-  EXPECT_EQ(lines[4], "1.0499998, mine_spawn, number 0, due 3, column 0, row 2");
+  EXPECT_EQ(lines[4], "1.05, mine_spawn, number 0, due 3, column 0, row 2");
   EXPECT_NE(lines[5].find(", mine_avoided, number 0, level time 3.4"), std::string::npos)
       << lines[5];
   EXPECT_NE(lines[6].find("episode statistics"), std::string::npos);

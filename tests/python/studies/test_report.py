@@ -111,7 +111,7 @@ def test_comparisons_say_what_n_is_and_why_there_is_no_p(source: ReportSource) -
     assert "10 rounds of one policy (no sample of people)" in html
     assert "Z = -2.803" in html and "0.0020" in html and "0.0060" in html
     told = [one for one in sentences_of(tested, NOBODY, [None, None]) if "than in" in one.text]
-    assert [one.text for one in told] == ["Sparks is lower in calm than in wild."]
+    assert [one.text for one in told] == ["Sparks: lower in calm than in wild."]
     assert "95 % -13 to -9" in told[0].numbers and "rounds of one policy" in told[0].numbers
 
 

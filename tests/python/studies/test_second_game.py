@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from imageio_ffmpeg import count_frames_and_secs
+
 import sim2vr_harness
 
 
@@ -19,6 +21,7 @@ def test_a_study_of_beats(tmp_path: Path) -> None:
                 }
             },
             "episodes": 1,
+            "film_seconds": 0.2,
             "measures": ["hand_travel_m", "slice_rate"],
             "comparisons": [{"factor": "effort", "measures": ["hand_travel_m"]}],
         },
@@ -31,7 +34,10 @@ def test_a_study_of_beats(tmp_path: Path) -> None:
     assert data.episodes["user"].tolist() == ["beats_first_lazy", "beats_first_eager"]
     steps = data.steps("effort=eager")
     assert len(steps) == 10 and {"left_x_m", "right_x_m", "game_left_on"} <= set(steps.columns)
-    assert len(data.events) == 0, "no box has come yet"
+    assert data.events["log_kind"].tolist() == ["left box"] * 2, "the first one has come"
+    assert data.events["outcome"].isna().all(), "and is under way"
+    films = sorted(tmp_path.glob("cells/*/first_0.mp4"))
+    assert [count_frames_and_secs(str(film))[0] for film in films] == [4, 4]
     # Two users, one of each kind.
     (result,) = data.statistics["results"]
     assert result["n"] == [1, 1] and result["p"] is None

@@ -20,6 +20,7 @@ from sim2vr_harness.tools.watch.moments import Hands, Moment, Show, recorded_sho
 from sim2vr_harness.tools.watch.playback import Playback
 from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
 from sim2vr_harness.users import Body, load_body
+from webxr_pages import NEEDS_BROWSER, PAGES
 
 ROUND = Path(__file__).parents[2] / "data" / "whacamole_round"
 SHEET = SceneMesh("sheet", np.float32([[0, 0, 0], [1, 0, 0], [0, 1, 0]]), np.array([[0, 1, 2]]))
@@ -200,8 +201,17 @@ def test_what_is_to_be_watched(tmp_path: Path) -> None:
     assert show.body is None
     with pytest.raises(InputError, match=r"^--game or --condition: got it with a recording"):
         choosing.choose(str(ROUND), game="sample")
-    with pytest.raises(InputError, match=r"^USER: got 'nobody', expected .*mobl_arms_wrist"):
+    with pytest.raises(
+        InputError, match=r"^RUN: got 'nobody', expected .*round, .*mobl_arms_wrist"
+    ):
         choosing.choose("nobody")
+    with pytest.raises(InputError, match=r"^--try: got it with a recording, expected it with a ga"):
+        choosing.choose(str(ROUND), person=True)
+    with pytest.raises(
+        InputError, match=r"^--host: got '300\.1\.1\.1', expected an address of this"
+    ):
+        browser._require_own("300.1.1.1")
+    browser._require_own("127.0.0.1")
     with pytest.raises(InputError, match=r"^--condition: got 'hrad', expected .*'hard'"):
         choosing.choose("mobl_arms_wrist", condition="hrad")
     with pytest.raises(InputError, match=r"^--game: got 'golf', expected"):
@@ -224,3 +234,17 @@ def test_a_person_plays_a_round() -> None:
     moments.close()  # type: ignore[attr-defined]
     assert any("Points 1" in line for line in seen), seen
     assert first.headset.shape == (160, 240, 3)
+
+
+@NEEDS_BROWSER
+def test_a_page_is_watched_with_nobody_trained() -> None:
+    page = ["env.app.transport=webxr", f"env.app.page={PAGES / 'touch.html'}"]
+    show = choosing.choose(None, page=page, untrained="still")
+    moments = show.moments()
+    first, second = next(moments), next(moments)
+    moments.close()  # type: ignore[attr-defined]
+    assert (second.time_s, first.scene.objects) == (2 / show.frequency_hz, ())
+    assert first.headset.shape == (160, 240, 3)
+    assert int(np.ptp(first.headset)) > 0
+    with pytest.raises(InputError, match=r"--user: got 'still', expected --page with it"):
+        choosing.choose("mobl_arms_wrist", untrained="still")

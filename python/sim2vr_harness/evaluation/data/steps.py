@@ -17,7 +17,7 @@ from sim2vr_harness.evaluation.metrics import RoundResult
 from sim2vr_harness.evaluation.rollouts import Job
 from sim2vr_harness.users.batch import UserBatch
 
-__all__ = ["StepRecorder", "pose_columns"]
+__all__ = ["BodySource", "StepRecorder", "pose_columns"]
 
 _PARTS = ("x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 _DEVICE_NAMES = {"headset": "head", "controller_right": "right", "controller_left": "left"}
@@ -91,17 +91,89 @@ class StepRecorder:
         self._write(result, lambda episode: number_table(episode, counts, values, columns))
 
 
+class BodySource:
+    """What N bodies do: the numbers of a moment, and what their columns are.
+
+    Args:
+        users: The bodies.
+    """
+
+    def __init__(self, users: UserBatch) -> None:
+        self._users = users
+        self.columns: list[Column] = []
+        self._takes: list[Take] = []
+        self._add_devices()
+        self._add_joints()
+        self._add_muscles()
+
+    def take(self) -> NDArray[Any]:
+        """(N, C) of now, fresh."""
+        return np.concatenate([take() for take in self._takes], axis=1)
+
+    def _add_devices(self) -> None:
+        for device in self._users.body.devices:
+            name = _DEVICE_NAMES.get(device, device)
+            self.columns += pose_columns(name, f"the {device.replace('_', ' ')}")
+
+            def take(device: str = device) -> NDArray[Any]:
+                return pose_to_app(*self._users.device_poses(device))
+
+            self._takes.append(take)
+
+    def _add_joints(self) -> None:
+        model = self._users.body.physics_model
+        simple = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
+        joints = [model.joint(i) for i in range(model.njnt) if model.jnt_type[i] in simple]
+        for joint in joints:
+            slide = model.jnt_type[joint.id] == simple[1]
+            unit = "m" if slide else "rad"
+            what = "Position" if slide else "Angle"
+            self.columns.append(
+                Column(f"q_{joint.name}", "single", unit, f"{what} of the joint {joint.name}")
+            )
+        for joint in joints:
+            unit = "m/s" if model.jnt_type[joint.id] == simple[1] else "rad/s"
+            self.columns.append(
+                Column(f"qd_{joint.name}", "single", unit, f"Velocity of the joint {joint.name}")
+            )
+        angles = np.array([int(model.jnt_qposadr[joint.id]) for joint in joints])
+        speeds = np.array([int(model.jnt_dofadr[joint.id]) for joint in joints])
+        self._takes += [lambda: self._users.qpos[:, angles], lambda: self._users.qvel[:, speeds]]
+
+    def _add_muscles(self) -> None:
+        body = self._users.body
+        self.columns += [
+            Column(f"act_{name}", "single", "", f"Activation of the muscle {name}, 0 to 1")
+            for name in body.muscles
+        ]
+        self._takes.append(lambda: self._users.act)
+        for name in body.action_names:
+            muscle = name in body.muscles
+            what = f"Force of the muscle {name}" if muscle else f"Torque of the motor {name}"
+            unit = "N" if muscle else "Nm"
+            self.columns.append(
+                Column(f"force_{name}", "single", unit, f"{what} at the step's end; pulling: < 0")
+            )
+        self._takes.append(lambda: self._users.actuator_force)
+        loads = (*body.muscles, *body.effort_inputs.loads)
+        for key in self._users.effort.state():
+            prefix, what = _FATIGUE.get(key, (key.lower(), f"{key} of the effort model"))
+            self.columns += [Column(f"{prefix}_{n}", "single", "", f"{n}: {what}") for n in loads]
+
+            def take(key: str = key) -> NDArray[Any]:
+                return self._users.effort.state()[key]
+
+            self._takes.append(take)
+
+
 class _Source:
     """Where the numbers of N users come from, and what their columns are."""
 
     def __init__(self, simulation: Simulation, facts: GameFacts) -> None:
-        self._users = simulation.users
         self.dt_s = simulation.users.dt
-        self.columns: list[Column] = []
-        self._takes: list[Take] = []
-        self._add_devices(simulation)
-        self._add_joints(simulation)
-        self._add_muscles(simulation)
+        body = BodySource(simulation.users)
+        self.columns: list[Column] = list(body.columns)
+        self._takes: list[Take] = [body.take]
         self._terms = [term.log_key for term in facts.reward_terms]
         self._add_game(simulation)
         self.columns += [
@@ -134,61 +206,6 @@ class _Source:
         ]
         parts = [take() for take in self._takes]
         return np.concatenate([*parts, np.array(rewards)], axis=1, dtype=np.float32)
-
-    def _add_devices(self, simulation: Simulation) -> None:
-        for device in simulation.body.devices:
-            name = _DEVICE_NAMES.get(device, device)
-            self.columns += pose_columns(name, f"the {device.replace('_', ' ')}")
-
-            def take(device: str = device) -> NDArray[Any]:
-                return pose_to_app(*self._users.device_poses(device))
-
-            self._takes.append(take)
-
-    def _add_joints(self, simulation: Simulation) -> None:
-        model = simulation.body.physics_model
-        simple = (mujoco.mjtJoint.mjJNT_HINGE.value, mujoco.mjtJoint.mjJNT_SLIDE.value)
-        joints = [model.joint(i) for i in range(model.njnt) if model.jnt_type[i] in simple]
-        for joint in joints:
-            slide = model.jnt_type[joint.id] == simple[1]
-            unit = "m" if slide else "rad"
-            what = "Position" if slide else "Angle"
-            self.columns.append(
-                Column(f"q_{joint.name}", "single", unit, f"{what} of the joint {joint.name}")
-            )
-        for joint in joints:
-            unit = "m/s" if model.jnt_type[joint.id] == simple[1] else "rad/s"
-            self.columns.append(
-                Column(f"qd_{joint.name}", "single", unit, f"Velocity of the joint {joint.name}")
-            )
-        angles = np.array([int(model.jnt_qposadr[joint.id]) for joint in joints])
-        speeds = np.array([int(model.jnt_dofadr[joint.id]) for joint in joints])
-        self._takes += [lambda: self._users.qpos[:, angles], lambda: self._users.qvel[:, speeds]]
-
-    def _add_muscles(self, simulation: Simulation) -> None:
-        body = simulation.body
-        self.columns += [
-            Column(f"act_{name}", "single", "", f"Activation of the muscle {name}, 0 to 1")
-            for name in body.muscles
-        ]
-        self._takes.append(lambda: self._users.act)
-        for name in body.action_names:
-            muscle = name in body.muscles
-            what = f"Force of the muscle {name}" if muscle else f"Torque of the motor {name}"
-            unit = "N" if muscle else "Nm"
-            self.columns.append(
-                Column(f"force_{name}", "single", unit, f"{what} at the step's end; pulling: < 0")
-            )
-        self._takes.append(lambda: self._users.actuator_force)
-        loads = (*body.muscles, *body.effort_inputs.loads)
-        for key in self._users.effort.state():
-            prefix, what = _FATIGUE.get(key, (key.lower(), f"{key} of the effort model"))
-            self.columns += [Column(f"{prefix}_{n}", "single", "", f"{n}: {what}") for n in loads]
-
-            def take(key: str = key) -> NDArray[Any]:
-                return self._users.effort.state()[key]
-
-            self._takes.append(take)
 
     def _add_game(self, simulation: Simulation) -> None:
         """The game's privileged numbers, of apps in this process."""

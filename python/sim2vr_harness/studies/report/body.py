@@ -42,7 +42,7 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 
 _SIZE = (420, 420)
-_MOST_PICTURES = 6
+_MOST_PICTURES = 15
 _OVER_TIME = 40
 _PREFIXES = (
     ("most_fatigued_", "largest share of fatigued motor units"),

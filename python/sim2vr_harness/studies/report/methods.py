@@ -186,7 +186,10 @@ def _tests(source: ReportSource) -> str:
     text = f"Groups were compared by {', '.join(names.get(name, name) for name in used)}"
     if any(result.get("p_holm") is not None for result in source.comparisons):
         text += ", p values of pairs corrected after Holm"
-    return f"{text}; intervals are 95 % bootstrap intervals over units."
+    text = f"{text}; intervals are 95 % bootstrap intervals over units."
+    if any(result.get("unit") == "round" for result in source.comparisons):
+        text += " Where it is said, units are rounds of one policy instead, no sample of people."
+    return text
 
 
 def _user(user: PlayedBy) -> str:

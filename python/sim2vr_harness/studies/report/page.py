@@ -170,6 +170,9 @@ def _bodies(content: Content, figure: Figure) -> str:
         for one in content.bodies
     )
     highest = content.bodies[0].highest
+    left_out = len(content.source.groups) - len(content.bodies)
+    if left_out > 0:
+        pictures += f'<p class="people">No pictures of {left_out} more, which the tables have.</p>'
     scale = f'<div class="scale">0 <i></i> {highest:.2f}</div>'
     return f'<div class="panels">{pictures}</div>{scale}'
 

@@ -252,7 +252,7 @@ def _tests(source: ReportSource) -> Iterator[Sentence]:
         word = "higher" if difference["mean"] > 0 else "lower"
         where = place_of(result)
         yield Sentence(
-            f"{label} is {word} in {first} than in {second}{where}.",
+            f"{label}: {word} in {first} than in {second}{where}.",
             test_numbers(result),
         )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Callable
 from functools import partial
@@ -14,6 +15,7 @@ from sim2vr_harness.client.frames import (
     pose_to_app,
     pose_to_mujoco,
 )
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.tools.missing import needed
 from sim2vr_harness.tools.watch.moments import Hands, Moment, Show
 from sim2vr_harness.tools.watch.playback import SPEEDS, Playback
@@ -138,15 +140,16 @@ class Theatre:
         port: of the server.
 
     Raises:
-        InputError: viser is not installed.
+        InputError: viser is not installed, or ``host`` is no address of this machine.
     """
 
     def __init__(self, show: Show, host: str = "127.0.0.1", port: int = 8080) -> None:
         viser = needed("viser", "watch", "watch")
+        _require_own(host)
         self._show, self.playback = show, Playback(show)
         self._server = viser.ViserServer(host=host, port=port, label="sim2vr", verbose=False)
-        self._server.initial_camera.position = (-1.4, -2.0, 1.8)
-        self._server.initial_camera.look_at = (0.35, -0.05, 0.9)
+        self._server.initial_camera.position = (-0.9, -1.6, 1.6)
+        self._server.initial_camera.look_at = (0.3, -0.05, 0.85)
         self._stage = Stage(self._server.scene, show)
         self._wanted: list[Callable[[], bool]] = []
         self._bars: dict[str, tuple[Any, Any]] = {}
@@ -162,14 +165,15 @@ class Theatre:
 
     def _build(self) -> None:
         gui = self._server.gui
-        gui.configure_theme(control_layout="collapsible", show_logo=False, show_share_button=False)
+        gui.configure_theme(show_logo=False, show_share_button=False)
+        gui.main_panel.dock_right()
         gui.set_panel_label(self._show.title[:60])
-        self._numbers = gui.add_markdown("")
+        self._numbers = gui.add_markdown("Getting ready ...")
         self._image = gui.add_image(np.zeros((160, 240, 3), np.uint8), label="Headset view")
         pause = gui.add_button_group("Play", ("pause", "step", "again"))
         speed = gui.add_dropdown("Speed", [f"{s:g}x" for s in SPEEDS], initial_value="1x")
         self._slider = gui.add_slider("Time (s)", 0.0, 0.1, 0.05, 0.0)
-        self._bar_folder = gui.add_folder("Effort and fatigue")
+        self._bar_folder = gui.add_folder("Effort and fatigue", visible=False)
         with gui.add_folder("Events"):
             self._events = gui.add_markdown("None yet.")
 
@@ -261,6 +265,7 @@ class Theatre:
             self._sliding = False
 
     def _draw_bars(self, moment: Moment) -> None:
+        self._bar_folder.visible = bool(moment.bars)
         for name, share in moment.bars.items():
             if name not in self._bars:
                 with self._bar_folder:
@@ -291,6 +296,17 @@ class Theatre:
         """End the round and the server."""
         self.playback.close()
         self._server.stop()
+
+
+def _require_own(host: str) -> None:
+    """Refuse an address that nobody can listen on here; viser would wait for ever."""
+    try:
+        kind, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
+        with socket.socket(kind, socket.SOCK_STREAM) as probe:
+            probe.bind(address)
+    except (OSError, UnicodeError) as error:
+        expected = "an address of this machine, such as 127.0.0.1 or 0.0.0.0"
+        raise InputError("--host", repr(host), expected) from error
 
 
 def moved(pose: NDArray[np.float64], way: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -1,12 +1,15 @@
-"""What to watch: a trained user, a body, a logged or recorded round, or a game to try."""
+"""What to watch: a trained user, a body, a recorded round, a page, or a game to try."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
+from sim2vr_harness.envs.games import with_task
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.tools.watch.moments import Show, person_show, recorded_show, user_show
+from sim2vr_harness.training.config import load_config
 from sim2vr_harness.training.trained_users import TrainedUser, find_user, require_contract
 
 __all__ = ["choose"]
@@ -23,6 +26,8 @@ def choose(
     seed: int = 1,
     deterministic: bool = False,
     trust_app: bool = False,
+    page: Sequence[str] = (),
+    untrained: str | None = None,
 ) -> Show:
     """Return what is meant.
 
@@ -34,16 +39,33 @@ def choose(
         seed: of the round.
         deterministic: whether actions are the policy's mean.
         trust_app: whether the app that it names may be started, though you never have.
+        page: instead of a user, overrides of the configuration that name a page.
+        untrained: who plays the page; see :func:`user_show`.
 
     Raises:
         InputError: It is none of them, or does not go together.
     """
-    if run is not None and not person and _recorded(Path(run)):
+    if page:
+        if run is not None or person or game is not None or condition is not None:
+            raise InputError("--page", "it with a user, a game or --try", "the page alone")
+        env = with_task(load_config("webxr", page).env)
+        return user_show(None, env, seed=seed, untrained=untrained or "random")
+    if untrained is not None:
+        raise InputError("--user", repr(untrained), "--page with it")
+    if run is not None and _recorded(Path(run)):
+        if person:
+            raise InputError("--try", "it with a recording", "it with a game, a user, or alone")
         if game is not None or condition is not None:
             raise InputError("--game or --condition", "it with a recording", "neither of them")
         return recorded_show(Path(run))
     who = run or _BODY
-    env = environment_of(who, game=game, condition=condition, trust_app=trust_app)
+    try:
+        env = environment_of(who, game=game, condition=condition, trust_app=trust_app)
+    except InputError as error:
+        if error.field != "USER":
+            raise
+        expected = f"the folder of a logged or recorded round, {error.expected}"
+        raise InputError("RUN", error.got, expected) from error
     if person:
         return person_show(env, seed=seed)
     user = _trained(who)

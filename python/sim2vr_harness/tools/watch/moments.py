@@ -24,6 +24,7 @@ from sim2vr_harness.client import (
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.errors import InputError
+from sim2vr_harness.evaluation.first_look import act_of
 from sim2vr_harness.evaluation.player import Player
 from sim2vr_harness.evaluation.replay.recordings import GAME, read_recordings
 from sim2vr_harness.evaluation.replay.replayer import replay
@@ -127,9 +128,13 @@ class _Counters:
 
 
 def _look(app: AppClient) -> tuple[AppScene, NDArray[np.uint8]]:
-    if "scene" not in app.capabilities:
-        raise InputError("RUN", "an app that tells nothing of its scene", "one that does")
-    return app.scene(), np.ascontiguousarray(app.render_headset(*HEADSET_SIZE)[..., :3])
+    """What there is to be seen of an app: of one that tells nothing of its scene, the picture."""
+    scene = app.scene() if "scene" in app.capabilities else AppScene((), ())
+    if "views" in app.capabilities:
+        return scene, np.ascontiguousarray(app.render_headset(*HEADSET_SIZE)[..., :3])
+    image = (app.image if app.image.ndim == 3 else app.image[0])[..., :3]
+    larger = max(1, HEADSET_SIZE[0] // image.shape[1])
+    return scene, np.ascontiguousarray(image.repeat(larger, axis=0).repeat(larger, axis=1))
 
 
 def user_show(
@@ -138,22 +143,27 @@ def user_show(
     *,
     seed: int = 1,
     deterministic: bool = False,
+    untrained: str | None = None,
     simulation: Callable[..., Any] | None = None,
 ) -> Show:
     """Return a round of a user.
 
     Args:
-        user: who plays; None: the body of ``env``, moved at random, gently.
+        user: who plays; None: the body of ``env``.
         env: the environment.
         seed: of body, policy and game.
         deterministic: whether actions are the policy's mean.
+        untrained: how a body moves that nobody trained: one of :data:`first_look.USERS`; None:
+            at random, gently.
         simulation: how to make the user: (EnvConfig, n) -> simulation.
     """
     from sim2vr_harness.envs.simulation import Simulation
 
     make = simulation or Simulation
     facts = game_facts(env.app)
-    name = "nobody in particular" if user is None else str(user.card.get("name") or user.source)
+    name = untrained or "nobody in particular"
+    if user is not None:
+        name = str(user.card.get("name") or user.source)
     # The body of a running simulation, drawn shapes included.
     first = make(env, 1)
     body: Body = first.body
@@ -161,7 +171,13 @@ def user_show(
     def moments() -> Iterator[Moment]:
         with closing(first if not used else make(env, 1)) as users:
             used.append(True)
-            yield from _played(users, user, facts, seed, deterministic)
+            act = _gentle(users.action_space.shape[0])
+            if user is not None:
+                act = Player(user, users.observation_space, users.action_space).act
+            elif untrained is not None:
+                act = act_of(untrained, users)
+            mean = deterministic and user is not None
+            yield from _played(users, act, facts, seed, mean)
 
     used: list[bool] = []
     condition = facts.condition_of(env.app.options)
@@ -169,17 +185,14 @@ def user_show(
 
 
 def _played(
-    users: Any, user: TrainedUser | None, facts: GameFacts, seed: int, deterministic: bool
+    users: Any, act: Callable[..., Any], facts: GameFacts, seed: int, deterministic: bool
 ) -> Iterator[Moment]:
     rng = np.random.default_rng([seed, 1])
-    act: Callable[..., Any] = _gentle(users.action_space.shape[0])
-    if user is not None:
-        act = Player(user, users.observation_space, users.action_space).act
     counters, steps, total, most = _Counters(facts), 0, 0.0, 1e-9
     users.reset(seeds=[seed])
     while True:
         observation = {key: value[0] for key, value in users.observation().items()}
-        actions = act(observation, None if deterministic and user is not None else rng)
+        actions = act(observation, None if deterministic else rng)
         outcome = users.step(np.asarray(actions)[None])
         steps += 1
         time_s = steps / users.config.action_frequency_hz

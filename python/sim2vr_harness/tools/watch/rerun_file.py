@@ -42,12 +42,12 @@ def write_rerun(
                 albedo_factor=[*shape.color, 255],
             )
             stream.log(f"body/{shape.part}/{shape.name}", mesh, static=True)
-    before: set[str] = set()
+    objects = _Objects(rerun, stream)
     for moment in show.moments():
         stream.set_time("game", duration=moment.time_s)
         if poser is not None:
             _log_body(rerun, stream, poser, moment)
-        before = _log_objects(rerun, stream, moment, before, player=show.body is None)
+        objects.log(moment, player=show.body is None)
         stream.log("headset", rerun.Image(moment.headset).compress(jpeg_quality=85))
         for line in moment.events:
             stream.log("events", rerun.TextLog(line))
@@ -71,29 +71,49 @@ def _log_body(rerun: Any, stream: Any, poser: Poser, moment: Moment) -> None:
         stream.log("muscles", lines)
 
 
-def _log_objects(
-    rerun: Any, stream: Any, moment: Moment, before: set[str], player: bool
-) -> set[str]:
-    """Log what the app shows; clear what is no longer there. Return what there is."""
-    here: dict[str, int] = {}
-    for one in moment.scene.drawn(player=player):
-        assert one.mesh is not None
-        path = f"app/{one.path.replace(' ', '_')}/{one.id}"
-        count = here[path] = here.get(path, 0) + 1
-        vertices, triangles = moment.scene.meshes[one.mesh].in_mujoco()
-        position, quat, scale = one.in_mujoco()
-        own = f"{path}_{count}"
-        color = (255 * np.clip(one.color, 0.0, 1.0)).astype(np.uint8)
-        # With its scale, since Rerun's transforms of a mesh are those of all below it.
-        mesh = rerun.Mesh3D(
-            vertex_positions=(vertices * scale).astype(np.float32),
-            triangle_indices=triangles.astype(np.uint32),
-            albedo_factor=color,
-        )
-        stream.log(own, mesh)
-        turn = rerun.Quaternion(xyzw=np.roll(quat, -1))
-        stream.log(own, rerun.Transform3D(translation=position, rotation=turn))
-        here[own] = 0
-    for gone in before - here.keys():
-        stream.log(gone, rerun.Clear(recursive=False))
-    return {own for own, count in here.items() if count == 0}
+class _Objects:
+    """What the app shows: shape, colour and place of an object are written when they change."""
+
+    def __init__(self, rerun: Any, stream: Any) -> None:
+        self._rerun, self._stream = rerun, stream
+        self._known: dict[str, dict[str, Any]] = {}
+        """Of what is there now."""
+
+    def log(self, moment: Moment, player: bool) -> None:
+        """Write those of a moment, and clear those that are gone."""
+        rerun, stream = self._rerun, self._stream
+        counts: dict[str, int] = {}
+        here = set()
+        for one in moment.scene.drawn(player=player):
+            assert one.mesh is not None
+            path = f"app/{one.path.replace(' ', '_')}/{one.id}"
+            counts[path] = counts.get(path, 0) + 1
+            own = f"{path}_{counts[path]}"
+            here.add(own)
+            known = self._known.setdefault(own, {})
+            color = (255 * np.clip(one.color, 0.0, 1.0)).astype(np.uint8)
+            if self._changes(known, "mesh", one.mesh):
+                vertices, triangles = moment.scene.meshes[one.mesh].in_mujoco()
+                mesh = rerun.Mesh3D(
+                    vertex_positions=vertices.astype(np.float32),
+                    triangle_indices=triangles.astype(np.uint32),
+                    albedo_factor=color,
+                )
+                stream.log(own, mesh)
+                known["color"] = bytes(color)
+            elif self._changes(known, "color", bytes(color)):
+                stream.log(own, rerun.Mesh3D.from_fields(albedo_factor=color))
+            position, quat, scale = one.in_mujoco()
+            if self._changes(known, "place", np.concatenate([position, quat, scale]).tobytes()):
+                turn = rerun.Quaternion(xyzw=np.roll(quat, -1))
+                place = rerun.Transform3D(translation=position, rotation=turn, scale=scale)
+                stream.log(own, place)  # nothing lies below it that it would move, too
+        for gone in self._known.keys() - here:
+            stream.log(gone, rerun.Clear(recursive=False))
+            del self._known[gone]
+
+    @staticmethod
+    def _changes(known: dict[str, Any], what: str, now: Any) -> bool:
+        """Take in what an object is like now; whether it was otherwise."""
+        before, known[what] = known.get(what), now
+        return bool(before != now)

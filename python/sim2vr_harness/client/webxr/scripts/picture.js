@@ -222,6 +222,19 @@
     const original = real[name] = proto[name];
     proto[name] = function (...args) { if (!unseen(this)) original.apply(this, args); };
   }
+  // A page that draws elsewhere, with more samples, and copies its picture copies the depth, too.
+  const copied = new WeakMap(); // context -> whether the depths are of a kind
+  const copy = proto.blitFramebuffer;
+  proto.blitFramebuffer = function (...args) {
+    copy.apply(this, args);
+    const mask = args[8];
+    const target = bound.get(this) ?? null;
+    if (!sim.drawing || target === null || layers.get(this)?.framebuffer !== target) return;
+    if (!(mask & this.COLOR_BUFFER_BIT) || mask & this.DEPTH_BUFFER_BIT) return;
+    if (copied.get(this) === false) return;
+    real.blitFramebuffer.call(this, ...args.slice(0, 8), this.DEPTH_BUFFER_BIT, this.NEAREST);
+    if (!copied.has(this)) copied.set(this, this.getError() === this.NO_ERROR);
+  };
   // An opaque framebuffer's depth is ours to read, whatever the page invalidates.
   for (const name of ['invalidateFramebuffer', 'invalidateSubFramebuffer']) {
     const original = proto[name];

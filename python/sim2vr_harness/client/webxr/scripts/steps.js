@@ -28,18 +28,34 @@
     await sim.turn();
   };
 
-  // What looks as if it led into VR, the likeliest first.
+  // Elements that listen to being clicked, whatever they look like.
+  const CLICKS = ['click', 'pointerdown', 'pointerup', 'mousedown', 'mouseup', 'touchend'];
+  const listening = new WeakSet();
+  const { addEventListener } = EventTarget.prototype;
+  EventTarget.prototype.addEventListener = function (type, ...rest) {
+    if (CLICKS.includes(type) && this instanceof Element) listening.add(this);
+    return addEventListener.call(this, type, ...rest);
+  };
+  const BUTTONS = 'button, a, input[type=button], input[type=submit], [role=button], [onclick], '
+    + '[class*=vr i], [id*=vr i]';
+  const elements = (root) => [...root.querySelectorAll('*')].flatMap(
+    (element) => [element, ...(element.shadowRoot ? elements(element.shadowRoot) : [])]);
+
+  // What looks as if it led into VR, the likeliest first; then what can be clicked at all.
   const doors = () => {
     const words = (element) => [
       element.id, element.className?.baseVal ?? element.className, element.title,
       element.getAttribute('aria-label'), element.value, element.textContent.slice(0, 80),
     ].filter((word) => typeof word === 'string').join(' ');
-    const all = [...document.querySelectorAll(
-      'button, a, input[type=button], input[type=submit], [role=button], [onclick], [class*=vr i], [id*=vr i]',
-    )].filter((element) => !element.disabled && !/^(html|body|a-scene|canvas)$/i.test(element.tagName));
+    const clickable = (element) => element.onclick || listening.has(element);
+    const all = elements(document).filter((element) => !element.disabled
+      && !/^(html|body|a-scene|canvas)$/i.test(element.tagName)
+      && (element.matches(BUTTONS) || clickable(element)));
     const likely = all.filter((element) => LIKELY.test(words(element)));
     const possible = all.filter((element) => !likely.includes(element) && POSSIBLE.test(words(element)));
-    return [...likely, ...possible];
+    const others = [...all, ...document.querySelectorAll('canvas'), document.body].filter(
+      (element) => !likely.includes(element) && !possible.includes(element) && clickable(element));
+    return [...likely, ...possible, ...others];
   };
   const knock = (element) => {
     for (const type of ['pointerdown', 'mousedown', 'pointerup', 'mouseup']) {

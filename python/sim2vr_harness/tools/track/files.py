@@ -1,0 +1,171 @@
+"""What remains of a tracked recording: tables, OpenSim's files, a summary, pictures."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.client.frames import position_to_app
+from sim2vr_harness.evaluation.data import export_opensim, read_data
+from sim2vr_harness.evaluation.data.columns import Column, columns_of, merged, number_table
+from sim2vr_harness.evaluation.data.folder import FOLDER, DataFolder
+from sim2vr_harness.evaluation.data.items import item_columns
+from sim2vr_harness.tools.track.picture import draw
+from sim2vr_harness.tools.track.tracking import Tracked
+from sim2vr_harness.training.run_folder import write_atomically
+
+__all__ = ["film", "write"]
+
+_SHORT = {"controller_right": "right", "controller_left": "left"}
+_WORDS = {"x": "right", "y": "up", "z": "forward"}
+_ABOUT = {
+    "episode": ("", "Name of the recording; key of the steps"),
+    "source": ("", "Where it was read"),
+    "body": ("", "Who followed it"),
+    "stature_m": ("m", "Stature that the body was cut to; none: its own"),
+    "stature_estimated": ("", "Whether that follows from the height of the head"),
+    "duration_s": ("s", "Length of the recording"),
+    "steps": ("", "User steps"),
+    "effort": ("reward", "Cost of effort, summed"),
+    "fatigued": ("", "Mean share of fatigued motor units at the end (3CC-r)"),
+}
+_ABOUT_HAND = {
+    "median_m": ("m", "Median error of the hand's place"),
+    "most_m": ("m", "95 % of the errors are below"),
+    "unreachable": ("", "Share of the steps whose place is beyond the joints' limits"),
+    "reachable_median_m": ("m", "Median error where the place is within reach"),
+    "reachable_most_m": ("m", "95 % of these are below"),
+    "layer_median_m": ("m", "Median error of the motor layer alone"),
+    "layer_most_m": ("m", "95 % of these are below"),
+}
+
+
+def write(tracked: Sequence[Tracked], out: Path) -> list[Path]:
+    """Write everything that can be said of recordings into a folder.
+
+    Args:
+        tracked: the recordings; of distinct names.
+        out: made if needed; files of the same names are replaced.
+
+    Returns:
+        Files and folders.
+    """
+    data = DataFolder(out / FOLDER)
+    rows = []
+    for one in tracked:
+        data.write_moments("steps", one.path.name, _steps(one))
+        rows.append(_row(one))
+    told = dict(_ABOUT)
+    for row in rows:
+        for name in row:
+            part = name.partition("_")
+            if part[0] in _SHORT.values() and part[2] in _ABOUT_HAND:
+                unit, about = _ABOUT_HAND[part[2]]
+                told[name] = (unit, f"{part[0].capitalize()} hand: {about}")
+    columns = merged([column for row in rows for column in columns_of(row, told)])
+    data.add({"episodes": (rows, columns), "events": ([], item_columns([]))})
+    names = [one.path.name for one in tracked]
+    files = [out / FOLDER]
+    export_opensim(read_data(out), out / "opensim", names)
+    files.append(out / "opensim")
+    for one in tracked:
+        files.append(draw(one, out / f"{one.path.name}.png"))
+    summary = out / "summary.json"
+    text = json.dumps({"recordings": [one.summary() for one in tracked]}, indent=1)
+    write_atomically(summary, f"{text}\n".encode())
+    return [*files, summary]
+
+
+def _row(one: Tracked) -> dict[str, Any]:
+    known = one.summary()
+    row = {name: known[name] for name in _ABOUT if name in known}
+    row = {"episode": one.path.name, **row}
+    for hand in one.hands:
+        short = _SHORT[hand.hand]
+        row |= {f"{short}_{name}": getattr(hand, name) for name in _ABOUT_HAND}
+    for who, outcome in one.outcomes.items():
+        prefix = who.replace(" ", "_")
+        row |= {
+            f"{prefix}_targets": outcome.targets,
+            f"{prefix}_hits": outcome.hits,
+            f"{prefix}_misses": outcome.misses,
+            f"{prefix}_hit_rate": outcome.hit_rate,
+        }
+    return row
+
+
+def _steps(one: Tracked) -> Any:
+    """The table of the user steps: as an evaluation's, with what was wanted beside it."""
+    followed = one.followed
+    columns, parts = list(followed.columns), [followed.values]
+    for hand in np.flatnonzero(followed.wanted.followed):
+        short = _SHORT[followed.wanted.hands[hand]]
+        columns += [
+            Column(
+                f"{short}_wanted_{axis}_m",
+                "single",
+                "m",
+                f"Where the {short} hand was recorded, in the body's world, {word}",
+            )
+            for axis, word in _WORDS.items()
+        ]
+        columns += [
+            Column(f"{short}_error_m", "single", "m", f"How far the {short} hand was from there"),
+            Column(
+                f"{short}_beyond_reach_m",
+                "single",
+                "m",
+                f"How far that is from what the {short} hand can reach within its joints' limits",
+            ),
+        ]
+        parts += [
+            position_to_app(followed.targets[:, hand]),
+            followed.errors_m[:, hand, None],
+            one.beyond_m[:, hand, None],
+        ]
+    columns.append(Column("effort_cost", "single", "reward", "Cost of the step's effort"))
+    parts.append(followed.effort[:, None])
+    counts = [
+        (Column("step", "integer", "", "User step, from 1; a key"), _count(followed.values)),
+        (
+            Column(
+                "time_s", "number", "s", "Since the recording's first moment, at the step's end"
+            ),
+            followed.times_s,
+        ),
+    ]
+    values = np.concatenate(parts, axis=1, dtype=np.float32)
+    return number_table(one.path.name, counts, values, columns)
+
+
+def _count(values: NDArray[np.float64]) -> NDArray[np.int64]:
+    return np.arange(1, len(values) + 1)
+
+
+def film(one: Tracked, file: Path, *, size: tuple[int, int] = (640, 480)) -> Path:
+    """Film how the body followed, muscles coloured by their activations: blue to red.
+
+    Args:
+        one: the recording.
+        file: the MP4 file.
+        size: width and height in pixels.
+    """
+    from sim2vr_harness.evaluation.video import Film
+    from sim2vr_harness.users.rendering import UserRenderer
+
+    followed = one.followed
+    made = Film(file, *size, fps=len(followed.values) / followed.times_s[-1])
+    try:
+        with UserRenderer(one.body, *size) as renderer:
+            camera = "side" if "side" in renderer.cameras else renderer.cameras[0]
+            for qpos, activations in zip(followed.qpos, followed.activations, strict=True):
+                made.add(renderer.render(qpos, camera=camera, activations=activations))
+    except BaseException:
+        made.discard()
+        raise
+    return made.finish()

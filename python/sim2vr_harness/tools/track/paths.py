@@ -1,0 +1,306 @@
+"""Paths of a person's head and hands, read from whatever recorded them.
+
+- Rounds of Whac-A-Mole (``evaluation/replay/recordings.py``): logs and packed rounds.
+- ``states.csv`` of any game, the original's logger's or ours.
+- A plain CSV file with a header (:func:`read_table_of_poses`).
+
+All end as poses in the app's frame (Unity: left-handed, x right, y up, z forward): position x y z
+in metres, rotation x y z w.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.errors import InputError, shown
+from sim2vr_harness.evaluation.replay.recordings import Recording, read_recordings
+from sim2vr_harness.evaluation.replay.state_log import StateLog, read_state_log
+from sim2vr_harness.files import file_name, read_text
+
+__all__ = [
+    "FRAMES",
+    "Frame",
+    "RecordedPath",
+    "first_of_play",
+    "read_paths",
+    "read_table_of_poses",
+]
+
+FloatArray = NDArray[np.float64]
+Frame = Literal["app", "openxr"]
+
+FRAMES: tuple[Frame, ...] = ("app", "openxr")
+"""Of plain CSV files. ``app``: Unity's, left-handed, z forward. ``openxr``: right-handed, z
+backward; x is to the right and y up in both."""
+
+_DEVICES = {
+    "headset": ("headset", "head"),
+    "controller_right": ("controller_right", "right"),
+    "controller_left": ("controller_left", "left"),
+}
+"""What columns of a CSV file may be called."""
+_PLACE, _TURN = ("x", "y", "z"), ("qx", "qy", "qz", "qw")
+_FURTHEST_M = 20.0
+"""Tracking spaces are smaller; numbers beyond are probably millimetres."""
+_LEAST_ROWS, _LONGEST_S = 3, 3600.0
+_PAUSE_S = 0.5
+"""A first gap this long is the countdown of a game, not movement."""
+_QUATERNION = 0.05
+"""How far from 1 the length of a quaternion may be."""
+
+
+@dataclass(frozen=True)
+class RecordedPath:
+    """How a person moved.
+
+    Attributes:
+        name: for files and tables.
+        source: where it was read.
+        times_s: (N,) rising, as recorded.
+        hands: device, such as ``controller_right`` -> (N, 7) poses in the app's frame.
+        headset: (N, 7), or None where it was not recorded.
+        turned: whether rotations were recorded; without, those here are none.
+        recording: the round of Whac-A-Mole that it is, with its events.
+    """
+
+    name: str
+    source: Path
+    times_s: FloatArray
+    hands: Mapping[str, FloatArray]
+    headset: FloatArray | None
+    turned: bool = True
+    recording: Recording | None = None
+
+    @property
+    def duration_s(self) -> float:
+        """From the first moment to the last."""
+        return float(self.times_s[-1] - self.times_s[0])
+
+
+def read_paths(path: Path, *, frame: Frame = "app") -> list[RecordedPath]:
+    """Read every recorded path at or below a place.
+
+    Args:
+        path: a recording, a folder of such, or a CSV file with a header.
+        frame: of a CSV file.
+
+    Raises:
+        InputError: it cannot be read; names file and line.
+    """
+    if not path.exists():
+        raise InputError("RECORDING", repr(str(path)), "a file or folder that exists")
+    if path.is_file() and path.suffix.lower() == ".csv":
+        if not path.name.endswith("states.csv"):
+            return [read_table_of_poses(path, frame)]
+        if not _is_round(path):
+            return [_of_log(path, read_state_log(path))]
+    if path.is_dir() and (path / "states.csv").is_file() and not _is_round(path / "states.csv"):
+        return [_of_log(path / "states.csv", read_state_log(path / "states.csv"))]
+    return [_of_round(recording) for recording in read_recordings([path])]
+
+
+def _is_round(states: Path) -> bool:
+    """Whether a log is one of Whac-A-Mole, with its targets beside it."""
+    events = states.with_name(states.name.removesuffix("states.csv") + "events.csv")
+    return events.is_file() and "target_" in read_text(events, "the events of a round")
+
+
+def _of_round(recording: Recording) -> RecordedPath:
+    first = first_of_play(recording.times_s)
+    hands = {"controller_right": recording.right[first:]}
+    if recording.left is not None:
+        hands = {"controller_left": recording.left[first:]}
+    times_s, rows = _rising(recording.times_s[first:])
+    return RecordedPath(
+        name=recording.name.replace("/", "-"),
+        source=recording.source,
+        times_s=times_s,
+        hands={name: poses[rows] for name, poses in hands.items()},
+        headset=recording.head[first:][rows],
+        recording=recording,
+    )
+
+
+def _of_log(file: Path, log: StateLog) -> RecordedPath:
+    first = first_of_play(log.times_s)
+    times_s, rows = _rising(log.times_s[first:])
+    if len(times_s) < _LEAST_ROWS:
+        raise InputError(file_name(file), f"{len(times_s)} moments", f"at least {_LEAST_ROWS}")
+    poses = {"controller_right": log.right, "controller_left": log.left}
+    hands = {name: rows_[first:][rows] for name, rows_ in poses.items() if _moves(rows_)}
+    if not hands:
+        raise InputError(file_name(file), "controllers that never move", "one that does")
+    plain = file.name == "states.csv"
+    name = file.parent.resolve().name if plain else file.stem
+    return RecordedPath(name, file, times_s, hands, log.head[first:][rows])
+
+
+def _moves(poses: FloatArray) -> bool:
+    """Whether a device was on; one that was off stays where it is."""
+    return bool(np.ptp(poses[:, :3], axis=0).max() > 1e-6)
+
+
+def first_of_play(times_s: FloatArray) -> int:
+    """The first row that is movement: 1 where a game's countdown comes after row 0."""
+    return int(len(times_s) > _LEAST_ROWS and times_s[1] - times_s[0] > _PAUSE_S)
+
+
+def _rising(times_s: FloatArray) -> tuple[FloatArray, NDArray[np.int64]]:
+    """Moments without repetitions (times are logged with seven digits), and their rows."""
+    kept, rows = np.unique(times_s, return_index=True)
+    return kept, rows
+
+
+# --- plain CSV -----------------------------------------------------------------------------------
+
+
+def read_table_of_poses(file: Path, frame: Frame = "app") -> RecordedPath:
+    """Read a CSV file with a header.
+
+    Columns, in any order: ``time_s``; ``controller_right_x``, ``_y``, ``_z`` (m), and if known
+    ``_qx``, ``_qy``, ``_qz``, ``_qw``; the same of ``controller_left`` and ``headset``. ``right``,
+    ``left`` and ``head`` are the same devices, and ``_x_m`` is ``_x``, as in the tables that
+    evaluations export. Other columns are ignored. What has no numbers in the first row was off.
+
+    Args:
+        file: the file.
+        frame: of its positions and rotations.
+
+    Raises:
+        InputError: names line and column.
+    """
+    lines = [
+        (number, line)
+        for number, line in enumerate(read_text(file, "recorded poses").splitlines(), start=1)
+        if line.strip(" ,;\t")
+    ]
+    if not lines:
+        raise InputError(file_name(file), "nothing", "a header and a row per moment")
+    header = [name.strip().strip('"').lower() for name in lines[0][1].lstrip("\ufeff").split(",")]
+    if "time_s" not in header:
+        expected = "a column time_s, and controller_right_x, _y and _z"
+        raise InputError(f"{file_name(file)}, line 1", shown(lines[0][1], 60), expected)
+    for name in header:
+        if name and header.count(name) > 1:
+            raise InputError(f"{file_name(file)}, line 1", f"{name} twice", "each column once")
+    columns = {device: _columns(file, header, device) for device in _DEVICES}
+    rows = _numbers(file, lines, header, columns)
+    times_s = rows[:, header.index("time_s")]
+    _check_times(file, lines, times_s)
+    poses: dict[str, FloatArray] = {}
+    turned = True
+    for device, found in columns.items():
+        if not found or np.isnan(rows[0, found[0]]):
+            continue
+        values = np.full((len(rows), 7), 0.0)
+        values[:, 6] = 1.0
+        values[:, : len(found)] = rows[:, found]
+        _check_places(file, lines, device, values)
+        if device != "headset":
+            turned = turned and len(found) == 7
+        poses[device] = _in_app_frame(values, frame)
+    headset = poses.pop("headset", None)
+    if not poses:
+        expected = "columns of a hand: controller_right_x, _y and _z, in m"
+        raise InputError(f"{file_name(file)}, line 1", shown(lines[0][1], 60), expected)
+    return RecordedPath(file.stem, file, times_s, poses, headset, turned)
+
+
+def _columns(file: Path, header: list[str], device: str) -> list[int]:
+    """Where the 3 or 7 numbers of a device are; none where it was not recorded."""
+    for name in _DEVICES[device]:
+        places = [_column(header, f"{name}_{part}") for part in _PLACE]
+        turns = [_column(header, f"{name}_{part}") for part in _TURN]
+        known = [column for column in (*places, *turns) if column is not None]
+        if not known:
+            continue
+        for parts, found in ((_PLACE, places), (_TURN, turns)):
+            missing = [part for part, at in zip(parts, found, strict=True) if at is None]
+            if missing and (parts is _PLACE or len(missing) < len(parts)):
+                got = f"no column {name}_{missing[0]}"
+                expected = f"{name}_{', _'.join(parts)}"
+                raise InputError(f"{file_name(file)}, line 1", got, expected)
+        return known
+    return []
+
+
+def _column(header: list[str], name: str) -> int | None:
+    for written in (name, f"{name}_m"):
+        if written in header:
+            return header.index(written)
+    return None
+
+
+def _numbers(
+    file: Path,
+    lines: list[tuple[int, str]],
+    header: list[str],
+    columns: Mapping[str, list[int]],
+) -> FloatArray:
+    """(N, C) what the columns that count have; NaN elsewhere, and of devices that were off."""
+    wanted = {header.index("time_s"), *(column for found in columns.values() for column in found)}
+    rows = np.full((len(lines) - 1, len(header)), np.nan)
+    off: dict[int, bool] = {}
+    for row, (number, line) in enumerate(lines[1:]):
+        cells = line.split(",")
+        for column in sorted(wanted):
+            cell = cells[column].strip().strip('"') if column < len(cells) else ""
+            if column != header.index("time_s") and not cell and off.setdefault(column, row == 0):
+                continue
+            off.setdefault(column, False)
+            rows[row, column] = _number(f"{file_name(file)}, line {number}", header[column], cell)
+    if len(rows) < _LEAST_ROWS:
+        raise InputError(file_name(file), f"{len(rows)} rows", f"at least {_LEAST_ROWS}")
+    return rows
+
+
+def _number(place: str, column: str, cell: str) -> float:
+    try:
+        value = float(cell)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise InputError(f"{place}, {column}", shown(cell, 30) if cell else "nothing", "a number")
+    return value
+
+
+def _check_times(file: Path, lines: list[tuple[int, str]], times_s: FloatArray) -> None:
+    back = np.flatnonzero(np.diff(times_s) <= 0.0)
+    if len(back):
+        i = int(back[0]) + 1
+        got = f"{times_s[i]:g} after {times_s[i - 1]:g}"
+        raise InputError(f"{file_name(file)}, line {lines[i + 1][0]}, time_s", got, "a later time")
+    if times_s[-1] - times_s[0] > _LONGEST_S:
+        got = f"{times_s[-1] - times_s[0]:g} s of movement"
+        expected = f"at most {_LONGEST_S:g} s; times are in seconds"
+        raise InputError(f"{file_name(file)}, time_s", got, expected)
+
+
+def _check_places(
+    file: Path, lines: list[tuple[int, str]], device: str, values: FloatArray
+) -> None:
+    far = np.flatnonzero(np.abs(values[:, :3]).max(axis=1) > _FURTHEST_M)
+    if len(far):
+        place = f"{file_name(file)}, line {lines[int(far[0]) + 1][0]}, {device}"
+        got = f"{np.abs(values[far[0], :3]).max():g}"
+        raise InputError(place, got, f"metres, at most {_FURTHEST_M:g} from the origin")
+    length = np.linalg.norm(values[:, 3:], axis=1)
+    wrong = np.flatnonzero(np.abs(length - 1.0) > _QUATERNION)
+    if len(wrong):
+        place = f"{file_name(file)}, line {lines[int(wrong[0]) + 1][0]}, {device}"
+        got = f"a rotation of length {length[wrong[0]]:.3g}"
+        raise InputError(place, got, "a quaternion x y z w of length 1")
+
+
+def _in_app_frame(poses: FloatArray, frame: Frame) -> FloatArray:
+    """Poses (N, 7) of a frame, in the app's; a mirrored z turns the other way about x and y."""
+    if frame == "app":
+        return poses
+    return poses * np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0, 1.0])

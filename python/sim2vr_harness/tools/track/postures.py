@@ -1,0 +1,95 @@
+"""A posture to begin in, and whether places can be reached at all."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from sim2vr_harness.tools.reach.linkage import Linkage, Point
+from sim2vr_harness.tools.reach.solving import solve
+from sim2vr_harness.training.skills.layer import MotorLayer
+from sim2vr_harness.users import Body
+
+__all__ = ["REACHED_M", "beyond_reach_m", "posture_at"]
+
+FloatArray = NDArray[np.float64]
+
+REACHED_M = 0.01
+"""A place counts as reachable when the joints' limits let the controller come so near."""
+_TRIES = 200
+_DRAWN = 2
+"""Postures drawn for every place, beside the one that the body had, to look for its reach from."""
+_AS_NEAR_M = 2e-3
+_AXIS_WEIGHT = 4.0
+
+
+def posture_at(
+    layer: MotorLayer,
+    places: FloatArray,
+    axes: FloatArray,
+    followed: NDArray[np.bool_],
+    seed: int,
+) -> FloatArray:
+    """Return angles (J,) of a posture whose hands are at their places, or as near as they get.
+
+    Of many such postures it is one in the middle of the joints' ranges, whose hands point as asked.
+
+    Args:
+        layer: of the body.
+        places: (H, 3) MuJoCo's world, m.
+        axes: (H, 3) where the devices shall point; zeros: anywhere.
+        followed: (H,) whose places count.
+        seed: of the postures that are tried.
+    """
+    body = layer.body
+    rng = np.random.default_rng([seed, 41])
+    middle = body.joint_ranges.mean(axis=1)
+    posture = np.array([body.reset_rule.posture.get(j, 0.0) for j in body.independent_joints])
+    posture = np.clip(posture, *body.joint_ranges.T)
+    for hand in np.flatnonzero(followed):
+        linkage = Linkage(body, Point(layer.hands[hand]))
+        columns = [body.independent_joints.index(joint) for joint in linkage.joints]
+        low, high = linkage.limits.T
+        start = rng.uniform(low, high, (_TRIES, len(low)))
+        angles, far = solve(linkage, np.repeat(places[hand][None], _TRIES, axis=0), start)
+        tried = np.repeat(posture[None], _TRIES, axis=0)
+        tried[:, columns] = angles
+        strain = (((angles - middle[columns]) / (high - low)) ** 2).sum(axis=1)
+        if axes[hand].any():
+            with torch.no_grad():
+                flat = torch.from_numpy(tried).float()
+                poses = layer.places(flat, torch.zeros_like(flat))[0][:, hand]
+            forward = poses[:, :3, 0].double().numpy()
+            strain += _AXIS_WEIGHT * (1.0 - forward @ axes[hand])
+        strain[far > far.min() + _AS_NEAR_M] = np.inf
+        posture = tried[int(np.argmin(strain))]
+    return posture
+
+
+def beyond_reach_m(
+    body: Body, device: str, places: FloatArray, postures: FloatArray, seed: int = 1
+) -> FloatArray:
+    """(K,) how far places are from what a hand can reach within the joints' limits; 0: inside.
+
+    Strength, speed and collisions do not count. Looked for from the postures that the body had and
+    from others drawn at random.
+
+    Args:
+        body: the body.
+        device: of the hand.
+        places: (K, 3) MuJoCo's world, m.
+        postures: (K, J) angles of the independent joints, near by.
+        seed: of the postures drawn.
+    """
+    linkage = Linkage(body, Point(device))
+    columns = [body.independent_joints.index(joint) for joint in linkage.joints]
+    rng = np.random.default_rng([seed, 43])
+    _, far = solve(linkage, places, postures[:, columns], close_m=1e-4)
+    for _ in range(_DRAWN):
+        rows = np.flatnonzero(far > 0.5 * REACHED_M)
+        if len(rows):
+            low, high = linkage.limits.T
+            start = rng.uniform(low, high, (len(rows), len(columns)))
+            far[rows] = np.minimum(far[rows], solve(linkage, places[rows], start)[1])
+    return np.where(far < 1e-3, 0.0, far)

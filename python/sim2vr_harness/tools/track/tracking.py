@@ -1,0 +1,284 @@
+"""A recording from file to figures: who follows it, how near, and what it asks of the muscles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.envs.config import EnvConfig, body_of
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.tools.track.following import Followed, follow, wanted_of
+from sim2vr_harness.tools.track.outcomes import Outcome, outcomes
+from sim2vr_harness.tools.track.paths import RecordedPath
+from sim2vr_harness.tools.track.placing import (
+    Placement,
+    estimated_stature_m,
+    head_height_m,
+    place,
+)
+from sim2vr_harness.tools.track.postures import REACHED_M, beyond_reach_m
+from sim2vr_harness.training.skills.layer import MotorLayer
+from sim2vr_harness.users import Body, UserBatch
+
+__all__ = ["HandError", "MuscleLoad", "Settings", "Tracked", "track"]
+
+FloatArray = NDArray[np.float64]
+_PERCENT = 0.95
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How a recording is followed.
+
+    Attributes:
+        passes: goes at it; 1: the motor layer alone.
+        yaw: degrees to the right of the recorded forward that the person faces, or ``head``.
+        scale: of distances from the person's head.
+        offset_m: further shift of what is recorded in the body's world: forward, left, up.
+        stature_m: of the person; None: estimated where the person stood.
+        mass_kg: of the person; None: by the stature.
+        pointed: whether hands are to point as the person's did, too.
+        seed: of everything drawn.
+        play: whether the recorded game is played by the body's hand.
+    """
+
+    passes: int = 8
+    yaw: float | Literal["head"] = 0.0
+    scale: float = 1.0
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    stature_m: float | None = None
+    mass_kg: float | None = None
+    pointed: bool = False
+    seed: int = 1
+    play: bool = True
+
+
+@dataclass(frozen=True)
+class HandError:
+    """How near a hand was; places at the ends of the user steps.
+
+    Attributes:
+        hand: the device.
+        median_m: all steps.
+        most_m: 95 % of all steps are below.
+        unreachable: share of the steps whose place lies beyond the joints' limits by more than
+            ``REACHED_M``.
+        reachable_median_m: of the other steps; None without any.
+        reachable_most_m: 95 % of these are below.
+        layer_median_m: of the motor layer alone, without correction, all steps and hands.
+        layer_most_m: the same, 95 %.
+    """
+
+    hand: str
+    median_m: float
+    most_m: float
+    unreachable: float
+    reachable_median_m: float | None
+    reachable_most_m: float | None
+    layer_median_m: float
+    layer_most_m: float
+
+
+@dataclass(frozen=True)
+class MuscleLoad:
+    """What a muscle did.
+
+    Attributes:
+        muscle: its name.
+        mean: activation.
+        most: activation that 95 % of the time is below.
+        fatigued: share of its motor units that are fatigued at the end (3CC-r); None: unknown.
+    """
+
+    muscle: str
+    mean: float
+    most: float
+    fatigued: float | None
+
+
+@dataclass(frozen=True)
+class Tracked:
+    """A recording that a body has followed.
+
+    Attributes:
+        path: the recording.
+        body: who followed.
+        stature_m: that the body was cut to; None: its own.
+        estimated: whether that is an estimate.
+        placement: of the recorded world in the body's.
+        followed: what the body did.
+        beyond_m: (K, H) how far the wanted places are beyond reach; 0 of hands that rest.
+        hands: how near they were.
+        muscles: their loads, the most loaded first.
+        outcomes: of the game, by who played; empty where none was recorded.
+        settings: how.
+    """
+
+    path: RecordedPath
+    body: Body
+    stature_m: float | None
+    estimated: bool
+    placement: Placement
+    followed: Followed
+    beyond_m: FloatArray
+    hands: tuple[HandError, ...]
+    muscles: tuple[MuscleLoad, ...]
+    outcomes: dict[str, Outcome]
+    settings: Settings
+
+    @property
+    def fatigued(self) -> float | None:
+        """Mean share of fatigued motor units at the end."""
+        known = self.followed.fatigued
+        return None if known is None or known.shape[1] == 0 else float(known[-1].mean())
+
+    def summary(self) -> dict[str, Any]:
+        """Everything that is a number or a word, for ``summary.json``."""
+        followed, path = self.followed, self.path
+        return {
+            "name": path.name,
+            "source": str(path.source),
+            "body": self.body.name,
+            "stature_m": self.stature_m,
+            "stature_estimated": self.estimated,
+            "head_height_m": head_height_m(path),
+            "duration_s": path.duration_s,
+            "steps": len(followed.values),
+            "scale": self.placement.scale,
+            "turned_left_deg": float(np.degrees(self.placement.left_rad)),
+            "notes": list(self.placement.notes),
+            "passes": [asdict(one) for one in followed.passes],
+            "hands": [asdict(one) for one in self.hands],
+            "effort": float(followed.effort.sum()),
+            "effort_per_s": float(followed.effort.sum() / path.duration_s),
+            "fatigued": self.fatigued,
+            "muscles": [asdict(one) for one in self.muscles],
+            "game": {
+                name: asdict(one) | {"hit_rate": one.hit_rate}
+                for name, one in self.outcomes.items()
+            },
+            "settings": asdict(self.settings),
+        }
+
+
+def track(
+    path: RecordedPath,
+    env: EnvConfig,
+    layer_for: Callable[[Body, float], MotorLayer],
+    settings: Settings,
+    *,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> Tracked:
+    """Let a body follow a recording, without motor noise.
+
+    Args:
+        path: the recording.
+        env: the user's: body, person, effort.
+        layer_for: motor layer of a body, for user steps of this many seconds.
+        settings: how.
+        on_progress: told the share that is done.
+
+    Raises:
+        InputError: no motor layer fits the body, or it has none of the recorded hands.
+    """
+    env, stature_m, estimated = _cut(path, env, settings)
+    try:
+        body = body_of(env.user)
+    except ValueError as error:
+        raise InputError(
+            "--stature, --mass", str(error), "a body that can be cut to size"
+        ) from error
+    step_s = 1.0 / env.action_frequency_hz
+    layer = layer_for(body, step_s)
+    users = UserBatch(
+        body,
+        1,
+        threads=1,
+        effort=env.user.effort.model,
+        effort_params=env.user.effort.options(),
+        substeps=round(step_s / body.timestep),
+    )
+    placement = place(
+        path,
+        users.device_poses("headset")[0][0],
+        yaw=settings.yaw,
+        scale=settings.scale,
+        offset_m=np.array(settings.offset_m),
+    )
+    wanted = wanted_of(path, placement, layer.hands, step_s, pointed=settings.pointed)
+    followed = follow(
+        users, layer, wanted, passes=settings.passes, seed=settings.seed, on_progress=on_progress
+    )
+    beyond = np.zeros(followed.errors_m.shape)
+    for hand in np.flatnonzero(wanted.followed):
+        beyond[:, hand] = beyond_reach_m(
+            body, layer.hands[hand], followed.targets[:, hand], followed.angles, settings.seed
+        )
+    played = settings.play and path.recording is not None and bool(path.recording.events)
+    return Tracked(
+        path=path,
+        body=body,
+        stature_m=stature_m,
+        estimated=estimated,
+        placement=placement,
+        followed=followed,
+        beyond_m=beyond,
+        hands=_hands(followed, beyond),
+        muscles=_muscles(body, followed),
+        outcomes=outcomes(path.recording, placement, followed) if played and path.recording else {},
+        settings=settings,
+    )
+
+
+def _cut(
+    path: RecordedPath, env: EnvConfig, settings: Settings
+) -> tuple[EnvConfig, float | None, bool]:
+    """The environment with the person's body, its stature, and whether that is an estimate."""
+    own = env.user.person.stature_m
+    stature, estimated = settings.stature_m, False
+    if stature is None and own is None:
+        stature = estimated_stature_m(path)
+        estimated = stature is not None
+    changes = {"stature_m": stature, "mass_kg": settings.mass_kg}
+    known = {key: value for key, value in changes.items() if value is not None}
+    if not known:
+        return env, own, False
+    person = env.user.person.model_validate({**env.user.person.model_dump(), **known})
+    user = env.user.model_copy(update={"person": person})
+    return env.model_copy(update={"user": user}), person.stature_m, estimated
+
+
+def _hands(followed: Followed, beyond_m: FloatArray) -> tuple[HandError, ...]:
+    found = []
+    alone = followed.passes[0]
+    for hand in np.flatnonzero(followed.wanted.followed):
+        errors, beyond = followed.errors_m[:, hand], beyond_m[:, hand] > REACHED_M
+        near = errors[~beyond]
+        found.append(
+            HandError(
+                followed.wanted.hands[hand],
+                float(np.median(errors)),
+                float(np.quantile(errors, _PERCENT)),
+                float(beyond.mean()),
+                float(np.median(near)) if len(near) else None,
+                float(np.quantile(near, _PERCENT)) if len(near) else None,
+                alone.median_m,
+                alone.most_m,
+            )
+        )
+    return tuple(found)
+
+
+def _muscles(body: Body, followed: Followed) -> tuple[MuscleLoad, ...]:
+    found = []
+    for i, name in enumerate(body.muscles):
+        active = followed.activations[:, i]
+        tired = None if followed.fatigued is None else float(followed.fatigued[-1, i])
+        found.append(
+            MuscleLoad(name, float(active.mean()), float(np.quantile(active, _PERCENT)), tired)
+        )
+    return tuple(sorted(found, key=lambda load: -load.mean))

@@ -1,0 +1,115 @@
+"""From what users see, and a choice among it, to what their muscles do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from sim2vr_harness.training.skills.moves import MOVES, Choice, Mover
+from sim2vr_harness.training.skills.network import PlaceValues
+from sim2vr_harness.training.skills.past import PastPictures
+from sim2vr_harness.training.skills.sight import Sight, rotation
+
+__all__ = ["Chooser", "Scene"]
+
+
+@dataclass
+class Scene:
+    """What N users see and where they are, at a decision.
+
+    Attributes:
+        pictures: (N, 8, H, W) uint8, red, green, blue and depth now, and 0.2 s before.
+        head: (N, 3) m.
+        turned: (N, 9) rotation of the head.
+        tips: (N, H, 3) m.
+    """
+
+    pictures: NDArray[np.uint8]
+    head: NDArray[np.float32]
+    turned: NDArray[np.float32]
+    tips: NDArray[np.float32]
+
+    def rows(self, ids: Any) -> Scene:
+        """Of some users."""
+        return Scene(self.pictures[ids], self.head[ids], self.turned[ids], self.tips[ids])
+
+
+class Chooser:
+    """N users who see places and do something with them.
+
+    Args:
+        simulation: the users.
+        mover: of their hands.
+        past: what they see.
+    """
+
+    def __init__(self, simulation: Any, mover: Mover, past: PastPictures) -> None:
+        self._simulation, self.mover, self._past = simulation, mover, past
+        vision = simulation.config.vision
+        self.sight = Sight(vision.height, vision.width)
+
+    def _placed(self) -> tuple[Tensor, Tensor]:
+        angles, speeds, _ = self.mover.layer.motion(self._simulation.users)
+        with torch.inference_mode():
+            return self.mover.layer.places(angles, speeds)
+
+    def _head(self) -> NDArray[np.float32]:
+        head: NDArray[np.float32] = self._simulation.users.device_poses("headset")[0].astype("f4")
+        return head
+
+    def scene(self) -> Scene:
+        """Return what the users see now."""
+        turned = rotation(self._simulation.users.device_poses("headset")[1])
+        tips = self.mover.tips(self._placed()[0]).numpy()
+        return Scene(self._past.observe(), self._head(), turned.flatten(1).numpy(), tips)
+
+    def places(self, scene: Scene) -> Tensor:
+        """(N, 3, rows, columns) of what is seen, world, m."""
+        depth = torch.from_numpy(scene.pictures[:, 3])
+        head, turned = torch.from_numpy(scene.head), torch.from_numpy(scene.turned)
+        return self.sight.places(depth, head, turned.reshape(-1, 3, 3))
+
+    def values(self, net: PlaceValues, scene: Scene, places: Tensor) -> Tensor:
+        """(N, H, choices) what a network says that choices are worth."""
+        parts = (torch.from_numpy(part) for part in (scene.head, scene.tips))
+        values: Tensor = net(torch.from_numpy(scene.pictures), places, *parts)
+        return values
+
+    def choose(
+        self,
+        choice: Choice,
+        chosen: NDArray[np.int64],
+        places: Tensor,
+        changed: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Put choices into effect.
+
+        Args:
+            choice: changed in place.
+            chosen: (N, H) move * cells + cell; moves * cells is to rest.
+            places: (N, 3, rows, columns) of the cells.
+            changed: (N, H) whose choice is a new one; None: everybody's.
+        """
+        cells = self.sight.cells
+        number = torch.from_numpy(chosen)
+        resting = number == len(MOVES) * cells
+        new = torch.ones_like(resting) if changed is None else torch.from_numpy(changed)
+        flat = places.flatten(2).transpose(1, 2)
+        users = torch.arange(len(chosen))
+        for hand in range(chosen.shape[1]):
+            wanted = self.mover.within_reach(hand, flat[users, number[:, hand] % cells])
+            moves = (new & ~resting)[:, hand, None]
+            choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])
+        move = torch.where(resting, -1, number // cells)
+        choice.move = torch.where(new, move, choice.move)
+
+    def actions(self, choice: Choice) -> NDArray[np.float32]:
+        """(N, A) what the bodies do now for a choice."""
+        place, soon = self._placed()
+        goals = self.mover.goals(choice, torch.from_numpy(self._head()), place, soon)
+        return self.mover.layer.act(self._simulation.users, goals)

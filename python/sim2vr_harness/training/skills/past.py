@@ -1,0 +1,71 @@
+"""The headsets' pictures of the last moments, whatever the users themselves see of them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from sim2vr_harness.perception import Moment
+from sim2vr_harness.perception.wrappers import Ring
+
+__all__ = ["BEFORE_S", "PastPictures"]
+
+BEFORE_S = 0.2
+"""How far apart the two pictures are that are looked at, s."""
+
+
+class PastPictures:
+    """Colour and depth as the apps drew them; a ``Sense`` that watches N users.
+
+    Args:
+        simulation: the users; watched from their next reset on.
+        late_steps: user steps by which everything is seen late.
+    """
+
+    name, pauses, frame = "pictures of the last moments", (), -1
+    needs: str | None = None
+
+    def __init__(self, simulation: Any, late_steps: int = 0) -> None:
+        self._apps, self._late = simulation.apps, late_steps
+        vision = simulation.config.vision
+        shape = (vision.height, vision.width, 4)
+        self.space: spaces.Box[Any] = spaces.Box(0, 255, shape, np.uint8)
+        self.before = round(BEFORE_S * simulation.config.action_frequency_hz)
+        self._ring = Ring(self.name, simulation.n, self.space, late_steps + self.before)
+        simulation.watch(self)
+
+    def reset(self, ids: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:
+        """Let these users' next picture be their whole past."""
+        self._ring.forget(ids)
+
+    def glimpse(self, moment: Moment, substep: int) -> None:
+        """Nothing: pictures are drawn at the ends of user steps."""
+
+    def take(self, moment: Moment, ids: NDArray[np.int64] | None) -> None:
+        """Take in what has just been drawn."""
+        rows = range(len(self._apps)) if ids is None else ids
+        if len(rows):
+            self._ring.push(np.stack([_one_eye(self._apps[i].image) for i in rows]), ids)
+
+    def observe(self) -> NDArray[np.uint8]:
+        """(N, 8, H, W) red, green, blue and depth as seen now, and 0.2 s before."""
+        now, before = self._ring.ago(self._late), self._ring.ago(self._late + self.before)
+        both = np.concatenate([now, before], axis=3).transpose(0, 3, 1, 2)
+        return np.ascontiguousarray(both)
+
+    def get_state(self, i: int) -> dict[str, Any]:
+        """User i's past."""
+        return self._ring.get_state(i)
+
+    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
+        """Restore what :meth:`get_state` returned."""
+        self._ring.set_state(i, state)
+
+
+def _one_eye(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """(H, W, 4) of one eye, or of the left one of two."""
+    return image if image.ndim == 3 else image[0]

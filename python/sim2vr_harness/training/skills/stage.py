@@ -1,0 +1,415 @@
+"""The stages of the recipe ``skills``: a motor layer, if there is none, then looking and trying."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from sim2vr_harness.cores import budget
+from sim2vr_harness.envs.config import EnvConfig, body_of
+from sim2vr_harness.envs.simulation import Simulation, motor_noise
+from sim2vr_harness.errors import InputError, UnusableFile
+from sim2vr_harness.training.checkpoint import DAMAGE, in_words, read_tensors, write_tensors
+from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.training.finite import NotFinite, require_finite
+from sim2vr_harness.training.progress import View, duration
+from sim2vr_harness.training.run_folder import append_row, keep_rows
+from sim2vr_harness.training.skills.guide import SkillGuide
+from sim2vr_harness.training.skills.layer import MotorLayer
+from sim2vr_harness.training.skills.looking import Looker
+from sim2vr_harness.training.skills.moves import Mover
+from sim2vr_harness.training.skills.network import PlaceValues
+from sim2vr_harness.training.skills.postures import reachable_poses
+from sim2vr_harness.training.skills.practice import MotorPractice
+from sim2vr_harness.training.skills.shipped import (
+    load_motor_layer,
+    motor_layer_for,
+    save_motor_layer,
+)
+from sim2vr_harness.training.skills.sight import Sight
+from sim2vr_harness.training.skills.tool import find_tools
+from sim2vr_harness.training.stages import Callbacks
+from sim2vr_harness.training.threads import torch_threads
+
+__all__ = ["LookingStage", "MotorStage", "needs_practice"]
+
+_STATE, _LAYER, _LOG, _PICTURES, _VALUES = (
+    "state.pt",
+    "layer.pt",
+    "cycles.jsonl",
+    "pictures.bin",
+    "values.pt",
+)
+_LOOKING_RATE, _STUDENT_RATE, _PPO_RATE = 0.5, 0.8, 1.4
+"""User steps a second of the stages, relative to those of users who do nothing but step."""
+_SAVE_DECISIONS, _REPORT_DECISIONS = 100, 20
+_HOPELESS = 0.35
+"""Share of the stage after which a user should do better than one who does nothing."""
+
+
+def needs_practice(config: TrainingConfig) -> bool:
+    """Whether a run has to make its motor layer first."""
+    if config.skills.motor is not None:
+        return False
+    env = config.env
+    try:
+        motor_layer_for(body_of(env.user), 1.0 / env.action_frequency_hz)
+    except InputError:
+        return True
+    return False
+
+
+class MotorStage:
+    """See :class:`~sim2vr_harness.training.stages.Stage`.
+
+    Args:
+        config: of the run.
+        folder: of the stage.
+    """
+
+    name, unit = "motor", "cycles"
+    title = "hands learn to come where they are told (no motor layer ships for this body)."
+
+    def __init__(self, config: TrainingConfig, folder: Path) -> None:
+        self._config, self.folder = config, folder
+        self.total = float(config.skills.practice.cycles)
+        self._practice: MotorPractice | None = None
+        self._state: dict[str, Any] | None = None
+        self._cycles_saved = 0
+
+    @property
+    def layer_file(self) -> Path:
+        """Where the layer is, once there is one."""
+        return self.folder / _LAYER
+
+    @property
+    def begun(self) -> bool:
+        """See the protocol."""
+        return self.finished or (self.folder / _STATE).is_file()
+
+    @property
+    def finished(self) -> bool:
+        """See the protocol."""
+        return self.layer_file.is_file()
+
+    @property
+    def saved(self) -> str:
+        """See the protocol."""
+        return f"cycle {self._cycles_saved} of {self.total:.0f}" if self._cycles_saved else ""
+
+    def open(self) -> None:
+        """See the protocol."""
+        config = self._config
+        env = config.env
+        self._practice = MotorPractice(
+            config.skills.practice,
+            body_of(env.user),
+            1.0 / env.action_frequency_hz,
+            noise=motor_noise(env.user.noise),
+            threads=budget(env.cores),
+            seed=config.seed,
+        )
+
+    def run(self, callbacks: Callbacks) -> None:
+        """See the protocol."""
+        practice = self._practice
+        assert practice is not None
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if (self.folder / _STATE).is_file():
+            _restored(practice, self.folder / _STATE, "the state of a motor layer's practice")
+            callbacks.say(f"Continuing after cycle {practice.cycle}.")
+        self._cycles_saved = practice.cycle
+        log = self.folder / _LOG
+        keep_rows(log, lambda row: row["cycle"] <= practice.cycle)
+        known: dict[str, float] = {}
+        cycle_s: float | None = None
+        while not practice.finished:
+            began, cycle = time.monotonic(), practice.cycle
+
+            def show(doing: str, share: float) -> None:
+                left = None if cycle_s is None else (self.total - cycle - share) * cycle_s  # noqa: B023
+                text = f"cycle {cycle + 1} of {self.total:.0f}: {doing}"  # noqa: B023
+                callbacks.show(lambda: View(cycle + share, text, left))  # noqa: B023
+
+            report = practice.step(show)
+            if cycle > 0:
+                cycle_s = time.monotonic() - began
+            known = asdict(report)
+            append_row(log, known)
+            self._state = practice.state()
+            self.save()
+            callbacks.say(
+                f"Cycle {report.cycle}/{self.total:.0f}: arrives {1000 * report.place_m:.0f} mm "
+                f"from its goals and {report.speed_mps:.2f} m/s from the speeds asked for, follows "
+                f"{1000 * report.follow_m:.0f} mm beside its paths (medians)"
+            )
+            callbacks.report(report.cycle, known)
+        save_motor_layer(self.layer_file, practice.layer, **known)
+        self.tidy()
+
+    def save(self) -> None:
+        """See the protocol."""
+        if self._state is not None:
+            assert self._practice is not None
+            write_tensors(self.folder / _STATE, self._state)
+            self._state, self._cycles_saved = None, self._practice.cycle
+
+    def tidy(self) -> None:
+        """See the protocol."""
+        (self.folder / _STATE).unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """See the protocol."""
+        self._practice = self._state = None
+
+
+class LookingStage:
+    """See :class:`~sim2vr_harness.training.stages.Stage`.
+
+    Args:
+        config: of the run.
+        folder: of the stage.
+        motor: the run's own motor layer, if it makes one.
+    """
+
+    name, unit = "looking", "user steps"
+    title = "hands try what is worth doing with what is seen."
+
+    def __init__(self, config: TrainingConfig, folder: Path, motor: MotorStage | None) -> None:
+        self._config, self.folder, self._motor = config, folder, motor
+        self.total = float(config.skills.looking.user_steps)
+        self._simulation: Simulation | None = None
+        self._looker: Looker | None = None
+        self._state: dict[str, Any] | None = None
+        self._steps_saved = 0
+
+    @property
+    def begun(self) -> bool:
+        """See the protocol."""
+        return self.finished or (self.folder / _STATE).is_file()
+
+    @property
+    def finished(self) -> bool:
+        """See the protocol."""
+        return (self.folder / _VALUES).is_file()
+
+    @property
+    def saved(self) -> str:
+        """See the protocol."""
+        done = self._steps_saved
+        return f"{done:,} of {self.total:,.0f} user steps" if done else ""
+
+    def _layer(self) -> MotorLayer:
+        env, given = self._config.env, self._config.skills.motor
+        body, step_s = body_of(env.user), 1.0 / env.action_frequency_hz
+        if given is not None:
+            return load_motor_layer(Path(given), body, step_s)
+        if self._motor is not None:
+            return load_motor_layer(self._motor.layer_file, body, step_s)
+        return motor_layer_for(body, step_s)
+
+    def guide(self, simulation: Simulation) -> SkillGuide:
+        """Return a teacher of a student, once the stage is over."""
+        state = read_tensors(self.folder / _VALUES, "what is worth doing")
+        layer = self._layer()
+        tip: Tensor = state["tip"]
+        mover = Mover(layer, tip, reachable_poses(layer, self._config.seed))
+        vision = self._config.env.vision
+        config = self._config.skills.looking
+        net = PlaceValues(Sight(vision.height, vision.width), len(tip), width=config.width)
+        net.load_state_dict(state["values"])
+        return SkillGuide(net, mover, simulation)
+
+    def open(self) -> None:
+        """See the protocol."""
+        config = self._config.skills.looking
+        self._simulation = Simulation(_seeing(self._config.env), config.users)
+
+    def run(self, callbacks: Callbacks) -> None:
+        """See the protocol."""
+        simulation, seed = self._simulation, self._config.seed
+        assert simulation is not None
+        self.folder.mkdir(parents=True, exist_ok=True)
+        layer = self._layer()
+        poses = reachable_poses(layer, seed)
+        with torch_threads(1):
+            tip, before = self._prepared(simulation, layer, poses, callbacks)
+            looker = self._looker = Looker(
+                self._config.skills.looking,
+                simulation,
+                Mover(layer, tip, poses),
+                self.folder / _PICTURES,
+                seed=seed,
+            )
+            if (self.folder / _STATE).is_file():
+                _restored(looker, self.folder / _STATE, "the state of looking and trying")
+                callbacks.say(f"Continuing with {looker.step_count:,} user steps.")
+            self._steps_saved = looker.step_count
+            log = self.folder / _LOG
+            keep_rows(log, lambda row: row["step"] <= looker.step_count)
+            self._learn(looker, callbacks, log, before)
+        learned = {"values": looker.net.state_dict(), "tip": tip}
+        write_tensors(self.folder / _VALUES, learned)
+        self.tidy()
+
+    def _prepared(
+        self, simulation: Simulation, layer: MotorLayer, poses: Tensor, callbacks: Callbacks
+    ) -> tuple[Tensor, dict[str, float]]:
+        """The tips of the hands, and what is earned by who does nothing, per minute."""
+        file = self.folder / "before.pt"
+        if file.is_file():
+            known = read_tensors(file, "what was found before trying")
+            return known["tip"], {name: float(v) for name, v in known["earned"].items()}
+        tools = find_tools(simulation, layer, poses, seed=self._config.seed)
+        tip = torch.tensor(np.array([tool.tip for tool in tools]), dtype=torch.float32)
+        for hand, tool in zip(layer.hands, tools, strict=True):
+            far = float(np.linalg.norm(tool.tip))
+            held = f"something that reaches {100 * far:.0f} cm" if far else "nothing that is seen"
+            callbacks.say(f"In the hand of {hand}: {held}.")
+        began = time.monotonic()
+        earned = {
+            "still": _earned(simulation, self._config, moving=False),
+            "random": _earned(simulation, self._config, moving=True),
+        }
+        seconds = self._config.skills.baseline_seconds
+        steps = 2.0 * seconds * self._config.env.action_frequency_hz * simulation.n
+        if steps:
+            rate = steps / (time.monotonic() - began)
+            callbacks.say(_expected(self._config, rate))
+        callbacks.say(
+            f"Reward of the app per minute: {earned['still']:.2f} for who sits still, "
+            f"{earned['random']:.2f} for who moves at random."
+        )
+        write_tensors(file, {"tip": tip, "earned": {k: torch.tensor(v) for k, v in earned.items()}})
+        return tip, earned
+
+    def _learn(
+        self, looker: Looker, callbacks: Callbacks, log: Path, before: Mapping[str, float]
+    ) -> None:
+        began, first, decisions = time.monotonic(), looker.step_count, 0
+        doing = "trying at random"
+        warned = False
+        while not looker.finished:
+            report = looker.step()
+            decisions += 1
+            done = looker.step_count
+            elapsed = time.monotonic() - began
+            left = (self.total - done) * elapsed / max(1, done - first)
+            callbacks.show(lambda: View(done, doing, left))  # noqa: B023
+            if decisions % _REPORT_DECISIONS == 0 or looker.finished:
+                rate = (done - first) / elapsed
+                doing = (
+                    f"step {done:,}, reward per minute {report.reward:.2f} (still "
+                    f"{before['still']:.2f}, random {before['random']:.2f}), "
+                    f"{100 * report.explore:.0f} % tries ({rate:,.0f} steps/s)"
+                )
+                row = asdict(report) | {"step": done}
+                row["loss"] = None if math.isnan(report.loss) else report.loss
+                append_row(log, row)
+                callbacks.report(done, row)
+            if decisions % _SAVE_DECISIONS == 0 or looker.finished:
+                self._remember(looker)
+                self.save()
+            if not warned and done > _HOPELESS * self.total:
+                warned = True
+                _warn(report.reward, before, looker, callbacks)
+        callbacks.say("Looking: " + doing)
+
+    def _remember(self, looker: Looker) -> None:
+        state = looker.state()
+        file = self.folder / _STATE
+        learned = {"values": state["net"], "optimizer": state["optimizer"]}
+        where = f"after {looker.step_count:,} user steps"
+        require_finite(learned, where, file if file.is_file() else None)
+        self._state = state
+
+    def save(self) -> None:
+        """See the protocol."""
+        looker = self._looker
+        if self._state is None or looker is None:
+            return
+        write_tensors(self.folder / _STATE, self._state)
+        self._state, self._steps_saved = None, looker.step_count
+
+    def tidy(self) -> None:
+        """See the protocol: pictures and the state, which nobody needs any more."""
+        self._state = None
+        for name in (_STATE, _PICTURES):
+            (self.folder / name).unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """See the protocol."""
+        if self._simulation is not None:
+            self._simulation.close()
+        self._simulation = self._looker = self._state = None
+
+
+def _seeing(env: EnvConfig) -> EnvConfig:
+    """The users of this stage look at the whole picture themselves; nothing else is drawn."""
+    vision = env.vision.model_copy(update={"foveation": None, "eyes": 1})
+    return env.model_copy(update={"vision": vision})
+
+
+def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> float:
+    """Reward of the app per minute for users who have not learned anything."""
+    seconds = config.skills.baseline_seconds
+    steps = round(seconds * config.env.action_frequency_hz)
+    if steps == 0:
+        return 0.0
+    n, rng = simulation.n, np.random.default_rng([config.seed, 57])
+    simulation.reset(seeds=[int(rng.integers(2**31)) for _ in range(n)])
+    size = simulation.action_space.shape[0]
+    total = 0.0
+    for _ in range(steps):
+        action = (
+            np.clip(rng.standard_normal((n, size)), -1.0, 1.0) if moving else np.zeros((n, size))
+        )
+        result = simulation.step(action.astype(np.float32))
+        total += float(result.game_reward.mean())
+        ended = np.flatnonzero(result.terminated | result.truncated)
+        if len(ended):
+            simulation.reset(ids=[int(i) for i in ended])
+    return total * 60.0 / seconds
+
+
+def _expected(config: TrainingConfig, rate: float) -> str:
+    """One line: how long a run will take whose users take so many steps a second, and see."""
+    looking = config.skills.looking.user_steps / (_LOOKING_RATE * rate)
+    student = config.student.frames / (_STUDENT_RATE * rate)
+    alone = config.total_timesteps / (_PPO_RATE * rate)
+    parts = [f"{duration(seconds)}" for seconds in (looking, student, alone)]
+    return (
+        f"This machine takes {rate:,.0f} user steps a second with this app: expect about "
+        f"{parts[0]} of trying, {parts[1]} for the student and {parts[2]} of PPO."
+    )
+
+
+def _warn(reward: float, before: Mapping[str, float], looker: Looker, callbacks: Callbacks) -> None:
+    """Say so where nothing is learned, and what to look at."""
+    best = max(before.values())
+    if reward > best + 0.05 * abs(best):
+        return
+    earned, within = looker.diagnosis()
+    callbacks.say(
+        f"Nothing is being learned yet: {reward:.2f} per minute, {best:.2f} without learning. "
+        f"{100 * earned:.1f} % of the decisions were rewarded and {100 * within:.0f} % of what is "
+        "seen near is within reach. Check where the app puts things (sim2vr-harness snapshot, "
+        "reach), that they are seen against their background, and what the reward is for "
+        "(sim2vr-harness rewards)."
+    )
+
+
+def _restored(part: Any, file: Path, what: str) -> None:
+    state = read_tensors(file, what)
+    try:
+        part.load_state(state)
+    except (*DAMAGE, NotFinite) as error:
+        raise UnusableFile(file, in_words(error), what) from error

@@ -1,0 +1,161 @@
+"""What is in the hand: points of the picture that move as a device does.
+
+Nobody says what an app fixes to a controller. While the hands move about, every visible point is
+put into each device's frame; what stays where it is there, wherever the hand is, belongs to it.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from sim2vr_harness.training.skills.exercises import Exercises
+from sim2vr_harness.training.skills.layer import MotorLayer
+from sim2vr_harness.training.skills.sight import FAR_M, rotation
+
+__all__ = ["Tool", "find_tools"]
+
+_STEPS, _EVERY = 90, 3
+_VOXEL_M, _HALF_M = 0.03, 1.35
+_SIDE = 2 * round(_HALF_M / _VOXEL_M)
+_NEAR_M = 2.5
+_OFTEN = 0.1
+"""Share of the pictures in which a part of a tool is seen, at least."""
+_STAYS = 0.5
+"""Share of the times that it could be seen."""
+_MARGIN_M = 0.08
+_JOINED_M, _AT_HAND_M = 0.1, 0.15
+"""What is in the hand hangs together, gaps no wider than this, and begins at the hand."""
+_END_M = 0.045
+"""The tip is the middle of the last so many metres of what is in the hand."""
+
+
+class Tool:
+    """What is fixed to a device.
+
+    Attributes:
+        points: (K, 3) where it is, in the device's frame (x forward, y left, z up), m.
+        tip: (3,) the middle of its far end; 0 where nothing is seen in the hand.
+    """
+
+    def __init__(self, points: NDArray[np.float64]) -> None:
+        self.points = points
+        self.tip: NDArray[np.float64] = np.zeros(3)
+        if len(points):
+            far = np.linalg.norm(points, axis=1)
+            self.tip = np.asarray(points[far > far.max() - _END_M].mean(0))
+
+
+def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) -> list[Tool]:
+    """Return what each hand holds, of users who move their hands about for some seconds.
+
+    The users' present rounds are lost.
+
+    Args:
+        simulation: N users who see.
+        layer: of their body.
+        poses: (P, H, 4, 4) places that the devices can be at.
+        seed: of where they move.
+    """
+    n, hands = simulation.n, len(layer.hands)
+    simulation.reset(seeds=[seed + i for i in range(n)])
+    exercises = Exercises(poses, n, layer.step_s, seed)
+    exercises.tools = False
+    exercises.start(torch.arange(n), _placed(simulation, layer)[0])
+    seen: list[tuple[NDArray[np.float32], NDArray[np.float64], Tensor, Tensor]] = []
+    for step in range(_STEPS):
+        result = simulation.step(layer.act(simulation.users, exercises.goals))
+        exercises.step(*_placed(simulation, layer))
+        ended = np.flatnonzero(result.terminated | result.truncated)
+        if len(ended):
+            simulation.reset(ids=[int(i) for i in ended])
+        if step % _EVERY == 0:
+            depth = np.stack([np.asarray(app.image)[..., 3] for app in simulation.apps])
+            head, quaternion = simulation.users.device_poses("headset")
+            far = (depth.astype(np.float32) + 0.5) * (FAR_M / 255.0)
+            seen.append((far, head, rotation(quaternion), _placed(simulation, layer)[0]))
+    return [_found(seen, hand) for hand in range(hands)]
+
+
+def _placed(simulation: Any, layer: MotorLayer) -> tuple[Tensor, Tensor]:
+    angles, speeds, _ = layer.motion(simulation.users)
+    with torch.inference_mode():
+        return layer.places(angles, speeds)
+
+
+def _found(seen: list[Any], hand: int) -> Tool:
+    hits = np.zeros(_SIDE**3)
+    pictures = 0
+    views = []
+    for far, head, turned, place in seen:
+        for i in range(len(far)):
+            to_device = torch.linalg.inv(place[i, hand]).numpy().astype(np.float64)
+            camera = np.eye(4)
+            camera[:3, :3], camera[:3, 3] = turned[i].numpy(), head[i]
+            hits[_voxels_of(far[i], to_device @ camera)] += 1.0
+            views.append((far[i], np.linalg.inv(camera) @ place[i, hand].numpy()))
+            pictures += 1
+    often = np.flatnonzero(hits > _OFTEN * pictures)
+    if not len(often):
+        return Tool(np.zeros((0, 3)))
+    centers = _centers(often)
+    through = np.zeros(len(often))
+    for far, to_camera in views:
+        through += _seen_through(far, centers @ to_camera[:3, :3].T + to_camera[:3, 3])
+    stays = hits[often] / np.maximum(1.0, hits[often] + through)
+    return Tool(_joined(centers[stays > _STAYS]))
+
+
+def _joined(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Those of points (K, 3) from which others lead to the device."""
+    known = np.linalg.norm(points, axis=1) < _AT_HAND_M
+    if not known.any():
+        return points[:0]
+    near = np.linalg.norm(points[:, None] - points[None], axis=2) < _JOINED_M
+    while True:
+        more = near[known].any(0)
+        if (more == known).all():
+            return points[known]
+        known = more
+
+
+def _voxels_of(far: NDArray[np.float32], to_device: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Voxels of a device's frame in which something is seen."""
+    height, width = far.shape
+    focal = 0.5 * height
+    y, x = np.mgrid[0:height, 0:width] + 0.5
+    near = far < _NEAR_M
+    d = far[near].astype(np.float64)
+    local = np.stack(
+        [d, -(x[near] - 0.5 * width) / focal * d, -(y[near] - 0.5 * height) / focal * d], 1
+    )
+    points = local @ to_device[:3, :3].T + to_device[:3, 3]
+    index = np.floor((points + _HALF_M) / _VOXEL_M).astype(np.int64)
+    inside = ((index >= 0) & (index < _SIDE)).all(1)
+    kept = index[inside]
+    unique: NDArray[np.int64] = np.unique((kept[:, 0] * _SIDE + kept[:, 1]) * _SIDE + kept[:, 2])
+    return unique
+
+
+def _centers(voxels: NDArray[np.int64]) -> NDArray[np.float64]:
+    parts = np.stack([voxels // _SIDE**2, voxels // _SIDE % _SIDE, voxels % _SIDE], 1)
+    centers: NDArray[np.float64] = (parts.astype(np.float64) + 0.5) * _VOXEL_M - _HALF_M
+    return centers
+
+
+def _seen_through(far: NDArray[np.float32], points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether the picture shows something behind points (K, 3) of the camera's frame."""
+    height, width = far.shape
+    focal = 0.5 * height
+    ahead = points[:, 0] > 0.05
+    depth = np.where(ahead, points[:, 0], 1.0)
+    column = np.floor(0.5 * width - points[:, 1] / depth * focal).astype(np.int64)
+    row = np.floor(0.5 * height - points[:, 2] / depth * focal).astype(np.int64)
+    visible = ahead & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    behind = far[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+    through: NDArray[np.bool_] = visible & (behind > depth + _MARGIN_M)
+    return through

@@ -1,0 +1,198 @@
+"""The recipe ``skills`` on a running app, small."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.training.skills.config import LookingConfig, MotorPracticeConfig
+from sim2vr_harness.training.skills.goals import MOMENT_S
+from sim2vr_harness.training.skills.layer import MotorLayer
+from sim2vr_harness.training.skills.looking import Looker
+from sim2vr_harness.training.skills.moves import MOVES, Choice, Mover
+from sim2vr_harness.training.skills.postures import reachable_poses
+from sim2vr_harness.training.skills.practice import MotorPractice
+from sim2vr_harness.training.skills.shipped import (
+    load_motor_layer,
+    motor_layer_for,
+    save_motor_layer,
+)
+from sim2vr_harness.training.skills.tool import find_tools
+from sim2vr_harness.users import UserBatch, load_body
+
+pytest.importorskip("sim2vr_harness._app_runtime")
+
+STEP_S = 0.05
+
+
+@pytest.fixture(scope="module")
+def layer() -> MotorLayer:
+    return motor_layer_for(load_body("mobl_arms_wrist"), STEP_S)
+
+
+def test_a_shipped_layer_brings_the_hand_to_places_and_stops_there(layer: MotorLayer) -> None:
+    """Places before the right shoulder, m; what it reached when it was made was 0.01."""
+    places = torch.tensor([[0.44, -0.2, 1.1], [0.44, -0.4, 1.0], [0.3, -0.2, 0.9]])
+    bodies = UserBatch(layer.body, 3, threads=1, effort="zero")
+    bodies.reset(range(3), [np.random.default_rng(i) for i in range(3)])
+    choice = Choice(3, 1)
+    choice.move[:] = MOVES.index("touch")
+    choice.place[:, 0] = places
+    mover = Mover(layer, torch.zeros(1, 3), reachable_poses(layer, 1))
+    for _ in range(40):
+        angles, speeds, _ = layer.motion(bodies)
+        head = torch.from_numpy(bodies.device_poses("headset")[0]).float()
+        goals = mover.goals(choice, head, *layer.places(angles, speeds))
+        bodies.step(layer.act(bodies, goals))
+    angles, speeds, _ = layer.motion(bodies)
+    hand = layer.places(angles, speeds)[0][:, 0, :3, 3]
+    true = torch.from_numpy(bodies.device_poses("controller_right")[0]).float()
+    assert torch.allclose(hand, true, atol=1e-3)  # the chain is the body's
+    away = (places - head) / (places - head).norm(dim=1, keepdim=True)
+    off = (hand - (places + 0.015 * away)).norm(dim=1)  # a touch goes 15 mm deeper
+    assert float(off.max()) < 0.04
+
+
+def test_a_push_goes_through_its_place_away_from_the_head(layer: MotorLayer) -> None:
+    mover = Mover(layer, torch.zeros(1, 3), reachable_poses(layer, 1))
+    choice = Choice(1, 1)
+    choice.move[:] = MOVES.index("push")
+    choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
+    place = torch.eye(4)[None, None].clone()
+    place[0, 0, :3, 3] = torch.tensor([0.2, 0.0, 1.2])
+    head = torch.tensor([[0.0, 0.0, 1.2]])
+    goals = mover.goals(choice, head, place, place)
+    assert goals.velocity[0, 0].tolist() == pytest.approx([2.5, 0.0, 0.0])
+    assert goals.left_s[0, 0].item() == pytest.approx(0.3 / 1.2)
+    choice.move[:] = MOVES.index("up right")
+    choice.place[0, 0] = torch.tensor([0.2, -0.3, 1.5])  # 0.42 m to go, up to the right
+    swung = mover.goals(choice, head, place, place).velocity[0, 0]
+    half = 2.0 * 0.5**0.5
+    assert swung.tolist() == pytest.approx([0.0, -half, half])  # y is to the left
+
+
+def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorLayer) -> None:
+    mover = Mover(layer, torch.zeros(1, 3), reachable_poses(layer, 1))
+    choice = Choice(1, 1)
+    choice.move[:] = MOVES.index("push")
+    choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
+    head, near = torch.tensor([[0.0, 0.0, 1.2]]), torch.eye(4)[None, None].clone()
+    near[0, 0, :3, 3] = torch.tensor([0.45, 0.0, 1.2])
+    still = mover.goals(choice, head, near, near)
+    assert still.place[0, 0].tolist() == pytest.approx([0.5 - 1.25 * 0.3, 0.0, 1.2])
+    assert not still.velocity.any()
+    soon = near.clone()
+    soon[0, 0, 0, 3] += 2.0 * MOMENT_S  # 2 m/s towards it
+    fast = mover.goals(choice, head, near, soon)
+    assert fast.place[0, 0].tolist() == pytest.approx([0.5, 0.0, 1.2])
+    assert fast.velocity[0, 0, 0].item() == pytest.approx(2.5)
+
+
+def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorLayer) -> None:
+    mover = Mover(layer, torch.zeros(1, 3), reachable_poses(layer, 1))
+    near = torch.tensor([[0.4, -0.25, 1.1]])
+    assert torch.equal(mover.within_reach(0, near), near)
+    far = mover.within_reach(0, torch.tensor([[3.0, -0.25, 1.1]]))[0]
+    assert far[0] < 1.0
+    assert far[1:].tolist() == pytest.approx([-0.25, 1.1], abs=0.12)
+
+
+def env(game: str) -> EnvConfig:
+    channels = ("red", "green", "blue", "depth")
+    return EnvConfig(app=AppConfig(game=game), vision=VisionConfig(channels=channels), cores=1)
+
+
+def test_the_hammer_is_found_in_the_hand(layer: MotorLayer) -> None:
+    """Its head is 8.3 cm before the controller (shared facts, whacamole.md, 5)."""
+    simulation = Simulation(env("whacamole"), 12)
+    (tool,) = find_tools(simulation, layer, reachable_poses(layer, 1), seed=1)
+    simulation.close()
+    assert np.linalg.norm(tool.tip - [0.083, -0.010, 0.002]) < 0.06
+
+
+def test_an_empty_hand_holds_nothing(layer: MotorLayer) -> None:
+    simulation = Simulation(env("sample"), 4)
+    (tool,) = find_tools(simulation, layer, reachable_poses(layer, 1), seed=1)
+    simulation.close()
+    assert not tool.tip.any()
+
+
+SMALL = LookingConfig(
+    users=3, user_steps=240, try_steps=90, explore_steps=100, batch_size=8, decide_steps=3
+)
+
+
+def looker(layer: MotorLayer, folder: Path) -> Looker:
+    folder.mkdir(exist_ok=True)
+    simulation = Simulation(env("sample"), SMALL.users)
+    mover = Mover(layer, torch.zeros(1, 3), reachable_poses(layer, 1))
+    return Looker(SMALL, simulation, mover, folder / "pictures.bin", seed=2)
+
+
+def test_looking_goes_on_from_a_state_to_the_bit(layer: MotorLayer, tmp_path: Path) -> None:
+    whole = looker(layer, tmp_path / "whole")
+    while not whole.finished:
+        last = whole.step()
+    parts = looker(layer, tmp_path / "parts")
+    for _ in range(15):
+        parts.step()
+    state = parts.state()
+    parts.step()  # lost
+    again = looker(layer, tmp_path / "parts")
+    again.load_state(state)
+    while not again.finished:
+        report = again.step()
+    assert report == last
+    for name, values in whole.net.state_dict().items():
+        assert torch.equal(values, again.net.state_dict()[name]), name
+    assert whole.explore == pytest.approx(SMALL.explore_last, abs=0.1) or whole.explore < 0.9
+    for one in (whole, parts, again):
+        one.simulation.close()
+
+
+TINY = MotorPracticeConfig(
+    cycles=2,
+    bodies=4,
+    first_play_steps=12,
+    play_steps=6,
+    first_fit_minibatches=20,
+    fit_minibatches=20,
+    body_width=16,
+    width=16,
+    users=8,
+    updates=3,
+    window_steps=4,
+)
+
+
+def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
+    body = load_body("mobl_arms_wrist")
+    whole = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)
+    reports = [whole.step(), whole.step()]
+    parts = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)
+    assert parts.step() == reports[0]
+    again = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)
+    again.load_state(parts.state())
+    assert again.step() == reports[1]
+    for name, values in whole.layer.weights().items():
+        assert torch.equal(values, again.layer.weights()[name]), name
+    save_motor_layer(tmp_path / "layer.pt", whole.layer, body=body.name)
+    read = load_motor_layer(tmp_path / "layer.pt", body, STEP_S)
+    for name, values in whole.layer.weights().items():
+        assert torch.equal(values, read.weights()[name]), name
+    with pytest.raises(InputError, match="user steps differ"):
+        load_motor_layer(tmp_path / "layer.pt", body, 0.1)
+    other = load_body("mobl_arms_bimanual_motor")
+    with pytest.raises(InputError, match="joints differ"):
+        load_motor_layer(tmp_path / "layer.pt", other, STEP_S)
+
+
+def test_a_body_without_a_layer_is_named() -> None:
+    with pytest.raises(InputError, match="mobl_arms_bimanual_motor"):
+        motor_layer_for(load_body("mobl_arms_bimanual_motor"), STEP_S)

@@ -211,7 +211,8 @@ def _reached_for_nothing(user: str, gap_m: float, score: str) -> str:
         why = "the body cannot get there (sim2vr-harness reach)"
     else:
         why = (
-            "the page may ask for another input, or look at another controller: where the task "
+            "something else may count now, or another input; or the page looks at another "
+            "controller: where the task "
             "names one device, that is the page's first input source"
         )
     return f"{user}: the hand came as near as {gap_m:.2f} m, and {score} stayed at 0; {why}"

@@ -154,6 +154,8 @@ def test_many_groups_have_names_below_and_colours_of_their_own(tmp_path: Path) -
     assert len({colour for _, colour in keys_of(panel)}) == 15
     assert bars.crowded and not panel.crowded
     assert plotly_of(bars)["layout"]["xaxis"]["tickangle"] == -45
+    numbers = plotly_of(Panel("", [Bars("share", ["0.001", "0.05"], [0.5, 0.5], "#000000")]))
+    assert numbers["layout"]["xaxis"]["type"] == "category", "no axis of numbers"
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         write_stills([Figure("many", "Many", "", [panel, bars])], tmp_path)

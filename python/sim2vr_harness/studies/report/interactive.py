@@ -168,6 +168,9 @@ def _layout(panel: Panel) -> dict[str, Any]:
     if heat:
         x_axis |= {"showgrid": False, "type": "category"}
         y_axis |= {"type": "category"}
+    if any(isinstance(layer, Bars) for layer in panel.layers):
+        # Also where the names of groups are numbers.
+        (y_axis if panel.sideways else x_axis)["type"] = "category"
     if panel.y_range is not None:
         y_axis["range"] = list(panel.y_range)
     if panel.square:

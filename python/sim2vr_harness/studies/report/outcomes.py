@@ -189,11 +189,16 @@ def _outcomes(groups: Sequence[Group]) -> Figure:
         if len(numbers) > _MOST_COUNTS:
             counts = f"{min(numbers)} to {max(numbers)} in each"
         panels.append(
-            Panel(f"{name.capitalize()}s ({counts})", layers, y_label="share", stacked=True,
+            Panel(f"{_several(name)} ({counts})", layers, y_label="share", stacked=True,
                   legend=True, y_range=(0.0, 1.02))
         )  # fmt: skip
     text = "Share of each outcome among the items that had one; their numbers are in the titles."
     return Figure("outcomes", "How items ended", text, panels)
+
+
+def _several(name: str) -> str:
+    """``target`` -> ``Targets``, ``box`` -> ``Boxes``."""
+    return f"{name.capitalize()}{'es' if name.endswith(('s', 'x', 'z', 'ch', 'sh')) else 's'}"
 
 
 def _coloured(own: Sequence[Any], ends: Sequence[str]) -> list[tuple[str, str]]:

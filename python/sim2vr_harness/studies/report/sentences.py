@@ -83,14 +83,19 @@ def _score(source: ReportSource) -> Iterator[Sentence]:
         )
         return
     ordered = sorted(found, key=lambda pair: pair[1].mean)
-    (low_group, low), (high_group, high) = ordered[0], ordered[-1]
+    low, high = ordered[0][1], ordered[-1][1]
     if in_words(high.mean, score) == in_words(low.mean, score):
         yield Sentence(
             f"The {label} is the same in all: {in_words(low.mean, score)}.", _numbers(low, score)
         )
         return
+    highest, lowest = (
+        [g.label for g, s in found if in_words(s.mean, score) == in_words(end.mean, score)]
+        for end in (high, low)
+    )
     yield Sentence(
-        f"The {label} is highest in {high_group.label} and lowest in {low_group.label}.",
+        f"The {label} is highest in {_groups(highest, len(found))} and lowest in "
+        f"{_groups(lowest, len(found))}.",
         f"{in_words(high.mean, score)} against {in_words(low.mean, score)}",
     )
 
@@ -275,9 +280,9 @@ def test_numbers(result: Mapping[str, Any]) -> str:
     if result.get("z") is not None:
         parts.append(f"Z = {result['z']:.3f}")
     if result.get("p") is not None:
-        parts.append(f"p = {p_words(result['p'])}")
+        parts.append(f"p {_equal(p_words(result['p']))}")
     if result.get("p_holm") is not None and result.get("family", 1) > 1:
-        parts.append(f"Holm p = {p_words(result['p_holm'])}")
+        parts.append(f"Holm p {_equal(p_words(result['p_holm']))}")
     parts.append(f"n = {result.get('n')} {unit_words(result)}")
     return ", ".join(parts)
 
@@ -293,6 +298,10 @@ def unit_words(result: Mapping[str, Any]) -> str:
 def p_words(p: float) -> str:
     """A p value, not smaller than it is worth."""
     return "< .0001" if p < 1e-4 else f"{p:.4f}"
+
+
+def _equal(p: str) -> str:
+    return p if p.startswith("<") else f"= {p}"
 
 
 def _lower(label: str) -> str:

@@ -234,7 +234,7 @@ def _of_study(root: Path) -> ReportSource:
     factors = [c for c in study.cells if c.startswith("factor_") and c != unit_column]
     shown = [name for name in factors if study.cells[name].nunique() > 1] or factors
     cells = study.cells
-    labels = [", ".join(str(row[name]) for name in shown) for _, row in cells.iterrows()]
+    labels = [", ".join(_level(name, row[name]) for name in shown) for _, row in cells.iterrows()]
     search = _search_of(study)
     wanted = list(dict.fromkeys(labels)) if search is None else search.shown
     groups = []
@@ -275,6 +275,15 @@ def _search_of(study: StudyData) -> Search | None:
         return None
     wanted = OptimiseConfig.model_validate(about["optimise"])
     return Search(wanted, study.trials, str(about["sampler"]))
+
+
+def _level(column: str, label: Any) -> str:
+    """A level's label; where it is a number alone, with its factor: ``weight 0.01``."""
+    try:
+        float(label)
+    except ValueError:
+        return str(label)
+    return f"{column.removeprefix('factor_')} {label}"
 
 
 def _measure(told: Mapping[str, Any]) -> Measure:

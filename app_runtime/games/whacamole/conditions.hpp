@@ -35,9 +35,9 @@ struct PlacementGeometry {
 
 /// Where a designer puts the area; what is not given stays as the placement has it.
 struct AreaChanges {
-  std::optional<double> height_m;    // above the head, of the area's middle
-  std::optional<double> distance_m;  // in front of the head
-  std::optional<double> tilt_deg;    // about x: 90 lies flat and faces up, 0 stands
+  std::optional<double> height_m = std::nullopt;    // above the head, of the area's middle
+  std::optional<double> distance_m = std::nullopt;  // in front of the head
+  std::optional<double> tilt_deg = std::nullopt;    // about x: 90 lies flat and faces up, 0 stands
 
   bool operator==(const AreaChanges&) const = default;
 };

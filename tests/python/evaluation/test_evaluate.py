@@ -10,14 +10,14 @@ import pytest
 from fake_simulation import FakeSimulation
 
 from sim2vr_harness.client import Condition, GameFacts, describe_game, facts_of_outside
-from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation import evaluate as module
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
 from sim2vr_harness.evaluation.player import Player
-from sim2vr_harness.evaluation.practised import unpractised
+from sim2vr_harness.evaluation.practised import met, unpractised
 from sim2vr_harness.evaluation.rollouts import Job, jobs_for, play
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.run_folder import RunFolder
@@ -342,6 +342,24 @@ def test_conditions_are_sets_of_options() -> None:
     assert facts_of_outside("whacamole").condition("easy").options == {"condition": "easy"}
     assert facts_of_outside("whacamole").condition("a").options == {"condition": "a"}
     assert facts_of_outside("other").condition("a") == Condition("a", options={"condition": "a"})
+
+
+def test_a_user_of_skills_plays_what_it_has_met() -> None:
+    def config(recipe: str, **options: str) -> TrainingConfig:
+        return TrainingConfig(recipe=recipe, env={"app": {"game": "whacamole", "options": options}})
+
+    assert met(config("skills", condition="medium-unconstrained")) == ["medium-unconstrained"]
+    assert len(met(config("skills", condition="random"))) == 3  # it may turn out to be any of these
+    assert met(config("ppo", condition="medium")) == []
+
+
+def test_pages_and_strangers_programs_are_not_asked_for_logs() -> None:
+    for app, asked in (
+        (AppConfig(game="sample"), True),
+        (AppConfig(transport="webxr", page="page.html"), False),
+        (AppConfig(transport="protocol2", executable="app"), False),
+    ):
+        assert module._logs_by_itself(EnvConfig(app=app)) is asked
 
 
 def test_player_is_the_mean_plus_its_own_noise(trained: Path) -> None:

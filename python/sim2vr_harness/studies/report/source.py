@@ -126,7 +126,8 @@ class Search:
         # Evenly over a long front, its ends included.
         picked = np.unique(np.linspace(0, len(best) - 1, _MOST_SHOWN).round().astype(int))
         began = [1] if self.wanted.begin and (played["trial"] == 1).any() else []
-        return [str(n) for n in dict.fromkeys([*began, *best["trial"].iloc[picked].tolist()])]
+        numbers = dict.fromkeys([*began, *best["trial"].iloc[picked].tolist()])
+        return [f"trial {number}" for number in numbers]
 
 
 @dataclass(frozen=True)
@@ -251,8 +252,7 @@ def _of_study(root: Path) -> ReportSource:
         ]
         user, condition = str(own["user"].iloc[0]), str(own["condition"].iloc[0])
         mine = events[events["design_cell"].isin(names)]
-        told = label if search is None else f"trial {label}"
-        groups.append(Group(told, user, condition, own, mine, parts))
+        groups.append(Group(label, user, condition, own, mine, parts))
     facts = facts_of_outside(str(study.about["game"]))
     return ReportSource(
         root,

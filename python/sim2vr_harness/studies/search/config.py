@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
 from sim2vr_harness.errors import shown, unknown_name
-from sim2vr_harness.settings import Settings
+from sim2vr_harness.settings import MOST_STEPS, Settings
 from sim2vr_harness.studies.factors import FactorConfig, Name, check_key, value_error
 
 __all__ = ["ConstraintConfig", "OptimiseConfig", "ParameterConfig", "StopConfig"]
@@ -19,6 +19,7 @@ _STEPS = 100
 _DIGITS = 3
 """Of values on a logarithmic scale."""
 Value = bool | int | float | str
+Limit = Annotated[float, Field(ge=-1e12, le=1e12)]
 
 
 class ParameterConfig(Settings):
@@ -136,8 +137,8 @@ class ParameterConfig(Settings):
 class ConstraintConfig(Settings):
     """What a trial has to keep to be chosen."""
 
-    least: float | None = None
-    most: float | None = None
+    least: Limit | None = None
+    most: Limit | None = None
 
     @model_validator(mode="after")
     def _usable(self) -> ConstraintConfig:
@@ -167,7 +168,7 @@ class StopConfig(Settings):
 
     report: str
     """A number of the training's reports, a column of metrics.jsonl such as rollout/return."""
-    at: tuple[int, ...]
+    at: tuple[Annotated[int, Field(ge=1, le=MOST_STEPS)], ...]
     """User steps of the training's last stage at which it is judged."""
     better: Literal["higher", "lower"] = "higher"
     keep: float = Field(default=0.5, gt=0.0, lt=1.0)

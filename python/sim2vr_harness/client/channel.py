@@ -105,8 +105,12 @@ class Channel:
             raise AppError(f"{self.app} has not answered the request before")
         if self.process is not None and not self.process.running:
             raise self.give_up(self._death(doing))
-        self._connection.send(frames)
-        self.awaiting = True
+        self.awaiting = True  # first: who is interrupted in between must not send once more
+        try:
+            self._connection.send(frames)
+        except Exception:
+            self.awaiting = False
+            raise
 
     def receive(self, doing: str, timeout_s: float | None = None) -> list[bytes]:
         """Waits for the answer to the last request.

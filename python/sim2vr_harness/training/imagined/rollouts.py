@@ -28,7 +28,7 @@ from sim2vr_harness.training.teacher_policy import TeacherPolicy
 
 __all__ = ["CycleReport", "ImaginedRollouts"]
 
-STATE_FORMAT = 5
+STATE_FORMAT = 6
 _PLAYED, _FITTED = 0.2, 0.4
 """Shares of a cycle's time that are over after playing, and after fitting the body model."""
 _BEYOND_COST = 0.01
@@ -105,7 +105,14 @@ class ImaginedRollouts:
         self.senses = self.imagined_senses(self.users, self.game)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self._torch_seed + 1)
-            self._critic = Critic(config, policy, self.senses.size)
+            self._critic = Critic(
+                self.senses.size,
+                config.critic_width,
+                lambda observation: policy.normaliser({OBSERVATION: observation}),
+                learning_rate=config.critic_learning_rate,
+                gamma=config.gamma,
+                lam=config.lam,
+            )
         self._actor = [
             *policy.mlp_extractor.policy_net.parameters(),
             *policy.action_net.parameters(),

@@ -70,10 +70,13 @@ class MotorLayer(nn.Module):
         unit = 2.0 * (angles - self._low) / self._span - 1.0
         return torch.cat([unit, speeds, self.drives.observe(drives), goals], 1)
 
+    def normalised(self, observation: Tensor) -> Tensor:
+        """(B, size) observations in units of what is usual."""
+        return ((observation - self.mean) / self.std).clamp(-_CLIP, _CLIP)
+
     def forward(self, observation: Tensor) -> Tensor:
         """(B, A) actions, not clipped, of observations (B, size)."""
-        scaled = ((observation - self.mean) / self.std).clamp(-_CLIP, _CLIP)
-        action: Tensor = 0.5 * self.net(scaled)
+        action: Tensor = 0.5 * self.net(self.normalised(observation))
         return action
 
     def motion(self, users: UserBatch) -> tuple[Tensor, Tensor, Tensor]:

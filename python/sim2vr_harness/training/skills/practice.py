@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 import json
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,7 +12,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from sim2vr_harness.training.imagined.body import BodyModel, fit_body, mlp
+from sim2vr_harness.training.imagined.body import BodyModel, fit_body
+from sim2vr_harness.training.imagined.critic import Critic
 from sim2vr_harness.training.imagined.effort import Effort
 from sim2vr_harness.training.imagined.experience import Experience
 from sim2vr_harness.training.imagined.gradients import limited
@@ -27,13 +27,14 @@ from sim2vr_harness.users.noise import MotorNoiseSettings
 
 __all__ = ["MotorCycle", "MotorPractice"]
 
-STATE_FORMAT = 1
+STATE_FORMAT = 2
 _WILD_SIZE = (0.05, 0.7)
 _WILD_KEEP = (0.0, 0.6, 0.9)
 _RETURN = 0.3
 _EPISODE_STEPS = 60
 _WILD_STEPS = 20
 _BEYOND = 0.01
+_CRITIC_LEARNING_RATE, _LAMBDA = 1e-3, 0.9
 
 
 @dataclass(frozen=True)
@@ -106,12 +107,17 @@ class MotorPractice:
         self.exercises = Exercises(poses, config.users, step_s, seed + 5)
         self._played = Exercises(poses, config.bodies, step_s, seed + 6)
         """Goals of the simulated bodies."""
-        self._value = mlp(self.layer.size, config.width, config.width, 1)
-        self._slow = copy.deepcopy(self._value).requires_grad_(False)
+        self._critic = Critic(
+            self.layer.size,
+            config.width,
+            self.layer.normalised,
+            learning_rate=_CRITIC_LEARNING_RATE,
+            gamma=config.gamma,
+            lam=_LAMBDA,
+        )
         self._optimizer = torch.optim.Adam(
             self.layer.net.parameters(), lr=config.learning_rate, betas=(0.8, 0.97)
         )
-        self._critic_optimizer = torch.optim.Adam(self._value.parameters(), lr=1e-3)
         self._seen: list[Experience] = []
         self._pool: Experience | None = None
         self._age = np.zeros(config.bodies, dtype=np.int64)
@@ -263,12 +269,6 @@ class MotorPractice:
             self.layer.mean.copy_(values.mean(0))
             self.layer.std.copy_(values.std(0).clamp(min=0.05))
 
-    def _worth(self, net: nn.Module, observation: Tensor) -> Tensor:
-        layer = self.layer
-        scaled = ((observation - layer.mean) / layer.std).clamp(-8.0, 8.0)
-        value: Tensor = 10.0 * net(scaled)[:, 0]
-        return value
-
     def _update(self) -> None:
         config = self.config
         done = self.updates / (config.updates * config.cycles)
@@ -296,38 +296,17 @@ class MotorPractice:
             rewards.append(reward)
             seen.append(observation.detach())
             total = total + config.gamma**t * reward
-        total = total + config.gamma**config.window_steps * self._worth(self._slow, observation)
+        total = total + config.gamma**config.window_steps * self._critic(observation)
         self._optimizer.zero_grad()
         (-total.mean() / config.window_steps).backward()  # type: ignore[no-untyped-call]
         norm = nn.utils.clip_grad_norm_(self.layer.net.parameters(), 1.0)
         if torch.isfinite(norm) and self.updates >= 20:
             self._optimizer.step()
-        self._learn_worth(torch.stack(seen), torch.stack(rewards).detach())
+        self._critic.learn(torch.stack(seen), torch.stack(rewards).detach())
         self.users.cut()
         again = (torch.rand(self.users.n) < config.restart_share) | self.users.broken()
         self._restart(torch.nonzero(again).flatten())
         self.updates += 1
-
-    def _learn_worth(self, seen: Tensor, rewards: Tensor) -> None:
-        gamma, lam = self.config.gamma, 0.9
-        steps, n = rewards.shape
-        with torch.no_grad():
-            values = self._worth(self._slow, seen.flatten(0, 1)).reshape(steps + 1, n)
-            returns, following = torch.zeros_like(rewards), values[-1]
-            for t in reversed(range(steps)):
-                following = rewards[t] + gamma * ((1 - lam) * values[t + 1] + lam * following)
-                returns[t] = following
-        known, worth = seen[:-1].flatten(0, 1), returns.flatten()
-        for _ in range(4):
-            rows = torch.randint(len(known), (2048,))
-            loss = (self._worth(self._value, known[rows]) - worth[rows]).square().mean()
-            self._critic_optimizer.zero_grad()
-            loss.backward()  # type: ignore[no-untyped-call]
-            nn.utils.clip_grad_norm_(self._value.parameters(), 50.0)
-            self._critic_optimizer.step()
-        with torch.no_grad():
-            for slow, fast in zip(self._slow.parameters(), self._value.parameters(), strict=True):
-                slow.lerp_(fast, 0.05)
 
     # --- exact resume ------------------------------------------------------------------------
 
@@ -343,10 +322,8 @@ class MotorPractice:
             "header": json.dumps(header),
             "layer": self.layer.state_dict(),
             "model": self.model.state_dict(),
-            "value": self._value.state_dict(),
-            "slow": self._slow.state_dict(),
+            "critic": self._critic.state(),
             "optimizer": self._optimizer.state_dict(),
-            "critic": self._critic_optimizer.state_dict(),
             "torch": self._torch_state,
             "users": self.users.state(),
             "rest": self.users.rest,
@@ -366,13 +343,12 @@ class MotorPractice:
             raise ValueError(f"got format {header['format']}, expected {STATE_FORMAT}")
         self.cycle, self.updates = header["cycle"], header["updates"]
         self.rng.bit_generator.state = header["rng"]
-        for name, part in (("layer", self.layer), ("model", self.model), ("value", self._value)):
-            part.load_state_dict(state[name])
-        self._slow.load_state_dict(state["slow"])
+        self.layer.load_state_dict(state["layer"])
+        self.model.load_state_dict(state["model"])
+        self._critic.load_state(state["critic"])
         for parameter in self.model.parameters():
             parameter.requires_grad_(False)
         self._optimizer.load_state_dict(state["optimizer"])
-        self._critic_optimizer.load_state_dict(state["critic"])
         self._torch_state = state["torch"]
         self.users.load_state(state["users"])
         self.users.rest = state["rest"]

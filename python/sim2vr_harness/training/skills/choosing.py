@@ -34,10 +34,6 @@ class Scene:
     turned: NDArray[np.float32]
     tips: NDArray[np.float32]
 
-    def rows(self, ids: Any) -> Scene:
-        """Of some users."""
-        return Scene(self.pictures[ids], self.head[ids], self.turned[ids], self.tips[ids])
-
 
 class Chooser:
     """N users who see places and do something with them.
@@ -53,11 +49,6 @@ class Chooser:
         vision = simulation.config.vision
         self.sight = Sight(vision.height, vision.width)
 
-    def _placed(self) -> tuple[Tensor, Tensor]:
-        angles, speeds, _ = self.mover.layer.motion(self._simulation.users)
-        with torch.inference_mode():
-            return self.mover.layer.places(angles, speeds)
-
     def _head(self) -> NDArray[np.float32]:
         head: NDArray[np.float32] = self._simulation.users.device_poses("headset")[0].astype("f4")
         return head
@@ -65,7 +56,10 @@ class Chooser:
     def scene(self) -> Scene:
         """Return what the users see now."""
         turned = rotation(self._simulation.users.device_poses("headset")[1])
-        tips = self.mover.tips(self._placed()[0]).numpy()
+        layer = self.mover.layer
+        with torch.inference_mode():
+            angles, speeds, _ = layer.motion(self._simulation.users)
+            tips = self.mover.tips(layer.places(angles, speeds)[0]).numpy()
         return Scene(self._past.observe(), self._head(), turned.flatten(1).numpy(), tips)
 
     def places(self, scene: Scene) -> Tensor:
@@ -110,6 +104,9 @@ class Chooser:
 
     def actions(self, choice: Choice) -> NDArray[np.float32]:
         """(N, A) what the bodies do now for a choice."""
-        place, soon = self._placed()
-        goals = self.mover.goals(choice, torch.from_numpy(self._head()), place, soon)
-        return self.mover.layer.act(self._simulation.users, goals)
+        layer = self.mover.layer
+        with torch.inference_mode():
+            motion = layer.motion(self._simulation.users)
+            placed = layer.places(*motion[:2])
+        goals = self.mover.goals(choice, torch.from_numpy(self._head()), *placed)
+        return layer.decide(motion, placed, goals)

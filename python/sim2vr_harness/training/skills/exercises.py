@@ -16,6 +16,16 @@ LEAD_STEPS = 2
 _REST, _ARRIVE, _FOLLOW = 0, 1, 2
 _SHARES = (0.1, 0.62, 0.28)
 """Of hands that rest, arrive and follow (hold still included), when a goal is drawn."""
+_STRUCK = 0.35
+"""Of hands that arrive, how many strike: from nearby, through a place, with time to wind up."""
+_STRIKE_M, _STRIKE_S, _STRIKE_MPS = (0.04, 0.35), (0.15, 0.7), (0.6, 4.0)
+"""From where, in what time, and how fast."""
+_SWINGS = 0.5
+"""Of paths, how many are as fast as strokes; the others as slow as reaching."""
+_SLOW_M, _SWING_M = 0.10, 0.15
+_SLOW_HZ, _SWING_HZ = (0.15, 1.35), (0.5, 3.0)
+_FASTEST_MPS = 3.0
+"""Of paths."""
 _HELD = 0.5
 """Of those who have arrived without speed, how many are to stay there for a while."""
 _LONGEST_S = 1.2
@@ -119,20 +129,23 @@ class Exercises:
         there = tips(pose, tip)
         near = here + 0.12 * self._randn(count, 3)
         there = torch.where(self._rand(count, 1) < 0.2, near, there)
+        strikes = self._rand(count, 1) < _STRUCK
+        way = self._randn(count, 3)
+        way = way / way.norm(dim=1, keepdim=True).clamp(min=1e-6)
+        there = torch.where(strikes, here + self._between(_STRIKE_M, count, 1) * way, there)
         far = (there - here).norm(dim=1)
         speed = 0.3 * torch.exp(self._rand(count) * 2.2)  # 0.3 to 2.7 m/s
-        left = (far / speed).clamp(0.15, _LONGEST_S)
+        left = (far / speed).clamp(0.1, _LONGEST_S)
+        left = torch.where(strikes[:, 0], self._between(_STRIKE_S, count), left)
         left = (left / self._step_s).round() * self._step_s
         onwards = (there - here) / far[:, None].clamp(min=0.05) + 0.7 * self._randn(count, 3)
         onwards = onwards / onwards.norm(dim=1, keepdim=True).clamp(min=1e-6)
         stops = self._rand(count, 1) < 0.45
         velocity = torch.where(stops, torch.zeros(()), (0.2 + 2.6 * self._rand(count, 1)) * onwards)
+        struck = self._between(_STRIKE_MPS, count, 1) * onwards
+        velocity = torch.where(strikes, struck, velocity)
         follows = kind == _FOLLOW
-        amplitude = 0.10 * self._rand(count, 3, _WAVES) * self._rand(count, 1, 1)
-        rate = 2.0 * torch.pi * (0.15 + 1.2 * self._rand(count, 3, _WAVES))
-        phase = 2.0 * torch.pi * self._rand(count, 3, _WAVES)
-        waves = torch.stack([amplitude, rate, phase], 1)
-        begin = (amplitude * phase.sin()).sum(-1)
+        waves, begin = self._paths(count)
         pointed = self._rand(count, 1) < 0.25
         axis = torch.where(pointed, pose[:, :3, 0], torch.zeros(()))
         goals = Goals(
@@ -140,7 +153,7 @@ class Exercises:
             place=there[:, None],
             velocity=velocity[:, None],
             left_s=left[:, None],
-            axis=torch.where(follows[:, None], torch.zeros(()), axis)[:, None],
+            axis=torch.where(follows[:, None] & pointed, place[:, :3, 0], axis)[:, None],
             active=(kind != _REST).float()[:, None],
         )
         column = torch.full_like(ids, hand)
@@ -154,6 +167,23 @@ class Exercises:
         self._set("_waves", ids, hand, waves)
         self._set("_hand_goal", ids, hand, pose[:, :3, 3])
         self._show_paths()
+
+    def _paths(self, count: int) -> tuple[Tensor, Tensor]:
+        """(K, 3, 3, WAVES) waves, and (K, 3) where they are at time 0, from their middle."""
+        swings = self._rand(count, 1, 1) < _SWINGS
+        shape = (count, 3, _WAVES)
+        most = torch.where(swings, torch.tensor(_SWING_M), torch.tensor(_SLOW_M))
+        amplitude = most * self._rand(*shape) * self._rand(count, 1, 1)
+        slow, fast = self._between(_SLOW_HZ, *shape), self._between(_SWING_HZ, *shape)
+        rate = 2.0 * torch.pi * torch.where(swings, fast, slow)
+        speed = (amplitude * rate).sum((1, 2)).clamp(min=1e-6)
+        amplitude = amplitude * (_FASTEST_MPS / speed).clamp(max=1.0)[:, None, None]
+        phase = 2.0 * torch.pi * self._rand(*shape)
+        return torch.stack([amplitude, rate, phase], 1), (amplitude * phase.sin()).sum(-1)
+
+    def _between(self, bounds: tuple[float, float], *shape: int) -> Tensor:
+        low, high = bounds
+        return low + (high - low) * self._rand(*shape)
 
     def _reachable(self, hand: int, tip: Tensor) -> Tensor:
         """(K, 4, 4) of devices, drawn of what the body can do, mostly before it."""

@@ -93,9 +93,16 @@ class MotorLayer(nn.Module):
     def act(self, users: UserBatch, goals: Goals) -> NDArray[np.float32]:
         """(B, A) what the bodies shall do now, in [-1, 1]."""
         with torch.inference_mode():
-            angles, speeds, drives = self.motion(users)
-            told = describe(goals, *self.places(angles, speeds)).flatten(1)
-            actions = self(self.observe(angles, speeds, drives, told)).clamp(-1.0, 1.0)
+            motion = self.motion(users)
+            return self.decide(motion, self.places(*motion[:2]), goals)
+
+    def decide(
+        self, motion: tuple[Tensor, Tensor, Tensor], placed: tuple[Tensor, Tensor], goals: Goals
+    ) -> NDArray[np.float32]:
+        """(B, A) the same, for what :meth:`motion` and :meth:`places` have said already."""
+        with torch.inference_mode():
+            told = describe(goals, *placed).flatten(1)
+            actions = self(self.observe(*motion, told)).clamp(-1.0, 1.0)
         result: NDArray[np.float32] = actions.numpy()
         return result
 

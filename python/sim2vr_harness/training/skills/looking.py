@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import json
 from collections import deque
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -209,7 +209,7 @@ class Looker:
         ).reshape(self.n, -1)
         near = np.where(reach < 0.1, 1.0, 0.03)
         weights: NDArray[np.float64] = near * (0.3 * rare / rare.mean() + 0.7)
-        rarest = near * rare**1.0
+        rarest = near * rare
         return 0.5 * weights / weights.sum(1, keepdims=True) + 0.5 * rarest / rarest.sum(
             1, keepdims=True
         )
@@ -263,15 +263,11 @@ class Looker:
             ended = result.terminated | result.truncated
             again = np.flatnonzero(ended)
             if len(again):
-                self.on_end(again, result)
                 self.simulation.reset(ids=[int(i) for i in again])
                 self._choice.move[again] = -1
                 self._trying[again] = 0
             over |= ended
         return reward, over
-
-    on_end: Callable[[NDArray[np.int64], Any], None] = staticmethod(lambda users, result: None)
-    """Called with whose episodes have just ended, and the user step that ended them."""
 
     # --- learning ----------------------------------------------------------------------------
 

@@ -1,9 +1,10 @@
 """What a teacher knows: its body and the game's privileged numbers, no earlier than its student.
 
 A user whose senses are late has a teacher whose knowledge is as late, rounded up to whole user
-steps: one that knew the present would do what nobody can who sees the past. Beside it stands what
-the student has of its own last actions, and where the tool was felt to be, which a user knows
-before it sees it.
+steps: one that knew the present would do what nobody can who sees the past. Where the tool was felt to be
+a user knows before it sees it. Who remembers what it did for as long as it feels late can work out
+how its own body is now (an efference copy and a forward model: Wolpert, Ghahramani & Jordan 1995), so
+the teacher knows that, and the student learns to work it out.
 """
 
 from __future__ import annotations
@@ -46,7 +47,10 @@ class Lag:
 
     @staticmethod
     def of(env: EnvConfig) -> Lag:
-        """Of the senses in a configuration; of people whose delays differ, the mean person's."""
+        """Of the senses in a configuration; of people whose delays differ, the mean person's.
+
+        The body counts as known now if the user's own actions since it was felt are.
+        """
         found = {sense.sense: sense for sense in env.senses}
         people = env.user.people or PeopleSettings()
         own_s = {
@@ -65,7 +69,10 @@ class Lag:
         known = 0
         if actions is not None:
             known = max(1, round((actions.stack_s or 0.0) * env.action_frequency_hz))
-        return Lag(steps("vision"), steps("proprioception"), known)
+        body = steps("proprioception")
+        if known >= body:
+            body = known = 0
+        return Lag(steps("vision"), body, known)
 
     def reached(self, share: float) -> Lag:
         """Return the lag of senses that are on their way to being so late, by a share of it."""

@@ -23,8 +23,13 @@ from sim2vr_harness.training.teacher_policy import new_teacher
 pytest.importorskip("sim2vr_harness._app_runtime")
 
 SENSES = (
-    {"sense": "vision", "delay_ms": 150},
-    {"sense": "proprioception", "delay_ms": 50},
+    {"sense": "vision", "delay_ms": 200},
+    {"sense": "proprioception", "delay_ms": 150},
+    {"sense": "actions", "stack_s": 0.1},
+)
+WHO_REMEMBERS = (
+    {"sense": "vision", "delay_ms": 200},
+    {"sense": "proprioception", "delay_ms": 100},
     {"sense": "actions", "stack_s": 0.1},
 )
 SMALL = (
@@ -66,8 +71,9 @@ def rollouts(*overrides: str, **user: object) -> ImaginedRollouts:
     ("senses", "lag"),
     [
         ((), Lag(0, 0, 0)),
-        (SENSES, Lag(3, 1, 2)),
-        (({"sense": "vision", "delay_ms": 110}, {"sense": "actions"}), Lag(3, 0, 1)),
+        (SENSES, Lag(4, 3, 2)),
+        (WHO_REMEMBERS, Lag(4, 0, 0)),
+        (({"sense": "vision", "delay_ms": 110}, {"sense": "actions"}), Lag(3, 0, 0)),
         (({"sense": "proprioception", "delay_ms": 100},), Lag(0, 2, 0)),
         (({"sense": "vision", "delay_ms": "person"},), Lag(2, 0, 0)),
     ],
@@ -97,9 +103,9 @@ def test_a_teacher_knows_the_past_and_what_it_has_done_since() -> None:
             sim.step(actions[-1])
             history.append(present())
             known = sim.observation()[OBSERVATION]
-            np.testing.assert_array_equal(known[:, seen], history[max(0, step - 3)][0])
-            np.testing.assert_array_equal(known[:, felt], history[max(0, step - 1)][0])
-            np.testing.assert_array_equal(known[:, angle], history[max(0, step - 1)][1])
+            np.testing.assert_array_equal(known[:, seen], history[max(0, step - 4)][0])
+            np.testing.assert_array_equal(known[:, felt], history[max(0, step - 3)][0])
+            np.testing.assert_array_equal(known[:, angle], history[max(0, step - 3)][1])
             np.testing.assert_allclose(known[:, done], actions[-1][:, 0], atol=1e-7)
             np.testing.assert_allclose(known[:, done + 32], actions[-2][:, 0], atol=1e-7)
         state, known = sim.save_state(), sim.observation()[OBSERVATION]
@@ -112,7 +118,7 @@ def test_a_teacher_knows_the_past_and_what_it_has_done_since() -> None:
 
 
 def test_imagined_users_know_as_late_as_true_ones() -> None:
-    """Moments by hand: what was three user steps ago is seen, what was one ago is felt."""
+    """Moments by hand: what was four user steps ago is seen, what was three ago is felt."""
     made = rollouts()
     with closing(made.simulation):
         made.step()
@@ -127,8 +133,8 @@ def test_imagined_users_know_as_late_as_true_ones() -> None:
             x.append(made.game.hammer(users.place)[0][:, 0])
         known, now = senses.observe(), senses.present()
         seen, felt = names.index("hammer.x_m"), names.index("felt hammer.x_m")
-        assert torch.equal(known[:, seen], x[1])
-        assert torch.equal(known[:, felt], x[3])
+        assert torch.equal(known[:, seen], x[0])
+        assert torch.equal(known[:, felt], x[1])
         assert torch.equal(now[:, seen], x[4])
         assert torch.equal(known[:, -64:-32], acted / 4)
         assert torch.equal(known[:, -32:], acted / 3)

@@ -6,6 +6,7 @@ of the joints that are free to move, and these activations of muscles, as small 
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import mujoco
@@ -71,7 +72,21 @@ class Reacher:
         action[muscles] = np.clip(wanted - act, -1.0, 1.0)
         return action
 
+    def holding(self, qpos: FloatArray) -> FloatArray:
+        """(M,) the least activations, by the sum of their squares, that hold a posture (nq,)."""
+        return self._least(qpos, np.zeros(self._model.nv), self._holding_torques, 0.02)
+
     def _activations(self, qpos: FloatArray, qvel: FloatArray, goal: FloatArray) -> FloatArray:
+        return self._least(qpos, qvel, lambda: self._wanted_torques(goal), _EASE)
+
+    def _least(
+        self,
+        qpos: FloatArray,
+        qvel: FloatArray,
+        wanted: Callable[[], FloatArray],
+        ease: float,
+    ) -> FloatArray:
+        """(M,) activations for torques (nv,) that are asked for once the posture is set."""
         model, data = self._model, self._data
         data.qpos[:], data.qvel[:] = qpos, qvel
         columns = self._actuation.activations
@@ -84,12 +99,17 @@ class Reacher:
         slack = data.actuator_force[ids].copy()
         moments = self._moments()[ids]
         free = self._free_directions()
-        torques = free.T @ (self._wanted_torques(goal) - moments.T @ slack)
+        torques = free.T @ (wanted() - moments.T @ slack)
         pulls = free.T @ (moments * (full - slack)[:, None]).T
-        stacked = np.concatenate([pulls, _EASE * np.eye(len(ids))])
+        stacked = np.concatenate([pulls, ease * np.eye(len(ids))])
         target = np.concatenate([torques, np.zeros(len(ids))])
         found: FloatArray = lsq_linear(stacked, target, bounds=(0.0, 1.0)).x
         return found
+
+    def _holding_torques(self) -> FloatArray:
+        """(nv,) of gravity and of what the joints' springs leave."""
+        torques: FloatArray = self._data.qfrc_bias - self._data.qfrc_passive
+        return torques
 
     def _wanted_torques(self, goal: FloatArray) -> FloatArray:
         """(nv,) of gravity, motion and the spring."""
@@ -101,7 +121,7 @@ class Reacher:
         gap *= min(1.0, _FURTHEST_M / far) if far > 0.0 else 1.0
         force = _STIFFNESS_N_M * gap - _DAMPING_N_S_M * (jacobian @ data.qvel)
         wanted: FloatArray = (
-            jacobian.T @ force - _JOINT_DAMPING * data.qvel + data.qfrc_bias - data.qfrc_passive
+            jacobian.T @ force - _JOINT_DAMPING * data.qvel + self._holding_torques()
         )
         return wanted
 

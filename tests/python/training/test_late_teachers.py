@@ -155,7 +155,7 @@ def test_senses_become_late_in_the_true_and_in_the_imagined_game() -> None:
     made = rollouts("imagined.cycles=3", "imagined.growing_lag_cycles=2")
     with closing(made.simulation):
         seen = made.simulation.senses.observed_names.index("hammer.x_m")
-        for late in (0, 2, 3):  # of three user steps: none, half of them to even, all
+        for late in (0, 2, 4):  # of four user steps: none, half of them, all
             made.step()
             made.simulation.reset(seeds=list(range(6)))
             history = [made.simulation.senses.field("hammer.x_m")]

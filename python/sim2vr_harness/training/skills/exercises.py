@@ -33,7 +33,7 @@ _BEHIND = 0.12
 """How often goals are drawn that are not in front of the body, relative to those that are."""
 _FRONT_M = 0.12
 _BONUS, _NEAR_M = 4.0, 0.02
-_BY_M, _BY_MPS, _BY_AXIS = 30.0, 1.0, 2.0
+_BY_M, _BY_MPS, _BY_AXIS = 30.0, 2.0, 2.0
 """What arriving is worth within _NEAR_M, and what errors of place, velocity and direction cost."""
 _STEP_SHARE = 0.15
 """Of that, for every user step of following."""

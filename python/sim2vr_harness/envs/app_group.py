@@ -190,7 +190,8 @@ def app_group(
 
 def _channels(config: EnvConfig) -> list[int]:
     """The channels that a user sees; none without sight."""
-    return channel_indices(config.vision.channels) if config.sense("vision") is not None else []
+    sees = any(config.sense(name) is not None for name in ("vision", "fovea"))
+    return channel_indices(config.vision.channels) if sees else []
 
 
 class BatchGroup:
@@ -329,7 +330,7 @@ class ClientGroup:
         self.time_feature = np.zeros(n, dtype=np.float32)
         vision = config.vision
         channels = vision.eyes * len(self._channels)
-        self.pictures = np.zeros((n, channels, vision.height, vision.width), np.uint8)
+        self.pictures = np.zeros((n, channels, *reversed(vision.drawn)), np.uint8)
         self.haptics: dict[int, tuple[HapticPulse, ...]] = {}
         self.sounds: dict[int, tuple[SoundEvent, ...]] = {}
         self._logs: list[Mapping[str, float]] = [{} for _ in range(n)]

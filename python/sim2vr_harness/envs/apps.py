@@ -48,12 +48,13 @@ def apps_wanted(
         ipd_m: distance of their pupils.
         task: what judges the apps, if anything does.
     """
+    width, height = config.vision.drawn
     return AppsWanted(
         n=n,
         game=config.app.game,
         options=config.app.options,
-        width=config.vision.width,
-        height=config.vision.height,
+        width=width,
+        height=height,
         eyes=config.vision.eyes,
         ipd_m=ipd_m,
         renderer=config.app.renderer,

@@ -217,6 +217,15 @@ class VisionConfig(Settings):
     """2: a picture for each eye; the channels of the left one come first."""
     foveation: FoveationConfig | None = None
     """Off by default: sharp all over."""
+    zoom: Literal[1, 3, 5] = 1
+    """How many times as wide and as high apps draw. The sense ``vision`` has every so many pixels
+    of it, the same picture as without (but for single pixels at edges); the sense ``fovea`` has its
+    middle, every pixel, as many pixels as ``vision``."""
+
+    @property
+    def drawn(self) -> tuple[int, int]:
+        """Width and height of the picture that apps draw."""
+        return self.zoom * self.width, self.zoom * self.height
 
     @model_validator(mode="before")
     @classmethod

@@ -35,7 +35,7 @@ def contract(config: EnvConfig) -> dict[str, Any]:
         "action": "change of activation, -1 to 1",
         "action_frequency_hz": config.action_frequency_hz,
         "frames_per_step": config.frames_per_step,
-        "image": [config.vision.width, config.vision.height],
+        "image": list(config.vision.drawn),
         "channels": list(config.vision.channels),
         "buffer_s": None if sight is None else sight.history_s,
         "observation": {key: _box(box) for key, box in sorted(space.spaces.items())},

@@ -91,6 +91,7 @@ def make_perception(
         eyes=vision.eyes,
         height=vision.height,
         width=vision.width,
+        zoom=vision.zoom,
         foveation=foveation,
         inputs=config.user.inputs,
         gaze_range_deg=_gaze_range_deg(config),

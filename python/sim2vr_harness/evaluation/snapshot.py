@@ -159,7 +159,7 @@ def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
         body = painter.draw(0)
     vision = users.config.vision
     views = "views" in app.capabilities
-    own = app.render_headset(vision.width, vision.height) if views else _side_by_side(app.image)
+    own = app.render_headset(*vision.drawn) if views else _side_by_side(app.image)
     depth = np.repeat(own[..., 3:], 3, axis=2)
     if not views:
         return {"body": body, "observation": np.concatenate([own[..., :3], depth], axis=1)}

@@ -16,7 +16,7 @@ from sim2vr_harness.perception.haptics import Haptics
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.perception.sense import IntArray, Moment, Sense, Sensed, float_space, rows_of
 from sim2vr_harness.perception.sound import Hearing
-from sim2vr_harness.perception.vision import vision
+from sim2vr_harness.perception.vision import fovea, vision
 from sim2vr_harness.perception.wrappers import Delayed, History, Noisy, OwnDelays, Stacked
 from sim2vr_harness.settings import Settings, Weight
 from sim2vr_harness.users import FEATURES
@@ -39,6 +39,7 @@ class Surroundings:
         height: of the pictures, pixels.
         width: of the pictures, pixels.
         foveation: how their resolution falls, or None.
+        zoom: how many times as wide and as high they are drawn.
         inputs: names of the inputs that the fingers work, in the order of the actions.
         gaze_range_deg: how far from straight ahead the eyes turn; 0: they do not.
         actions: how many actions a user step has.
@@ -57,6 +58,7 @@ class Surroundings:
     height: int
     width: int
     foveation: Foveation | None = None
+    zoom: int = 1
     inputs: tuple[str, ...] = ()
     gaze_range_deg: float = 0.0
     actions: int = 0
@@ -76,10 +78,11 @@ class SenseConfig(Settings):
     """One of the user's senses, and what is wrapped around it (docs/senses.md)."""
 
     sense: str
-    """Which: vision, proprioception, time, haptics, sound, fingers, gaze, actions, head, person."""
+    """Which: vision, fovea, proprioception, time, haptics, sound, fingers, gaze, actions, head or
+    person."""
     name: str | None = Field(default=None, min_length=1)
-    """Its key in the observation; None: vision, proprioception, stateful_information (time),
-    haptics, sound, fingers, gaze, actions, head, person."""
+    """Its key in the observation; None: vision, fovea, proprioception, stateful_information
+    (time), haptics, sound, fingers, gaze, actions, head, person."""
     delay_ms: DelayMs | Literal["person"] = 0.0
     """How late it is perceived: a multiple of the physics step. Pictures, which exist for app
     frames only, are the youngest that are not younger; see ``frames_per_step``. ``person``: as late
@@ -121,6 +124,20 @@ def _vision(name: str, around: Surroundings) -> Sense:
         width=around.width,
         frame_grid=around.substeps // around.frames_per_step,
         foveation=around.foveation,
+        zoom=around.zoom,
+    )
+
+
+def _fovea(name: str, around: Surroundings) -> Sense:
+    return fovea(
+        name,
+        around.n,
+        channels=around.channels,
+        eyes=around.eyes,
+        height=around.height,
+        width=around.width,
+        frame_grid=around.substeps // around.frames_per_step,
+        zoom=around.zoom,
     )
 
 
@@ -200,6 +217,7 @@ _SEEN, _FELT = "visual_delay_s", "proprioceptive_delay_s"
 
 SENSES: dict[str, SenseKind] = {
     "vision": SenseKind("vision", "the headset's picture", _vision, _SEEN),
+    "fovea": SenseKind("fovea", "the middle of the picture, in detail", _fovea, _SEEN),
     "proprioception": SenseKind("proprioception", "the own body", _proprioception, _FELT),
     "time": SenseKind("stateful_information", "where in the round the app is, as it says", _time),
     "haptics": SenseKind("haptics", "vibrations of the controllers", _haptics, _FELT),

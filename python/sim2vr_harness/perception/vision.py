@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.perception.foveation import Foveation
 from sim2vr_harness.perception.sense import IntArray, Moment, Sensed, rows_of
 
-__all__ = ["CHANNELS", "channel_indices", "pick_channels", "vision"]
+__all__ = ["CHANNELS", "channel_indices", "fovea", "pick_channels", "vision"]
 
 CHANNELS: tuple[str, ...] = ("red", "green", "blue", "depth")
 """Channels of the application's RGBA picture; depth is linear, 0 at the eye and 255 at the far
@@ -31,6 +31,7 @@ def vision(
     width: int,
     frame_grid: int,
     foveation: Foveation | None = None,
+    zoom: int = 1,
 ) -> Sensed:
     """The sense of N headset pictures.
 
@@ -48,6 +49,8 @@ def vision(
         width: of the pictures, pixels.
         frame_grid: physics steps between app frames.
         foveation: how the resolution falls towards the edge; None: it does not.
+        zoom: odd; of pictures drawn so many times as wide and as high, every so many pixels: those
+            whose rays are the ones of a picture of ``height`` x ``width``.
 
     Raises:
         ValueError: unknown or repeated channels.
@@ -55,16 +58,61 @@ def vision(
     channel_indices(channels)
 
     def look(moment: Moment, ids: IntArray | None) -> UInt8Array:
-        pictures = moment.pictures[rows_of(ids)]
+        pictures = moment.pictures[rows_of(ids)][..., zoom // 2 :: zoom, zoom // 2 :: zoom]
         if foveation is None:
             return pictures
         gaze = moment.gaze_deg[rows_of(ids)] if moment.gaze_deg.size else None
         return foveation.look(pictures, gaze)
 
-    space: spaces.Box[Any] = spaces.Box(0, 255, (eyes * len(channels), height, width), np.uint8)
-    return Sensed(
-        name, space, n, look, frame_grid=frame_grid, needs="two_eyes" if eyes == 2 else None
-    )
+    return _pictures(name, n, look, (eyes * len(channels), height, width), eyes, frame_grid)
+
+
+def fovea(
+    name: str,
+    n: int,
+    *,
+    channels: Sequence[str],
+    eyes: int,
+    height: int,
+    width: int,
+    frame_grid: int,
+    zoom: int,
+) -> Sensed:
+    """The middle of N headset pictures, at ``zoom`` times the detail of :func:`vision`.
+
+    People see sharply where they look, and look where things come from: 120 x 80 pixels over 90
+    degrees are 1.4 degrees a pixel in the middle.
+
+    Args:
+        name: key in the observation.
+        n: number of users N.
+        channels: any of :data:`CHANNELS`, in the order wanted.
+        eyes: 1 or 2.
+        height: of what is seen, pixels.
+        width: of what is seen, pixels.
+        frame_grid: physics steps between app frames.
+        zoom: how many times as wide and as high the drawn pictures are.
+
+    Raises:
+        ValueError: nothing is drawn larger than it is seen.
+    """
+    if zoom == 1:
+        raise ValueError("senses: got 'fovea', expected vision.zoom: 3 or 5 for more to be seen")
+    top, left = (zoom - 1) * height // 2, (zoom - 1) * width // 2
+
+    def look(moment: Moment, ids: IntArray | None) -> UInt8Array:
+        pictures = moment.pictures[rows_of(ids)]
+        return pictures[..., top : top + height, left : left + width]
+
+    return _pictures(name, n, look, (eyes * len(channels), height, width), eyes, frame_grid)
+
+
+def _pictures(
+    name: str, n: int, look: Any, shape: tuple[int, int, int], eyes: int, frame_grid: int
+) -> Sensed:
+    space: spaces.Box[Any] = spaces.Box(0, 255, shape, np.uint8)
+    needs = "two_eyes" if eyes == 2 else None
+    return Sensed(name, space, n, look, frame_grid=frame_grid, needs=needs)
 
 
 def channel_indices(channels: Sequence[str]) -> list[int]:

@@ -164,6 +164,8 @@ class UserFeatures(BaseFeaturesExtractor):
                 encoders[key] = nn.Flatten()
         self.encoders = nn.ModuleDict(encoders)
         self._images = frozenset(images)
+        self.picture_features = len(images) * config.vision_features
+        """The first so many features are those of pictures."""
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
         """Encode a batch of observations.

@@ -95,7 +95,7 @@ class Student:
         policy: the network to train; its critic is left alone.
         simulation: N users who see; owned by the caller.
         guide: the teacher.
-        frames: the file that the collected images go to; made or reused.
+        folder: that the collected pictures go to; made or reused.
         seed: of everything drawn here.
         game: what the game publishes, for the means of episodes.
         device: torch device of the network.
@@ -107,7 +107,7 @@ class Student:
         policy: UserPolicy,
         simulation: Any,
         guide: Guide,
-        frames: Path,
+        folder: Path,
         *,
         seed: int,
         game: GameFacts | None = None,
@@ -123,8 +123,8 @@ class Student:
         self._facts = guide.facts(simulation).shape[1]
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            encoders: Any = policy.features_extractor.encoders
-            width = encoders["vision"].linear[0].out_features
+            extractor: Any = policy.features_extractor
+            width = extractor.picture_features
             self._heads = nn.Linear(width, self._facts).to(self._device) if self._facts else None
             self._tell = self._telling(policy)
         mlp: Any = policy.mlp_extractor
@@ -142,8 +142,9 @@ class Student:
             key: (value.shape[1:], value.dtype) for key, value in simulation.observation().items()
         }
         actions = simulation.action_space.shape[0]
+        self._pictures = [key for key, (shape, _) in shapes.items() if len(shape) == 3]
         self.store = FrameStore(
-            frames,
+            folder,
             -(-config.frames // (self.n * config.rollout_steps)) * self.n * config.rollout_steps,
             shapes
             | {
@@ -281,7 +282,8 @@ class Student:
 
     def _losses(self, batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
         if self.config.image_noise > 0.0:
-            batch["vision"] = _noisy(batch["vision"], self.config.image_noise)
+            for key in self._pictures:
+                batch[key] = _noisy(batch[key], self.config.image_noise)
         observation = {key: value for key, value in batch.items() if key not in _TARGETS}
         if self.policy.in_shards:
             weights = [weight for weight in self._parameters if weight.requires_grad]

@@ -21,6 +21,7 @@ from sim2vr_harness.training.checkpoint import DAMAGE, in_words, read_tensors, w
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.episodes import metric_key
 from sim2vr_harness.training.finite import NotFinite, require_finite
+from sim2vr_harness.training.frames import PICTURE_FILES
 from sim2vr_harness.training.policy import UserPolicy
 from sim2vr_harness.training.progress import View
 from sim2vr_harness.training.run_folder import append_row, keep_rows
@@ -29,7 +30,7 @@ from sim2vr_harness.training.student import Guide, Student, StudentProgress
 
 __all__ = ["StudentStage"]
 
-_POLICY, _STATE, _FRAMES, _LOG = "policy.pt", "state.pt", "frames.bin", "metrics.jsonl"
+_POLICY, _STATE, _LOG = "policy.pt", "state.pt", "metrics.jsonl"
 
 
 class StudentStage:
@@ -88,7 +89,7 @@ class StudentStage:
             policy,
             simulation,
             guide,
-            self.folder / _FRAMES,
+            self.folder,
             seed=config.seed,
             game=game_facts(env.app),
         )
@@ -167,8 +168,8 @@ class StudentStage:
     def tidy(self) -> None:
         """See the protocol: the collected frames and the state, which nobody needs any more."""
         self._snapshot = None
-        for name in (_FRAMES, _STATE):
-            (self.folder / name).unlink(missing_ok=True)
+        for file in (self.folder / _STATE, *self.folder.glob(PICTURE_FILES)):
+            file.unlink(missing_ok=True)
 
 
 def _require_finite(snapshot: Mapping[str, Any], last_good: Path | None) -> None:

@@ -46,8 +46,7 @@ def make(folder: Path, config: StudentConfig = CONFIG, seed: int = 1) -> Student
         simulation.observation_space, simulation.action_space, lambda _: 0.0, config=sizes
     )
     folder.mkdir(exist_ok=True)
-    frames = folder / "frames.bin"
-    return Student(config, policy, simulation, HomingGuide(), frames, seed=seed)
+    return Student(config, policy, simulation, HomingGuide(), folder, seed=seed)
 
 
 def test_the_student_learns_what_the_teacher_would_do(tmp_path: Path) -> None:

@@ -326,9 +326,7 @@ class _Course:
                 counted[stays] += 1.0
         effort = efforts / np.where(counted > 0, counted, np.nan)
         least = self._least() if holds else np.full(self._n, np.nan)
-        return Aimed(
-            start, goal, velocity, lasts * step_s, end, end_velocity, held, effort, least
-        )
+        return Aimed(start, goal, velocity, lasts * step_s, end, end_velocity, held, effort, least)
 
     def _effort(self) -> FloatArray:
         drives = self._layer.drives

@@ -32,6 +32,7 @@ class PastPictures:
     def __init__(self, simulation: Any, late_steps: int = 0) -> None:
         self._apps, self._late = simulation.apps, late_steps
         vision = simulation.config.vision
+        self._zoom: int = vision.zoom
         shape = (vision.height, vision.width, 4)
         self.space: spaces.Box[Any] = spaces.Box(0, 255, shape, np.uint8)
         self.before = round(BEFORE_S * simulation.config.action_frequency_hz)
@@ -49,7 +50,7 @@ class PastPictures:
         """Take in what has just been drawn."""
         rows = range(len(self._apps)) if ids is None else ids
         if len(rows):
-            self._ring.push(np.stack([_one_eye(self._apps[i].image) for i in rows]), ids)
+            self._ring.push(np.stack([self._one_eye(self._apps[i].image) for i in rows]), ids)
 
     def observe(self) -> NDArray[np.uint8]:
         """(N, 8, H, W) red, green, blue and depth as seen now, and 0.2 s before."""
@@ -65,7 +66,7 @@ class PastPictures:
         """Restore what :meth:`get_state` returned."""
         self._ring.set_state(i, state)
 
-
-def _one_eye(image: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """(H, W, 4) of one eye, or of the left one of two."""
-    return image if image.ndim == 3 else image[0]
+    def _one_eye(self, image: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """(H, W, 4) of one eye, or of the left one of two, as ``vision`` has it."""
+        own = image if image.ndim == 3 else image[0]
+        return own[self._zoom // 2 :: self._zoom, self._zoom // 2 :: self._zoom]

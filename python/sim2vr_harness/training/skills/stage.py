@@ -354,7 +354,7 @@ class LookingStage:
 
 def _seeing(env: EnvConfig) -> EnvConfig:
     """The users of this stage look at the whole picture themselves; nothing else is drawn."""
-    vision = env.vision.model_copy(update={"foveation": None, "eyes": 1})
+    vision = env.vision.model_copy(update={"foveation": None, "eyes": 1, "zoom": 1})
     return env.model_copy(update={"vision": vision})
 
 

@@ -25,6 +25,7 @@ from sim2vr_harness.cli import (
     fitts,
     games,
     level,
+    motor,
     reach,
     replay,
     rewards,
@@ -78,6 +79,7 @@ app.command("replay")(replay.replay)
 app.command("curves")(curves.curves)
 app.command("snapshot")(snapshot.snapshot)
 app.add_typer(users.app, name="users")
+app.add_typer(motor.app, name="motor")
 app.command("games")(games.games)
 app.command("level")(level.level)
 app.command("fitts")(fitts.fitts)

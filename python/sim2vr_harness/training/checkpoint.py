@@ -15,7 +15,7 @@ import random
 import struct
 import zipfile
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 from sim2vr_harness import __version__, files
 from sim2vr_harness.client.errors import AppDied, AppTimeout
 from sim2vr_harness.errors import InputError, UnusableFile, reason
-from sim2vr_harness.training.finite import first_not_finite, require_finite
+from sim2vr_harness.training.finite import NotFinite, first_not_finite, require_finite
 from sim2vr_harness.training.interrupts import interrupts_deferred
 from sim2vr_harness.training.ppo import PPO
 from sim2vr_harness.training.run_folder import checkpoints_in, step_of, write_atomically
@@ -261,6 +261,19 @@ def _good(path: Path, policy: torch.nn.Module | None, device: torch.device) -> _
         instead = last_good(path, policy)
         expected = error.expected
         raise UnusableFile(path, error.reason, expected, instead) from error
+
+
+def take_in(path: Path, what: str, take: Callable[[dict[str, Any]], None]) -> None:
+    """Read a state that :func:`write_tensors` wrote, and let somebody go on from it.
+
+    Raises:
+        UnusableFile: it cannot be read, is of something else, or is not finite.
+    """
+    state = read_tensors(path, what)
+    try:
+        take(state)
+    except (*DAMAGE, NotFinite) as error:
+        raise UnusableFile(path, in_words(error), what) from error
 
 
 def _checked(path: Path, policy: torch.nn.Module | None, device: torch.device) -> _Parts:

@@ -16,8 +16,7 @@ from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.config import with_options
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.errors import UnusableFile
-from sim2vr_harness.training.checkpoint import DAMAGE, in_words, read_tensors, write_tensors
+from sim2vr_harness.training.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.episodes import metric_key
 from sim2vr_harness.training.finite import NotFinite, require_finite
@@ -121,12 +120,11 @@ class StudentStage:
         self.tidy()
 
     def _restore(self, student: Student, file: Path) -> None:
-        state = read_tensors(file, "the state of a student")
-        try:
+        def take(state: dict[str, Any]) -> None:
             _require_finite(state, None)
             student.load_snapshot(state)
-        except (*DAMAGE, NotFinite) as error:
-            raise UnusableFile(file, in_words(error), "the state of this student") from error
+
+        take_in(file, "the state of this student", take)
 
     def _remember(self, student: Student) -> None:
         """Take a snapshot after a round.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from contextlib import closing
 
+import mujoco
 import numpy as np
 import pytest
 
@@ -35,3 +36,25 @@ def test_the_hand_comes_within_5_cm_in_two_seconds(goal_m: tuple[float, ...]) ->
 def test_who_cannot_reach() -> None:
     with pytest.raises(ValueError, match=r"device: got 'controller_left', expected one of headset"):
         Reacher(load_body("mobl_arms_wrist"), "controller_left")
+
+
+def test_the_least_activations_hold_a_posture() -> None:
+    """With them what stood still hardly accelerates; without, the arm falls."""
+    body = load_body("mobl_arms_wrist")
+    reacher = Reacher(body)
+    model, data = body.physics_model, mujoco.MjData(body.physics_model)
+    posture = np.zeros(len(body.independent_joints))
+    posture[body.independent_joints.index("elbow_flexion")] = np.pi / 2.0
+    data.qpos[:] = body.coupled_qpos(posture)
+    held = reacher.holding(data.qpos)
+    assert held.min() >= 0.0
+    assert held.max() <= 1.0
+    data.act[:] = 0.0
+    mujoco.mj_forward(model, data)
+    limp = np.abs(data.qacc[body.qvel_independent]).max()
+    data.act[:] = held
+    mujoco.mj_forward(model, data)
+    still = np.abs(data.qacc[body.qvel_independent]).max()
+    assert limp > 10.0
+    assert still < 0.1 * limp
+    assert np.square(held).mean() < 0.1

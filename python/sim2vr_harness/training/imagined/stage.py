@@ -12,10 +12,9 @@ from typing import Any
 
 from torch import Tensor
 
-from sim2vr_harness.errors import UnusableFile
-from sim2vr_harness.training.checkpoint import DAMAGE, in_words, read_tensors, write_tensors
+from sim2vr_harness.training.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.training.config import TrainingConfig
-from sim2vr_harness.training.finite import NotFinite, require_finite
+from sim2vr_harness.training.finite import require_finite
 from sim2vr_harness.training.imagined.rollouts import CycleReport, ImaginedRollouts
 from sim2vr_harness.training.progress import View
 from sim2vr_harness.training.run_folder import append_row, keep_rows
@@ -147,12 +146,11 @@ class ImaginedStage:
 
 
 def _restore(rollouts: ImaginedRollouts, file: Path) -> None:
-    state = read_tensors(file, "the state of imagined rollouts")
-    try:
+    def take(state: dict[str, Any]) -> None:
         _require_finite(state, None)
         rollouts.load_state(state)
-    except (*DAMAGE, NotFinite) as error:
-        raise UnusableFile(file, in_words(error), "the state of these rollouts") from error
+
+    take_in(file, "the state of these rollouts", take)
 
 
 def _require_finite(state: Mapping[str, Any], last_good: Path | None) -> None:

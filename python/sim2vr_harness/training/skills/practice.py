@@ -25,7 +25,10 @@ from sim2vr_harness.training.skills.postures import INSIDE, reachable_poses
 from sim2vr_harness.users import Body, UserBatch
 from sim2vr_harness.users.noise import MotorNoiseSettings
 
-__all__ = ["MotorCycle", "MotorPractice"]
+__all__ = ["PRACTICE", "MotorCycle", "MotorPractice"]
+
+PRACTICE = "the state of a motor layer's practice"
+"""What a file of :meth:`MotorPractice.state` is called in errors."""
 
 STATE_FORMAT = 2
 _WILD_SIZE = (0.05, 0.7)
@@ -54,6 +57,14 @@ class MotorCycle:
     speed_mps: float
     follow_m: float
     model_m: float
+
+    def in_words(self, cycles: int) -> str:
+        """One line, for people, of a cycle among so many."""
+        return (
+            f"Cycle {self.cycle}/{cycles}: arrives {1000 * self.place_m:.0f} mm from its goals and "
+            f"{self.speed_mps:.2f} m/s from the speeds asked for, follows "
+            f"{1000 * self.follow_m:.0f} mm beside its paths (medians)"
+        )
 
 
 class MotorPractice:

@@ -16,10 +16,10 @@ from torch import Tensor
 from sim2vr_harness.cores import budget
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.simulation import Simulation, motor_noise
-from sim2vr_harness.errors import InputError, UnusableFile
-from sim2vr_harness.training.checkpoint import DAMAGE, in_words, read_tensors, write_tensors
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.training.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.training.config import TrainingConfig
-from sim2vr_harness.training.finite import NotFinite, require_finite
+from sim2vr_harness.training.finite import require_finite
 from sim2vr_harness.training.progress import View, duration
 from sim2vr_harness.training.run_folder import append_row, keep_rows
 from sim2vr_harness.training.skills.guide import SkillGuide
@@ -28,7 +28,7 @@ from sim2vr_harness.training.skills.looking import Looker
 from sim2vr_harness.training.skills.moves import Mover
 from sim2vr_harness.training.skills.network import PlaceValues
 from sim2vr_harness.training.skills.postures import reachable_poses
-from sim2vr_harness.training.skills.practice import MotorPractice
+from sim2vr_harness.training.skills.practice import PRACTICE, MotorPractice
 from sim2vr_harness.training.skills.shipped import (
     load_motor_layer,
     motor_layer_for,
@@ -124,7 +124,7 @@ class MotorStage:
         assert practice is not None
         self.folder.mkdir(parents=True, exist_ok=True)
         if (self.folder / _STATE).is_file():
-            _restored(practice, self.folder / _STATE, "the state of a motor layer's practice")
+            take_in(self.folder / _STATE, PRACTICE, practice.load_state)
             callbacks.say(f"Continuing after cycle {practice.cycle}.")
         self._cycles_saved = practice.cycle
         log = self.folder / _LOG
@@ -146,11 +146,7 @@ class MotorStage:
             append_row(log, known)
             self._state = practice.state()
             self.save()
-            callbacks.say(
-                f"Cycle {report.cycle}/{self.total:.0f}: arrives {1000 * report.place_m:.0f} mm "
-                f"from its goals and {report.speed_mps:.2f} m/s from the speeds asked for, follows "
-                f"{1000 * report.follow_m:.0f} mm beside its paths (medians)"
-            )
+            callbacks.say(report.in_words(practice.config.cycles))
             callbacks.report(report.cycle, known)
         save_motor_layer(self.layer_file, practice.layer, **known)
         self.tidy()
@@ -250,7 +246,7 @@ class LookingStage:
                 seed=seed,
             )
             if (self.folder / _STATE).is_file():
-                _restored(looker, self.folder / _STATE, "the state of looking and trying")
+                take_in(self.folder / _STATE, "the state of looking and trying", looker.load_state)
                 callbacks.say(f"Continuing with {looker.step_count:,} user steps.")
             self._steps_saved = looker.step_count
             log = self.folder / _LOG
@@ -405,11 +401,3 @@ def _warn(reward: float, before: Mapping[str, float], looker: Looker, callbacks:
         "reach), that they are seen against their background, and what the reward is for "
         "(sim2vr-harness rewards)."
     )
-
-
-def _restored(part: Any, file: Path, what: str) -> None:
-    state = read_tensors(file, what)
-    try:
-        part.load_state(state)
-    except (*DAMAGE, NotFinite) as error:
-        raise UnusableFile(file, in_words(error), what) from error

@@ -1,0 +1,140 @@
+"""``sim2vr-harness motor``: motor layers are practised, and measured."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from sim2vr_harness.cli.options import JsonOption, print_json, writable_file
+
+if TYPE_CHECKING:
+    from sim2vr_harness.training.skills.layer import MotorLayer
+    from sim2vr_harness.training.skills.practice import MotorPractice
+    from sim2vr_harness.users import Body
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    help="Motor layers: hands that come where they are told (docs/training.md).",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+
+BodyArgument = Annotated[str, typer.Argument(metavar="BODY", help="A body, or its YAML file.")]
+StepOption = Annotated[
+    float, typer.Option("--step", metavar="S", help="Duration of a user step.", min=0.001, max=1.0)
+]
+
+
+@app.command("practise")
+def practise(
+    body: BodyArgument,
+    out: Annotated[
+        Path, typer.Option(metavar="FILE.pt", help="The layer's file.", callback=writable_file)
+    ],
+    step_s: StepOption = 0.05,
+    seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
+    set_: Annotated[
+        list[str] | None,
+        typer.Option("--set", metavar="KEY=VALUE", help="Change the practice: --set cycles=36."),
+    ] = None,
+) -> int:
+    """Practise a body's motor layer; what was stopped goes on where it was."""
+    from sim2vr_harness.training.config import apply_overrides, parse_config
+    from sim2vr_harness.training.skills.practice import MotorPractice
+    from sim2vr_harness.training.skills.shipped import save_motor_layer
+
+    changes = [f"skills.practice.{change}" for change in set_ or ()]
+    config = parse_config(apply_overrides({}, changes)).skills.practice
+    practice = MotorPractice(config, _body(body), step_s, seed=seed)
+    begun = out.with_name(out.name + ".part")
+    try:
+        known = _cycles(practice, begun)
+    except KeyboardInterrupt:
+        typer.echo(f"Stopped after cycle {practice.cycle}; the same command goes on.", err=True)
+        return 130
+    save_motor_layer(out, practice.layer, body=practice.layer.body.name, **known)
+    begun.unlink(missing_ok=True)
+    typer.echo(f"Written: {out}")
+    return 0
+
+
+def _cycles(practice: MotorPractice, begun: Path) -> dict[str, Any]:
+    from dataclasses import asdict
+
+    from sim2vr_harness.cli.progress import Share
+    from sim2vr_harness.training.checkpoint import take_in, write_tensors
+    from sim2vr_harness.training.skills.practice import PRACTICE
+
+    if begun.is_file():
+        take_in(begun, PRACTICE, practice.load_state)
+        typer.echo(f"Continuing after cycle {practice.cycle}.", err=True)
+    known: dict[str, Any] = {}
+    while not practice.finished:
+        with Share(f"cycle {practice.cycle + 1} of {practice.config.cycles}") as share:
+            report = practice.step(lambda doing, done: share.show(done))
+        known = asdict(report)
+        write_tensors(begun, practice.state())
+        typer.echo(report.in_words(practice.config.cycles), err=True)
+    return known
+
+
+@app.command("measure")
+def measure(
+    body: BodyArgument,
+    layer: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.pt", help="The layer; without, the one that ships."),
+    ] = None,
+    movements: Annotated[
+        int, typer.Option(help="Of each kind (27 kinds).", min=16, max=100_000)
+    ] = 256,
+    noise: Annotated[bool, typer.Option("--noise", help="With a person's motor noise.")] = False,
+    step_s: StepOption = 0.05,
+    seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.png", help="Draw it into this file.", callback=writable_file),
+    ] = None,
+    json: JsonOption = False,
+) -> None:
+    """Measure a motor layer: end points, speeds, effort, and times by Fitts' law."""
+    from sim2vr_harness.cli.progress import Share
+    from sim2vr_harness.training.skills.measured_picture import draw_measures
+    from sim2vr_harness.training.skills.measuring import measure_layer
+    from sim2vr_harness.users.noise import MotorNoiseSettings
+
+    found = _layer(_body(body), layer, step_s)
+    human = MotorNoiseSettings(signal_dependent="white", constant="white")
+    with Share("moving") as share:
+        measures = measure_layer(
+            found,
+            noise=human if noise else None,
+            bodies=movements,
+            seed=seed,
+            on_progress=share.show,
+        )
+    numbers = measures.summary()
+    if out is not None:
+        draw_measures(measures, f"Motor layer of {found.body.name}", out)
+    if json:
+        print_json(numbers)
+        return
+    for name, value in numbers.items():
+        typer.echo(f"{name:40s} {value:.4g}")
+    if out is not None:
+        typer.echo(f"Written: {out}")
+
+
+def _body(name: str) -> Body:
+    from sim2vr_harness.users import load_body
+
+    return load_body(name)
+
+
+def _layer(body: Body, file: Path | None, step_s: float) -> MotorLayer:
+    from sim2vr_harness.training.skills.shipped import load_motor_layer, motor_layer_for
+
+    return motor_layer_for(body, step_s) if file is None else load_motor_layer(file, body, step_s)

@@ -17,6 +17,7 @@ from rich.console import Console
 
 from sim2vr_harness import paths
 from sim2vr_harness.client import GameFacts, Measure, describe_game
+from sim2vr_harness.envs import VisionConfig
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation import pictures, video
 from sim2vr_harness.evaluation.curves import curve, pack_curves, plot
@@ -35,7 +36,7 @@ def fake_body(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def simulation(config: Any = None, n: int = 2) -> FakeSimulation:
-    settings = SimpleNamespace(action_frequency_hz=20, vision=SimpleNamespace(width=120, height=80))
+    settings = SimpleNamespace(action_frequency_hz=20, vision=VisionConfig())
     return FakeSimulation(settings, n)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -268,3 +269,18 @@ def test_rounds_go_on_from_their_state() -> None:
         everyone = place.expand(6, -1, -1, -1)
         torch.testing.assert_close(game.play(everyone, SOFT), other.play(everyone, SOFT))
     assert torch.equal(game.observe(everyone), other.observe(everyone))
+
+
+@pytest.mark.parametrize(("degrees", "share"), [(0.0, 0.0), (15.0, 1.0 / 9.0), (45.0, 1.0)])
+def test_who_looks_away_pays_by_the_square_of_the_angle(degrees: float, share: float) -> None:
+    place = placed(AWAY, AWAY)
+    turn = math.radians(degrees)
+    cos, sin = math.cos(turn), math.sin(turn)
+    place[:, 2, :2, :2] = torch.tensor([[cos, -sin], [sin, cos]])  # to the left
+    worth = []
+    for cost in (0.0, 10.0):
+        game = rounds(1, level(box(2.0, 2.0, RIGHT, DOWN)), settings=TwinSettings(look_cost=cost))
+        begun(game, place, 0.5)
+        worth.append(float(game.play(place, SOFT)))
+    # Twice 1 - cos is 5 % less than the square at 45 degrees.
+    assert worth[0] - worth[1] == pytest.approx(10.0 * share, rel=0.06, abs=1e-5)

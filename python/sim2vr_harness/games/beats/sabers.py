@@ -9,7 +9,7 @@ from torch import Tensor
 
 from sim2vr_harness.games.beats.rules import BLADE_FROM_M, BLADE_M
 
-__all__ = ["HANDS", "Blades", "Sabers", "distances", "head_of", "swing"]
+__all__ = ["HANDS", "Blades", "Sabers", "distances", "head_of", "looked_away", "swing"]
 
 HANDS = ("left", "right")
 """In the order of the boxes' hands."""
@@ -44,6 +44,17 @@ def _to_app(vectors: Tensor) -> Tensor:
 def head_of(place: Tensor) -> Tensor:
     """(B, 3) the headset's position, app's axes, m; it is the last of the devices."""
     return _to_app(place[:, -1, :3, 3])
+
+
+def looked_away(place: Tensor) -> Tensor:
+    """(B,) how far heads look away from where boxes come from: 1 at 45 degrees, by the square.
+
+    Rolled heads count half.
+    """
+    ahead, up = place[:, -1, 0, 0], place[:, -1, 2, 2]
+    # 2 (1 - cos) is the angle's square, nearly; it has no corner at 0.
+    squares: Tensor = 2.0 * (1.0 - ahead) + (1.0 - up)
+    return squares / (0.25 * torch.pi) ** 2
 
 
 class Sabers:

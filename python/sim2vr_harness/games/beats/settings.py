@@ -51,6 +51,9 @@ class TwinSettings(Settings):
     distance, by half a metre below 0; nothing after four fifths of the imagined rollouts."""
     error_cost: Weight = 20.0
     """Cost of a wrong cut, a mine or a wall, in points, which the true score does not have."""
+    look_cost: Weight = 0.0
+    """Points per user step for a head that is turned by 45 degrees away from where boxes come from,
+    less by the square for less. Who knows where they are need not look; its student must."""
     early_error_cost: Weight = 20.0
     """The same at first. In levels with every direction a user who pays for
     wrong cuts before it makes right ones learns to keep its blades away."""

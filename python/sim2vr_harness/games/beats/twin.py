@@ -38,6 +38,7 @@ from sim2vr_harness.games.beats.sabers import (
     Sabers,
     distances,
     head_of,
+    looked_away,
     nearest,
     swing,
     velocities,
@@ -240,6 +241,7 @@ class ImaginedBeats:
         reward = reward - self._judge_mines(before, after, head, soft)
         over = lane.advance(self._step_s)
         reward = reward - self._judge_walls(head, soft)
+        reward = reward - self.settings.look_cost * looked_away(place)
         boxes, mines = lane.passed()
         self._count("missed", boxes)
         self._count("avoided", mines)

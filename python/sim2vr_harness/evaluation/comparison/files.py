@@ -42,6 +42,7 @@ def as_json(report: Report) -> dict[str, Any]:
             compared.name: _user(report, i, compared) for i, compared in enumerate(report.compared)
         },
         "together": _total(report.together),
+        "goals": [asdict(row) for row in report.goals],
         "between_groups": [
             {"user": name, **_contrast(row)} for name, row in report.group_contrasts()
         ],
@@ -129,7 +130,7 @@ def write_json(report: Report, file: Path) -> Path:
 
 
 def write_csv(report: Report, folder: Path) -> list[Path]:
-    """Write ``measures.csv``, ``samples.csv`` and ``contrasts.csv``, a row per user and number."""
+    """Write measures, samples, contrasts and goals as CSV, a row per user and number."""
     tables = {
         "measures": [
             {"user": compared.name, **_row(row)}
@@ -148,6 +149,7 @@ def write_csv(report: Report, folder: Path) -> list[Path]:
                 *report.group_contrasts(),
             )
         ],
+        "goals": [asdict(row) for row in report.goals],
     }
     files = []
     for name, rows in tables.items():

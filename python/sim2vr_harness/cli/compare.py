@@ -5,13 +5,17 @@ from __future__ import annotations
 import json as jsonlib
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from sim2vr_harness.cli.options import TrustOption, writable_folder
 from sim2vr_harness.cli.progress import Share
+from sim2vr_harness.errors import InputError
+
+if TYPE_CHECKING:
+    from sim2vr_harness.evaluation.comparison.sources import Plays
 
 __all__ = ["compare"]
 
@@ -26,14 +30,14 @@ def compare(
         ),
     ],
     people: Annotated[
-        list[Path],
+        list[Path] | None,
         typer.Option(
             "--people",
             metavar="DIR",
             help="People's recorded rounds: packed with a manifest.json, or logs in a folder per "
-            "person; may be repeated.",
+            "person; may be repeated. Pointing needs none: figures are published.",
         ),
-    ],
+    ] = None,
     game: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="The game; without, that of the first user who plays."),
@@ -93,10 +97,10 @@ def compare(
         read_user,
     )
     from sim2vr_harness.evaluation.comparison.tables import report_tables
-    from sim2vr_harness.games.registry import behaviour_of, behaviours
+    from sim2vr_harness.games.registry import aimed_games, behaviour_of, behaviours
 
     known = (found for user in users if (found := game_of(user)) is not None)
-    behaviour = behaviour_of(game or next(known, behaviours()[0]))
+    game = game or next(known, behaviours()[0])
     plays = Plays(
         out=out / "rounds",
         episodes=episodes,
@@ -107,6 +111,14 @@ def compare(
         persons=persons,
         trust_app=trust_app,
     )
+    if game in aimed_games():
+        _compare_aimed(
+            users, game, people or [], plays, out, figures=figures, every=every, json=json
+        )
+        return
+    behaviour = behaviour_of(game)
+    if not people:
+        raise InputError("--people", "none", "a folder of people's recorded rounds")
     with Share("Comparing") as share:
         measured_people = read_people(people, behaviour, unconstrained=unconstrained)
         sources: list[Source] = []
@@ -129,5 +141,51 @@ def compare(
         typer.echo(jsonlib.dumps(as_json(report), indent=1))
         return
     Console().print(report_tables(report, every=every))
+    for file in files:
+        typer.echo(f"Written: {file}")
+
+
+def _compare_aimed(
+    users: list[str],
+    game: str,
+    people: list[Path],
+    plays: Plays,
+    out: Path,
+    *,
+    figures: bool,
+    every: bool,
+    json: bool,
+) -> None:
+    """Compare users of aimed movements: Fitts' law, throughput, end points, submovements."""
+    from sim2vr_harness.evaluation.fitts.beside import AimedReport, aimed_json, aimed_tables
+    from sim2vr_harness.evaluation.fitts.picture import draw_fitts
+    from sim2vr_harness.evaluation.fitts.users import read_aimed_people, read_aimed_user
+    from sim2vr_harness.training.run_folder import write_atomically
+
+    with Share("Comparing") as share:
+        recorded = read_aimed_people(people)
+        found = []
+        for user in users:
+
+            def show(part: float, done: int = len(found)) -> None:
+                share.show((done + part) / len(users))
+
+            found.append(read_aimed_user(user, game, plays, on_progress=show))
+    names = [user.name for user in found]
+    found = [  # folders such as step_1000 are called alike
+        each if names.count(each.name) == 1 else replace(each, name=user)
+        for each, user in zip(found, users, strict=True)
+    ]
+    report = AimedReport(found, recorded)
+    text = jsonlib.dumps(aimed_json(report), indent=1)
+    files = [out / "comparison.json"]
+    write_atomically(files[0], (text + "\n").encode())
+    if figures:
+        drawn = [*found, *([] if recorded is None else [recorded])]
+        files.append(draw_fitts(drawn, out / "movement_time.png"))
+    if json:
+        typer.echo(text)
+        return
+    Console().print(aimed_tables(report, every=every))
     for file in files:
         typer.echo(f"Written: {file}")

@@ -15,7 +15,8 @@ from sim2vr_harness.cli.progress import Share
 from sim2vr_harness.errors import InputError
 
 if TYPE_CHECKING:
-    from sim2vr_harness.evaluation.comparison.sources import Plays
+    from sim2vr_harness.evaluation.comparison.sources import Plays, Source
+    from sim2vr_harness.games.behaviour import Behaviour
 
 __all__ = ["compare"]
 
@@ -26,7 +27,8 @@ def compare(
         typer.Argument(
             metavar="USER...",
             help="A shipped user's name, a run's folder or checkpoint: it plays. Or the folder of "
-            "an evaluation with logs, or of any logged rounds.",
+            "an evaluation with logs, or of any logged rounds. Or a study (STUDY.yaml, or its "
+            "folder): each of its users, trained and played first, if they are not yet.",
         ),
     ],
     people: Annotated[
@@ -91,7 +93,6 @@ def compare(
     from sim2vr_harness.evaluation.comparison.report import Report
     from sim2vr_harness.evaluation.comparison.sources import (
         Plays,
-        Source,
         game_of,
         read_people,
         read_user,
@@ -99,7 +100,9 @@ def compare(
     from sim2vr_harness.evaluation.comparison.tables import report_tables
     from sim2vr_harness.games.registry import aimed_games, behaviour_of, behaviours
 
-    known = (found for user in users if (found := game_of(user)) is not None)
+    studies = [user for user in users if _is_study(user)]
+    others = [user for user in users if user not in studies]
+    known = (found for user in others if (found := game_of(user)) is not None)
     game = game or next(known, behaviours()[0])
     plays = Plays(
         out=out / "rounds",
@@ -112,6 +115,8 @@ def compare(
         trust_app=trust_app,
     )
     if game in aimed_games():
+        if studies:
+            raise InputError("USER", f"the study {studies[0]!r}", f"users of {game}, or logs")
         _compare_aimed(
             users, game, people or [], plays, out, figures=figures, every=every, json=json
         )
@@ -121,19 +126,22 @@ def compare(
         raise InputError("--people", "none", "a folder of people's recorded rounds")
     with Share("Comparing") as share:
         measured_people = read_people(people, behaviour, unconstrained=unconstrained)
-        sources: list[Source] = []
-        for user in users:
+        sources: dict[str, list[Source]] = {}
+        for user in others:
 
             def show(part: float, done: int = len(sources)) -> None:
                 share.show((done + part) / len(users))
 
-            sources.append(read_user(user, behaviour, plays, on_progress=show))
-    names = [source.name for source in sources]
-    sources = [  # folders such as step_1000 are called alike
-        source if names.count(source.name) == 1 else replace(source, name=user)
-        for source, user in zip(sources, users, strict=True)
+            sources[user] = [read_user(user, behaviour, plays, on_progress=show)]
+    for user in studies:
+        sources[user] = _players(user, out, behaviour)
+    read = [(user, source) for user in users for source in sources[user]]
+    names = [source.name for _, source in read]
+    compared = [  # folders such as step_1000 are called alike
+        source if names.count(source.name) == 1 else replace(source, name=_told(user, source.name))
+        for user, source in read
     ]
-    report = Report(behaviour, measured_people, sources)
+    report = Report(behaviour, measured_people, compared)
     files = [write_json(report, out / "comparison.json"), *write_csv(report, out)]
     if figures:
         files += draw(report, out)
@@ -143,6 +151,38 @@ def compare(
     Console().print(report_tables(report, every=every))
     for file in files:
         typer.echo(f"Written: {file}")
+
+
+def _told(user: str, name: str) -> str:
+    """A name that others have, too, with where it is from."""
+    return user if Path(user).name == name else f"{user} {name}"
+
+
+def _is_study(user: str) -> bool:
+    """Whether a USER is a study: its file, or its folder."""
+    path = Path(user)
+    return (path.suffix in (".yaml", ".yml") and path.is_file()) or (path / "study.json").is_file()
+
+
+def _players(user: str, out: Path, behaviour: Behaviour) -> list[Source]:
+    """The users of a study, which is run first, or gone on with, if its file is given."""
+    from sim2vr_harness.cli.studies import Shown
+    from sim2vr_harness.evaluation.comparison.sources import read_folders
+    from sim2vr_harness.studies import read_study, run_study
+    from sim2vr_harness.studies.config import load_study
+    from sim2vr_harness.studies.players import players_of
+
+    path = Path(user)
+    if path.is_dir():
+        data = read_study(path)
+    else:
+        study = load_study(path)
+        if not study.logs:
+            raise InputError(f"{user}: logs", "false", "true: what is compared is read from logs")
+        with Shown() as shown:
+            data = run_study(path, out / "studies" / study.name, on_progress=shown.show).data
+    players = players_of(data)
+    return [read_folders(name, folders, behaviour) for name, folders in players.items()]
 
 
 def _compare_aimed(
@@ -159,21 +199,25 @@ def _compare_aimed(
     """Compare users of aimed movements: Fitts' law, throughput, end points, submovements."""
     from sim2vr_harness.evaluation.fitts.beside import AimedReport, aimed_json, aimed_tables
     from sim2vr_harness.evaluation.fitts.picture import draw_fitts
-    from sim2vr_harness.evaluation.fitts.users import read_aimed_people, read_aimed_user
+    from sim2vr_harness.evaluation.fitts.users import (
+        AimedUser,
+        read_aimed_people,
+        read_aimed_user,
+    )
     from sim2vr_harness.training.run_folder import write_atomically
 
     with Share("Comparing") as share:
         recorded = read_aimed_people(people)
-        found = []
+        found: list[AimedUser] = []
         for user in users:
 
             def show(part: float, done: int = len(found)) -> None:
                 share.show((done + part) / len(users))
 
             found.append(read_aimed_user(user, game, plays, on_progress=show))
-    names = [user.name for user in found]
-    found = [  # folders such as step_1000 are called alike
-        each if names.count(each.name) == 1 else replace(each, name=user)
+    names = [each.name for each in found]
+    found = [
+        each if names.count(each.name) == 1 else replace(each, name=_told(user, each.name))
         for each, user in zip(found, users, strict=True)
     ]
     report = AimedReport(found, recorded)

@@ -36,6 +36,7 @@ __all__ = [
     "logged_rounds",
     "person_beside",
     "play_now",
+    "read_folders",
     "read_people",
     "read_user",
     "trained_user",
@@ -176,6 +177,30 @@ def game_of(user: str) -> str | None:
 def _is_folder_of_logs(user: str) -> bool:
     path = Path(user)
     return path.is_dir() and not (is_packed(user) or RunFolder(path).exists)
+
+
+def read_folders(name: str, folders: Sequence[Path], behaviour: Behaviour) -> Source:
+    """Measure a user whose rounds are in several folders, such as the cells of a study.
+
+    Args:
+        name: Of the user.
+        folders: Of logs, each of other conditions.
+        behaviour: Of the game.
+
+    Raises:
+        InputError: A folder has no rounds of the game, or two have the same condition.
+    """
+    persons: dict[Cell, Sequence[Person]] = {}
+    fatigue: dict[Cell, Mapping[str, float]] = {}
+    for folder in folders:
+        own = _of_folder(folder, behaviour, name)
+        for cell in own.persons:
+            if cell in persons:
+                got = f"{name!r}, who played {' '.join(cell)} in several cells"
+                raise InputError("USER", got, "each condition once, but for the study's factors")
+        persons |= own.persons
+        fatigue |= own.fatigue
+    return Source(name, persons, fatigue)
 
 
 # --- folders --------------------------------------------------------------------------------------

@@ -28,6 +28,8 @@ def report_tables(report: Report, *, every: bool = False) -> RenderableType:
         every: Show every measure in every condition.
     """
     parts: list[RenderableType] = [_totals(report)]
+    if len(report.users) > 1:
+        parts += _side_by_side(report)
     parts += _goals(report)
     for index, compared in enumerate(report.compared):
         parts.append(_headlines(report, compared))
@@ -62,6 +64,42 @@ def _totals(report: Report) -> Table:
             f"{each['distance']:.2f}",
         )
     return table
+
+
+def _side_by_side(report: Report) -> Iterator[RenderableType]:
+    """What is shown first of every user, a column each."""
+    for group in report.behaviour.groups:
+        users = [each for each in report.compared if group in each.groups]
+        if len(users) < 2:
+            continue
+        table = Table(
+            title=f"Side by side, {group} (* outside people's range)",
+            box=box.SIMPLE_HEAD,
+            title_justify="left",
+        )
+        table.add_column("")
+        for each in users:
+            table.add_column(each.name, justify="right")
+        table.add_column("People", justify="right", no_wrap=True)
+        rows = [
+            {(r.condition, r.measure.name): r for r in e.rows if r.group == group} for e in users
+        ]
+        for place in report.behaviour.headlines:
+            known = [own[place] for own in rows if place in own]
+            if not known:
+                continue
+            unit = f" ({known[0].measure.unit})" if known[0].measure.unit else ""
+            people = f"{known[0].people_low:.3g} to {known[0].people_high:.3g}"
+            cells = [_value(own.get(place)) for own in rows]
+            table.add_row(f"{place[1]}, {place[0]}{unit}", *cells, people)
+        totals = [total(list(own.values())) for own in rows]
+        table.add_row("cells inside", *("" if t is None else f"{t.inside:.3f}" for t in totals))
+        table.add_row("distance", *("" if t is None else f"{t.distance:.2f}" for t in totals))
+        yield table
+
+
+def _value(row: Row | None) -> str:
+    return "" if row is None else f"{row.value:.3g}" + ("" if row.inside == 1.0 else "*")
 
 
 def _goals(report: Report) -> Iterator[RenderableType]:

@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -20,6 +19,7 @@ from sim2vr_harness.evaluation.comparison.sources import (
     trained_user,
 )
 from sim2vr_harness.evaluation.fitts.law import (
+    Difficulty,
     FittsResult,
     Line,
     fit_line,
@@ -126,23 +126,11 @@ class AimedUser:
     @cached_property
     def difficulties(self) -> tuple[Aimed, ...]:
         """In the order of their indices."""
-        found: dict[tuple[float, float], list[Any]] = {}
+        found: dict[tuple[float, float], list[Difficulty]] = {}
         for person in self.persons:
             for each in person.difficulties:
                 found.setdefault((each.distance_m, each.width_m), []).append(each)
-        rows = [
-            Aimed(
-                each[0].distance_m,
-                each[0].width_m,
-                each[0].bits,
-                *(
-                    _known(Spread.of(getattr(one, key) for one in each))
-                    for key in ("movement_time_s", "throughput_bps", "error_rate", "spread_m")
-                ),
-                submovements=Spread.of(one.submovements for one in each),
-            )
-            for each in found.values()
-        ]
+        rows = [_aimed(own) for own in found.values()]
         return tuple(sorted(rows, key=lambda row: row.bits))
 
     @cached_property
@@ -154,6 +142,24 @@ class AimedUser:
     def number(self, name: str) -> Spread | None:
         """One of :data:`NUMBERS`, over persons."""
         return Spread.of(NUMBERS[name][1](person) for person in self.persons)
+
+
+def _aimed(own: Sequence[Difficulty]) -> Aimed:
+    """What persons did at one distance and width."""
+
+    def spread(key: str) -> Spread:
+        return _known(Spread.of(getattr(one, key) for one in own))
+
+    return Aimed(
+        distance_m=own[0].distance_m,
+        width_m=own[0].width_m,
+        bits=own[0].bits,
+        movement_time_s=spread("movement_time_s"),
+        throughput_bps=spread("throughput_bps"),
+        error_rate=spread("error_rate"),
+        spread_m=spread("spread_m"),
+        submovements=Spread.of(one.submovements for one in own),
+    )
 
 
 def _known(found: Spread | None) -> Spread:

@@ -244,6 +244,12 @@ def test_a_study_s_users_are_put_beside_people(
         for name, user in users.items()
     }
     assert times["nothing"] - times["rate"] == pytest.approx(0.1, abs=1e-4)
+    rows = list(csv.DictReader((out / "users.csv").read_text().splitlines()))
+    assert [row["user"] for row in rows] == ["nothing", "rate"]
+    assert (
+        float(rows[0]["hit_rate, hard"])
+        == users["nothing"]["persons"]["constrained hard"][0]["hit_rate"]
+    )
     file.write_text(json.dumps(tree | {"logs": False}))
     with pytest.raises(SystemExit):
         main(command)

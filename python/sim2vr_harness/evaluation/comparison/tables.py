@@ -109,8 +109,10 @@ def _goals(report: Report) -> Iterator[RenderableType]:
         found.setdefault((row.user, row.group), []).append(row)
     for (user, group), rows in found.items():
         whose = f"{user}, {group}" if group else f"{user}, over all"
-        table = Table(title=f"Asked of {whose}", box=box.SIMPLE_HEAD, title_justify="left")
-        table.add_column("What", min_width=20)
+        table = Table(
+            title=f"Asked of {whose}", box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False
+        )
+        table.add_column("What", min_width=16)
         for heading in ("User", "People", "Bar", "Aim"):
             table.add_column(heading, justify="right", no_wrap=True)
         for row in rows:

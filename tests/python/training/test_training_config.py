@@ -65,8 +65,8 @@ def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
     for stage in ("teacher", "evaluation"):
         own = getattr(people, stage).conditions
         assert getattr(other, stage).conditions == tuple(name + ending for name in own)
-    stuck = {**people.teacher.imagined.game, "stuck_cost": 0.5}
-    assert other.teacher.imagined.game == stuck
+    game = {**people.teacher.imagined.game, "stuck_cost": 0.5}
+    assert other.teacher.imagined == people.teacher.imagined.model_copy(update={"game": game})
     assert other.ppo == people.ppo
     assert other.student == people.student
     for one in (other, pointing):

@@ -123,9 +123,7 @@ def train(
         raise InputError("device", "'cuda', but torch finds no GPU", "'cpu' or 'auto'")
     people = config.env.user.people
     if people is not None and people.left_handed:
-        expected = (
-            "0: left-handers are mirror images, who have nothing else to learn; evaluate them"
-        )
+        expected = "0: left-handers are mirror images of those who learn; evaluate them"
         raise InputError("env.user.people.left_handed", f"{people.left_handed:g}", expected)
     require_memory(config)
     folder = RunFolder(out)

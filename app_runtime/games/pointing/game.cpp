@@ -17,7 +17,7 @@ rl::RLEnv& Pointing::build(rl::GameContext& context) {
   scene::GameObject& controller =
       settings_.hand == xr::Hand::left ? *rig.left_controller : *rig.right_controller;
   addStylusLooks(controller, settings_.stylus_m);
-  addRoomLooks(scene, *rig.camera);
+  addRoomLooks(scene, *rig.camera, settings_.hand);
 
   auto& round = scene.create("Round").addComponent<Round>(RoundSetup{
       settings_, context.seed, rig, Stylus(controller, settings_.stylus_m, settings_.rearm_m),

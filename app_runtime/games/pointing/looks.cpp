@@ -82,7 +82,7 @@ void addStylusLooks(scene::GameObject& controller, double length_m) {
   tip.transform().setLocalScale(kTipRadius_m);
 }
 
-void addRoomLooks(scene::Scene& scene, scene::GameObject& head_camera) {
+void addRoomLooks(scene::Scene& scene, scene::GameObject& head_camera, xr::Hand hand) {
   head_camera.getComponent<render::Camera>()->background = kBackground;
   for (const rl::OutsideView& view : views()) {
     auto& camera = scene.create(std::string(view.path)).addComponent<render::Camera>();
@@ -103,7 +103,9 @@ void addRoomLooks(scene::Scene& scene, scene::GameObject& head_camera) {
   floor.transform().setLocalRotation(Quat::FromTwoVectors(-Vec3::UnitZ(), Vec3::UnitY()));
   floor.transform().setLocalScale({1.5, 1.5, 1.0});
   scene::GameObject& light = scene.create("Light");
-  light.transform().setLocalRotation(lookAlong({-0.3, -1.0, 0.5}));
+  // From the other side for a left hand, so that its picture is the mirror image.
+  const double side = hand == xr::Hand::left ? -1.0 : 1.0;
+  light.transform().setLocalRotation(lookAlong({side * -0.3, -1.0, 0.5}));
   light.addComponent<render::DirectionalLight>();
 }
 

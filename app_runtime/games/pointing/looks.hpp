@@ -15,7 +15,7 @@ namespace sim2vr::games::pointing {
 /// A pen below the controller, with its tip `length_m` in front of the grip.
 void addStylusLooks(scene::GameObject& controller, double length_m);
 /// Floor, light, and the two cameras from outside.
-void addRoomLooks(scene::Scene& scene, scene::GameObject& head_camera);
+void addRoomLooks(scene::Scene& scene, scene::GameObject& head_camera, xr::Hand hand);
 /// Puts the cameras from outside to where the player stands, on the side of the hand that plays.
 void placeCameras(scene::Scene& scene, const Vec3& head_m, xr::Hand hand);
 

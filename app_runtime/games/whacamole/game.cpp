@@ -59,7 +59,7 @@ rl::RLEnv& WhacAMole::build(rl::GameContext& context) {
   auto& env = scene.create("RL Environment")
                   .addComponent<Env>(round, Privileged(round, *setup.rig.camera, *setup.area,
                                                        context.xr.settings().aspect));
-  addRoomLooks(scene);
+  addRoomLooks(scene, settings_.hand);
   return env;
 }
 

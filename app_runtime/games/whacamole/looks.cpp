@@ -267,10 +267,11 @@ Pose spectatorPose(const Vec3& head_m, xr::Hand hand) {
   return {head_m + offset, lookAlong(aim - offset)};
 }
 
-void addRoomLooks(scene::Scene& scene) {
-  addLight(scene, "Sun", {-0.466, -0.363, 0.807}, 1.0F);
+void addRoomLooks(scene::Scene& scene, xr::Hand hand) {
+  const double side = hand == xr::Hand::left ? -1.0 : 1.0;
+  addLight(scene, "Sun", {side * -0.466, -0.363, 0.807}, 1.0F);
   // Half as strong in the original's editor, which means half in sRGB: 0.214 in linear light.
-  addLight(scene, "Second Light", {-0.562, -0.595, 0.575}, render::linearFromSrgb(0.5F));
+  addLight(scene, "Second Light", {side * -0.562, -0.595, 0.575}, render::linearFromSrgb(0.5F));
   addSky(scene);
   addFloor(scene);
   addCameras(scene);

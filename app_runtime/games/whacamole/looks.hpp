@@ -18,7 +18,8 @@ void addAreaLooks(scene::GameObject& area);
 /// behind the player on the side of the hammer's hand, with head, hammer and each of the areas in
 /// view.
 Pose spectatorPose(const Vec3& head_m, xr::Hand hand);
-/// Platform, floor arrow, lights, sky and the two outside cameras.
-void addRoomLooks(scene::Scene& scene);
+/// Platform, floor arrow, lights, sky and the two outside cameras; lit from the other side for a
+/// left hand, so that all of its picture is the mirror image.
+void addRoomLooks(scene::Scene& scene, xr::Hand hand);
 
 }  // namespace sim2vr::games::whacamole

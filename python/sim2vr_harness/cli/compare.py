@@ -5,13 +5,18 @@ from __future__ import annotations
 import json as jsonlib
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.console import Console
 
 from sim2vr_harness.cli.options import TrustOption, writable_folder
 from sim2vr_harness.cli.progress import Share
+from sim2vr_harness.errors import InputError
+
+if TYPE_CHECKING:
+    from sim2vr_harness.evaluation.comparison.sources import Plays, Source
+    from sim2vr_harness.games.behaviour import Behaviour
 
 __all__ = ["compare"]
 
@@ -22,18 +27,19 @@ def compare(
         typer.Argument(
             metavar="USER...",
             help="A shipped user's name, a run's folder or checkpoint: it plays. Or the folder of "
-            "an evaluation with logs, or of any logged rounds.",
+            "an evaluation with logs, or of any logged rounds. Or a study (STUDY.yaml, or its "
+            "folder): each of its users, trained and played first, if they are not yet.",
         ),
     ],
     people: Annotated[
-        list[Path],
+        list[Path] | None,
         typer.Option(
             "--people",
             metavar="DIR",
             help="People's recorded rounds: packed with a manifest.json, or logs in a folder per "
-            "person; may be repeated.",
+            "person; may be repeated. Pointing needs none: figures are published.",
         ),
-    ],
+    ] = None,
     game: Annotated[
         str | None,
         typer.Option(metavar="NAME", help="The game; without, that of the first user who plays."),
@@ -87,16 +93,17 @@ def compare(
     from sim2vr_harness.evaluation.comparison.report import Report
     from sim2vr_harness.evaluation.comparison.sources import (
         Plays,
-        Source,
         game_of,
         read_people,
         read_user,
     )
     from sim2vr_harness.evaluation.comparison.tables import report_tables
-    from sim2vr_harness.games.registry import behaviour_of, behaviours
+    from sim2vr_harness.games.registry import aimed_games, behaviour_of, behaviours
 
-    known = (found for user in users if (found := game_of(user)) is not None)
-    behaviour = behaviour_of(game or next(known, behaviours()[0]))
+    studies = [user for user in users if _is_study(user)]
+    others = [user for user in users if user not in studies]
+    known = (found for user in others if (found := game_of(user)) is not None)
+    game = game or next(known, behaviours()[0])
     plays = Plays(
         out=out / "rounds",
         episodes=episodes,
@@ -107,21 +114,34 @@ def compare(
         persons=persons,
         trust_app=trust_app,
     )
+    if game in aimed_games():
+        if studies:
+            raise InputError("USER", f"the study {studies[0]!r}", f"users of {game}, or logs")
+        _compare_aimed(
+            users, game, people or [], plays, out, figures=figures, every=every, json=json
+        )
+        return
+    behaviour = behaviour_of(game)
+    if not people:
+        raise InputError("--people", "none", "a folder of people's recorded rounds")
     with Share("Comparing") as share:
         measured_people = read_people(people, behaviour, unconstrained=unconstrained)
-        sources: list[Source] = []
-        for user in users:
+        sources: dict[str, list[Source]] = {}
+        for user in others:
 
             def show(part: float, done: int = len(sources)) -> None:
                 share.show((done + part) / len(users))
 
-            sources.append(read_user(user, behaviour, plays, on_progress=show))
-    names = [source.name for source in sources]
-    sources = [  # folders such as step_1000 are called alike
-        source if names.count(source.name) == 1 else replace(source, name=user)
-        for source, user in zip(sources, users, strict=True)
+            sources[user] = [read_user(user, behaviour, plays, on_progress=show)]
+    for user in studies:
+        sources[user] = _players(user, out, behaviour)
+    read = [(user, source) for user in users for source in sources[user]]
+    names = [source.name for _, source in read]
+    compared = [  # folders such as step_1000 are called alike
+        source if names.count(source.name) == 1 else replace(source, name=_told(user, source.name))
+        for user, source in read
     ]
-    report = Report(behaviour, measured_people, sources)
+    report = Report(behaviour, measured_people, compared)
     files = [write_json(report, out / "comparison.json"), *write_csv(report, out)]
     if figures:
         files += draw(report, out)
@@ -129,5 +149,87 @@ def compare(
         typer.echo(jsonlib.dumps(as_json(report), indent=1))
         return
     Console().print(report_tables(report, every=every))
+    for file in files:
+        typer.echo(f"Written: {file}")
+
+
+def _told(user: str, name: str) -> str:
+    """A name that others have, too, with where it is from."""
+    return user if Path(user).name == name else f"{user} {name}"
+
+
+def _is_study(user: str) -> bool:
+    """Whether a USER is a study: its file, or its folder."""
+    path = Path(user)
+    return (path.suffix in (".yaml", ".yml") and path.is_file()) or (path / "study.json").is_file()
+
+
+def _players(user: str, out: Path, behaviour: Behaviour) -> list[Source]:
+    """The users of a study, which is run first, or gone on with, if its file is given."""
+    from sim2vr_harness.cli.studies import Shown
+    from sim2vr_harness.evaluation.comparison.sources import read_folders
+    from sim2vr_harness.studies import read_study, run_study
+    from sim2vr_harness.studies.config import load_study
+    from sim2vr_harness.studies.players import players_of
+
+    path = Path(user)
+    if path.is_dir():
+        data = read_study(path)
+    else:
+        study = load_study(path)
+        if not study.logs:
+            raise InputError(f"{user}: logs", "false", "true: what is compared is read from logs")
+        with Shown() as shown:
+            data = run_study(path, out / "studies" / study.name, on_progress=shown.show).data
+    players = players_of(data)
+    return [read_folders(name, folders, behaviour) for name, folders in players.items()]
+
+
+def _compare_aimed(
+    users: list[str],
+    game: str,
+    people: list[Path],
+    plays: Plays,
+    out: Path,
+    *,
+    figures: bool,
+    every: bool,
+    json: bool,
+) -> None:
+    """Compare users of aimed movements: Fitts' law, throughput, end points, submovements."""
+    from sim2vr_harness.evaluation.fitts.beside import AimedReport, aimed_json, aimed_tables
+    from sim2vr_harness.evaluation.fitts.picture import draw_fitts
+    from sim2vr_harness.evaluation.fitts.users import (
+        AimedUser,
+        read_aimed_people,
+        read_aimed_user,
+    )
+    from sim2vr_harness.training.run_folder import write_atomically
+
+    with Share("Comparing") as share:
+        recorded = read_aimed_people(people)
+        found: list[AimedUser] = []
+        for user in users:
+
+            def show(part: float, done: int = len(found)) -> None:
+                share.show((done + part) / len(users))
+
+            found.append(read_aimed_user(user, game, plays, on_progress=show))
+    names = [each.name for each in found]
+    found = [
+        each if names.count(each.name) == 1 else replace(each, name=_told(user, each.name))
+        for each, user in zip(found, users, strict=True)
+    ]
+    report = AimedReport(found, recorded)
+    text = jsonlib.dumps(aimed_json(report), indent=1)
+    files = [out / "comparison.json"]
+    write_atomically(files[0], (text + "\n").encode())
+    if figures:
+        drawn = [*found, *([] if recorded is None else [recorded])]
+        files.append(draw_fitts(drawn, out / "movement_time.png"))
+    if json:
+        typer.echo(text)
+        return
+    Console().print(aimed_tables(report, every=every))
     for file in files:
         typer.echo(f"Written: {file}")

@@ -22,7 +22,6 @@ from sim2vr_harness.cli import (
     evaluate,
     export,
     film,
-    fitts,
     games,
     level,
     motor,
@@ -82,7 +81,6 @@ app.add_typer(users.app, name="users")
 app.add_typer(motor.app, name="motor")
 app.command("games")(games.games)
 app.command("level")(level.level)
-app.command("fitts")(fitts.fitts)
 app.command("export")(export.export)
 app.command("study")(study.study)
 app.command("report")(report_command.report)

@@ -20,7 +20,7 @@ from sim2vr_harness.client import (
 )
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.cores import budget
-from sim2vr_harness.envs.app_group import AppFailure, Logs, app_group
+from sim2vr_harness.envs.app_group import AppFailure, AppGroup, Logs, app_group
 from sim2vr_harness.envs.apps import AppFactory
 from sim2vr_harness.envs.checks import checked_options, checked_seeds, checked_users
 from sim2vr_harness.envs.config import (
@@ -31,11 +31,12 @@ from sim2vr_harness.envs.config import (
     with_options,
 )
 from sim2vr_harness.envs.games import game_facts, with_hand
+from sim2vr_harness.envs.mirrored import MirroredGroup
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
 from sim2vr_harness.envs.states import packed, unpacked
 from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.perception import Proprioception, Sense
-from sim2vr_harness.users import Body, Person, Physique
+from sim2vr_harness.users import Body, People, Person, Physique
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.bodies import DEVICES
 from sim2vr_harness.users.noise import MotorNoiseSettings
@@ -117,6 +118,10 @@ class Simulation:
         self.action_space = self.actions.space
         self.max_steps = max(1, round(config.max_episode_seconds * config.action_frequency_hz))
         self._group = app_group(config, n, log_dir, make_app, self.body.ipd_m)
+        self._mirrored: MirroredGroup | None = None
+        if self.people is not None and self.people.settings.left_handed:
+            self._mirrored = self._both_hands(self._group, self.people)
+            self._group = self._mirrored
         try:
             if config.user.inputs:
                 for app in self.apps:
@@ -205,6 +210,8 @@ class Simulation:
             self._seeds[i] = stream
         if not np.isnan(requests).all():
             self.users.turn_head(users, requests)  # type: ignore[arg-type]
+        if self._mirrored is not None:
+            self._mirrored.mirror(users, self._left_handers()[users])
         self._group.reset(users, numbers, self._poses(users, -1), options)
         self._steps[users] = 0
         self._over[users] = False
@@ -233,6 +240,28 @@ class Simulation:
             people.of_episode(seed) if number is None else people.number(number)
             for seed, number in zip(round_seeds, given, strict=True)
         ]
+
+    def _both_hands(self, group: AppGroup, people: People) -> MirroredGroup:
+        """The apps of people some of whom play with the other hand.
+
+        Raises:
+            ValueError: the game is played with one hand only.
+        """
+        option = self._hand_option
+        if option is None:
+            group.close()
+            raise ValueError(
+                f"people.left_handed: got {people.settings.left_handed:g} with the game "
+                f"{self.config.app.game!r}, expected 0: it has no option for the hand that plays"
+            )
+        hand = str(self.config.app.options.get(option, "right"))
+        return MirroredGroup(group, self.n, option, hand, self.config.vision.eyes)
+
+    def _left_handers(self) -> NDArray[np.bool_]:
+        """(N,) who plays with another hand than the users' body."""
+        assert self.people is not None
+        own = self.people.alike.handedness
+        return np.array([person.handedness != own for person in self.users.persons])
 
     def _who(self, i: int) -> dict[str, Any]:
         """User i's person for an info dictionary, where users are people."""
@@ -425,6 +454,8 @@ class Simulation:
             if saved["apps"][i] is not None:
                 self.apps[i].load(saved["apps"][i])
             self._senses.set_state(i, saved["senses"][i])
+        if self._mirrored is not None:
+            self._mirrored.resume(self._left_handers())
         for name in self._STATE_ARRAYS:
             getattr(self, name)[...] = saved["arrays"][name]
         anew = [i for i in range(self.n) if saved["apps"][i] is None]

@@ -13,6 +13,7 @@ from sim2vr_harness.games.rewards import RewardTerms
 from sim2vr_harness.settings import Settings
 
 __all__ = [
+    "aimed_games",
     "behaviour_of",
     "behaviours",
     "imagined_game",
@@ -34,6 +35,9 @@ may be set of it. A new game is one line."""
 _MEASURED = {"whacamole": "sim2vr_harness.games.whacamole"}
 """Name of the game -> its package, whose ``behaviour.BEHAVIOUR`` describes how players' behaviour
 is measured; it needs no twin."""
+
+_AIMED = ("pointing",)
+"""Games of aimed movements, whose logs have the selections that Fitts' law is about."""
 
 
 def room_of(name: str) -> str | None:
@@ -60,6 +64,11 @@ def imagined_settings(name: str) -> type[Settings] | None:
         return None
     settings: type[Settings] = import_module(f"{_ROOMS[name]}.settings").TwinSettings
     return settings
+
+
+def aimed_games() -> tuple[str, ...]:
+    """Return the names of the games of aimed movements."""
+    return _AIMED
 
 
 def behaviours() -> tuple[str, ...]:

@@ -121,6 +121,10 @@ def train(
         require_wandb()
     if config.device == "cuda" and not torch.cuda.is_available():
         raise InputError("device", "'cuda', but torch finds no GPU", "'cpu' or 'auto'")
+    people = config.env.user.people
+    if people is not None and people.left_handed:
+        expected = "0: left-handers are mirror images of those who learn; evaluate them"
+        raise InputError("env.user.people.left_handed", f"{people.left_handed:g}", expected)
     require_memory(config)
     folder = RunFolder(out)
     if resume:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.studies.cells import cells_of
@@ -152,3 +153,40 @@ def test_another_game_s_users_are_studied_by_its_own_measures() -> None:
     both = {"user": {"key": "user", "levels": [USER, "beats_first_eager"]}}
     message = "user=beats_first_eager: got a user of beats, expected one of whacamole, as in cell"
     assert message in refusal(fixed={}, factors=both)
+
+
+def test_the_ablation_of_people_leaves_out_one_thing_each() -> None:
+    """studies/people_ablation.yaml, beside the training that leaves out nothing."""
+    folder = Path(__file__).parents[3] / "studies"
+    plan = plan_of(load_study(folder / "people_ablation.yaml"), folder=folder)
+    assert plan.study.logs, "compare reads them"
+    configs = {
+        one.label.partition(",")[0].partition("=")[2]: yaml.safe_load(one.config)
+        for one in plan.trainings
+    }
+    whole = configs.pop("nothing")
+
+    def changed(one: Any, other: Any, place: str = "") -> set[str]:
+        if isinstance(one, dict) and isinstance(other, dict):
+            return {
+                name
+                for key in {*one, *other}
+                for name in changed(one.get(key), other.get(key), f"{place}.{key}".strip("."))
+            }
+        return set() if one == other else {place}
+
+    noise = {"env.user.noise." + key for key in ("signal_dependent", "constant", "constant_level")}
+    assert {name: changed(whole, config) for name, config in configs.items()} == {
+        "delay": {"env.senses"},
+        "noise": noise,
+        "frame rate": {"env.frames_per_step"},
+        "efference copy": {"env.senses"},
+        "head": {"env.senses", "env.user.head"},
+        "effort": {"env.user.effort.weight", "teacher.imagined.effort"},
+    }
+    senses = {name: [one["sense"] for one in c["env"]["senses"]] for name, c in configs.items()}
+    assert set(senses["noise"]) - set(senses["head"]) == {"head"}
+    assert set(senses["noise"]) - set(senses["efference copy"]) == {"actions"}
+    assert senses["delay"] == senses["noise"]
+    assert not any(one["delay_ms"] for one in configs["delay"]["env"]["senses"])
+    assert {task.condition for task in plan.tasks} == {"easy", "medium"}

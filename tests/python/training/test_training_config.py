@@ -56,6 +56,26 @@ def test_the_fast_recipe_s_users_live_in_the_reference_s_environment(group: str)
     assert fast.teacher.imagined.game["failing_value"] == 1.0
 
 
+def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
+    people = load_config("whacamole_people")
+    other, pointing = load_config("whacamole_people_unconstrained"), load_config("pointing_people")
+    app = {"options": {"condition": "random-unconstrained"}}
+    assert other.env.app == people.env.app.model_copy(update=app)
+    ending = "-unconstrained"
+    for stage in ("teacher", "evaluation"):
+        own = getattr(people, stage).conditions
+        assert getattr(other, stage).conditions == tuple(name + ending for name in own)
+    game = {**people.teacher.imagined.game, "stuck_cost": 0.5}
+    assert other.teacher.imagined == people.teacher.imagined.model_copy(update={"game": game})
+    assert other.ppo == people.ppo
+    assert other.student == people.student
+    for one in (other, pointing):
+        assert one.env.model_copy(update={"app": people.env.app, "vision": people.env.vision}) == (
+            people.env
+        )
+    assert pointing.recipe == "distill"
+
+
 def test_written_configuration_reads_back_the_same() -> None:
     config = load_config("whacamole_adaptive_unconstrained", ["seed=7", "ppo.n_envs=5"])
     assert parse_config(yaml.safe_load(to_yaml(config))) == config

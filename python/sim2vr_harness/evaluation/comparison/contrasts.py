@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 from scipy import stats
 
+from sim2vr_harness.evaluation.comparison.effects import CONFIDENCE, wilcoxon_effect
 from sim2vr_harness.evaluation.comparison.persons import Cell, Person
 from sim2vr_harness.games.behaviour import Behaviour
 
@@ -24,7 +25,6 @@ __all__ = [
 ]
 
 COMPARED = ("hits", "misses", "hit_rate", "depth_median")
-_CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True)
@@ -93,13 +93,18 @@ class FatigueDifference:
         group: of people who play by the same rule.
         contrast: what minus what.
         mean: of the differences.
-        effect: the mean divided by their standard deviation; None of one person.
+        spread: their standard deviation; None of one person.
+        effect: the mean divided by it; None of one person, or of none.
+        rank_effect: z / sqrt(n) of Wilcoxon's signed-rank test, as people's ratings are tested;
+            None of one person, or without a difference.
     """
 
     group: str
     contrast: str
     mean: float
+    spread: float | None
     effect: float | None
+    rank_effect: float | None
 
 
 def contrasts(
@@ -118,7 +123,7 @@ def contrasts(
                     continue
                 mean = float(np.mean(theirs))
                 half = float(
-                    stats.t.ppf(0.5 + _CONFIDENCE / 2.0, len(theirs) - 1)
+                    stats.t.ppf(0.5 + CONFIDENCE / 2.0, len(theirs) - 1)
                     * np.std(theirs, ddof=1)
                     / math.sqrt(len(theirs))
                 )
@@ -157,7 +162,7 @@ def group_contrasts(
                 (own_a, own_b), (a, b) = pairs
                 if not own_a or not own_b or min(len(a), len(b)) < 2:
                     continue
-                interval = stats.ttest_ind(a, b, equal_var=False).confidence_interval(_CONFIDENCE)
+                interval = stats.ttest_ind(a, b, equal_var=False).confidence_interval(CONFIDENCE)
                 found.append(
                     ContrastRow(
                         f"{one}, {other}",
@@ -198,11 +203,18 @@ def fatigue_of(
             other = fatigue.get((group, less), {})
             each = [most[name] - other[name] for name in most if name in other]
             if each:
-                sd = float(np.std(each, ddof=1)) if len(each) > 1 else 0.0
                 mean = float(np.mean(each))
-                name = f"{behaviour.tiring[-1]} - {less}"
-                effect = mean / sd if sd > 0.0 else None
-                differences.append(FatigueDifference(group, name, mean, effect))
+                spread = float(np.std(each, ddof=1)) if len(each) > 1 else None
+                differences.append(
+                    FatigueDifference(
+                        group,
+                        f"{behaviour.tiring[-1]} - {less}",
+                        mean,
+                        spread,
+                        mean / spread if spread else None,
+                        None if spread is None else wilcoxon_effect(each),
+                    )
+                )
     return rows, differences
 
 

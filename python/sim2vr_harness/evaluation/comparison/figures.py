@@ -116,8 +116,8 @@ def _time_to_hit(report: Report) -> Any:
             axis, cell = axes[row][column], (group, condition)
             axis.set_title(f"{group}, {condition}", fontsize=9)
             axis.grid(alpha=0.3)
-            for person in report.people.persons.get(cell, ()):
-                _steps(axis, person, _PEOPLE, 0.8, None)
+            for i, person in enumerate(report.people.persons.get(cell, ())):
+                _steps(axis, person, _PEOPLE, 0.8, "people" if i == 0 else None)
             for user, colour in _drawn(report, cell):
                 persons = user.persons[cell]
                 for i, person in enumerate(persons):

@@ -42,6 +42,7 @@ def as_json(report: Report) -> dict[str, Any]:
             compared.name: _user(report, i, compared) for i, compared in enumerate(report.compared)
         },
         "together": _total(report.together),
+        "goals": [asdict(row) for row in report.goals],
         "between_groups": [
             {"user": name, **_contrast(row)} for name, row in report.group_contrasts()
         ],
@@ -54,6 +55,19 @@ def as_json(report: Report) -> dict[str, Any]:
             for group, each in report.left_out.items()
         },
     }
+
+
+def _in_a_row(report: Report, compared: Compared, group: str) -> dict[str, Any]:
+    rows = [row for row in compared.rows if row.group == group]
+    values = {(row.condition, row.measure.name): row.value for row in rows}
+    first = {f"{name}, {c}": values.get((c, name)) for c, name in report.behaviour.headlines}
+    return {"user": compared.name, "group": group, **asdict(_of(rows)), **first}
+
+
+def _of(rows: Sequence[Row]) -> Total:
+    found = total(rows)
+    assert found is not None  # a group is one of rows
+    return found
 
 
 def _user(report: Report, index: int, compared: Compared) -> dict[str, Any]:
@@ -129,8 +143,14 @@ def write_json(report: Report, file: Path) -> Path:
 
 
 def write_csv(report: Report, folder: Path) -> list[Path]:
-    """Write ``measures.csv``, ``samples.csv`` and ``contrasts.csv``, a row per user and number."""
-    tables = {
+    """Write measures, samples, contrasts and goals as CSV, a row per user and number.
+
+    ``users.csv`` has a row per user and group, with what is shown first.
+    """
+    tables: dict[str, list[dict[str, Any]]] = {
+        "users": [
+            _in_a_row(report, each, group) for each in report.compared for group in each.groups
+        ],
         "measures": [
             {"user": compared.name, **_row(row)}
             for compared in report.compared
@@ -148,6 +168,7 @@ def write_csv(report: Report, folder: Path) -> list[Path]:
                 *report.group_contrasts(),
             )
         ],
+        "goals": [asdict(row) for row in report.goals],
     }
     files = []
     for name, rows in tables.items():

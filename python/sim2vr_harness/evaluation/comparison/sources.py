@@ -28,7 +28,19 @@ from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.training.run_folder import RunFolder, write_atomically
 from sim2vr_harness.training.trained_users import TrainedUser, find_user, is_packed
 
-__all__ = ["Plays", "Source", "game_of", "read_people", "read_user"]
+__all__ = [
+    "LoggedRound",
+    "Plays",
+    "Source",
+    "game_of",
+    "logged_rounds",
+    "person_beside",
+    "play_now",
+    "read_folders",
+    "read_people",
+    "read_user",
+    "trained_user",
+]
 
 _RESULTS, _PLAYED, _PERSON = "results.json", "played.json", "person.json"
 _EXPECTED_RESULTS = "results of an evaluation: conditions with their rounds"
@@ -125,24 +137,70 @@ def read_user(
     Raises:
         InputError: It is none of them, or its rounds are not of the game.
     """
-    path = Path(user)
-    if path.is_dir() and not (is_packed(user) or RunFolder(path).exists):
-        return _of_folder(path, behaviour)
-    known = find_user(user)
-    game = known.config.env.app.game
-    if game != behaviour.game:
-        raise InputError("USER", f"{user!r}, who plays {game}", f"a user of {behaviour.game}")
-    folder = _played(user, known, behaviour, plays, on_progress)
+    known = trained_user(user, behaviour.game)
+    if known is None:
+        return _of_folder(Path(user), behaviour)
+    conditions = plays.conditions or _conditions(known, behaviour)
+    folder = play_now(user, known, conditions, plays, on_progress)
     return _of_folder(folder, behaviour, name=folder.name)
 
 
-def game_of(user: str) -> str | None:
-    """The game that a user plays; None of a folder of logs, which do not say."""
-    path = Path(user)
-    if path.is_dir() and not (is_packed(user) or RunFolder(path).exists):
+def trained_user(user: str, game: str) -> TrainedUser | None:
+    """A user that can play; None of a folder of logs.
+
+    Raises:
+        InputError: There is no such user, or it plays another game.
+    """
+    if _is_folder_of_logs(user):
         return None
-    game: str = find_user(user).config.env.app.game
-    return game
+    known = find_user(user)
+    plays = known.config.env.app.game
+    if plays != game:
+        raise InputError("USER", f"{user!r}, who plays {plays}", f"a user of {game}")
+    return known
+
+
+def game_of(user: str) -> str | None:
+    """The game that a user plays, or has played; None of logs that do not say."""
+    if not _is_folder_of_logs(user):
+        game: str = find_user(user).config.env.app.game
+        return game
+    results = Path(user) / _RESULTS
+    if not results.is_file():
+        return None
+    found = read_json(results, _EXPECTED_RESULTS)
+    summaries = found.values() if isinstance(found, dict) else ()
+    games = [summary.get("game") for summary in summaries if isinstance(summary, dict)]
+    return next((name for name in games if isinstance(name, str)), None)
+
+
+def _is_folder_of_logs(user: str) -> bool:
+    path = Path(user)
+    return path.is_dir() and not (is_packed(user) or RunFolder(path).exists)
+
+
+def read_folders(name: str, folders: Sequence[Path], behaviour: Behaviour) -> Source:
+    """Measure a user whose rounds are in several folders, such as the cells of a study.
+
+    Args:
+        name: Of the user.
+        folders: Of logs, each of other conditions.
+        behaviour: Of the game.
+
+    Raises:
+        InputError: A folder has no rounds of the game, or two have the same condition.
+    """
+    persons: dict[Cell, Sequence[Person]] = {}
+    fatigue: dict[Cell, Mapping[str, float]] = {}
+    for folder in folders:
+        own = _of_folder(folder, behaviour, name)
+        for cell in own.persons:
+            if cell in persons:
+                got = f"{name!r}, who played {' '.join(cell)} in several cells"
+                raise InputError("USER", got, "each condition once, but for the study's factors")
+        persons |= own.persons
+        fatigue |= own.fatigue
+    return Source(name, persons, fatigue)
 
 
 # --- folders --------------------------------------------------------------------------------------
@@ -153,15 +211,39 @@ def _of_folder(folder: Path, behaviour: Behaviour, name: str | None = None) -> S
     if (folder / _RESULTS).is_file():
         return _of_evaluation(folder, behaviour, name)
     found = _read(folder, "USER")
-    rounds = _measured(found, behaviour, lambda played: _person_beside(played) or name, folder)
+    rounds = _measured(
+        found, behaviour, lambda played: person_beside(played.source) or name, folder
+    )
     return Source(name, persons_of(rounds, behaviour))
 
 
-def _of_evaluation(folder: Path, behaviour: Behaviour, name: str) -> Source:
-    """An evaluation's logs, with whose they are and how tiring they were from its results."""
+@dataclass(frozen=True)
+class LoggedRound:
+    """A round of an evaluation.
+
+    Attributes:
+        person: who played; the user's name where it is nobody in particular.
+        folder: of its logs.
+        row: what the evaluation says of it.
+    """
+
+    person: str
+    folder: Path
+    row: Mapping[str, Any]
+
+
+def logged_rounds(folder: Path, name: str) -> list[LoggedRound]:
+    """The rounds of an evaluation that was logged; none of a folder that is no evaluation.
+
+    Raises:
+        InputError: Its results cannot be read, or a round has no log.
+    """
+    if not (folder / _RESULTS).is_file():
+        return []
     results = read_json(folder / _RESULTS, _EXPECTED_RESULTS)
-    rounds: list[RoundMeasures] = []
-    tired: dict[Cell, dict[str, list[float]]] = {}
+    if not isinstance(results, dict):
+        raise InputError(file_name(folder / _RESULTS), shown(results, 40), _EXPECTED_RESULTS)
+    found = []
     for summary in results.values():
         for row in _rows(folder, summary):
             place = row.get("log_folder")
@@ -169,19 +251,30 @@ def _of_evaluation(folder: Path, behaviour: Behaviour, name: str) -> Source:
                 expected = "logs of every round: sim2vr-harness evaluate --log"
                 raise InputError("USER", f"{str(folder)!r}, which has rounds without", expected)
             person = name if row.get("person") is None else str(row["person"])
-            found = read_recordings([folder / place])
-            own = [
-                measure_round(played, behaviour)
-                for recording in found
-                if (played := round_of(recording, behaviour, person)) is not None
-            ]
-            rounds += own
-            fatigued = row.get("max_fatigued")
-            if isinstance(fatigued, (int, float)):
-                for each in own:
-                    tired.setdefault(each.cell, {}).setdefault(person, []).append(float(fatigued))
+            found.append(LoggedRound(person, folder / place, row))
+    return found
+
+
+def _of_evaluation(folder: Path, behaviour: Behaviour, name: str) -> Source:
+    """An evaluation's logs, with whose they are and how tiring they were from its results."""
+    rounds: list[RoundMeasures] = []
+    tired: dict[Cell, dict[str, list[float]]] = {}
+    for logged in logged_rounds(folder, name):
+        own = [
+            measure_round(played, behaviour)
+            for recording in read_recordings([logged.folder])
+            if (played := round_of(recording, behaviour, logged.person)) is not None
+        ]
+        rounds += own
+        fatigued = logged.row.get("max_fatigued")
+        if isinstance(fatigued, (int, float)):
+            for each in own:
+                tired.setdefault(each.cell, {}).setdefault(logged.person, []).append(
+                    float(fatigued)
+                )
     if not rounds:
-        raise _no_rounds("USER", folder, behaviour, list(results))
+        conditions = list(read_json(folder / _RESULTS, _EXPECTED_RESULTS))
+        raise _no_rounds("USER", folder, behaviour, conditions)
     fatigue = {
         cell: {person: sum(values) / len(values) for person, values in own.items()}
         for cell, own in tired.items()
@@ -232,7 +325,7 @@ def _no_rounds(
 
 def _whose(recording: Recording, root: Path) -> str:
     """The person beside a round's log, or the name of the folder that the round's folder is in."""
-    known = _person_beside(recording)
+    known = person_beside(recording.source)
     if known is not None:
         return known
     above = recording.source.resolve().parent
@@ -241,9 +334,9 @@ def _whose(recording: Recording, root: Path) -> str:
     return above.name
 
 
-def _person_beside(recording: Recording) -> str | None:
-    """Who played a round that ``evaluate --people --log`` has logged."""
-    file = recording.source / _PERSON
+def person_beside(folder: Path) -> str | None:
+    """Who played a round that ``evaluate --people --log`` has logged into a folder."""
+    file = folder / _PERSON
     if not file.is_file():
         return None
     index = read_json(file, "a person's fields").get("index")
@@ -253,17 +346,24 @@ def _person_beside(recording: Recording) -> str | None:
 # --- playing --------------------------------------------------------------------------------------
 
 
-def _played(
+def play_now(
     user: str,
     known: TrainedUser,
-    behaviour: Behaviour,
+    conditions: Sequence[str],
     plays: Plays,
     on_progress: Callable[[float], None],
 ) -> Path:
-    """The folder of a user's rounds, which are played unless the same ones are there."""
-    conditions = list(plays.conditions or _conditions(known, behaviour))
+    """Return the folder of a user's rounds, which are played unless the same ones are there.
+
+    Args:
+        user: As it was named.
+        known: The same.
+        conditions: The game's names.
+        plays: How.
+        on_progress: Called with the share of the work done.
+    """
     request = Request(
-        conditions=conditions,
+        conditions=list(conditions),
         episodes=plays.episodes,
         seed=plays.seed,
         log=True,
@@ -276,7 +376,7 @@ def _played(
     )
     told = {
         "weights": hashlib.sha256(read_bytes(known.source, "weights of a user")).hexdigest(),
-        "conditions": conditions,
+        "conditions": list(conditions),
         "episodes": plays.episodes,
         "seed": plays.seed,
         "persons": plays.persons,

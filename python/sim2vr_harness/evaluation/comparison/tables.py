@@ -12,6 +12,7 @@ from rich.text import Text
 from sim2vr_harness.evaluation.comparison.comparing import Compared, Row, Total, by_family, total
 from sim2vr_harness.evaluation.comparison.contrasts import COMPARED, ContrastRow
 from sim2vr_harness.evaluation.comparison.files import as_json
+from sim2vr_harness.evaluation.comparison.goals import GoalRow
 from sim2vr_harness.evaluation.comparison.report import Report
 
 __all__ = ["report_tables"]
@@ -27,6 +28,9 @@ def report_tables(report: Report, *, every: bool = False) -> RenderableType:
         every: Show every measure in every condition.
     """
     parts: list[RenderableType] = [_totals(report)]
+    if len(report.users) > 1:
+        parts += _side_by_side(report)
+    parts += _goals(report)
     for index, compared in enumerate(report.compared):
         parts.append(_headlines(report, compared))
         parts += _fatigue(report, index)
@@ -60,6 +64,73 @@ def _totals(report: Report) -> Table:
             f"{each['distance']:.2f}",
         )
     return table
+
+
+def _side_by_side(report: Report) -> Iterator[RenderableType]:
+    """What is shown first of every user, a column each."""
+    for group in report.behaviour.groups:
+        users = [each for each in report.compared if group in each.groups]
+        if len(users) < 2:
+            continue
+        table = Table(
+            title=f"Side by side, {group} (* outside people's range)",
+            box=box.SIMPLE_HEAD,
+            title_justify="left",
+        )
+        table.add_column("")
+        for each in users:
+            table.add_column(each.name, justify="right")
+        table.add_column("People", justify="right", no_wrap=True)
+        rows = [
+            {(r.condition, r.measure.name): r for r in e.rows if r.group == group} for e in users
+        ]
+        for place in report.behaviour.headlines:
+            known = [own[place] for own in rows if place in own]
+            if not known:
+                continue
+            unit = f" ({known[0].measure.unit})" if known[0].measure.unit else ""
+            people = f"{known[0].people_low:.3g} to {known[0].people_high:.3g}"
+            cells = [_value(own.get(place)) for own in rows]
+            table.add_row(f"{place[1]}, {place[0]}{unit}", *cells, people)
+        totals = [total(list(own.values())) for own in rows]
+        table.add_row("cells inside", *("" if t is None else f"{t.inside:.3f}" for t in totals))
+        table.add_row("distance", *("" if t is None else f"{t.distance:.2f}" for t in totals))
+        yield table
+
+
+def _value(row: Row | None) -> str:
+    return "" if row is None else f"{row.value:.3g}" + ("" if row.inside == 1.0 else "*")
+
+
+def _goals(report: Report) -> Iterator[RenderableType]:
+    """What is asked of users: a plus for what is so, a minus for what is not."""
+    found: dict[tuple[str, str], list[GoalRow]] = {}
+    for row in report.goals:
+        found.setdefault((row.user, row.group), []).append(row)
+    for (user, group), rows in found.items():
+        whose = f"{user}, {group}" if group else f"{user}, over all"
+        table = Table(
+            title=f"Asked of {whose}", box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False
+        )
+        table.add_column("What", min_width=16)
+        for heading in ("User", "People", "Bar", "Aim"):
+            table.add_column(heading, justify="right", no_wrap=True)
+        for row in rows:
+            people = ""
+            if row.people_low is not None and row.people_high is not None:
+                people = f"{row.people_low:.3g} to {row.people_high:.3g}"
+            table.add_row(
+                row.what,
+                f"{row.value:.3g}" + ("" if row.spread is None else f" ± {row.spread:.2g}"),
+                people,
+                _asked(row.bar, row.bar_met),
+                _asked(row.aim, row.aim_met),
+            )
+        yield table
+
+
+def _asked(text: str, met: bool | None) -> str:
+    return text if met is None else f"{text} {'+' if met else '-'}"
 
 
 def _add(table: Table, name: str, group: str, found: Total | None, *, dim: bool = False) -> None:
@@ -134,6 +205,13 @@ def _fatigue(report: Report, index: int) -> Iterator[RenderableType]:
             for row in more
         )
         yield Text(f"Differences: {text}")
+    ratings = report.behaviour.ratings
+    for group in dict.fromkeys(row.group for row in tired):
+        rated = {} if ratings is None else ratings.medians.get(group, {})
+        if ratings is not None and rated:
+            text = ", ".join(f"{condition} {median:g}" for condition, median in rated.items())
+            count = ratings.people[group]
+            yield Text(f"{count} people, {group} ({ratings.scale}, medians): {text}")
 
 
 def _contrasts(report: Report) -> Iterator[RenderableType]:

@@ -3,6 +3,8 @@
 - :mod:`.taps`: what a round's log says of every target
 - :mod:`.movements`: movements from one selection to the next, blocks, and their effective numbers
 - :mod:`.law`: movement time against the index of difficulty, and all of a user's numbers
+- :mod:`.users`: users of several persons; they play if need be
+- :mod:`.beside`: users beside people
 - :mod:`.submovements`: how many pieces a movement is made of
 - :mod:`.published`: what is published of people
 - :mod:`.picture`: movement time over index of difficulty

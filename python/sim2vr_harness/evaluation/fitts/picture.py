@@ -9,17 +9,18 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.errors import InputError
-from sim2vr_harness.evaluation.fitts.law import FittsResult
 from sim2vr_harness.evaluation.fitts.published import STUDIES
+from sim2vr_harness.evaluation.fitts.users import AimedUser, Spread
 from sim2vr_harness.files import naming
 
 __all__ = ["draw_fitts"]
 
 
-def draw_fitts(users: Sequence[FittsResult], out: Path) -> Path:
+def draw_fitts(users: Sequence[AimedUser], out: Path) -> Path:
     """Draw movement time, errors and throughput over the index of difficulty into a PNG file.
 
-    Lines are the users' MT = a + b ID; dashed ones are published of people.
+    Means over persons with their standard deviations; lines are MT = a + b ID of the means, dashed
+    ones are published of people.
 
     Args:
         users: at least one.
@@ -52,19 +53,30 @@ def draw_fitts(users: Sequence[FittsResult], out: Path) -> Path:
     return out
 
 
-def _draw_user(times: Any, throughputs: Any, rates: Any, user: FittsResult, color: str) -> None:
-    bits = [one.bits for one in user.difficulties]
+def _draw_user(times: Any, throughputs: Any, rates: Any, user: AimedUser, color: str) -> None:
+    bits = [row.bits for row in user.difficulties]
     label = user.name
     if user.line is not None:
         line = user.line
         label += f": {line.a_s:.2f} s + {line.b_s_per_bit:.2f} s/bit, R2 = {line.r2:.2f}"
         ends = np.array([min(bits), max(bits)])
         times.plot(ends, line.a_s + line.b_s_per_bit * ends, color=color)
-    times.plot(
-        bits, [one.movement_time_s for one in user.difficulties], "o", color=color, label=label
-    )
-    throughputs.plot(bits, [one.throughput_bps for one in user.difficulties], "o-", color=color)
-    rates.plot(bits, [one.error_rate for one in user.difficulties], "o-", color=color)
+    for axes, key, style in (
+        (times, "movement_time_s", "o"),
+        (throughputs, "throughput_bps", "o-"),
+        (rates, "error_rate", "o-"),
+    ):
+        found: list[Spread] = [getattr(row, key) for row in user.difficulties]
+        spread = [row.sd for row in found if row.sd is not None]
+        axes.errorbar(
+            bits,
+            [row.mean for row in found],
+            yerr=spread if len(spread) == len(found) else None,
+            fmt=style,
+            color=color,
+            capsize=2,
+            label=label if axes is times else None,
+        )
 
 
 def _draw_people(axes: Any) -> None:

@@ -9,12 +9,14 @@ import numpy as np
 from pydantic import Field, field_validator
 from scipy.special import ndtr, ndtri
 
-from sim2vr_harness.settings import Settings
+from sim2vr_harness.settings import Chance, Settings
 from sim2vr_harness.users.bodies.options import Physique
 from sim2vr_harness.users.people.person import Person
 from sim2vr_harness.users.people.traits import CUT, TRAITS, TraitName
 
 _COUNTLESS = 2**31
+_HAND = 0x6861
+"""Of the random numbers that decide about hands, so that all others stay what they were."""
 _SEGMENTS = {"upper_arm": "upper_arm_factor", "forearm": "forearm_factor"}
 
 Delay = Annotated[float, Field(ge=0.0, le=1.0)]
@@ -31,6 +33,9 @@ class PeopleSettings(Settings):
     """Other people for another seed; number k of a seed is always the same person."""
     count: int | None = Field(default=None, ge=1, le=_COUNTLESS)
     """How many there are, numbers 0 to count - 1; None: no end of them."""
+    left_handed: Chance = 0.0
+    """Share of people who play with the other hand than the body: its mirror image, at the border
+    to a game that can be played with either (docs/people.md). For evaluations."""
     visual_delay_s: Delay = 0.1
     """Mean delay of their sight, s."""
     proprioceptive_delay_s: Delay = 0.05
@@ -88,6 +93,8 @@ class People:
             for trait, deviation in zip(TRAITS, deviations, strict=True)
             if trait in self.varied
         }
+        if np.random.default_rng([seed, index, _HAND]).random() < self.settings.left_handed:
+            values["handedness"] = "right" if self.alike.handedness == "left" else "left"
         return replace(self.alike, index=index, **values)
 
     def of_episode(self, seed: int) -> Person:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import Any
 
@@ -48,7 +49,7 @@ class Persons:
         self._body, self._batch = body, batch
         self._cut = None if cut is None else lru_cache(maxsize=_KEPT_BODIES)(_by_key(cut))
         alike = AVERAGE if people is None else people.alike
-        self._alike_strength = alike.strength
+        self._alike_strength, self._alike_hand = alike.strength, alike.handedness
         self._now = [alike] * n
         self._bodies: list[Body] = [body] * n
         self._models: list[mujoco.MjModel] = [body.physics_model] * n
@@ -75,7 +76,8 @@ class Persons:
         own_bodies = False
         for i, person in zip(np.asarray(ids).tolist(), persons, strict=True):
             self._now[i] = person
-            self.features[i] = person.features
+            # A mirror image's network is one, too: to itself it plays with the body's hand.
+            self.features[i] = replace(person, handedness=self._alike_hand).features
             self.strength[i] = person.strength / self._alike_strength
             self.motor_noise[i] = person.motor_noise
             self.effort_weight[i] = person.effort_weight

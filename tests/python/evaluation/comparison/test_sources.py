@@ -6,16 +6,27 @@ import csv
 import json
 import re
 import shutil
+from itertools import product
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
+import pandas
 import pytest
 
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.comparison import sources
-from sim2vr_harness.evaluation.comparison.sources import Plays, read_people, read_user
+from sim2vr_harness.evaluation.comparison.sources import (
+    Plays,
+    read_folders,
+    read_people,
+    read_user,
+)
 from sim2vr_harness.games.registry import behaviour_of
+from sim2vr_harness.studies.config import parse_study
+from sim2vr_harness.studies.data import StudyData
+from sim2vr_harness.studies.players import players_of
 
 WHACAMOLE = behaviour_of("whacamole")
 ROUND = Path(__file__).parents[3] / "data" / "whacamole_round"
@@ -183,6 +194,81 @@ def test_the_command(tmp_path: Path, people: Path, capsys: pytest.CaptureFixture
     for name in ("overview.png", "time_to_hit.png"):
         assert (out / name).stat().st_size > 10_000
     assert not (out / "latency.png").exists(), "no condition with one target at a time"
+
+
+def test_a_study_s_users_are_put_beside_people(
+    tmp_path: Path,
+    people: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Cells that differ in the condition alone are one user's."""
+    factors = {
+        "left_out": {"key": "env.frames_per_step", "levels": {"nothing": 5, "rate": 1}},
+        "condition": {"key": "condition", "levels": ["easy", "hard"]},
+    }
+    tree = {"name": "parts", "fixed": {"user": "x"}, "factors": factors, "logs": True}
+    cells, root = [], tmp_path / "study"
+    for i, (part, condition) in enumerate(product(("nothing", "rate"), ("easy", "hard"))):
+        title = f"condition {condition}"
+        place = logged(root / f"cells/{i}/logs/r", earlier_s=0.1 * (i // 2), title=title)
+        summary = {"rounds": [{"log_folder": str(place.relative_to(root / f"cells/{i}"))}]}
+        (root / f"cells/{i}/results.json").write_text(json.dumps({condition: summary}))
+        cells.append({"factor_left_out": part, "factor_condition": condition})
+        cells[-1]["folder"] = f"cells/{i}"
+    data = StudyData(root, parse_study(tree), {})
+    data.__dict__["cells"] = pandas.DataFrame(cells)
+    assert players_of(data) == {
+        "nothing": [root / "cells/0", root / "cells/1"],
+        "rate": [root / "cells/2", root / "cells/3"],
+    }
+    ran = []
+
+    def run_study(file: Path, out: Path, **how: Any) -> Any:
+        ran.append((file, out))
+        return SimpleNamespace(data=data)
+
+    monkeypatch.setattr("sim2vr_harness.studies.run_study", run_study)
+    file = tmp_path / "parts.yaml"
+    file.write_text(json.dumps(tree))
+    out = tmp_path / "out"
+    command = ["compare", str(file), "--people", str(people), "--out", str(out), "--no-figures"]
+    with pytest.raises(SystemExit) as ended:
+        main(command)
+    assert not ended.value.code
+    assert ran == [(file, out / "studies" / "parts")]
+    assert "Side by side, constrained" in capsys.readouterr().out
+    users = json.loads((out / "comparison.json").read_text())["users"]
+    times = {
+        name: next(row["value"] for row in user["measures"] if row["measure"] == "tth_median")
+        for name, user in users.items()
+    }
+    assert times["nothing"] - times["rate"] == pytest.approx(0.1, abs=1e-4)
+    rows = list(csv.DictReader((out / "users.csv").read_text().splitlines()))
+    assert [row["user"] for row in rows] == ["nothing", "rate"]
+    assert (
+        float(rows[0]["hit_rate, hard"])
+        == users["nothing"]["persons"]["constrained hard"][0]["hit_rate"]
+    )
+    file.write_text(json.dumps(tree | {"logs": False}))
+    with pytest.raises(SystemExit):
+        main(command)
+    assert "got false, expected true: what is compared" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_condition_is_in_one_cell_of_a_user(tmp_path: Path) -> None:
+    folders = [evaluation(tmp_path / name, {None: 0.0}) for name in "ab"]
+    assert read_folders("u", folders[:1], WHACAMOLE).persons[HARD][0].rounds == 1
+    with pytest.raises(InputError, match="'u', who played constrained hard in several cells"):
+        read_folders("u", folders, WHACAMOLE)
+
+
+def test_people_are_needed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["compare", str(evaluation(tmp_path / "e", {None: 0.0})), "--out", str(tmp_path)])
+    assert "--people: got none, expected a folder of people's" in " ".join(
+        capsys.readouterr().err.split()
+    )
 
 
 def test_users_and_people_must_have_met(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from sim2vr_harness.evaluation.fitts.law import rounds_below
 from sim2vr_harness.evaluation.fitts.picture import draw_fitts
 from sim2vr_harness.evaluation.fitts.published import STUDIES, studies_table
 from sim2vr_harness.evaluation.fitts.submovements import submovements
+from sim2vr_harness.evaluation.fitts.users import AimedUser, read_aimed_people
 
 # Two targets 10 cm apart, one on either side of the middle, in turn: to the right, offsets are
 # along x, to the left against it.
@@ -152,8 +154,8 @@ def states(folder: Path, rate_hz: int = 20) -> None:
     (folder / "states.csv").write_text("\n".join(lines) + "\n")
 
 
-def user(folder: Path) -> None:
-    """Two rounds with blocks of three widths, each 0.1 s slower per bit, nearly."""
+def user(folder: Path, pause_s: float = 0.2) -> None:
+    """Two rounds with blocks of three widths, each 0.1 s slower per bit."""
     for number in range(2):
         blocks = []
         for k, width in enumerate((0.04, 0.02, 0.01)):
@@ -162,7 +164,7 @@ def user(folder: Path) -> None:
             for trial, slip in enumerate((0.0, -0.002, 0.002, 0.0)):
                 side = -1.0 if trial % 2 == 0 else 1.0
                 places.append(("target_hit", time, side * (0.05 + slip), 0.0))
-                time += 0.2 + 0.1 * bits
+                time += pause_s + 0.1 * bits
             blocks.append(log_of(places, width=width, block=k))
         written(folder / f"round{number}", *blocks)
 
@@ -214,15 +216,72 @@ def test_what_is_wrong_is_named(tmp_path: Path) -> None:
         rounds_below(tmp_path / "nobody")
 
 
-def test_the_command_prints_and_draws(tmp_path: Path) -> None:
-    user(tmp_path / "anna")
-    out = tmp_path / "fitts.png"
-    result = CliRunner().invoke(app, ["fitts", str(tmp_path / "anna"), "--out", str(out)])
+def test_the_command_puts_users_beside_people(tmp_path: Path) -> None:
+    """Two people of 0.1 s per bit; the user, two persons of an evaluation, needs 0.1 s more."""
+    user(tmp_path / "people" / "anna")
+    user(tmp_path / "people" / "bert", pause_s=0.3)
+    for person, pause in ((0, 0.3), (1, 0.5)):
+        user(tmp_path / "user" / "logs" / f"seed{person}", pause_s=pause)
+    rows = []
+    for place in rounds_below(tmp_path / "user"):
+        states(place)
+        rows.append(
+            {
+                "log_folder": str(place.relative_to(tmp_path / "user")),
+                "person": int(place.parent.name[-1]),
+            }
+        )
+    results = {"mid": {"game": "pointing", "rounds": rows}}
+    (tmp_path / "user" / "results.json").write_text(json.dumps(results))
+    out = tmp_path / "out"
+    where = ["--people", str(tmp_path / "people"), "--out", str(out), "--every"]
+    result = CliRunner().invoke(app, ["compare", str(tmp_path / "user"), *where])
     assert result.exit_code == 0, result.output
-    assert "MT = 0.200 s + 0.100 s/bit * ID, R2 = 1.000, 3 indices" in result.output
-    assert out.stat().st_size > 10_000
+    assert "user: 2 persons, 4 rounds;" in " ".join(result.output.split())
+    assert (out / "movement_time.png").stat().st_size > 10_000
+    found = json.loads((out / "comparison.json").read_text())
+    line = found["users"]["user"]["line"]
+    assert line["a_s"] == pytest.approx(0.4)
+    assert line["b_s_per_bit"] == pytest.approx(0.1)
+    numbers = found["users"]["user"]["numbers"]
+    assert numbers["a"]["mean"] == pytest.approx(0.4)
+    assert numbers["a"]["sd"] == pytest.approx(0.2 / math.sqrt(2.0))
+    assert [person["rounds"] for person in found["users"]["user"]["persons"]] == [2, 2]
+    theirs = found["people"]["people"]["numbers"]["throughput"]
+    bits = math.log2(0.1 / (4.133 * 0.002) + 1.0)
+    times = [0.3 + 0.1 * math.log2(0.1 / width + 1.0) for width in (0.04, 0.02, 0.01)]
+    assert theirs["low"] == pytest.approx(np.mean([bits / time for time in times]), rel=1e-3)
+    law, throughput = found["goals"]
+    assert (law["value"], law["aim_met"]) == (pytest.approx(1.0), False), "three indices, not nine"
+    assert throughput["people_low"] == pytest.approx(theirs["low"])
+    assert throughput["aim_met"] is False
+
+
+def test_without_recordings_published_figures_are_beside(tmp_path: Path) -> None:
+    user(tmp_path / "anna")
+    command = ["compare", str(tmp_path / "anna"), "--game", "pointing", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, [*command, "--no-figures"])
+    assert result.exit_code == 0, result.output
+    text = " ".join(result.output.split())
+    assert "MT = 0.200 s + 0.100 s/bit * ID, R2 = 1.000, 3 indices" in text
+    assert "Published, Triantafyllidis et al. 2022" in text
+    assert "0.453 s + 0.557 s/bit * ID" in text
+    assert not (tmp_path / "movement_time.png").exists()
+
+
+def test_a_picture_is_a_png(tmp_path: Path) -> None:
+    user(tmp_path / "anna")
+    anna = AimedUser("anna", (measure_user(rounds_below(tmp_path), "x"),))
+    assert draw_fitts([anna], tmp_path / "a.png").stat().st_size > 10_000
     with pytest.raises(InputError, match=r"ends in \.png"):
-        draw_fitts([measure_user(rounds_below(tmp_path), "x")], tmp_path / "x.pdf")
+        draw_fitts([anna], tmp_path / "x.pdf")
+
+
+def test_people_are_folders(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected a folder with one per person"):
+        read_aimed_people([tmp_path / "none"])
+    with pytest.raises(InputError, match="which has none, expected a folder per person"):
+        read_aimed_people([tmp_path])
 
 
 def test_the_page_has_the_published_studies() -> None:

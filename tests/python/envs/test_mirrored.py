@@ -1,0 +1,185 @@
+"""Left-handers who are right-handers' mirror images, in one crowd."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from sim2vr_harness.client import DevicePoses, HapticPulse
+from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
+from sim2vr_harness.envs.mirrored import MirroredGroup, mirrored_poses
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.evaluation.replay.recordings import read_recordings
+from sim2vr_harness.evaluation.replay.replayer import replay
+from sim2vr_harness.training import trainer
+from sim2vr_harness.training.config import load_config
+from sim2vr_harness.users import People, PeopleSettings
+
+ALIKE = {"vary": ["head_movement"], "spread": 0.0}
+"""Nobody differs from the body, but for the hand."""
+CELLS = [3, 4, 7, 6]
+MIRRORED_CELLS = [5, 4, 7, 8]
+
+
+def config(user: dict[str, Any], cells: list[int], **changes: Any) -> EnvConfig:
+    options: dict[str, Any] = {
+        "condition": "medium-unconstrained",
+        "round_seconds": 2.5,
+        "spawn_times": [0.1, 0.4, 1.2, 1.6],
+        "spawn_cells": cells,
+        "hammer_margin_m": 0.1,  # so that flailing hits
+    }
+    return EnvConfig(
+        app=AppConfig(options=options),
+        user={"head": "reflex", **user},  # type: ignore[arg-type]
+        vision={"width": 60, "height": 40},  # type: ignore[arg-type]
+        cores=1,
+        **changes,
+    )
+
+
+def play(
+    settings: EnvConfig, log_dir: Path | None = None, n: int = 1
+) -> tuple[dict[str, float], list[dict[str, np.ndarray]]]:
+    """The last user flails about; what the game says in the end, and what was sensed."""
+    seen = []
+    with closing(Simulation(settings, n, log_dir=log_dir)) as users:
+        users.reset(seeds=[5] * n)
+        random = np.random.default_rng(2)
+        while not users.over.any():
+            action = random.uniform(-1, 1, users.action_space.shape[0])
+            users.step(np.tile(action, (n, 1)))
+            seen.append({key: value[-1] for key, value in users.observation().items()})
+        return dict(users.logs[n - 1]), seen
+
+
+def test_a_left_hander_s_round_is_that_of_a_mirrored_body() -> None:
+    """The same as if MuJoCo's body were mirrored (tests/python/envs/test_left_hand.py)."""
+    body, _ = play(config({"person": {"handedness": "left"}, "head": "fixed"}, MIRRORED_CELLS))
+    left, _ = play(
+        config({"people": {**ALIKE, "left_handed": 1.0}, "head": "fixed"}, MIRRORED_CELLS)
+    )
+    assert body["Points"] > 0
+    for key in ("Points", "Misses", "Contacts", "DistanceRewardSum", "HammerDepthZ"):
+        assert left[key] == pytest.approx(body[key], abs=1e-4), key
+
+
+def test_a_left_hander_senses_what_a_right_hander_does_in_the_mirror_image() -> None:
+    right, seen = play(config({"people": ALIKE}, CELLS))
+    left, mirrored = play(config({"people": {**ALIKE, "left_handed": 1.0}}, MIRRORED_CELLS))
+    assert right["Points"] > 0
+    for key in ("Points", "Misses", "DistanceRewardSum"):
+        assert left[key] == pytest.approx(right[key], abs=1e-4), key
+    for mine, other in zip(mirrored, seen, strict=True):
+        np.testing.assert_array_equal(mine["proprioception"], other["proprioception"])
+        # Green, and depth.
+        np.testing.assert_allclose(mine["vision"][1].astype(int), other["vision"][1], atol=1)
+        assert np.abs(mine["vision"][0].astype(int) - other["vision"][0]).mean() < 0.5
+    assert (seen[20]["vision"][1, :, ::-1] != seen[20]["vision"][1]).any(), "else it tells nothing"
+
+
+def test_a_crowd_of_both_hands(tmp_path: Path) -> None:
+    people = People(PeopleSettings(left_handed=0.5))
+    hands = [people.number(k).handedness for k in range(40)]
+    assert 8 <= hands.count("left") <= 32
+    plain = People(PeopleSettings())
+    assert [people.number(k).stature_m for k in range(5)] == [
+        plain.number(k).stature_m for k in range(5)
+    ]
+    left, right = hands.index("left"), hands.index("right")
+    settings = config({"people": {"left_handed": 0.5}}, CELLS)
+    alone = {}
+    for number in (left, right):
+        with closing(Simulation(settings, 1)) as users:
+            users.reset(seeds=[3], persons=[number])
+            users.step(np.zeros((1, users.action_space.shape[0])))
+            alone[number] = users.observation()
+    with closing(Simulation(settings, 3, log_dir=tmp_path)) as users:
+        users.reset(seeds=[3, 3, 3], persons=[left, right, left])
+        users.step(np.zeros((3, users.action_space.shape[0])))
+        told = users.observation()
+        for i, number in enumerate((left, right, left)):
+            for key, value in alone[number].items():
+                np.testing.assert_array_equal(told[key][i], value[0], err_msg=f"{key} of {i}")
+        state = users.save_state()
+        users.step(np.full((3, users.action_space.shape[0]), 0.2))
+        later = users.observation()
+        users.load_state(state)
+        np.testing.assert_array_equal(users.observation()["vision"], told["vision"])
+        users.step(np.full((3, users.action_space.shape[0]), 0.2))
+        for key, value in users.observation().items():
+            np.testing.assert_array_equal(value, later[key], err_msg=key)
+        # Somebody else's round in the same app.
+        users.reset(ids=[0, 1], seeds=[3, 3], persons=[right, left])
+        np.testing.assert_array_equal(users.person_features[:, -1], [-1.0, -1.0, -1.0])
+        while not users.over.all():
+            users.step(
+                np.zeros((3, users.action_space.shape[0])), resting=np.flatnonzero(users.over)
+            )
+    recordings = read_recordings([tmp_path])
+    played = [recording.options.get("hand", "right") for recording in recordings]
+    assert sorted(played)[:2] == ["left", "left"]
+    for recording in recordings:
+        if recording.options.get("hand") == "left":
+            assert recording.left is not None
+        if len(recording.times_s) > 40:  # the others were given up for new ones
+            assert replay(recording).events == recording.events
+
+
+def test_poses_and_vibrations_change_sides() -> None:
+    # Turned by 90 degrees to the right about the vertical: to the left, in the mirror.
+    half = np.sqrt(0.5)
+    poses = DevicePoses(
+        head=np.array([[0.1, 1.5, 0.2, 0.0, half, 0.0, half]]),
+        right_controller=np.array([[0.3, 1.0, 0.4, half, 0.0, 0.0, half]]),
+        right_inputs=np.array([[1.0, 0.0]]),
+    )
+    seen = mirrored_poses(poses)
+    np.testing.assert_allclose(seen.head, [[-0.1, 1.5, 0.2, 0.0, -half, 0.0, half]])
+    assert seen.right_controller is None
+    np.testing.assert_allclose(seen.left_controller, [[-0.3, 1.0, 0.4, half, 0.0, 0.0, half]])  # type: ignore[arg-type]
+    np.testing.assert_allclose(seen.left_inputs, [[1.0, 0.0]])  # type: ignore[arg-type]
+
+    class Group:
+        """One app, which shakes the left controller."""
+
+        def __init__(self) -> None:
+            self.pictures = np.arange(12, dtype=np.uint8).reshape(1, 2, 2, 3)
+            self.failed: dict[int, str] = {}
+            self.apps = self.failures = self.reward = self.finished = self.time_feature = None
+            self.sounds: dict[int, Any] = {}
+            self.haptics = {0: (HapticPulse("left", 1.0, 0.0, 0.1),)}
+
+        def reset(self, ids: Any, seeds: Any, poses: Any, options: Any) -> None:
+            self.got = poses, options
+
+    inner = Group()
+    group = MirroredGroup(inner, 1, "hand", "right", eyes=2)  # type: ignore[arg-type]
+    ids = np.array([0])
+    group.mirror(ids, np.array([True]))
+    group.reset(ids, ids, poses, {"condition": "easy"})
+    assert inner.got[1] == {"condition": "easy", "hand": "left"}
+    assert inner.got[0].right_controller is None
+    assert group.haptics[0][0].hand == "right"
+    # Two eyes: each picture is turned, and the left one becomes the right one's.
+    expected = [[[8, 7, 6], [11, 10, 9]], [[2, 1, 0], [5, 4, 3]]]
+    np.testing.assert_array_equal(group.pictures[0], expected)
+
+
+def test_who_cannot_be_left_handed(tmp_path: Path) -> None:
+    settings = EnvConfig(
+        app=AppConfig(game="sample"),
+        user={"people": {"left_handed": 0.1}},  # type: ignore[arg-type]
+        cores=1,
+    )
+    with pytest.raises(
+        ValueError, match=r"left_handed: got 0.1 with the game 'sample', expected 0"
+    ):
+        Simulation(settings, 1)
+    trained = load_config("whacamole_people", ["env.user.people.left_handed=0.1"])
+    with pytest.raises(InputError, match=r"left_handed: got 0.1, expected 0: left-handers are"):
+        trainer.train(trained, tmp_path / "run")

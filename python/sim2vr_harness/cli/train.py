@@ -41,6 +41,14 @@ def train(
         ),
     ] = None,
     set_: SetOption = None,
+    from_: Annotated[
+        str | None,
+        typer.Option(
+            "--from",
+            metavar="USER",
+            help="Instead of CONFIG: go on from a trained user, with what --set changes.",
+        ),
+    ] = None,
     timesteps: Annotated[
         int | None,
         typer.Option(help="Stop after this many user steps, counted from the run's start."),
@@ -76,14 +84,19 @@ def train(
     from sim2vr_harness.envs.games import with_task
     from sim2vr_harness.errors import InputError
     from sim2vr_harness.training import trainer
+    from sim2vr_harness.training.adapting import adapting
     from sim2vr_harness.training.config import load_config
     from sim2vr_harness.training.run_folder import RunFolder
+    from sim2vr_harness.training.trained_users import find_user
     from sim2vr_harness.training.trust import named_app, require_trust
 
     if resume and overwrite:
         raise InputError("--overwrite", "it together with --resume", "one of them")
     if set_aside and not resume:
         raise InputError("--set-aside", "it without --resume", "it together with --resume")
+    if from_ is not None and (config is not None or resume):
+        other = "--resume" if config is None else "CONFIG"
+        raise InputError("--from", f"it together with {other}", "one of them")
     if config is not None and RunFolder(config).exists:
         if not resume:
             expected = "a configuration file, or --resume with it to continue that run"
@@ -95,26 +108,29 @@ def train(
     overrides = [*(set_ or []), *([] if seed is None else [f"seed={seed}"])]
     wanted = app_settings(app, app_arg, connect, protocol, page, map_, task, browser)
     overrides += as_overrides(wanted)
-    if config is None and page is not None and not resume:
+    from_nothing = from_ is None and not resume
+    if config is None and page is not None and from_nothing:
         if task is None:
             raise InputError("--task", "nothing", "what the page is worth: rules or FILE.py:CLASS")
         config = "webxr"
         overrides.append(f"name={wanted['game']}")
-    elif config is None and not resume and (app is not None or connect is not None):
+    elif config is None and from_nothing and (app is not None or connect is not None):
         config = "skills"
-    elif config is not None and not resume and _is_game(config):
+    elif config is not None and from_nothing and _is_game(config):
         overrides = [f"env.app.game={config}", f"name={config}", *overrides]
         config = "skills"
-    if config is None and (not resume or out is None):
+    if from_ is None and config is None and (not resume or out is None):
         expected = "a configuration file, or --resume with the folder of a run"
         raise InputError("CONFIG", "nothing", expected)
-    if config is None:
+    if from_ is not None:
+        settings = adapting(find_user(from_), from_, overrides)
+    elif config is None:
         assert out is not None
         settings = RunFolder.open(out).load_config(overrides)
     else:
         settings = load_config(config, overrides)
     folder = out or Path("runs") / settings.name
-    source = folder if config is None else Path(config)
+    source = Path(from_ or config or folder)
     require_trust(settings.env.app, source, named=named_app(overrides), trust=trust_app)
     if not resume:
         settings = settings.model_copy(update={"env": with_task(settings.env)})

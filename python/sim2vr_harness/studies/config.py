@@ -107,10 +107,11 @@ class StudyConfig(Settings):
                 raise ValueError(f"{name}: got some, expected none together with optimise")
         for name, parameter in search.parameters.items():
             check_key_once(f"optimise.parameters.{name}", parameter.keys, seen)
-        trained = any(key.startswith("training.") for key in seen)
+        trained = any(key == "adapt" or key.startswith("training.") for key in seen)
         if search.stop is not None and not trained:
             raise ValueError(
-                "optimise.stop: got it without a training, expected parameters of training.KEY"
+                "optimise.stop: got it without a training, expected adapt, or parameters of "
+                "training.KEY"
             )
 
     def _check_cells(self) -> None:

@@ -60,12 +60,14 @@ def write_data(plan: Plan, root: Path, found: Found | None = None) -> None:
     tables: dict[str, pa.Table] = {"cells": _cells_table(plan)}
     if found is not None:
         tables["trials"] = trials_table(found)
+    adapts = {task.key: task.adapts for task in plan.trainings}
     for name in ("episodes", "events"):
         parts = []
         for cell, task in zip(plan.cells, plan.tasks, strict=True):
             part = read_table(root / CELLS / task.key / FOLDER / f"{name}.parquet")
             levels = cell.levels if name == "episodes" else {}
-            parts.append(_with_cell(part, cell.name, levels, plan.study))
+            user = adapts.get(task.training or "")
+            parts.append(_with_cell(part, cell.name, levels, plan.study, user))
         tables[name] = joined(parts)
     for name, table in tables.items():
         write_table(root / FOLDER / name, table)
@@ -107,7 +109,7 @@ def _cells_table(plan: Plan) -> pa.Table:
     ]
     columns += [
         Column("folder", "text", "", "Where its own tables, steps and frames are"),
-        Column("user", "text", "", "The trained user; none where the study trained it"),
+        Column("user", "text", "", "The trained user; none where the study trained one of nothing"),
         Column("training", "text", "", "Folder of its training, where the study trained it"),
         Column("condition", "text", "", "The game's condition"),
         Column("settings", "text", "", "JSON object: everything that the cell sets"),
@@ -119,7 +121,7 @@ def _cells_table(plan: Plan) -> pa.Table:
                 "design_cell": cell.name,
                 **{factor_column(name): label for name, label in cell.levels.items()},
                 "folder": f"{CELLS}/{task.key}",
-                "user": None if task.user is None else cell.settings["user"],
+                "user": cell.settings.get("user"),
                 "training": training,
                 "condition": task.condition,
                 "settings": json.dumps(dict(sorted(cell.settings.items()))),
@@ -129,9 +131,16 @@ def _cells_table(plan: Plan) -> pa.Table:
 
 
 def _with_cell(
-    table: pa.Table, cell: str, levels: Mapping[str, str], study: StudyConfig
+    table: pa.Table,
+    cell: str,
+    levels: Mapping[str, str],
+    study: StudyConfig,
+    adapted: str | None,
 ) -> pa.Table:
-    """A cell's rows with the cell, its levels and the unit of analysis in front."""
+    """A cell's rows with the cell, its levels and the unit of analysis in front.
+
+    A user that went on (``adapted``: its name before) is the same unit as before.
+    """
     columns = [_CELL]
     values: list[Any] = [[cell] * len(table)]
     for name, label in levels.items():
@@ -148,7 +157,7 @@ def _with_cell(
         elif factor is not None:
             values.append([levels[factor]] * len(table))
         else:
-            values.append(table["user"].to_pylist())
+            values.append(table["user"].to_pylist() if adapted is None else [adapted] * len(table))
     arrays = [
         pa.array(given, column.field.type) for given, column in zip(values, columns, strict=True)
     ]

@@ -20,9 +20,10 @@ __all__ = [
     "value_error",
 ]
 
-CELL_KEYS = ("user", "config", "condition", "deterministic")
-"""What a level may set beside dotted keys: the trained user, the configuration of a training, the
-game's condition, whether actions are the policy's mean."""
+CELL_KEYS = ("user", "adapt", "config", "condition", "deterministic")
+"""What a level may set beside dotted keys: the trained user, the user steps for which it goes on in
+what the cell plays, the configuration of a training, the game's condition, whether actions are the
+policy's mean."""
 PREFIXES = ("env.", "training.")
 """Dotted keys: of the environment that is played in, and of the training's configuration."""
 Name = Annotated[str, Field(pattern=r"^[A-Za-z][\w-]{0,63}$")]
@@ -34,8 +35,8 @@ class FactorConfig(Settings):
     """Something that a study varies."""
 
     key: str | None = None
-    """What its levels set: user, config, condition, deterministic, env.KEY or training.KEY. None:
-    each level says itself, as a mapping of such keys."""
+    """What its levels set: user, adapt, config, condition, deterministic, env.KEY or training.KEY.
+    None: each level says itself, as a mapping of such keys."""
     levels: dict[str, Any]
     """Label -> value. A list is taken for values that are their own labels."""
     unit: bool = False

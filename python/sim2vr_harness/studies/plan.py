@@ -2,29 +2,21 @@
 
 from __future__ import annotations
 
-import hashlib
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from sim2vr_harness import __version__
 from sim2vr_harness.client import GameFacts, InProcessBatch
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.errors import InputError, unknown_name
-from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.metrics import measures_of
-from sim2vr_harness.files import read_bytes
 from sim2vr_harness.studies.cells import Cell, cells_of, content_hash
 from sim2vr_harness.studies.config import StudyConfig
+from sim2vr_harness.studies.casting import FORMAT, Users, Where, player_of
 from sim2vr_harness.studies.tasks import CellTask, Limits, TrainingTask
-from sim2vr_harness.training.config import TrainingConfig, load_config, to_yaml
-from sim2vr_harness.training.trained_users import TrainedUser, find_user, require_contract
 
-__all__ = ["Plan", "Users", "plan_of"]
-
-_FORMAT = 2
-"""Of what a cell's folder holds; another one makes all cells anew."""
+__all__ = ["Plan", "plan_of"]
 
 
 @dataclass(frozen=True)
@@ -68,7 +60,7 @@ def plan_of(
     Raises:
         InputError: A user, configuration, key, option, condition or measure that cannot be used.
     """
-    where = _Where(folder, users or Users(), limits, may_diverge)
+    where = Where(folder, users or Users(), limits, may_diverge)
     found = [_Resolved.of(study, cell, where) for cell in cells_of(study)]
     facts = found[0].facts
     for one in found:
@@ -95,31 +87,6 @@ def plan_of(
     )
 
 
-class Users:
-    """Trained users and hashes of their weights, each read once."""
-
-    def __init__(self) -> None:
-        self._known: dict[str, tuple[TrainedUser, str]] = {}
-
-    def find(self, name: str) -> tuple[TrainedUser, str]:
-        """Return a user and the SHA-256 of its weights."""
-        if name not in self._known:
-            user = find_user(name)
-            weights = read_bytes(user.source, "weights of a user")
-            self._known[name] = user, hashlib.sha256(weights).hexdigest()
-        return self._known[name]
-
-
-@dataclass(frozen=True)
-class _Where:
-    """What all cells of a plan have in common; see :func:`plan_of`."""
-
-    folder: Path | None
-    users: Users
-    limits: Limits | None
-    may_diverge: bool
-
-
 @dataclass(frozen=True)
 class _Resolved:
     cell: Cell
@@ -128,7 +95,7 @@ class _Resolved:
     facts: GameFacts
 
     @classmethod
-    def of(cls, study: StudyConfig, cell: Cell, where: _Where) -> _Resolved:
+    def of(cls, study: StudyConfig, cell: Cell, where: Where) -> _Resolved:
         try:
             return cls._of(study, cell, where)
         except InputError as error:
@@ -136,67 +103,31 @@ class _Resolved:
             raise InputError(field, error.got, error.expected) from error
 
     @classmethod
-    def _of(cls, study: StudyConfig, cell: Cell, where: _Where) -> _Resolved:
-        settings, folder, users = cell.settings, where.folder, where.users
-        if ("user" in settings) == ("config" in settings):
-            got = "both user and config" if "user" in settings else "neither user nor config"
-            raise InputError("user", got, "a trained user, or the configuration of a training")
-        training, user = None, None
-        identity: dict[str, Any]
-        if "config" in settings:
-            config = load_config(
-                _near(str(settings["config"]), folder), cell.of("training.")
-            ).model_copy(update={"name": study.name})
-            text = to_yaml(config)
-            # How often something is saved or measured changes no weight.
-            key = content_hash(
-                config.model_dump(mode="json", exclude={"name", "evaluation", "wandb"})
-                | {"format": _FORMAT, "sim2vr_harness": __version__}
-                | ({} if where.limits is None else {"limits": asdict(where.limits)})
-                | ({"may_diverge": True} if where.may_diverge else {})
-            )
-            training = TrainingTask(key, text, cell.name, where.limits, where.may_diverge)
-            identity = {"training": key}
-        else:
-            if cell.of("training."):
-                key = next(key for key in sorted(settings) if key.startswith("training."))
-                expected = "config instead of user: what is trained already stays"
-                raise InputError(key, "it together with a user", expected)
-            user = _near(str(settings["user"]), folder)
-            known, weights = users.find(user)
-            config = known.config
-            identity = {
-                "user": Path(user).name,
-                "weights": weights,
-                "config": to_yaml(config),
-            }
-        overrides = tuple(cell.of("env."))
-        env = evaluation_env(config, overrides=overrides, source=user or "config")
-        if user is not None:
-            require_contract(users.find(user)[0], env)
-        facts = game_facts(env.app)
-        condition = _condition(facts, config, settings.get("condition"))
-        _check_options(env, facts, condition)
+    def _of(cls, study: StudyConfig, cell: Cell, where: Where) -> _Resolved:
+        player = player_of(study.name, cell, where)
+        training = player.training
+        _check_options(player.env, player.facts, player.condition)
         task = CellTask(
             key="",
             cell=cell.name,
-            user=user,
+            user=player.user,
             training=None if training is None else training.key,
-            condition=condition,
-            overrides=overrides,
+            condition=player.condition,
+            overrides=tuple(cell.of("env.")),
             episodes=study.episodes,
             seed=cell.seed,
             people=study.people,
-            deterministic=_truth(settings.get("deterministic", study.deterministic)),
+            deterministic=_truth(cell.settings.get("deterministic", study.deterministic)),
             steps=study.steps,
             logs=study.logs,
             film_seconds=study.film_seconds,
         )
-        identity |= {
-            "format": _FORMAT,
+        identity = {
+            **player.identity,
+            "format": FORMAT,
             "sim2vr_harness": __version__,
-            "condition": condition,
-            "overrides": overrides,
+            "condition": task.condition,
+            "overrides": task.overrides,
             "episodes": task.episodes,
             "seed": task.seed,
             "people": task.people,
@@ -205,23 +136,7 @@ class _Resolved:
             "logs": task.logs,
             "film_seconds": task.film_seconds,
         }
-        return cls(cell, replace(task, key=content_hash(identity)), training, facts)
-
-
-def _near(name: str, folder: Path | None) -> str:
-    """A path beside the study's file, where there is one; else what was written."""
-    if folder is not None and not Path(name).is_absolute() and (folder / name).exists():
-        return str(folder / name)
-    return name
-
-
-def _condition(facts: GameFacts, config: TrainingConfig, name: Any) -> str:
-    chosen = name or facts.condition_of(config.env.app.options) or facts.default_condition
-    try:
-        return facts.condition(str(chosen)).name
-    except ValueError as error:
-        got, _, expected = str(error).partition(": got ")[2].partition(", expected ")
-        raise InputError("condition", got, expected) from error
+        return cls(cell, replace(task, key=content_hash(identity)), training, player.facts)
 
 
 def _check_options(env: EnvConfig, facts: GameFacts, condition: str) -> None:

@@ -53,6 +53,7 @@ class TrainingTask:
         limits: When it is stopped early; None: never.
         may_diverge: Whether one whose numbers become infinite is taken for stopped, as in a search
             that tries what nobody would; otherwise it has failed.
+        adapts: Name of the trained user that goes on; None: it begins with nothing.
     """
 
     key: str
@@ -60,6 +61,7 @@ class TrainingTask:
     label: str
     limits: Limits | None = None
     may_diverge: bool = False
+    adapts: str | None = None
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import pydantic
 import yaml
@@ -109,12 +109,14 @@ class TrainingConfig(Settings):
     total_timesteps: int = Field(default=100_000_000, ge=1, le=MOST_STEPS)
     """User steps of the complete training, over which the learning-rate schedule runs."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
-    recipe: Literal["ppo", "distill", "skills"] = "ppo"
+    recipe: Literal["ppo", "distill", "skills", "adapt"] = "ppo"
     """The stages of the run. ``ppo``: PPO from pixels alone, as the reference. ``distill``: first
     imagined rollouts, a teacher and a student, whose weights PPO begins with; for games that have a
     twin. ``skills``: hands that know how to come to a place try what is worth doing with what is
     seen, a student learns to do the same, and PPO goes on from there; for any app
-    (docs/training.md)."""
+    (docs/training.md). ``adapt``: PPO goes on from the weights of ``from_user``."""
+    from_user: str | None = None
+    """With the recipe ``adapt``: the trained user that goes on, as ``evaluate`` takes it."""
     skills: SkillsConfig = SkillsConfig()
     teacher: TeacherConfig = TeacherConfig()
     student: StudentConfig = StudentConfig()
@@ -124,6 +126,16 @@ class TrainingConfig(Settings):
     checkpoint: CheckpointConfig = CheckpointConfig()
     evaluation: EvaluationConfig = EvaluationConfig()
     wandb: WandbConfig = WandbConfig()
+
+    @pydantic.model_validator(mode="after")
+    def _from_somebody(self) -> Self:
+        if (self.recipe == "adapt") != (self.from_user is not None):
+            got = "none" if self.from_user is None else f"{self.from_user!r}"
+            raise ValueError(
+                f"from_user: got {got} with recipe {self.recipe!r}, expected a trained user with "
+                "recipe 'adapt', and none with others"
+            )
+        return self
 
 
 def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainingConfig:

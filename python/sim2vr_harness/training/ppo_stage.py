@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import torch
 from gymnasium import spaces
 from stable_baselines3.common.logger import Logger
-from torch import Tensor
+from torch import nn
 
 from sim2vr_harness.training import checkpoint, ppo
 from sim2vr_harness.training.buffer import buffer_bytes
@@ -37,7 +37,7 @@ class PPOStage:
         make_simulation: makes the users.
         build: makes the learner that plays with them.
         make_logger: makes the logger of a session that begins at this step.
-        begin: the weights to begin with, asked for when the stage begins; None begins with nothing.
+        begin: puts the weights to begin with into the policy, when the stage begins.
         stop: user steps after which the stage ends, rounded up to whole iterations.
         checkpoints: how often, and how many are kept.
     """
@@ -54,7 +54,7 @@ class PPOStage:
         build: Callable[[SimulationVecEnv], ppo.PPO],
         make_logger: Callable[[int], Logger],
         *,
-        begin: Callable[[], Mapping[str, Tensor] | None] = lambda: None,
+        begin: Callable[[nn.Module], object] = lambda policy: None,
         stop: int,
         checkpoints: CheckpointConfig,
     ) -> None:
@@ -144,9 +144,7 @@ class PPOStage:
             self.folder.drop_metrics_after(model.num_timesteps)
             return model.num_timesteps
         self.folder.drop_metrics_after(0)
-        weights = self._begin()
-        if weights is not None:
-            model.policy.load_state_dict(weights)
+        self._begin(model.policy)
         return 0
 
     def save(self) -> None:

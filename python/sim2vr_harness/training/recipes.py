@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from torch import Tensor
+from torch import Tensor, nn
 
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.training import ppo
+from sim2vr_harness.training.adapting import user_to_adapt
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.guide import TeacherGuide
 from sim2vr_harness.training.imagined.stage import ImaginedStage
@@ -46,7 +47,7 @@ class Run:
 
 
 def _from_pixels(
-    run: Run, title: str, begin: Callable[[], Mapping[str, Tensor] | None] = lambda: None
+    run: Run, title: str, begin: Callable[[nn.Module], object] = lambda policy: None
 ) -> PPOStage:
     """The stage whose checkpoints are the trained users; it works in the run's own folder."""
     config = run.config
@@ -64,6 +65,10 @@ def _from_pixels(
     )
 
 
+def _with(weights: Callable[[], Mapping[str, Tensor]]) -> Callable[[nn.Module], object]:
+    return lambda policy: policy.load_state_dict(weights())
+
+
 def _ppo(run: Run) -> list[Stage]:
     return [_from_pixels(run, "PPO from what the user senses.")]
 
@@ -76,16 +81,15 @@ def _distill(run: Run) -> list[Stage]:
     config, path = run.config, run.folder.path
     imagined = ImaginedStage(config, path / ImaginedStage.name)
     practised = config.teacher.imagined.cycles > 0
-    teacher = TeacherStage(
-        config, path / "teacher", imagined.weights if practised else lambda: None
-    )
+    begin = _with(imagined.weights) if practised else lambda policy: None
+    teacher = TeacherStage(config, path / "teacher", begin)
 
     def guide(simulation: Simulation) -> Guide:
         return TeacherGuide(teacher.folder.latest_checkpoint(), config.teacher, simulation)
 
     student = StudentStage(config, path / StudentStage.name, guide)
     title = "the student goes on by itself: PPO from what the user senses."
-    last = _from_pixels(run, title, begin=student.weights)
+    last = _from_pixels(run, title, begin=_with(student.weights))
     stages: list[Stage] = [teacher, student, last]
     return [imagined, *stages] if practised else stages
 
@@ -97,15 +101,24 @@ def _skills(run: Run) -> list[Stage]:
     looking = LookingStage(config, path / LookingStage.name, motor)
     student = StudentStage(config, path / StudentStage.name, looking.guide)
     title = "the student goes on by itself: PPO from what the user senses."
-    last = _from_pixels(run, title, begin=student.weights)
+    last = _from_pixels(run, title, begin=_with(student.weights))
     stages: list[Stage] = [looking, student, last]
     return stages if motor is None else [motor, *stages]
+
+
+def _adapt(run: Run) -> list[Stage]:
+    """A trained user that goes on where something is different."""
+    title = "a trained user goes on: PPO from what it senses."
+    if run.folder.checkpoints():
+        return [_from_pixels(run, title)]
+    return [_from_pixels(run, title, user_to_adapt(run.config).load)]
 
 
 RECIPES: dict[str, Callable[[Run], list[Stage]]] = {
     "ppo": _ppo,
     "distill": _distill,
     "skills": _skills,
+    "adapt": _adapt,
 }
 
 

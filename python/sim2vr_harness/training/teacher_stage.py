@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
 from stable_baselines3.common.logger import Logger
-from torch import Tensor
+from torch import nn
 
 from sim2vr_harness.training import ppo
 from sim2vr_harness.training.config import TrainingConfig
@@ -29,14 +29,14 @@ class TeacherStage(PPOStage):
     Args:
         config: of the run.
         folder: of the stage.
-        begin: the weights to begin with.
+        begin: puts the weights to begin with into the policy.
     """
 
     def __init__(
         self,
         config: TrainingConfig,
         folder: Path,
-        begin: Callable[[], Mapping[str, Tensor] | None],
+        begin: Callable[[nn.Module], object],
     ) -> None:
         self._run_config = config
         teacher, place = config.teacher, RunFolder(folder)

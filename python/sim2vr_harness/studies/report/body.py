@@ -28,6 +28,7 @@ from sim2vr_harness.studies.report.drawing import (
 from sim2vr_harness.studies.report.source import Group, ReportSource
 from sim2vr_harness.training.trained_users import TrainedUser, find_user
 from sim2vr_harness.users import Body
+from sim2vr_harness.users.rendering import OrbitView
 
 __all__ = [
     "BodyPicture",
@@ -43,6 +44,10 @@ FloatArray = NDArray[np.float64]
 
 _SIZE = (420, 420)
 _MOST_PICTURES = 15
+_ARM_VIEW_M = (0.39, 1.36)
+"""Heights that the body's own view of its arms shows, in the arm's plane."""
+_HAND_M = 0.15
+"""Of a hand with its controller above the hand's origin."""
 _OVER_TIME = 40
 _PREFIXES = (
     ("most_fatigued_", "largest share of fatigued motor units"),
@@ -288,16 +293,33 @@ def body_pictures(
     if highest <= 0:
         return []
     found = []
+    told = told[:_MOST_PICTURES]
+    postures = [_posture(group, body) for group, _ in told]
+    view = _view_of(body, postures)
     try:
         with UserRenderer(body, *_SIZE) as renderer:
-            for group, load in told[:_MOST_PICTURES]:
+            for (group, load), posture in zip(told, postures, strict=True):
                 share = dict(zip(load.names, load.values / highest, strict=True))
                 colours = np.array([share[name] for name in body.muscles])
-                picture = renderer.render(_posture(group, body), "arm", colours)
+                picture = renderer.render(posture, view, colours)
                 found.append(BodyPicture(group.label, _png(picture), highest))
     except RenderingError:
         return []
     return found
+
+
+def _view_of(body: Body, postures: Sequence[FloatArray]) -> str | OrbitView:
+    """The body's own view of its arms, or one from farther off that holds the highest hand, too."""
+    data, top = mujoco.MjData(body.model), 0.0
+    for posture in postures:
+        data.qpos[:] = posture
+        mujoco.mj_kinematics(body.model, data)
+        top = max(top, float(data.xpos[:, 2].max()) + _HAND_M)
+    if top <= _ARM_VIEW_M[1]:
+        return "arm"
+    half = (top - _ARM_VIEW_M[0]) / 2
+    distance = half / np.tan(np.radians(body.model.vis.global_.fovy / 2))
+    return OrbitView((0.10, -0.14, top - half), float(distance), 130.0, -11.5)
 
 
 def _posture(group: Group, body: Body) -> FloatArray:

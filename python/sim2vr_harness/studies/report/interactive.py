@@ -27,6 +27,8 @@ _SLANTED = 60
 _INK, _FAINT, _GRID = "#24292f", "#57606a", "#e3e6ea"
 _SCALE = [[0, "#f7fbff"], [0.35, "#9ecae1"], [0.7, "#3182bd"], [1, "#08306b"]]
 """Of tables of colours: pale is little."""
+_DARK = 0.72
+"""Share of the scale from where on white stands out more than black (luminance .18)."""
 
 
 def plotly_of(panel: Panel) -> dict[str, Any]:
@@ -95,10 +97,7 @@ def _points(layer: Points) -> dict[str, Any]:
 
 
 def _heat(layer: Heat) -> dict[str, Any]:
-    texts = [
-        ["" if value is None else f"{value:.{layer.digits}f}" for value in row]
-        for row in layer.values
-    ]
+    texts = [[_inked(value, layer) for value in row] for row in layer.values]
     return {
         "type": "heatmap",
         "z": [_plain(row) for row in layer.values],
@@ -112,8 +111,17 @@ def _heat(layer: Heat) -> dict[str, Any]:
         "showscale": not layer.labelled,
         "text": texts,
         "texttemplate": "%{text}" if layer.labelled else "",
-        "hovertemplate": "%{y}, %{x}: %{text}<extra></extra>",
+        "hovertemplate": f"%{{y}}, %{{x}}: %{{z:.{layer.digits}f}}<extra></extra>",
     }
+
+
+def _inked(value: float | None, layer: Heat) -> str:
+    """A cell's number, black or white, whichever stands out: Plotly's own grey does not."""
+    if value is None:
+        return ""
+    share = (value - layer.low) / (layer.high - layer.low) if layer.high > layer.low else 0.0
+    ink = "#fff" if share > _DARK else "#000"
+    return f'<span style="color:{ink}">{value:.{layer.digits}f}</span>'
 
 
 def _path(layer: Path) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -258,7 +258,7 @@ def _tests(source: ReportSource) -> Iterator[Sentence]:
         where = place_of(result)
         yield Sentence(
             f"{label}: {word} in {first} than in {second}{where}.",
-            test_numbers(result),
+            test_numbers(result, measure),
         )
 
 
@@ -268,31 +268,51 @@ def place_of(result: Mapping[str, Any]) -> str:
     return f" ({by})" if by else ""
 
 
-def test_numbers(result: Mapping[str, Any]) -> str:
+def test_numbers(result: Mapping[str, Any], measure: Measure | None) -> str:
     """The numbers of a test, in a line."""
     parts = []
-    difference = result.get("difference")
+    difference = difference_words(result, measure, "()")
     if difference:
-        text = f"difference {difference['mean']:.3g}"
-        if difference.get("low") is not None:
-            text += f" (95 % {difference['low']:.3g} to {difference['high']:.3g})"
-        parts.append(text)
+        parts.append(f"difference {difference}")
     if result.get("z") is not None:
         parts.append(f"Z = {result['z']:.3f}")
     if result.get("p") is not None:
         parts.append(f"p {_equal(p_words(result['p']))}")
     if result.get("p_holm") is not None and result.get("family", 1) > 1:
         parts.append(f"Holm p {_equal(p_words(result['p_holm']))}")
-    parts.append(f"n = {result.get('n')} {unit_words(result)}")
+    parts.append(f"n = {counted_units(result)}")
     return ", ".join(parts)
 
 
-def unit_words(result: Mapping[str, Any]) -> str:
-    """What n counts in a result."""
-    unit = str(result.get("unit"))
-    if unit == "round":
-        return "rounds of one policy (no sample of people)"
-    return {"person": "simulated persons", "user": "trained users"}.get(unit, f"of {unit}")
+def number(value: float, measure: Measure | None) -> str:
+    """A number of a measure, with as many digits as the measure has."""
+    return f"{value:.3g}" if measure is None else f"{value:,.{measure.digits}f}"
+
+
+def difference_words(
+    result: Mapping[str, Any], measure: Measure | None, brackets: Literal["[]", "()"]
+) -> str:
+    """The difference of a comparison with its interval; empty without one."""
+    difference = result.get("difference")
+    if not difference:
+        return ""
+    text = number(difference["mean"], measure)
+    if difference.get("low") is not None:
+        inside = f"{number(difference['low'], measure)} to {number(difference['high'], measure)}"
+        text += f" [{inside}]" if brackets == "[]" else f" (95 % {inside})"
+    return text
+
+
+def counted_units(result: Mapping[str, Any]) -> str:
+    """What n is and counts in a result: ``12 simulated persons``."""
+    n, unit = result["n"], str(result.get("unit"))
+    one = {
+        "round": "round{} of one policy (no sample of people)",
+        "person": "simulated person{}",
+        "user": "trained user{}",
+    }.get(unit, f"of {unit}")
+    counts = ", ".join(map(str, n)) if isinstance(n, list) else str(n)
+    return f"{counts} {one.format('' if n == 1 else 's')}"
 
 
 def p_words(p: float) -> str:

@@ -30,6 +30,8 @@ _AXES = ("x_m", "y_m", "z_m")
 _WINDOW_S = 0.6
 """Around the moment of an outcome."""
 _STEP_S = 0.05
+_MOST_AREAS = 4
+"""Groups whose quantiles can be told apart."""
 _BINS = 60
 """Of depth over time."""
 _PATH_S = (2.0, 20.0)
@@ -139,9 +141,15 @@ def _over_time(groups: Sequence[Group], depths: Sequence[Sequence[Depth]]) -> Fi
         low, middle, high = (
             [float(np.quantile(values[bins == k], q)) for k in filled] for q in (0.1, 0.5, 0.9)
         )
-        layers.append(Band(group.label, middles, low, high, colour))
+        if sum(map(bool, depths)) <= _MOST_AREAS:
+            layers.append(Band(group.label, middles, low, high, colour))
         layers.append(Line(group.label, middles, middle, colour))
         around += _around_outcomes(group, own, colour)
+    areas = (
+        "; areas: from the 10 % to the 90 % quantile"
+        if any(isinstance(layer, Band) for layer in layers)
+        else ""
+    )
     panels = [
         Panel("Over the round", layers, "time (s)", "depth (m)", legend=True, wide=True),
     ]
@@ -150,8 +158,7 @@ def _over_time(groups: Sequence[Group], depths: Sequence[Sequence[Depth]]) -> Fi
             Panel("Around a success", around, "time from the outcome (s)", "depth (m)", legend=True)
         )
     caption = (
-        f"Depth: {what}. Lines: medians over frames and rounds; areas: from the 10 % to the 90 % "
-        "quantile. "
+        f"Depth: {what}. Lines: medians over frames and rounds{areas}. "
         "Around a success: median over all successful items."
     )
     return Figure("depth", "Depth of the tool", caption, panels)

@@ -12,7 +12,13 @@ from sim2vr_harness.client import Measure
 from sim2vr_harness.games.published import Published
 from sim2vr_harness.studies.report.methods import PlayedBy
 from sim2vr_harness.studies.report.numbers import summary_of, with_spread
-from sim2vr_harness.studies.report.sentences import p_words, place_of, unit_words
+from sim2vr_harness.studies.report.sentences import (
+    counted_units,
+    difference_words,
+    number,
+    p_words,
+    place_of,
+)
 from sim2vr_harness.studies.report.source import ReportSource
 
 __all__ = [
@@ -56,10 +62,11 @@ def measure_table(source: ReportSource, published: Published) -> str:
     for measure in source.measures:
         cells = []
         for group in source.groups:
-            text = escape(with_spread(summary_of(group, measure.name), measure))
+            text = _whole(with_spread(summary_of(group, measure.name), measure))
             people = published.people_in(group.condition, measure.name)
             if people:
-                text += f'<br><span class="people">{escape(_people(people, measure))}</span>'
+                told = "<br>".join(map(_whole, _people(people, measure)))
+                text += f'<br><span class="people">people {told}</span>'
             cells.append(Html(text))
         heading = escape(measure.heading)
         if measure.better != "none":
@@ -74,55 +81,70 @@ def measure_table(source: ReportSource, published: Published) -> str:
     return table(["", *(group.label for group in source.groups)], rows)
 
 
-def _people(people: Sequence[float], measure: Measure) -> str:
+def _whole(text: str) -> str:
+    """Text that stays in a line."""
+    return f'<span class="whole">{escape(text)}</span>'
+
+
+def _people(people: Sequence[float], measure: Measure) -> tuple[str, str]:
+    """Mean and range."""
     digits = measure.digits
     mean = float(np.mean(people))
-    return f"people {mean:,.{digits}f} [{min(people):,.{digits}f} to {max(people):,.{digits}f}]"
+    return f"{mean:,.{digits}f}", f"[{min(people):,.{digits}f} to {max(people):,.{digits}f}]"
 
 
 def beside_table(source: ReportSource, published: Published) -> str | None:
-    """Ours, people's and published values side by side; None where nobody else has any."""
-    sources = list(dict.fromkeys(one.source for one in published.values))
-    rows = []
-    used: set[str] = set()
-    for measure in source.measures:
-        for group in source.groups:
-            own = summary_of(group, measure.name)
-            people = published.people_in(group.condition, measure.name)
-            others = published.beside(measure.name, dict(group.episodes.iloc[0]))
-            if own is None or not (people or others):
-                continue
-            used |= set(others)
-            digits = measure.digits
-            mean = float(np.mean(people)) if people else None
-            inside = ""
-            if people:
-                inside = "inside" if min(people) <= own.mean <= max(people) else "outside"
-            rows.append(
-                [
-                    measure.heading,
-                    group.label,
-                    with_spread(own, measure),
-                    "" if not people else f"{_people(people, measure)[7:]}, n = {len(people)}",
-                    "" if mean is None else f"{own.mean - mean:+,.{digits}f}, {inside}",
-                    *(
-                        f"{others[name]:,.{digits}f} ({own.mean - others[name]:+,.{digits}f})"
-                        if name in others
-                        else ""
-                        for name in sources
-                    ),
-                ]
-            )
+    """Ours, people's and published values side by side; None where nobody else has any.
+
+    A table per measure, with a column for each who has values of it.
+    """
+    tables = [_beside(source, published, measure) for measure in source.measures]
+    return "".join(tables) or None
+
+
+def _beside(source: ReportSource, published: Published, measure: Measure) -> str:
+    digits = measure.digits
+    rows: list[tuple[list[str], dict[str, float]]] = []
+    own_means: list[float] = []
+    for group in source.groups:
+        own = summary_of(group, measure.name)
+        people = published.people_in(group.condition, measure.name)
+        others = published.beside(measure.name, dict(group.episodes.iloc[0]))
+        if own is None or not (people or others):
+            continue
+        beside = ["", ""]
+        if people:
+            mean, extent = _people(people, measure)
+            inside = min(people) <= own.mean <= max(people)
+            difference = own.mean - float(np.mean(people))
+            beside = [
+                f"{mean} {extent}, n = {len(people)}",
+                f"{difference:+,.{digits}f}, {'inside' if inside else 'outside'}",
+            ]
+        rows.append(([group.label, with_spread(own, measure), *beside], dict(others)))
+        own_means.append(own.mean)
     if not rows:
-        return None
-    keep = [i for i, name in enumerate(sources) if name in used]
-    rows = [[*row[:5], *(row[5 + i] for i in keep)] for row in rows]
-    headings = ["Measure", "", "Here", "People: mean [range]", "Here − people, and their range"]
-    headings += [f"{sources[i].capitalize()} (here − it)" for i in keep]
-    if not any(row[3] for row in rows):
-        rows = [[*row[:3], *row[5:]] for row in rows]
-        headings = [*headings[:3], *headings[5:]]
-    return table(headings, rows)
+        return ""
+    sources = [one.source for one in published.values]
+    used = [name for name in dict.fromkeys(sources) if any(name in others for _, others in rows)]
+    with_people = any(row[2] for row, _ in rows)
+    headings = ["", "Here"]
+    if with_people:
+        headings += ["People: mean [range]", "Here − people, and their range"]
+    headings += [f"{name[:1].upper()}{name[1:]} (here − it)" for name in used]
+    cells = [
+        [
+            *(row if with_people else row[:2]),
+            *(
+                f"{others[name]:,.{digits}f} ({mean - others[name]:+,.{digits}f})"
+                if name in others
+                else ""
+                for name in used
+            ),
+        ]
+        for (row, others), mean in zip(rows, own_means, strict=True)
+    ]
+    return f"<h3>{escape(measure.heading)}</h3>{table(headings, cells)}"
 
 
 def published_tests(published: Published) -> str | None:
@@ -145,8 +167,11 @@ def test_table(source: ReportSource) -> str | None:
     for result in source.comparisons:
         measure = source.measure(str(result["measure"]))
         label = measure.label if measure else str(result["measure"])
-        levels = " – ".join(map(str, result.get("levels") or ()))
-        means = ", ".join("–" if m is None else f"{m:.3g}" for m in result.get("means") or ())
+        sign = {"less": " < ", "greater": " > "}.get(str(result.get("alternative")), " – ")
+        levels = sign.join(map(str, result.get("levels") or ()))
+        means = ", ".join(
+            "–" if m is None else number(m, measure) for m in result.get("means") or ()
+        )
         if result.get("refused"):
             outcome: list[str] = [
                 Html(f'<span class="refused">no p value: {escape(result["refused"])}</span>')
@@ -163,7 +188,7 @@ def test_table(source: ReportSource) -> str | None:
                 p_words(adjusted) if adjusted is not None else "",
                 _effect(result),
             ]
-        counted = escape(f"{_n(result)} {unit_words(result)}")
+        counted = escape(counted_units(result))
         note = result.get("note")
         if note:
             if note not in notes:
@@ -174,7 +199,7 @@ def test_table(source: ReportSource) -> str | None:
                 f"{label}{place_of(result)}",
                 levels,
                 means,
-                _difference(result),
+                difference_words(result, measure, "[]"),
                 Html(counted),
                 str(result["test"]),
                 *outcome,
@@ -186,11 +211,6 @@ def test_table(source: ReportSource) -> str | None:
     return table([*headings, "p, Holm", "Effect"], rows) + below
 
 
-def _n(result: Mapping[str, Any]) -> str:
-    n = result["n"]
-    return ", ".join(map(str, n)) if isinstance(n, list) else str(n)
-
-
 def _statistic(result: Mapping[str, Any]) -> str:
     value = result.get("statistic")
     return "" if value is None else f"{value:.4g}"
@@ -199,16 +219,6 @@ def _statistic(result: Mapping[str, Any]) -> str:
 def _effect(result: Mapping[str, Any]) -> str:
     value, name = result.get("effect"), result.get("effect_name", "")
     return "" if value is None else f"{value:.2f} ({name})"
-
-
-def _difference(result: Mapping[str, Any]) -> str:
-    difference = result.get("difference")
-    if not difference:
-        return ""
-    text = f"{difference['mean']:.3g}"
-    if difference.get("low") is not None:
-        text += f" [{difference['low']:.3g} to {difference['high']:.3g}]"
-    return text
 
 
 def user_table(users: Sequence[PlayedBy]) -> str:

@@ -276,14 +276,10 @@ def test_published_measures_are_measures_of_the_game() -> None:
 
 def test_numbers_in_cells_stand_out() -> None:
     """Black on what is pale, white on what is dark (WCAG contrast 4.2 or more of both)."""
-    trace = plotly_of(Panel("", [Heat([[0.0, 0.6, 1.0, None]], list("abcd"), ["r"], 0.0, 1.0)]))
-    (texts,) = trace["data"][0]["text"]
-    assert texts == [
-        '<span style="color:#000">0.00</span>',
-        '<span style="color:#000">0.60</span>',
-        '<span style="color:#fff">1.00</span>',
-        "",
-    ]
+    heat = Heat([[0.0, 0.6, 1.0, None]], list("abcd"), ["r"], 0.0, 1.0)
+    pale, dark = plotly_of(Panel("", [heat]))["data"]
+    assert (pale["text"], pale["textfont"]) == ([["0.00", "0.60", "", ""]], {"color": "#000"})
+    assert (dark["text"], dark["textfont"]) == ([["", "", "1.00", ""]], {"color": "#fff"})
 
 
 def test_a_raised_hand_is_in_the_picture() -> None:

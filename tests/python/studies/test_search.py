@@ -132,6 +132,28 @@ def test_a_killed_search_goes_on_with_the_same_bytes(
     assert len(more.data.trials) == 18 and len(formula) <= 18
 
 
+def test_a_killed_search_by_gaussian_processes_has_the_same_bytes(
+    trained: Path, formula: list[dict[str, float]], tmp_path: Path
+) -> None:
+    """As the one above; its sampler fits models whose sums must not depend on the session."""
+    wanted = search(trained, trials=14, sampler="gp")
+    run_study(wanted, tmp_path / "whole", jobs=1)
+    whole = list(formula)
+    formula.clear()
+
+    class Killed(Here):
+        def next(self) -> Any:
+            if len(formula) == 13:
+                raise KeyboardInterrupt
+            return super().next()
+
+    parted = tmp_path / "parted"
+    with pytest.raises(KeyboardInterrupt):
+        run_study(wanted, parted, make_pool=lambda root, tasks: Killed(root, 1))
+    run_study(wanted, parted, jobs=1)
+    assert formula == whole and content(parted) == content(tmp_path / "whole")
+
+
 def test_several_objectives_have_a_front(
     trained: Path, formula: list[dict[str, float]], tmp_path: Path
 ) -> None:
@@ -208,7 +230,7 @@ def test_a_limit_that_no_trial_keeps_chooses_none(
     assert set(trials["state"]) == {"measured"}
 
 
-@pytest.mark.parametrize("sampler", ["tpe", "nsga2", "random"])
+@pytest.mark.parametrize("sampler", ["tpe", "nsga2", "random", "gp"])
 def test_samplers_repeat_themselves(sampler: str, trained: Path) -> None:
     from sim2vr_harness.studies.search.optimiser import Optimiser
     from sim2vr_harness.studies.search.trials import judged

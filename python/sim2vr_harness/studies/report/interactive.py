@@ -27,6 +27,7 @@ _SLANTED = 60
 _INK, _FAINT, _GRID = "#24292f", "#57606a", "#e3e6ea"
 _SCALE = [[0, "#f7fbff"], [0.35, "#9ecae1"], [0.7, "#3182bd"], [1, "#08306b"]]
 """Of tables of colours: pale is little."""
+_CLEAR = [[0, "rgba(0,0,0,0)"], [1, "rgba(0,0,0,0)"]]
 _DARK = 0.72
 """Share of the scale from where on white stands out more than black (luminance .18)."""
 
@@ -76,7 +77,7 @@ def _traces(layer: Layer, panel: Panel) -> list[dict[str, Any]]:
         turn = {"orientation": "h"} if panel.sideways else {}
         return [{**common, "type": "bar", **places, **turn, "marker": {"color": layer.colour}}]
     if isinstance(layer, Heat):
-        return [_heat(layer)]
+        return _heat(layer)
     return [common | _path(layer)]
 
 
@@ -96,9 +97,12 @@ def _points(layer: Points) -> dict[str, Any]:
     return trace
 
 
-def _heat(layer: Heat) -> dict[str, Any]:
-    texts = [[_inked(value, layer) for value in row] for row in layer.values]
-    return {
+def _heat(layer: Heat) -> list[dict[str, Any]]:
+    """The colours with black numbers where they are pale, then white numbers where they are dark.
+
+    Plotly's own ink is grey on middle colours, and a font has one colour per trace.
+    """
+    colours = {
         "type": "heatmap",
         "z": [_plain(row) for row in layer.values],
         "x": list(layer.columns),
@@ -109,19 +113,28 @@ def _heat(layer: Heat) -> dict[str, Any]:
         "xgap": 2,
         "ygap": 1 if len(layer.rows) > 12 else 2,
         "showscale": not layer.labelled,
-        "text": texts,
-        "texttemplate": "%{text}" if layer.labelled else "",
         "hovertemplate": f"%{{y}}, %{{x}}: %{{z:.{layer.digits}f}}<extra></extra>",
     }
+    if not layer.labelled:
+        return [colours]
+    told = {"texttemplate": "%{text}"}
+    white = {"colorscale": _CLEAR, "hoverinfo": "skip", "hovertemplate": None}
+    return [
+        colours | told | {"text": _texts(layer, dark=False), "textfont": {"color": "#000"}},
+        colours | told | white | {"text": _texts(layer, dark=True), "textfont": {"color": "#fff"}},
+    ]
 
 
-def _inked(value: float | None, layer: Heat) -> str:
-    """A cell's number, black or white, whichever stands out: Plotly's own grey does not."""
-    if value is None:
-        return ""
-    share = (value - layer.low) / (layer.high - layer.low) if layer.high > layer.low else 0.0
-    ink = "#fff" if share > _DARK else "#000"
-    return f'<span style="color:{ink}">{value:.{layer.digits}f}</span>'
+def _texts(layer: Heat, *, dark: bool) -> list[list[str]]:
+    """The numbers of pale cells, or those of dark ones; empty elsewhere."""
+    extent = layer.high - layer.low
+
+    def text(value: float | None) -> str:
+        if value is None or ((value - layer.low) > _DARK * extent) != dark:
+            return ""
+        return f"{value:.{layer.digits}f}"
+
+    return [[text(value) for value in row] for row in layer.values]
 
 
 def _path(layer: Path) -> dict[str, Any]:

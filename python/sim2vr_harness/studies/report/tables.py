@@ -86,6 +86,11 @@ def _whole(text: str) -> str:
     return f'<span class="whole">{escape(text)}</span>'
 
 
+def _pieces(*texts: str) -> Html:
+    """Texts that stay in a line each."""
+    return Html(" ".join(map(_whole, texts)))
+
+
 def _people(people: Sequence[float], measure: Measure) -> tuple[str, str]:
     """Mean and range."""
     digits = measure.digits
@@ -118,10 +123,11 @@ def _beside(source: ReportSource, published: Published, measure: Measure) -> str
             inside = min(people) <= own.mean <= max(people)
             difference = own.mean - float(np.mean(people))
             beside = [
-                f"{mean} {extent}, n = {len(people)}",
-                f"{difference:+,.{digits}f}, {'inside' if inside else 'outside'}",
+                _pieces(f"{mean} {extent},", f"n = {len(people)}"),
+                _pieces(f"{difference:+,.{digits}f},", "inside" if inside else "outside"),
             ]
-        rows.append(([group.label, with_spread(own, measure), *beside], dict(others)))
+        here = _pieces(with_spread(own, measure))
+        rows.append(([group.label, here, *beside], dict(others)))
         own_means.append(own.mean)
     if not rows:
         return ""

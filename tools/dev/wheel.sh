@@ -7,9 +7,10 @@
 # this machine has. The extension module needs one wheel for each Python: pybind11 has no stable ABI.
 set -euo pipefail
 cd "$(dirname "$0")/../.."
-venv=.venv/bin/python
+venv=$PWD/.venv/bin/python
 known="3.11 3.12 3.13" # Debian 12's, Ubuntu 24.04's, Debian 13's
 
+prefix_of() { "$1" -c 'import os, sys; print(os.path.realpath(sys.prefix))'; }
 version_of() { "$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])'; }
 
 pythons=(${PYTHON:-$venv})
@@ -37,7 +38,7 @@ for python in "${pythons[@]}"; do
   mkdir -p "$raw"
   # What a wheel is built with is in .venv; for others pip fetches it (build isolation).
   isolation=()
-  if [ "$("$python" -c 'import sys; print(sys.prefix)')" = "$("$venv" -c 'import sys; print(sys.prefix)')" ]; then
+  if [ "$(prefix_of "$python")" = "$(prefix_of "$venv")" ]; then
     isolation=(--no-build-isolation)
   fi
   "$venv" -m pip --python "$python" wheel . --no-deps "${isolation[@]}" --quiet \

@@ -119,7 +119,17 @@ def add_licences(wheel: Path, folder: Path) -> Path:
     Raises:
         ValueError: A library is of no package.
     """
-    made = folder / wheel.name
+    # auditwheel writes its wheel whatever happened; only a whole one gets its name.
+    made, part = folder / wheel.name, folder / f".{wheel.name}.part"
+    try:
+        _write(wheel, part)
+        part.rename(made)
+    finally:
+        part.unlink(missing_ok=True)
+    return made
+
+
+def _write(wheel: Path, made: Path) -> None:
     with InWheelCtx(wheel, made) as inside:
         root = Path(inside.name)
         files = carried([file.name for file in root.glob("*.libs/*.so*")])
@@ -132,7 +142,6 @@ def add_licences(wheel: Path, folder: Path) -> Path:
         headers, blank, rest = metadata.partition("\n\n")
         told = "".join(f"\nLicense-File: carried/{name}" for name in sorted(files))
         (info / "METADATA").write_text(headers + told + blank + rest, encoding="utf-8")
-    return made
 
 
 if __name__ == "__main__":

@@ -16,6 +16,7 @@ from sim2vr_harness.client.frames import pose_to_mujoco
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.tools.missing import needed
 from sim2vr_harness.tools.watch import browser, choosing
+from sim2vr_harness.tools.watch.browser import middle_of
 from sim2vr_harness.tools.watch.moments import Hands, Moment, Show, recorded_show
 from sim2vr_harness.tools.watch.playback import Playback
 from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
@@ -248,3 +249,14 @@ def test_a_page_is_watched_with_nobody_trained() -> None:
     assert int(np.ptp(first.headset)) > 0
     with pytest.raises(InputError, match=r"--user: got 'still', expected --page with it"):
         choosing.choose("mobl_arms_wrist", untrained="still")
+
+
+def test_the_camera_looks_to_where_people_are() -> None:
+    """A recorded person stood off the middle of the room; floor and sky do not count."""
+    moment = next(iter(recorded_show(ROUND).moments()))
+    middle = middle_of(moment, np.zeros(3))
+    things = list(moment.scene.drawn(player=True))
+    places = np.array([one.in_mujoco()[0] for one in things if max(one.in_mujoco()[2]) < 3.0])
+    assert len(places) >= 1
+    assert np.all(middle >= places.min(axis=0)) and np.all(middle <= places.max(axis=0))
+    assert np.linalg.norm(middle[:2]) > 0.5, "not where a seated user is"

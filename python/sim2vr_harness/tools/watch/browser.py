@@ -25,6 +25,10 @@ __all__ = ["Stage", "Theatre"]
 
 _LAST_EVENTS = 8
 _LIGHTEST = 0.995
+_SEATED_M, _BESIDE_M = (0.3, -0.05, 0.85), (-1.2, -1.55, 0.75)
+"""MuJoCo's world: the middle of what a seated user does, and from where on it is seen."""
+_LARGE_M = 3.0
+"""Objects that are larger are floors and skies."""
 _KEYS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
     ("W", "Hand ahead", (0.0, 0.0, 1.0)),
     ("S", "Hand back", (0.0, 0.0, -1.0)),
@@ -148,8 +152,13 @@ class Theatre:
         _require_own(host)
         self._show, self.playback = show, Playback(show)
         self._server = viser.ViserServer(host=host, port=port, label="sim2vr", verbose=False)
-        self._server.initial_camera.position = (-0.9, -1.6, 1.6)
-        self._server.initial_camera.look_at = (0.3, -0.05, 0.85)
+        place = np.array(_SEATED_M)
+        if show.body is None and self.playback.step():
+            assert self.playback.now is not None
+            place = middle_of(self.playback.now, place)
+        self._server.initial_camera.position = tuple((place + _BESIDE_M).tolist())
+        self._server.initial_camera.look_at = tuple(place.tolist())
+        self._seen = False
         self._stage = Stage(self._server.scene, show)
         self._wanted: list[Callable[[], bool]] = []
         self._bars: dict[str, tuple[Any, Any]] = {}
@@ -157,6 +166,7 @@ class Theatre:
         self._build()
         if show.hands is not None:
             self._give_hands(show.hands)
+        self.draw()
 
     @property
     def address(self) -> str:
@@ -284,11 +294,12 @@ class Theatre:
             self.draw()
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
-        """Go on until interrupted, or ``until`` says so."""
+        """Go on until interrupted, or ``until`` says so; time goes by once somebody is there."""
         before = time.monotonic()
         while not until():
             now = time.monotonic()
-            self.turn(now - before)
+            self._seen = self._seen or bool(self._server.get_clients())
+            self.turn(now - before if self._seen else 0.0)
             before = now
             time.sleep(0.005)
 
@@ -296,6 +307,16 @@ class Theatre:
         """End the round and the server."""
         self.playback.close()
         self._server.stop()
+
+
+def middle_of(moment: Moment, otherwise: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Where the things of a moment are, MuJoCo's world: people sit and stand anywhere."""
+    places = []
+    for one in moment.scene.drawn(player=True):
+        position, _, scale = one.in_mujoco()
+        if np.max(scale) < _LARGE_M:
+            places.append(position)
+    return np.median(places, axis=0) if places else otherwise
 
 
 def _require_own(host: str) -> None:

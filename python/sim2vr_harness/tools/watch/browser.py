@@ -316,7 +316,7 @@ def middle_of(moment: Moment, otherwise: NDArray[np.float64]) -> NDArray[np.floa
         position, _, scale = one.in_mujoco()
         if np.max(scale) < _LARGE_M:
             places.append(position)
-    return np.median(places, axis=0) if places else otherwise
+    return (np.min(places, axis=0) + np.max(places, axis=0)) / 2 if places else otherwise
 
 
 def _require_own(host: str) -> None:

@@ -15,11 +15,11 @@ from sim2vr_harness.errors import InputError, unknown_name
 from sim2vr_harness.evaluation.data.folder import FOLDER, read_table
 from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.files import read_json
+from sim2vr_harness.studies.casting import Users
 from sim2vr_harness.studies.config import StudyConfig
 from sim2vr_harness.studies.doing import Doing
 from sim2vr_harness.studies.factors import FactorConfig
 from sim2vr_harness.studies.plan import Plan, plan_of
-from sim2vr_harness.studies.casting import Users
 from sim2vr_harness.studies.search.config import OptimiseConfig, Value
 from sim2vr_harness.studies.search.optimiser import Optimiser
 from sim2vr_harness.studies.search.stopping import limits_of, reports_of

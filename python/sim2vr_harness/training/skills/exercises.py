@@ -9,7 +9,7 @@ from torch import Tensor
 
 from sim2vr_harness.training.skills.goals import MOMENT_S, Goals, describe, tips
 
-__all__ = ["LEAD_STEPS", "Exercises"]
+__all__ = ["LEAD_STEPS", "Exercises", "off_goal"]
 
 LEAD_STEPS = 2
 """User steps by which a path's goal runs ahead of where the hand shall be now."""
@@ -33,6 +33,10 @@ _BEHIND = 0.12
 """How often goals are drawn that are not in front of the body, relative to those that are."""
 _FRONT_M = 0.12
 _BONUS, _NEAR_M = 4.0, 0.02
+_LIKE, _STILL_MPS = 0.4, 0.3
+"""Share of the velocity asked for, and m/s beside it, by which it may be wrong for that."""
+_EARLY_S = 0.04
+"""Who goes through a place may come so much earlier or later, at the speed asked for."""
 _BY_M, _BY_MPS, _BY_AXIS = 30.0, 2.0, 2.0
 """What arriving is worth within _NEAR_M, and what errors of place, velocity and direction cost."""
 _STEP_SHARE = 0.15
@@ -238,11 +242,13 @@ class Exercises:
         follows = kind == _FOLLOW
         wanted = torch.where(follows[..., None], path_place, goals.place)
         wanted_velocity = torch.where(follows[..., None], path_velocity, goals.velocity)
-        off = (now - wanted).square().sum(-1).add(1e-8).sqrt()
+        off = off_goal(now - wanted, goals.velocity * (kind == _ARRIVE).float()[..., None])
         slow = (velocity - wanted_velocity).square().sum(-1).add(1e-6).sqrt()
+        wanted_mps = wanted_velocity.norm(dim=-1)
         pointed = (goals.axis.abs().sum(-1) > 0.0).float()
         askew = pointed * (1.0 - (goals.axis * place[..., :3, 0]).sum(-1))
-        worth = _BONUS * torch.exp(-0.5 * (off / _NEAR_M).square())
+        unlike = slow / (_LIKE * wanted_mps + _STILL_MPS)
+        worth = _BONUS * torch.exp(-0.5 * ((off / _NEAR_M).square() + unlike.square()))
         worth = worth - _BY_M * ((off.square() + 1e-4).sqrt() - 0.01)
         worth = worth - _BY_MPS * slow - _BY_AXIS * askew
         arrived = over & (kind == _ARRIVE)
@@ -306,6 +312,17 @@ class Exercises:
         for name in self.goals.tensors():
             setattr(self.goals, name, state[f"goals.{name}"].clone())
         self.generator.set_state(state["generator"])
+
+
+def off_goal(gap: Tensor, velocity: Tensor) -> Tensor:
+    """(...) how far off (..., 3) counts, m: along the way through a place, time is forgiven."""
+    speed = velocity.norm(dim=-1, keepdim=True)
+    way = velocity / speed.clamp(min=1e-6)
+    along = (gap * way).sum(-1, keepdim=True)
+    slack = _EARLY_S * speed
+    forgiven = along - along.clamp(-slack, slack)
+    off: Tensor = (gap + (forgiven - along) * way).square().sum(-1).add(1e-8).sqrt()
+    return off
 
 
 def _regions(places: Tensor) -> Tensor:

@@ -61,7 +61,8 @@ def _places(
     across, up = aimed.goal[:, which[0]], aimed.goal[:, which[1]]
     dots = axes.scatter(across, up, c=1000 * error_m, s=14, vmin=0.0, vmax=_WORST_MM)
     figure.colorbar(dots, ax=axes, label="Off the goal (mm)", extend="max")
-    axes.set(title=f"{title}: median {1000 * np.nanmedian(error_m):.0f} mm", aspect="equal")
+    axes.set_title(f"{title}:\nmedian {1000 * np.nanmedian(error_m):.0f} mm", fontsize=10)
+    axes.set_aspect("equal")
 
 
 def _strikes(axes: Any, aimed: Aimed) -> None:

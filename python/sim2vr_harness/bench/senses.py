@@ -11,6 +11,7 @@ from sim2vr_harness.training.config import TrainingConfig
 __all__ = ["sense_variants"]
 
 _NEEDS: dict[str, dict[str, Any]] = {
+    "fovea": {"vision": {"zoom": 3}},
     "fingers": {"user": {"inputs": ["right.trigger"]}},
     "gaze": {"vision": {"foveation": {"gaze": "moves"}}},
     "head": {"user": {"head": "reflex"}},

@@ -210,7 +210,7 @@ def test_the_policy_acts_within_the_student_s_range() -> None:
 def stage(folder: Path, *overrides: str) -> TeacherStage:
     settings = config(*overrides)
     run = TrainingConfig(env=ENV, teacher=settings, seed=5, checkpoint={"every_steps": 40})
-    return TeacherStage(run, folder, lambda: None)
+    return TeacherStage(run, folder, lambda policy: None)
 
 
 def train(folder: Path, *overrides: str) -> dict[str, torch.Tensor]:

@@ -88,8 +88,8 @@ def read_lines(path: Path) -> list[str]:
 
 def _title(path: Path, lines: list[str]) -> tuple[str, int]:
     match _FIELD.findall(lines[0]):
-        case ["condition", condition, "random", "seed", seed] if _WHOLE_NUMBER.fullmatch(seed):
-            return condition, int(seed) % 2**32
+        case ["condition", name, *more, "random", "seed", seed] if _WHOLE_NUMBER.fullmatch(seed):
+            return " ".join((name, *more)), int(seed) % 2**32
     got = repr(lines[0][:60]) if lines[0] else "an empty line"
     raise InputError(f"{path}, line 1", got, "'condition C, random seed N'")
 

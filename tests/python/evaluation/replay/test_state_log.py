@@ -113,3 +113,11 @@ def test_the_app_replays_what_the_harness_reads(tmp_path: Path) -> None:
     for log in logs.values():
         assert (log.condition, log.seed) == (original.condition, original.seed)
         assert np.array_equal(log.right, original.right)
+
+
+def test_a_condition_may_have_several_words(tmp_path: Path) -> None:
+    """Beats' generated levels: their seed is part of their names."""
+    file = tmp_path / "states.csv"
+    file.write_text(PLAIN.replace("condition hard", "condition generated 2032329983"))
+    log = read_state_log(file)
+    assert (log.condition, log.seed) == ("generated 2032329983", 42)

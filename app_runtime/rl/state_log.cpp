@@ -73,10 +73,13 @@ bool parseSeed(std::string_view text, std::uint32_t& seed) {
 
 void readTitle(const Lines& lines, std::string_view line, StateLog& log) {
   const std::vector<std::string_view> words = split(line);
-  const bool fits = words.size() == 5 && words[0] == "condition" && words[2] == "random" &&
-                    words[3] == "seed" && parseSeed(words[4], log.seed);
+  const std::size_t count = words.size();
+  const bool fits = count >= 5 && words[0] == "condition" && words[count - 3] == "random" &&
+                    words[count - 2] == "seed" && parseSeed(words[count - 1], log.seed);
   if (!fits) lines.refuse(line, kTitle);
   log.condition = words[1];
+  // The names of generated levels hold their seeds.
+  for (std::size_t i = 2; i + 3 < count; ++i) log.condition.append(" ").append(words[i]);
 }
 
 /// First columns of the poses.

@@ -115,30 +115,23 @@ class SenseKind:
 
 
 def _vision(name: str, around: Surroundings) -> Sense:
-    return vision(
-        name,
-        around.n,
-        channels=around.channels,
-        eyes=around.eyes,
-        height=around.height,
-        width=around.width,
-        frame_grid=around.substeps // around.frames_per_step,
-        foveation=around.foveation,
-        zoom=around.zoom,
-    )
+    return vision(name, around.n, **_pictures(around), foveation=around.foveation)
 
 
 def _fovea(name: str, around: Surroundings) -> Sense:
-    return fovea(
-        name,
-        around.n,
-        channels=around.channels,
-        eyes=around.eyes,
-        height=around.height,
-        width=around.width,
-        frame_grid=around.substeps // around.frames_per_step,
-        zoom=around.zoom,
-    )
+    return fovea(name, around.n, **_pictures(around))
+
+
+def _pictures(around: Surroundings) -> dict[str, Any]:
+    """What senses of pictures are told of them."""
+    return {
+        "channels": around.channels,
+        "eyes": around.eyes,
+        "height": around.height,
+        "width": around.width,
+        "frame_grid": around.substeps // around.frames_per_step,
+        "zoom": around.zoom,
+    }
 
 
 def _proprioception(name: str, around: Surroundings) -> Sense:

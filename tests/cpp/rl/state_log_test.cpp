@@ -45,6 +45,13 @@ TEST(StateLog, Rows) {
   EXPECT_FALSE(log.rows[1].left_tracked);
 }
 
+TEST(StateLog, ConditionsMayHaveSeveralWords) {
+  const StateLog log =
+      parseStateLog("condition generated 2032329983, random seed 42\n" + kHeader + row("0"));
+  EXPECT_EQ(log.condition, "generated 2032329983");
+  EXPECT_EQ(log.seed, 42U);
+}
+
 TEST(StateLog, ReadsWhatTheLoggerWrites) {
   const auto root = std::filesystem::path(::testing::TempDir()) / "sim2vr_state_log";
   std::filesystem::remove_all(root);

@@ -37,15 +37,9 @@ def draw_measures(measures: MotorMeasures, title: str, out: Path) -> Path:
     figure.suptitle(title)
     (above, front, held), (strikes, fitts, effort) = figure.subplots(2, 3)
     hand = next(iter(measures.reaches.values()))
-    _places(figure, above, hand, (1, 0), hand.error_m, "On arrival, from above")
-    above.set(xlabel="Left (m)", ylabel="Ahead (m)")
-    above.invert_xaxis()
-    _places(figure, front, hand, (1, 2), hand.error_m, "On arrival, from behind")
-    front.set(xlabel="Left (m)", ylabel="Up (m)")
-    front.invert_xaxis()
-    _places(figure, held, hand, (1, 2), hand.held_m, "Held for 0.6 s, from behind")
-    held.set(xlabel="Left (m)", ylabel="Up (m)")
-    held.invert_xaxis()
+    _places(figure, above, hand, 0, hand.error_m, "On arrival, from above")
+    _places(figure, front, hand, 2, hand.error_m, "On arrival, from behind")
+    _places(figure, held, hand, 2, hand.held_m, "Held for 0.6 s, from behind")
     _strikes(strikes, measures.strikes)
     _fitts(fitts, measures)
     _effort(effort, hand)
@@ -55,14 +49,15 @@ def draw_measures(measures: MotorMeasures, title: str, out: Path) -> Path:
     return out
 
 
-def _places(
-    figure: Any, axes: Any, aimed: Aimed, which: tuple[int, int], error_m: Any, title: str
-) -> None:
-    across, up = aimed.goal[:, which[0]], aimed.goal[:, which[1]]
-    dots = axes.scatter(across, up, c=1000 * error_m, s=14, vmin=0.0, vmax=_WORST_MM)
+def _places(figure: Any, axes: Any, aimed: Aimed, over: int, error_m: Any, title: str) -> None:
+    """Goals by how far to the left they are and by another axis of the world, 0 or 2."""
+    dots = axes.scatter(
+        aimed.goal[:, 1], aimed.goal[:, over], c=1000 * error_m, s=14, vmin=0.0, vmax=_WORST_MM
+    )
     figure.colorbar(dots, ax=axes, label="Off the goal (mm)", extend="max")
     axes.set_title(f"{title}:\nmedian {1000 * np.nanmedian(error_m):.0f} mm", fontsize=10)
-    axes.set_aspect("equal")
+    axes.set(xlabel="Left (m)", ylabel="Ahead (m)" if over == 0 else "Up (m)", aspect="equal")
+    axes.invert_xaxis()
 
 
 def _strikes(axes: Any, aimed: Aimed) -> None:

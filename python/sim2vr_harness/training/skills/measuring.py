@@ -256,15 +256,11 @@ class _Course:
             goal[i] = places[self._rng.choice(fit) if len(fit) else np.argmin(off)]
         return goal
 
-    def _placed(self) -> tuple[Tensor, Tensor, tuple[Tensor, Tensor, Tensor]]:
-        motion = self._layer.motion(self._users)
-        with torch.inference_mode():
-            now, soon = self._layer.places(*motion[:2])
-        return now, soon, motion
-
     def _tips(self, tip: Tensor) -> tuple[FloatArray, FloatArray]:
         """(K, 3) places and velocities of the tips."""
-        now, soon, _ = self._placed()
+        angles, speeds, _ = self._layer.motion(self._users)
+        with torch.inference_mode():
+            now, soon = self._layer.places(angles, speeds)
         here = tips(now[:, [self._hand]], tip)[:, 0]
         velocity = (tips(soon[:, [self._hand]], tip)[:, 0] - here) / MOMENT_S
         return here.double().numpy(), velocity.double().numpy()

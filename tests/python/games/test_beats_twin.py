@@ -183,6 +183,20 @@ def test_mines_and_walls_by_hand() -> None:
         assert events(game) == walls
 
 
+def test_a_head_in_a_wall_pays_by_its_depth_in_every_step() -> None:
+    """Lower edge 0.125 m below the eyes, radius of the head 0.08 m: at rest it is 0.205 m deep, with
+    3 cm to clear 0.235 m, at 20 points for every 0.1 m; 0.22 m down only the last 1.5 cm are left."""
+    wall = {"time_s": 2.0, "duration_s": 1.0, "column": 0, "row": 2, "width": 4, "height": 3}
+    for down, cost in ((0.0, 47.0), (0.1, 27.0), (0.22, 3.0), (0.24, 0.0)):
+        paid = []
+        for wall_cost in (0.0, 20.0):
+            game = rounds(1, level(walls=[wall]), settings=TwinSettings(wall_cost=wall_cost))
+            place = placed(AWAY, AWAY, head=(0.0, 1.2 - down, 0.1))
+            begun(game, place, 2.1)
+            paid.append([float(game.play(place, SOFT)) for _ in range(2)])
+        assert [free - wall for free, wall in zip(*paid)] == pytest.approx([cost, cost], abs=1e-3)
+
+
 def test_a_stroke_is_drawn_back_and_goes_through_the_box() -> None:
     """At 3 m/s down through (0.2, -0.3): 0.1 s before 0.3 m above it, 0.3 s before 0.4 m; on the
     stroke a step is worth 20 points, 0.25 m beside it 10, and half a second before nothing yet."""

@@ -54,6 +54,10 @@ class TwinSettings(Settings):
     look_cost: Weight = 0.0
     """Points per user step for a head that is turned by 45 degrees away from where boxes come from,
     less by the square for less. Who knows where they are need not look; its student must."""
+    wall_cost: Weight = 0.0
+    """Points per user step for a head that is 10 cm deep in a wall, in proportion to the depth; who
+    is not 3 cm clear of it pays, too. The cost of a touch is paid once, and has no gradient deep
+    inside."""
     early_error_cost: Weight = 20.0
     """The same at first. In levels with every direction a user who pays for
     wrong cuts before it makes right ones learns to keep its blades away."""

@@ -59,7 +59,7 @@ _MOMENTS = (0.25, 0.5, 0.75, 1.0)
 _CONTACT_MARGIN_M, _SPEED_MARGIN_MPS, _ANGLE_MARGIN_DEG = 0.01, 0.1, 5.0
 _NEAR_M, _NEAR_S, _NEAR_MPS = 0.3, 0.12, 2.0
 _STROKE_S, _STROKE_MPS, _DRAWN_M, _STROKE_OFF_M = 0.5, 3.0, 0.4, 0.5
-_WALL_SOFT_M, _GONE_M = 0.03, 10.0
+_WALL_SOFT_M, _CLEAR_M, _GONE_M = 0.03, 0.03, 10.0
 
 
 @dataclass(frozen=True)
@@ -410,7 +410,8 @@ class ImaginedBeats:
         left = self._wall_left.gather(1, coming.which)
         chance = here * torch.sigmoid((deep + 0.02) / _WALL_SOFT_M)
         self._wall_left = self._wall_left.scatter(1, coming.which, left * (1.0 - chance))
-        return soft.error * (left * chance).sum(1)
+        inside = self.settings.wall_cost * (here * (deep + _CLEAR_M).clamp(min=0.0)).sum(1) / 0.1
+        return soft.error * (left * chance).sum(1) + inside
 
     def _count(self, event: str, happened: Tensor) -> None:
         self.events[EVENTS.index(event)] += happened.sum()

@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.training.knowledge import OBSERVATION, Lag
+from sim2vr_harness.training.knowledge import OBSERVATION
 from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher_env import (
     game_of,
@@ -38,7 +38,7 @@ class TeacherGuide:
 
     def __init__(self, file: Path, config: TeacherConfig, simulation: Simulation) -> None:
         game = game_of(simulation.config)
-        self._senses = privileged_senses(simulation, config, game, Lag.of(simulation.config))
+        self._senses = privileged_senses(simulation, config, game, simulation.config)
         self._policy = load_teacher(
             file, self._senses.space, simulation.action_space, config.policy
         )

@@ -159,6 +159,10 @@ class TeacherConfig(Settings):
     hidden_fields: tuple[str, ...] | None = None
     """Patterns of privileged numbers, and of the own body's, that the teacher does not observe;
     None takes those that the game's twin names."""
+    knows_present: bool = False
+    """Whether the teacher knows the present although its student's senses are late. It is learned
+    sooner, and shows what its student can do only when that has seen it: where nothing can be
+    foreseen, what the teacher does on average is what a late student can do best."""
     imagined: ImaginedConfig = ImaginedConfig()
     curriculum: CurriculumConfig = CurriculumConfig()
     reward_scale: Factor = 0.2

@@ -105,7 +105,7 @@ class TeacherSimulation:
         self.game = game_of(env)
         self.conditions = config.conditions or self.game.conditions
         self.simulation = Simulation(blind_env(env), self.n)
-        self.senses = privileged_senses(self.simulation, config, self.game, Lag.of(env))
+        self.senses = privileged_senses(self.simulation, config, self.game, env)
         self.observation_space = self.senses.space
         self.action_space = self.simulation.action_space
         self.step_s = 1.0 / env.action_frequency_hz
@@ -257,7 +257,7 @@ class TeacherSimulation:
 
 
 def privileged_senses(
-    simulation: Simulation, config: TeacherConfig, game: ImaginedGame, lag: Lag
+    simulation: Simulation, config: TeacherConfig, game: ImaginedGame, env: EnvConfig
 ) -> PrivilegedSenses:
     """Return what a teacher of these users observes.
 
@@ -265,7 +265,8 @@ def privileged_senses(
         simulation: the users; watched from its next reset on where the senses are late.
         config: of the teacher.
         game: what the fast recipe knows of the game.
-        lag: how late the users' senses are.
+        env: of the student, whose senses say how late the teacher knows.
     """
+    lag = Lag() if config.knows_present else Lag.of(env)
     hidden = game.hidden_fields if config.hidden_fields is None else config.hidden_fields
     return PrivilegedSenses(simulation, hidden, felt=game.felt_fields, lag=lag)

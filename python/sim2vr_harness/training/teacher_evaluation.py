@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.training.knowledge import OBSERVATION, Lag
+from sim2vr_harness.training.knowledge import OBSERVATION
 from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher_env import (
     blind_env,
@@ -76,7 +76,7 @@ def evaluate_teacher(
     jobs = [(name, seed + k) for name in names for k in range(rounds)]
     simulation = Simulation(blind_env(env), len(jobs))
     try:
-        senses = privileged_senses(simulation, config, game, Lag.of(env))
+        senses = privileged_senses(simulation, config, game, env)
         for i, (name, round_seed) in enumerate(jobs):
             simulation.reset([i], [round_seed], game.options(name))
         rng = None if deterministic else np.random.default_rng(seed)

@@ -183,11 +183,22 @@ def test_mines_and_walls_by_hand() -> None:
         assert events(game) == walls
 
 
+def test_mines_cost_so_many_times_an_error() -> None:
+    mine = {"time_s": 2.0, "column": 2.0, "row": 1.0}
+    costs = []
+    for factor in (1.0, 4.0):
+        game = rounds(1, level(mines=[mine]), settings=TwinSettings(mine_factor=factor))
+        begun(game, placed(AWAY, AWAY), 1.95)
+        costs.append(float(game.play(placed(AWAY, (0.2, -0.3, 0.3)), SOFT)))
+    assert costs[0] < 0.0
+    assert costs[1] == pytest.approx(4.0 * costs[0])
+
+
 def test_a_head_in_a_wall_pays_by_its_depth_in_every_step() -> None:
     """Lower edge 0.125 m below the eyes, radius of the head 0.08 m: at rest it is 0.205 m deep, with
-    3 cm to clear 0.235 m, at 20 points for every 0.1 m; 0.22 m down only the last 1.5 cm are left."""
+    6 cm to clear 0.265 m, at 20 points for every 0.1 m; 0.25 m down only the last 1.5 cm are left."""
     wall = {"time_s": 2.0, "duration_s": 1.0, "column": 0, "row": 2, "width": 4, "height": 3}
-    for down, cost in ((0.0, 47.0), (0.1, 27.0), (0.22, 3.0), (0.24, 0.0)):
+    for down, cost in ((0.0, 53.0), (0.1, 33.0), (0.25, 3.0), (0.27, 0.0)):
         paid = []
         for wall_cost in (0.0, 20.0):
             game = rounds(1, level(walls=[wall]), settings=TwinSettings(wall_cost=wall_cost))

@@ -117,6 +117,21 @@ def test_a_teacher_knows_the_past_and_what_it_has_done_since() -> None:
         np.testing.assert_array_equal(sim.observation()[OBSERVATION], known)
 
 
+def test_a_teacher_may_know_the_present_of_users_who_sense_late() -> None:
+    made = rollouts("knows_present=true")
+    with closing(made.simulation) as sim:
+        made.step()
+        names = sim.senses.observed_names
+        assert not any(name.startswith(("felt", "user")) or "back" in name for name in names)
+        sim.reset(seeds=list(range(6)))
+        for _ in range(3):
+            sim.step(np.full((6, 32), 0.3))
+        known = sim.observation()[OBSERVATION][:, names.index("hammer.x_m")]
+        np.testing.assert_array_equal(known, sim.senses.field("hammer.x_m"))
+        seen = made.senses.observe()[:, names.index("hammer.x_m")]
+        assert torch.equal(seen, made.game.hammer(made.users.place)[0][:, 0])
+
+
 def test_imagined_users_know_as_late_as_true_ones() -> None:
     """Moments by hand: what was four user steps ago is seen, what was three ago is felt."""
     made = rollouts()

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from sim2vr_harness.settings import Chance, Settings, Weight
+from sim2vr_harness.settings import Chance, Factor, Settings, Weight
 
 __all__ = ["Relaxation", "TwinSettings"]
 
@@ -51,12 +51,14 @@ class TwinSettings(Settings):
     distance, by half a metre below 0; nothing after four fifths of the imagined rollouts."""
     error_cost: Weight = 20.0
     """Cost of a wrong cut, a mine or a wall, in points, which the true score does not have."""
+    mine_factor: Factor = 1.0
+    """So many times an error's cost is a mine's."""
     look_cost: Weight = 0.0
     """Points per user step for a head that is turned by 45 degrees away from where boxes come from,
     less by the square for less. Who knows where they are need not look; its student must."""
     wall_cost: Weight = 0.0
     """Points per user step for a head that is 10 cm deep in a wall, in proportion to the depth; who
-    is not 3 cm clear of it pays, too. The cost of a touch is paid once, and has no gradient deep
+    is not 6 cm clear of it pays, too. The cost of a touch is paid once, and has no gradient deep
     inside."""
     early_error_cost: Weight = 20.0
     """The same at first. In levels with every direction a user who pays for

@@ -59,7 +59,7 @@ _MOMENTS = (0.25, 0.5, 0.75, 1.0)
 _CONTACT_MARGIN_M, _SPEED_MARGIN_MPS, _ANGLE_MARGIN_DEG = 0.01, 0.1, 5.0
 _NEAR_M, _NEAR_S, _NEAR_MPS = 0.3, 0.12, 2.0
 _STROKE_S, _STROKE_MPS, _DRAWN_M, _STROKE_OFF_M = 0.5, 3.0, 0.4, 0.5
-_WALL_SOFT_M, _CLEAR_M, _GONE_M = 0.03, 0.03, 10.0
+_WALL_SOFT_M, _CLEAR_M, _GONE_M = 0.03, 0.06, 10.0
 
 
 @dataclass(frozen=True)
@@ -384,7 +384,7 @@ class ImaginedBeats:
         left = self._mine_left.gather(1, coming.which)
         chance = coming.there * torch.sigmoid((_CONTACT_MARGIN_M - apart) / soft.contact_m)
         self._mine_left = self._mine_left.scatter(1, coming.which, left * (1.0 - chance))
-        return soft.error * (left * chance).sum(1)
+        return self.settings.mine_factor * soft.error * (left * chance).sum(1)
 
     def _judge_walls(self, head: Tensor, soft: Relaxation) -> Tensor:
         lane, levels = self.lane, self.lane.levels

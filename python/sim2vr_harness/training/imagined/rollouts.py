@@ -244,9 +244,13 @@ class ImaginedRollouts:
         self.users.rest = self._seen[0].before.drives.mean(0)
 
     def _keep_best(self, played: tuple[float, ...]) -> None:
-        """Take note of the weights that have just been played with, if none played better."""
+        """Take note of the weights that have just been played with, if none played better.
+
+        Rates of cycles whose senses were not as late yet say nothing of what comes.
+        """
         known = [rate for rate in played if rate == rate]
-        if not self.config.keep_best or not known:
+        easier = self.cycle < self.config.growing_lag_cycles
+        if not self.config.keep_best or not known or easier:
             return
         rate = sum(known) / len(known)
         if self._best is None or rate > self._best[0]:

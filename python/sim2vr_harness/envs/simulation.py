@@ -295,6 +295,13 @@ class Simulation:
         """(N,) whose episodes are over, or were never begun."""
         return self._over.copy()
 
+    def renew(self, outcome: StepBatch) -> list[int]:
+        """Start new episodes for whoever has none after a step; returns who that is."""
+        ended = np.flatnonzero(outcome.over).tolist()
+        if ended:
+            self.reset(ids=ended)
+        return ended
+
     def step(self, actions: ArrayLike, resting: Sequence[int] | IntArray = ()) -> StepBatch:
         """Advances every user and app by one user step.
 

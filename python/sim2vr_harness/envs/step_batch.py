@@ -42,6 +42,11 @@ class StepBatch:
     logs: Logs
     ends: dict[int, dict[str, Any]] = field(default_factory=dict)
 
+    @property
+    def over(self) -> NDArray[np.bool_]:
+        """(N,) whose episode ended here, for whatever reason."""
+        return self.terminated | self.truncated
+
     def info(self, i: int) -> dict[str, Any]:
         """User i's part of the step as a dictionary.
 

@@ -179,7 +179,7 @@ class _Wave:
             playing = np.array([result is None for result in self._results])
             self._changes += playing * np.abs(actions - self._before).mean(axis=1)
         self._before = actions
-        over = outcome.terminated | outcome.truncated
+        over = outcome.over
         for i, info in enumerate(outcome.infos):
             if self._results[i] is None:
                 self._game_returns[i] += info["game_reward"]

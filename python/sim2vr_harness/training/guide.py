@@ -83,9 +83,6 @@ def proprioception_scale(
     for step in range(SCALE_STEPS):
         if step % SCALE_EVERY == 0:
             seen.append(simulation.proprioception.observe(simulation.users))
-        result = simulation.step(guide.actions(simulation))
-        ended = np.flatnonzero(result.terminated | result.truncated)
-        if len(ended):
-            simulation.reset([int(i) for i in ended])
+        simulation.renew(simulation.step(guide.actions(simulation)))
     values = np.concatenate(seen).astype(np.float64)
     return values.mean(0), values.std(0)

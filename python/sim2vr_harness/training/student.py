@@ -241,7 +241,7 @@ class Student:
     def _count(self, outcome: Any, by_teacher: NDArray[np.bool_]) -> None:
         self._acted += by_teacher
         self._cut -= 1
-        over = outcome.terminated | outcome.truncated
+        over = outcome.over
         for i in np.flatnonzero(over).tolist():
             info = outcome.info(i)
             if self._cut[i] < 0 and info["termination"] == "finished" and self._acted[i] == 0:

@@ -86,7 +86,7 @@ def evaluate_teacher(
         while any(log is None for log in logs):
             decided = policy.act({OBSERVATION: senses.observe()}, rng)
             result = simulation.step(decided)
-            ended = np.flatnonzero(result.terminated | result.truncated)
+            ended = np.flatnonzero(result.over)
             playing = np.array([log is None for log in logs])
             effort += playing * result.effort_cost
             returns += playing * result.game_reward

@@ -165,7 +165,7 @@ class SimulationVecEnv(VecEnv):
         for name, sums in self._sums.items():
             sums += getattr(result, name)
         self.last_logs = result.logs
-        dones = np.asarray(result.terminated | result.truncated, dtype=bool)
+        dones = np.asarray(result.over, dtype=bool)
         infos: list[dict[str, Any]] = [{} for _ in range(self.num_envs)]
         observation = self.simulation.observation()
         ended = np.flatnonzero(dones).tolist()

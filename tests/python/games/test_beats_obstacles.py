@@ -17,7 +17,7 @@ from sim2vr_harness.games.beats.twin import EVENTS
 pytest.importorskip("sim2vr_harness._app_runtime")
 
 # No box is in the way. A touch costs 1; a mine's from 1 cm on.
-HARD = Relaxation(contact_m=1e-3, speed_mps=0.2, angle_deg=15.0, near=0.0, error=1.0)
+HARD = Relaxation(contact_m=1e-3, speed_mps=0.2, angle_deg=15.0, near=0.0, error=1.0, hazard=1.0)
 COUNTED = ("MineHits", "WallHits", "MinesAvoided")
 MINES_S = np.arange(1.0, 9.5, 0.25)
 WALLS_S = np.arange(1.0, 9.0, 0.7)

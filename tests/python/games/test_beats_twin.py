@@ -16,7 +16,7 @@ from sim2vr_harness.games.beats.settings import Relaxation, TwinSettings
 from sim2vr_harness.games.beats.twin import EVENTS, FIELDS, ImaginedBeats, points
 
 STEP_S = 0.05
-SOFT = Relaxation(contact_m=0.05, speed_mps=0.3, angle_deg=15.0, near=5.0, error=20.0)
+SOFT = Relaxation(contact_m=0.05, speed_mps=0.3, angle_deg=15.0, near=5.0, error=20.0, hazard=20.0)
 UP, DOWN, DOWN_RIGHT, ANY = 0, 1, 7, 8
 LEFT, RIGHT = 0, 1
 HEAD = (0.0, 1.2, 0.1)
@@ -183,20 +183,25 @@ def test_mines_and_walls_by_hand() -> None:
         assert events(game) == walls
 
 
-def test_mines_cost_so_many_times_an_error() -> None:
+def test_hazards_have_a_cost_of_their_own_from_the_start() -> None:
+    """One point of early errors, or 200: for a blade in a mine and a head in a wall alike."""
     mine = {"time_s": 2.0, "column": 2.0, "row": 1.0}
-    costs = []
-    for factor in (1.0, 4.0):
-        game = rounds(1, level(mines=[mine]), settings=TwinSettings(mine_factor=factor))
-        begun(game, placed(AWAY, AWAY), 1.95)
-        costs.append(float(game.play(placed(AWAY, (0.2, -0.3, 0.3)), SOFT)))
-    assert costs[0] < 0.0
-    assert costs[1] == pytest.approx(4.0 * costs[0])
+    wall = {"time_s": 2.0, "duration_s": 1.0, "column": 0, "row": 2, "width": 4, "height": 3}
+    for hazard in ({"mines": [mine]}, {"walls": [wall]}):
+        costs = []
+        for cost in (None, 200.0):
+            settings = TwinSettings(early_error_cost=1.0, hazard_cost=cost)
+            game = rounds(1, level(**hazard), settings=settings)
+            begun(game, placed(AWAY, AWAY), 1.95)
+            held = placed(AWAY, (0.2, -0.3, 0.3))
+            costs.append(-float(game.play(held, settings.relaxation(0.0))))
+        assert 0.5 < costs[0] <= 1.0
+        assert costs[1] == pytest.approx(200.0 * costs[0], rel=1e-5)
 
 
 def test_a_head_in_a_wall_pays_by_its_depth_in_every_step() -> None:
-    """Lower edge 0.125 m below the eyes, radius of the head 0.08 m: at rest it is 0.205 m deep, with
-    6 cm to clear 0.265 m, at 20 points for every 0.1 m; 0.25 m down only the last 1.5 cm are left."""
+    """Lower edge 0.125 m below the eyes, radius of the head 0.08 m: at rest it is 0.205 m deep,
+    with 6 cm to clear 0.265 m, at 20 points for every 0.1 m; 0.25 m down 1.5 cm are left."""
     wall = {"time_s": 2.0, "duration_s": 1.0, "column": 0, "row": 2, "width": 4, "height": 3}
     for down, cost in ((0.0, 53.0), (0.1, 33.0), (0.25, 3.0), (0.27, 0.0)):
         paid = []
@@ -205,7 +210,9 @@ def test_a_head_in_a_wall_pays_by_its_depth_in_every_step() -> None:
             place = placed(AWAY, AWAY, head=(0.0, 1.2 - down, 0.1))
             begun(game, place, 2.1)
             paid.append([float(game.play(place, SOFT)) for _ in range(2)])
-        assert [free - wall for free, wall in zip(*paid)] == pytest.approx([cost, cost], abs=1e-3)
+        assert [free - wall for free, wall in zip(*paid, strict=True)] == pytest.approx(
+            [cost, cost], abs=1e-3
+        )
 
 
 def test_a_stroke_is_drawn_back_and_goes_through_the_box() -> None:

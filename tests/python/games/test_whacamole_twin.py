@@ -141,6 +141,23 @@ def test_only_coming_in_fast_enough_is_a_hit() -> None:
     assert game.counts[0, 1].tolist() == [0, 0, 0, 0, 1, 0, 0, 0, 0]
 
 
+def test_a_hammer_that_hovers_is_worth_no_more_at_more_frames() -> None:
+    worth = []
+    for frames in (1, 5):
+        game, place = game_at_a_target()
+        game._frame_s = FRAME_S / frames
+        game.hammer.fixed[12, 2] -= 0.045  # the target's radius is 2.5 cm, half the head's 2
+        root, _ = points(*game.hammer(place))
+        game._root, game._velocity = root, torch.tensor([0.0, 0.0, 0.6]).expand(4, 3)
+        game._age[:, 4], game._inside[:] = 5, False
+        held = place[:, None].expand(-1, frames, -1, -1, -1)
+        soft = Relaxation(overlap_m=0.015, speed_mps=0.3, near=0.0, distance=0.0)
+        worth.append(game.play(held, soft)[0])
+        assert not game._hit.any()
+    assert worth[0] > 1e-3
+    assert worth[1] == pytest.approx(worth[0])
+
+
 def test_staying_in_a_target_costs_by_how_deep_the_hammer_is() -> None:
     rewards = []
     for stuck in (0.0, 1.0):

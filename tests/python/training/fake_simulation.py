@@ -27,6 +27,10 @@ class FakeStep:
     logs: FakeLogs
     infos: list[dict[str, Any]]
 
+    @property
+    def over(self) -> np.ndarray:
+        return self.terminated | self.truncated
+
     def info(self, i: int) -> dict[str, Any]:
         return dict(self.infos[i])
 

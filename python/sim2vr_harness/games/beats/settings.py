@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from sim2vr_harness.settings import Chance, Factor, Settings, Weight
+from sim2vr_harness.settings import Chance, Settings, Weight
 
 __all__ = ["Relaxation", "TwinSettings"]
 
@@ -20,7 +20,8 @@ class Relaxation:
         speed_mps: width of the step from too slow to fast enough.
         angle_deg: width of the step from a wrong direction to a right one.
         near: points per user step for a blade that is near its next box when it arrives.
-        error: cost of a wrong cut, a mine or a wall's touch, in points.
+        error: cost of a wrong cut, in points.
+        hazard: cost of a mine or a wall's touch, in points.
         stroke: points per user step for a blade that is on the stroke that would cut its next box.
     """
 
@@ -29,6 +30,7 @@ class Relaxation:
     angle_deg: float
     near: float
     error: float
+    hazard: float
     stroke: float = 0.0
 
 
@@ -51,8 +53,9 @@ class TwinSettings(Settings):
     distance, by half a metre below 0; nothing after four fifths of the imagined rollouts."""
     error_cost: Weight = 20.0
     """Cost of a wrong cut, a mine or a wall, in points, which the true score does not have."""
-    mine_factor: Factor = 1.0
-    """So many times an error's cost is a mine's."""
+    hazard_cost: Weight | None = None
+    """Cost of a mine, and of a wall's touch, from the first rollouts on, in points; None: as of other
+    errors, and as cheap at first. Who learns to avoid them last has little time left for it."""
     look_cost: Weight = 0.0
     """Points per user step for a head that is turned by 45 degrees away from where boxes come from,
     less by the square for less. Who knows where they are need not look; its student must."""
@@ -71,11 +74,13 @@ class TwinSettings(Settings):
         def towards(end: float, start: float) -> float:
             return end + (start - end) * early
 
+        error = towards(self.error_cost, self.early_error_cost)
         return Relaxation(
             contact_m=towards(0.05, self.contact_m),
             speed_mps=towards(0.2, self.speed_mps),
             angle_deg=towards(15.0, self.angle_deg),
             near=towards(min(5.0, self.near_reward), self.near_reward),
-            error=towards(self.error_cost, self.early_error_cost),
+            error=error,
+            hazard=error if self.hazard_cost is None else self.hazard_cost,
             stroke=towards(0.0, self.stroke_reward),
         )

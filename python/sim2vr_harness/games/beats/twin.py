@@ -384,7 +384,7 @@ class ImaginedBeats:
         left = self._mine_left.gather(1, coming.which)
         chance = coming.there * torch.sigmoid((_CONTACT_MARGIN_M - apart) / soft.contact_m)
         self._mine_left = self._mine_left.scatter(1, coming.which, left * (1.0 - chance))
-        return self.settings.mine_factor * soft.error * (left * chance).sum(1)
+        return soft.hazard * (left * chance).sum(1)
 
     def _judge_walls(self, head: Tensor, soft: Relaxation) -> Tensor:
         lane, levels = self.lane, self.lane.levels
@@ -411,7 +411,7 @@ class ImaginedBeats:
         chance = here * torch.sigmoid((deep + 0.02) / _WALL_SOFT_M)
         self._wall_left = self._wall_left.scatter(1, coming.which, left * (1.0 - chance))
         inside = self.settings.wall_cost * (here * (deep + _CLEAR_M).clamp(min=0.0)).sum(1) / 0.1
-        return soft.error * (left * chance).sum(1) + inside
+        return soft.hazard * (left * chance).sum(1) + inside
 
     def _count(self, event: str, happened: Tensor) -> None:
         self.events[EVENTS.index(event)] += happened.sum()

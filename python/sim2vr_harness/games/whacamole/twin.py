@@ -264,15 +264,20 @@ class ImaginedWhacAMole:
         depth = depths(_each(frame, frames), _each(cells, frames), axes, box)
         root, depth = root.reshape(b, frames, 3), depth.reshape(b, frames, CELLS, -1)
         self._hit = torch.zeros_like(self._inside)
-        hits = torch.zeros(b)
+        # The likeliest frame of a step counts. Chances of all frames would add up for a hammer that
+        # only hovers at a target, the more of them the higher the frame rate.
+        chance = torch.zeros(b, CELLS)
         for k in range(frames):
             raw = (root[:, k] - self._root) / self._frame_s
             self._velocity = self._velocity + 0.5 * (raw - self._velocity)
             self._root = root[:, k]
             touch = self._judge(depth[:, k], soft)
-            hits = hits + touch.hits
+            chance = torch.maximum(chance, touch.chance)
         last = marker.reshape(b, frames, 3)[:, -1]
-        return hits + self._shaped(last, depth[:, -1], touch, soft)
+        hits = 10.0 * (self.hit_values[self.condition] * self._left * chance).sum(1)
+        worth = hits + self._shaped(last, depth[:, -1], touch, soft)
+        self._left = self._left * (1.0 - chance)
+        return worth
 
     def _next_frame(self) -> None:
         """Targets of the next frame, after hits at the poses of this one."""
@@ -302,7 +307,7 @@ class ImaginedWhacAMole:
 
     def _judge(self, depth: Tensor, soft: Relaxation) -> _Touch:
         """What hits in a frame, by the true rules; and what it is worth, relaxed."""
-        condition, left = self.condition, self._left
+        condition = self.condition
         strike = self._strike_mps()
         inside = (depth > 0.0).all(2) & (self._age >= 0)
         counts = (self._age >= GROWING_FRAMES) & ~self._inside & ~self._hit
@@ -313,10 +318,8 @@ class ImaginedWhacAMole:
         speed = torch.sigmoid((strike - threshold - _SPEED_MARGIN_MPS) / soft.speed_mps)
         speed = torch.where(constrained, speed, torch.ones(()))[:, None]
         overlap = torch.sigmoid((depth - _OVERLAP_MARGIN_M) / soft.overlap_m).prod(2)
-        chance = counts * overlap * speed
-        hits = 10.0 * (self.hit_values[condition] * left * chance).sum(1)
-        self._left, self._inside = left * (1.0 - chance), inside
-        return _Touch(hits, counts, left, within)
+        self._inside = inside
+        return _Touch(counts * overlap * speed, counts, within)
 
     def _shaped(self, marker: Tensor, depth: Tensor, touch: _Touch, soft: Relaxation) -> Tensor:
         """(B,) what helps to find hits, once a user step: by its last frame."""
@@ -325,7 +328,7 @@ class ImaginedWhacAMole:
         towards = torch.sigmoid((self._strike_mps() - self._threshold[condition]) / 0.5)
         towards = torch.where(self._constrained[condition] > 0.0, towards, torch.ones(()))
         around = torch.sigmoid(depth / _NEAR_M).prod(2)
-        near = (touch.counts * touch.left.detach() * around * towards[:, None]).sum(1)
+        near = (touch.counts * self._left.detach() * around * towards[:, None]).sum(1)
         distance = (cells - marker[:, None]).norm(dim=2)
         far = (alive * (torch.exp(-10.0 * distance) - 1.0) / 10.0).sum(1)
         worth = soft.near * near + soft.distance * far
@@ -361,15 +364,13 @@ class _Touch:
     """A frame of the hammer.
 
     Attributes:
-        hits: (B,) relaxed reward for hits.
+        chance: (B, cells) of a hit, relaxed.
         counts: (B, cells) which cells a coming hammer would hit.
-        left: (B, cells) share of a target that was left before.
         within: (B, cells) in which targets the hammer stays.
     """
 
-    hits: Tensor
+    chance: Tensor
     counts: Tensor
-    left: Tensor
     within: Tensor
 
 

@@ -88,7 +88,7 @@ class Collector:
                 actions = mean + self.config.action_noise * noise
             result = sim.step(actions)
             control = self._drives.controls(users)  # motor noise included
-            ended = result.terminated | result.truncated
+            ended = result.over
             fields = sim.senses.values()[:, columns]
             kept = ~ended & ~users.diverged
             who = self._persons.of(sim.simulation)

@@ -260,13 +260,10 @@ class Looker:
             result = self.simulation.step(actions)
             self.step_count += self.n
             reward += np.where(over, 0.0, result.game_reward).astype(np.float32)
-            ended = result.terminated | result.truncated
-            again = np.flatnonzero(ended)
-            if len(again):
-                self.simulation.reset(ids=[int(i) for i in again])
-                self._choice.move[again] = -1
-                self._trying[again] = 0
-            over |= ended
+            again = self.simulation.renew(result)
+            self._choice.move[again] = -1
+            self._trying[again] = 0
+            over |= result.over
         return reward, over
 
     # --- learning ----------------------------------------------------------------------------

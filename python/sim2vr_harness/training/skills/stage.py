@@ -370,9 +370,7 @@ def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> 
         )
         result = simulation.step(action.astype(np.float32))
         total += float(result.game_reward.mean())
-        ended = np.flatnonzero(result.terminated | result.truncated)
-        if len(ended):
-            simulation.reset(ids=[int(i) for i in ended])
+        simulation.renew(result)
     return total * 60.0 / seconds
 
 

@@ -70,9 +70,7 @@ def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) 
     for step in range(_STEPS):
         result = simulation.step(layer.act(simulation.users, exercises.goals))
         exercises.step(*_placed(simulation, layer))
-        ended = np.flatnonzero(result.terminated | result.truncated)
-        if len(ended):
-            simulation.reset(ids=[int(i) for i in ended])
+        simulation.renew(result)
         if step % _EVERY == 0:
             depth = np.stack([np.asarray(app.image)[..., 3] for app in simulation.apps])
             head, quaternion = simulation.users.device_poses("headset")

@@ -54,8 +54,8 @@ class TwinSettings(Settings):
     error_cost: Weight = 20.0
     """Cost of a wrong cut, a mine or a wall, in points, which the true score does not have."""
     hazard_cost: Weight | None = None
-    """Cost of a mine, and of a wall's touch, from the first rollouts on, in points; None: as of other
-    errors, and as cheap at first. Who learns to avoid them last has little time left for it."""
+    """Cost of a mine, and of a wall's touch, from the first rollouts on, in points; None: as of
+    other errors, and as cheap at first. Who learns to avoid them last has little time for it."""
     look_cost: Weight = 0.0
     """Points per user step for a head that is turned by 45 degrees away from where boxes come from,
     less by the square for less. Who knows where they are need not look; its student must."""

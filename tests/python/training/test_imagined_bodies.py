@@ -202,6 +202,16 @@ def test_drifting_away_from_rest_costs_by_hand() -> None:
     assert (float(effort), float(wild)) == (0.0, 0.0)
 
 
+def test_motors_rest_where_they_come_back_to_and_muscles_slack() -> None:
+    for name, rest in ((MOTORS, 0.4), ("mobl_arms_wrist", 0.15)):
+        body = load_body(name)
+        model = BodyModel(body, ("headset",), 0.05, width=4)
+        users = ImaginedUsers(body, model, 1, effort=lambda drives, control: torch.zeros(1))
+        count = len(users.rest)
+        users.rest_as(torch.tensor([[0.3], [0.5]]).expand(2, count))
+        assert users.rest.tolist() == pytest.approx([rest] * count)
+
+
 def test_two_arms_learn_what_motors_did() -> None:
     """After 30 s of eight users both controllers' places after a step are known to a third."""
     users = UserBatch(load_body(MOTORS), 8, threads=1, effort="zero")

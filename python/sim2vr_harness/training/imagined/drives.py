@@ -15,9 +15,9 @@ from sim2vr_harness.training.imagined.gradients import within
 from sim2vr_harness.users import Body, UserBatch
 from sim2vr_harness.users.bodies.rules import RULES, Direct, Motor, Muscle
 
-__all__ = ["Drives"]
+__all__ = ["REST_ACT", "Drives"]
 
-_REST_ACT = 0.15
+REST_ACT = 0.15
 """Activations of a body at rest: its arms neither hang nor cramp."""
 
 
@@ -93,7 +93,7 @@ class Drives:
     def rest(self, start: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, A) where users who move at random come back to: motors to where they began."""
         rest = start.copy()
-        rest[:, self.muscles] = _REST_ACT
+        rest[:, self.muscles] = REST_ACT
         return rest
 
     def _are(self, columns: NDArray[np.int64]) -> Tensor:

@@ -197,7 +197,7 @@ class ImaginedRollouts:
                 del self._seen[1]
             if first:
                 self.body.scale_by(new)
-                self._find_rest()
+                self.users.rest_as(self._seen[0].before.drives)
                 self.game.calibrate(self._place(new), new.fields)
             fit = fit_body(
                 self.body,
@@ -238,10 +238,6 @@ class ImaginedRollouts:
             worst_cell=worst,
             place_error_m=fit["place_m"],
         )
-
-    def _find_rest(self) -> None:
-        """Bodies that moved at random came back to where they rest again and again."""
-        self.users.rest = self._seen[0].before.drives.mean(0)
 
     def _keep_best(self, played: tuple[float, ...]) -> None:
         """Take note of the weights that have just been played with, if none played better.
@@ -450,5 +446,5 @@ class ImaginedRollouts:
         self.senses.load_state(state["senses"])
         self._best = None if state["best"] is None else (state["best"][0], state["best"][1])
         self._seen = [Experience.of(tensors) for tensors in state["seen"]]
-        self._find_rest()
+        self.users.rest_as(self._seen[0].before.drives)
         self.simulation.load_state(state["simulation"].numpy().tobytes())

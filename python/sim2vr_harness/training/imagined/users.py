@@ -8,6 +8,7 @@ import torch
 from torch import Tensor
 
 from sim2vr_harness.training.imagined.body import BodyModel
+from sim2vr_harness.training.imagined.drives import REST_ACT
 from sim2vr_harness.training.imagined.effort import Effort
 from sim2vr_harness.training.imagined.experience import Motion
 from sim2vr_harness.training.imagined.gradients import limited
@@ -146,6 +147,15 @@ class ImaginedUsers:
             limited(after.angles, self.gradient_limit)
             limited(after.speeds, self.gradient_limit * self.body.step_s)
         self.motion = self.body.disturbed(after, error_share) if error_share > 0.0 else after
+
+    def rest_as(self, drives: Tensor) -> None:
+        """Set :attr:`rest` by (N, A) drives of bodies that moved at random.
+
+        Motors come back to where they rest again and again. Muscles do so as well, but are driven
+        about the middle of their range: their mean would be a cramp.
+        """
+        self.rest = drives.mean(0)
+        self.rest[self._muscles] = REST_ACT
 
     def costs(self) -> tuple[Tensor, Tensor, Tensor]:
         """(B,) each: of effort; of joints and aims beyond limits or far from rest; of speeds."""

@@ -177,7 +177,7 @@ class MotorPractice:
             del self._seen[1]
         if first:
             self.model.scale_by(self._seen[0])
-            self.users.rest = self._seen[0].before.drives.mean(0)
+            self.users.rest_as(self._seen[0].before.drives)
         fit = fit_body(
             self.model,
             self._to_learn(),

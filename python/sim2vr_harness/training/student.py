@@ -143,15 +143,17 @@ class Student:
         }
         actions = simulation.action_space.shape[0]
         self._pictures = [key for key, (shape, _) in shapes.items() if len(shape) == 3]
+        each = self.n * config.rollout_steps
         self.store = FrameStore(
             folder,
-            -(-config.frames // (self.n * config.rollout_steps)) * self.n * config.rollout_steps,
+            -(-min(config.frames, config.kept_frames or config.frames) // each) * each,
             shapes
             | {
                 "label": ((actions,), np.float32),
                 "facts": ((self._facts,), np.float32),
                 "numbers": ((self._tell.out_features if self._tell else 0,), np.float32),
             },
+            slack=config.checkpoint_rounds * each if config.kept_frames else 0,
         )
         self.round = 0
         # Rounds end at different times, so that every minibatch has all phases of a round in it.
@@ -264,7 +266,8 @@ class Student:
         errors = []
         for number in range(minibatches):
             on_progress(_COLLECTED + (1.0 - _COLLECTED) * number / minibatches)
-            rows = np.sort(self._rng.integers(0, self.store.count, config.batch_size))
+            first, last = self.store.first, self.store.count
+            rows = np.sort(self._rng.integers(first, last, config.batch_size))
             batch = {key: value.to(self._device) for key, value in self.store.rows(rows).items()}
             error, facts_error, numbers_error = self._losses(batch)
             loss = config.imitation_weight * error + config.facts_weight * facts_error
@@ -332,7 +335,7 @@ class Student:
                 "simulation": simulation,
                 "cut": torch.from_numpy(self._cut.copy()),
                 "acted": torch.from_numpy(self._acted.copy()),
-                # Frames are only ever appended: the first ones stay what they are.
+                # What is appended later is written over no frame that this state can ask for.
                 **{
                     f"store.{key}": torch.from_numpy(value)
                     for key, value in self.store.state().items()

@@ -16,7 +16,10 @@ class StudentConfig(Settings):
 
     n_envs: int = Field(default=64, ge=1, le=MOST_USERS)
     frames: int = Field(default=200_000, ge=1, le=1_000_000_000)
-    """User steps that are collected, all of which are kept until the stage is over."""
+    """User steps that are collected."""
+    kept_frames: int | None = Field(default=None, ge=1, le=1_000_000_000)
+    """How many of them are learned from, the last ones; None: all. They are kept in files until the
+    stage is over, some 30 KB for a picture of three channels: more than the memory has are slow."""
     app_options: dict[str, OptionValue] = Field(default_factory=dict)
     """Options of the game in this stage that differ from ``env.app.options``."""
     rollout_steps: int = Field(default=32, ge=1, le=1_000_000)

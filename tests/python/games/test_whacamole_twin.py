@@ -158,6 +158,19 @@ def test_a_hammer_that_hovers_is_worth_no_more_at_more_frames() -> None:
     assert worth[1] == pytest.approx(worth[0])
 
 
+def test_a_true_hit_has_its_whole_worth_and_a_gradient() -> None:
+    game, place = game_at_a_target()
+    game.hammer.fixed.requires_grad_()
+    soft = Relaxation(overlap_m=0.015, speed_mps=0.3, near=0.0, distance=0.0)
+    worth = game.play(place[:, None], soft)
+    assert game._hit[:, 4].tolist() == [True, False, False, False]
+    assert worth[0].item() == pytest.approx(10.0)
+    assert 0.0 < worth[1].item() < 10.0
+    worth[0].backward()
+    assert game.hammer.fixed.grad is not None
+    assert game.hammer.fixed.grad[12, 2] != 0.0
+
+
 def test_staying_in_a_target_costs_by_how_deep_the_hammer_is() -> None:
     rewards = []
     for stuck in (0.0, 1.0):

@@ -80,16 +80,20 @@ def test_what_the_teacher_knows_is_told_too(tmp_path: Path) -> None:
     assert rows[-1].imitation_error < 0.3 * rows[0].imitation_error
 
 
-def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path) -> None:
-    whole = make(tmp_path / "whole")
+@pytest.mark.parametrize("kept", [None, 2], ids=["all frames", "the last rounds"])
+def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path, kept: int | None) -> None:
+    each = CONFIG.n_envs * CONFIG.rollout_steps
+    few = {"kept_frames": kept * each, "checkpoint_rounds": 1} if kept else {}
+    config = CONFIG.model_copy(update=few)
+    whole = make(tmp_path / "whole", config)
     for _ in range(6):
         last = whole.step()
-    parts = make(tmp_path / "parts")
+    parts = make(tmp_path / "parts", config)
     for _ in range(3):
         parts.step()
     state = parts.snapshot()
     parts.step()  # lost: its frames are in the file, and are written over
-    resumed = make(tmp_path / "parts", seed=1)
+    resumed = make(tmp_path / "parts", config, seed=1)
     resumed.load_snapshot(state)
     assert resumed.round == 3
     for _ in range(3):

@@ -273,6 +273,9 @@ class ImaginedWhacAMole:
             self._root = root[:, k]
             touch = self._judge(depth[:, k], soft)
             chance = torch.maximum(chance, touch.chance)
+        # A true hit has its whole worth, and the gradient of its chance. Where frames are short it
+        # is seen at the target's rim, as likely as not: who trembles there would earn more.
+        chance = chance + self._hit * (1.0 - chance).detach()
         last = marker.reshape(b, frames, 3)[:, -1]
         hits = 10.0 * (self.hit_values[self.condition] * self._left * chance).sum(1)
         worth = hits + self._shaped(last, depth[:, -1], touch, soft)

@@ -189,7 +189,7 @@ def test_hazards_have_a_cost_of_their_own_from_the_start() -> None:
     wall = {"time_s": 2.0, "duration_s": 1.0, "column": 0, "row": 2, "width": 4, "height": 3}
     for hazard in ({"mines": [mine]}, {"walls": [wall]}):
         costs = []
-        for cost in (None, 200.0):
+        for cost in (0.0, 200.0):
             settings = TwinSettings(early_error_cost=1.0, hazard_cost=cost)
             game = rounds(1, level(**hazard), settings=settings)
             begun(game, placed(AWAY, AWAY), 1.95)

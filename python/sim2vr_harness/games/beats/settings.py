@@ -53,8 +53,8 @@ class TwinSettings(Settings):
     distance, by half a metre below 0; nothing after four fifths of the imagined rollouts."""
     error_cost: Weight = 20.0
     """Cost of a wrong cut, a mine or a wall, in points, which the true score does not have."""
-    hazard_cost: Weight | None = None
-    """Cost of a mine, and of a wall's touch, from the first rollouts on, in points; None: as of
+    hazard_cost: Weight = 0.0
+    """Cost of a mine, and of a wall's touch, from the first rollouts on, in points; 0: as of
     other errors, and as cheap at first. Who learns to avoid them last has little time for it."""
     look_cost: Weight = 0.0
     """Points per user step for a head that is turned by 45 degrees away from where boxes come from,
@@ -81,6 +81,6 @@ class TwinSettings(Settings):
             angle_deg=towards(15.0, self.angle_deg),
             near=towards(min(5.0, self.near_reward), self.near_reward),
             error=error,
-            hazard=error if self.hazard_cost is None else self.hazard_cost,
+            hazard=self.hazard_cost or error,
             stroke=towards(0.0, self.stroke_reward),
         )

@@ -160,9 +160,9 @@ class TeacherConfig(Settings):
     """Patterns of privileged numbers, and of the own body's, that the teacher does not observe;
     None takes those that the game's twin names."""
     knows_present: bool = False
-    """Whether the teacher knows the present although its student's senses are late. It is learned
-    sooner, and shows what its student can do only when that has seen it: where nothing can be
-    foreseen, what the teacher does on average is what a late student can do best."""
+    """Whether the teacher knows the present although its student's senses are late. Where nothing
+    can be foreseen, what it does on average is what a late student can do best; elsewhere it shows
+    what nobody can do who has not seen it yet."""
     imagined: ImaginedConfig = ImaginedConfig()
     curriculum: CurriculumConfig = CurriculumConfig()
     reward_scale: Factor = 0.2

@@ -264,9 +264,9 @@ class Student:
             group["lr"] = config.learning_rate * max(fall, 0.02)
         self.policy.train()
         errors = []
+        first, last = self.store.first, self.store.count
         for number in range(minibatches):
             on_progress(_COLLECTED + (1.0 - _COLLECTED) * number / minibatches)
-            first, last = self.store.first, self.store.count
             rows = np.sort(self._rng.integers(first, last, config.batch_size))
             batch = {key: value.to(self._device) for key, value in self.store.rows(rows).items()}
             error, facts_error, numbers_error = self._losses(batch)

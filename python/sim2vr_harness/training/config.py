@@ -21,6 +21,7 @@ from sim2vr_harness.files import file_name, read_yaml
 from sim2vr_harness.games import imagined_settings
 from sim2vr_harness.limited_yaml import MOST_DEPTH, parse_yaml
 from sim2vr_harness.settings import MOST_STEPS, Settings, Width, first_problem, model_at
+from sim2vr_harness.training.glimpses_config import GlimpseConfig, check_glimpses
 from sim2vr_harness.training.ppo_config import LearningRateConfig, PPOConfig
 from sim2vr_harness.training.skills.config import SkillsConfig
 from sim2vr_harness.training.student_config import StudentConfig
@@ -64,6 +65,8 @@ class PolicyConfig(Settings):
     scale_proprioception: bool = False
     """True: proprioception is standardised with numbers kept beside the weights, which
     ``UserPolicy.fit_scaling`` sets; False: taken as it is, as in the reference."""
+    glimpses: GlimpseConfig | None = None
+    """Cut-outs around what is worth looking at; the recipe ``distill`` teaches where that is."""
 
 
 class CheckpointConfig(Settings):
@@ -135,6 +138,12 @@ class TrainingConfig(Settings):
                 f"from_user: got {got} with recipe {self.recipe!r}, expected a trained user with "
                 "recipe 'adapt', and none with others"
             )
+        return self
+
+    @pydantic.model_validator(mode="after")
+    def _clear_glimpses(self) -> Self:
+        if self.policy.glimpses is not None:
+            check_glimpses(self.policy.glimpses, self.recipe, self.env)
         return self
 
 

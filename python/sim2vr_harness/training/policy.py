@@ -24,6 +24,7 @@ from torch.nn import functional
 
 from sim2vr_harness.training.actor_critic import StagePolicy
 from sim2vr_harness.training.config import PolicyConfig
+from sim2vr_harness.training.glimpses import Glimpses
 from sim2vr_harness.training.sharding import in_shards
 from sim2vr_harness.training.threads import torch_threads
 
@@ -148,12 +149,17 @@ class UserFeatures(BaseFeaturesExtractor):
             key: known[key] if key in known else spaces.flatdim(observation_space[key])
             for key in names
         }
-        super().__init__(observation_space, features_dim=sum(sizes.values()))
+        dtype = getattr(torch, config.vision_precision)
+        glimpses = None
+        if config.glimpses is not None:
+            shapes = {key: observation_space[key].shape or () for key in images}
+            glimpses = Glimpses(shapes, config.glimpses, dtype)
+        looked = 0 if glimpses is None else glimpses.outputs
+        super().__init__(observation_space, features_dim=sum(sizes.values()) + looked)
         encoders: dict[str, nn.Module] = {}
         for key in names:
             shape = observation_space[key].shape or ()
             if key in images:
-                dtype = getattr(torch, config.vision_precision)
                 encoders[key] = VisionEncoder(shape, config.vision_channels, sizes[key], dtype)
             elif key == PROPRIOCEPTION:
                 layers = {"0": nn.Linear(shape[0], sizes[key]), "1": nn.LeakyReLU()}
@@ -164,7 +170,8 @@ class UserFeatures(BaseFeaturesExtractor):
                 encoders[key] = nn.Flatten()
         self.encoders = nn.ModuleDict(encoders)
         self._images = frozenset(images)
-        self.picture_features = len(images) * config.vision_features
+        self.glimpses = glimpses
+        self.picture_features = looked + len(images) * config.vision_features
         """The first so many features are those of pictures."""
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
@@ -176,11 +183,18 @@ class UserFeatures(BaseFeaturesExtractor):
         Returns:
             (B, features_dim) float32.
         """
-        parts = []
+        return self.look(observations)[0]
+
+    def look(self, observations: dict[str, Tensor]) -> tuple[Tensor, Tensor | None]:
+        """Encode as :meth:`forward` does, and say where was looked (:meth:`Glimpses.where`)."""
+        parts, where = [], None
+        if self.glimpses is not None:
+            where = self.glimpses.where(observations["vision"])
+            parts.append(self.glimpses(observations, where))
         for key, encoder in self.encoders.items():
             observation = observations[key]
             parts.append(encoder(observation if key in self._images else observation.float()))
-        return torch.cat(parts, dim=1)
+        return torch.cat(parts, dim=1), where
 
 
 class _Mlp(nn.Module):

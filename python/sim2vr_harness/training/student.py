@@ -25,8 +25,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from sim2vr_harness.client import GameFacts
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.episodes import episode_means
 from sim2vr_harness.training.frames import FrameStore
+from sim2vr_harness.training.glimpses import Glimpses
 from sim2vr_harness.training.policy import UserPolicy
 from sim2vr_harness.training.sharding import in_shards
 from sim2vr_harness.training.student_config import StudentConfig
@@ -34,10 +36,10 @@ from sim2vr_harness.training.threads import torch_threads
 
 __all__ = ["Guide", "Student", "StudentProgress"]
 
-STATE_FORMAT = 2
+STATE_FORMAT = 3
 _COLLECTED = 0.4
 """Share of a round's time that is over after collecting."""
-_TARGETS = ("label", "facts", "numbers")
+_TARGETS = ("label", "facts", "numbers", "glances")
 """What a stored frame holds beside the observation."""
 
 
@@ -52,6 +54,12 @@ class Guide(Protocol):
 
     def numbers(self, simulation: Any) -> NDArray[np.float32]:
         """(N, K) what the teacher knows of the game, about 1 in size, for ``numbers_weight``."""
+
+    def glances(self, simulation: Any) -> NDArray[np.float32]:
+        """(N, G, 3) where in the picture the game's ``glances`` are.
+
+        Tangents right and up of its middle, and 1 if there is one, else 0.
+        """
 
     def proprioception_scale(
         self, simulation: Any
@@ -69,6 +77,7 @@ class StudentProgress:
         facts_error: mean cross entropy of the facts, 0 without any.
         numbers_error: mean squared error of what the teacher knows of the game, 0 where the student
             does not learn to tell it.
+        glances_error: of where the student looks, see ``Glimpses.loss``; 0 without glimpses.
         teacher_share: share of users on whom the teacher acted.
         episodes: episodes that ended, on which the student alone acted.
         means: means over the last of those, as :func:`episode_means` gives them.
@@ -80,6 +89,7 @@ class StudentProgress:
     imitation_error: float
     facts_error: float
     numbers_error: float
+    glances_error: float
     teacher_share: float
     episodes: int
     means: dict[str, float]
@@ -127,6 +137,17 @@ class Student:
             width = extractor.picture_features
             self._heads = nn.Linear(width, self._facts).to(self._device) if self._facts else None
             self._tell = self._telling(policy)
+        self._glimpses: Glimpses | None = extractor.glimpses
+        self._looked_at = 0 if self._glimpses is None else self._glimpses.count
+        if self._glimpses is not None:
+            told = guide.glances(simulation).shape[1]
+            if told < self._looked_at:
+                raise InputError(
+                    "policy.glimpses.count",
+                    self._looked_at,
+                    f"at most {told}, the things that the game says are worth looking at",
+                )
+            self._glimpses.teach(True)
         mlp: Any = policy.mlp_extractor
         self._parameters = [
             *policy.features_extractor.parameters(),
@@ -152,6 +173,7 @@ class Student:
                 "label": ((actions,), np.float32),
                 "facts": ((self._facts,), np.float32),
                 "numbers": ((self._tell.out_features if self._tell else 0,), np.float32),
+                "glances": ((self._looked_at, 3), np.float32),
             },
             slack=config.checkpoint_rounds * each if config.kept_frames else 0,
         )
@@ -188,13 +210,14 @@ class Student:
             share = self._collect(on_progress)
         collected = time.monotonic()
         with torch_threads(1 if self.policy.in_shards else torch.get_num_threads()):
-            error, facts_error, numbers_error = self._learn(on_progress)
+            errors = self._learn(on_progress)
         self.round += 1
         return StudentProgress(
             frames=self.store.count,
-            imitation_error=error,
-            facts_error=facts_error,
-            numbers_error=numbers_error,
+            imitation_error=math.sqrt(errors["imitation"]),
+            facts_error=errors["facts"],
+            numbers_error=errors["numbers"],
+            glances_error=errors["glances"],
             teacher_share=share,
             episodes=self._ended,
             means=episode_means(list(self._episodes), self.game),
@@ -214,7 +237,8 @@ class Student:
             label = np.clip(self.guide.actions(self.simulation), -1.0, 1.0)
             facts = self.guide.facts(self.simulation)
             told = {"label": label, "facts": facts, "numbers": self._told()}
-            self.store.append({**observation, **told})
+            glances = self.guide.glances(self.simulation)[:, : self._looked_at]
+            self.store.append({**observation, **told, "glances": glances})
             # Whole stretches by one of the two would show fewer of the student's mistakes.
             by_teacher = self._rng.random(self.n) < share
             noise = self._rng.standard_normal(label.shape).astype(np.float32)
@@ -254,7 +278,7 @@ class Student:
             self.simulation.reset(ids=again)
             self._acted[again] = 0
 
-    def _learn(self, on_progress: Callable[[float], None]) -> tuple[float, float, float]:
+    def _learn(self, on_progress: Callable[[float], None]) -> dict[str, float]:
         config = self.config
         samples = round(config.samples_per_frame * self.n * config.rollout_steps)
         minibatches = max(1, round(samples / config.batch_size))
@@ -263,27 +287,31 @@ class Student:
         for group in self._optimizer.param_groups:
             group["lr"] = config.learning_rate * max(fall, 0.02)
         self.policy.train()
-        errors = []
+        sums: dict[str, float] = {}
+        weights = {
+            "imitation": config.imitation_weight,
+            "facts": config.facts_weight,
+            "numbers": config.numbers_weight,
+            "glances": config.glances_weight,
+        }
         first, last = self.store.first, self.store.count
         for number in range(minibatches):
             on_progress(_COLLECTED + (1.0 - _COLLECTED) * number / minibatches)
             rows = np.sort(self._rng.integers(first, last, config.batch_size))
             batch = {key: value.to(self._device) for key, value in self.store.rows(rows).items()}
-            error, facts_error, numbers_error = self._losses(batch)
-            loss = config.imitation_weight * error + config.facts_weight * facts_error
-            if self._tell is not None:
-                loss = loss + config.numbers_weight * numbers_error
+            losses = self._losses(batch)
+            loss = torch.stack([weights[name] * loss for name, loss in losses.items()]).sum()
             self._optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
             nn.utils.clip_grad_norm_(self._parameters, config.max_grad_norm)
             self._optimizer.step()
-            parts = (error, facts_error, numbers_error)
-            errors.append([float(part.detach()) for part in parts])
+            for name, value in losses.items():
+                sums[name] = sums.get(name, 0.0) + float(value.detach())
         self.policy.eval()
-        imitation, facts, numbers = np.mean(errors, axis=0).tolist()
-        return math.sqrt(imitation), facts, numbers
+        return {name: sums.get(name, 0.0) / minibatches for name in weights}
 
-    def _losses(self, batch: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor]:
+    def _losses(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
+        """The errors that there are, each a number."""
         if self.config.image_noise > 0.0:
             for key in self._pictures:
                 batch[key] = _noisy(batch[key], self.config.image_noise)
@@ -293,23 +321,33 @@ class Student:
             answers = in_shards(self._network, weights, observation, self.policy.workers)
         else:
             answers = self._network(observation)
-        error = nn.functional.mse_loss(answers[0], batch["label"])
-        facts_error = numbers_error = torch.zeros(())
+        left = list(answers)
+        losses = {"imitation": nn.functional.mse_loss(left.pop(0), batch["label"])}
         if self._heads is not None:
-            facts_error = nn.functional.binary_cross_entropy_with_logits(answers[1], batch["facts"])
+            logits = left.pop(0)
+            losses["facts"] = nn.functional.binary_cross_entropy_with_logits(logits, batch["facts"])
         if self._tell is not None:
-            numbers_error = nn.functional.mse_loss(answers[-1], batch["numbers"])
-        return error, facts_error, numbers_error
+            losses["numbers"] = nn.functional.mse_loss(left.pop(0), batch["numbers"])
+        if self._glimpses is not None:
+            glances = batch["glances"]
+            losses["glances"] = self._glimpses.loss(left.pop(0), glances[..., :2], glances[..., 2])
+        return losses
 
     def _network(self, batch: dict[str, Tensor]) -> tuple[Tensor, ...]:
-        """Mean actions (B, A), facts' logits (B, F) if there are any, numbers (B, K) if told."""
-        features = self.policy.extract_features(batch)
+        """Mean actions (B, A), facts' logits (B, F), numbers (B, K), places (B, G, 3, cells).
+
+        What the student does not learn is left out.
+        """
+        extractor: Any = self.policy.features_extractor
+        features, where = extractor.look(batch)
         latent = self.policy.mlp_extractor.forward_actor(features)
         answers = [torch.tanh(self.policy.action_net(latent))]
         if self._heads is not None:
             answers.append(self._heads(features[:, : self._heads.in_features]))
         if self._tell is not None:
             answers.append(self._tell(features))
+        if where is not None:
+            answers.append(where)
         return tuple(answers)
 
     # --- exact resume ------------------------------------------------------------------------

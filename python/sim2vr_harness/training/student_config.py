@@ -38,6 +38,8 @@ class StudentConfig(Settings):
     """Of the head that tells what the teacher knows of the game (standardised, mean squared error)
     from all that the student senses; 0: there is none. Where much is to be made out in a small
     picture, actions alone teach too slowly what is there."""
+    glances_weight: Weight = 0.2
+    """Of where the student looks (``policy.glimpses``), beside where things truly are."""
     teacher_rounds: int = Field(default=3, ge=0, le=1_000_000)
     """Rounds of collecting in which the teacher acts for everybody."""
     teacher_share: Chance = 0.6

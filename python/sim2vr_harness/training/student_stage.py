@@ -204,6 +204,7 @@ def _row(progress: StudentProgress) -> dict[str, Any]:
         "student/imitation_error": progress.imitation_error,
         "student/facts_error": progress.facts_error,
         "student/numbers_error": progress.numbers_error,
+        "student/glances_error": progress.glances_error,
         "student/teacher_share": progress.teacher_share,
         "time/collect_seconds": progress.collect_seconds,
         "time/learn_seconds": progress.learn_seconds,

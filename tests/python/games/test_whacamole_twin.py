@@ -141,6 +141,17 @@ def test_only_coming_in_fast_enough_is_a_hit() -> None:
     assert game.counts[0, 1].tolist() == [0, 0, 0, 0, 1, 0, 0, 0, 0]
 
 
+def test_slow_hits_count_at_first_if_it_is_asked_for() -> None:
+    """The rule of 0.8 m/s is one of 0.68 m/s when 17 of 20 parts of the time for it are over."""
+    settings = TwinSettings(slow_hits_until=0.4)
+    for done, hits in ((0.34, [True, True, False, False]), (0.36, [True, False, False, False])):
+        game, place = game_at_a_target()
+        game.play(place[:, None], settings.relaxation(done))
+        assert game._hit[:, 4].tolist() == hits
+    assert settings.relaxation(0.4).threshold == settings.relaxation(1.0).threshold == 1.0
+    assert TwinSettings().relaxation(0.0).threshold == 1.0
+
+
 def test_a_hammer_that_hovers_is_worth_no_more_at_more_frames() -> None:
     worth = []
     for frames in (1, 5):

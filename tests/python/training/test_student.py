@@ -37,6 +37,9 @@ class HomingGuide:
     def numbers(self, simulation: FakeSimulation) -> np.ndarray:
         return (2.0 * simulation.place[:, 1:]).astype(np.float32)
 
+    def glances(self, simulation: FakeSimulation) -> np.ndarray:
+        return np.zeros((simulation.n, 0, 3), np.float32)
+
 
 def make(folder: Path, config: StudentConfig = CONFIG, seed: int = 1) -> Student:
     simulation = FakeSimulation(n=config.n_envs)
@@ -102,7 +105,7 @@ def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path, kept: int | None
     assert again.means == last.means
     for key, value in whole.policy.state_dict().items():
         assert torch.equal(value, resumed.policy.state_dict()[key]), key
-    with pytest.raises(ValueError, match="got format 9, expected 2"):
+    with pytest.raises(ValueError, match="got format 9, expected 3"):
         make(tmp_path / "new").load_snapshot({"header": '{"format": 9}'})
 
 

@@ -23,6 +23,7 @@ class Relaxation:
         stuck: cost of staying in a target, which must be left before it can be hit: a hit has no
             gradient that says so.
         stroke: reward for being on the stroke that would hit the oldest target.
+        threshold: how much of the rule's speed a hit needs, 0 to 1.
     """
 
     overlap_m: float
@@ -31,6 +32,7 @@ class Relaxation:
     distance: float
     stuck: float = 0.0
     stroke: float = 0.0
+    threshold: float = 1.0
 
 
 class TwinSettings(Settings):
@@ -58,6 +60,10 @@ class TwinSettings(Settings):
     """Cost per user step of the hammer staying in a target that it is in and has not hit. A user
     who may hit at any speed waits where targets grow into the hammer otherwise."""
 
+    slow_hits_until: Chance = 0.0
+    """The speed that a hit needs grows from 0 to the rule's over this share of the imagined
+    rollouts: who is judged a hundred times a second learns to reach first, then to strike."""
+
     def relaxation(self, done: float) -> Relaxation:
         """What is rewarded when this share of the rollouts is over."""
         early = max(0.0, 1.0 - 2.0 * done)
@@ -72,4 +78,5 @@ class TwinSettings(Settings):
             distance=towards(1.0, self.distance_reward),
             stuck=self.stuck_cost,
             stroke=towards(0.0, self.stroke_reward),
+            threshold=1.0 if done >= self.slow_hits_until else done / self.slow_hits_until,
         )

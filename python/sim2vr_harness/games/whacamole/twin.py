@@ -314,7 +314,8 @@ class ImaginedWhacAMole:
         strike = self._strike_mps()
         inside = (depth > 0.0).all(2) & (self._age >= 0)
         counts = (self._age >= GROWING_FRAMES) & ~self._inside & ~self._hit
-        threshold, constrained = self._threshold[condition], self._constrained[condition] > 0.0
+        threshold = soft.threshold * self._threshold[condition]
+        constrained = self._constrained[condition] > 0.0
         fast = (strike > threshold) | ~constrained
         self._hit = self._hit | (inside & counts & fast[:, None])  # only coming in is a hit
         within = inside & self._inside
@@ -328,7 +329,8 @@ class ImaginedWhacAMole:
         """(B,) what helps to find hits, once a user step: by its last frame."""
         condition = self.condition
         cells, alive = self._cells[condition], self._age >= GROWING_FRAMES
-        towards = torch.sigmoid((self._strike_mps() - self._threshold[condition]) / 0.5)
+        towards = self._strike_mps() - soft.threshold * self._threshold[condition]
+        towards = torch.sigmoid(towards / 0.5)
         towards = torch.where(self._constrained[condition] > 0.0, towards, torch.ones(()))
         around = torch.sigmoid(depth / _NEAR_M).prod(2)
         near = (touch.counts * self._left.detach() * around * towards[:, None]).sum(1)

@@ -69,6 +69,10 @@ class SkillGuide:
         told = np.concatenate([place, moves], 2).reshape(len(head), -1)
         return np.clip(told, -3.0, 3.0).astype(np.float32)
 
+    def glances(self, simulation: Any) -> NDArray[np.float32]:
+        """See the protocol: nothing is known of the game."""
+        return np.zeros((simulation.n, 0, 3), np.float32)
+
     def proprioception_scale(
         self, simulation: Any
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -1,0 +1,159 @@
+"""Glimpses: small cut-outs of the pictures where something is that is worth looking at.
+
+A flat layer behind convolutions learns what a thing looks like anew for every place of a picture;
+what is cut out around the thing looks alike wherever it is. People look where the next box comes
+from; so does this network. A locator, which the student stage teaches where in the picture the
+things are that the teacher knows of (as the recurrent attention of Mnih et al. 2014, but told where
+to look), says where; after that stage it stays as it is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from sim2vr_harness.training.glimpses_config import GlimpseConfig
+
+__all__ = ["Glimpses"]
+
+_CELL = 8
+"""Pixels of the wide picture that a cell of the locator's grid is wide and high."""
+_LOCATOR = (8, 16, 24, 32)
+_ENCODER = (16, 32, 48)
+_DARK = 127.5
+"""What is outside a picture: neither dark nor bright."""
+
+
+class Glimpses(nn.Module):
+    """Where to look, and what is there.
+
+    Places are in units of the wide picture's half height from its middle, right and up: at a
+    vertical angle of 90 degrees tangents of angles from straight ahead.
+
+    Args:
+        shapes: (C, H, W) of the uint8 pictures ``vision`` and, if there is one, ``fovea``.
+        config: sizes.
+        dtype: what is computed in; weights are float32 either way.
+    """
+
+    def __init__(
+        self,
+        shapes: Mapping[str, Sequence[int]],
+        config: GlimpseConfig,
+        dtype: torch.dtype = torch.float32,
+    ) -> None:
+        super().__init__()
+        self.count, self.dtype = config.count, dtype
+        wide, height, width = shapes["vision"]
+        self._half, self._width = height / 2.0, width
+        self._grid = -(-height // _CELL), -(-width // _CELL)
+        layers: list[nn.Module] = []
+        inputs = wide
+        for outputs, stride in zip(_LOCATOR, (2, 2, 2, 1), strict=True):
+            layers += [nn.Conv2d(inputs, outputs, 3, stride, 1), nn.LeakyReLU()]
+            inputs = outputs
+        self.locator = nn.Sequential(*layers, nn.Conv2d(inputs, 3 * config.count, 1))
+        self.looks = {"vision": (config.vision_pixels, 1)}
+        if "fovea" in shapes:
+            self.looks["fovea"] = (config.fovea_pixels, config.fovea_zoom)
+        encoders, flat = {}, 0
+        for key, (side, _) in self.looks.items():
+            inner: list[nn.Module] = []
+            inputs = shapes[key][0]
+            for outputs in _ENCODER:
+                inner += [nn.Conv2d(inputs, outputs, 3, 2, 1), nn.LeakyReLU()]
+                inputs, side = outputs, (side + 1) // 2
+            encoders[key] = nn.Sequential(*inner, nn.Flatten())
+            flat += inputs * side * side
+        self.encoders = nn.ModuleDict(encoders)
+        self.linear = nn.Sequential(nn.Linear(flat, config.features), nn.LeakyReLU())
+        self.teach(False)
+        self.outputs = config.count * (config.features + 3)
+        """Features in all: of each glimpse what it shows, its place, and how sure it is."""
+
+    def teach(self, learning: bool) -> None:
+        """Say whether the locator learns: in the student stage, where it is told the places."""
+        self.locator.requires_grad_(learning)
+
+    def where(self, picture: Tensor) -> Tensor:
+        """(B, G, 3, cells) of the locator's grid: logits, and places of the thing if it is there.
+
+        Args:
+            picture: (B, C, H, W) uint8, ``vision``.
+        """
+        with torch.autocast(picture.device.type, self.dtype, self.dtype != torch.float32):
+            told = self.locator((picture.to(self.dtype) - _DARK) / _DARK).float()
+        told = told.unflatten(1, (self.count, 3)).flatten(3)
+        rows, columns = self._grid
+        cell = torch.arange(rows * columns, device=told.device)
+        right = cell % columns + 0.5 * (1 - columns)
+        up = 0.5 * (rows - 1) - torch.div(cell, columns, rounding_mode="floor")
+        places = (torch.stack([right, up]) + told[:, :, 1:]) * (_CELL / self._half)
+        return torch.cat([told[:, :, :1], places], 2)
+
+    def loss(self, told: Tensor, places: Tensor, there: Tensor) -> Tensor:
+        """How wrong the locator is: cross entropy of the cells, and distances in the right ones.
+
+        Args:
+            told: (B, G, 3, cells) what :meth:`where` said.
+            places: (B, G, 2) true ones.
+            there: (B, G) 1 for what is there, 0 for what is not.
+
+        Returns:
+            The mean over what is there and in the picture.
+        """
+        rows, columns = self._grid
+        edge = torch.tensor([self._width / (2.0 * self._half), 1.0], device=told.device)
+        there = there * (places.abs() <= edge).all(-1)
+        at = places * (self._half / _CELL)
+        column = (at[..., 0] + columns / 2.0).long().clamp(0, columns - 1)
+        row = (rows / 2.0 - at[..., 1]).long().clamp(0, rows - 1)
+        cell = row * columns + column
+        logits = told[:, :, 0].flatten(0, 1)
+        cross = functional.cross_entropy(logits, cell.flatten(), reduction="none")
+        chosen = told[:, :, 1:].gather(3, cell[..., None, None].expand(-1, -1, 2, 1))[..., 0]
+        off_px = (chosen - places).abs().sum(2) * self._half
+        errors = cross.view_as(off_px) + off_px / _CELL
+        return (errors * there).sum() / there.sum().clamp(min=1.0)
+
+    def forward(self, pictures: Mapping[str, Tensor], told: Tensor) -> Tensor:
+        """Look at the likeliest places.
+
+        Args:
+            pictures: key -> (B, C, H, W) uint8.
+            told: what :meth:`where` said.
+
+        Returns:
+            (B, :attr:`outputs`) float32. Nothing here is differentiated by the places.
+        """
+        told = told.detach()
+        sure, cell = torch.softmax(told[:, :, 0], -1).max(-1)
+        place = told[:, :, 1:].gather(3, cell[..., None, None].expand(-1, -1, 2, 1))[..., 0]
+        seen = []
+        for key, (side, zoom) in self.looks.items():
+            cut = _cut_out(pictures[key], place * (self._half * zoom), side)
+            with torch.autocast(cut.device.type, self.dtype, self.dtype != torch.float32):
+                seen.append(self.encoders[key](cut.to(self.dtype)))
+        with torch.autocast(place.device.type, self.dtype, self.dtype != torch.float32):
+            features = self.linear(torch.cat(seen, 1)).float()
+        features = features.unflatten(0, (-1, self.count))
+        return torch.cat([features, place, sure[..., None]], 2).flatten(1)
+
+
+def _cut_out(picture: Tensor, place_px: Tensor, side: int) -> Tensor:
+    """(B G, C, side, side) of (B, C, H, W) uint8 around (B, G, 2) px right and up of the middle."""
+    b, _, height, width = picture.shape
+    steps = torch.arange(side, device=picture.device)
+    left = (place_px[..., 0] + 0.5 * (width - side)).round().long()
+    top = (0.5 * (height - side) - place_px[..., 1]).round().long()
+    x, y = left[..., None] + steps, top[..., None] + steps
+    inside = ((y >= 0) & (y < height))[..., :, None] & ((x >= 0) & (x < width))[..., None, :]
+    rows = torch.arange(b, device=picture.device)[:, None, None, None]
+    pixels = picture.permute(0, 2, 3, 1)[
+        rows, y.clamp(0, height - 1)[..., :, None], x.clamp(0, width - 1)[..., None, :]
+    ]
+    values = (pixels.float() - _DARK) / _DARK * inside[..., None]
+    return values.flatten(0, 1).permute(0, 3, 1, 2)

@@ -10,11 +10,13 @@ to look), says where; after that stage it stays as it is.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
+from sim2vr_harness.training.convolving import cast, centred, channels_last, convolved
 from sim2vr_harness.training.glimpses_config import GlimpseConfig
 
 __all__ = ["Glimpses"]
@@ -23,8 +25,6 @@ _CELL = 8
 """Pixels of the wide picture that a cell of the locator's grid is wide and high."""
 _LOCATOR = (8, 16, 24, 32)
 _ENCODER = (16, 32, 48)
-_DARK = 127.5
-"""What is outside a picture: neither dark nor bright."""
 
 
 class Glimpses(nn.Module):
@@ -46,7 +46,7 @@ class Glimpses(nn.Module):
         dtype: torch.dtype = torch.float32,
     ) -> None:
         super().__init__()
-        self.count, self.dtype = config.count, dtype
+        self.count, self.features, self.dtype = config.count, config.features, dtype
         wide, height, width = shapes["vision"]
         self._half, self._width = height / 2.0, width
         self._grid = -(-height // _CELL), -(-width // _CELL)
@@ -55,7 +55,8 @@ class Glimpses(nn.Module):
         for outputs, stride in zip(_LOCATOR, (2, 2, 2, 1), strict=True):
             layers += [nn.Conv2d(inputs, outputs, 3, stride, 1), nn.LeakyReLU()]
             inputs = outputs
-        self.locator = nn.Sequential(*layers, nn.Conv2d(inputs, 3 * config.count, 1))
+        self.locator = nn.Sequential(*layers)
+        self.grid = nn.Conv2d(inputs, 3 * config.count, 1)
         self.looks = {"vision": (config.vision_pixels, 1)}
         if "fovea" in shapes:
             self.looks["fovea"] = (config.fovea_pixels, config.fovea_zoom)
@@ -66,17 +67,23 @@ class Glimpses(nn.Module):
             for outputs in _ENCODER:
                 inner += [nn.Conv2d(inputs, outputs, 3, 2, 1), nn.LeakyReLU()]
                 inputs, side = outputs, (side + 1) // 2
-            encoders[key] = nn.Sequential(*inner, nn.Flatten())
+            encoders[key] = nn.Sequential(*inner)
             flat += inputs * side * side
         self.encoders = nn.ModuleDict(encoders)
-        self.linear = nn.Sequential(nn.Linear(flat, config.features), nn.LeakyReLU())
+        self.linear = nn.Linear(flat, config.features)
         self.teach(False)
         self.outputs = config.count * (config.features + 3)
         """Features in all: of each glimpse what it shows, its place, and how sure it is."""
 
+    def parted(self, features: Tensor) -> Tensor:
+        """(B, G, features) what the glimpses show, of features that begin with all of theirs."""
+        each = features[:, : self.outputs].view(-1, self.count, self.features + 3)
+        return each[..., : self.features]
+
     def teach(self, learning: bool) -> None:
         """Say whether the locator learns: in the student stage, where it is told the places."""
         self.locator.requires_grad_(learning)
+        self.grid.requires_grad_(learning)
 
     def where(self, picture: Tensor) -> Tensor:
         """(B, G, 3, cells) of the locator's grid: logits, and places of the thing if it is there.
@@ -84,8 +91,9 @@ class Glimpses(nn.Module):
         Args:
             picture: (B, C, H, W) uint8, ``vision``.
         """
-        with torch.autocast(picture.device.type, self.dtype, self.dtype != torch.float32):
-            told = self.locator((picture.to(self.dtype) - _DARK) / _DARK).float()
+        x = convolved(self.locator, centred(channels_last(picture), self.dtype))
+        last = self.grid
+        told = functional.conv2d(x, *cast(last.weight, last.bias, self.dtype)).float()
         told = told.unflatten(1, (self.count, 3)).flatten(3)
         rows, columns = self._grid
         cell = torch.arange(rows * columns, device=told.device)
@@ -134,26 +142,34 @@ class Glimpses(nn.Module):
         place = told[:, :, 1:].gather(3, cell[..., None, None].expand(-1, -1, 2, 1))[..., 0]
         seen = []
         for key, (side, zoom) in self.looks.items():
-            cut = _cut_out(pictures[key], place * (self._half * zoom), side)
-            with torch.autocast(cut.device.type, self.dtype, self.dtype != torch.float32):
-                seen.append(self.encoders[key](cut.to(self.dtype)))
-        with torch.autocast(place.device.type, self.dtype, self.dtype != torch.float32):
-            features = self.linear(torch.cat(seen, 1)).float()
+            cut = _cut_out(pictures[key], place * (self._half * zoom), side, self.dtype)
+            encoder: Any = self.encoders[key]
+            seen.append(convolved(encoder, cut).flatten(1))
+        weight, bias = cast(self.linear.weight, self.linear.bias, self.dtype)
+        features = functional.linear(torch.cat(seen, 1), weight, bias)
+        features = functional.leaky_relu_(features).float()
         features = features.unflatten(0, (-1, self.count))
         return torch.cat([features, place, sure[..., None]], 2).flatten(1)
 
 
-def _cut_out(picture: Tensor, place_px: Tensor, side: int) -> Tensor:
-    """(B G, C, side, side) of (B, C, H, W) uint8 around (B, G, 2) px right and up of the middle."""
-    b, _, height, width = picture.shape
+def _cut_out(picture: Tensor, place_px: Tensor, side: int, dtype: torch.dtype) -> Tensor:
+    """(B G, C, side, side) around (B, G, 2) px right and up of the middle, less 127.5; 0 outside.
+
+    Args:
+        picture: (B, C, H, W) uint8.
+        place_px: where.
+        side: of the cut-outs, px.
+        dtype: of what is returned.
+    """
+    b, channels, height, width = picture.shape
     steps = torch.arange(side, device=picture.device)
     left = (place_px[..., 0] + 0.5 * (width - side)).round().long()
     top = (0.5 * (height - side) - place_px[..., 1]).round().long()
     x, y = left[..., None] + steps, top[..., None] + steps
     inside = ((y >= 0) & (y < height))[..., :, None] & ((x >= 0) & (x < width))[..., None, :]
-    rows = torch.arange(b, device=picture.device)[:, None, None, None]
-    pixels = picture.permute(0, 2, 3, 1)[
-        rows, y.clamp(0, height - 1)[..., :, None], x.clamp(0, width - 1)[..., None, :]
-    ]
-    values = (pixels.float() - _DARK) / _DARK * inside[..., None]
-    return values.flatten(0, 1).permute(0, 3, 1, 2)
+    first = height * width * torch.arange(b, device=picture.device)[:, None, None, None]
+    rows, columns = y.clamp(0, height - 1) * width, x.clamp(0, width - 1)
+    at = (first + rows[..., :, None] + columns[..., None, :]).flatten()
+    pixels = channels_last(picture).permute(0, 2, 3, 1).reshape(-1, channels)[at]
+    values = centred(pixels, dtype) * inside.flatten()[:, None]
+    return values.view(-1, side, side, channels).permute(0, 3, 1, 2)

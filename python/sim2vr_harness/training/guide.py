@@ -49,6 +49,11 @@ class TeacherGuide:
         known = {f"felt {name}" for name in self._senses.names} | set(self._senses.names)
         self._game = [i for i, name in enumerate(self._senses.observed_names) if name in known]
         self._glances = game.glances
+        told = [self._senses.observed_names[i].removeprefix("felt ") for i in self._game]
+        self.glance_columns = tuple(
+            tuple(i for i, name in enumerate(told) if name.startswith(f"{glance}."))
+            for glance in self._glances
+        )
         self._facts = [name for name in self._senses.names if fnmatch.fnmatchcase(name, game.facts)]
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:

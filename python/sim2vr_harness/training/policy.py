@@ -24,6 +24,7 @@ from torch.nn import functional
 
 from sim2vr_harness.training.actor_critic import StagePolicy
 from sim2vr_harness.training.config import PolicyConfig
+from sim2vr_harness.training.convolving import cast, centred, channels_last, convolved
 from sim2vr_harness.training.glimpses import Glimpses
 from sim2vr_harness.training.sharding import in_shards
 from sim2vr_harness.training.threads import torch_threads
@@ -74,19 +75,8 @@ class VisionEncoder(nn.Module):
         Returns:
             (B, features) float32.
         """
-        # (x / 255 - 0.5) * 2 = (x - 127.5) / 127.5. The difference is exact, in bfloat16 too; the
-        # factor goes into the first weights. Zero padding stays what it is.
-        x = _channels_last(image).to(self.dtype, copy=True).sub_(127.5)
-        factor = 1.0 / 127.5
-        for layer in self.convolutions:
-            if isinstance(layer, nn.Conv2d):
-                weight, bias = self._cast(layer.weight * factor, layer.bias)
-                x = functional.leaky_relu_(functional.conv2d(x, weight, bias, 2, 1))
-                factor = 1.0
+        x = convolved(self.convolutions, centred(channels_last(image), self.dtype))
         return functional.leaky_relu_(self._flat_linear(x)).float()
-
-    def _cast(self, weight: Tensor, bias: Tensor | None) -> tuple[Tensor, Tensor | None]:
-        return weight.to(self.dtype), None if bias is None else bias.to(self.dtype)
 
     def _flat_linear(self, x: Tensor) -> Tensor:
         """Apply the linear layer, whose inputs are the reference's: channel by channel.
@@ -95,19 +85,11 @@ class VisionEncoder(nn.Module):
         """
         layer = self.linear[0]
         assert isinstance(layer, nn.Linear)
-        weight, bias = self._cast(layer.weight, layer.bias)
+        weight, bias = cast(layer.weight, layer.bias, self.dtype)
         if len(x) < len(weight) // 2:
             return functional.linear(x.contiguous().flatten(1), weight, bias)
         weight = weight.view(len(weight), *x.shape[1:]).permute(0, 2, 3, 1).flatten(1)
         return functional.linear(x.permute(0, 2, 3, 1).flatten(1), weight, bias)
-
-
-def _channels_last(image: Tensor) -> Tensor:
-    """Return (B, C, H, W) images with the bytes of a pixel beside each other."""
-    if image.is_contiguous(memory_format=torch.channels_last):
-        return image
-    # Several times as quick as .contiguous(memory_format=torch.channels_last) for bytes.
-    return torch.stack(image.unbind(1), dim=-1).permute(0, 3, 1, 2)
 
 
 class Scaling(nn.Module):

@@ -46,6 +46,9 @@ _TARGETS = ("label", "facts", "numbers", "glances")
 class Guide(Protocol):
     """Who knows what the student should do, from more than the student sees."""
 
+    glance_columns: tuple[tuple[int, ...], ...]
+    """Of each of :meth:`glances`, which of :meth:`numbers` are about it."""
+
     def actions(self, simulation: Any) -> NDArray[np.float32]:
         """(N, A) what the teacher would do now, in [-1, 1]."""
 
@@ -78,6 +81,7 @@ class StudentProgress:
         numbers_error: mean squared error of what the teacher knows of the game, 0 where the student
             does not learn to tell it.
         glances_error: of where the student looks, see ``Glimpses.loss``; 0 without glimpses.
+        reading_error: mean squared error of what is told of a thing from the glimpse of it alone.
         teacher_share: share of users on whom the teacher acted.
         episodes: episodes that ended, on which the student alone acted.
         means: means over the last of those, as :func:`episode_means` gives them.
@@ -90,6 +94,7 @@ class StudentProgress:
     facts_error: float
     numbers_error: float
     glances_error: float
+    reading_error: float
     teacher_share: float
     episodes: int
     means: dict[str, float]
@@ -144,10 +149,11 @@ class Student:
             if told < self._looked_at:
                 raise InputError(
                     "policy.glimpses.count",
-                    self._looked_at,
+                    str(self._looked_at),
                     f"at most {told}, the things that the game says are worth looking at",
                 )
             self._glimpses.teach(True)
+        self._read = self._reading()
         mlp: Any = policy.mlp_extractor
         self._parameters = [
             *policy.features_extractor.parameters(),
@@ -155,6 +161,7 @@ class Student:
             *policy.action_net.parameters(),
             *(self._heads.parameters() if self._heads else ()),
             *(self._tell.parameters() if self._tell else ()),
+            *(self._read.parameters() if self._read else ()),
         ]
         self._optimizer = torch.optim.AdamW(
             self._parameters, lr=config.learning_rate, weight_decay=config.weight_decay
@@ -192,6 +199,17 @@ class Student:
         told = self.guide.numbers(self.simulation).shape[1]
         return nn.Linear(policy.features_dim, told).to(self._device)
 
+    def _reading(self) -> nn.ModuleList | None:
+        """The heads that tell of each thing that is looked at, from the glimpse of it alone.
+
+        Among all that is told of a game, what a thing is like would hardly count.
+        """
+        if self._glimpses is None or self._tell is None:
+            return None
+        columns = self.guide.glance_columns[: self._looked_at]
+        heads = [nn.Linear(self._glimpses.features, len(which)) for which in columns]
+        return nn.ModuleList(heads).to(self._device)
+
     @property
     def finished(self) -> bool:
         """Whether all frames are collected and learned from."""
@@ -218,6 +236,7 @@ class Student:
             facts_error=errors["facts"],
             numbers_error=errors["numbers"],
             glances_error=errors["glances"],
+            reading_error=errors["reading"],
             teacher_share=share,
             episodes=self._ended,
             means=episode_means(list(self._episodes), self.game),
@@ -293,6 +312,7 @@ class Student:
             "facts": config.facts_weight,
             "numbers": config.numbers_weight,
             "glances": config.glances_weight,
+            "reading": config.numbers_weight,
         }
         first, last = self.store.first, self.store.count
         for number in range(minibatches):
@@ -331,7 +351,16 @@ class Student:
         if self._glimpses is not None:
             glances = batch["glances"]
             losses["glances"] = self._glimpses.loss(left.pop(0), glances[..., :2], glances[..., 2])
+        if self._read is not None:
+            losses["reading"] = self._reading_error(left, batch["numbers"], glances[..., 2])
         return losses
+
+    def _reading_error(self, told: list[Tensor], numbers: Tensor, there: Tensor) -> Tensor:
+        errors = torch.zeros(())
+        for k, (read, columns) in enumerate(zip(told, self.guide.glance_columns, strict=False)):
+            wrong = (read - numbers[:, columns]).square().mean(1)
+            errors = errors + (wrong * there[:, k]).sum()
+        return errors / there.sum().clamp(min=1.0)
 
     def _network(self, batch: dict[str, Tensor]) -> tuple[Tensor, ...]:
         """Mean actions (B, A), facts' logits (B, F), numbers (B, K), places (B, G, 3, cells).
@@ -348,6 +377,10 @@ class Student:
             answers.append(self._tell(features))
         if where is not None:
             answers.append(where)
+        if self._read is not None:
+            assert self._glimpses is not None
+            seen = self._glimpses.parted(features)
+            answers += [head(seen[:, k]) for k, head in enumerate(self._read)]
         return tuple(answers)
 
     # --- exact resume ------------------------------------------------------------------------
@@ -367,6 +400,7 @@ class Student:
             "policy": copy.deepcopy(self.policy.state_dict()),
             "heads": None if self._heads is None else copy.deepcopy(self._heads.state_dict()),
             "tell": None if self._tell is None else copy.deepcopy(self._tell.state_dict()),
+            "read": None if self._read is None else copy.deepcopy(self._read.state_dict()),
             "optimizer": copy.deepcopy(self._optimizer.state_dict()),
             "torch_rng": torch.get_rng_state(),
             "arrays": {
@@ -397,6 +431,8 @@ class Student:
             self._heads.load_state_dict(state["heads"])
         if self._tell is not None:
             self._tell.load_state_dict(state["tell"])
+        if self._read is not None:
+            self._read.load_state_dict(state["read"])
         self._optimizer.load_state_dict(state["optimizer"])
         torch.set_rng_state(state["torch_rng"].cpu())
         self.simulation.load_state(arrays["simulation"].tobytes())

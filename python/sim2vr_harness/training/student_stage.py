@@ -171,7 +171,7 @@ class StudentStage:
 
 
 def _require_finite(snapshot: Mapping[str, Any], last_good: Path | None) -> None:
-    learned = {part: snapshot[part] for part in ("policy", "heads", "tell", "optimizer")}
+    learned = {part: snapshot[part] for part in ("policy", "heads", "tell", "read", "optimizer")}
     frames = json.loads(snapshot["header"])["count"]
     require_finite(learned, f"after {frames:,} frames", last_good)
 
@@ -205,6 +205,7 @@ def _row(progress: StudentProgress) -> dict[str, Any]:
         "student/facts_error": progress.facts_error,
         "student/numbers_error": progress.numbers_error,
         "student/glances_error": progress.glances_error,
+        "student/reading_error": progress.reading_error,
         "student/teacher_share": progress.teacher_share,
         "time/collect_seconds": progress.collect_seconds,
         "time/learn_seconds": progress.learn_seconds,

@@ -28,6 +28,8 @@ CONFIG = StudentConfig(
 class HomingGuide:
     """Pushes back to the middle; the fact is whether the first picture element is bright."""
 
+    glance_columns: tuple[tuple[int, ...], ...] = ()
+
     def actions(self, simulation: FakeSimulation) -> np.ndarray:
         return (-0.7 * simulation.place).astype(np.float32)
 

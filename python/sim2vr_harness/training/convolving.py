@@ -31,7 +31,7 @@ def convolved(layers: Iterable[nn.Module], picture: Tensor) -> Tensor:
     for layer in layers:
         if isinstance(layer, nn.Conv2d):
             weight, bias = cast(layer.weight * factor, layer.bias, x.dtype)
-            x = functional.conv2d(x, weight, bias, layer.stride, layer.padding)  # type: ignore[arg-type]
+            x = functional.conv2d(x, weight, bias, layer.stride, layer.padding)
             x = functional.leaky_relu_(x)
             factor = 1.0
     return x

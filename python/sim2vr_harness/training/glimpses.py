@@ -94,7 +94,7 @@ class Glimpses(nn.Module):
         x = convolved(self.locator, centred(channels_last(picture), self.dtype))
         last = self.grid
         told = functional.conv2d(x, *cast(last.weight, last.bias, self.dtype)).float()
-        told = told.unflatten(1, (self.count, 3)).flatten(3)
+        told = told.reshape(len(told), self.count, 3, -1)
         rows, columns = self._grid
         cell = torch.arange(rows * columns, device=told.device)
         right = cell % columns + 0.5 * (1 - columns)
@@ -148,7 +148,7 @@ class Glimpses(nn.Module):
         weight, bias = cast(self.linear.weight, self.linear.bias, self.dtype)
         features = functional.linear(torch.cat(seen, 1), weight, bias)
         features = functional.leaky_relu_(features).float()
-        features = features.unflatten(0, (-1, self.count))
+        features = features.view(-1, self.count, self.features)
         return torch.cat([features, place, sure[..., None]], 2).flatten(1)
 
 

@@ -152,6 +152,24 @@ def test_slow_hits_count_at_first_if_it_is_asked_for() -> None:
     assert TwinSettings().relaxation(0.0).threshold == 1.0
 
 
+def test_a_strike_may_be_judged_by_the_speed_of_a_whole_step() -> None:
+    """The hammer rests, and then jumps 18 mm into the target: 1.8 m/s over 10 ms, half of it as the
+    game filters it; 0.36 m/s over the step of 50 ms. The rule asks for 0.8."""
+    for steady, hits in ((False, True), (True, False)):
+        game, place = game_at_a_target()
+        game._steady, game._frame_s = steady, FRAME_S / 5
+        there, _ = points(*game.hammer(place))
+        before = there - torch.tensor([0.0, 0.0, 0.018])
+        game._root, game._velocity = before.clone(), torch.zeros(4, 3)
+        game._step_before = before[:, None].expand(-1, 5, -1).clone()
+        game._age[:, 4], game._inside[:] = 5, False
+        game.play(place[:, None].expand(-1, 5, -1, -1, -1), SOFT)
+        assert game._hit[:, 4].tolist() == 4 * [hits]
+    assert not ImaginedWhacAMole(
+        1, CONDITIONS, TwinSettings(steady_strikes=True), step_s=0.05, seed=1
+    )._steady  # a frame is a step
+
+
 def test_a_hammer_that_hovers_is_worth_no_more_at_more_frames() -> None:
     worth = []
     for frames in (1, 5):

@@ -60,6 +60,9 @@ class TwinSettings(Settings):
     """Cost per user step of the hammer staying in a target that it is in and has not hit. A user
     who may hit at any speed waits where targets grow into the hammer otherwise."""
 
+    steady_strikes: bool = False
+    """Whether the speed that hits are judged by is that of the last user step, where the app has
+    several frames in one: speeds of 10 ms are beyond what the body model knows."""
     slow_hits_until: Chance = 0.0
     """The speed that a hit needs grows from 0 to the rule's over this share of the imagined
     rollouts: who is judged a hundred times a second learns to reach first, then to strike."""

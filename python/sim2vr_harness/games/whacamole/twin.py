@@ -117,6 +117,9 @@ class ImaginedWhacAMole:
         """Hits and misses since :meth:`clear_counts`, by condition and cell."""
         self.condition = torch.zeros(n, dtype=torch.long)
         self._velocity, self._root = torch.zeros(n, 3), torch.zeros(n, 3)
+        self._steady = settings.steady_strikes and frames > 1
+        self._step_before = torch.zeros(n, frames, 3)
+        """Where the hammer's root was in the frames of the last step, m."""
         self._age = torch.full((n, CELLS), -1)
         self._fading = torch.zeros(n, CELLS, dtype=torch.long)
         self._ban_s = torch.zeros(n)
@@ -139,6 +142,7 @@ class ImaginedWhacAMole:
             self._velocity[ids] = self.velocity_of(fields)
             self.condition[ids] = condition
             self._root[ids] = points(*self.hammer(place))[0]
+            self._step_before[ids] = self._root[ids, None]
             self._age[ids] = self._first_ages(ids, condition, cell)
             count = len(ids)
             self._fading[ids] = 0
@@ -163,7 +167,7 @@ class ImaginedWhacAMole:
     def cut(self) -> None:
         """See the protocol."""
         self._velocity, self._root = self._velocity.detach(), self._root.detach()
-        self._left = self._left.detach()
+        self._left, self._step_before = self._left.detach(), self._step_before.detach()
 
     def nearest(self, place: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
         """(K,) distance from the nearest point 10 cm in front of a cell, m, and (K,) that cell."""
@@ -200,7 +204,17 @@ class ImaginedWhacAMole:
         self.hit_values.lerp_(values, 0.5)
 
     _STATE = (
-        *("_velocity", "_root", "_age", "_fading", "_ban_s", "_inside", "_hit", "_left"),
+        *(
+            "_velocity",
+            "_root",
+            "_step_before",
+            "_age",
+            "_fading",
+            "_ban_s",
+            "_inside",
+            "_hit",
+            "_left",
+        ),
         *("condition", "spawn_weights", "hit_values"),
     )
 
@@ -271,10 +285,14 @@ class ImaginedWhacAMole:
             raw = (root[:, k] - self._root) / self._frame_s
             self._velocity = self._velocity + 0.5 * (raw - self._velocity)
             self._root = root[:, k]
-            touch = self._judge(depth[:, k], soft)
+            judged = self._velocity
+            if self._steady:
+                judged = (root[:, k] - self._step_before[:, k]) / (frames * self._frame_s)
+            touch = self._judge(depth[:, k], self._strike_mps(judged), soft)
             chance = torch.maximum(chance, touch.chance)
         # A true hit has its whole worth, and the gradient of its chance. Where frames are short it
         # is seen at the target's rim, as likely as not: who trembles there would earn more.
+        self._step_before = root
         chance = chance + self._hit * (1.0 - chance).detach()
         last = marker.reshape(b, frames, 3)[:, -1]
         hits = 10.0 * (self.hit_values[self.condition] * self._left * chance).sum(1)
@@ -308,10 +326,9 @@ class ImaginedWhacAMole:
         left[rows, cell[wanted]] = 1.0
         self._left = left
 
-    def _judge(self, depth: Tensor, soft: Relaxation) -> _Touch:
+    def _judge(self, depth: Tensor, strike: Tensor, soft: Relaxation) -> _Touch:
         """What hits in a frame, by the true rules; and what it is worth, relaxed."""
         condition = self.condition
-        strike = self._strike_mps()
         inside = (depth > 0.0).all(2) & (self._age >= 0)
         counts = (self._age >= GROWING_FRAMES) & ~self._inside & ~self._hit
         threshold = soft.threshold * self._threshold[condition]
@@ -329,7 +346,7 @@ class ImaginedWhacAMole:
         """(B,) what helps to find hits, once a user step: by its last frame."""
         condition = self.condition
         cells, alive = self._cells[condition], self._age >= GROWING_FRAMES
-        towards = self._strike_mps() - soft.threshold * self._threshold[condition]
+        towards = self._strike_mps(self._velocity) - soft.threshold * self._threshold[condition]
         towards = torch.sigmoid(towards / 0.5)
         towards = torch.where(self._constrained[condition] > 0.0, towards, torch.ones(()))
         around = torch.sigmoid(depth / _NEAR_M).prod(2)
@@ -359,9 +376,9 @@ class ImaginedWhacAMole:
         off = (marker - goal).square().sum(1).add(1e-8).sqrt()
         return (age >= 0) * (1.0 - off / _STROKE_OFF_M)
 
-    def _strike_mps(self) -> Tensor:
-        """(B,) the speed that hits are judged by."""
-        return (self._velocity * self._strike[self.condition]).sum(1)
+    def _strike_mps(self, velocity: Tensor) -> Tensor:
+        """(B,) the speed that hits are judged by, of a velocity of the root (B, 3)."""
+        return (velocity * self._strike[self.condition]).sum(1)
 
 
 @dataclass(frozen=True)

@@ -62,7 +62,7 @@ class TeacherGuide:
 
     def facts(self, simulation: Any) -> NDArray[np.float32]:
         """See the protocol: which places have a target."""
-        columns = [self._senses.field(name) for name in self._facts]
+        columns = [self._senses.seen(name) for name in self._facts]
         if not columns:
             return np.zeros((simulation.n, 0), np.float32)
         return np.clip(np.stack(columns, axis=1), 0.0, 1.0)

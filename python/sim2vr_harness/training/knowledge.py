@@ -209,6 +209,14 @@ class PrivilegedSenses:
         values: NDArray[np.float32] = self._batch.privileged[:, self.names.index(name)].copy()
         return values
 
+    def seen(self, name: str) -> NDArray[np.float32]:
+        """(N,) the values of one privileged number when the picture was taken that is seen now."""
+        if self._memory is None:
+            return self.field(name)
+        column = self._own + self.names.index(name)
+        values: NDArray[np.float32] = self._memory.at(self._lag.game)[:, column].copy()
+        return values
+
     def observe(self) -> NDArray[np.float32]:
         """(N, size) float32, fresh."""
         memory = self._memory

@@ -104,6 +104,7 @@ def test_a_teacher_knows_the_past_and_what_it_has_done_since() -> None:
             history.append(present())
             known = sim.observation()[OBSERVATION]
             np.testing.assert_array_equal(known[:, seen], history[max(0, step - 4)][0])
+            np.testing.assert_array_equal(sim.senses.seen("hammer.x_m"), known[:, seen])
             np.testing.assert_array_equal(known[:, felt], history[max(0, step - 3)][0])
             np.testing.assert_array_equal(known[:, angle], history[max(0, step - 3)][1])
             np.testing.assert_allclose(known[:, done], actions[-1][:, 0], atol=1e-7)

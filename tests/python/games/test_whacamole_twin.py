@@ -141,6 +141,16 @@ def test_only_coming_in_fast_enough_is_a_hit() -> None:
     assert game.counts[0, 1].tolist() == [0, 0, 0, 0, 1, 0, 0, 0, 0]
 
 
+def test_hits_stay_as_soft_as_it_is_asked_for() -> None:
+    settings = TwinSettings(last_overlap_m=0.011, last_speed_mps=0.2, last_near_reward=1.0)
+    half_way, end = settings.relaxation(0.25), settings.relaxation(0.5)
+    assert (end.overlap_m, end.speed_mps, end.near) == (0.011, 0.2, 1.0)
+    # Half way from 0.015, 0.3 and 3.
+    expected = pytest.approx((0.013, 0.25, 2.0))
+    assert (half_way.overlap_m, half_way.speed_mps, half_way.near) == expected
+    assert settings.relaxation(1.0) == end
+
+
 def test_slow_hits_count_at_first_if_it_is_asked_for() -> None:
     """The rule of 0.8 m/s is one of 0.68 m/s when 17 of 20 parts of the time for it are over."""
     settings = TwinSettings(slow_hits_until=0.4)

@@ -51,7 +51,12 @@ class TwinSettings(Settings):
     near_reward: Weight = 3.0
     distance_reward: Weight = 7.0
     """How soft hits are and what helps to find them, at first; by the middle of the imagined
-    rollouts they are 0.004, 0.08, 0.2 and 1 (the game's own)."""
+    rollouts they are the next three, and 1 (the game's own)."""
+    last_overlap_m: float = Field(default=0.004, ge=1e-6, le=10.0)
+    last_speed_mps: float = Field(default=0.08, ge=1e-6, le=100.0)
+    last_near_reward: Weight = 0.2
+    """How soft hits stay. Noise blurs what a user hits by itself: where a hit is sharper than that,
+    its gradient is nothing most of the time, and a lot by chance."""
     stroke_reward: Weight = 0.0
     """Reward per user step, at first, for a hammer that is where a stroke at the oldest target
     would have it: in front of the cell, and in it 0.6 s after the target appeared. Less with the
@@ -75,9 +80,9 @@ class TwinSettings(Settings):
             return end + (start - end) * early
 
         return Relaxation(
-            overlap_m=towards(0.004, self.overlap_m),
-            speed_mps=towards(0.08, self.speed_mps),
-            near=towards(0.2, self.near_reward),
+            overlap_m=towards(self.last_overlap_m, self.overlap_m),
+            speed_mps=towards(self.last_speed_mps, self.speed_mps),
+            near=towards(self.last_near_reward, self.near_reward),
             distance=towards(1.0, self.distance_reward),
             stuck=self.stuck_cost,
             stroke=towards(0.0, self.stroke_reward),

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import dataclasses
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 import torch
 from fake_simulation import FakeSimulation
 
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.config import PolicyConfig
+from sim2vr_harness.training.glimpses_config import GlimpseConfig
 from sim2vr_harness.training.policy import UserPolicy
 from sim2vr_harness.training.student import Student
 from sim2vr_harness.training.student_config import StudentConfig
@@ -43,15 +47,35 @@ class HomingGuide:
         return np.zeros((simulation.n, 0, 3), np.float32)
 
 
-def make(folder: Path, config: StudentConfig = CONFIG, seed: int = 1) -> Student:
+class GazingGuide(HomingGuide):
+    """Says that the thing is in the upper left of the picture, and always alike."""
+
+    glance_columns: tuple[tuple[int, ...], ...] = ((1,),)
+
+    def glances(self, simulation: FakeSimulation) -> np.ndarray:
+        return np.tile(np.array([-1.0, 0.5, 1.0], np.float32), (simulation.n, 1, 1))
+
+    def numbers(self, simulation: FakeSimulation) -> np.ndarray:
+        told = super().numbers(simulation)
+        told[:, 1] = 1.5
+        return told
+
+
+def make(
+    folder: Path,
+    config: StudentConfig = CONFIG,
+    seed: int = 1,
+    guide: HomingGuide | None = None,
+    **policy_settings: Any,
+) -> Student:
     simulation = FakeSimulation(n=config.n_envs)
     torch.manual_seed(seed)
-    sizes = PolicyConfig(vision_channels=(4,), vision_features=8, net_arch=(32,))
+    sizes = PolicyConfig(vision_channels=(4,), vision_features=8, net_arch=(32,), **policy_settings)
     policy = UserPolicy(
         simulation.observation_space, simulation.action_space, lambda _: 0.0, config=sizes
     )
     folder.mkdir(exist_ok=True)
-    return Student(config, policy, simulation, HomingGuide(), folder, seed=seed)
+    return Student(config, policy, simulation, guide or HomingGuide(), folder, seed=seed)
 
 
 def test_the_student_learns_what_the_teacher_would_do(tmp_path: Path) -> None:
@@ -109,6 +133,63 @@ def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path, kept: int | None
         assert torch.equal(value, resumed.policy.state_dict()[key]), key
     with pytest.raises(ValueError, match="got format 9, expected 3"):
         make(tmp_path / "new").load_snapshot({"header": '{"format": 9}'})
+
+
+def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> None:
+    glimpses = GlimpseConfig(count=1, vision_pixels=8, features=8)
+    config = CONFIG.model_copy(update={"numbers_weight": 0.5})
+
+    def student(name: str) -> Student:
+        return make(tmp_path / name, config, guide=GazingGuide(), glimpses=glimpses)
+
+    whole, rows = student("whole"), []
+    for _ in range(12):
+        rows.append(whole.step())
+    assert rows[-1].glances_error < 0.2 * rows[0].glances_error
+    assert rows[-1].reading_error < 0.2 * rows[0].reading_error
+    extractor: Any = whole.policy.features_extractor
+    where = extractor.glimpses.where(torch.from_numpy(whole.simulation.observation()["vision"]))
+    cell = where[:, 0, 0].argmax(1)
+    assert (cell == 0).all()  # 16 x 24 pixels are two rows of three
+    looked = where[torch.arange(whole.n), 0, 1:, cell].detach()
+    # A pixel is 0.125; the pictures are noise.
+    assert (looked - torch.tensor([-1.0, 0.5])).abs().mean() < 0.15
+
+    parts = student("parts")
+    for _ in range(6):
+        parts.step()
+    resumed = student("parts")
+    resumed.load_snapshot(parts.snapshot())
+    for _ in range(6):
+        again = resumed.step()
+    assert again == dataclasses.replace(
+        rows[-1], collect_seconds=again.collect_seconds, learn_seconds=again.learn_seconds
+    )
+    for key, value in whole.policy.state_dict().items():
+        assert torch.equal(value, resumed.policy.state_dict()[key]), key
+
+
+def test_only_students_learn_where_to_look(tmp_path: Path) -> None:
+    glimpses = GlimpseConfig(count=1, vision_pixels=8, features=8)
+    student = make(tmp_path, guide=GazingGuide(), glimpses=glimpses)
+    fixed = [key for key, p in student.policy.named_parameters() if not p.requires_grad]
+    assert not fixed
+    policy = UserPolicy(
+        student.simulation.observation_space,
+        student.simulation.action_space,
+        lambda _: 1e-4,
+        config=PolicyConfig(glimpses=glimpses),
+    )
+    fixed = [key for key, p in policy.named_parameters() if not p.requires_grad]
+    assert fixed
+    assert all("glimpses.locator" in key or "glimpses.grid" in key for key in fixed)
+
+
+def test_more_glimpses_than_things_are_refused(tmp_path: Path) -> None:
+    glimpses = GlimpseConfig(count=2, vision_pixels=8, features=8)
+    with pytest.raises(InputError) as error:
+        make(tmp_path, guide=GazingGuide(), glimpses=glimpses)
+    assert str(error.value).startswith("policy.glimpses.count: got 2, expected at most 1")
 
 
 def test_labels_are_clipped_to_what_the_student_can_do(tmp_path: Path) -> None:

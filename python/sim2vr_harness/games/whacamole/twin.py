@@ -204,17 +204,8 @@ class ImaginedWhacAMole:
         self.hit_values.lerp_(values, 0.5)
 
     _STATE = (
-        *(
-            "_velocity",
-            "_root",
-            "_step_before",
-            "_age",
-            "_fading",
-            "_ban_s",
-            "_inside",
-            "_hit",
-            "_left",
-        ),
+        *("_velocity", "_root", "_step_before"),
+        *("_age", "_fading", "_ban_s", "_inside", "_hit", "_left"),
         *("condition", "spawn_weights", "hit_values"),
     )
 
@@ -290,9 +281,9 @@ class ImaginedWhacAMole:
                 judged = (root[:, k] - self._step_before[:, k]) / (frames * self._frame_s)
             touch = self._judge(depth[:, k], self._strike_mps(judged), soft)
             chance = torch.maximum(chance, touch.chance)
+        self._step_before = root
         # A true hit has its whole worth, and the gradient of its chance. Where frames are short it
         # is seen at the target's rim, as likely as not: who trembles there would earn more.
-        self._step_before = root
         chance = chance + self._hit * (1.0 - chance).detach()
         last = marker.reshape(b, frames, 3)[:, -1]
         hits = 10.0 * (self.hit_values[self.condition] * self._left * chance).sum(1)

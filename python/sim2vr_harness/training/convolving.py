@@ -2,17 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 
 import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-__all__ = ["cast", "centred", "channels_last", "convolved"]
+__all__ = ["cast", "centred", "channels_last", "convolutions", "convolved"]
 
 _MIDDLE = 127.5
 """(x / 255 - 0.5) * 2 = (x - 127.5) / 127.5. The difference is exact, in bfloat16 too; the factor
 goes into the first weights. Zero padding stays what it is."""
+
+
+def convolutions(
+    inputs: int, channels: Sequence[int], strides: Sequence[int] | None = None
+) -> nn.Sequential:
+    """Return 3x3 convolutions with padding 1, of stride 2 unless it is said, leaky behind each."""
+    layers: list[nn.Module] = []
+    for outputs, stride in zip(channels, strides or [2] * len(channels), strict=True):
+        layers += [nn.Conv2d(inputs, outputs, 3, stride, padding=1), nn.LeakyReLU()]
+        inputs = outputs
+    return nn.Sequential(*layers)
 
 
 def centred(picture: Tensor, dtype: torch.dtype) -> Tensor:

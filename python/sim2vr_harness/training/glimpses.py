@@ -16,7 +16,13 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from sim2vr_harness.training.convolving import cast, centred, channels_last, convolved
+from sim2vr_harness.training.convolving import (
+    cast,
+    centred,
+    channels_last,
+    convolutions,
+    convolved,
+)
 from sim2vr_harness.training.glimpses_config import GlimpseConfig
 
 __all__ = ["Glimpses"]
@@ -49,26 +55,16 @@ class Glimpses(nn.Module):
         self.count, self.features, self.dtype = config.count, config.features, dtype
         wide, height, width = shapes["vision"]
         self._half, self._width = height / 2.0, width
-        self._grid = -(-height // _CELL), -(-width // _CELL)
-        layers: list[nn.Module] = []
-        inputs = wide
-        for outputs, stride in zip(_LOCATOR, (2, 2, 2, 1), strict=True):
-            layers += [nn.Conv2d(inputs, outputs, 3, stride, 1), nn.LeakyReLU()]
-            inputs = outputs
-        self.locator = nn.Sequential(*layers)
-        self.grid = nn.Conv2d(inputs, 3 * config.count, 1)
+        self._size = -(-height // _CELL), -(-width // _CELL)
+        self.locator = convolutions(wide, _LOCATOR, (2, 2, 2, 1))
+        self.grid = nn.Conv2d(_LOCATOR[-1], 3 * config.count, 1)
         self.looks = {"vision": (config.vision_pixels, 1)}
         if "fovea" in shapes:
             self.looks["fovea"] = (config.fovea_pixels, config.fovea_zoom)
         encoders, flat = {}, 0
         for key, (side, _) in self.looks.items():
-            inner: list[nn.Module] = []
-            inputs = shapes[key][0]
-            for outputs in _ENCODER:
-                inner += [nn.Conv2d(inputs, outputs, 3, 2, 1), nn.LeakyReLU()]
-                inputs, side = outputs, (side + 1) // 2
-            encoders[key] = nn.Sequential(*inner)
-            flat += inputs * side * side
+            encoders[key] = convolutions(shapes[key][0], _ENCODER)
+            flat += _ENCODER[-1] * (-(-side // 2 ** len(_ENCODER))) ** 2
         self.encoders = nn.ModuleDict(encoders)
         self.linear = nn.Linear(flat, config.features)
         self.teach(False)
@@ -95,7 +91,7 @@ class Glimpses(nn.Module):
         last = self.grid
         told = functional.conv2d(x, *cast(last.weight, last.bias, self.dtype)).float()
         told = told.reshape(len(told), self.count, 3, -1)
-        rows, columns = self._grid
+        rows, columns = self._size
         cell = torch.arange(rows * columns, device=told.device)
         right = cell % columns + 0.5 * (1 - columns)
         up = 0.5 * (rows - 1) - torch.div(cell, columns, rounding_mode="floor")
@@ -113,7 +109,7 @@ class Glimpses(nn.Module):
         Returns:
             The mean over what is there and in the picture.
         """
-        rows, columns = self._grid
+        rows, columns = self._size
         edge = torch.tensor([self._width / (2.0 * self._half), 1.0], device=told.device)
         there = there * (places.abs() <= edge).all(-1)
         at = places * (self._half / _CELL)
@@ -122,8 +118,7 @@ class Glimpses(nn.Module):
         cell = row * columns + column
         logits = told[:, :, 0].flatten(0, 1)
         cross = functional.cross_entropy(logits, cell.flatten(), reduction="none")
-        chosen = told[:, :, 1:].gather(3, cell[..., None, None].expand(-1, -1, 2, 1))[..., 0]
-        off_px = (chosen - places).abs().sum(2) * self._half
+        off_px = (_places(told, cell) - places).abs().sum(2) * self._half
         errors = cross.view_as(off_px) + off_px / _CELL
         return (errors * there).sum() / there.sum().clamp(min=1.0)
 
@@ -139,7 +134,7 @@ class Glimpses(nn.Module):
         """
         told = told.detach()
         sure, cell = torch.softmax(told[:, :, 0], -1).max(-1)
-        place = told[:, :, 1:].gather(3, cell[..., None, None].expand(-1, -1, 2, 1))[..., 0]
+        place = _places(told, cell)
         seen = []
         for key, (side, zoom) in self.looks.items():
             cut = _cut_out(pictures[key], place * (self._half * zoom), side, self.dtype)
@@ -150,6 +145,11 @@ class Glimpses(nn.Module):
         features = functional.leaky_relu_(features).float()
         features = features.view(-1, self.count, self.features)
         return torch.cat([features, place, sure[..., None]], 2).flatten(1)
+
+
+def _places(told: Tensor, cell: Tensor) -> Tensor:
+    """(B, G, 2) the places that cells (B, G) say, of what :meth:`Glimpses.where` said."""
+    return told[:, :, 1:].gather(3, cell[..., None, None].expand(-1, -1, 2, 1))[..., 0]
 
 
 def _cut_out(picture: Tensor, place_px: Tensor, side: int, dtype: torch.dtype) -> Tensor:

@@ -76,8 +76,6 @@ class TeacherGuide:
 
     def glances(self, simulation: Any) -> NDArray[np.float32]:
         """See the protocol: the game's ``glances``, as the head is now."""
-        if not self._glances:
-            return np.zeros((simulation.n, 0, 3), np.float32)
         heads = pose_to_app(*simulation.users.device_poses("headset"))
         told = [
             np.stack([self._senses.field(f"{name}.{part}") for part in _GLANCE], 1)

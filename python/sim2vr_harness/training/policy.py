@@ -24,7 +24,13 @@ from torch.nn import functional
 
 from sim2vr_harness.training.actor_critic import StagePolicy
 from sim2vr_harness.training.config import PolicyConfig
-from sim2vr_harness.training.convolving import cast, centred, channels_last, convolved
+from sim2vr_harness.training.convolving import (
+    cast,
+    centred,
+    channels_last,
+    convolutions,
+    convolved,
+)
 from sim2vr_harness.training.glimpses import Glimpses
 from sim2vr_harness.training.sharding import in_shards
 from sim2vr_harness.training.threads import torch_threads
@@ -59,12 +65,10 @@ class VisionEncoder(nn.Module):
         super().__init__()
         self.dtype = dtype
         inputs, height, width = image_shape
-        layers: list[nn.Module] = []
-        for outputs in channels:
-            layers += [nn.Conv2d(inputs, outputs, 3, stride=2, padding=1), nn.LeakyReLU()]
-            inputs, height, width = outputs, (height + 1) // 2, (width + 1) // 2
-        self.convolutions = nn.Sequential(*layers)
-        self.linear = nn.Sequential(nn.Linear(inputs * height * width, features), nn.LeakyReLU())
+        self.convolutions = convolutions(inputs, channels)
+        smaller = 2 ** len(channels)
+        flat = channels[-1] * -(-height // smaller) * -(-width // smaller)
+        self.linear = nn.Sequential(nn.Linear(flat, features), nn.LeakyReLU())
 
     def forward(self, image: Tensor) -> Tensor:
         """Encode a batch of images.

@@ -142,26 +142,15 @@ class Student:
             width = extractor.picture_features
             self._heads = nn.Linear(width, self._facts).to(self._device) if self._facts else None
             self._tell = self._telling(policy)
-        self._glimpses: Glimpses | None = extractor.glimpses
-        self._looked_at = 0 if self._glimpses is None else self._glimpses.count
-        if self._glimpses is not None:
-            told = guide.glances(simulation).shape[1]
-            if told < self._looked_at:
-                raise InputError(
-                    "policy.glimpses.count",
-                    str(self._looked_at),
-                    f"at most {told}, the things that the game says are worth looking at",
-                )
-            self._glimpses.teach(True)
-        self._read = self._reading()
+            self._glimpses: Glimpses | None = extractor.glimpses
+            self._looked_at = self._looking()
+            self._read = self._reading()
         mlp: Any = policy.mlp_extractor
         self._parameters = [
             *policy.features_extractor.parameters(),
             *mlp.actor.parameters(),
             *policy.action_net.parameters(),
-            *(self._heads.parameters() if self._heads else ()),
-            *(self._tell.parameters() if self._tell else ()),
-            *(self._read.parameters() if self._read else ()),
+            *(weights for head in self._dropped.values() for weights in head.parameters()),
         ]
         self._optimizer = torch.optim.AdamW(
             self._parameters, lr=config.learning_rate, weight_decay=config.weight_decay
@@ -192,12 +181,32 @@ class Student:
         self._episodes: deque[dict[str, Any]] = deque(maxlen=config.statistics_episodes)
         self._ended = 0
 
+    @property
+    def _dropped(self) -> dict[str, nn.Module]:
+        """The heads that there are; only this stage has them."""
+        heads = {"heads": self._heads, "tell": self._tell, "read": self._read}
+        return {name: head for name, head in heads.items() if head is not None}
+
     def _telling(self, policy: UserPolicy) -> nn.Linear | None:
         """The head that tells what the teacher knows, from all of the student's features."""
         if self.config.numbers_weight == 0.0:
             return None
         told = self.guide.numbers(self.simulation).shape[1]
         return nn.Linear(policy.features_dim, told).to(self._device)
+
+    def _looking(self) -> int:
+        """How many things are looked at; from now on it is learned where they are."""
+        if self._glimpses is None:
+            return 0
+        count, known = self._glimpses.count, len(self.guide.glance_columns)
+        if known < count:
+            raise InputError(
+                "policy.glimpses.count",
+                str(count),
+                f"at most {known}, the things that the game says are worth looking at",
+            )
+        self._glimpses.teach(True)
+        return count
 
     def _reading(self) -> nn.ModuleList | None:
         """The heads that tell of each thing that is looked at, from the glimpse of it alone.
@@ -256,8 +265,7 @@ class Student:
             label = np.clip(self.guide.actions(self.simulation), -1.0, 1.0)
             facts = self.guide.facts(self.simulation)
             told = {"label": label, "facts": facts, "numbers": self._told()}
-            glances = self.guide.glances(self.simulation)[:, : self._looked_at]
-            self.store.append({**observation, **told, "glances": glances})
+            self.store.append({**observation, **told, "glances": self._glances()})
             # Whole stretches by one of the two would show fewer of the student's mistakes.
             by_teacher = self._rng.random(self.n) < share
             noise = self._rng.standard_normal(label.shape).astype(np.float32)
@@ -273,6 +281,12 @@ class Student:
         if self._tell is None:
             return np.zeros((self.n, 0), np.float32)
         return self.guide.numbers(self.simulation)
+
+    def _glances(self) -> NDArray[np.float32]:
+        """(N, G, 3) where the things are that are looked at; G may be 0."""
+        if self._looked_at == 0:
+            return np.zeros((self.n, 0, 3), np.float32)
+        return self.guide.glances(self.simulation)[:, : self._looked_at]
 
     def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
         """(N, A) the student's mean actions."""
@@ -398,9 +412,8 @@ class Student:
         simulation = torch.frombuffer(bytearray(self.simulation.save_state()), dtype=torch.uint8)
         return {
             "policy": copy.deepcopy(self.policy.state_dict()),
-            "heads": None if self._heads is None else copy.deepcopy(self._heads.state_dict()),
-            "tell": None if self._tell is None else copy.deepcopy(self._tell.state_dict()),
-            "read": None if self._read is None else copy.deepcopy(self._read.state_dict()),
+            **dict.fromkeys(("heads", "tell", "read")),
+            **{name: copy.deepcopy(head.state_dict()) for name, head in self._dropped.items()},
             "optimizer": copy.deepcopy(self._optimizer.state_dict()),
             "torch_rng": torch.get_rng_state(),
             "arrays": {
@@ -427,12 +440,8 @@ class Student:
             raise ValueError(f"got format {header['format']}, expected {STATE_FORMAT}")
         arrays = {key: value.cpu().numpy() for key, value in state["arrays"].items()}
         self.policy.load_state_dict(state["policy"])
-        if self._heads is not None:
-            self._heads.load_state_dict(state["heads"])
-        if self._tell is not None:
-            self._tell.load_state_dict(state["tell"])
-        if self._read is not None:
-            self._read.load_state_dict(state["read"])
+        for name, head in self._dropped.items():
+            head.load_state_dict(state[name])
         self._optimizer.load_state_dict(state["optimizer"])
         torch.set_rng_state(state["torch_rng"].cpu())
         self.simulation.load_state(arrays["simulation"].tobytes())

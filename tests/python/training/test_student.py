@@ -169,6 +169,18 @@ def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> Non
         assert torch.equal(value, resumed.policy.state_dict()[key]), key
 
 
+def test_heads_depend_on_the_seed_alone(tmp_path: Path) -> None:
+    glimpses = GlimpseConfig(count=1, vision_pixels=8, features=8)
+    config = CONFIG.model_copy(update={"numbers_weight": 0.5})
+    one = make(tmp_path / "one", config, guide=GazingGuide(), glimpses=glimpses)
+    torch.manual_seed(99)
+    (tmp_path / "other").mkdir()
+    other = Student(config, one.policy, one.simulation, GazingGuide(), tmp_path / "other", seed=1)
+    for head in ("heads", "tell", "read"):
+        for key, value in one.snapshot()[head].items():
+            assert torch.equal(value, other.snapshot()[head][key]), (head, key)
+
+
 def test_only_students_learn_where_to_look(tmp_path: Path) -> None:
     glimpses = GlimpseConfig(count=1, vision_pixels=8, features=8)
     student = make(tmp_path, guide=GazingGuide(), glimpses=glimpses)

@@ -64,7 +64,6 @@ class TwinSettings(Settings):
     stuck_cost: Weight = 0.0
     """Cost per user step of the hammer staying in a target that it is in and has not hit. A user
     who may hit at any speed waits where targets grow into the hammer otherwise."""
-
     steady_strikes: bool = False
     """Whether the speed that hits are judged by is that of the last user step, where the app has
     several frames in one: speeds of 10 ms are beyond what the body model knows."""

@@ -16,6 +16,15 @@ SHAPES = {"vision": (2, 80, 120), "fovea": (2, 80, 120)}
 """Cells of 8 pixels: 10 rows of 15; the half height is 40 pixels, the place 1."""
 
 
+def unlearned() -> Glimpses:
+    """One whose locator says the same of all cells."""
+    made = Glimpses(SHAPES, GlimpseConfig(count=1))
+    with torch.no_grad():
+        for weights in made.grid.parameters():
+            weights.zero_()
+    return made
+
+
 def test_a_cut_out_is_around_its_place_and_dark_grey_outside() -> None:
     picture = torch.zeros(1, 1, 80, 120, dtype=torch.uint8)
     picture[0, 0, 20, 90] = 255  # between 30 and 31 px right of the middle, 19 and 20 above it
@@ -29,10 +38,7 @@ def test_a_cut_out_is_around_its_place_and_dark_grey_outside() -> None:
 
 
 def test_the_locator_says_the_middles_of_its_cells_before_it_has_learned() -> None:
-    made = Glimpses(SHAPES, GlimpseConfig(count=1))
-    with torch.no_grad():
-        for weights in made.grid.parameters():
-            weights.zero_()
+    made = unlearned()
     told = made.where(torch.zeros(1, 2, 80, 120, dtype=torch.uint8))
     assert told.shape == (1, 1, 3, 150)
     # The first cell's middle: 4 px from the left edge and the top, of 60 and 40; / 40.
@@ -42,10 +48,7 @@ def test_the_locator_says_the_middles_of_its_cells_before_it_has_learned() -> No
 
 
 def test_the_loss_is_that_of_the_cell_where_the_thing_is() -> None:
-    made = Glimpses(SHAPES, GlimpseConfig(count=1))
-    with torch.no_grad():
-        for weights in made.grid.parameters():
-            weights.zero_()
+    made = unlearned()
     told = made.where(torch.zeros(3, 2, 80, 120, dtype=torch.uint8))
     places = torch.tensor([[[2.0 / 40, -6.0 / 40]], [[1.6, 0.0]], [[0.0, 0.0]]])
     there = torch.tensor([[1.0], [1.0], [0.0]])  # the second one is beyond the edge at 1.5

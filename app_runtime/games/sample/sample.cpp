@@ -63,10 +63,11 @@ class Ball : public scene::Component {
   int points() const { return points_; }
 
  private:
-  // Somewhere in front of the player. Metres; x right, y up, z forward, floor at 0.
+  // Somewhere in front of the player, where a right arm comes without leaning.
+  // Metres; x right, y up, z forward, floor at 0.
   void move() {
-    const double x = random_.range(-0.3F, 0.4F);
-    const double y = random_.range(0.9F, 1.3F);
+    const double x = random_.range(-0.05F, 0.4F);
+    const double y = random_.range(0.85F, 1.15F);
     transform().setPosition({x, y, 0.45});
   }
 

@@ -51,6 +51,8 @@ class ImaginedRounds(Protocol):
     """(C, cells) how often targets come up, by condition and cell; rows sum to 1."""
     counts: Tensor
     """(2, C, cells) successes and failures since :meth:`clear_counts`."""
+    frames: int
+    """Moments of a user step that it looks at, evenly spread, the last one being its end."""
 
     def calibrate(self, place: Tensor, fields: Tensor) -> None:
         """Find out from user steps of the true game how the tools are fixed to the devices."""

@@ -81,6 +81,9 @@ class ImaginedConfig(Settings):
     growing_lag_cycles: int = Field(default=0, ge=0, le=100_000)
     """Cycles in which late senses become as late as they are, from the present on: who has learned
     to act on the present learns sooner to act on the past. 0: late from the start."""
+    growing_noise_cycles: int = Field(default=0, ge=0, le=100_000)
+    """Cycles in which motor noise of imagined users grows from nothing to what it is: who has
+    learned what to do learns to do it in spite of noise. 0: noisy from the start."""
     near_starts: Chance = 0.5
     """Share of those who begin near a living target."""
     near_m: float = Field(default=0.12, gt=0.0, le=10.0)

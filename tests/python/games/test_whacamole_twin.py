@@ -19,10 +19,12 @@ PLACEMENTS = ("round.low", "round.mid", "round.high")
 CONDITIONS = [RULES | {name: float(name == each) for name in PLACEMENTS} for each in PLACEMENTS]
 
 
-def resting_game(n: int, single: float = 0.0) -> tuple[ImaginedWhacAMole, torch.Tensor]:
+def resting_game(
+    n: int, settings: TwinSettings | None = None, frames: int = 1
+) -> tuple[ImaginedWhacAMole, torch.Tensor]:
     """N rounds, the conditions in turn, and the places of controllers that stay there."""
-    settings = TwinSettings(single_targets=single)
-    game = ImaginedWhacAMole(n, CONDITIONS, settings, step_s=0.05, seed=2)
+    settings = TwinSettings(single_targets=0.0) if settings is None else settings
+    game = ImaginedWhacAMole(n, CONDITIONS, settings, step_s=0.05, seed=2, frames=frames)
     place = torch.eye(4).expand(n, 2, 4, 4)
     fields = torch.zeros(n, len(FIELDS))
     for i in range(n):
@@ -81,7 +83,7 @@ def test_the_area_is_where_options_put_it() -> None:
 
 
 def test_targets_live_as_long_and_come_as_often_as_in_the_game() -> None:
-    game, place = resting_game(60, single=0.5)
+    game, place = resting_game(60, TwinSettings(single_targets=0.5))
     game._age[:] = -1
     most_single = most = 0
     births: dict[tuple[int, int], int] = {}
@@ -105,13 +107,15 @@ def test_targets_live_as_long_and_come_as_often_as_in_the_game() -> None:
     assert 30 * 300 / 31 < len(lives) < 60 * 300 / 10
 
 
-def game_at_a_target() -> tuple[ImaginedWhacAMole, torch.Tensor]:
+def game_at_a_target(
+    settings: TwinSettings | None = None, frames: int = 1
+) -> tuple[ImaginedWhacAMole, torch.Tensor]:
     """Four users whose hammers are in the middle target of the middle placement.
 
     The first comes in at 0.9 m/s, the second at 0.7 m/s, the third was inside already, and the
     fourth one's target is still growing.
     """
-    game, place = resting_game(4)
+    game, place = resting_game(4, settings, frames)
     game.condition[:] = 1
     # The box is 5 cm along the handle's axis y from the marker, 1.4 mm from it across.
     game.hammer.fixed.zero_()
@@ -162,29 +166,29 @@ def test_slow_hits_count_at_first_if_it_is_asked_for() -> None:
     assert TwinSettings().relaxation(0.0).threshold == 1.0
 
 
-def test_a_strike_may_be_judged_by_the_speed_of_a_whole_step() -> None:
+def test_hits_may_be_looked_for_once_a_step() -> None:
     """The hammer rests, and then jumps 18 mm into the target: 1.8 m/s over 10 ms, half of it as the
-    game filters it; 0.36 m/s over the step of 50 ms. The rule asks for 0.8."""
-    for steady, hits in ((False, True), (True, False)):
-        game, place = game_at_a_target()
-        game._steady, game._frame_s = steady, FRAME_S / 5
+    game filters it; 0.36 m/s over the step of 50 ms. The rule asks for 0.8. At the end of a step of
+    a steady 0.9 m/s the game's filter has come to (1 - 1/32) of it."""
+    for whole, hits in ((False, True), (True, False)):
+        game, place = game_at_a_target(TwinSettings(whole_steps=whole), frames=5)
+        assert game.frames == (1 if whole else 5)
         there, _ = points(*game.hammer(place))
-        before = there - torch.tensor([0.0, 0.0, 0.018])
-        game._root, game._velocity = before.clone(), torch.zeros(4, 3)
-        game._step_before = before[:, None].expand(-1, 5, -1).clone()
+        game._root, game._velocity = there - torch.tensor([0.0, 0.0, 0.018]), torch.zeros(4, 3)
         game._age[:, 4], game._inside[:] = 5, False
-        game.play(place[:, None].expand(-1, 5, -1, -1, -1), SOFT)
+        game.play(place[:, None].expand(-1, game.frames, -1, -1, -1), SOFT)
         assert game._hit[:, 4].tolist() == 4 * [hits]
-    assert not ImaginedWhacAMole(
-        1, CONDITIONS, TwinSettings(steady_strikes=True), step_s=0.05, seed=1
-    )._steady  # a frame is a step
+    game, place = game_at_a_target(TwinSettings(whole_steps=True), frames=5)
+    there, _ = points(*game.hammer(place))
+    game._root, game._velocity = there - torch.tensor([0.0, 0.0, 0.9 * FRAME_S]), torch.zeros(4, 3)
+    game.play(place[:, None], SOFT)
+    torch.testing.assert_close(game._velocity[:, 2], torch.full((4,), 0.9 * 31.0 / 32.0))
 
 
 def test_a_hammer_that_hovers_is_worth_no_more_at_more_frames() -> None:
     worth = []
     for frames in (1, 5):
-        game, place = game_at_a_target()
-        game._frame_s = FRAME_S / frames
+        game, place = game_at_a_target(frames=frames)
         game.hammer.fixed[12, 2] -= 0.045  # the target's radius is 2.5 cm, half the head's 2
         root, _ = points(*game.hammer(place))
         game._root, game._velocity = root, torch.tensor([0.0, 0.0, 0.6]).expand(4, 3)
@@ -223,19 +227,41 @@ def test_staying_in_a_target_costs_by_how_deep_the_hammer_is() -> None:
 
 
 def test_a_stroke_starts_in_front_of_a_cell_and_is_in_it_when_it_is_due() -> None:
-    """The hammer is in the middle of the cell, as it should be after 0.6 s. At 1.5 m/s it should be
-    7.5 cm in front of it 0.05 s before, 3 cm behind it 0.05 s later, 10 cm in front of it between
-    strokes; 0.3 m are worth 1."""
+    """The hammer is in the middle of the cell, as it should be after 0.6 s. It goes through it at
+    1.5 m/s from rest, with 11.25 m/s2 over 10 cm and 3.75 m/s2 over 30 cm; so it should be 0.075 m
+    less a / 2 * 0.05^2 in front of it 0.05 s before, 3 cm behind it 0.05 s later, and the whole way
+    in front of it between strokes; 0.3 m are worth 1."""
+    for run_up_m, off in ((0.1, [0.0, 0.0609, 0.03, 0.1]), (0.3, [0.0, 0.0703, 0.03, 0.2813])):
+        rewards = []
+        for stroke in (0.0, 2.0):
+            game, place = game_at_a_target(TwinSettings(run_up_m=run_up_m))
+            # 0.6, 0.55, 0.65 and 0.7 s after the step; the next stroke is at 1.0 s.
+            game._age[:, 4] = torch.tensor([11, 10, 12, 13])
+            soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0, stroke=stroke)
+            rewards.append(game.play(place[:, None], soft))
+        expected = 2.0 * (1.0 - torch.tensor(off) / 0.3)
+        torch.testing.assert_close(rewards[1] - rewards[0], expected, atol=2e-3, rtol=0.0)
+    shown = TwinSettings(stroke_reward=2.0)
+    assert [shown.relaxation(done).stroke for done in (0.25, 0.5)] == pytest.approx([1.0, 0.0])
+    longer = TwinSettings(stroke_reward=2.0, stroke_until=0.8)
+    assert [longer.relaxation(done).stroke for done in (0.4, 0.8)] == pytest.approx([1.0, 0.0])
+
+
+@pytest.mark.parametrize(("before_m", "cost"), [(0.0, 1.1), (0.06, 0.5), (-0.2, 2.0), (0.2, 0.0)])
+def test_being_in_the_plane_away_from_targets_costs(before_m: float, cost: float) -> None:
+    """The hammer is in the middle of a cell, whose volume is 1 cm behind the plane, or before it:
+    nothing at a target, the whole cost with none, and with one in the next cell, 12.5 cm away."""
     rewards = []
-    for stroke in (0.0, 2.0):
+    for plane in (0.0, 2.0):
         game, place = game_at_a_target()
-        game._age[:, 4] = torch.tensor([11, 10, 12, 13])  # 0.6, 0.55, 0.65 and 0.7 s after the step
-        soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0, stroke=stroke)
+        game._age[:] = -1
+        game._age[0, 4], game._age[1, 3] = 5, 5
+        game._ban_s[:] = 9.0
+        game.hammer.fixed[12, 2] -= before_m
+        soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0, plane=plane)
         rewards.append(game.play(place[:, None], soft))
-    expected = 2.0 * (1.0 - torch.tensor([0.0, 0.075, 0.03, 0.1]) / 0.3)
-    torch.testing.assert_close(rewards[1] - rewards[0], expected, atol=2e-3, rtol=0.0)
-    assert TwinSettings(stroke_reward=2.0).relaxation(0.25).stroke == pytest.approx(1.0)
-    assert TwinSettings(stroke_reward=2.0).relaxation(0.5).stroke == 0.0
+    expected = -2.0 * cost * torch.tensor([0.0, 1.0, 1.0, 1.0])
+    torch.testing.assert_close(rewards[1] - rewards[0], expected, atol=1e-2, rtol=0.0)
 
 
 def test_hits_are_worth_what_their_cells_say() -> None:

@@ -106,6 +106,7 @@ class ImaginedBeats:
         seed: int,
     ) -> None:
         self.n, self.settings, self.sabers, self._step_s = n, settings, Sabers(), step_s
+        self.frames = 1  # blades go straight from the end of a step to that of the next
         self.lane = Lane(n, levels, seed)
         self.spawn_weights = torch.ones(conditions, 1)
         self.counts = torch.zeros(2, conditions, 1)

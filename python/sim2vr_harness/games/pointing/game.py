@@ -56,8 +56,9 @@ class Pointing:
         seed: int,
     ) -> ImaginedPointing:
         """See the protocol."""
-        frame_s = step_s / frames
-        return ImaginedPointing(n, conditions, settings, frame_s=frame_s, seed=seed)
+        return ImaginedPointing(
+            n, conditions, settings, frame_s=step_s / frames, frames=frames, seed=seed
+        )
 
 
 GAME = Pointing()

@@ -46,6 +46,7 @@ class ImaginedPointing:
         settings: what is relaxed, and which blocks come up.
         frame_s: from one app frame to the next; a user step is one or more.
         seed: of blocks.
+        frames: how many of them a user step is.
 
     Raises:
         ValueError: conditions with different blocks.
@@ -61,8 +62,10 @@ class ImaginedPointing:
         *,
         frame_s: float,
         seed: int,
+        frames: int = 1,
     ) -> None:
         self.n, self.settings, self.stylus, self._frame_s = n, settings, Stylus(), frame_s
+        self.frames = frames
         self.generator = torch.Generator().manual_seed(seed)
         tasks = [Task.of(condition.options) for condition in conditions]
         if len(set(tasks)) != 1:

@@ -23,6 +23,7 @@ class Relaxation:
         stuck: cost of staying in a target, which must be left before it can be hit: a hit has no
             gradient that says so.
         stroke: reward for being on the stroke that would hit the oldest target.
+        plane: cost of being in the targets' plane, or behind it, away from targets.
         threshold: how much of the rule's speed a hit needs, 0 to 1.
     """
 
@@ -32,6 +33,7 @@ class Relaxation:
     distance: float
     stuck: float = 0.0
     stroke: float = 0.0
+    plane: float = 0.0
     threshold: float = 1.0
 
 
@@ -60,13 +62,22 @@ class TwinSettings(Settings):
     stroke_reward: Weight = 0.0
     """Reward per user step, at first, for a hammer that is where a stroke at the oldest target
     would have it: in front of the cell, and in it 0.6 s after the target appeared. Less with the
-    distance, by 0.3 m below 0; nothing by the middle of the imagined rollouts."""
+    distance, by 0.3 m below 0."""
+    stroke_until: Chance = 0.5
+    """Share of the imagined rollouts by which that reward has gone."""
+    run_up_m: float = Field(default=0.1, gt=0.0, le=1.0)
+    """How far in front of the cell a stroke begins, m: muscles need a way to get up to a speed."""
     stuck_cost: Weight = 0.0
     """Cost per user step of the hammer staying in a target that it is in and has not hit. A user
     who may hit at any speed waits where targets grow into the hammer otherwise."""
-    steady_strikes: bool = False
-    """Whether the speed that hits are judged by is that of the last user step, where the app has
-    several frames in one: speeds of 10 ms are beyond what the body model knows."""
+    plane_cost: Weight = 0.0
+    """Cost per user step of a hammer that is in the targets' plane and not at a target; twice as
+    much 0.1 m behind the plane, nothing 0.1 m before it. Who may hit at any speed roams the plane
+    otherwise, and meets targets by chance before they can have been seen."""
+    whole_steps: bool = False
+    """Whether hits are looked for once a user step, at its mean speed, where the app does in each of
+    several frames. A hammer that is at its place in the end at speed hits in the app, too; speeds
+    of 10 ms are beyond what the body model knows, and most of a swing has no gradient."""
     slow_hits_until: Chance = 0.0
     """The speed that a hit needs grows from 0 to the rule's over this share of the imagined
     rollouts: who is judged a hundred times a second learns to reach first, then to strike."""
@@ -78,12 +89,14 @@ class TwinSettings(Settings):
         def towards(end: float, start: float) -> float:
             return end + (start - end) * early
 
+        shown = max(0.0, 1.0 - done / self.stroke_until) if self.stroke_until else 0.0
         return Relaxation(
             overlap_m=towards(self.last_overlap_m, self.overlap_m),
             speed_mps=towards(self.last_speed_mps, self.speed_mps),
             near=towards(self.last_near_reward, self.near_reward),
             distance=towards(1.0, self.distance_reward),
             stuck=self.stuck_cost,
-            stroke=towards(0.0, self.stroke_reward),
+            stroke=shown * self.stroke_reward,
+            plane=self.plane_cost,
             threshold=1.0 if done >= self.slow_hits_until else done / self.slow_hits_until,
         )

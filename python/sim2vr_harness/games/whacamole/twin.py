@@ -47,6 +47,9 @@ _SPEED_MARGIN_MPS, _OVERLAP_MARGIN_M, _NEAR_M = 0.05, 0.002, 0.04
 _STROKES_S, _STROKE_MPS, _THROUGH_M, _STROKE_OFF_M = (0.6, 1.0), 1.5, 0.03, 0.3
 """When strokes go through a target's middle, after it appeared; how fast, and how far."""
 
+_CLEAR_M, _AWAY_M = START_M, 0.5 * CELL_M
+"""How far in front of the plane a hammer is clear of it, and how far beside a target away from it."""
+
 
 class ImaginedWhacAMole:
     """B rounds without an end; see :class:`~sim2vr_harness.games.imagined.ImaginedRounds`.
@@ -84,7 +87,10 @@ class ImaginedWhacAMole:
                 "imagined game is made of"
             )
         self.n, self.settings, self.hammer = n, settings, Hammer()
-        self._frame_s = FRAME_S / frames
+        self.frames = 1 if settings.whole_steps else frames
+        self._frame_s = FRAME_S / self.frames
+        self._follows = 1.0 - 0.5 ** (frames / self.frames)
+        """Share of a frame's speed in the velocity that is judged: a half in each of the app's."""
         self.generator = torch.Generator().manual_seed(seed)
         placements = ("round.low", "round.mid", "round.high")
         place = torch.tensor([[c[name] for name in placements] for c in conditions]).argmax(1)
@@ -117,9 +123,6 @@ class ImaginedWhacAMole:
         """Hits and misses since :meth:`clear_counts`, by condition and cell."""
         self.condition = torch.zeros(n, dtype=torch.long)
         self._velocity, self._root = torch.zeros(n, 3), torch.zeros(n, 3)
-        self._steady = settings.steady_strikes and frames > 1
-        self._step_before = torch.zeros(n, frames, 3)
-        """Where the hammer's root was in the frames of the last step, m."""
         self._age = torch.full((n, CELLS), -1)
         self._fading = torch.zeros(n, CELLS, dtype=torch.long)
         self._ban_s = torch.zeros(n)
@@ -142,7 +145,6 @@ class ImaginedWhacAMole:
             self._velocity[ids] = self.velocity_of(fields)
             self.condition[ids] = condition
             self._root[ids] = points(*self.hammer(place))[0]
-            self._step_before[ids] = self._root[ids, None]
             self._age[ids] = self._first_ages(ids, condition, cell)
             count = len(ids)
             self._fading[ids] = 0
@@ -167,7 +169,7 @@ class ImaginedWhacAMole:
     def cut(self) -> None:
         """See the protocol."""
         self._velocity, self._root = self._velocity.detach(), self._root.detach()
-        self._left, self._step_before = self._left.detach(), self._step_before.detach()
+        self._left = self._left.detach()
 
     def nearest(self, place: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
         """(K,) distance from the nearest point 10 cm in front of a cell, m, and (K,) that cell."""
@@ -204,8 +206,7 @@ class ImaginedWhacAMole:
         self.hit_values.lerp_(values, 0.5)
 
     _STATE = (
-        *("_velocity", "_root", "_step_before"),
-        *("_age", "_fading", "_ban_s", "_inside", "_hit", "_left"),
+        *("_velocity", "_root", "_age", "_fading", "_ban_s", "_inside", "_hit", "_left"),
         *("condition", "spawn_weights", "hit_values"),
     )
 
@@ -274,14 +275,10 @@ class ImaginedWhacAMole:
         chance = torch.zeros(b, CELLS)
         for k in range(frames):
             raw = (root[:, k] - self._root) / self._frame_s
-            self._velocity = self._velocity + 0.5 * (raw - self._velocity)
+            self._velocity = self._velocity + self._follows * (raw - self._velocity)
             self._root = root[:, k]
-            judged = self._velocity
-            if self._steady:
-                judged = (root[:, k] - self._step_before[:, k]) / (frames * self._frame_s)
-            touch = self._judge(depth[:, k], self._strike_mps(judged), soft)
+            touch = self._judge(depth[:, k], self._strike_mps(self._velocity), soft)
             chance = torch.maximum(chance, touch.chance)
-        self._step_before = root
         # A true hit has its whole worth, and the gradient of its chance. Where frames are short it
         # is seen at the target's rim, as likely as not: who trembles there would earn more.
         chance = chance + self._hit * (1.0 - chance).detach()
@@ -349,19 +346,34 @@ class ImaginedWhacAMole:
             worth = worth + soft.stroke * self._on_stroke(marker)
         if soft.stuck > 0.0:  # few trainings pay for it
             worth = worth - soft.stuck * (touch.within * (1.0 + depth.amin(2) / _NEAR_M)).sum(1)
+        if soft.plane > 0.0:
+            worth = worth - soft.plane * self._in_plane(marker)
         return worth
+
+    def _in_plane(self, marker: Tensor) -> Tensor:
+        """(B,) 1 in the plane, 2 well behind it, 0 well before it or at a target."""
+        axes, way = self._axes[self.condition], marker - self._area[self.condition]
+        depth = (way * axes[:, 2]).sum(1)
+        near = (1.0 + depth / _CLEAR_M).clamp(0.0, 2.0)
+        gap = self._cells[self.condition] - marker[:, None]
+        aside = (gap @ axes[:, :2].transpose(1, 2)).square().sum(2).add(1e-8).sqrt()
+        aside = torch.where(self._age >= 0, aside, torch.tensor(_AWAY_M))
+        return near * (aside.amin(1) / _AWAY_M).clamp(max=1.0)
 
     def _on_stroke(self, marker: Tensor) -> Tensor:
         """(B,) 1 on the stroke that would hit the oldest target, less beside it, 0 without one.
 
-        Strokes go into the cell at even speed from in front of it; the second one is for those that
-        have missed.
+        Strokes begin at rest in front of the cell, speed up evenly, and go through it; the second
+        one is for those that have missed.
         """
         age, cell = self._age.max(1)
         rows = torch.arange(self.n)
         first_s, second_s = (at_s - FRAME_S * age for at_s in _STROKES_S)
         until_s = torch.where(first_s > -1.5 * FRAME_S, first_s, second_s)[:, None]
-        before_m = (_STROKE_MPS * until_s).clamp(-_THROUGH_M, START_M)
+        run_up_m = self.settings.run_up_m
+        takes_s = 2.0 * run_up_m / _STROKE_MPS
+        before_m = run_up_m * (1.0 - (1.0 - until_s.clamp(max=takes_s) / takes_s).square())
+        before_m = before_m.clamp(min=-_THROUGH_M)
         behind = self._axes[self.condition, 2]
         goal = self._cells[self.condition][rows, cell] - before_m * behind
         off = (marker - goal).square().sum(1).add(1e-8).sqrt()

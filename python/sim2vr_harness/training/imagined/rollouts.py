@@ -87,7 +87,6 @@ class ImaginedRollouts:
     ) -> None:
         self.config, self.policy, self.simulation = config, policy, simulation
         self.cycle = self.updates = 0
-        self._frames = simulation.config.frames_per_step
         self._persons = ImaginedPersons(simulation.simulation)
         self._collector = Collector(config, policy, simulation, self._persons, seed=seed)
         self._torch_seed = int(np.random.SeedSequence([seed, 92]).generate_state(1)[0])
@@ -137,7 +136,7 @@ class ImaginedRollouts:
                 self._conditions,
                 game.settings.model_validate(settings),
                 step_s=self.simulation.step_s,
-                frames=self._frames,
+                frames=self.simulation.config.frames_per_step,
                 seed=self._torch_seed + 3,
             )
         except ValueError as error:
@@ -185,7 +184,7 @@ class ImaginedRollouts:
             else:
                 torch.set_rng_state(self._torch_state)
             first = self.cycle == 0
-            self._be_late()
+            self._grow()
             new, played = self._collector.play(
                 config.first_play_steps if first else config.play_steps,
                 wildly=first,
@@ -242,10 +241,11 @@ class ImaginedRollouts:
     def _keep_best(self, played: tuple[float, ...]) -> None:
         """Take note of the weights that have just been played with, if none played better.
 
-        Rates of cycles whose senses were not as late yet say nothing of what comes.
+        Rates of cycles that were easier, not as late or noisy yet, say nothing of what comes.
         """
         known = [rate for rate in played if rate == rate]
-        easier = self.cycle < self.config.growing_lag_cycles
+        config = self.config
+        easier = self.cycle < max(config.growing_lag_cycles, config.growing_noise_cycles)
         if not self.config.keep_best or not known or easier:
             return
         rate = sum(known) / len(known)
@@ -253,12 +253,15 @@ class ImaginedRollouts:
             weights = {name: value.clone() for name, value in self.policy.state_dict().items()}
             self._best = (rate, weights)
 
-    def _be_late(self) -> None:
-        """Let senses be as late as they are in this cycle."""
-        cycles = self.config.growing_lag_cycles
-        share = 1.0 if cycles == 0 else min(1.0, self.cycle / cycles)
+    def _grow(self) -> None:
+        """Let senses be as late, and imagined muscles as noisy, as they are in this cycle."""
+        share = self._share_of(self.config.growing_lag_cycles)
         self.senses.be_late(share)
         self.simulation.senses.be_late(share)
+        self.users.noise_share = self._share_of(self.config.growing_noise_cycles)
+
+    def _share_of(self, cycles: int) -> float:
+        return 1.0 if cycles == 0 else min(1.0, self.cycle / cycles)
 
     def _to_learn(self) -> Experience:
         """User steps to fit the body to: of the beginning, of all cycles, of the last ones."""
@@ -332,7 +335,7 @@ class ImaginedRollouts:
     def advance(self, actions: Tensor, done: float, *, error_share: float) -> Tensor:
         """(B,) rewards of a user step of everybody; ``done`` as in ``ImaginedRounds.step``."""
         self.users.step(actions, error_share=error_share)
-        reward: Tensor = self.game.step(self.users.places(self._frames), done)
+        reward: Tensor = self.game.step(self.users.places(self.game.frames), done)
         self.senses.look(actions)
         effort, beyond, wild = self.users.costs()
         return self.config.reward_scale * (reward - effort) - beyond - wild

@@ -70,6 +70,8 @@ class ImaginedUsers:
         self.rest = torch.full((drives,), 0.5)
         """(A,) drives of a body that has nothing to do."""
         self._noise = None if noise is None else ImaginedNoise(noise, n, len(user.muscles))
+        self.noise_share = 1.0
+        """Factor on everybody's motor noise."""
         self.gradient_limit: float | None = None
         """Longest gradient of a user by the angles, 1/rad; see :func:`~.gradients.limited`."""
         self._muscles = torch.from_numpy(self._drives.muscles)
@@ -135,9 +137,9 @@ class ImaginedUsers:
         if self._aim_cost > 0.0:
             self._aimed_beyond = self._drives.beyond(before, actions)
         if self._noise is not None:
-            factor: Tensor | float = 1.0
+            factor: Tensor | float = self.noise_share
             if self._persons is not None:
-                factor = self._persons.motor_noise(self.motion.persons)
+                factor = factor * self._persons.motor_noise(self.motion.persons)
             noisy = self._noise.apply(control[:, self._muscles], factor)
             control = control.index_copy(1, self._muscles, noisy)
         self._control = control

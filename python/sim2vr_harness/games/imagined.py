@@ -67,6 +67,13 @@ class ImaginedRounds(Protocol):
             cell: (K,) where a target lives; -1 leaves all to chance.
         """
 
+    def begin(self, ids: Tensor) -> None:
+        """Let rounds that have been started be at a round's first moment; tests compare from there.
+
+        Args:
+            ids: (K,) which.
+        """
+
     def condition_of(self, fields: Tensor) -> Tensor:
         """(K,) in which condition these user steps were taken."""
 
@@ -87,8 +94,8 @@ class ImaginedRounds(Protocol):
         """Advance by one user step.
 
         Args:
-            places: (B, F, D, 4, 4) where the devices are in the F app frames of the step, the last
-                one at its end.
+            places: (B, F, D, 4, 4) where the devices are in F = :attr:`frames` moments of the step,
+                the last one at its end.
             done: share of the imagined rollouts that is over; rewards are soft at first.
 
         Returns:

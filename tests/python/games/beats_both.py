@@ -110,7 +110,7 @@ def play(
     columns = [sim.senses.names.index(name) for name in FIELDS]
     fields = torch.tensor(sim.senses.values()[:, columns], dtype=torch.float32)
     game.start(everyone, worn_by(made.simulation), fields, everyone)
-    game.lane.begin(everyone)
+    game.begin(everyone)
     game.clear_counts()
     rng = np.random.default_rng(0)
     names = [*users.names, *game.names]

@@ -56,7 +56,7 @@ def played() -> dict[str, Any]:
     everyone = torch.arange(N)
     game.calibrate(worn_by(sim), fields)
     game.start(everyone, worn_by(sim), fields, everyone)
-    game.trial[:], game._age_s[:] = 0, 0.0
+    game.begin(everyone)
     told = [sim.senses.names.index(name) for name in game.names]
     soft = game.settings.relaxation(1.0)
     rng = np.random.default_rng(3)

@@ -142,6 +142,10 @@ class ImaginedBeats:
                 self._before = Blades(torch.zeros(self.n, 2, 3), torch.zeros(self.n, 2, 3))
             self._before.root[ids], self._before.axis[ids] = blades.root, blades.axis
 
+    def begin(self, ids: Tensor) -> None:
+        """See the protocol."""
+        self.lane.begin(ids)
+
     def cut(self) -> None:
         """See the protocol."""
         before = self._before

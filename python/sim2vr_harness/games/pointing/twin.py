@@ -119,6 +119,11 @@ class ImaginedPointing:
             self._set(ids, "_origin", head_of(place))
             self._set(ids, "_tip", self.stylus(place) - head_of(place))
 
+    def begin(self, ids: Tensor) -> None:
+        """See the protocol: blocks begin with their first target."""
+        self._set(ids, "trial", torch.zeros(len(ids), dtype=torch.long))
+        self._set(ids, "_age_s", torch.zeros(len(ids)))
+
     def _set(self, ids: Tensor, name: str, values: Tensor) -> None:
         new = getattr(self, name).detach().clone()
         new[ids] = values

@@ -75,9 +75,9 @@ class TwinSettings(Settings):
     much 0.1 m behind the plane, nothing 0.1 m before it. Who may hit at any speed roams the plane
     otherwise, and meets targets by chance before they can have been seen."""
     whole_steps: bool = False
-    """Whether hits are looked for once a user step, at its mean speed, where the app does in each of
-    several frames. A hammer that is at its place in the end at speed hits in the app, too; speeds
-    of 10 ms are beyond what the body model knows, and most of a swing has no gradient."""
+    """Whether hits are looked for once a user step, at its mean speed, where the app does in each
+    of several frames. Speeds of 10 ms are beyond what the body model knows, and what happens in
+    the last frame of a step has the best gradient."""
     slow_hits_until: Chance = 0.0
     """The speed that a hit needs grows from 0 to the rule's over this share of the imagined
     rollouts: who is judged a hundred times a second learns to reach first, then to strike."""

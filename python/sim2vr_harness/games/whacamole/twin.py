@@ -48,7 +48,7 @@ _STROKES_S, _STROKE_MPS, _THROUGH_M, _STROKE_OFF_M = (0.6, 1.0), 1.5, 0.03, 0.3
 """When strokes go through a target's middle, after it appeared; how fast, and how far."""
 
 _CLEAR_M, _AWAY_M = START_M, 0.5 * CELL_M
-"""How far in front of the plane a hammer is clear of it, and how far beside a target away from it."""
+"""How far in front of the plane a hammer is clear of it; how far beside a target away from it."""
 
 
 class ImaginedWhacAMole:
@@ -150,6 +150,10 @@ class ImaginedWhacAMole:
             self._fading[ids] = 0
             self._ban_s[ids] = BAN_S * torch.rand(count, generator=self.generator)
             self._inside[ids], self._hit[ids], self._left[ids] = False, False, 1.0
+
+    def begin(self, ids: Tensor) -> None:
+        """See the protocol: the first target comes at once."""
+        self._age[ids], self._ban_s[ids] = -1, -FRAME_S
 
     def _first_ages(self, ids: Tensor, condition: Tensor, cell: Tensor) -> Tensor:
         """(K, cells) ages of the targets that some users begin with, in frames."""

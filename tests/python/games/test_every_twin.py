@@ -1,0 +1,162 @@
+"""What every game's twin must keep: it is the game, for whoever moves in it at random.
+
+Users of the true game move about; the twin gets the same movements from the same starts, and has
+its own chance. So what happens in it, what a teacher observes and what it pays must agree on
+average over users, within what chance explains. Rules one by one are tested beside this.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+from true_users import worn_by
+
+from sim2vr_harness.envs.config import AppConfig, EffortConfig, EnvConfig, UserConfig
+from sim2vr_harness.games import imagined_games
+from sim2vr_harness.training.config import apply_overrides
+from sim2vr_harness.training.teacher_config import TeacherConfig
+from sim2vr_harness.training.teacher_env import TeacherSimulation
+
+pytest.importorskip("sim2vr_harness._app_runtime")
+
+N, STEPS = 24, 160
+BODIES = {"beats": "mobl_arms_bimanual_motor"}
+"""Of games that the usual body cannot play."""
+PLAIN = {"whacamole": {"single_targets": 0.0}}
+"""Settings without which a twin's rounds are made easier than the game's."""
+MOST_DEVIATIONS = 5.0
+"""By which the mean difference of users may be off, in standard errors of that mean, ..."""
+SLACK = 0.05
+"""... and beside that, in standard deviations of the number over all users and times."""
+
+
+@dataclass(frozen=True)
+class Both:
+    """The same movements in a game and in its twin.
+
+    Attributes:
+        names: of what a teacher observes of the game.
+        true: (STEPS, N, F) that in the game, and
+        imagined: in the twin.
+        rewards: (2, STEPS, N) of the game and of the twin, in the game's unit.
+        counts: (2, 2) successes and failures of all, of the game and of the twin.
+    """
+
+    names: tuple[str, ...]
+    true: NDArray[np.float64]
+    imagined: NDArray[np.float64]
+    rewards: NDArray[np.float64]
+    counts: NDArray[np.float64]
+
+
+def users_of(game: str) -> TeacherSimulation:
+    settings = [
+        *(f"ppo.n_envs={N}", f"ppo.batch_size={4 * N}", "curriculum.episode_seconds=60"),
+        "curriculum.starts_per_cell=4",
+    ]
+    config = TeacherConfig.model_validate(apply_overrides({}, settings))
+    user = UserConfig(
+        model=BODIES.get(game, "mobl_arms_wrist"), effort=EffortConfig(model="zero", weight=0.0)
+    )
+    return TeacherSimulation(
+        EnvConfig(app=AppConfig(game=game), user=user, cores=1), config, seed=1
+    )
+
+
+def twin_of(sim: TeacherSimulation) -> Any:
+    conditions = [sim.describe(k) for k in range(len(sim.conditions))]
+    frames = sim.config.frames_per_step
+    settings = sim.game.settings(**PLAIN.get(sim.game.name, {}))
+    return sim.game.rounds(N, conditions, settings, step_s=sim.step_s, frames=frames, seed=3)
+
+
+@pytest.fixture(scope="module", params=imagined_games())
+def both(request: pytest.FixtureRequest) -> Both:
+    return play(request.param)
+
+
+def play(name: str) -> Both:
+    """Let users of the true game move about, and the twin's with them."""
+    sim = users_of(name)
+    twin = twin_of(sim)
+    sim.reset(seeds=list(range(N)))
+    sim._limit[:] = STEPS + 1  # no round is cut
+    everyone = torch.arange(N)
+    columns = [sim.senses.names.index(name) for name in sim.game.fields]
+
+    def fields() -> torch.Tensor:
+        return torch.tensor(sim.senses.values()[:, columns], dtype=torch.float32)
+
+    twin.calibrate(worn_by(sim), fields())
+    twin.start(everyone, worn_by(sim), fields(), torch.full((N,), -1))
+    twin.begin(everyone)
+    twin.clear_counts()
+    rng = np.random.default_rng(5)
+    actions = sim.action_space.shape[0]
+    wild = np.zeros((N, actions))
+    told = [sim.senses.names.index(name) for name in twin.names]
+    true, imagined, rewards = [], [], []
+    for _ in range(STEPS):
+        wild = 0.8 * wild + 0.6 * rng.standard_normal(wild.shape)
+        result = sim.step(np.clip(0.25 * wild, -1.0, 1.0))
+        place = worn_by(sim)
+        paid = twin.step(place[:, None].expand(-1, twin.frames, -1, -1, -1), 1.0)
+        with torch.no_grad():
+            imagined.append(twin.observe(place).numpy())
+        true.append(sim.senses.values()[:, told])
+        game_reward = result.reward / sim.teacher.reward_scale + result.effort_cost
+        rewards.append([game_reward, paid.detach().numpy()])
+    outcomes = sum(sim.game.outcomes(log) for log in sim.simulation.logs)
+    sim.close()
+    counts = [outcomes.sum(1), twin.counts.sum((1, 2)).numpy()]
+    return Both(
+        names=tuple(twin.names),
+        true=np.array(true, np.float64),
+        imagined=np.array(imagined, np.float64),
+        rewards=np.swapaxes(np.array(rewards, np.float64), 0, 1),
+        counts=np.array(counts, np.float64),
+    )
+
+
+def off(true: NDArray[np.float64], imagined: NDArray[np.float64]) -> float:
+    """How far two (STEPS, N) are apart on average, by what chance and SLACK explain; 1: too far."""
+    each = (imagined - true).mean(0)
+    error = each.std(ddof=1) / np.sqrt(len(each))
+    return float(abs(each.mean()) / (MOST_DEVIATIONS * error + SLACK * true.std() + 1e-6))
+
+
+def test_teachers_observe_the_same_on_average(both: Both) -> None:
+    wrong = {
+        name: round(off(both.true[..., k], both.imagined[..., k]), 2)
+        for k, name in enumerate(both.names)
+    }
+    assert {name: by for name, by in wrong.items() if by > 1.0} == {}
+    assert (both.true.std((0, 1)) > 0.0).mean() > 0.3, "nothing happens in this game"
+
+
+def test_as_much_happens(both: Both) -> None:
+    """Counts of all users: apart by five times what Poisson's law says of both."""
+    (true, imagined) = both.counts
+    assert true.sum() >= 20
+    assert np.all(np.abs(true - imagined) <= MOST_DEVIATIONS * np.sqrt(true + imagined + 1.0))
+
+
+def test_rewards_agree_on_average(both: Both) -> None:
+    """Of a training's end, where the twin's hits are hardly soft any more."""
+    true, imagined = both.rewards
+    assert off(true, imagined) <= 1.0
+
+
+def test_a_twin_with_another_rule_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Targets that go away after 0.9 s instead of 1.1 s."""
+    from sim2vr_harness.games.whacamole import twin
+
+    monkeypatch.setattr(twin, "LAST_FRAME", 17)
+    played = play("whacamole")
+    wrong = [off(played.true[..., k], played.imagined[..., k]) for k in range(len(played.names))]
+    assert max(wrong) > 1.0

@@ -73,7 +73,8 @@ class TwinSettings(Settings):
     plane_cost: Weight = 0.0
     """Cost per user step of a hammer that is in the targets' plane and not at a target; twice as
     much 0.1 m behind the plane, nothing 0.1 m before it. Who may hit at any speed roams the plane
-    otherwise, and meets targets by chance before they can have been seen."""
+    otherwise, and meets targets by chance before they can have been seen. Nothing at first, all of
+    it from the middle of the imagined rollouts on: who cannot aim yet would stay away for good."""
     whole_steps: bool = False
     """Whether hits are looked for once a user step, at its mean speed, where the app does in each
     of several frames. Speeds of 10 ms are beyond what the body model knows, and what happens in
@@ -97,6 +98,6 @@ class TwinSettings(Settings):
             distance=towards(1.0, self.distance_reward),
             stuck=self.stuck_cost,
             stroke=shown * self.stroke_reward,
-            plane=self.plane_cost,
+            plane=(1.0 - early) * self.plane_cost,
             threshold=1.0 if done >= self.slow_hits_until else done / self.slow_hits_until,
         )

@@ -28,9 +28,9 @@ _SIDEWAYS = {
 MOVES = ("touch", "push", *_SIDEWAYS)
 """Names of the moves: come and stay, go through away from the head, go through sideways."""
 
-_TOUCH_MPS, _PUSH_MPS, _SWING_MPS = 0.9, 2.5, 2.0
+_TOUCH_MPS, _STRIKE_MPS, _PUSH_MPS, _SWING_MPS = 0.9, 1.2, 2.5, 2.0
 _DEEPER_M = 0.015
-_RUN_UP_M, _FURTHER = 0.3, 1.25
+_RUN_UP_M, _FURTHER = 0.4, 1.25
 """Over which a hand gains its speed, and how much farther back it goes to begin."""
 _SLOWEST = 0.55
 """Share of the speed it should have by then, below which it begins again."""
@@ -120,7 +120,7 @@ class Mover:
         way = goals.place - now
         far = way.norm(dim=-1)
         closing = (velocity * way).sum(-1) / far.clamp(min=1e-3)
-        slow = torch.where(touches[..., 0], torch.tensor(_TOUCH_MPS), torch.tensor(1.2))
+        slow = torch.where(touches[..., 0], torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
         goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
         goals.active = (choice.move >= 0).float()
         return goals

@@ -65,11 +65,11 @@ def test_a_push_goes_through_its_place_away_from_the_head(layer: MotorLayer) -> 
     choice.move[:] = MOVES.index("push")
     choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
     place = torch.eye(4)[None, None].clone()
-    place[0, 0, :3, 3] = torch.tensor([0.2, 0.0, 1.2])
+    place[0, 0, :3, 3] = torch.tensor([0.08, 0.0, 1.2])  # farther than a run-up
     head = torch.tensor([[0.0, 0.0, 1.2]])
     goals = mover.goals(choice, head, place, place)
     assert goals.velocity[0, 0].tolist() == pytest.approx([2.5, 0.0, 0.0])
-    assert goals.left_s[0, 0].item() == pytest.approx(0.3 / 1.2)
+    assert goals.left_s[0, 0].item() == pytest.approx(0.42 / 1.2)
     choice.move[:] = MOVES.index("up right")
     choice.place[0, 0] = torch.tensor([0.2, -0.3, 1.5])  # 0.42 m to go, up to the right
     swung = mover.goals(choice, head, place, place).velocity[0, 0]
@@ -85,7 +85,7 @@ def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorLayer) ->
     head, near = torch.tensor([[0.0, 0.0, 1.2]]), torch.eye(4)[None, None].clone()
     near[0, 0, :3, 3] = torch.tensor([0.45, 0.0, 1.2])
     still = mover.goals(choice, head, near, near)
-    assert still.place[0, 0].tolist() == pytest.approx([0.5 - 1.25 * 0.3, 0.0, 1.2])
+    assert still.place[0, 0].tolist() == pytest.approx([0.5 - 1.25 * 0.4, 0.0, 1.2])
     assert not still.velocity.any()
     soon = near.clone()
     soon[0, 0, 0, 3] += 2.0 * MOMENT_S  # 2 m/s towards it

@@ -37,6 +37,7 @@ _GONE = (
     "teacher.aids",
     "teacher.coarse_physics_s",
     "teacher.coarse_until_step",
+    "teacher.imagined.game.slow_hits_until",
     "teacher.imagined.game.steady_strikes",
     "teacher.evaluate_every_steps",
     "teacher.ppo.learning_rate_range",

@@ -155,17 +155,6 @@ def test_hits_stay_as_soft_as_it_is_asked_for() -> None:
     assert settings.relaxation(1.0) == end
 
 
-def test_slow_hits_count_at_first_if_it_is_asked_for() -> None:
-    """The rule of 0.8 m/s is one of 0.68 m/s when 17 of 20 parts of the time for it are over."""
-    settings = TwinSettings(slow_hits_until=0.4)
-    for done, hits in ((0.34, [True, True, False, False]), (0.36, [True, False, False, False])):
-        game, place = game_at_a_target()
-        game.play(place[:, None], settings.relaxation(done))
-        assert game._hit[:, 4].tolist() == hits
-    assert settings.relaxation(0.4).threshold == settings.relaxation(1.0).threshold == 1.0
-    assert TwinSettings().relaxation(0.0).threshold == 1.0
-
-
 def test_hits_may_be_looked_for_once_a_step() -> None:
     """The hammer rests, and then jumps 18 mm into the target: 1.8 m/s over 10 ms, half of it as the
     game filters it; 0.36 m/s over the step of 50 ms. The rule asks for 0.8. At the end of a step of

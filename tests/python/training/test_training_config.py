@@ -65,8 +65,9 @@ def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
     for stage in ("teacher", "evaluation"):
         own = getattr(people, stage).conditions
         assert getattr(other, stage).conditions == tuple(name + ending for name in own)
-    game = {**people.teacher.imagined.game, "stuck_cost": 0.5}
-    assert other.teacher.imagined == people.teacher.imagined.model_copy(update={"game": game})
+    sizes = ("users", "body_width", "updates", "window_steps", "effort")
+    for size in sizes:
+        assert getattr(other.teacher.imagined, size) == getattr(people.teacher.imagined, size)
     assert other.ppo == people.ppo
     assert other.student == people.student
     for one in (other, pointing):

@@ -24,7 +24,6 @@ class Relaxation:
             gradient that says so.
         stroke: reward for being on the stroke that would hit the oldest target.
         plane: cost of being in the targets' plane, or behind it, away from targets.
-        threshold: how much of the rule's speed a hit needs, 0 to 1.
     """
 
     overlap_m: float
@@ -34,7 +33,6 @@ class Relaxation:
     stuck: float = 0.0
     stroke: float = 0.0
     plane: float = 0.0
-    threshold: float = 1.0
 
 
 class TwinSettings(Settings):
@@ -79,9 +77,6 @@ class TwinSettings(Settings):
     """Whether hits are looked for once a user step, at its mean speed, where the app does in each
     of several frames. Speeds of 10 ms are beyond what the body model knows, and what happens in
     the last frame of a step has the best gradient."""
-    slow_hits_until: Chance = 0.0
-    """The speed that a hit needs grows from 0 to the rule's over this share of the imagined
-    rollouts: who is judged a hundred times a second learns to reach first, then to strike."""
 
     def relaxation(self, done: float) -> Relaxation:
         """What is rewarded when this share of the rollouts is over."""
@@ -99,5 +94,4 @@ class TwinSettings(Settings):
             stuck=self.stuck_cost,
             stroke=shown * self.stroke_reward,
             plane=(1.0 - early) * self.plane_cost,
-            threshold=1.0 if done >= self.slow_hits_until else done / self.slow_hits_until,
         )

@@ -323,7 +323,7 @@ class ImaginedWhacAMole:
         condition = self.condition
         inside = (depth > 0.0).all(2) & (self._age >= 0)
         counts = (self._age >= GROWING_FRAMES) & ~self._inside & ~self._hit
-        threshold = soft.threshold * self._threshold[condition]
+        threshold = self._threshold[condition]
         constrained = self._constrained[condition] > 0.0
         fast = (strike > threshold) | ~constrained
         self._hit = self._hit | (inside & counts & fast[:, None])  # only coming in is a hit
@@ -338,7 +338,7 @@ class ImaginedWhacAMole:
         """(B,) what helps to find hits, once a user step: by its last frame."""
         condition = self.condition
         cells, alive = self._cells[condition], self._age >= GROWING_FRAMES
-        towards = self._strike_mps(self._velocity) - soft.threshold * self._threshold[condition]
+        towards = self._strike_mps(self._velocity) - self._threshold[condition]
         towards = torch.sigmoid(towards / 0.5)
         towards = torch.where(self._constrained[condition] > 0.0, towards, torch.ones(()))
         around = torch.sigmoid(depth / _NEAR_M).prod(2)

@@ -95,6 +95,8 @@ def track(
     ] = None,
 ) -> None:
     """Let a body's muscles follow the recorded hands of a person, and say what it costs them."""
+    from functools import partial
+
     from sim2vr_harness.cli.progress import Share
     from sim2vr_harness.tools.track.files import film, write
     from sim2vr_harness.tools.track.tracking import Settings, track
@@ -115,10 +117,11 @@ def track(
     )
     env = environment_of(user, overrides=set_ or ())
     paths = _paths(recordings, frame)
+    layer_for = partial(motor_layer_for, following=True)
     done = []
     for path in paths:
         with Share(path.name) as share:
-            done.append(track(path, env, motor_layer_for, settings, on_progress=share.show))
+            done.append(track(path, env, layer_for, settings, on_progress=share.show))
         _tell(done[-1])
     files = write(done, out)
     if record:

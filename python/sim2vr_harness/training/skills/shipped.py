@@ -58,19 +58,28 @@ def _difference(header: dict[str, Any], wanted: dict[str, Any]) -> str | None:
     return None
 
 
-def motor_layer_for(body: Body, step_s: float) -> MotorLayer:
+def motor_layer_for(body: Body, step_s: float, *, following: bool = False) -> MotorLayer:
     """Return the layer that ships for a body.
+
+    Args:
+        body: whose.
+        step_s: duration of a user step.
+        following: whether it is to follow the hands of others, for which some bodies have a layer
+            of their own: it wastes less force and strikes when it is told to.
 
     Raises:
         InputError: there is none.
     """
+    found = {}
     for file in shipped_layers():
         header, _ = _header(file)
         if header.get("body") == body.name:
             try:
-                return load_motor_layer(file, body, step_s)
+                found[bool(header.get("following"))] = load_motor_layer(file, body, step_s)
             except InputError:
                 continue
+    if found:
+        return found.get(following, next(iter(found.values())))
     shipped = ", ".join(file.stem for file in shipped_layers()) or "none"
     raise InputError(
         "motor layer",

@@ -196,3 +196,9 @@ def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
 def test_a_body_without_a_layer_is_named() -> None:
     with pytest.raises(InputError, match="mobl_arms_bimanual_motor"):
         motor_layer_for(load_body("mobl_arms_bimanual_motor"), STEP_S)
+
+
+def test_a_body_may_have_a_layer_of_its_own_for_following(layer: MotorLayer) -> None:
+    follower = motor_layer_for(layer.body, STEP_S, following=True)
+    assert not torch.equal(follower.net[0].weight, layer.net[0].weight)
+    assert follower.header() == layer.header()

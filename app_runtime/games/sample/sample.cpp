@@ -12,6 +12,8 @@
 namespace sim2vr::games::sample {
 namespace {
 
+constexpr double kHand_m = 0.03;  // radius of what the right hand touches with
+
 // What the player can do and feel besides moving: OpenXR's actions, each bound to an input or an
 // output of a controller.
 struct Controls {
@@ -31,8 +33,8 @@ Controls makeControls(xr::Session& xr) {
 // A component is a piece of behaviour on an object of the scene, with Unity's life cycle.
 class Ball : public scene::Component {
  public:
-  Ball(std::uint32_t seed, xr::Session& xr, const Controls& controls)
-      : random_(seed), xr_(xr), controls_(controls) {}
+  Ball(std::uint32_t seed, double radius_m, xr::Session& xr, const Controls& controls)
+      : random_(seed), clear_m_(2.0 * (radius_m + kHand_m)), xr_(xr), controls_(controls) {}
 
   // Names the type in saved states.
   std::string_view typeName() const override { return "sample.Ball"; }
@@ -63,19 +65,26 @@ class Ball : public scene::Component {
   int points() const { return points_; }
 
  private:
-  // Somewhere in front of the player, where a right arm comes without leaning.
-  // Metres; x right, y up, z forward, floor at 0.
+  // Somewhere in front of the player, where a right arm comes without leaning, and not in the hand:
+  // what is touched already cannot begin to be. Metres; x right, y up, z forward, floor at 0.
   void move() {
-    const double x = random_.range(-0.05F, 0.4F);
-    const double y = random_.range(0.85F, 1.15F);
-    transform().setPosition({x, y, 0.45});
+    const Vec3 before = transform().position();
+    for (int draw = 0; draw < kDraws; ++draw) {
+      const double x = random_.range(-0.05F, 0.4F);
+      const double y = random_.range(0.85F, 1.15F);
+      transform().setPosition({x, y, 0.45});
+      if ((transform().position() - before).norm() > clear_m_) return;
+    }
   }
+
+  static constexpr int kDraws = 100;
 
   // 20 ms at half strength, at the frequency that the controller likes best.
   static constexpr XrHapticVibration kPulse{XR_TYPE_HAPTIC_VIBRATION, nullptr, 20'000'000,
                                             XR_FREQUENCY_UNSPECIFIED, 0.5F};
 
   Random random_;  // the only source of chance: a seed fixes the round
+  double clear_m_;
   xr::Session& xr_;
   Controls controls_;
   int points_ = 0;
@@ -178,7 +187,7 @@ rl::RLEnv& TouchTheBall::build(rl::GameContext& context) {
   // Head camera and controllers, moved by the player. A game's own actions are made first.
   const Controls controls = makeControls(context.xr);
   const rl::XrRig rig = rl::buildXrRig(context);
-  rig.right_controller->addComponent<physics::Collider>(physics::Sphere{0.03});
+  rig.right_controller->addComponent<physics::Collider>(physics::Sphere{kHand_m});
 
   // The ball: a shape that triggers, and a look. Sizes are in units of the object's scale.
   scene::GameObject& object = scene.create("Ball");
@@ -188,7 +197,7 @@ rl::RLEnv& TouchTheBall::build(rl::GameContext& context) {
   object.addComponent<render::MeshRenderer>(render::sphere(16)).material.albedo = {1.0F, 0.4F, 0.0F,
                                                                                    1.0F};
   object.addComponent<rl::AudioSource>(context.sounds);
-  auto& ball = object.addComponent<Ball>(context.seed, context.xr, controls);
+  auto& ball = object.addComponent<Ball>(context.seed, ball_radius_m_, context.xr, controls);
 
   scene::GameObject& light = scene.create("Light");
   light.transform().setLocalRotation(Quat::FromTwoVectors(Vec3::UnitZ(), Vec3(0.3, -1.0, 0.5)));

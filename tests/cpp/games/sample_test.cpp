@@ -27,6 +27,20 @@ TEST(TouchTheBall, TouchScoresAndMovesTheBall) {
   EXPECT_NEAR(round.env().reward(), 1.0 - 0.1 * (second - first).norm(), 1e-5);
 }
 
+// A ball that came up in the hand would be touched already, and could never begin to be.
+TEST(TouchTheBall, TheBallNeverComesUpInTheHand) {
+  const auto game = createGame("sample");
+  testing::GameHarness round(*game, 1);
+  round.frame(0, {kHead, kAway});
+  for (int touch = 1; touch <= 100; ++touch) {
+    const Pose hand{ballPosition(round), Quat::Identity()};
+    round.frame((2 * touch - 1) * 50'000'000LL, {kHead, hand});
+    round.frame(2 * touch * 50'000'000LL, {kHead, hand});
+    ASSERT_EQ(round.log("Points"), touch);
+    ASSERT_GT((ballPosition(round) - hand.position).norm(), 0.05 + 0.03);
+  }
+}
+
 TEST(TouchTheBall, ATouchIsHeardAndFelt) {
   const auto game = createGame("sample");
   testing::GameHarness round(*game, 1);

@@ -34,10 +34,6 @@ class Scene:
     turned: NDArray[np.float32]
     tips: NDArray[np.float32]
 
-    def of(self, ids: NDArray[np.int64]) -> Scene:
-        """Return what some of them see."""
-        return Scene(self.pictures[ids], self.head[ids], self.turned[ids], self.tips[ids])
-
 
 class Chooser:
     """N users who see places and do something with them.

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.training.guide import proprioception_scale
 from sim2vr_harness.training.skills.choosing import Chooser
-from sim2vr_harness.training.skills.held import HeldChoice
 from sim2vr_harness.training.skills.moves import MOVES, Choice, Mover
 from sim2vr_harness.training.skills.network import PlaceValues
 from sim2vr_harness.training.skills.past import PastPictures
@@ -23,31 +22,24 @@ _UNIT_M = 0.4
 class SkillGuide:
     """See :class:`~sim2vr_harness.training.student.Guide`.
 
-    A choice lasts as long as when values were learned: who decides anew in every user step
-    hesitates between places, and strikes none of them.
+    It remembers nothing but the pictures: the choice is made anew in every user step, so that what
+    it does follows from what is seen and felt.
 
     Args:
         net: says what is worth doing.
         mover: of the users' hands.
         simulation: the users; watched from their next reset on.
-        decide_steps: user steps from one decision to the next.
         late_steps: user steps by which they see late.
     """
 
     def __init__(
-        self,
-        net: PlaceValues,
-        mover: Mover,
-        simulation: Any,
-        decide_steps: int = 1,
-        late_steps: int = 0,
+        self, net: PlaceValues, mover: Mover, simulation: Any, late_steps: int = 0
     ) -> None:
         self._net, self._chooser = (
             net,
             Chooser(simulation, mover, PastPictures(simulation, late_steps)),
         )
-        self._held = HeldChoice(simulation, len(mover.tip), decide_steps)
-        self._choice = self._held.choice
+        self._choice = Choice(simulation.n, len(mover.tip))
         self._size = simulation.action_space.shape[0]
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:
@@ -59,17 +51,11 @@ class SkillGuide:
         return actions
 
     def _choose(self) -> None:
-        due = self._held.due
-        if not len(due):
-            return
-        scene = self._chooser.scene().of(due)
+        scene = self._chooser.scene()
         places = self._chooser.places(scene)
         with torch.inference_mode():
             chosen = self._chooser.values(self._net, scene, places).argmax(-1).numpy()
-        mine = Choice(len(due), chosen.shape[1])
-        self._chooser.choose(mine, chosen, places)
-        self._choice.move[due], self._choice.place[due] = mine.move, mine.place
-        self._held.decided(due)
+        self._chooser.choose(self._choice, chosen, places)
 
     def facts(self, simulation: Any) -> NDArray[np.float32]:
         """See the protocol: none."""

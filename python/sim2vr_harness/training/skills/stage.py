@@ -222,7 +222,7 @@ class LookingStage:
         config = self._config.skills.looking
         net = PlaceValues(Sight(vision.height, vision.width), len(tip), width=config.width)
         net.load_state_dict(state["values"])
-        return SkillGuide(net, mover, simulation, config.decide_steps)
+        return SkillGuide(net, mover, simulation)
 
     def open(self) -> None:
         """See the protocol."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 from contextlib import closing
+from dataclasses import replace
 
 import mujoco
 import numpy as np
@@ -181,6 +182,26 @@ def test_senses_become_late_in_the_true_and_in_the_imagined_game() -> None:
             known = made.simulation.observation()[OBSERVATION][:, seen]
             np.testing.assert_array_equal(known, history[-1 - late])
             assert made.senses._layout.lag == made.simulation.senses.layout.lag
+
+
+def test_noise_grows_to_what_it_is() -> None:
+    """Constant noise of .2 on all muscles alike: none, half and all of it in the first cycles."""
+    noise = {"constant": "white", "constant_level": 0.2}
+    made = rollouts("imagined.cycles=4", "imagined.growing_noise_cycles=2", noise=noise)
+    with closing(made.simulation):
+        for share in (0.0, 0.5, 1.0, 1.0):
+            made.step()
+            assert made.users.noise_share == share
+            drives = torch.full_like(made.users.motion.drives, 0.5)
+            made.users.motion = replace(made.users.motion, drives=drives)
+            still = torch.zeros(made.users.n, made.users.actions)
+            shifts = []
+            for _ in range(50):
+                before = made.users.motion
+                made.users.step(still, error_share=0.0)
+                shifts.append(made.users._control[:, made.users._muscles][:, 0] - 0.5)
+                made.users.motion = before
+            assert float(torch.cat(shifts).std()) == pytest.approx(0.2 * share, rel=0.15)
 
 
 def test_a_tool_on_its_way_through_a_step_is_where_the_true_one_is() -> None:

@@ -33,8 +33,13 @@ Controls makeControls(xr::Session& xr) {
 // A component is a piece of behaviour on an object of the scene, with Unity's life cycle.
 class Ball : public scene::Component {
  public:
-  Ball(std::uint32_t seed, double radius_m, xr::Session& xr, const Controls& controls)
-      : random_(seed), clear_m_(2.0 * (radius_m + kHand_m)), xr_(xr), controls_(controls) {}
+  Ball(std::uint32_t seed, double radius_m, const scene::GameObject& hand, xr::Session& xr,
+       const Controls& controls)
+      : random_(seed),
+        clear_m_(radius_m + kHand_m + kMargin_m),
+        hand_(hand),
+        xr_(xr),
+        controls_(controls) {}
 
   // Names the type in saved states.
   std::string_view typeName() const override { return "sample.Ball"; }
@@ -68,15 +73,16 @@ class Ball : public scene::Component {
   // Somewhere in front of the player, where a right arm comes without leaning, and not in the hand:
   // what is touched already cannot begin to be. Metres; x right, y up, z forward, floor at 0.
   void move() {
-    const Vec3 before = transform().position();
+    const Vec3 hand = hand_.transform().position();
     for (int draw = 0; draw < kDraws; ++draw) {
       const double x = random_.range(-0.05F, 0.4F);
       const double y = random_.range(0.85F, 1.15F);
       transform().setPosition({x, y, 0.45});
-      if ((transform().position() - before).norm() > clear_m_) return;
+      if ((transform().position() - hand).norm() > clear_m_) return;
     }
   }
 
+  static constexpr double kMargin_m = 0.05;  // the hand moves on
   static constexpr int kDraws = 100;
 
   // 20 ms at half strength, at the frequency that the controller likes best.
@@ -85,6 +91,7 @@ class Ball : public scene::Component {
 
   Random random_;  // the only source of chance: a seed fixes the round
   double clear_m_;
+  const scene::GameObject& hand_;
   xr::Session& xr_;
   Controls controls_;
   int points_ = 0;
@@ -197,7 +204,8 @@ rl::RLEnv& TouchTheBall::build(rl::GameContext& context) {
   object.addComponent<render::MeshRenderer>(render::sphere(16)).material.albedo = {1.0F, 0.4F, 0.0F,
                                                                                    1.0F};
   object.addComponent<rl::AudioSource>(context.sounds);
-  auto& ball = object.addComponent<Ball>(context.seed, ball_radius_m_, context.xr, controls);
+  auto& ball = object.addComponent<Ball>(context.seed, ball_radius_m_, *rig.right_controller,
+                                         context.xr, controls);
 
   scene::GameObject& light = scene.create("Light");
   light.transform().setLocalRotation(Quat::FromTwoVectors(Vec3::UnitZ(), Vec3(0.3, -1.0, 0.5)));

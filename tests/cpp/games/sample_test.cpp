@@ -29,15 +29,18 @@ TEST(TouchTheBall, TouchScoresAndMovesTheBall) {
 
 // A ball that came up in the hand would be touched already, and could never begin to be.
 TEST(TouchTheBall, TheBallNeverComesUpInTheHand) {
-  const auto game = createGame("sample");
-  testing::GameHarness round(*game, 1);
-  round.frame(0, {kHead, kAway});
-  for (int touch = 1; touch <= 100; ++touch) {
-    const Pose hand{ballPosition(round), Quat::Identity()};
-    round.frame((2 * touch - 1) * 50'000'000LL, {kHead, hand});
-    round.frame(2 * touch * 50'000'000LL, {kHead, hand});
-    ASSERT_EQ(round.log("Points"), touch);
-    ASSERT_GT((ballPosition(round) - hand.position).norm(), 0.05 + 0.03);
+  for (const auto& [radius_m, options] :
+       {std::pair{0.05, R"({})"}, {0.10, R"({"ball_radius_m": 0.10})"}}) {
+    const auto game = createGame("sample");
+    testing::GameHarness round(*game, 1, options);
+    round.frame(0, {kHead, kAway});
+    for (int touch = 1; touch <= 100; ++touch) {
+      const Pose hand{ballPosition(round), Quat::Identity()};
+      round.frame((2 * touch - 1) * 50'000'000LL, {kHead, hand});
+      round.frame(2 * touch * 50'000'000LL, {kHead, hand});
+      ASSERT_EQ(round.log("Points"), touch);
+      ASSERT_GT((ballPosition(round) - hand.position).norm(), radius_m + 0.03);
+    }
   }
 }
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -95,8 +96,6 @@ def track(
     ] = None,
 ) -> None:
     """Let a body's muscles follow the recorded hands of a person, and say what it costs them."""
-    from functools import partial
-
     from sim2vr_harness.cli.progress import Share
     from sim2vr_harness.tools.track.files import film, write
     from sim2vr_harness.tools.track.tracking import Settings, track

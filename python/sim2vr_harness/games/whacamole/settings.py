@@ -80,18 +80,21 @@ class TwinSettings(Settings):
 
     def relaxation(self, done: float) -> Relaxation:
         """What is rewarded when this share of the rollouts is over."""
-        early = max(0.0, 1.0 - 2.0 * done)
+
+        def left(until: float) -> float:
+            return max(0.0, 1.0 - done / until) if until else 0.0
+
+        early = left(0.5)
 
         def towards(end: float, start: float) -> float:
             return end + (start - end) * early
 
-        shown = max(0.0, 1.0 - done / self.stroke_until) if self.stroke_until else 0.0
         return Relaxation(
             overlap_m=towards(self.last_overlap_m, self.overlap_m),
             speed_mps=towards(self.last_speed_mps, self.speed_mps),
             near=towards(self.last_near_reward, self.near_reward),
             distance=towards(1.0, self.distance_reward),
             stuck=self.stuck_cost,
-            stroke=shown * self.stroke_reward,
+            stroke=left(self.stroke_until) * self.stroke_reward,
             plane=(1.0 - early) * self.plane_cost,
         )

@@ -233,8 +233,7 @@ class ImaginedWhacAMole:
         condition = self.condition
         marker, axes = self.hammer(place)
         strike = (self._velocity * self._strike[condition]).sum(1, keepdim=True)
-        behind = self._axes[condition, 2]
-        depth = ((marker - self._area[condition]) * behind).sum(1, keepdim=True)
+        depth = self._depth(marker)[:, None]
         present = (self._age >= 0).float()
         alive = (self._age >= GROWING_FRAMES).float()
         life = present * (LIFE_S - FRAME_S * self._age)
@@ -356,10 +355,8 @@ class ImaginedWhacAMole:
 
     def _in_plane(self, marker: Tensor) -> Tensor:
         """(B,) 1 in the plane, 2 well behind it, 0 well before it or at a target."""
-        axes, way = self._axes[self.condition], marker - self._area[self.condition]
-        depth = (way * axes[:, 2]).sum(1)
-        near = (1.0 + depth / _CLEAR_M).clamp(0.0, 2.0)
-        gap = self._cells[self.condition] - marker[:, None]
+        near = (1.0 + self._depth(marker) / _CLEAR_M).clamp(0.0, 2.0)
+        gap, axes = self._cells[self.condition] - marker[:, None], self._axes[self.condition]
         aside = (gap @ axes[:, :2].transpose(1, 2)).square().sum(2).add(1e-8).sqrt()
         aside = torch.where(self._age >= 0, aside, torch.tensor(_AWAY_M))
         return near * (aside.amin(1) / _AWAY_M).clamp(max=1.0)
@@ -382,6 +379,11 @@ class ImaginedWhacAMole:
         goal = self._cells[self.condition][rows, cell] - before_m * behind
         off = (marker - goal).square().sum(1).add(1e-8).sqrt()
         return (age >= 0) * (1.0 - off / _STROKE_OFF_M)
+
+    def _depth(self, marker: Tensor) -> Tensor:
+        """(B,) m behind the targets' plane; negative before it."""
+        way = marker - self._area[self.condition]
+        return (way * self._axes[self.condition, 2]).sum(1)
 
     def _strike_mps(self, velocity: Tensor) -> Tensor:
         """(B,) the speed that hits are judged by, of a velocity of the root (B, 3)."""

@@ -70,16 +70,16 @@ def motor_layer_for(body: Body, step_s: float, *, following: bool = False) -> Mo
     Raises:
         InputError: there is none.
     """
-    found = {}
+    fit = []
     for file in shipped_layers():
         header, _ = _header(file)
         if header.get("body") == body.name:
-            try:
-                found[bool(header.get("following"))] = load_motor_layer(file, body, step_s)
-            except InputError:
-                continue
-    if found:
-        return found.get(following, next(iter(found.values())))
+            fit.append((bool(header.get("following")) != following, file))
+    for _, file in sorted(fit):
+        try:
+            return load_motor_layer(file, body, step_s)
+        except InputError:
+            continue
     shipped = ", ".join(file.stem for file in shipped_layers()) or "none"
     raise InputError(
         "motor layer",

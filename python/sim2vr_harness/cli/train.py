@@ -144,7 +144,8 @@ def train(
     )
     if not result.interrupted and settings.evaluation.episodes_after_training:
         _evaluate_after_training(result, settings.evaluation.episodes_after_training)
-    _print_where_next(result, resumable=result.step < settings.total_timesteps)
+    goes_on = result.step < settings.total_timesteps and not settings.decides
+    _print_where_next(result, resumable=result.interrupted or goes_on)
     return INTERRUPTED if result.interrupted else 0
 
 

@@ -206,14 +206,14 @@ def evaluate(
     recorder = DataRecorder(out, facts, env, moments=request.steps)
     watchers: list[Watcher] = [*recorder.watchers, *(each for each in (logs, filmer) if each)]
 
-    def make_act(users: Any) -> Callable[..., Any]:
+    def make_act(users: Any) -> Player:
         player = Player(user, users.observation_space, users.action_space)
         settings["trained_steps"] = player.step
         if not request.overwrite:
             results.require_room(names, settings)
         else:
             recorder.clear()
-        return player.act
+        return player
 
     with ExitStack() as stack:
         stack.callback(shutil.rmtree, out / _PASSING_LOGS, ignore_errors=True)

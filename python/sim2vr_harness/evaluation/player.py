@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 
 from sim2vr_harness.envs.config import body_of
+from sim2vr_harness.evaluation.rollouts import Act
+from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.training.policy import UserPolicy
+from sim2vr_harness.training.skills.user import DecidingUser, Intention
 from sim2vr_harness.training.trained_users import TrainedUser
 
 __all__ = ["Player", "new_policy"]
@@ -16,11 +21,15 @@ __all__ = ["Player", "new_policy"]
 
 def new_policy(
     user: TrainedUser, observation_space: spaces.Dict, action_space: spaces.Box | None = None
-) -> UserPolicy:
+) -> UserPolicy | DecidingUser:
     """A network as the user's, with weights that mean nothing yet; on the CPU."""
+    config, body = user.config, body_of(user.config.env.user)
+    if config.decides:
+        with torch.random.fork_rng(devices=[]):
+            names = Proprioception(body).names
+            return DecidingUser(config.skills, config.env, body, names, config.seed)
     if action_space is None:
-        size = body_of(user.config.env.user).action_size
-        action_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
+        action_space = spaces.Box(-1.0, 1.0, (body.action_size,), np.float32)
     # The weights drawn here are replaced at once; a training's random numbers are not touched.
     with torch.random.fork_rng(devices=[]):
         return UserPolicy(observation_space, action_space, lambda _: 0.0, config=user.config.policy)
@@ -49,18 +58,35 @@ class Player:
     ) -> None:
         self._policy = new_policy(user, observation_space, action_space)
         self.step = user.load(self._policy)
-        self._policy.set_training_mode(False)
+        self._policy.train(False)
         self._std = np.exp(self._policy.log_std.detach().numpy())
 
+    def for_a_round(self) -> Act:
+        """What the user does in one round, of which it may remember something."""
+        return partial(self.act, intention=self.begin())
+
+    def begin(self) -> Intention | None:
+        """What a user intends whose round begins; None of one who remembers nothing."""
+        return self._policy.begin() if isinstance(self._policy, DecidingUser) else None
+
     def act(
-        self, observation: dict[str, NDArray], rng: np.random.Generator | None
+        self,
+        observation: dict[str, NDArray],
+        rng: np.random.Generator | None,
+        *,
+        intention: Intention | None = None,
     ) -> NDArray[np.float32]:
         """Return the action of one user, (A,) in [-1, 1].
 
         Args:
             observation: key -> (...), of one user.
             rng: Draws the deviation from the mean; None takes the mean (deterministic).
+            intention: Of :meth:`begin`, of this user's round; changed here. None of who remembers
+                nothing.
         """
+        if isinstance(self._policy, DecidingUser):
+            assert intention is not None
+            return self._policy.act(observation, intention)
         batch = {key: torch.from_numpy(value[None]) for key, value in observation.items()}
         with torch.no_grad():
             action = self._policy.action_mean(batch).numpy()[0]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -68,28 +69,43 @@ class UserPolicy:
     def predict(
         self,
         observation: Mapping[str, NDArray[Any]],
-        state: None = None,
+        state: tuple[Any, ...] | None = None,
         episode_start: NDArray[np.bool_] | None = None,
         deterministic: bool = False,
-    ) -> tuple[NDArray[np.float32], None]:
+    ) -> tuple[NDArray[np.float32], tuple[Any, ...] | None]:
         """The action for an observation, called as Stable-Baselines3's models are.
 
         Args:
             observation: Of one user, or of N in a vector environment.
-            state: Nothing: the user remembers nothing.
-            episode_start: Not looked at, for the same reason.
+            state: What users intended, as it was returned last; None: rounds begin.
+            episode_start: (N,) whose round begins, whatever was intended before.
             deterministic: Take the mean of the policy; otherwise a sample, as in its training.
 
         Returns:
-            The action in [-1, 1], (A,) or (N, A) float32, and None.
+            The action in [-1, 1], (A,) or (N, A) float32, and what is intended; None for users who
+            remember nothing.
         """
         rng = None if deterministic else self._rng
         one = {key: np.asarray(observation[key]) for key in self.observation_space.spaces}
-        if all(one[key].shape == box.shape for key, box in self.observation_space.spaces.items()):
-            return self._player.act(one, rng), None
-        rows = range(len(next(iter(one.values()))))
-        actions = [self._player.act({key: one[key][i] for key in one}, rng) for i in rows]
-        return np.stack(actions), None
+        alone = all(
+            one[key].shape == box.shape for key, box in self.observation_space.spaces.items()
+        )
+        if alone:
+            one = {key: value[None] for key, value in one.items()}
+        count = len(next(iter(one.values())))
+        begins = np.ones(count, bool) if state is None else np.zeros(count, bool)
+        if episode_start is not None:
+            begins |= np.asarray(episode_start, bool).reshape(-1)[:count]
+        before = state or (None,) * count
+        intended = tuple(
+            self._player.begin() if begins[i] else copy.deepcopy(before[i]) for i in range(count)
+        )
+        actions = [
+            self._player.act({key: one[key][i] for key in one}, rng, intention=intended[i])
+            for i in range(count)
+        ]
+        after = None if intended[0] is None else intended
+        return (actions[0] if alone else np.stack(actions)), after
 
 
 def load_user_policy(run: str | Path, *, trust_app: bool = False) -> UserPolicy:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,10 +14,18 @@ from sim2vr_harness.evaluation.metrics import RoundResult, round_result
 from sim2vr_harness.training.threads import torch_threads
 from sim2vr_harness.training.vec_env import SimulationLike
 
-__all__ = ["Act", "Job", "Watcher", "jobs_for", "play"]
+__all__ = ["Act", "Job", "Remembering", "Watcher", "jobs_for", "play"]
 
 Act = Callable[[dict[str, NDArray], np.random.Generator | None], NDArray[np.float32]]
 """One user's observation and random numbers (None: deterministic) -> action, (A,)."""
+
+
+@runtime_checkable
+class Remembering(Protocol):
+    """A policy that may remember something of a round."""
+
+    def for_a_round(self) -> Act:
+        """Return what a user does in a round that begins."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +82,7 @@ def jobs_for(
 
 def play(
     make_simulation: Callable[[int], SimulationLike],
-    make_act: Callable[[SimulationLike], Act],
+    make_act: Callable[[SimulationLike], Act | Remembering],
     jobs: Sequence[Job],
     facts: GameFacts,
     *,
@@ -127,13 +135,14 @@ class _Wave:
     def __init__(
         self,
         simulation: SimulationLike,
-        act: Act,
+        act: Act | Remembering,
         jobs: Sequence[Job],
         facts: GameFacts,
         deterministic: bool,
         watchers: Sequence[Watcher],
     ) -> None:
-        self._simulation, self._act, self._jobs = simulation, act, jobs
+        self._simulation, self._jobs = simulation, jobs
+        self._acts = [act.for_a_round() if isinstance(act, Remembering) else act for _ in jobs]
         self._facts, self._watchers = facts, watchers
         self._rngs: list[np.random.Generator | None] = [
             None if deterministic else np.random.default_rng([job.seed, 1]) for job in jobs
@@ -169,7 +178,7 @@ class _Wave:
         for i, result in enumerate(self._results):
             if result is None:
                 own = {key: value[i] for key, value in observation.items()}
-                actions[i] = self._act(own, self._rngs[i])
+                actions[i] = self._acts[i](own, self._rngs[i])
         return actions
 
     def _step(self, actions: NDArray[np.float32]) -> None:

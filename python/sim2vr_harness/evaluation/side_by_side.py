@@ -62,7 +62,9 @@ class _Seat:
             if "views" not in self._users.apps[0].capabilities:
                 got = f"{str(run)!r}, whose app draws no views"
                 raise InputError("RUN", got, "users of an app that does")
-            self._act = Player(user, self._users.observation_space, self._users.action_space).act
+            self._act = Player(
+                user, self._users.observation_space, self._users.action_space
+            ).for_a_round()
             painter = BodyPainter(self._users, *_VIEW, fast=True)
             self._body = self._stack.enter_context(closing(painter))
         except BaseException:

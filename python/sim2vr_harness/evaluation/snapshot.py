@@ -101,7 +101,7 @@ def snapshot(
         users.reset(seeds=[seed])
         act: Callable[..., Any] = partial(_gentle, users.action_space.shape[0])
         if user is not None:
-            act = Player(user, users.observation_space, users.action_space).act
+            act = Player(user, users.observation_space, users.action_space).for_a_round()
         log, total, moves = _play(users, act, seconds, seed)
         pictures = _draw(users, size)
         text = score_text(facts, log, len(moves) / users.config.action_frequency_hz, total)

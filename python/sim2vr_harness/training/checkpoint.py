@@ -45,6 +45,7 @@ __all__ = [
     "restore",
     "take",
     "write_tensors",
+    "write_user",
 ]
 
 FORMAT = 1
@@ -213,6 +214,21 @@ def load_policy_weights(path: Path, policy: torch.nn.Module) -> int:
     weights, _, header, _ = _good(path, policy, torch.device("cpu"))
     policy.load_state_dict(weights)
     return int(header["num_timesteps"])
+
+
+def write_user(path: Path, policy: torch.nn.Module, step: int) -> None:
+    """Write a user who does not learn on: a checkpoint that holds weights and the step only."""
+    archive, arrays = io.BytesIO(), io.BytesIO()
+    header = {"format": FORMAT, "version": __version__, "num_timesteps": step}
+    np.savez(arrays, header=np.frombuffer(json.dumps(header).encode(), dtype=np.uint8))
+    contents: tuple[dict[str, Any], ...] = (dict(policy.state_dict()), {})
+    with interrupts_deferred(), zipfile.ZipFile(archive, "w") as members:
+        for name, content in zip(_MEMBERS, contents, strict=False):
+            stream = io.BytesIO()
+            torch.save(content, stream)
+            members.writestr(name, stream.getvalue())
+        members.writestr(_RESUME, arrays.getvalue(), zipfile.ZIP_DEFLATED)
+    write_atomically(path, archive.getvalue())
 
 
 def require_readable(path: Path) -> None:

@@ -130,6 +130,11 @@ class TrainingConfig(Settings):
     evaluation: EvaluationConfig = EvaluationConfig()
     wandb: WandbConfig = WandbConfig()
 
+    @property
+    def decides(self) -> bool:
+        """Whether the user decides and leaves the doing to a motor layer."""
+        return self.recipe == "skills" and self.skills.user == "decider"
+
     @pydantic.model_validator(mode="after")
     def _from_somebody(self) -> Self:
         if (self.recipe == "adapt") != (self.from_user is not None):

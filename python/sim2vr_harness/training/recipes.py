@@ -95,10 +95,17 @@ def _distill(run: Run) -> list[Stage]:
 
 
 def _skills(run: Run) -> list[Stage]:
-    """Hands that know how to come to places, what is worth doing there, a student, PPO."""
+    """Hands that know how to come to places, what is worth doing there, a student, PPO.
+
+    With ``skills.user: decider`` who knows what is worth doing is the user.
+    """
     config, path = run.config, run.folder.path
     motor = MotorStage(config, path / MotorStage.name) if needs_practice(config) else None
-    looking = LookingStage(config, path / LookingStage.name, motor)
+    steps = config.skills.looking.user_steps
+    user = run.folder.checkpoint_file(steps) if config.decides else None
+    looking = LookingStage(config, path / LookingStage.name, motor, user)
+    if config.decides:
+        return [looking] if motor is None else [motor, looking]
     student = StudentStage(config, path / StudentStage.name, looking.guide)
     title = "the student goes on by itself: PPO from what the user senses."
     last = _from_pixels(run, title, begin=_with(student.weights))

@@ -173,7 +173,7 @@ def user_show(
             used.append(True)
             act = _gentle(users.action_space.shape[0])
             if user is not None:
-                act = Player(user, users.observation_space, users.action_space).act
+                act = Player(user, users.observation_space, users.action_space).for_a_round()
             elif untrained is not None:
                 act = act_of(untrained, users)
             mean = deterministic and user is not None

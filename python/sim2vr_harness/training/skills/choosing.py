@@ -15,7 +15,7 @@ from sim2vr_harness.training.skills.network import PlaceValues
 from sim2vr_harness.training.skills.past import PastPictures
 from sim2vr_harness.training.skills.sight import Sight, rotation
 
-__all__ = ["Chooser", "Scene"]
+__all__ = ["Chooser", "Scene", "choose"]
 
 
 @dataclass
@@ -81,26 +81,8 @@ class Chooser:
         places: Tensor,
         changed: NDArray[np.bool_] | None = None,
     ) -> None:
-        """Put choices into effect.
-
-        Args:
-            choice: changed in place.
-            chosen: (N, H) move * cells + cell; moves * cells is to rest.
-            places: (N, 3, rows, columns) of the cells.
-            changed: (N, H) whose choice is a new one; None: everybody's.
-        """
-        cells = self.sight.cells
-        number = torch.from_numpy(chosen)
-        resting = number == len(MOVES) * cells
-        new = torch.ones_like(resting) if changed is None else torch.from_numpy(changed)
-        flat = places.flatten(2).transpose(1, 2)
-        users = torch.arange(len(chosen))
-        for hand in range(chosen.shape[1]):
-            wanted = self.mover.within_reach(hand, flat[users, number[:, hand] % cells])
-            moves = (new & ~resting)[:, hand, None]
-            choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])
-        move = torch.where(resting, -1, number // cells)
-        choice.move = torch.where(new, move, choice.move)
+        """Put choices into effect, see :func:`choose`."""
+        choose(choice, chosen, places, self.mover, changed)
 
     def actions(self, choice: Choice) -> NDArray[np.float32]:
         """(N, A) what the bodies do now for a choice."""
@@ -110,3 +92,33 @@ class Chooser:
             placed = layer.places(*motion[:2])
         goals = self.mover.goals(choice, torch.from_numpy(self._head()), *placed)
         return layer.decide(motion, placed, goals)
+
+
+def choose(
+    choice: Choice,
+    chosen: NDArray[np.int64],
+    places: Tensor,
+    mover: Mover,
+    changed: NDArray[np.bool_] | None = None,
+) -> None:
+    """Put choices into effect.
+
+    Args:
+        choice: of N users, changed in place.
+        chosen: (N, H) move * cells + cell; moves * cells is to rest.
+        places: (N, 3, rows, columns) of the cells, world, m.
+        mover: knows what is within reach.
+        changed: (N, H) whose choice is a new one; None: everybody's.
+    """
+    flat = places.flatten(2).transpose(1, 2)
+    cells = flat.shape[1]
+    number = torch.from_numpy(chosen)
+    resting = number == len(MOVES) * cells
+    new = torch.ones_like(resting) if changed is None else torch.from_numpy(changed)
+    users = torch.arange(len(chosen))
+    for hand in range(chosen.shape[1]):
+        wanted = mover.within_reach(hand, flat[users, number[:, hand] % cells])
+        moves = (new & ~resting)[:, hand, None]
+        choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])
+    move = torch.where(resting, -1, number // cells)
+    choice.move = torch.where(new, move, choice.move)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 from pydantic import Field
 
 from sim2vr_harness.settings import (
@@ -53,6 +55,9 @@ class MotorPracticeConfig(Settings):
     effort: Weight = 0.3
     """Cost of the mean square of the drives per user step; arriving well is worth about 10."""
     gradient_limit: Norm | None = None
+    strikes: bool = False
+    """True: hands come through places when and as fast as they are told, as those do who follow
+    other hands; they wait and wind up where there is time. Games' moves say where, not when."""
     aim_cost: Weight = 0.1
     rest_cost: Weight = 0.0
     """See ``teacher.imagined``."""
@@ -90,6 +95,10 @@ class LookingConfig(Settings):
 class SkillsConfig(Settings):
     """Users who bring a motor layer to a game and learn what is worth doing with what they see."""
 
+    user: Literal["student", "decider"] = "student"
+    """Who plays in the end. ``student``: a policy from senses to muscles, which then goes on by PPO
+    with the true effort. ``decider``: the network that decides, with the motor layer below it; it
+    plays as soon as it has learned what is worth doing, and sees through what it has decided."""
     motor: str | None = None
     """File of the motor layer; None: the one that ships for the body, or, where none does, one that
     the run makes first."""

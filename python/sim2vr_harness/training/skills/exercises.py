@@ -37,8 +37,9 @@ _LIKE, _STILL_MPS = 0.4, 0.3
 """Share of the velocity asked for, and m/s beside it, by which it may be wrong for that."""
 _EARLY_S = 0.04
 """Who goes through a place may come so much earlier or later, at the speed asked for."""
-_BY_M, _BY_MPS, _BY_AXIS = 30.0, 2.0, 2.0
-"""What arriving is worth within _NEAR_M, and what errors of place, velocity and direction cost."""
+_BY_M, _BY_MPS, _BY_STRIKE_MPS, _BY_AXIS = 30.0, 1.0, 2.0, 2.0
+"""What arriving is worth within _NEAR_M, and what errors of place, velocity (of who practises
+strikes, too) and direction cost."""
 _STEP_SHARE = 0.15
 """Of that, for every user step of following."""
 _WAVES = 2
@@ -60,10 +61,15 @@ class Exercises:
         n: number of users B.
         step_s: duration of a user step.
         seed: of goals.
+        strikes: whether to come through places on time, at the velocity asked for, is practised,
+            and fast paths are.
     """
 
-    def __init__(self, poses: Tensor, n: int, step_s: float, seed: int) -> None:
+    def __init__(
+        self, poses: Tensor, n: int, step_s: float, seed: int, *, strikes: bool = False
+    ) -> None:
         self.n, self.hands, self._step_s = n, poses.shape[1], step_s
+        self._strikes = strikes
         self._poses = poses
         self.tools = True
         """Whether points of tools are to come to places, or the hands themselves."""
@@ -133,7 +139,7 @@ class Exercises:
         there = tips(pose, tip)
         near = here + 0.12 * self._randn(count, 3)
         there = torch.where(self._rand(count, 1) < 0.2, near, there)
-        strikes = self._rand(count, 1) < _STRUCK
+        strikes = self._rand(count, 1) < (_STRUCK if self._strikes else 0.0)
         way = self._randn(count, 3)
         way = way / way.norm(dim=1, keepdim=True).clamp(min=1e-6)
         there = torch.where(strikes, here + self._between(_STRIKE_M, count, 1) * way, there)
@@ -174,7 +180,7 @@ class Exercises:
 
     def _paths(self, count: int) -> tuple[Tensor, Tensor]:
         """(K, 3, 3, WAVES) waves, and (K, 3) where they are at time 0, from their middle."""
-        swings = self._rand(count, 1, 1) < _SWINGS
+        swings = self._rand(count, 1, 1) < (_SWINGS if self._strikes else 0.0)
         shape = (count, 3, _WAVES)
         most = torch.where(swings, torch.tensor(_SWING_M), torch.tensor(_SLOW_M))
         amplitude = most * self._rand(*shape) * self._rand(count, 1, 1)
@@ -242,15 +248,20 @@ class Exercises:
         follows = kind == _FOLLOW
         wanted = torch.where(follows[..., None], path_place, goals.place)
         wanted_velocity = torch.where(follows[..., None], path_velocity, goals.velocity)
-        off = off_goal(now - wanted, goals.velocity * (kind == _ARRIVE).float()[..., None])
+        through = goals.velocity * (kind == _ARRIVE).float()[..., None] * float(self._strikes)
+        off = off_goal(now - wanted, through)
         slow = (velocity - wanted_velocity).square().sum(-1).add(1e-6).sqrt()
-        wanted_mps = wanted_velocity.norm(dim=-1)
         pointed = (goals.axis.abs().sum(-1) > 0.0).float()
         askew = pointed * (1.0 - (goals.axis * place[..., :3, 0]).sum(-1))
-        unlike = slow / (_LIKE * wanted_mps + _STILL_MPS)
-        worth = _BONUS * torch.exp(-0.5 * ((off / _NEAR_M).square() + unlike.square()))
+        wrong = (off / _NEAR_M).square()
+        by_mps = _BY_MPS
+        if self._strikes:
+            wanted_mps = wanted_velocity.norm(dim=-1)
+            wrong = wrong + (slow / (_LIKE * wanted_mps + _STILL_MPS)).square()
+            by_mps = _BY_STRIKE_MPS
+        worth = _BONUS * torch.exp(-0.5 * wrong)
         worth = worth - _BY_M * ((off.square() + 1e-4).sqrt() - 0.01)
-        worth = worth - _BY_MPS * slow - _BY_AXIS * askew
+        worth = worth - by_mps * slow - _BY_AXIS * askew
         arrived = over & (kind == _ARRIVE)
         reward = (worth * (arrived.float() + _STEP_SHARE * follows.float())).sum(1)
         with torch.no_grad():

@@ -41,7 +41,7 @@ class MotorLayer(nn.Module):
     def __init__(self, body: Body, step_s: float, *, width: int = 256) -> None:
         super().__init__()
         self.body, self.step_s, self.hands = body, step_s, hands_of(body)
-        self._width = width
+        self.width = width
         self.drives = Drives(body)
         self.chains = Chains(body, self.hands)
         low, high = torch.tensor(body.joint_ranges.T.copy(), dtype=torch.float32)
@@ -113,7 +113,7 @@ class MotorLayer(nn.Module):
             "joints": list(self.body.independent_joints),
             "hands": list(self.hands),
             "step_s": self.step_s,
-            "width": self._width,
+            "width": self.width,
         }
 
     def weights(self) -> Mapping[str, Tensor]:

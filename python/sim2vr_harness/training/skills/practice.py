@@ -115,8 +115,9 @@ class MotorPractice:
             rest_cost=config.rest_cost,
         )
         poses = reachable_poses(self.layer, seed)
-        self.exercises = Exercises(poses, config.users, step_s, seed + 5)
-        self._played = Exercises(poses, config.bodies, step_s, seed + 6)
+        strikes = config.strikes
+        self.exercises = Exercises(poses, config.users, step_s, seed + 5, strikes=strikes)
+        self._played = Exercises(poses, config.bodies, step_s, seed + 6, strikes=strikes)
         """Goals of the simulated bodies."""
         self._critic = Critic(
             self.layer.size,

@@ -17,7 +17,13 @@ from sim2vr_harness.cores import budget
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.simulation import Simulation, motor_noise
 from sim2vr_harness.errors import InputError
-from sim2vr_harness.training.checkpoint import read_tensors, take_in, write_tensors
+from sim2vr_harness.perception.proprioception import Proprioception
+from sim2vr_harness.training.checkpoint import (
+    read_tensors,
+    take_in,
+    write_tensors,
+    write_user,
+)
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.finite import require_finite
 from sim2vr_harness.training.progress import View, duration
@@ -36,6 +42,7 @@ from sim2vr_harness.training.skills.shipped import (
 )
 from sim2vr_harness.training.skills.sight import Sight
 from sim2vr_harness.training.skills.tool import find_tools
+from sim2vr_harness.training.skills.user import DecidingUser, require_senses
 from sim2vr_harness.training.stages import Callbacks
 from sim2vr_harness.training.threads import torch_threads
 
@@ -174,13 +181,20 @@ class LookingStage:
         config: of the run.
         folder: of the stage.
         motor: the run's own motor layer, if it makes one.
+        user: the checkpoint to write of a user who decides; None: a student is to learn from it.
     """
 
     name, unit = "looking", "user steps"
     title = "hands try what is worth doing with what is seen."
 
-    def __init__(self, config: TrainingConfig, folder: Path, motor: MotorStage | None) -> None:
-        self._config, self.folder, self._motor = config, folder, motor
+    def __init__(
+        self,
+        config: TrainingConfig,
+        folder: Path,
+        motor: MotorStage | None,
+        user: Path | None = None,
+    ) -> None:
+        self._config, self.folder, self._motor, self._user = config, folder, motor, user
         self.total = float(config.skills.looking.user_steps)
         self._simulation: Simulation | None = None
         self._looker: Looker | None = None
@@ -226,8 +240,14 @@ class LookingStage:
 
     def open(self) -> None:
         """See the protocol."""
-        config = self._config.skills.looking
-        self._simulation = Simulation(_seeing(self._config.env), config.users)
+        config = self._config.skills
+        if self._user is not None:
+            require_senses(self._config.env)
+            width = self._layer().width if self._motor is None else config.practice.width
+            if width != config.practice.width:
+                got = f"{config.practice.width}, with a motor layer of width {width}"
+                raise InputError("skills.practice.width", got, f"{width} for a user who decides")
+        self._simulation = Simulation(_seeing(self._config.env), config.looking.users)
 
     def run(self, callbacks: Callbacks) -> None:
         """See the protocol."""
@@ -252,9 +272,20 @@ class LookingStage:
             log = self.folder / _LOG
             keep_rows(log, lambda row: row["step"] <= looker.step_count)
             self._learn(looker, callbacks, log, before)
+        if self._user is not None:
+            write_user(self._user, self._decider(layer, looker.net, tip), looker.step_count)
         learned = {"values": looker.net.state_dict(), "tip": tip}
         write_tensors(self.folder / _VALUES, learned)
         self.tidy()
+
+    def _decider(self, layer: MotorLayer, net: PlaceValues, tip: Tensor) -> DecidingUser:
+        """The user that this stage has made."""
+        config = self._config
+        body = body_of(config.env.user)
+        names = Proprioception(body).names
+        user = DecidingUser(config.skills, config.env, body, names, config.seed)
+        user.learned(layer, net, tip)
+        return user
 
     def _prepared(
         self, simulation: Simulation, layer: MotorLayer, poses: Tensor, callbacks: Callbacks
@@ -376,14 +407,13 @@ def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> 
 
 def _expected(config: TrainingConfig, rate: float) -> str:
     """One line: how long a run will take whose users take so many steps a second, and see."""
-    looking = config.skills.looking.user_steps / (_LOOKING_RATE * rate)
-    student = config.student.frames / (_STUDENT_RATE * rate)
-    alone = config.total_timesteps / (_PPO_RATE * rate)
-    parts = [f"{duration(seconds)}" for seconds in (looking, student, alone)]
-    return (
-        f"This machine takes {rate:,.0f} user steps a second with this app: expect about "
-        f"{parts[0]} of trying, {parts[1]} for the student and {parts[2]} of PPO."
-    )
+    looking = duration(config.skills.looking.user_steps / (_LOOKING_RATE * rate))
+    line = f"This machine takes {rate:,.0f} user steps a second with this app: expect about "
+    if config.decides:
+        return f"{line}{looking} of trying."
+    student = duration(config.student.frames / (_STUDENT_RATE * rate))
+    alone = duration(config.total_timesteps / (_PPO_RATE * rate))
+    return f"{line}{looking} of trying, {student} for the student and {alone} of PPO."
 
 
 def _warn(reward: float, before: Mapping[str, float], looker: Looker, callbacks: Callbacks) -> None:

@@ -36,6 +36,9 @@ class PeopleSettings(Settings):
     left_handed: Chance = 0.0
     """Share of people who play with the other hand than the body: its mirror image, at the border
     to a game that can be played with either (docs/people.md). For evaluations."""
+    strength: float = Field(default=0.78, gt=0.0, le=10.0)
+    """Median factor on the peak forces of the body's muscles; women have .78 of it, men 1.28 times
+    as much."""
     visual_delay_s: Delay = 0.1
     """Mean delay of their sight, s."""
     proprioceptive_delay_s: Delay = 0.05

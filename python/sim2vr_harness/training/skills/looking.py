@@ -266,6 +266,32 @@ class Looker:
             over |= result.over
         return reward, over
 
+    def earned(self, hold: int, steps: int) -> float:
+        """Mean reward per minute, without tries.
+
+        Everybody's rounds begin anew, which ends the learning.
+
+        Args:
+            hold: user steps for which a decision is seen through.
+            steps: user steps to play, of each.
+        """
+        simulation = self.simulation
+        seeds = np.random.SeedSequence([self.step_count, 59]).generate_state(self.n, np.uint32)
+        simulation.reset(seeds=[int(value) for value in seeds])
+        self._choice = Choice(self.n, self.hands)
+        self._trying[:] = 0
+        total = 0.0
+        for step in range(steps):
+            if step % hold == 0:
+                scene = self._chooser.scene()
+                places = self._chooser.places(scene)
+                with torch.inference_mode():
+                    chosen = self._chooser.values(self.net, scene, places).argmax(-1).numpy()
+                self._chooser.choose(self._choice, chosen, places)
+            total += float(self.play(1)[0].mean())
+        minutes = steps / simulation.config.action_frequency_hz / 60.0
+        return total / minutes
+
     # --- learning ----------------------------------------------------------------------------
 
     def _settle_scale(self) -> None:

@@ -58,6 +58,9 @@ _STATE, _LAYER, _LOG, _PICTURES, _VALUES = (
 _LOOKING_RATE, _STUDENT_RATE, _PPO_RATE = 0.5, 0.8, 1.4
 """User steps a second of the stages, relative to those of users who do nothing but step."""
 _SAVE_DECISIONS, _REPORT_DECISIONS = 100, 20
+_HOLDS, _HOLD_S = (1, 3, 5), 10.0
+"""User steps for which a user who decides may see a decision through, and for how long each is
+played to find out which is best."""
 _HOPELESS = 0.35
 """Share of the stage after which a user should do better than one who does nothing."""
 
@@ -273,18 +276,20 @@ class LookingStage:
             keep_rows(log, lambda row: row["step"] <= looker.step_count)
             self._learn(looker, callbacks, log, before)
         if self._user is not None:
-            write_user(self._user, self._decider(layer, looker.net, tip), looker.step_count)
+            steps = looker.step_count
+            hold = _best_hold(looker, callbacks)
+            write_user(self._user, self._decider(layer, looker.net, tip, hold), steps)
         learned = {"values": looker.net.state_dict(), "tip": tip}
         write_tensors(self.folder / _VALUES, learned)
         self.tidy()
 
-    def _decider(self, layer: MotorLayer, net: PlaceValues, tip: Tensor) -> DecidingUser:
+    def _decider(self, layer: MotorLayer, net: PlaceValues, tip: Tensor, hold: int) -> DecidingUser:
         """The user that this stage has made."""
         config = self._config
         body = body_of(config.env.user)
         names = Proprioception(body).names
         user = DecidingUser(config.skills, config.env, body, names, config.seed)
-        user.learned(layer, net, tip)
+        user.learned(layer, net, tip, hold)
         return user
 
     def _prepared(
@@ -383,6 +388,20 @@ def _seeing(env: EnvConfig) -> EnvConfig:
     """The users of this stage look at the whole picture themselves; nothing else is drawn."""
     vision = env.vision.model_copy(update={"foveation": None, "eyes": 1, "zoom": 1})
     return env.model_copy(update={"vision": vision})
+
+
+def _best_hold(looker: Looker, callbacks: Callbacks) -> int:
+    """For how many user steps it pays to see decisions through."""
+    steps = max(1, round(_HOLD_S * looker.simulation.config.action_frequency_hz))
+    holds = sorted({*_HOLDS, looker.config.decide_steps})
+    earned = {hold: looker.earned(hold, steps) for hold in holds}
+    best = max(holds, key=lambda hold: earned[hold])
+    found = ", ".join(f"{earned[hold]:.2f} for {hold}" for hold in holds)
+    callbacks.say(
+        f"Reward per minute by how many user steps a decision is seen through: {found}. "
+        f"The user's: {best}."
+    )
+    return best
 
 
 def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> float:

@@ -88,6 +88,8 @@ class DecidingUser(nn.Module):
 
     layer: MotorLayer
     tip: Tensor
+    hold: Tensor
+    """(1,) user steps for which a decision is seen through."""
     log_std: Tensor
     _head: Chains
 
@@ -112,18 +114,19 @@ class DecidingUser(nn.Module):
             Sight(vision.height, vision.width), len(hands), width=config.looking.width
         )
         self.register_buffer("tip", torch.zeros(len(hands), 3))
+        self.register_buffer("hold", torch.ones(1))
         self.register_buffer("log_std", torch.full((1,), _QUIET), persistent=False)
         object.__setattr__(self, "_head", Chains(body, ("headset",)))
-        self._steps = config.looking.decide_steps
         self._poses = reachable_poses(layer, seed)
         self._mover: Mover | None = None
         self._read = _Read(body, layer, list(names))
 
-    def learned(self, layer: MotorLayer, values: PlaceValues, tip: Tensor) -> None:
+    def learned(self, layer: MotorLayer, values: PlaceValues, tip: Tensor, hold: int) -> None:
         """Take over what was learned."""
         self.layer.load_state_dict({**self.layer.state_dict(), **layer.weights()})
         self.values.load_state_dict(values.state_dict())
         self.tip.copy_(tip)
+        self.hold.fill_(hold)
         self._mover = None
 
     def begin(self) -> Intention:
@@ -152,7 +155,7 @@ class DecidingUser(nn.Module):
             head = self._head(motion[0])[:, 0]
             if intention.left == 0:
                 self._decide(observation["vision"], intention.choice, head, placed[0])
-                intention.left = self._steps
+                intention.left = int(self.hold)
             intention.left -= 1
             goals = self.mover.goals(intention.choice, head[:, :3, 3], *placed)
             return self.layer.decide(motion, placed, goals)[0]

@@ -24,6 +24,7 @@ from sim2vr_harness.training.skills.past import PastPictures
 from sim2vr_harness.training.skills.postures import reachable_poses
 from sim2vr_harness.training.skills.shipped import motor_layer_for
 from sim2vr_harness.training.skills.sight import Sight
+from sim2vr_harness.training.skills.stage import _best_hold
 from sim2vr_harness.training.skills.user import DecidingUser, require_senses
 from sim2vr_harness.training.trained_users import find_user
 from sim2vr_harness.training.trainer import train
@@ -66,7 +67,7 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
     user = DecidingUser(
         settings.skills, settings.env, body, Proprioception(body).names, settings.seed
     )
-    user.learned(layer, net, tip)
+    user.learned(layer, net, tip, HELD)
     simulation.reset(seeds=[5, 6, 7])
     choice, intended = Choice(USERS, 1), [user.begin() for _ in range(USERS)]
     moves = []
@@ -86,6 +87,31 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
         simulation.step(wanted)
     assert len({*np.concatenate(moves).tolist()}) > 1  # they did decide different things
     simulation.close()
+
+
+class Obedient:
+    """Earns the more, the longer a decision is seen through."""
+
+    class simulation:
+        class config:
+            action_frequency_hz = 20.0
+
+    class config:
+        decide_steps = 4
+
+    def earned(self, hold: int, steps: int) -> float:
+        assert steps == 200
+        return float(hold if hold < 5 else -1)
+
+
+def test_a_decision_is_seen_through_for_as_long_as_it_pays() -> None:
+    said: list[str] = []
+
+    class Listener:
+        say = said.append
+
+    assert _best_hold(Obedient(), Listener()) == 4  # type: ignore[arg-type]
+    assert "1.00 for 1, 3.00 for 3, 4.00 for 4, -1.00 for 5. The user's: 4." in said[0]
 
 
 @pytest.fixture(scope="module")
@@ -118,6 +144,8 @@ def test_it_plays_at_the_end_of_a_run_alike_alone_and_beside_others(run: Path) -
 
 def test_it_remembers_what_it_decided_between_steps(run: Path) -> None:
     user = load_user_policy(run)
+    # How long this one sees a decision through was found out, and may be a single step.
+    user._player._policy.hold.fill_(HELD)  # type: ignore[operator, union-attr]
     env = user.make_env()
     observation, _ = env.reset(seed=3)
     state = None

@@ -253,6 +253,24 @@ def test_being_in_the_plane_away_from_targets_costs(before_m: float, cost: float
     torch.testing.assert_close(rewards[1] - rewards[0], expected, atol=1e-2, rtol=0.0)
 
 
+def test_hits_may_be_worth_more_in_the_middle() -> None:
+    """The collider is 1.4 mm beside the middle: exp(-0.5 * 0.07^2) = .998 of the share is left.
+
+    After 2 cm the other way it is exp(-0.5 * 0.93^2) = .649.
+    """
+    worth = []
+    for aside_m in (0.0, 0.02):
+        rewards = []
+        for share in (0.0, 0.5):
+            game, place = game_at_a_target(TwinSettings(centre_share=share))
+            game.hammer.fixed[12, :3] -= aside_m * torch.tensor([0.0, 1.0, 0.0])
+            game._root[:, 1] -= aside_m
+            soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0)
+            rewards.append(game.play(place[:, None], soft)[0])
+        worth.append(float(rewards[1] / rewards[0]))
+    assert worth == pytest.approx([1 - 0.5 * (1 - 0.998), 1 - 0.5 * (1 - 0.649)], abs=0.005)
+
+
 def test_hits_are_worth_what_their_cells_say() -> None:
     rewards = []
     for value in (0.0, 1.0, 3.0):

@@ -59,7 +59,7 @@ def test_the_fast_recipe_s_users_live_in_the_reference_s_environment(group: str)
 def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
     people = load_config("whacamole_people")
     other, pointing = load_config("whacamole_people_unconstrained"), load_config("pointing_people")
-    app = {"options": {"condition": "random-unconstrained"}}
+    app = {"options": {"condition": "random-easy-medium-unconstrained"}}
     assert other.env.app == people.env.app.model_copy(update=app)
     ending = "-unconstrained"
     for stage in ("teacher", "evaluation"):

@@ -73,6 +73,9 @@ class TwinSettings(Settings):
     much 0.1 m behind the plane, nothing 0.1 m before it. Who may hit at any speed roams the plane
     otherwise, and meets targets by chance before they can have been seen. Nothing at first, all of
     it from the middle of the imagined rollouts on: who cannot aim yet would stay away for good."""
+    centre_share: Chance = 0.0
+    """Share of a hit's worth that is for the middle of the target: all of it there, .6 of it 2 cm
+    beside. Who knows exactly hits targets at their rims, and who learns from that misses them."""
     whole_steps: bool = False
     """Whether hits are looked for once a user step, at its mean speed, where the app does in each
     of several frames. Speeds of 10 ms are beyond what the body model knows, and what happens in

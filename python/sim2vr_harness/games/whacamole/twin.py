@@ -47,6 +47,8 @@ _SPEED_MARGIN_MPS, _OVERLAP_MARGIN_M, _NEAR_M = 0.05, 0.002, 0.04
 _STROKES_S, _STROKE_MPS, _THROUGH_M, _STROKE_OFF_M = (0.6, 1.0), 1.5, 0.03, 0.3
 """When strokes go through a target's middle, after it appeared; how fast, and how far."""
 
+_CENTRE_M = 0.02
+"""Beside the middle of a target: people's end points spread by 1.5 cm along each way."""
 _CLEAR_M, _AWAY_M = START_M, 0.5 * CELL_M
 """How far in front of the plane a hammer is clear of it; how far beside a target away from it."""
 
@@ -286,7 +288,9 @@ class ImaginedWhacAMole:
         # is seen at the target's rim, as likely as not: who trembles there would earn more.
         chance = chance + self._hit * (1.0 - chance).detach()
         last = marker.reshape(b, frames, 3)[:, -1]
-        hits = 10.0 * (self.hit_values[self.condition] * self._left * chance).sum(1)
+        middle = box.reshape(b, frames, 3)[:, -1]
+        values = self.hit_values[self.condition] * self._central(middle)
+        hits = 10.0 * (values * self._left * chance).sum(1)
         worth = hits + self._shaped(last, depth[:, -1], touch, soft)
         self._left = self._left * (1.0 - chance)
         return worth
@@ -353,12 +357,28 @@ class ImaginedWhacAMole:
             worth = worth - soft.plane * self._in_plane(marker)
         return worth
 
+    def _central(self, box: Tensor) -> Tensor:
+        """(B, cells) the worth of a hit by where in the target it is, 1 in its middle.
+
+        Args:
+            box: (B, 3) the middle of what hits.
+        """
+        share = self.settings.centre_share
+        if share == 0.0:
+            return torch.ones(len(box), CELLS)
+        off = self._aside(box) / _CENTRE_M
+        return 1.0 - share * (1.0 - torch.exp(-0.5 * off.square()))
+
+    def _aside(self, point: Tensor) -> Tensor:
+        """(B, cells) how far points (B, 3) are beside the cells' middles, in their plane, m."""
+        gap, axes = self._cells[self.condition] - point[:, None], self._axes[self.condition]
+        aside: Tensor = (gap @ axes[:, :2].transpose(1, 2)).square().sum(2).add(1e-8).sqrt()
+        return aside
+
     def _in_plane(self, marker: Tensor) -> Tensor:
         """(B,) 1 in the plane, 2 well behind it, 0 well before it or at a target."""
         near = (1.0 + self._depth(marker) / _CLEAR_M).clamp(0.0, 2.0)
-        gap, axes = self._cells[self.condition] - marker[:, None], self._axes[self.condition]
-        aside = (gap @ axes[:, :2].transpose(1, 2)).square().sum(2).add(1e-8).sqrt()
-        aside = torch.where(self._age >= 0, aside, torch.tensor(_AWAY_M))
+        aside = torch.where(self._age >= 0, self._aside(marker), torch.tensor(_AWAY_M))
         return near * (aside.amin(1) / _AWAY_M).clamp(max=1.0)
 
     def _on_stroke(self, marker: Tensor) -> Tensor:

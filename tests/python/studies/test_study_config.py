@@ -175,7 +175,8 @@ def test_the_ablation_of_people_leaves_out_one_thing_each() -> None:
             }
         return set() if one == other else {place}
 
-    noise = {"env.user.noise." + key for key in ("signal_dependent", "constant", "constant_level")}
+    levels = {"signal_dependent_level", "constant_level"}
+    noise = {"env.user.noise." + key for key in {"signal_dependent", "constant", *levels}}
     assert {name: changed(whole, config) for name, config in configs.items()} == {
         "delay": {"env.senses"},
         "noise": noise,

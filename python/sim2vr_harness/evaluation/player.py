@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.envs.config import body_of
 from sim2vr_harness.evaluation.rollouts import Act
-from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.training.policy import UserPolicy
 from sim2vr_harness.training.skills.user import DecidingUser, Intention
 from sim2vr_harness.training.trained_users import TrainedUser
@@ -23,15 +22,13 @@ def new_policy(
     user: TrainedUser, observation_space: spaces.Dict, action_space: spaces.Box | None = None
 ) -> UserPolicy | DecidingUser:
     """A network as the user's, with weights that mean nothing yet; on the CPU."""
-    config, body = user.config, body_of(user.config.env.user)
-    if config.decides:
-        with torch.random.fork_rng(devices=[]):
-            names = Proprioception(body).names
-            return DecidingUser(config.skills, config.env, body, names, config.seed)
-    if action_space is None:
-        action_space = spaces.Box(-1.0, 1.0, (body.action_size,), np.float32)
     # The weights drawn here are replaced at once; a training's random numbers are not touched.
     with torch.random.fork_rng(devices=[]):
+        if user.config.decides:
+            return DecidingUser(user.config)
+        if action_space is None:
+            size = body_of(user.config.env.user).action_size
+            action_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
         return UserPolicy(observation_space, action_space, lambda _: 0.0, config=user.config.policy)
 
 

@@ -74,6 +74,14 @@ class Chooser:
         values: Tensor = net(torch.from_numpy(scene.pictures), places, *parts)
         return values
 
+    def choose_best(self, net: PlaceValues, choice: Choice) -> None:
+        """Put into effect what a network says is worth most now, for everybody."""
+        scene = self.scene()
+        places = self.places(scene)
+        with torch.inference_mode():
+            chosen = self.values(net, scene, places).argmax(-1).numpy()
+        self.choose(choice, chosen, places)
+
     def choose(
         self,
         choice: Choice,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 
 from sim2vr_harness.training.guide import proprioception_scale
@@ -44,18 +43,11 @@ class SkillGuide:
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:
         """See the protocol."""
-        self._choose()
+        self._chooser.choose_best(self._net, self._choice)
         body = self._chooser.actions(self._choice)
         actions = np.zeros((len(body), self._size), np.float32)
         actions[:, : body.shape[1]] = body
         return actions
-
-    def _choose(self) -> None:
-        scene = self._chooser.scene()
-        places = self._chooser.places(scene)
-        with torch.inference_mode():
-            chosen = self._chooser.values(self._net, scene, places).argmax(-1).numpy()
-        self._chooser.choose(self._choice, chosen, places)
 
     def facts(self, simulation: Any) -> NDArray[np.float32]:
         """See the protocol: none."""

@@ -283,11 +283,7 @@ class Looker:
         total = 0.0
         for step in range(steps):
             if step % hold == 0:
-                scene = self._chooser.scene()
-                places = self._chooser.places(scene)
-                with torch.inference_mode():
-                    chosen = self._chooser.values(self.net, scene, places).argmax(-1).numpy()
-                self._chooser.choose(self._choice, chosen, places)
+                self._chooser.choose_best(self.net, self._choice)
             total += float(self.play(1)[0].mean())
         minutes = steps / simulation.config.action_frequency_hz / 60.0
         return total / minutes

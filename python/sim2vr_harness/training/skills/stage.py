@@ -17,7 +17,6 @@ from sim2vr_harness.cores import budget
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.simulation import Simulation, motor_noise
 from sim2vr_harness.errors import InputError
-from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.training.checkpoint import (
     read_tensors,
     take_in,
@@ -285,10 +284,7 @@ class LookingStage:
 
     def _decider(self, layer: MotorLayer, net: PlaceValues, tip: Tensor, hold: int) -> DecidingUser:
         """The user that this stage has made."""
-        config = self._config
-        body = body_of(config.env.user)
-        names = Proprioception(body).names
-        user = DecidingUser(config.skills, config.env, body, names, config.seed)
+        user = DecidingUser(self._config)
         user.learned(layer, net, tip, hold)
         return user
 

@@ -7,7 +7,7 @@ that with, and loses what takes longer than a user step (docs/training.md).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +16,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.errors import InputError
+from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.training.imagined.chain import Chains
 from sim2vr_harness.training.skills.choosing import choose
 from sim2vr_harness.training.skills.layer import MotorLayer, hands_of
@@ -28,8 +30,7 @@ from sim2vr_harness.training.skills.sight import Sight
 from sim2vr_harness.users import Body
 
 if TYPE_CHECKING:
-    from sim2vr_harness.envs.config import EnvConfig
-    from sim2vr_harness.training.skills.config import SkillsConfig
+    from sim2vr_harness.training.config import TrainingConfig
 
 __all__ = ["DecidingUser", "Intention", "require_senses"]
 
@@ -79,11 +80,7 @@ class DecidingUser(nn.Module):
     """What is worth doing, and the hands that do it, from what a user senses.
 
     Args:
-        config: of the recipe.
-        env: the user's; see :func:`require_senses`.
-        body: the user's.
-        names: of the entries of its proprioception.
-        seed: of the run: places within reach are drawn by it.
+        config: of the run; its senses as :func:`require_senses` has them.
     """
 
     layer: MotorLayer
@@ -93,17 +90,12 @@ class DecidingUser(nn.Module):
     log_std: Tensor
     _head: Chains
 
-    def __init__(
-        self,
-        config: SkillsConfig,
-        env: EnvConfig,
-        body: Body,
-        names: Sequence[str],
-        seed: int,
-    ) -> None:
+    def __init__(self, config: TrainingConfig) -> None:
         super().__init__()
+        env, skills = config.env, config.skills
+        body = body_of(env.user)
         hands = hands_of(body)
-        layer = MotorLayer(body, 1.0 / env.action_frequency_hz, width=config.practice.width)
+        layer = MotorLayer(body, 1.0 / env.action_frequency_hz, width=skills.practice.width)
         # Not as parts: where the joints are follows from the body, and is no weight.
         object.__setattr__(self, "layer", layer.requires_grad_(False))
         self.motor = layer.net
@@ -111,15 +103,15 @@ class DecidingUser(nn.Module):
         self.register_buffer("motor_std", layer.std)
         vision = env.vision
         self.values = PlaceValues(
-            Sight(vision.height, vision.width), len(hands), width=config.looking.width
+            Sight(vision.height, vision.width), len(hands), width=skills.looking.width
         )
         self.register_buffer("tip", torch.zeros(len(hands), 3))
         self.register_buffer("hold", torch.ones(1))
         self.register_buffer("log_std", torch.full((1,), _QUIET), persistent=False)
         object.__setattr__(self, "_head", Chains(body, ("headset",)))
-        self._poses = reachable_poses(layer, seed)
+        self._poses = reachable_poses(layer, config.seed)
         self._mover: Mover | None = None
-        self._read = _Read(body, layer, list(names))
+        self._read = _Read(body, layer)
 
     def learned(self, layer: MotorLayer, values: PlaceValues, tip: Tensor, hold: int) -> None:
         """Take over what was learned."""
@@ -176,14 +168,13 @@ class _Read:
     Args:
         body: whose.
         layer: which acts on them.
-        names: of the entries of the proprioception.
 
     Raises:
         InputError: the body does not feel one of its joints.
     """
 
-    def __init__(self, body: Body, layer: MotorLayer, names: Sequence[str]) -> None:
-        where = {name: column for column, name in enumerate(names)}
+    def __init__(self, body: Body, layer: MotorLayer) -> None:
+        where = {name: column for column, name in enumerate(Proprioception(body).names)}
         joints = body.independent_joints
         missing = [name for name in joints if f"{name} qpos" not in where]
         if missing:

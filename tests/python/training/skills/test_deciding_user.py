@@ -14,7 +14,6 @@ from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.packing import pack_measured
 from sim2vr_harness.evaluation.playing import load_user_policy
-from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.training.adapting import adapting
 from sim2vr_harness.training.config import TrainingConfig, load_config
 from sim2vr_harness.training.skills.choosing import Chooser
@@ -58,15 +57,12 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
     """Senses tell it what the stage reads from simulation and app; a decision is seen through."""
     settings = config()
     simulation = Simulation(settings.env, USERS)
-    body = simulation.body
-    layer = motor_layer_for(body, 0.05)
+    layer = motor_layer_for(simulation.body, 0.05)
     tip = torch.tensor([[0.083, -0.01, 0.002]])
     mover = Mover(layer, tip, reachable_poses(layer, settings.seed))
     chooser = Chooser(simulation, mover, PastPictures(simulation))
     net = opinionated(chooser.sight)
-    user = DecidingUser(
-        settings.skills, settings.env, body, Proprioception(body).names, settings.seed
-    )
+    user = DecidingUser(settings)
     user.learned(layer, net, tip, HELD)
     simulation.reset(seeds=[5, 6, 7])
     choice, intended = Choice(USERS, 1), [user.begin() for _ in range(USERS)]

@@ -80,7 +80,10 @@ class ImaginedConfig(Settings):
     actions, all conditions alike) instead of the last one."""
     growing_lag_cycles: int = Field(default=0, ge=0, le=100_000)
     """Cycles in which late senses become as late as they are, from the present on: who has learned
-    to act on the present learns sooner to act on the past. 0: late from the start."""
+    to act on the present learns sooner to act on the past. 0: at once."""
+    present_cycles: int = Field(default=0, ge=0, le=100_000)
+    """Cycles before that in which the present is known: to move is learned first, to do without
+    what is not seen yet after it."""
     growing_noise_cycles: int = Field(default=0, ge=0, le=100_000)
     """Cycles in which motor noise of imagined users grows from nothing to what it is: who has
     learned what to do learns to do it in spite of noise. 0: noisy from the start."""
@@ -101,6 +104,10 @@ class ImaginedConfig(Settings):
     rest_cost: Weight = 0.0
     """Cost per user step of actuators away from where they rest, by the mean square of shares of
     ranges. What actions add to drifts away where nothing is at stake: between two targets."""
+    change_cost: Weight = 0.0
+    """Cost per user step of what is asked of actuators beside what they do, by the mean square of
+    shares of ranges. Gradients find commands that go to and fro between the ends, which no student
+    who sees late can repeat, and no person's muscles do."""
     reward_scale: Factor = 1.0
     """Factor on the game's reward and the effort: a success should be worth about 10."""
     game: dict[str, OptionValue] = Field(default_factory=dict)

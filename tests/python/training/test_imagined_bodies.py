@@ -17,6 +17,7 @@ from sim2vr_harness.training.imagined.gradients import limited, within
 from sim2vr_harness.training.imagined.limbs import limbs_of
 from sim2vr_harness.training.imagined.users import ImaginedUsers
 from sim2vr_harness.users import Body, UserBatch, load_body
+from sim2vr_harness.users.noise import MotorNoiseSettings
 
 MOTORS, MUSCLES, WRIST = "mobl_arms_bimanual_motor", "mobl_arms_bimanual", "mobl_arms_wrist"
 BODIES = ((WRIST, False), (MOTORS, False), (MOTORS, True), (MUSCLES, True))
@@ -200,6 +201,37 @@ def test_drifting_away_from_rest_costs_by_hand() -> None:
     effort, limits, wild = users.costs()
     assert float(limits) == pytest.approx(2.0 * 0.25 / 14)
     assert (float(effort), float(wild)) == (0.0, 0.0)
+
+
+def test_abrupt_commands_cost_by_hand() -> None:
+    """Muscles at 0.5 and 0.2 are asked for 1 and, no less than there is, 0: 3 * (0.25 + 0.04) / 32.
+
+    It is what is asked for that costs, before motor noise, and leads back to the action.
+    """
+    body = load_body("mobl_arms_wrist")
+    model = BodyModel(body, ("headset",), 0.05, width=4)
+    free, count = torch.zeros(1), len(body.action_names)
+    noisy = MotorNoiseSettings(constant="white", constant_level=0.3)
+    users = ImaginedUsers(
+        body, model, 1, effort=lambda drives, control: free, noise=noisy, change_cost=3.0
+    )
+    joints = torch.zeros(1, len(body.independent_joints))
+    drives = torch.full((1, count), 0.4)
+    drives[0, 3], drives[0, 9] = 0.5, 0.2
+    users.start(torch.arange(1), Motion(joints, joints, drives, free[:, None][:, :0]))
+    actions = torch.zeros(1, count)
+    actions[0, 3], actions[0, 9] = 0.5, -0.7
+    actions.requires_grad_(True)
+    users.step(actions, error_share=0.0)
+    limits = users.costs()[1]
+    still = ImaginedUsers(body, model, 1, effort=lambda drives, control: free)
+    still.motion = users.motion
+    cost = limits - still.costs()[1]
+    assert count == 32
+    assert float(cost.detach()) == pytest.approx(3.0 * 0.29 / 32, abs=1e-6)
+    cost.sum().backward()
+    assert actions.grad is not None
+    assert float(actions.grad[0, 3]) == pytest.approx(3.0 * 2.0 * 0.5 / 32, abs=1e-6)
 
 
 def test_motors_rest_where_they_come_back_to_and_muscles_slack() -> None:

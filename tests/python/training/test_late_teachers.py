@@ -169,10 +169,13 @@ def test_a_lag_that_grows_is_whole_user_steps() -> None:
 
 
 def test_senses_become_late_in_the_true_and_in_the_imagined_game() -> None:
-    made = rollouts("imagined.cycles=3", "imagined.growing_lag_cycles=2")
+    """After a cycle of the present, over two more: none, none, half and all of four user steps."""
+    made = rollouts(
+        "imagined.cycles=4", "imagined.present_cycles=1", "imagined.growing_lag_cycles=2"
+    )
     with closing(made.simulation):
         seen = made.simulation.senses.observed_names.index("hammer.x_m")
-        for late in (0, 2, 4):  # of four user steps: none, half of them, all
+        for late in (0, 0, 2, 4):
             made.step()
             made.simulation.reset(seeds=list(range(6)))
             history = [made.simulation.senses.field("hammer.x_m")]
@@ -182,6 +185,16 @@ def test_senses_become_late_in_the_true_and_in_the_imagined_game() -> None:
             known = made.simulation.observation()[OBSERVATION][:, seen]
             np.testing.assert_array_equal(known, history[-1 - late])
             assert made.senses._layout.lag == made.simulation.senses.layout.lag
+
+
+def test_the_present_ends_at_once_where_no_lag_grows() -> None:
+    made = rollouts("imagined.cycles=2", "imagined.present_cycles=1", "imagined.keep_best=true")
+    with closing(made.simulation):
+        for game in (0, 4):
+            assert made._best is None  # what is done in the present is no merit
+            made.step()
+            assert made.senses._layout.lag.game == game
+    assert made._best is not None
 
 
 def test_noise_grows_to_what_it_is() -> None:

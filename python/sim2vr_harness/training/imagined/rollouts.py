@@ -153,6 +153,7 @@ class ImaginedRollouts:
             persons=self._persons,
             aim_cost=self.config.aim_cost,
             rest_cost=self.config.rest_cost,
+            change_cost=self.config.change_cost,
         )
         return imagined, rounds
 
@@ -245,7 +246,8 @@ class ImaginedRollouts:
         """
         known = [rate for rate in played if rate == rate]
         config = self.config
-        easier = self.cycle < max(config.growing_lag_cycles, config.growing_noise_cycles)
+        late_from = config.present_cycles + config.growing_lag_cycles
+        easier = self.cycle < max(late_from, config.growing_noise_cycles)
         if not self.config.keep_best or not known or easier:
             return
         rate = sum(known) / len(known)
@@ -255,13 +257,18 @@ class ImaginedRollouts:
 
     def _grow(self) -> None:
         """Let senses be as late, and imagined muscles as noisy, as they are in this cycle."""
-        share = self._share_of(self.config.growing_lag_cycles)
+        config = self.config
+        share = self._grown(config.growing_lag_cycles, after=config.present_cycles)
         self.senses.be_late(share)
         self.simulation.senses.be_late(share)
-        self.users.noise_share = self._share_of(self.config.growing_noise_cycles)
+        self.users.noise_share = self._grown(config.growing_noise_cycles)
 
-    def _share_of(self, cycles: int) -> float:
-        return 1.0 if cycles == 0 else min(1.0, self.cycle / cycles)
+    def _grown(self, cycles: int, *, after: int = 0) -> float:
+        """How much of what grows over so many cycles there is in this one, from 0 to 1."""
+        since = self.cycle - after
+        if since < 0:
+            return 0.0
+        return 1.0 if cycles == 0 else min(1.0, since / cycles)
 
     def _to_learn(self) -> Experience:
         """User steps to fit the body to: of the beginning, of all cycles, of the last ones."""

@@ -35,6 +35,7 @@ class ImaginedUsers:
         persons: how who a user is stands in tensors; None: all are `user`.
         aim_cost: of aiming actuators beyond their ranges; above 0 gradients lead back from there.
         rest_cost: of drives away from :attr:`rest`.
+        change_cost: of what actions would change drives by.
     """
 
     def __init__(
@@ -48,8 +49,9 @@ class ImaginedUsers:
         persons: ImaginedPersons | None = None,
         aim_cost: float = 0.0,
         rest_cost: float = 0.0,
+        change_cost: float = 0.0,
     ) -> None:
-        self._aim_cost, self._rest_cost = aim_cost, rest_cost
+        self._aim_cost, self._rest_cost, self._change_cost = aim_cost, rest_cost, change_cost
         self.n, self.body, self._effort, self._drives = n, body, effort, body.drives
         self._persons = persons
         joints, drives = len(user.independent_joints), self._drives.count
@@ -66,7 +68,7 @@ class ImaginedUsers:
         who = 0 if persons is None else persons.count
         self.motion = Motion(*(torch.zeros(n, size) for size in (joints, joints, drives, who)))
         self._control = torch.zeros(n, drives)
-        self._aimed_beyond = torch.zeros(n)
+        self._aimed_beyond, self._changed = torch.zeros(n), torch.zeros(n)
         self.rest = torch.full((drives,), 0.5)
         """(A,) drives of a body that has nothing to do."""
         self._noise = None if noise is None else ImaginedNoise(noise, n, len(user.muscles))
@@ -136,6 +138,8 @@ class ImaginedUsers:
         control = self._drives.control(before, actions, inwards=self._aim_cost > 0.0)
         if self._aim_cost > 0.0:
             self._aimed_beyond = self._drives.beyond(before, actions)
+        if self._change_cost > 0.0:
+            self._changed = (control - before).square().mean(1)
         if self._noise is not None:
             factor: Tensor | float = self.noise_share
             if self._persons is not None:
@@ -160,7 +164,7 @@ class ImaginedUsers:
         self.rest[self._muscles] = REST_ACT
 
     def costs(self) -> tuple[Tensor, Tensor, Tensor]:
-        """(B,) each: of effort; of joints and aims beyond limits or far from rest; of speeds."""
+        """(B,) each: of effort; of joints and aims beyond limits, far from rest, abrupt; of speeds."""
         motion = self.motion
         unit = 2.0 * (motion.angles - self._low) / (self._high - self._low) - 1.0
         beyond = torch.relu(unit.abs() - 1.0).sum(1)
@@ -174,6 +178,8 @@ class ImaginedUsers:
         if self._rest_cost > 0.0:
             away = (motion.drives - self.rest).square().mean(1)
             limits = limits + self._rest_cost * away
+        if self._change_cost > 0.0:
+            limits = limits + self._change_cost * self._changed
         return effort, limits, _WILD_COST * wild
 
     def broken(self) -> Tensor:

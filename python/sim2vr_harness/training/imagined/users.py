@@ -164,7 +164,7 @@ class ImaginedUsers:
         self.rest[self._muscles] = REST_ACT
 
     def costs(self) -> tuple[Tensor, Tensor, Tensor]:
-        """(B,) each: of effort; of joints and aims beyond limits, far from rest, abrupt; of speeds."""
+        """(B,) each: of effort; of limits passed, rest left and abruptness; of speeds."""
         motion = self.motion
         unit = 2.0 * (motion.angles - self._low) / (self._high - self._low) - 1.0
         beyond = torch.relu(unit.abs() - 1.0).sum(1)

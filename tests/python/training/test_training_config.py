@@ -65,7 +65,7 @@ def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
     for stage in ("teacher", "evaluation"):
         own = getattr(people, stage).conditions
         assert getattr(other, stage).conditions == tuple(name + ending for name in own)
-    sizes = ("users", "body_width", "updates", "window_steps", "effort")
+    sizes = ("users", "body_width", "updates", "window_steps", "change_cost")
     for size in sizes:
         assert getattr(other.teacher.imagined, size) == getattr(people.teacher.imagined, size)
     assert other.ppo == people.ppo

@@ -152,6 +152,10 @@ class PyAppBatch {
     return array;
   }
 
+  py::array_t<float> privilegedRows(std::span<const float> rows) const {
+    return view(rows, {batch().size(), static_cast<py::ssize_t>(batch().privilegedNames().size())});
+  }
+
   py::array_t<std::uint8_t> images() const {
     const runtime::AppSettings& app = batch().settings().app;
     const auto [width, height] = app.headset_size;
@@ -176,10 +180,8 @@ class PyAppBatch {
   }
   std::vector<std::string> logNames() const { return batch().logNames(); }
   std::vector<std::string> privilegedNames() const { return batch().privilegedNames(); }
-  py::array_t<float> privileged() const {
-    return view(batch().privileged(),
-                {batch().size(), static_cast<py::ssize_t>(batch().privilegedNames().size())});
-  }
+  py::array_t<float> privileged() const { return privilegedRows(batch().privileged()); }
+  py::array_t<float> privilegedDrawn() const { return privilegedRows(batch().privilegedDrawn()); }
   py::array_t<double> logs() const {
     return view(batch().logs(),
                 {batch().size(), static_cast<py::ssize_t>(batch().logNames().size())});
@@ -297,6 +299,8 @@ void bindAppBatch(py::module_& module) {
                              "Names of the privileged numbers' columns; none for a game without.")
       .def_property_readonly("privileged", &PyAppBatch::privileged,
                              "(N, len(privileged_names)) float32 after the last frame.")
+      .def_property_readonly("privileged_drawn", &PyAppBatch::privilegedDrawn,
+                             "(N, len(privileged_names)) float32 after the frame that is drawn.")
       .def("head_requests", &PyAppBatch::headRequests, py::arg("indices"), py::arg("seeds"),
            py::arg("options"),
            "(M,) float64 pitch of the head, degrees up, that the rounds of these seeds wish for; "

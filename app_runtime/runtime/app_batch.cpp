@@ -90,6 +90,7 @@ AppBatch::AppBatch(const BatchSettings& settings)
         settings_.make(app, renderers_[static_cast<std::size_t>(i % pool_.threads())], image));
   }
   privileged_.resize(count * privilegedNames().size());
+  privileged_drawn_.resize(privileged_.size());
 }
 
 LockstepApp& AppBatch::app(int index) {
@@ -129,6 +130,7 @@ void AppBatch::run(std::span<const int> indices, const Start& start, const Finis
       for (std::size_t i = begin; i < end; ++i) {
         guarded(i, [&] {
           start(i);
+          fillPrivileged(indices[i], privileged_drawn_);
           at(indices, i).addViews(views);
         });
       }
@@ -137,7 +139,7 @@ void AppBatch::run(std::span<const int> indices, const Start& start, const Finis
         guarded(i, [&] {
           separateChannels(indices[i]);
           outcomes[i] = finish(i);
-          fillPrivileged(indices[i]);
+          fillPrivileged(indices[i], privileged_);
         });
       }
     }
@@ -184,7 +186,8 @@ void AppBatch::step(std::span<const int> indices, std::span<const FrameInput> fr
 void AppBatch::load(int index, const std::string& state) {
   app(index).load(state);
   separateChannels(index);
-  fillPrivileged(index);
+  fillPrivileged(index, privileged_);
+  fillPrivileged(index, privileged_drawn_);
   countEvents(index);
   fillLog(index);
 }
@@ -204,11 +207,11 @@ void AppBatch::separateChannels(int index) {
   }
 }
 
-void AppBatch::fillPrivileged(int index) {
+void AppBatch::fillPrivileged(int index, std::span<float> rows) {
   const std::size_t width = privilegedNames().size();
   if (width == 0) return;
   const auto row = static_cast<std::size_t>(index);
-  apps_[row]->fillPrivileged(std::span(privileged_).subspan(row * width, width));
+  apps_[row]->fillPrivileged(rows.subspan(row * width, width));
 }
 
 void AppBatch::store(int index, const Outcome& outcome) {

@@ -109,6 +109,11 @@ class AppBatch:
         (N, len(privileged_names)) float32 after the last frame.
         """
     @property
+    def privileged_drawn(self) -> numpy.typing.NDArray[numpy.float32]:
+        """
+        (N, len(privileged_names)) float32 after the frame that is drawn.
+        """
+    @property
     def privileged_names(self) -> list[str]:
         """
         Names of the privileged numbers' columns; none for a game without.

@@ -117,6 +117,8 @@ class InProcessBatch:
         self.privileged: Float32Array = self._batch.privileged
         """(N, len(privileged_names)) after the last frames, overwritten by the apps' steps; no
         copy. Those named ``aid.*`` are not to be observed."""
+        self.privileged_drawn: Float32Array = self._batch.privileged_drawn
+        """The same after the frames that are drawn: what the pictures show."""
         self.log_names: list[str] = []
         """Names of the columns of :attr:`logs`, from the first reset on."""
         self.logs: Float64Array = np.zeros((n, 0))

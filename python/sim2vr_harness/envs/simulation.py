@@ -35,7 +35,7 @@ from sim2vr_harness.envs.mirrored import MirroredGroup
 from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
 from sim2vr_harness.envs.states import packed, unpacked
 from sim2vr_harness.envs.step_batch import StepBatch
-from sim2vr_harness.perception import Proprioception, Sense
+from sim2vr_harness.perception import Delayed, Proprioception, Sense
 from sim2vr_harness.users import Body, People, Person, Physique
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.bodies import DEVICES
@@ -157,6 +157,11 @@ class Simulation:
             sense: see :meth:`Perception.watch`; a saved state holds its past, too.
         """
         self._senses.perception.watch(sense)
+
+    @property
+    def late_pictures(self) -> Delayed | None:
+        """See :attr:`Perception.late_pictures`."""
+        return self._senses.perception.late_pictures
 
     # --- episodes ----------------------------------------------------------------------------
 

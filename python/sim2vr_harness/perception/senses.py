@@ -9,6 +9,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from sim2vr_harness.perception.sense import IntArray, Moment, Sense
+from sim2vr_harness.perception.wrappers import Delayed
 
 __all__ = ["Perception"]
 
@@ -32,6 +33,17 @@ class Perception:
             if not isinstance(sense.frame, int) or sense.frame != -1:
                 return sense.frame
         return -1
+
+    @property
+    def late_pictures(self) -> Delayed | None:
+        """The delay line of what is seen; None where no picture is late."""
+        for sense in self.senses:
+            inner: Any = sense
+            while inner is not None:
+                if isinstance(inner, Delayed) and inner.of_pictures:
+                    return inner
+                inner = getattr(inner, "sense", None)
+        return None
 
     def watch(self, sense: Sense) -> None:
         """Let somebody beside the users take in what they go through; no part of the observation.

@@ -175,7 +175,7 @@ class Delayed(_Wrapper):
         self._grid: int = getattr(sense, "frame_grid", 0)
         n = len(sense.observe())
         back, substep = delay_plan(longest, substeps, max(self._grid, 1))
-        self._ring = Ring(sense.name, n, sense.space, back)
+        self._ring, self._longest_back = Ring(sense.name, n, sense.space, back), back
         self._substep = np.full(n, substep)
         self._glimpsed = np.zeros((n, *sense.space.shape), dtype=sense.space.dtype)
 
@@ -191,6 +191,24 @@ class Delayed(_Wrapper):
             return -1
         frames = self._substep // self._grid - 1
         return int(frames[0]) if (frames == frames[0]).all() else frames
+
+    @property
+    def of_pictures(self) -> bool:
+        """Whether it looks at app frames, not at moments of its own choice."""
+        return self._grid > 0
+
+    @property
+    def steps_back(self) -> IntArray:
+        """(N,) how many user steps ago what is perceived now was taken.
+
+        Fewer than the delay has where it was taken within a step, not at its end.
+        """
+        return self._ring.back.copy()
+
+    @property
+    def longest_back(self) -> int:
+        """More user steps it is never."""
+        return self._longest_back
 
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
         """See :class:`Sense`."""

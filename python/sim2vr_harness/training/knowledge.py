@@ -112,6 +112,7 @@ class Layout:
         at: Callable[[int], Any],
         did: Callable[[int], Any],
         join: Callable[[list[Any]], Any],
+        pictured: Any = None,
     ) -> Any:
         """Return (B, F) observations.
 
@@ -119,8 +120,12 @@ class Layout:
             at: how many user steps back -> (B, M) all numbers of that moment.
             did: how many user steps back, from 1 -> (B, A) what was done then.
             join: puts (B, .) arrays beside each other.
+            pictured: (B, M) all numbers of the moment that is seen now; None: of a whole number of
+                user steps back, the lag.
         """
-        parts = [at(self.lag.body)[:, list(self.felt)], at(self.lag.game)[:, list(self.seen)]]
+        if pictured is None:
+            pictured = at(self.lag.game)
+        parts = [at(self.lag.body)[:, list(self.felt)], pictured[:, list(self.seen)]]
         return join([*parts, *(did(back + 1) for back in range(self.actions))])
 
 
@@ -158,7 +163,7 @@ class PrivilegedSenses:
         self._lag = lag
         self._memory: _Memory | None = None
         if not lag.none:
-            self._memory = _Memory(simulation, self._now, len(self.everything), lag)
+            self._memory = _Memory(simulation, self._now, self._drawn, len(self.everything), lag)
             simulation.watch(self._memory)
 
     def _laid_out(self, hidden: Sequence[str], felt: Sequence[str], lag: Lag) -> Layout:
@@ -214,35 +219,51 @@ class PrivilegedSenses:
         if self._memory is None:
             return self.field(name)
         column = self._own + self.names.index(name)
-        values: NDArray[np.float32] = self._memory.at(self._lag.game)[:, column].copy()
-        return values
+        pictured = self._memory.pictured()
+        if pictured is None:
+            pictured = self._memory.at(self._lag.game)
+        return pictured[:, column].copy()
 
     def observe(self) -> NDArray[np.float32]:
         """(N, size) float32, fresh."""
-        memory = self._memory
+        memory, pictured = self._memory, None
         if memory is None:
             now = self._now()
             at, did = (lambda back: now), (lambda back: now)
         else:
             at, did = memory.at, memory.did
+            if self.layout.lag == self._lag:
+                pictured = memory.pictured()
 
         def join(parts: list[Any]) -> NDArray[np.float32]:
             return np.concatenate(parts, axis=1, dtype=np.float32)
 
-        observed: NDArray[np.float32] = self.layout.assemble(at, did, join)
+        observed: NDArray[np.float32] = self.layout.assemble(at, did, join, pictured)
         return observed
 
     def _now(self) -> NDArray[np.float32]:
         """(N, M) all numbers of the present moment."""
+        return self._with(self._batch.privileged)
+
+    def _drawn(self) -> NDArray[np.float32]:
+        """(N, M) the same with the game's numbers of the frame that was drawn."""
+        return self._with(self._batch.privileged_drawn)
+
+    def _with(self, game: NDArray[np.float32]) -> NDArray[np.float32]:
         simulation = self._simulation
-        parts = [simulation.proprioception.observe(simulation.users), self._batch.privileged]
+        parts = [simulation.proprioception.observe(simulation.users), game]
         if self._who:
             parts.insert(1, simulation.person_features)
         return np.concatenate(parts, axis=1, dtype=np.float32)
 
 
 class _Memory:
-    """The last moments of N users, and what they did; a ``Sense`` that watches them."""
+    """The last moments of N users, and what they did; a ``Sense`` that watches them.
+
+    Who sees late sees a frame of some moment within a user step (``Delayed``). A teacher beside it
+    knows what that frame shows: a few hundredths of a second earlier or later, and what it does
+    would follow from nothing that is seen.
+    """
 
     name, pauses, frame = "teacher's memory", (), -1
     needs: str | None = None
@@ -251,17 +272,25 @@ class _Memory:
         self,
         simulation: Simulation,
         now: Callable[[], NDArray[np.float32]],
+        drawn: Callable[[], NDArray[np.float32]],
         size: int,
         lag: Lag,
     ) -> None:
-        self._now, self.space = now, _numbers(size)
+        self._now, self._drawn, self.space = now, drawn, _numbers(size)
         actions = _numbers(len(simulation.actions.names))
         self._moments = Ring(self.name, simulation.n, self.space, lag.longest)
         self._actions = Ring(self.name, simulation.n, actions, max(0, lag.actions - 1))
+        self._rings = {"moments": self._moments, "actions": self._actions}
+        self._pictured: Ring | None = None
+        self._pictures = simulation.late_pictures
+        if self._pictures is not None:
+            back = self._pictures.longest_back
+            self._pictured = Ring(self.name, simulation.n, self.space, back)
+            self._rings["pictured"] = self._pictured
 
     def reset(self, ids: NDArray[np.int64], seeds: NDArray[np.int64]) -> None:
-        self._moments.forget(ids)
-        self._actions.forget(ids)
+        for ring in self._rings.values():
+            ring.forget(ids)
 
     def glimpse(self, moment: Moment, substep: int) -> None:
         """Nothing: whole user steps are remembered."""
@@ -270,6 +299,8 @@ class _Memory:
         rows = slice(None) if ids is None else ids
         self._moments.push(self._now()[rows], ids)
         self._actions.push(moment.actions[rows].astype(np.float32), ids)
+        if self._pictured is not None:
+            self._pictured.push(self._drawn()[rows], ids)
 
     def observe(self) -> NDArray[np.float32]:
         newest: NDArray[np.float32] = self._moments.newest()
@@ -280,17 +311,24 @@ class _Memory:
         values: NDArray[np.float32] = self._moments.ago(back)
         return values
 
+    def pictured(self) -> NDArray[np.float32] | None:
+        """(N, M) all numbers of what each user's picture shows; None where none is late."""
+        if self._pictured is None or self._pictures is None:
+            return None
+        values: NDArray[np.float32] = self._pictured.ago(self._pictures.steps_back)
+        return values
+
     def did(self, back: int) -> NDArray[np.float32]:
         """(N, A) what was done in the last user step (1), or before."""
         values: NDArray[np.float32] = self._actions.ago(back - 1)
         return values
 
     def get_state(self, i: int) -> dict[str, Any]:
-        return {"moments": self._moments.get_state(i), "actions": self._actions.get_state(i)}
+        return {name: ring.get_state(i) for name, ring in self._rings.items()}
 
     def set_state(self, i: int, state: Mapping[str, Any]) -> None:
-        self._moments.set_state(i, state["moments"])
-        self._actions.set_state(i, state["actions"])
+        for name, ring in self._rings.items():
+            ring.set_state(i, state[name])
 
 
 def _numbers(size: int) -> spaces.Box[Any]:

@@ -36,7 +36,7 @@ from sim2vr_harness.training.threads import torch_threads
 
 __all__ = ["Guide", "Student", "StudentProgress"]
 
-STATE_FORMAT = 3
+STATE_FORMAT = 4
 _COLLECTED = 0.4
 """Share of a round's time that is over after collecting."""
 _TARGETS = ("label", "facts", "numbers", "glances")

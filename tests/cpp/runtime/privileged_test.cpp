@@ -67,6 +67,28 @@ TEST(Privileged, ABatchHoldsWhatEveryAppSaysAfterItsLastFrame) {
   }
 }
 
+TEST(Privileged, WhatThePictureShowsIsAsOldAsThePicture) {
+  AppBatch batch(settings("whacamole", 1, 1));
+  const std::vector<int> all{0};
+  batch.reset(all, std::vector<RoundStart>(1), {std::vector{player(0, 0)}});
+  const auto names = batch.privilegedNames();
+  const auto z = static_cast<std::size_t>(std::ranges::find(names, "hammer.z_m") - names.begin());
+  EXPECT_EQ(batch.privilegedDrawn()[z], batch.privileged()[z]);
+  const auto step = [&](int number, int drawn) {
+    std::vector<FrameInput> frames;
+    for (int k = 1; k <= 5; ++k) {
+      const int frame = 5 * number + k;
+      frames.push_back({lockstepFrameTimeNs(frame, 100), player(0, frame)});
+    }
+    batch.step(all, frames, drawn);
+  };
+  // The hammer moves by 1 cm in each frame, and three frames come after the one that is drawn.
+  step(0, 1);
+  EXPECT_NEAR(batch.privileged()[z] - batch.privilegedDrawn()[z], 0.03, 1e-6);
+  step(1, kLastFrame);
+  EXPECT_EQ(batch.privilegedDrawn()[z], batch.privileged()[z]);
+}
+
 TEST(Privileged, AGameMayHaveNone) {
   AppBatch batch(settings("sample", 2, 1));
   EXPECT_TRUE(batch.privilegedNames().empty());

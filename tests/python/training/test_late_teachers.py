@@ -12,11 +12,12 @@ import pytest
 import torch
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.training.config import apply_overrides
 from sim2vr_harness.training.imagined import ImaginedRollouts
 from sim2vr_harness.training.imagined.chain import Chains
 from sim2vr_harness.training.imagined.persons import ImaginedPersons
-from sim2vr_harness.training.knowledge import OBSERVATION, Lag
+from sim2vr_harness.training.knowledge import OBSERVATION, Lag, PrivilegedSenses
 from sim2vr_harness.training.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher_env import TeacherSimulation
 from sim2vr_harness.training.teacher_policy import new_teacher
@@ -117,6 +118,38 @@ def test_a_teacher_knows_the_past_and_what_it_has_done_since() -> None:
         assert fresh[2, done:].any()
         sim.load_state(state)
         np.testing.assert_array_equal(sim.observation()[OBSERVATION], known)
+
+
+@pytest.mark.parametrize("vision", [130, 110, 200, "person"])
+def test_who_labels_a_picture_knows_what_it_shows(vision: object) -> None:
+    """Pictures are drawn in frames of 0.01 s, users act every 0.05 s: time tells how old each is."""
+    users = {"people": {"visual_delay_s": 0.18}} if vision == "person" else {}
+    settings = EnvConfig.model_validate(
+        env(**users).model_dump()
+        | {"senses": [{"sense": "vision", "delay_ms": vision}, {"sense": "proprioception"}]}
+    )
+    with closing(Simulation(settings, 4)) as sim:
+        senses = PrivilegedSenses(sim, [], lag=Lag.of(settings))
+        told = senses.observed_names.index("round.elapsed_s")
+        sim.reset(seeds=[1, 2, 3, 4])
+        for _ in range(20):
+            sim.step(np.zeros((4, 32)))
+        age_s = senses.field("round.elapsed_s") - senses.seen("round.elapsed_s")
+        np.testing.assert_array_equal(senses.observe()[:, told], senses.seen("round.elapsed_s"))
+        if vision == "person":
+            delays = np.array([person.visual_delay_s for person in sim.users.persons])
+            expected = np.ceil(delays / 0.01 - 1e-6) * 0.01
+            assert len(np.unique(expected)) > 1
+        else:
+            expected = np.full(4, vision / 1000.0)
+        np.testing.assert_allclose(age_s, expected, atol=1e-5)
+        # A saved user goes on with what it knew.
+        state = sim.save_state()
+        sim.step(np.zeros((4, 32)))
+        after = senses.observe()
+        sim.load_state(state)
+        sim.step(np.zeros((4, 32)))
+        np.testing.assert_array_equal(senses.observe(), after)
 
 
 def test_a_teacher_may_know_the_present_of_users_who_sense_late() -> None:

@@ -83,10 +83,11 @@ class AppBatch {
   std::span<const double> logs() const { return logs_; }
   /// Names of the privileged numbers; none for a game that does not help teachers.
   const std::vector<std::string>& privilegedNames() const { return apps_.at(0)->privilegedNames(); }
-  /// N x privilegedNames().size().
+  /// N x privilegedNames().size(), after the last frame of a step.
   std::span<const float> privileged() const { return privileged_; }
-  /// Writes an app's row of them anew, after LockstepApp::load.
-  void fillPrivileged(int index);
+  /// The same after the frame that is drawn: what the picture shows. After load they are those of
+  /// the last frame.
+  std::span<const float> privilegedDrawn() const { return privileged_drawn_; }
 
  private:
   template <class Start, class Finish>
@@ -95,6 +96,7 @@ class AppBatch {
     return *apps_[static_cast<std::size_t>(indices[i])];
   }
   void separateChannels(int index);
+  void fillPrivileged(int index, std::span<float> rows);
   void countEvents(int index);
   void fillLog(int index);
   void store(int index, const Outcome& outcome);
@@ -111,6 +113,7 @@ class AppBatch {
   std::vector<std::string> log_names_;
   std::vector<double> logs_;
   std::vector<float> privileged_;
+  std::vector<float> privileged_drawn_;
   std::vector<std::shared_ptr<render::Renderer>> renderers_;
   std::vector<std::unique_ptr<LockstepApp>> apps_;
 };

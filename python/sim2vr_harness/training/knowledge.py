@@ -138,6 +138,7 @@ class PrivilegedSenses:
         hidden: patterns of names that are left out.
         felt: patterns of the game's numbers that the body tells, too.
         lag: how late the teachers know what they do.
+        recognition_steps: user steps of the lag that pass after a picture shows a thing.
     """
 
     name = "teacher's knowledge"
@@ -149,6 +150,7 @@ class PrivilegedSenses:
         *,
         felt: Sequence[str] = (),
         lag: Lag = Lag(),
+        recognition_steps: int = 0,
     ) -> None:
         self._simulation = simulation
         self._batch: Any = simulation.apps[0].batch  # type: ignore[attr-defined]
@@ -163,7 +165,9 @@ class PrivilegedSenses:
         self._lag = lag
         self._memory: _Memory | None = None
         if not lag.none:
-            self._memory = _Memory(simulation, self._now, self._drawn, len(self.everything), lag)
+            self._memory = _Memory(
+                simulation, self._now, self._drawn, len(self.everything), lag, recognition_steps
+            )
             simulation.watch(self._memory)
 
     def _laid_out(self, hidden: Sequence[str], felt: Sequence[str], lag: Lag) -> Layout:
@@ -215,7 +219,7 @@ class PrivilegedSenses:
         return values
 
     def seen(self, name: str) -> NDArray[np.float32]:
-        """(N,) the values of one privileged number when the picture was taken that is seen now."""
+        """(N,) the values of one privileged number when that was drawn which is recognised now."""
         if self._memory is None:
             return self.field(name)
         column = self._own + self.names.index(name)
@@ -275,7 +279,9 @@ class _Memory:
         drawn: Callable[[], NDArray[np.float32]],
         size: int,
         lag: Lag,
+        recognition_steps: int,
     ) -> None:
+        self._recognition_steps = recognition_steps
         self._now, self._drawn, self.space = now, drawn, _numbers(size)
         actions = _numbers(len(simulation.actions.names))
         self._moments = Ring(self.name, simulation.n, self.space, lag.longest)
@@ -284,7 +290,7 @@ class _Memory:
         self._pictured: Ring | None = None
         self._pictures = simulation.late_pictures
         if self._pictures is not None:
-            back = self._pictures.longest_back
+            back = self._pictures.longest_back + recognition_steps
             self._pictured = Ring(self.name, simulation.n, self.space, back)
             self._rings["pictured"] = self._pictured
 
@@ -312,10 +318,12 @@ class _Memory:
         return values
 
     def pictured(self) -> NDArray[np.float32] | None:
-        """(N, M) all numbers of what each user's picture shows; None where none is late."""
+        """(N, M) all numbers of what each user recognises in its picture; None if none is late."""
         if self._pictured is None or self._pictures is None:
             return None
-        values: NDArray[np.float32] = self._pictured.ago(self._pictures.steps_back)
+        values: NDArray[np.float32] = self._pictured.ago(
+            self._pictures.steps_back + self._recognition_steps
+        )
         return values
 
     def did(self, back: int) -> NDArray[np.float32]:

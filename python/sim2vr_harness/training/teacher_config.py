@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from pydantic import Field
+from typing import Self
+
+from pydantic import Field, model_validator
 
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.settings import (
@@ -173,6 +175,9 @@ class TeacherConfig(Settings):
     """Whether the teacher knows the present although its student's senses are late. Where nothing
     can be foreseen, what it does on average is what a late student can do best; elsewhere it shows
     what nobody can do who has not seen it yet."""
+    recognition_steps: int = Field(default=0, ge=0, le=100)
+    """How many user steps after a picture shows a thing the teacher knows of it. What has just come
+    up is a speck that no student makes out; a teacher that knows of it does what no student can."""
     imagined: ImaginedConfig = ImaginedConfig()
     curriculum: CurriculumConfig = CurriculumConfig()
     reward_scale: Factor = 0.2
@@ -181,3 +186,12 @@ class TeacherConfig(Settings):
     evaluate_rounds: int = Field(default=4, ge=0, le=1_000_000)
     """Rounds per condition by which the teacher is judged in the end: true rules, stochastic
     policy."""
+
+    @model_validator(mode="after")
+    def _present_or_later(self) -> Self:
+        if self.knows_present and self.recognition_steps:
+            raise ValueError(
+                f"recognition_steps: got {self.recognition_steps} with knows_present, expected 0: "
+                "who knows the present recognises all at once"
+            )
+        return self

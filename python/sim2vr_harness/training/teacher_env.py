@@ -269,4 +269,10 @@ def privileged_senses(
     """
     lag = Lag() if config.knows_present else Lag.of(env)
     hidden = game.hidden_fields if config.hidden_fields is None else config.hidden_fields
-    return PrivilegedSenses(simulation, hidden, felt=game.felt_fields, lag=lag)
+    return PrivilegedSenses(
+        simulation,
+        hidden,
+        felt=game.felt_fields,
+        lag=dataclasses.replace(lag, game=lag.game + config.recognition_steps),
+        recognition_steps=config.recognition_steps,
+    )

@@ -120,16 +120,19 @@ def test_a_teacher_knows_the_past_and_what_it_has_done_since() -> None:
         np.testing.assert_array_equal(sim.observation()[OBSERVATION], known)
 
 
-@pytest.mark.parametrize("vision", [130, 110, 200, "person"])
-def test_who_labels_a_picture_knows_what_it_shows(vision: object) -> None:
-    """Pictures are drawn in frames of 0.01 s, users act every 0.05 s: time tells how old each is."""
+@pytest.mark.parametrize(
+    ("vision", "recognition_steps"), [(130, 0), (110, 0), (200, 0), (130, 2), ("person", 0)]
+)
+def test_who_labels_a_picture_knows_what_it_shows(vision: object, recognition_steps: int) -> None:
+    """Pictures are drawn in frames of 0.01 s, users act every 0.05 s: time tells how old one is."""
     users = {"people": {"visual_delay_s": 0.18}} if vision == "person" else {}
     settings = EnvConfig.model_validate(
         env(**users).model_dump()
         | {"senses": [{"sense": "vision", "delay_ms": vision}, {"sense": "proprioception"}]}
     )
     with closing(Simulation(settings, 4)) as sim:
-        senses = PrivilegedSenses(sim, [], lag=Lag.of(settings))
+        lag = replace(Lag.of(settings), game=Lag.of(settings).game + recognition_steps)
+        senses = PrivilegedSenses(sim, [], lag=lag, recognition_steps=recognition_steps)
         told = senses.observed_names.index("round.elapsed_s")
         sim.reset(seeds=[1, 2, 3, 4])
         for _ in range(20):
@@ -142,7 +145,7 @@ def test_who_labels_a_picture_knows_what_it_shows(vision: object) -> None:
             assert len(np.unique(expected)) > 1
         else:
             expected = np.full(4, vision / 1000.0)
-        np.testing.assert_allclose(age_s, expected, atol=1e-5)
+        np.testing.assert_allclose(age_s, expected + 0.05 * recognition_steps, atol=1e-5)
         # A saved user goes on with what it knew.
         state = sim.save_state()
         sim.step(np.zeros((4, 32)))
@@ -150,6 +153,13 @@ def test_who_labels_a_picture_knows_what_it_shows(vision: object) -> None:
         sim.load_state(state)
         sim.step(np.zeros((4, 32)))
         np.testing.assert_array_equal(senses.observe(), after)
+
+
+def test_teachers_recognise_so_many_steps_after_a_picture_shows_it() -> None:
+    with closing(teachers(3, "recognition_steps=2")) as sim:
+        assert sim.senses.layout.lag == Lag(6, 3, 2)
+    with pytest.raises(ValueError, match="recognition_steps: got 1 with knows_present, expected 0"):
+        TeacherConfig(knows_present=True, recognition_steps=1)
 
 
 def test_a_teacher_may_know_the_present_of_users_who_sense_late() -> None:

@@ -131,7 +131,7 @@ def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path, kept: int | None
     assert again.means == last.means
     for key, value in whole.policy.state_dict().items():
         assert torch.equal(value, resumed.policy.state_dict()[key]), key
-    with pytest.raises(ValueError, match="got format 9, expected 3"):
+    with pytest.raises(ValueError, match="got format 9, expected 4"):
         make(tmp_path / "new").load_snapshot({"header": '{"format": 9}'})
 
 

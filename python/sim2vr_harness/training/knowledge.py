@@ -247,18 +247,15 @@ class PrivilegedSenses:
 
     def _now(self) -> NDArray[np.float32]:
         """(N, M) all numbers of the present moment."""
-        return self._with(self._batch.privileged)
-
-    def _drawn(self) -> NDArray[np.float32]:
-        """(N, M) the same with the game's numbers of the frame that was drawn."""
-        return self._with(self._batch.privileged_drawn)
-
-    def _with(self, game: NDArray[np.float32]) -> NDArray[np.float32]:
         simulation = self._simulation
-        parts = [simulation.proprioception.observe(simulation.users), game]
+        parts = [simulation.proprioception.observe(simulation.users), self._batch.privileged]
         if self._who:
             parts.insert(1, simulation.person_features)
         return np.concatenate(parts, axis=1, dtype=np.float32)
+
+    def _drawn(self, now: NDArray[np.float32]) -> NDArray[np.float32]:
+        """(N, M) the same with the game's numbers of the frame that was drawn."""
+        return np.concatenate([now[:, : self._own], self._batch.privileged_drawn], axis=1)
 
 
 class _Memory:
@@ -276,7 +273,7 @@ class _Memory:
         self,
         simulation: Simulation,
         now: Callable[[], NDArray[np.float32]],
-        drawn: Callable[[], NDArray[np.float32]],
+        drawn: Callable[[NDArray[np.float32]], NDArray[np.float32]],
         size: int,
         lag: Lag,
         recognition_steps: int,
@@ -303,10 +300,11 @@ class _Memory:
 
     def take(self, moment: Moment, ids: NDArray[np.int64] | None) -> None:
         rows = slice(None) if ids is None else ids
-        self._moments.push(self._now()[rows], ids)
+        now = self._now()
+        self._moments.push(now[rows], ids)
         self._actions.push(moment.actions[rows].astype(np.float32), ids)
         if self._pictured is not None:
-            self._pictured.push(self._drawn()[rows], ids)
+            self._pictured.push(self._drawn(now)[rows], ids)
 
     def observe(self) -> NDArray[np.float32]:
         newest: NDArray[np.float32] = self._moments.newest()

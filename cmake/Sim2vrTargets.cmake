@@ -31,6 +31,7 @@ function(sim2vr_test name)
   add_executable(test_${name} ${ARG_SOURCES})
   target_link_libraries(test_${name} PRIVATE ${ARG_DEPENDS} sim2vr_options
                         GTest::gtest GTest::gtest_main)
+  target_include_directories(test_${name} PRIVATE "${PROJECT_SOURCE_DIR}/tests/cpp")
   target_compile_definitions(test_${name} PRIVATE
     SIM2VR_SOURCE_DIR="${PROJECT_SOURCE_DIR}"
     SIM2VR_TEST_DATA_DIR="${PROJECT_SOURCE_DIR}/tests/data")

@@ -1,4 +1,5 @@
 #include "sim2vr/core/text.hpp"
+#include "own_folder.hpp"
 
 #include <gtest/gtest.h>
 
@@ -27,7 +28,8 @@ TEST(Printable, ShowsWhatAStrangerWroteInOneShortLine) {
 }
 
 TEST(ReadTextFile, GivesAllBytes) {
-  const auto path = std::filesystem::path(::testing::TempDir()) / "sim2vr_text";
+  const testing::OwnFolder folder;
+  const auto path = folder / "text";
   std::string bytes(200'000, 'x');
   bytes[7] = '\0';
   bytes[65536] = '\n';
@@ -36,13 +38,14 @@ TEST(ReadTextFile, GivesAllBytes) {
 }
 
 TEST(ReadTextFile, SaysInOneSentenceWhatIsWrongWithWhich) {
-  const std::filesystem::path folder(::testing::TempDir());
+  const testing::OwnFolder own;
+  const std::filesystem::path& folder = own.path();
   EXPECT_EQ(refusal(folder),
             "--script: got '" + folder.string() + "' (a folder), expected a readable JSON file");
   EXPECT_EQ(refusal("no/such\nfile"),
             "--script: got 'no/such\\nfile' (No such file or directory), expected a readable JSON "
             "file");
-  const auto empty = folder / "sim2vr_empty";
+  const auto empty = folder / "empty";
   std::ofstream(empty).close();
   EXPECT_EQ(refusal(empty),
             "--script: got '" + empty.string() + "' (empty), expected a readable JSON file");

@@ -10,6 +10,7 @@
 #include "beats/beatmap.hpp"
 #include "beats/map_info.hpp"
 #include "beats_maps.hpp"
+#include "own_folder.hpp"
 #include "sim2vr/core/log.hpp"
 
 namespace sim2vr::games::beats {
@@ -189,8 +190,8 @@ TEST(BeatsMap, WarnsOnceOfUnknownFields) {
 
 /// A zip archive of these files.
 std::string zipped(const std::map<std::string, std::string>& files) {
-  const std::string path = ::testing::TempDir() + "beats_test.zip";
-  std::filesystem::remove(path);
+  const sim2vr::testing::OwnFolder folder;
+  const std::string path = (folder / "map.zip").string();
   int error = 0;
   zip_t* zip = zip_open(path.c_str(), ZIP_CREATE | ZIP_TRUNCATE, &error);
   for (const auto& [name, bytes] : files) {

@@ -10,6 +10,7 @@
 #include "beats/level_hash.hpp"
 #include "beats/map_info.hpp"
 #include "beats/tempo.hpp"
+#include "own_folder.hpp"
 
 namespace sim2vr::games::beats {
 namespace {
@@ -101,11 +102,11 @@ TEST(BeatsMap, OfOneFileFindsItsInfo) {
 }
 
 TEST(BeatsMap, WithATempoOfItsOwnNeedsNoInfo) {
-  const std::string folder = ::testing::TempDir() + "beats_alone/";
-  std::filesystem::create_directories(folder);
+  const sim2vr::testing::OwnFolder folder;
+  const std::string path = (folder / "alone.json").string();
   const auto write = [&](const std::string& text) {
-    std::ofstream(folder + "alone.json") << text;
-    return folder + "alone.json";
+    std::ofstream(path) << text;
+    return path;
   };
   const std::string with =
       write(R"({"version": "3.0.0", "bpmEvents": [{"b": 0, "m": 30}], "colorNotes": [{"b": 3}]})");

@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "beats_player.hpp"
+#include "own_folder.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/rl/episode_logger.hpp"
 
@@ -71,14 +72,13 @@ TEST(BeatsRound, WrongHandAndWrongDirectionAreErrorsAndTakeTheBox) {
 // (at 9 s) never. The stroke of the first test touches the box's top, at y = 1.09, half-way through
 // its frame from 0.95 to 1 s: (1.15 - 1.09) / (0.1375 cos 30 degrees) = 0.504, 25 ms early.
 TEST(BeatsRound, TheLogHasWhatCameAndHowItEnded) {
-  const auto root = std::filesystem::path(::testing::TempDir()) / "sim2vr_beats_log";
-  std::filesystem::remove_all(root);
+  const sim2vr::testing::OwnFolder root;
   Level level = oneBox();
   level.mines = {{3.0, 0.0, 2.0}};
   level.walls = {{9.0, 1.5, 3.0, 0.0}};
   level.length_s = 5.0;
   {
-    rl::EpisodeLogger logger(root);
+    rl::EpisodeLogger logger(root.path());
     BeatsRound round(level, R"({"end_on_miss": false})", 49'999'997, &logger);
     round.waitUntil(0.9);
     const Vec3 from(0.2, 1.15, 0.0);
@@ -102,7 +102,6 @@ TEST(BeatsRound, TheLogHasWhatCameAndHowItEnded) {
   EXPECT_NE(lines[5].find(", mine_avoided, number 0, level time 3.4"), std::string::npos)
       << lines[5];
   EXPECT_NE(lines[6].find("episode statistics"), std::string::npos);
-  std::filesystem::remove_all(root);
 }
 
 // Just inside and just outside of 60 degrees, to either side.

@@ -11,6 +11,7 @@
 #include <string>
 #include <vector>
 
+#include "own_folder.hpp"
 #include "pointing_player.hpp"
 
 namespace sim2vr::games::pointing {
@@ -229,9 +230,8 @@ std::string readAll(const std::filesystem::path& path) {
 }
 
 TEST(Pointing, LogsSaySelectionsWithPlaceAndTime) {
-  const auto folder = std::filesystem::temp_directory_path() / "sim2vr_pointing_test";
-  std::filesystem::remove_all(folder);
-  rl::EpisodeLogger logger(folder);
+  const sim2vr::testing::OwnFolder folder;
+  rl::EpisodeLogger logger(folder.path());
   PointingRound round(R"({"targets": 3, "distances_m": [0.3], "widths_m": [0.04],
                           "timeout_seconds": 0.5})",
                       7, &logger);
@@ -260,7 +260,6 @@ TEST(Pointing, LogsSaySelectionsWithPlaceAndTime) {
   }
   const std::string states = readAll(folder / "0000-pointing" / "states.csv");
   EXPECT_TRUE(states.starts_with("condition pointing, random seed 7")) << states.substr(0, 200);
-  std::filesystem::remove_all(folder);
 }
 
 class Told {

@@ -10,6 +10,7 @@
 #include <vector>
 
 #include "game_harness.hpp"
+#include "own_folder.hpp"
 #include "sim2vr/games/registry.hpp"
 
 namespace sim2vr::games {
@@ -56,11 +57,10 @@ testing::Poses readPoses(const std::string& row, double& time_s) {
 }
 
 TEST(RecordedRound, PosesAndSeedGiveTheSameEvents) {
-  const auto root = std::filesystem::path(::testing::TempDir()) / "sim2vr_recorded_round";
-  std::filesystem::remove_all(root);
+  const sim2vr::testing::OwnFolder root;
   const auto game = createGame("whacamole");
   {
-    rl::EpisodeLogger logger(root);
+    rl::EpisodeLogger logger(root.path());
     testing::GameHarness round(*game, 42, R"({"condition": "hard", "round_seconds": 6})",
                                testing::referenceTime(), 0, &logger);
     std::ifstream states(kRecording / "states.csv");
@@ -87,7 +87,6 @@ TEST(RecordedRound, PosesAndSeedGiveTheSameEvents) {
       EXPECT_NEAR(events[i].velocity[j], expected[i].velocity[j], 1e-4);
     }
   }
-  std::filesystem::remove_all(root);
 }
 
 }  // namespace

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "own_folder.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "whacamole_player.hpp"
 
@@ -192,11 +193,6 @@ TEST(Round, FailRatesReachTheNextRoundsSpawner) {
 
 class RoundLogTest : public ::testing::Test {
  protected:
-  RoundLogTest() : root_(std::filesystem::path(::testing::TempDir()) / "sim2vr_round_log") {
-    std::filesystem::remove_all(root_);
-  }
-  ~RoundLogTest() override { std::filesystem::remove_all(root_); }
-
   std::vector<std::string> lines(const std::string& path) const {
     std::ifstream file(root_ / path);
     std::vector<std::string> all;
@@ -204,7 +200,8 @@ class RoundLogTest : public ::testing::Test {
     return all;
   }
 
-  std::filesystem::path root_;
+  const sim2vr::testing::OwnFolder folder_;
+  const std::filesystem::path root_ = folder_.path();
 };
 
 TEST_F(RoundLogTest, WritesStatesAndEvents) {

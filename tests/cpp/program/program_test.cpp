@@ -1,5 +1,6 @@
 // What the program says and how it ends, without starting one.
 #include "sim2vr/program/program.hpp"
+#include "own_folder.hpp"
 
 #include <gtest/gtest.h>
 
@@ -34,15 +35,10 @@ std::string readText(const std::filesystem::path& path) {
   return {std::istreambuf_iterator<char>(file), std::istreambuf_iterator<char>()};
 }
 
-/// A file in the way of every folder below it.
-std::filesystem::path notAFolder() {
-  const auto path = std::filesystem::path(::testing::TempDir()) / "sim2vr_not_a_folder";
-  std::ofstream(path) << "a file";
-  return path;
-}
-
 TEST(Program, MistakesAreOneLineAndExitCode2) {
-  const std::string blocked = (notAFolder() / "x").string();
+  const sim2vr::testing::OwnFolder folder;
+  std::ofstream(folder / "file") << "in the way of every folder below it";
+  const std::string blocked = (folder / "file" / "x").string();
   const std::pair<std::vector<const char*>, const char*> mistakes[] = {
       {{"-simulated", "-port", "0"}, "-condition: got none next to -simulated"},
       {{"-port", "0", "-condition"}, "-condition: got no value"},
@@ -82,8 +78,7 @@ TEST(Program, ServesUntilTheTimeOut) {
 }
 
 TEST(Program, LogsToAFile) {
-  const auto folder = std::filesystem::path(::testing::TempDir()) / "sim2vr_log_file";
-  std::filesystem::remove_all(folder);
+  const sim2vr::testing::OwnFolder folder;
   const std::string file = (folder / "logs" / "app.log").string();
   const char* words[] = {"sim2vr-app", "-port", "0",        "--timeout",  "0.05",
                          "--renderer", "null",  "-logFile", file.c_str(), "-batchmode"};
@@ -93,18 +88,16 @@ TEST(Program, LogsToAFile) {
   const std::string log = readText(file);
   EXPECT_NE(log.find("timed out: no message received for 0.05 s"), std::string::npos) << log;
   EXPECT_NE(log.find("the argument -batchmode is not known"), std::string::npos) << log;
-  std::filesystem::remove_all(folder);
 }
 
 TEST(Program, ReplaysARecordedRound) {
   const auto recording = std::filesystem::path(SIM2VR_TEST_DATA_DIR) / "whacamole_round";
-  const auto folder = std::filesystem::path(::testing::TempDir()) / "sim2vr_replay";
-  std::filesystem::remove_all(folder);
+  const sim2vr::testing::OwnFolder folder;
   const std::string states = (recording / "states.csv").string();
   const Outcome outcome =
       runWith({"-replay", "-stateLogFilepath", states.c_str(), "-logging", "-outputFolder",
-               folder.c_str(), "-record", "-resolution", "32x24", "--renderer", "null", "--options",
-               R"({"round_seconds": 6})"});
+               folder.path().c_str(), "-record", "-resolution", "32x24", "--renderer", "null",
+               "--options", R"({"round_seconds": 6})"});
   EXPECT_EQ(outcome.code, kSuccess) << outcome.err;
   EXPECT_NE(outcome.out.find("round over"), std::string::npos) << outcome.out;
   // The same hits at the same times as recorded.
@@ -119,7 +112,6 @@ TEST(Program, ReplaysARecordedRound) {
   EXPECT_NE(hits(events), "");
   EXPECT_EQ(hits(events), hits(readText(recording / "events.csv")));
   EXPECT_TRUE(exists(folder / "recording" / "mainCamera" / "image100.png"));
-  std::filesystem::remove_all(folder);
 }
 
 TEST(Program, ListsGamesAndItsVersion) {

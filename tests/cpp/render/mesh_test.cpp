@@ -1,5 +1,6 @@
 // Meshes, OBJ files, PNG files and the components' saved state.
 #include "sim2vr/render/mesh.hpp"
+#include "own_folder.hpp"
 
 #include <gtest/gtest.h>
 #include <png.h>
@@ -167,17 +168,12 @@ TEST(MeshTest, RefusesImpossibleShapes) {
 
 class FileTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    path_ =
-        std::filesystem::temp_directory_path() /
-        (std::string("sim2vr_") + ::testing::UnitTest::GetInstance()->current_test_info()->name());
-  }
-  void TearDown() override { std::filesystem::remove(path_); }
   MeshPtr load(const std::string& text) {
     std::ofstream(path_) << text;
     return loadObj(path_);
   }
-  std::filesystem::path path_;
+  const sim2vr::testing::OwnFolder folder_;
+  const std::filesystem::path path_ = folder_ / "mesh.obj";
 };
 
 TEST_F(FileTest, ObjPolygonsAreTriangulatedInTheAppsFrame) {

@@ -1,5 +1,6 @@
 // The renderer as an object: kinds, errors, determinism, threads, contexts, caches.
 #include "sim2vr/render/renderer.hpp"
+#include "own_folder.hpp"
 
 #include <cstdlib>
 #include <filesystem>
@@ -406,13 +407,11 @@ TEST(RendererCreateTest, EglDevicePlatformDrawsTheSame) {
 TEST(RendererCreateTest, DevelopersMayReplaceShaders) {
   std::string reason;
   if (rendererOrNull(RendererKind::automatic, reason) == nullptr) GTEST_SKIP() << reason;
-  const auto folder = std::filesystem::temp_directory_path() / "sim2vr_shader_test";
-  std::filesystem::create_directories(folder);
-  const Environment directory("SIM2VR_SHADER_DIR", folder.string());
+  const sim2vr::testing::OwnFolder folder;
+  const Environment directory("SIM2VR_SHADER_DIR", folder.path().string());
   EXPECT_NO_THROW(Renderer::create());  // files that are not there come from the library
   std::ofstream(folder / "sky.frag") << "this is no shader\n";
   const std::string message = messageOf<RenderError>([] { Renderer::create(RendererKind::egl); });
-  std::filesystem::remove_all(folder);
   EXPECT_NE(message.find("shader sky.frag"), std::string::npos) << message;
 }
 

@@ -6,6 +6,7 @@
 #include <string>
 #include <vector>
 
+#include "own_folder.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/rl/episode_logger.hpp"
 
@@ -14,13 +15,6 @@ namespace {
 
 class EpisodeLoggerTest : public ::testing::Test {
  protected:
-  void SetUp() override {
-    const auto* test = ::testing::UnitTest::GetInstance()->current_test_info();
-    root_ = std::filesystem::path(::testing::TempDir()) / (std::string("sim2vr_") + test->name());
-    std::filesystem::remove_all(root_);
-  }
-  void TearDown() override { std::filesystem::remove_all(root_); }
-
   std::string read(const std::string& path) const {
     std::ifstream file(root_ / path, std::ios::binary);
     std::ostringstream text;
@@ -28,7 +22,8 @@ class EpisodeLoggerTest : public ::testing::Test {
     return text.str();
   }
 
-  std::filesystem::path root_;
+  const testing::OwnFolder folder_;
+  const std::filesystem::path root_ = folder_ / "logs";
   const std::vector<std::string> names_{"head", "marker"};
 };
 

@@ -2,6 +2,7 @@
 
 #include <filesystem>
 
+#include "own_folder.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/rl/episode_logger.hpp"
 #include "sim2vr/rl/state_log.hpp"
@@ -53,12 +54,11 @@ TEST(StateLog, ConditionsMayHaveSeveralWords) {
 }
 
 TEST(StateLog, ReadsWhatTheLoggerWrites) {
-  const auto root = std::filesystem::path(::testing::TempDir()) / "sim2vr_state_log";
-  std::filesystem::remove_all(root);
+  const testing::OwnFolder root;
   const Pose left{Vec3(0.1, 0.2, 0.3), Quat(0.5, 0.5, 0.5, 0.5)};
   const Pose right{Vec3(1.0 / 3.0, -2e-7, 5.0), Quat(1.0, 0.0, 0.0, 0.0)};
   {
-    EpisodeLogger logger(root);
+    EpisodeLogger logger(root.path());
     const std::vector<std::string> names{"left", "right", "head", "marker"};
     logger.beginRound("low-easy", 4294967295U, names);
     const std::array<Pose, 4> poses{left, right, right, left};
@@ -74,7 +74,6 @@ TEST(StateLog, ReadsWhatTheLoggerWrites) {
   EXPECT_EQ(static_cast<float>(log.rows[0].time_s), 0.1F);
   EXPECT_EQ(static_cast<float>(log.rows[0].right[0]), static_cast<float>(1.0 / 3.0));
   EXPECT_EQ(static_cast<float>(log.rows[0].right[1]), -2e-7F);
-  std::filesystem::remove_all(root);
 }
 
 // tests/python/evaluation/replay/test_state_log.py has the same cases.

@@ -7,6 +7,7 @@
 #include <string>
 #include <vector>
 
+#include "own_folder.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/runtime/app.hpp"
 #include "sim2vr/runtime/app_batch.hpp"
@@ -225,8 +226,7 @@ TEST(AppBatch, RefusesImpossibleShapes) {
 }
 
 TEST(AppBatch, EveryAppHasALogFolder) {
-  const auto root = std::filesystem::path(::testing::TempDir()) / "sim2vr_batch_logs";
-  std::filesystem::remove_all(root);
+  const sim2vr::testing::OwnFolder root;
   {
     BatchSettings logged = settings(2, 2);
     logged.log_dirs = {root / "user000", root / "user001"};
@@ -236,7 +236,6 @@ TEST(AppBatch, EveryAppHasALogFolder) {
   }
   EXPECT_TRUE(std::filesystem::exists(root / "user000" / "0000-hard" / "states.csv"));
   EXPECT_TRUE(std::filesystem::exists(root / "user001" / "0000-hard" / "states.csv"));
-  std::filesystem::remove_all(root);
 }
 
 }  // namespace

@@ -5,6 +5,7 @@
 #include <filesystem>
 #include <fstream>
 
+#include "own_folder.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/runtime/app.hpp"
 #include "sim2vr/runtime/recorder.hpp"
@@ -21,12 +22,6 @@ xr::DeviceState player() {
 
 class RecorderTest : public ::testing::Test {
  protected:
-  RecorderTest() {
-    std::filesystem::remove_all(folder);
-    std::filesystem::create_directories(folder);
-  }
-  ~RecorderTest() override { std::filesystem::remove_all(folder); }
-
   static std::unique_ptr<App> makeApp(const std::string& game) {
     AppSettings settings;
     settings.game = game;
@@ -36,8 +31,8 @@ class RecorderTest : public ::testing::Test {
     return app;
   }
 
-  std::filesystem::path folder = std::filesystem::path(::testing::TempDir()) /
-                                 ::testing::UnitTest::GetInstance()->current_test_info()->name();
+  const sim2vr::testing::OwnFolder own;
+  const std::filesystem::path folder = own.path();
 };
 
 TEST_F(RecorderTest, NumbersThePicturesOfBothCamerasAndRemovesOldOnes) {

@@ -1,5 +1,6 @@
 // The server over real sockets.
 #include "sim2vr/server/server.hpp"
+#include "own_folder.hpp"
 
 #include <gtest/gtest.h>
 
@@ -180,9 +181,9 @@ TEST(Server, BothProtocolsGiveTheBitsOfTheAppInProcess) {
 }
 
 TEST(Server, ListensOnAFileToo) {
-  const auto path = std::filesystem::path(::testing::TempDir()) / "sim2vr_server_test.ipc";
+  const sim2vr::testing::OwnFolder folder;
   ServerSettings values = settings();
-  values.address = "ipc://" + path.string();
+  values.address = "ipc://" + (folder / "server.ipc").string();
   EXPECT_TRUE(values.isLocal());
   Running server(values);
   EXPECT_EQ(server.endpoint, values.address);
@@ -385,8 +386,7 @@ TEST(Server, PacesFramesForPeopleWhoWatch) {
 }
 
 TEST(Server, WritesLogsAndPicturesPerSessionAndApp) {
-  const auto root = std::filesystem::path(::testing::TempDir()) / "sim2vr_server_outputs";
-  std::filesystem::remove_all(root);
+  const sim2vr::testing::OwnFolder root;
   ServerSettings values = settings();
   values.keep = true;
   values.host.app.log_dir = root / "logs";
@@ -417,7 +417,6 @@ TEST(Server, WritesLogsAndPicturesPerSessionAndApp) {
       }
     }
   }
-  std::filesystem::remove_all(root);
 }
 
 }  // namespace

@@ -63,6 +63,7 @@ _COVERED_BODIES = {"thorax", "skull"}
 _HAND_BODIES = {"hand", "index0", "index1", "index2", "index3", "proximal_row"}
 _HAND_FLESH_M = 0.0045
 _MUSCLE_WIDTH_M = 0.0052  # drawn radius of a muscle with 500 N peak force
+_FLOOR_BELOW_M = 0.005  # games have floors at 0: two in one plane would show in turn, in stripes
 
 
 def dress(spec: mujoco.MjSpec, tables: ModelTables, devices: Sequence[str]) -> None:
@@ -229,6 +230,7 @@ def draw_room(spec: mujoco.MjSpec) -> None:
     spec.worldbody.add_geom(
         name="floor",
         type=mujoco.mjtGeom.mjGEOM_PLANE,
+        pos=[0, 0, -_FLOOR_BELOW_M],
         size=[4, 4, 0.1],
         material="floor",
         rgba=[1, 1, 1, 1],

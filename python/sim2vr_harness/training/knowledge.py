@@ -36,20 +36,26 @@ class Lag:
     """How late a user's senses are, in whole user steps.
 
     Attributes:
-        game: of what is seen.
+        game: of what is seen, until it is recognised.
         body: of what is felt.
         actions: of how many last user steps the user knows what it did.
+        recognition: how many of ``game`` pass after a picture shows a thing.
     """
 
     game: int = 0
     body: int = 0
     actions: int = 0
+    recognition: int = 0
 
     @staticmethod
-    def of(env: EnvConfig) -> Lag:
+    def of(env: EnvConfig, recognition_steps: int = 0) -> Lag:
         """Of the senses in a configuration; of people whose delays differ, the mean person's.
 
         The body counts as known now if the user's own actions since it was felt are.
+
+        Args:
+            env: the configuration.
+            recognition_steps: user steps that pass after a picture shows a thing.
         """
         found = {sense.sense: sense for sense in env.senses}
         people = env.user.people or PeopleSettings()
@@ -72,11 +78,11 @@ class Lag:
         body = steps("proprioception")
         if known >= body:
             body = known = 0
-        return Lag(steps("vision"), body, known)
+        return Lag(steps("vision") + recognition_steps, body, known, recognition_steps)
 
     def reached(self, share: float) -> Lag:
         """Return the lag of senses that are on their way to being so late, by a share of it."""
-        return Lag(round(share * self.game), round(share * self.body), self.actions)
+        return replace(self, game=round(share * self.game), body=round(share * self.body))
 
     @property
     def none(self) -> bool:
@@ -138,7 +144,6 @@ class PrivilegedSenses:
         hidden: patterns of names that are left out.
         felt: patterns of the game's numbers that the body tells, too.
         lag: how late the teachers know what they do.
-        recognition_steps: user steps of the lag that pass after a picture shows a thing.
     """
 
     name = "teacher's knowledge"
@@ -150,7 +155,6 @@ class PrivilegedSenses:
         *,
         felt: Sequence[str] = (),
         lag: Lag = Lag(),
-        recognition_steps: int = 0,
     ) -> None:
         self._simulation = simulation
         self._batch: Any = simulation.apps[0].batch  # type: ignore[attr-defined]
@@ -165,9 +169,7 @@ class PrivilegedSenses:
         self._lag = lag
         self._memory: _Memory | None = None
         if not lag.none:
-            self._memory = _Memory(
-                simulation, self._now, self._drawn, len(self.everything), lag, recognition_steps
-            )
+            self._memory = _Memory(simulation, self._now, self._drawn, len(self.everything), lag)
             simulation.watch(self._memory)
 
     def _laid_out(self, hidden: Sequence[str], felt: Sequence[str], lag: Lag) -> Layout:
@@ -276,9 +278,8 @@ class _Memory:
         drawn: Callable[[NDArray[np.float32]], NDArray[np.float32]],
         size: int,
         lag: Lag,
-        recognition_steps: int,
     ) -> None:
-        self._recognition_steps = recognition_steps
+        self._recognition = lag.recognition
         self._now, self._drawn, self.space = now, drawn, _numbers(size)
         actions = _numbers(len(simulation.actions.names))
         self._moments = Ring(self.name, simulation.n, self.space, lag.longest)
@@ -287,7 +288,7 @@ class _Memory:
         self._pictured: Ring | None = None
         self._pictures = simulation.late_pictures
         if self._pictures is not None:
-            back = self._pictures.longest_back + recognition_steps
+            back = self._pictures.longest_back + lag.recognition
             self._pictured = Ring(self.name, simulation.n, self.space, back)
             self._rings["pictured"] = self._pictured
 
@@ -319,9 +320,8 @@ class _Memory:
         """(N, M) all numbers of what each user recognises in its picture; None if none is late."""
         if self._pictured is None or self._pictures is None:
             return None
-        values: NDArray[np.float32] = self._pictured.ago(
-            self._pictures.steps_back + self._recognition_steps
-        )
+        back = self._pictures.steps_back + self._recognition
+        values: NDArray[np.float32] = self._pictured.ago(back)
         return values
 
     def did(self, back: int) -> NDArray[np.float32]:

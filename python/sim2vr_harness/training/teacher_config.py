@@ -115,6 +115,12 @@ class ImaginedConfig(Settings):
     game: dict[str, OptionValue] = Field(default_factory=dict)
     """Settings of the game's twin (``games/NAME/settings.py``)."""
 
+    @property
+    def easier_cycles(self) -> int:
+        """Cycles in which senses are not as late, or muscles not as noisy, as they will be."""
+        late = self.present_cycles + self.growing_lag_cycles
+        return max(late, self.growing_noise_cycles)
+
 
 class CurriculumConfig(Settings):
     """How the teacher's rounds in the true game differ from true ones; rewards and rules do not."""

@@ -79,7 +79,7 @@ def test_the_example_client_is_short_and_plays(server: StartingApp) -> None:
         [sys.executable, EXAMPLE, channel.endpoint],
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=240,
         check=True,
     )
     with InProcessApp("whacamole", {"condition": "medium"}, renderer="null") as app:

@@ -28,6 +28,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert not result.interrupted
     for stage in (1, 2, 3, 4):
         assert f"Stage {stage} of 4" in text
+    assert "easier than the game" not in " ".join(text.split())
     return folder
 
 
@@ -99,6 +100,13 @@ def test_a_student_may_have_game_options_of_its_own(
     settings = ("teacher.imagined.cycles=0", f"student.app_options={json.dumps(options)}")
     train(tmp_path / "run", *settings)
     assert seen[-1].max() == most
+
+
+def test_who_never_becomes_late_is_told_so(tmp_path: Path) -> None:
+    _, text = train(
+        tmp_path / "run", "teacher.imagined.present_cycles=1", "teacher.imagined.cycles=1"
+    )
+    assert "All of the 1 cycles are easier than the game" in " ".join(text.split())
 
 
 def test_a_guide_says_what_muscles_shall_do_and_which_cells_have_targets(whole: Path) -> None:

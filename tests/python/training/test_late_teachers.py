@@ -131,8 +131,7 @@ def test_who_labels_a_picture_knows_what_it_shows(vision: object, recognition_st
         | {"senses": [{"sense": "vision", "delay_ms": vision}, {"sense": "proprioception"}]}
     )
     with closing(Simulation(settings, 4)) as sim:
-        lag = replace(Lag.of(settings), game=Lag.of(settings).game + recognition_steps)
-        senses = PrivilegedSenses(sim, [], lag=lag, recognition_steps=recognition_steps)
+        senses = PrivilegedSenses(sim, [], lag=Lag.of(settings, recognition_steps))
         told = senses.observed_names.index("round.elapsed_s")
         sim.reset(seeds=[1, 2, 3, 4])
         for _ in range(20):
@@ -157,7 +156,7 @@ def test_who_labels_a_picture_knows_what_it_shows(vision: object, recognition_st
 
 def test_teachers_recognise_so_many_steps_after_a_picture_shows_it() -> None:
     with closing(teachers(3, "recognition_steps=2")) as sim:
-        assert sim.senses.layout.lag == Lag(6, 3, 2)
+        assert sim.senses.layout.lag == Lag(6, 3, 2, 2)
     with pytest.raises(ValueError, match="recognition_steps: got 1 with knows_present, expected 0"):
         TeacherConfig(knows_present=True, recognition_steps=1)
 

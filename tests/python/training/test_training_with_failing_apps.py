@@ -227,7 +227,7 @@ def test_no_app_outlives_a_training(tmp_path: Path, protocol: str, number: signa
     apps = children_of(training.pid)
     assert len(apps) == 2
     training.send_signal(number)
-    _, said = training.communicate(timeout=60)
+    _, said = training.communicate(timeout=240)
     assert training.returncode == (-number if number == signal.SIGKILL else 0), said
     deadline = time.monotonic() + 10.0
     while any(map(alive, apps)) and time.monotonic() < deadline:

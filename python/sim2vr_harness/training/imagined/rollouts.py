@@ -245,9 +245,7 @@ class ImaginedRollouts:
         Rates of cycles that were easier, not as late or noisy yet, say nothing of what comes.
         """
         known = [rate for rate in played if rate == rate]
-        config = self.config
-        late_from = config.present_cycles + config.growing_lag_cycles
-        easier = self.cycle < max(late_from, config.growing_noise_cycles)
+        easier = self.cycle < self.config.easier_cycles
         if not self.config.keep_best or not known or easier:
             return
         rate = sum(known) / len(known)

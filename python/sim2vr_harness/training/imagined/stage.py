@@ -90,6 +90,12 @@ class ImaginedStage:
             _restore(rollouts, self.folder / _STATE)
             callbacks.say(f"Continuing after cycle {rollouts.cycle}.")
         self._cycles_saved = rollouts.cycle
+        imagined = self._config.teacher.imagined
+        if 0 < imagined.cycles <= imagined.easier_cycles:
+            callbacks.say(
+                f"All of the {imagined.cycles} cycles are easier than the game: senses are as late "
+                f"and muscles as noisy as the user's after {imagined.easier_cycles}."
+            )
         log = self.folder / _LOG
         self.folder.mkdir(parents=True, exist_ok=True)
         keep_rows(log, lambda row: row["cycle"] <= rollouts.cycle)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json as jsonlib
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -28,7 +29,8 @@ def compare(
             metavar="USER...",
             help="A shipped user's name, a run's folder or checkpoint: it plays. Or the folder of "
             "an evaluation with logs, or of any logged rounds. Or a study (STUDY.yaml, or its "
-            "folder): each of its users, trained and played first, if they are not yet.",
+            "folder): each of its users, trained and played first, if they are not yet. "
+            "NAME=USER is called NAME in tables and figures.",
         ),
     ],
     people: Annotated[
@@ -100,6 +102,7 @@ def compare(
     from sim2vr_harness.evaluation.comparison.tables import report_tables
     from sim2vr_harness.games.registry import aimed_games, behaviour_of, behaviours
 
+    users, told = _told_names(users)
     studies = [user for user in users if _is_study(user)]
     others = [user for user in users if user not in studies]
     known = (found for user in others if (found := game_of(user)) is not None)
@@ -118,7 +121,7 @@ def compare(
         if studies:
             raise InputError("USER", f"the study {studies[0]!r}", f"users of {game}, or logs")
         _compare_aimed(
-            users, game, people or [], plays, out, figures=figures, every=every, json=json
+            users, told, game, people or [], plays, out, figures=figures, every=every, json=json
         )
         return
     behaviour = behaviour_of(game)
@@ -136,11 +139,8 @@ def compare(
     for user in studies:
         sources[user] = _players(user, out, behaviour)
     read = [(user, source) for user in users for source in sources[user]]
-    names = [source.name for _, source in read]
-    compared = [  # folders such as step_1000 are called alike
-        source if names.count(source.name) == 1 else replace(source, name=_told(user, source.name))
-        for user, source in read
-    ]
+    names = _names([(user, source.name) for user, source in read], told)
+    compared = [replace(source, name=name) for (_, source), name in zip(read, names, strict=True)]
     report = Report(behaviour, measured_people, compared)
     files = [write_json(report, out / "comparison.json"), *write_csv(report, out)]
     if figures:
@@ -153,9 +153,41 @@ def compare(
         typer.echo(f"Written: {file}")
 
 
-def _told(user: str, name: str) -> str:
-    """A name that others have, too, with where it is from."""
-    return user if Path(user).name == name else f"{user} {name}"
+def _told_names(users: list[str]) -> tuple[list[str], dict[str, str]]:
+    """Users without the names that stand before them, and those names."""
+    told: dict[str, str] = {}
+    found = []
+    for given in users:
+        name, equals, user = given.partition("=")
+        if not equals or Path(given).exists():
+            found.append(given)
+            continue
+        if not (name.strip() and user):
+            raise InputError("USER", f"'{given}'", "NAME=USER with both of them")
+        if name in told.values():
+            raise InputError("USER", f"the name '{name}' twice", "a name for each user")
+        if user in found or _is_study(user):
+            expected = "a user once, and no name for a study, whose users have theirs"
+            raise InputError("USER", f"'{given}'", expected)
+        told[user] = name
+        found.append(user)
+    return found, told
+
+
+def _names(users: Sequence[tuple[str, str]], told: Mapping[str, str]) -> list[str]:
+    """What users are called: as was said, or by their own names, told apart by where they are from.
+
+    Args:
+        users: what was given, and the name that it has of its own; folders such as step_1000 are
+            called alike.
+        told: names that were said, by what was given.
+    """
+    own = [name for _, name in users]
+    return [
+        told.get(user)
+        or (name if own.count(name) == 1 else user if Path(user).name == name else f"{user} {name}")
+        for user, name in users
+    ]
 
 
 def _is_study(user: str) -> bool:
@@ -187,6 +219,7 @@ def _players(user: str, out: Path, behaviour: Behaviour) -> list[Source]:
 
 def _compare_aimed(
     users: list[str],
+    told: Mapping[str, str],
     game: str,
     people: list[Path],
     plays: Plays,
@@ -215,11 +248,8 @@ def _compare_aimed(
                 share.show((done + part) / len(users))
 
             found.append(read_aimed_user(user, game, plays, on_progress=show))
-    names = [each.name for each in found]
-    found = [
-        each if names.count(each.name) == 1 else replace(each, name=_told(user, each.name))
-        for each, user in zip(found, users, strict=True)
-    ]
+    names = _names([(user, each.name) for user, each in zip(users, found, strict=True)], told)
+    found = [replace(each, name=name) for each, name in zip(found, names, strict=True)]
     report = AimedReport(found, recorded)
     text = jsonlib.dumps(aimed_json(report), indent=1)
     files = [out / "comparison.json"]

@@ -263,6 +263,28 @@ def test_a_condition_is_in_one_cell_of_a_user(tmp_path: Path) -> None:
         read_folders("u", folders, WHACAMOLE)
 
 
+def test_users_are_called_as_they_are_told_to_be(
+    tmp_path: Path, people: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    users = [str(evaluation(tmp_path / name, {None: 0.0})) for name in ("late=r", "b")]
+    where = ["--people", str(people), "--out", str(tmp_path / "out"), "--no-figures"]
+    with pytest.raises(SystemExit) as ended:
+        main(["compare", users[0], f"ours, before={users[1]}", *where])
+    assert not ended.value.code
+    found = json.loads((tmp_path / "out" / "comparison.json").read_text())["users"]
+    assert [*found] == ["late=r", "ours, before"]  # the first is a folder of that name
+    for given, said in (
+        ([f"={users[1]}"], "NAME=USER with both of them"),
+        ([f"a={users[0]}", f"a={users[1]}"], "the name 'a' twice"),
+        ([users[1], f"a={users[1]}"], "a user once"),
+    ):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main(["compare", *given, *where])
+        assert ended.value.code
+        assert said in " ".join(capsys.readouterr().err.split())
+
+
 def test_people_are_needed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit):
         main(["compare", str(evaluation(tmp_path / "e", {None: 0.0})), "--out", str(tmp_path)])

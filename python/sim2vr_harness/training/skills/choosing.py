@@ -10,7 +10,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from sim2vr_harness.training.skills.moves import MOVES, Choice, Mover
+from sim2vr_harness.training.skills.moves import MOVES, Choice, Mover, is_swing
 from sim2vr_harness.training.skills.network import PlaceValues
 from sim2vr_harness.training.skills.past import PastPictures
 from sim2vr_harness.training.skills.sight import Sight, rotation
@@ -125,7 +125,8 @@ def choose(
     new = torch.ones_like(resting) if changed is None else torch.from_numpy(changed)
     users = torch.arange(len(chosen))
     for hand in range(chosen.shape[1]):
-        wanted = mover.within_reach(hand, flat[users, number[:, hand] % cells])
+        there = flat[users, number[:, hand] % cells]
+        wanted = mover.within_reach(hand, there, is_swing(number[:, hand] // cells))
         moves = (new & ~resting)[:, hand, None]
         choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])
     move = torch.where(resting, -1, number // cells)

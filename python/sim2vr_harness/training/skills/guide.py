@@ -38,7 +38,7 @@ class SkillGuide:
             net,
             Chooser(simulation, mover, PastPictures(simulation, late_steps)),
         )
-        self._choice = Choice(simulation.n, len(mover.tip))
+        self._choice = Choice(simulation.n, len(mover.tool))
         self._size = simulation.action_space.shape[0]
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:

@@ -31,7 +31,7 @@ from sim2vr_harness.training.skills.sight import CELL_PX
 
 __all__ = ["Looker", "LookingReport", "Scene"]
 
-STATE_FORMAT = 1
+STATE_FORMAT = 2
 _TRY_STEPS = (4, 14)
 """How long a random try is seen through, user steps."""
 _REST_SHARE = 0.1
@@ -137,7 +137,7 @@ class Looker:
     ) -> None:
         self.config, self.simulation, self.mover = config, simulation, mover
         self.n: int = simulation.n
-        self.hands = len(mover.tip)
+        self.hands = len(mover.tool)
         vision = simulation.config.vision
         self._chooser = Chooser(simulation, mover, PastPictures(simulation))
         with torch.random.fork_rng(devices=[]):

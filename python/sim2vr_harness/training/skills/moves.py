@@ -11,7 +11,7 @@ from torch import Tensor
 from sim2vr_harness.training.skills.goals import MOMENT_S, Goals, tips
 from sim2vr_harness.training.skills.layer import MotorLayer
 
-__all__ = ["MOVES", "Choice", "Mover"]
+__all__ = ["MOVES", "Choice", "Mover", "is_swing"]
 
 _DIAGONAL = 0.5**0.5
 _SIDEWAYS = {
@@ -39,6 +39,41 @@ _DEPTH_WEIGHT = 0.2
 """How much less depth counts than height and side, where a place is out of reach."""
 
 
+def is_swing(move: Tensor) -> Tensor:
+    """Whether moves, by number, go through a place sideways."""
+    return move >= len(MOVES) - len(_SIDEWAYS)
+
+
+def _at(place: Tensor, point: Tensor) -> Tensor:
+    """(N, H, 3) where points (H, 3) of devices at (N, H, 4, 4) are."""
+    return tips(place, point.expand(len(place), *point.shape))
+
+
+class _Reach:
+    """Where a point of a device can be.
+
+    Args:
+        points: (P, 3) some of the places, m.
+    """
+
+    def __init__(self, points: Tensor) -> None:
+        self._points = points.numpy().astype(np.float64)
+        self._scale = np.array([_DEPTH_WEIGHT, 1.0, 1.0])
+        self._near = cKDTree(self._points)
+        self._beside = cKDTree(self._points * self._scale)
+
+    def distance(self, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(K,) how far places (K, 3) are from all that can be reached."""
+        away: NDArray[np.float64] = self._near.query(wanted)[0]
+        return away
+
+    def nearest(self, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(K, 3) these places, or where what is beyond reach is waited for."""
+        _, instead = self._beside.query(wanted * self._scale)
+        reached = (self.distance(wanted) < _REACHED_M)[:, None]
+        return np.where(reached, wanted, self._points[instead])
+
+
 class Choice:
     """What N users' H hands do: a move and a place each.
 
@@ -57,37 +92,38 @@ class Mover:
 
     Args:
         layer: of the body.
-        tip: (H, 3) the point of each device that things are done with, its frame, m.
+        tool: (H, 2, 3) points of each device that things are done with, its frame, m: the tip,
+            with which it touches and pushes, and the middle, with which it swings through things.
         poses: (P, H, 4, 4) places that the devices can be at.
     """
 
-    def __init__(self, layer: MotorLayer, tip: Tensor, poses: Tensor) -> None:
-        self.layer, self.tip = layer, tip
-        scale = np.array([_DEPTH_WEIGHT, 1.0, 1.0])
-        self._scale = scale
-        reach = tips(poses, tip.expand(len(poses), *tip.shape))
-        self._reach: list[NDArray[np.float64]] = [
-            reach[:, k].numpy().astype(np.float64) for k in range(len(tip))
+    def __init__(self, layer: MotorLayer, tool: Tensor, poses: Tensor) -> None:
+        self.layer, self.tool = layer, tool
+        self._reach = [
+            [_Reach(_at(poses, tool[:, which])[:, hand]) for which in range(2)]
+            for hand in range(len(tool))
         ]
-        self._near = [cKDTree(points) for points in self._reach]
-        self._beside = [cKDTree(points * scale) for points in self._reach]
 
-    def within_reach(self, hand: int, places: Tensor) -> Tensor:
-        """(K, 3) these places (K, 3), or where the hand waits for what is beyond its reach."""
+    def within_reach(self, hand: int, places: Tensor, swings: Tensor) -> Tensor:
+        """(K, 3) places (K, 3), or where the hand waits for what is beyond its reach.
+
+        Args:
+            hand: its number.
+            places: m.
+            swings: (K,) bool, who swings through it.
+        """
         wanted = places.numpy().astype(np.float64)
-        away, _ = self._near[hand].query(wanted)
-        _, instead = self._beside[hand].query(wanted * self._scale)
-        reached = np.where((away < _REACHED_M)[:, None], wanted, self._reach[hand][instead])
-        return torch.from_numpy(reached).float()
+        tip, middle = (reach.nearest(wanted) for reach in self._reach[hand])
+        return torch.from_numpy(np.where(swings.numpy()[:, None], middle, tip)).float()
 
     def distance(self, hand: int, places: Tensor) -> Tensor:
-        """(K,) how far places (K, 3) are from what the hand has been seen to reach, m."""
-        away, _ = self._near[hand].query(places.numpy().astype(np.float64))
+        """(K,) how far places (K, 3) are from what the hand's tip has been seen to reach, m."""
+        away = self._reach[hand][0].distance(places.numpy().astype(np.float64))
         return torch.from_numpy(away).float()
 
     def tips(self, place: Tensor) -> Tensor:
         """(N, H, 3) where the tips of devices at (N, H, 4, 4) are."""
-        return tips(place, self.tip.expand(len(place), *self.tip.shape))
+        return _at(place, self.tool[:, 0])
 
     def goals(self, choice: Choice, head: Tensor, place: Tensor, soon: Tensor) -> Goals:
         """Return the goals of this user step.
@@ -100,9 +136,11 @@ class Mover:
         """
         n, hands = choice.move.shape
         goals = Goals.none(n, hands)
-        goals.tip = self.tip.expand(n, hands, 3).clone()
-        now = self.tips(place)
-        velocity = (self.tips(soon) - now) / MOMENT_S
+        goals.tip = torch.where(
+            is_swing(choice.move)[..., None], self.tool[:, 1], self.tool[:, 0]
+        ).clone()
+        now = tips(place, goals.tip)
+        velocity = (tips(soon, goals.tip) - now) / MOMENT_S
         away = choice.place - head[:, None]
         away = away / away.norm(dim=-1, keepdim=True).clamp(min=1e-6)
         directions = torch.zeros(n, hands, 3)

@@ -232,11 +232,11 @@ class LookingStage:
         """Return a teacher of a student, once the stage is over."""
         state = read_tensors(self.folder / _VALUES, "what is worth doing")
         layer = self._layer()
-        tip: Tensor = state["tip"]
-        mover = Mover(layer, tip, reachable_poses(layer, self._config.seed))
+        tool: Tensor = state["tool"]
+        mover = Mover(layer, tool, reachable_poses(layer, self._config.seed))
         vision = self._config.env.vision
         config = self._config.skills.looking
-        net = PlaceValues(Sight(vision.height, vision.width), len(tip), width=config.width)
+        net = PlaceValues(Sight(vision.height, vision.width), len(tool), width=config.width)
         net.load_state_dict(state["values"])
         return SkillGuide(net, mover, simulation)
 
@@ -259,11 +259,11 @@ class LookingStage:
         layer = self._layer()
         poses = reachable_poses(layer, seed)
         with torch_threads(1):
-            tip, before = self._prepared(simulation, layer, poses, callbacks)
+            tool, before = self._prepared(simulation, layer, poses, callbacks)
             looker = self._looker = Looker(
                 self._config.skills.looking,
                 simulation,
-                Mover(layer, tip, poses),
+                Mover(layer, tool, poses),
                 self.folder / _PICTURES,
                 seed=seed,
             )
@@ -277,31 +277,33 @@ class LookingStage:
         if self._user is not None:
             steps = looker.step_count
             hold = _best_hold(looker, callbacks)
-            write_user(self._user, self._decider(layer, looker.net, tip, hold), steps)
-        learned = {"values": looker.net.state_dict(), "tip": tip}
+            write_user(self._user, self._decider(layer, looker.net, tool, hold), steps)
+        learned = {"values": looker.net.state_dict(), "tool": tool}
         write_tensors(self.folder / _VALUES, learned)
         self.tidy()
 
-    def _decider(self, layer: MotorLayer, net: PlaceValues, tip: Tensor, hold: int) -> DecidingUser:
+    def _decider(
+        self, layer: MotorLayer, net: PlaceValues, tool: Tensor, hold: int
+    ) -> DecidingUser:
         """The user that this stage has made."""
         user = DecidingUser(self._config)
-        user.learned(layer, net, tip, hold)
+        user.learned(layer, net, tool, hold)
         return user
 
     def _prepared(
         self, simulation: Simulation, layer: MotorLayer, poses: Tensor, callbacks: Callbacks
     ) -> tuple[Tensor, dict[str, float]]:
-        """The tips of the hands, and what is earned by who does nothing, per minute."""
+        """What is in the hands, and what is earned by who does nothing, per minute."""
         file = self.folder / "before.pt"
-        if file.is_file():
-            known = read_tensors(file, "what was found before trying")
-            return known["tip"], {name: float(v) for name, v in known["earned"].items()}
+        known = read_tensors(file, "what was found before trying") if file.is_file() else {}
+        if "tool" in known:
+            return known["tool"], {name: float(v) for name, v in known["earned"].items()}
         tools = find_tools(simulation, layer, poses, seed=self._config.seed)
-        tip = torch.tensor(np.array([tool.tip for tool in tools]), dtype=torch.float32)
-        for hand, tool in zip(layer.hands, tools, strict=True):
-            far = float(np.linalg.norm(tool.tip))
-            held = f"something that reaches {100 * far:.0f} cm" if far else "nothing that is seen"
-            callbacks.say(f"In the hand of {hand}: {held}.")
+        points = np.array([[tool.tip, tool.middle] for tool in tools])
+        for hand, held in zip(layer.hands, tools, strict=True):
+            far = float(np.linalg.norm(held.tip))
+            what = f"something that reaches {100 * far:.0f} cm" if far else "nothing that is seen"
+            callbacks.say(f"In the hand of {hand}: {what}.")
         began = time.monotonic()
         earned = {
             "still": _earned(simulation, self._config, moving=False),
@@ -316,8 +318,10 @@ class LookingStage:
             f"Reward of the app per minute: {earned['still']:.2f} for who sits still, "
             f"{earned['random']:.2f} for who moves at random."
         )
-        write_tensors(file, {"tip": tip, "earned": {k: torch.tensor(v) for k, v in earned.items()}})
-        return tip, earned
+        tool = torch.tensor(points, dtype=torch.float32)
+        rewards = {name: torch.tensor(value) for name, value in earned.items()}
+        write_tensors(file, {"tool": tool, "earned": rewards})
+        return tool, earned
 
     def _learn(
         self, looker: Looker, callbacks: Callbacks, log: Path, before: Mapping[str, float]

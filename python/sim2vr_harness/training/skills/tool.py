@@ -40,14 +40,18 @@ class Tool:
     Attributes:
         points: (K, 3) where it is, in the device's frame (x forward, y left, z up), m.
         tip: (3,) the middle of its far end; 0 where nothing is seen in the hand.
+        middle: (3,) the middle of its outer half. A long blade that swings through a place with its
+            tip misses if it is a little short.
     """
 
     def __init__(self, points: NDArray[np.float64]) -> None:
         self.points = points
         self.tip: NDArray[np.float64] = np.zeros(3)
+        self.middle: NDArray[np.float64] = np.zeros(3)
         if len(points):
             far = np.linalg.norm(points, axis=1)
             self.tip = np.asarray(points[far > far.max() - _END_M].mean(0))
+            self.middle = np.asarray(points[far > 0.5 * far.max()].mean(0))
 
 
 def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) -> list[Tool]:

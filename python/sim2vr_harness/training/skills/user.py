@@ -84,7 +84,7 @@ class DecidingUser(nn.Module):
     """
 
     layer: MotorLayer
-    tip: Tensor
+    tool: Tensor
     hold: Tensor
     """(1,) user steps for which a decision is seen through."""
     log_std: Tensor
@@ -105,7 +105,7 @@ class DecidingUser(nn.Module):
         self.values = PlaceValues(
             Sight(vision.height, vision.width), len(hands), width=skills.looking.width
         )
-        self.register_buffer("tip", torch.zeros(len(hands), 3))
+        self.register_buffer("tool", torch.zeros(len(hands), 2, 3))
         self.register_buffer("hold", torch.ones(1))
         self.register_buffer("log_std", torch.full((1,), _QUIET), persistent=False)
         object.__setattr__(self, "_head", Chains(body, ("headset",)))
@@ -113,11 +113,11 @@ class DecidingUser(nn.Module):
         self._mover: Mover | None = None
         self._read = _Read(body, layer)
 
-    def learned(self, layer: MotorLayer, values: PlaceValues, tip: Tensor, hold: int) -> None:
+    def learned(self, layer: MotorLayer, values: PlaceValues, tool: Tensor, hold: int) -> None:
         """Take over what was learned."""
         self.layer.load_state_dict({**self.layer.state_dict(), **layer.weights()})
         self.values.load_state_dict(values.state_dict())
-        self.tip.copy_(tip)
+        self.tool.copy_(tool)
         self.hold.fill_(hold)
         self._mover = None
 
@@ -129,7 +129,7 @@ class DecidingUser(nn.Module):
     def mover(self) -> Mover:
         """Turns decisions into goals; made of the weights when it is first needed."""
         if self._mover is None:
-            self._mover = Mover(self.layer, self.tip, self._poses)
+            self._mover = Mover(self.layer, self.tool, self._poses)
         return self._mover
 
     def act(

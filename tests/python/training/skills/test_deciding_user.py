@@ -58,12 +58,12 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
     settings = config()
     simulation = Simulation(settings.env, USERS)
     layer = motor_layer_for(simulation.body, 0.05)
-    tip = torch.tensor([[0.083, -0.01, 0.002]])
-    mover = Mover(layer, tip, reachable_poses(layer, settings.seed))
+    tool = torch.tensor([[[0.083, -0.01, 0.002], [0.06, -0.01, 0.002]]])
+    mover = Mover(layer, tool, reachable_poses(layer, settings.seed))
     chooser = Chooser(simulation, mover, PastPictures(simulation))
     net = opinionated(chooser.sight)
     user = DecidingUser(settings)
-    user.learned(layer, net, tip, HELD)
+    user.learned(layer, net, tool, HELD)
     simulation.reset(seeds=[5, 6, 7])
     choice, intended = Choice(USERS, 1), [user.begin() for _ in range(USERS)]
     moves = []

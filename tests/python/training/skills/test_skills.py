@@ -23,7 +23,7 @@ from sim2vr_harness.training.skills.shipped import (
     motor_layer_for,
     save_motor_layer,
 )
-from sim2vr_harness.training.skills.tool import find_tools
+from sim2vr_harness.training.skills.tool import Tool, find_tools
 from sim2vr_harness.users import UserBatch, load_body
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -44,7 +44,7 @@ def test_a_shipped_layer_brings_the_hand_to_places_and_stops_there(layer: MotorL
     choice = Choice(3, 1)
     choice.move[:] = MOVES.index("touch")
     choice.place[:, 0] = places
-    mover = Mover(layer, torch.zeros(1, 3), reachable_poses(layer, 1))
+    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
     for _ in range(40):
         angles, speeds, _ = layer.motion(bodies)
         head = torch.from_numpy(bodies.device_poses("headset")[0]).float()
@@ -60,7 +60,7 @@ def test_a_shipped_layer_brings_the_hand_to_places_and_stops_there(layer: MotorL
 
 
 def test_a_push_goes_through_its_place_away_from_the_head(layer: MotorLayer) -> None:
-    mover = Mover(layer, torch.zeros(1, 3), reachable_poses(layer, 1))
+    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
     choice = Choice(1, 1)
     choice.move[:] = MOVES.index("push")
     choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
@@ -78,7 +78,7 @@ def test_a_push_goes_through_its_place_away_from_the_head(layer: MotorLayer) -> 
 
 
 def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorLayer) -> None:
-    mover = Mover(layer, torch.zeros(1, 3), reachable_poses(layer, 1))
+    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
     choice = Choice(1, 1)
     choice.move[:] = MOVES.index("push")
     choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
@@ -95,12 +95,30 @@ def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorLayer) ->
 
 
 def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorLayer) -> None:
-    mover = Mover(layer, torch.zeros(1, 3), reachable_poses(layer, 1))
-    near = torch.tensor([[0.4, -0.25, 1.1]])
-    assert torch.equal(mover.within_reach(0, near), near)
-    far = mover.within_reach(0, torch.tensor([[3.0, -0.25, 1.1]]))[0]
+    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    near, touches = torch.tensor([[0.4, -0.25, 1.1]]), torch.zeros(1, dtype=torch.bool)
+    assert torch.equal(mover.within_reach(0, near, touches), near)
+    far = mover.within_reach(0, torch.tensor([[3.0, -0.25, 1.1]]), touches)[0]
     assert far[0] < 1.0
     assert far[1:].tolist() == pytest.approx([-0.25, 1.1], abs=0.12)
+
+
+def test_a_blade_swings_with_its_middle_and_touches_with_its_tip(layer: MotorLayer) -> None:
+    """Visible from 0.1 to 1 m before the hand, the outer half's middle is at 0.75 m."""
+    blade = Tool(np.outer(np.linspace(0.1, 1.0, 901), [1.0, 0.0, 0.0]))
+    assert blade.middle == pytest.approx([0.75, 0.0, 0.0], abs=1e-3)
+    assert blade.tip == pytest.approx([0.978, 0.0, 0.0], abs=1e-3)
+    tool = torch.tensor(np.array([[blade.tip, blade.middle]]), dtype=torch.float32)
+    mover = Mover(layer, tool, reachable_poses(layer, 1))
+    choice, place = Choice(2, 1), torch.eye(4).repeat(2, 1, 1, 1)
+    choice.move[:, 0] = torch.tensor([MOVES.index("touch"), MOVES.index("up")])
+    goals = mover.goals(choice, torch.zeros(2, 3), place, place)
+    assert goals.tip[:, 0, 0].tolist() == pytest.approx([0.978, 0.75], abs=1e-3)
+    # Farther than the middle gets, within the tip's reach: who swings waits nearer.
+    swings = torch.tensor([False, True])
+    there = torch.tensor([[1.0, 0.0, 0.0]]).expand(2, 3) * 1.55 + torch.tensor([0.0, -0.2, 1.1])
+    touched, swung = mover.within_reach(0, there, swings)
+    assert touched[0] > swung[0] + 0.1
 
 
 def env(game: str) -> EnvConfig:
@@ -131,7 +149,7 @@ SMALL = LookingConfig(
 def looker(layer: MotorLayer, folder: Path) -> Looker:
     folder.mkdir(exist_ok=True)
     simulation = Simulation(env("sample"), SMALL.users)
-    mover = Mover(layer, torch.zeros(1, 3), reachable_poses(layer, 1))
+    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
     return Looker(SMALL, simulation, mover, folder / "pictures.bin", seed=2)
 
 

@@ -80,6 +80,11 @@ class ImaginedConfig(Settings):
     keep_best: bool = False
     """Whether the teacher is the one of the cycle that played best in the true game (noise on the
     actions, all conditions alike) instead of the last one."""
+    average_updates: int = Field(default=0, ge=0, le=MOST_STEPS)
+    """The policy that plays, and that the teacher is, has the mean weights of about the last so
+    many updates; 0: those of the last. From one cycle to the next rates of the last weights in the
+    true game go up and down by .2, as they follow each body model into its errors (Polyak and
+    Juditsky 1992)."""
     growing_lag_cycles: int = Field(default=0, ge=0, le=100_000)
     """Cycles in which late senses become as late as they are, from the present on: who has learned
     to act on the present learns sooner to act on the past. 0: at once."""

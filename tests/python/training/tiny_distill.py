@@ -21,6 +21,7 @@ SETTINGS = [
     "policy.scale_proprioception=true",
     "teacher.total_timesteps=64",
     "teacher.imagined.cycles=2",
+    "teacher.imagined.average_updates=2",
     "teacher.imagined.first_play_steps=30",
     "teacher.imagined.play_steps=10",
     "teacher.imagined.first_fit_minibatches=20",

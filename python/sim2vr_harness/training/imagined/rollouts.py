@@ -12,6 +12,7 @@ import torch
 from torch import Tensor, nn
 
 from sim2vr_harness.errors import InputError
+from sim2vr_harness.training.imagined.average import Average
 from sim2vr_harness.training.imagined.body import BodyModel, fit_body
 from sim2vr_harness.training.imagined.collecting import Collector
 from sim2vr_harness.training.imagined.critic import Critic
@@ -28,7 +29,7 @@ from sim2vr_harness.training.teacher_policy import TeacherPolicy
 
 __all__ = ["CycleReport", "ImaginedRollouts"]
 
-STATE_FORMAT = 6
+STATE_FORMAT = 7
 _PLAYED, _FITTED = 0.2, 0.4
 """Shares of a cycle's time that are over after playing, and after fitting the body model."""
 _BEYOND_COST = 0.01
@@ -118,6 +119,7 @@ class ImaginedRollouts:
         ]
         betas = (0.8, 0.97)  # gradients change fast as the body model does
         self._optimizer = torch.optim.Adam(self._actor, lr=config.learning_rate, betas=betas)
+        self._average = Average(self._actor, config.average_updates)
         self._seen: list[Experience] = []
         self._pool: Experience | None = None
         self._near: dict[tuple[int, int], Tensor] = {}
@@ -186,12 +188,13 @@ class ImaginedRollouts:
                 torch.set_rng_state(self._torch_state)
             first = self.cycle == 0
             self._grow()
-            new, played = self._collector.play(
-                config.first_play_steps if first else config.play_steps,
-                wildly=first,
-                on_progress=lambda share: on_progress("playing", _PLAYED * share),
-            )
-            self._keep_best(played)
+            with self._average.in_place():
+                new, played = self._collector.play(
+                    config.first_play_steps if first else config.play_steps,
+                    wildly=first,
+                    on_progress=lambda share: on_progress("playing", _PLAYED * share),
+                )
+                self._keep_best(played)
             self._seen.append(new)
             if len(self._seen) > 1 + config.kept_cycles:
                 del self._seen[1]
@@ -221,13 +224,8 @@ class ImaginedRollouts:
             imagined, worst = self._rates()
             self.game.adapt()
             self.cycle += 1
-            if self.finished and config.keep_best:
-                _, last = self._collector.play(
-                    config.play_steps, wildly=False, on_progress=lambda share: None
-                )
-                self._keep_best(last)
-                if self._best is not None:
-                    self.policy.load_state_dict(self._best[1])
+            if self.finished:
+                self._settle()
             self._torch_state = torch.get_rng_state()
         return CycleReport(
             cycle=self.cycle,
@@ -238,6 +236,18 @@ class ImaginedRollouts:
             worst_cell=worst,
             place_error_m=fit["place_m"],
         )
+
+    def _settle(self) -> None:
+        """Let the policy be the mean of the last updates', or the one that played best."""
+        self._average.settle()
+        if not self.config.keep_best:
+            return
+        _, last = self._collector.play(
+            self.config.play_steps, wildly=False, on_progress=lambda share: None
+        )
+        self._keep_best(last)
+        if self._best is not None:
+            self.policy.load_state_dict(self._best[1])
 
     def _keep_best(self, played: tuple[float, ...]) -> None:
         """Take note of the weights that have just been played with, if none played better.
@@ -391,6 +401,7 @@ class ImaginedRollouts:
         norm = nn.utils.clip_grad_norm_(self._actor, 1.0)
         if torch.isfinite(norm) and self.updates >= config.critic_first_updates:
             self._optimizer.step()
+            self._average.add()
         self._critic.learn(torch.stack(seen).detach(), torch.stack(rewards).detach())
         self._cut()
         again = (torch.rand(self.users.n) < config.restart_share) | self.users.broken()
@@ -419,6 +430,7 @@ class ImaginedRollouts:
             "body": self.body.state_dict(),
             "critic": self._critic.state(),
             "optimizer": self._optimizer.state_dict(),
+            "average": self._average.state(),
             "torch": self._torch_state,
             "users": self.users.state(),
             "game": self.game.state(),
@@ -448,6 +460,7 @@ class ImaginedRollouts:
             parameter.requires_grad_(False)
         self._critic.load_state(state["critic"])
         self._optimizer.load_state_dict(state["optimizer"])
+        self._average.load_state(state["average"])
         self._torch_state = state["torch"]
         self.users.load_state(state["users"])
         self.game.load_state(state["game"])

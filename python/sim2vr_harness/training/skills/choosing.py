@@ -27,12 +27,14 @@ class Scene:
         head: (N, 3) m.
         turned: (N, 9) rotation of the head.
         tips: (N, H, 3) m.
+        velocities: (N, H, 3) theirs, m/s.
     """
 
     pictures: NDArray[np.uint8]
     head: NDArray[np.float32]
     turned: NDArray[np.float32]
     tips: NDArray[np.float32]
+    velocities: NDArray[np.float32]
 
 
 class Chooser:
@@ -59,8 +61,11 @@ class Chooser:
         layer = self.mover.layer
         with torch.inference_mode():
             angles, speeds, _ = layer.motion(self._simulation.users)
-            tips = self.mover.tips(layer.places(angles, speeds)[0]).numpy()
-        return Scene(self._past.observe(), self._head(), turned.flatten(1).numpy(), tips)
+            place, soon = layer.places(angles, speeds)
+            tips = self.mover.tips(place).numpy()
+            velocities = self.mover.velocities(place, soon).numpy()
+        head, rotated = self._head(), turned.flatten(1).numpy()
+        return Scene(self._past.observe(), head, rotated, tips, velocities)
 
     def places(self, scene: Scene) -> Tensor:
         """(N, 3, rows, columns) of what is seen, world, m."""
@@ -70,7 +75,8 @@ class Chooser:
 
     def values(self, net: PlaceValues, scene: Scene, places: Tensor) -> Tensor:
         """(N, H, choices) what a network says that choices are worth."""
-        parts = (torch.from_numpy(part) for part in (scene.head, scene.tips))
+        known = (scene.head, scene.tips, scene.velocities)
+        parts = (torch.from_numpy(part) for part in known)
         values: Tensor = net(torch.from_numpy(scene.pictures), places, *parts)
         return values
 

@@ -38,6 +38,8 @@ _REST_SHARE = 0.1
 _COLOURS = 8
 _TRUSTED_PERCENTILE = 99.0
 _NEAR_M, _REACHED_M = 1.2, 0.06
+_SCENE = ("head", "turned", "tips", "velocities")
+"""What is remembered of a scene beside its pictures."""
 
 
 @dataclass(frozen=True)
@@ -80,6 +82,7 @@ class _Memory:
             "head": np.zeros((*shape, 3), np.float32),
             "turned": np.zeros((*shape, 9), np.float32),
             "tips": np.zeros((*shape, hands, 3), np.float32),
+            "velocities": np.zeros((*shape, hands, 3), np.float32),
             "chosen": np.zeros((*shape, hands), np.int64),
             "reward": np.zeros(shape, np.float32),
             "over": np.zeros(shape, bool),
@@ -90,7 +93,7 @@ class _Memory:
         """A decision; what came of it is told by :meth:`outcome`."""
         row = self.count
         self.pictures[row] = scene.pictures
-        for name in ("head", "turned", "tips"):
+        for name in _SCENE:
             self.known[name][row] = getattr(scene, name)
         self.known["chosen"][row] = chosen
         self.count += 1
@@ -104,7 +107,7 @@ class _Memory:
         """What was seen."""
         known = self.known
         pictures = np.asarray(self.pictures[rows, users])
-        return Scene(pictures, *(known[name][rows, users] for name in ("head", "turned", "tips")))
+        return Scene(pictures, *(known[name][rows, users] for name in _SCENE))
 
     def state(self) -> dict[str, Tensor]:
         """All but the pictures, which are made sure to be in the file."""

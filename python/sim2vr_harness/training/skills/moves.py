@@ -125,6 +125,10 @@ class Mover:
         """(N, H, 3) where the tips of devices at (N, H, 4, 4) are."""
         return _at(place, self.tool[:, 0])
 
+    def velocities(self, place: Tensor, soon: Tensor) -> Tensor:
+        """(N, H, 3) how tips move, m/s; ``soon``: where devices will be ``MOMENT_S`` later."""
+        return (self.tips(soon) - self.tips(place)) / MOMENT_S
+
     def goals(self, choice: Choice, head: Tensor, place: Tensor, soon: Tensor) -> Goals:
         """Return the goals of this user step.
 

@@ -11,14 +11,17 @@ from sim2vr_harness.training.skills.sight import Sight
 
 __all__ = ["PlaceValues"]
 
-_UNIT_M = 0.4
+_UNIT_M, _FAR_UNIT_M = 0.4, 2.0
+"""What places are told in: within reach finely, farther away, where things come from, coarsely."""
+_UNIT_MPS = 2.0
 
 
 class PlaceValues(nn.Module):
     """Values of moves by cell of the picture, and of resting; hands' values add up.
 
     Convolutions know what is where in the picture; each cell also knows where in the world it is,
-    seen from the head and from the hands' tips.
+    seen from the head and from the hands' tips, and how these move: who decides anew in the middle
+    of a stroke knows that it is one.
 
     Args:
         sight: geometry of the pictures.
@@ -35,17 +38,19 @@ class PlaceValues(nn.Module):
             nn.Conv2d(16, width, 3, stride=2, padding=1),
             nn.SiLU(),
         )
-        geometry = 3 + 4 * hands
+        geometry = 6 + 4 * hands
         self.enter = nn.Conv2d(width + geometry, width, 1)
         self.spread = nn.Conv2d(width, width, 3, padding=2, dilation=2)
-        self.common = nn.Linear(width + 3 * hands, width)
+        self.common = nn.Linear(width + 6 * hands, width)
         self.leave = nn.Conv2d(width, hands * len(MOVES), 1)
         self.rest = nn.Linear(width, hands)
         for layer in (self.leave, self.rest):
             for parameter in layer.parameters():
                 nn.init.zeros_(parameter)
 
-    def forward(self, pictures: Tensor, places: Tensor, head: Tensor, tips: Tensor) -> Tensor:
+    def forward(
+        self, pictures: Tensor, places: Tensor, head: Tensor, tips: Tensor, velocities: Tensor
+    ) -> Tensor:
         """(N, H, moves * cells + 1) values; the last one is that of resting.
 
         Args:
@@ -53,6 +58,7 @@ class PlaceValues(nn.Module):
             places: (N, 3, rows, columns) of the cells, world, m.
             head: (N, 3).
             tips: (N, H, 3).
+            velocities: (N, H, 3) m/s.
         """
         n, rows, columns = len(pictures), self.sight.rows, self.sight.columns
         x = self.stem(pictures.float() / 127.5 - 1.0)[:, :, :rows, :columns]
@@ -61,9 +67,10 @@ class PlaceValues(nn.Module):
         for hand in range(self.hands):
             from_tip = places - tips[:, hand, :, None, None]
             maps += [from_tip, from_tip.norm(dim=1, keepdim=True)]
-        geometry = (torch.cat(maps, 1) / _UNIT_M).clamp(-3.0, 3.0)
+        fine, coarse = torch.cat(maps, 1) / _UNIT_M, from_head / _FAR_UNIT_M
+        geometry = torch.cat([fine, coarse], 1).clamp(-3.0, 3.0)
         x = functional.silu(self.enter(torch.cat([x, geometry], 1)))
-        told = ((tips - head[:, None]) / _UNIT_M).flatten(1)
+        told = torch.cat([(tips - head[:, None]) / _UNIT_M, velocities / _UNIT_MPS], -1).flatten(1)
         common = self.common(torch.cat([x.mean((2, 3)), told], 1))
         x = functional.silu(self.spread(x) + x + common[:, :, None, None])
         moves = self.leave(x).reshape(n, self.hands, -1)

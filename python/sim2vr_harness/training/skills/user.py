@@ -146,19 +146,23 @@ class DecidingUser(nn.Module):
             placed = self.layer.places(*motion[:2])
             head = self._head(motion[0])[:, 0]
             if intention.left == 0:
-                self._decide(observation["vision"], intention.choice, head, placed[0])
+                self._decide(observation["vision"], intention.choice, head, placed)
                 intention.left = int(self.hold)
             intention.left -= 1
             goals = self.mover.goals(intention.choice, head[:, :3, 3], *placed)
             return self.layer.decide(motion, placed, goals)[0]
 
     def _decide(
-        self, picture: NDArray[np.uint8], choice: Choice, head: Tensor, place: Tensor
+        self,
+        picture: NDArray[np.uint8],
+        choice: Choice,
+        head: Tensor,
+        placed: tuple[Tensor, Tensor],
     ) -> None:
         pictures = torch.from_numpy(np.ascontiguousarray(picture)[None])
         places = self.values.sight.places(pictures[:, 3], head[:, :3, 3], head[:, :3, :3])
-        tips = self.mover.tips(place)
-        chosen = self.values(pictures, places, head[:, :3, 3], tips).argmax(-1).numpy()
+        moving = (self.mover.tips(placed[0]), self.mover.velocities(*placed))
+        chosen = self.values(pictures, places, head[:, :3, 3], *moving).argmax(-1).numpy()
         choose(choice, chosen, places, self.mover)
 
 

@@ -218,7 +218,7 @@ def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
 
 
 def test_a_body_without_a_layer_is_named() -> None:
-    with pytest.raises(InputError, match="none for the body .mobl_arms_bimanual. "):
+    with pytest.raises(InputError, match="none for the body 'mobl_arms_bimanual' in"):
         motor_layer_for(load_body("mobl_arms_bimanual"), STEP_S)
 
 

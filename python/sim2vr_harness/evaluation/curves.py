@@ -34,6 +34,7 @@ class _Run:
 
     name: str
     facts: GameFacts
+    looking: Rows
     imagined: Rows
     student: Rows
     rows: Rows
@@ -69,8 +70,8 @@ def _is_number(value: Any) -> TypeGuard[float]:
 def plot(runs: Sequence[str | Path], out: Path) -> Path:
     """Draw the learning curves of one or more runs into a PNG file.
 
-    Runs of the distilled recipe get a row more: their teacher's imagined rollouts and their
-    student.
+    There is a row for looking and trying, of the recipe ``skills``, one for the teacher's imagined
+    rollouts and the student, and two for the training from pixels, each if any of the runs has it.
 
     Args:
         runs: Folders of runs, or packed users (``pretrained:NAME``, or a folder).
@@ -83,7 +84,7 @@ def plot(runs: Sequence[str | Path], out: Path) -> Path:
         raise InputError("--out", repr(str(out)), "a file name that ends in .png")
     found = [_read(run) for run in runs]
     for run, each in zip(runs, found, strict=True):
-        if not (each.rows or each.imagined or each.student):
+        if not (each.rows or each.looking or each.imagined or each.student):
             raise InputError("RUN", f"{str(run)!r}, which has no metrics yet", "a trained run")
     _draw(found, out)
     return out
@@ -96,6 +97,7 @@ def pack_curves(run: Path, place: Path) -> None:
         return
     found = _of_folder(folder)
     content = {
+        "looking": _thinned(found.looking, None),
         "imagined": _thinned(found.imagined, None),
         "student": _thinned(found.student, ("student/", "rollout/ep_")),
         "rows": _thinned(found.rows, tuple(key for key, _ in _panels(found.facts))),
@@ -131,18 +133,21 @@ def _of_packed(user: TrainedUser, run: str | Path) -> _Run:
         )
     expected = "learning curves: a JSON object with lists of rows"
     rows = read_json(file, expected)
-    for key in ("imagined", "student", "rows"):
+    rows.setdefault("looking", [])  # not in older ones
+    for key in ("looking", "imagined", "student", "rows"):
         found = rows.get(key)
         if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
             raise InputError(file_name(file), f"{key}: {shown(found, 40)}", expected)
     facts = game_facts(user.config.env.app, ask=False)
-    return _Run(str(user.card["name"]), facts, rows["imagined"], rows["student"], rows["rows"])
+    stages = (rows[key] for key in ("looking", "imagined", "student", "rows"))
+    return _Run(str(user.card["name"]), facts, *stages)
 
 
 def _of_folder(folder: RunFolder) -> _Run:
     return _Run(
         name=folder.path.name,
         facts=game_facts(folder.load_config().env.app, ask=False),
+        looking=read_rows(folder.path / "looking" / "cycles.jsonl"),
         imagined=_first_rows(
             folder.path / "imagined" / "cycles.jsonl",
             folder.path / "teacher" / "practice.jsonl",  # of runs of version 0.1
@@ -162,21 +167,39 @@ def _draw(runs: Sequence[_Run], out: Path) -> None:
     from matplotlib.figure import Figure
 
     facts = runs[0].facts
+    looking = any(run.looking for run in runs)
     stages = any(run.imagined or run.student for run in runs)
-    height = 3 if stages else 2
+    pixels = any(run.rows for run in runs)
+    height = looking + stages + 2 * pixels
     figure = Figure(figsize=(12, 3.5 * height), layout="constrained")
     FigureCanvasAgg(figure)
     grid = list(figure.subplots(height, 3).flat)
+    left = iter(grid)
+    if looking:
+        _draw_looking([next(left) for _ in range(3)], runs)
     if stages:
-        _draw_stages(grid[:3], runs, facts)
-    for axes, (key, title) in zip(grid[3 * stages :], _panels(facts), strict=True):
+        _draw_stages([next(left) for _ in range(3)], runs, facts)
+    for axes, (key, title) in zip(left, _panels(facts), strict=False):
         for run in runs:
             _line(axes, *curve(run.rows, key), label=run.name)
-        _dress(axes, f"{title} (from pixels)" if stages else title)
+        _dress(axes, f"{title} (from pixels)" if looking or stages else title)
     grid[0].legend(fontsize=8)
     out.parent.mkdir(parents=True, exist_ok=True)
     with naming(out):
         figure.savefig(out, dpi=120)
+
+
+def _draw_looking(grid: Sequence[Any], runs: Sequence[_Run]) -> None:
+    """What is earned while users with a motor layer try what is worth doing."""
+    panels = (
+        ("reward", "reward per minute"),
+        ("explore", "share of random tries"),
+        ("loss", "error of the values"),
+    )
+    for axes, (key, title) in zip(grid, panels, strict=True):
+        for run in runs:
+            _line(axes, *curve(run.looking, key), label=run.name)
+        _dress(axes, f"Trying: {title}")
 
 
 def _draw_stages(grid: Sequence[Any], runs: Sequence[_Run], facts: GameFacts) -> None:

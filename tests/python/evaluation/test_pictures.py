@@ -217,6 +217,21 @@ def test_curves_of_a_distilled_run_show_its_stages(trained: Path, tmp_path: Path
     plot([run], tmp_path / "early.png")
 
 
+def test_curves_of_who_tries_are_of_its_stage(trained: Path, tmp_path: Path) -> None:
+    run = tmp_path / "decider"
+    shutil.copytree(trained, run)
+    (run / "metrics.jsonl").unlink()
+    (run / "looking").mkdir()
+    rows = [{"step": 960 * k, "reward": 5.0 * k, "loss": None, "explore": 0.9} for k in (1, 2)]
+    (run / "looking" / "cycles.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    assert size_of(plot([run], tmp_path / "tries.png")) == (1440, 420)
+    assert size_of(plot([run, trained], tmp_path / "both.png")) == (1440, 1260)
+    packed = tmp_path / "packed"
+    packed.mkdir()
+    pack_curves(run, packed)
+    assert json.loads((packed / "curves.json").read_text())["looking"] == rows
+
+
 def test_curves_of_packed_users(trained: Path, tmp_path: Path) -> None:
     packed = tmp_path / "packed"
     shutil.copytree(paths.trained_users_dir() / "whacamole_constrained", packed)

@@ -159,17 +159,18 @@ def _told_names(users: list[str]) -> tuple[list[str], dict[str, str]]:
     found = []
     for given in users:
         name, equals, user = given.partition("=")
-        if not equals or Path(given).exists():
-            found.append(given)
-            continue
-        if not (name.strip() and user):
+        named = bool(equals) and not Path(given).exists()
+        if not named:
+            name, user = "", given
+        elif not (name.strip() and user):
             raise InputError("USER", f"'{given}'", "NAME=USER with both of them")
-        if name in told.values():
+        elif name in told.values():
             raise InputError("USER", f"the name '{name}' twice", "a name for each user")
-        if user in found or _is_study(user):
+        if user in told or (named and (user in found or _is_study(user))):
             expected = "a user once, and no name for a study, whose users have theirs"
             raise InputError("USER", f"'{given}'", expected)
-        told[user] = name
+        if named:
+            told[user] = name
         found.append(user)
     return found, told
 
@@ -183,11 +184,15 @@ def _names(users: Sequence[tuple[str, str]], told: Mapping[str, str]) -> list[st
         told: names that were said, by what was given.
     """
     own = [name for _, name in users]
-    return [
-        told.get(user)
-        or (name if own.count(name) == 1 else user if Path(user).name == name else f"{user} {name}")
-        for user, name in users
-    ]
+
+    def called(user: str, name: str) -> str:
+        if user in told:
+            return told[user]
+        if own.count(name) == 1:
+            return name
+        return user if Path(user).name == name else f"{user} {name}"
+
+    return [called(user, name) for user, name in users]
 
 
 def _is_study(user: str) -> bool:

@@ -61,11 +61,8 @@ class Chooser:
         layer = self.mover.layer
         with torch.inference_mode():
             angles, speeds, _ = layer.motion(self._simulation.users)
-            place, soon = layer.places(angles, speeds)
-            tips = self.mover.tips(place).numpy()
-            velocities = self.mover.velocities(place, soon).numpy()
-        head, rotated = self._head(), turned.flatten(1).numpy()
-        return Scene(self._past.observe(), head, rotated, tips, velocities)
+            moving = [each.numpy() for each in self.mover.tips(*layer.places(angles, speeds))]
+        return Scene(self._past.observe(), self._head(), turned.flatten(1).numpy(), *moving)
 
     def places(self, scene: Scene) -> Tensor:
         """(N, 3, rows, columns) of what is seen, world, m."""

@@ -121,13 +121,15 @@ class Mover:
         away = self._reach[hand][0].distance(places.numpy().astype(np.float64))
         return torch.from_numpy(away).float()
 
-    def tips(self, place: Tensor) -> Tensor:
-        """(N, H, 3) where the tips of devices at (N, H, 4, 4) are."""
-        return _at(place, self.tool[:, 0])
+    def tips(self, place: Tensor, soon: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, H, 3) where tips are, m, and how they move, m/s.
 
-    def velocities(self, place: Tensor, soon: Tensor) -> Tensor:
-        """(N, H, 3) how tips move, m/s; ``soon``: where devices will be ``MOMENT_S`` later."""
-        return (self.tips(soon) - self.tips(place)) / MOMENT_S
+        Args:
+            place: (N, H, 4, 4) where the devices are.
+            soon: the same ``MOMENT_S`` later.
+        """
+        now = _at(place, self.tool[:, 0])
+        return now, (_at(soon, self.tool[:, 0]) - now) / MOMENT_S
 
     def goals(self, choice: Choice, head: Tensor, place: Tensor, soon: Tensor) -> Goals:
         """Return the goals of this user step.

@@ -161,7 +161,7 @@ class DecidingUser(nn.Module):
     ) -> None:
         pictures = torch.from_numpy(np.ascontiguousarray(picture)[None])
         places = self.values.sight.places(pictures[:, 3], head[:, :3, 3], head[:, :3, :3])
-        moving = (self.mover.tips(placed[0]), self.mover.velocities(*placed))
+        moving = self.mover.tips(*placed)
         chosen = self.values(pictures, places, head[:, :3, 3], *moving).argmax(-1).numpy()
         choose(choice, chosen, places, self.mover)
 

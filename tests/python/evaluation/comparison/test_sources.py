@@ -277,6 +277,7 @@ def test_users_are_called_as_they_are_told_to_be(
         ([f"={users[1]}"], "NAME=USER with both of them"),
         ([f"a={users[0]}", f"a={users[1]}"], "the name 'a' twice"),
         ([users[1], f"a={users[1]}"], "a user once"),
+        ([f"a={users[1]}", users[1]], "a user once"),
     ):
         capsys.readouterr()
         with pytest.raises(SystemExit) as ended:

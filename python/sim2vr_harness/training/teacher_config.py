@@ -189,6 +189,10 @@ class TeacherConfig(Settings):
     recognition_steps: int = Field(default=0, ge=0, le=100)
     """How many user steps after a picture shows a thing the teacher knows of it. What has just come
     up is a speck that no student makes out; a teacher that knows of it does what no student can."""
+    start: str | None = Field(default=None, min_length=1)
+    """The folder of a run with a teacher to begin with, instead of one that knows nothing: it
+    observes and acts as this one, by other rules perhaps. Its cycles are as those of the second
+    half of a training from nothing, and nothing is easier in them unless they say so."""
     imagined: ImaginedConfig = ImaginedConfig()
     curriculum: CurriculumConfig = CurriculumConfig()
     reward_scale: Factor = 0.2
@@ -197,6 +201,15 @@ class TeacherConfig(Settings):
     evaluate_rounds: int = Field(default=4, ge=0, le=1_000_000)
     """Rounds per condition by which the teacher is judged in the end: true rules, stochastic
     policy."""
+
+    @model_validator(mode="after")
+    def _start_with_cycles(self) -> Self:
+        if self.start is not None and self.imagined.cycles == 0:
+            raise ValueError(
+                "imagined.cycles: got 0 with start, expected at least 1: a teacher that is there "
+                "goes on learning in imagined rollouts"
+            )
+        return self
 
     @model_validator(mode="after")
     def _present_or_later(self) -> Self:

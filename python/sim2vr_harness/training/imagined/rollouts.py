@@ -72,6 +72,9 @@ class ImaginedRollouts:
         policy: what learns; its statistics of observations are set here.
         simulation: users in the true game.
         seed: of everything drawn here.
+        learned: whether the policy has learned elsewhere. Its statistics of observations stay then,
+            games are as little relaxed as in the second half of learning, and the first cycle is
+            for the body model and the critic alone.
 
     Raises:
         InputError: the policy observes something that the game's twin does not know, or the twin
@@ -85,7 +88,9 @@ class ImaginedRollouts:
         simulation: TeacherSimulation,
         *,
         seed: int,
+        learned: bool = False,
     ) -> None:
+        self._learned = learned
         self.config, self.policy, self.simulation = config, policy, simulation
         self.cycle = self.updates = 0
         self._persons = ImaginedPersons(simulation.simulation)
@@ -213,7 +218,8 @@ class ImaginedRollouts:
             )
             self._choose_pool()
             if first:
-                self._fit_statistics()
+                if not self._learned:
+                    self._fit_statistics()
                 everyone = torch.arange(self.users.n)
                 self._restart(everyone)
             self.game.clear_counts()
@@ -376,6 +382,7 @@ class ImaginedRollouts:
         """One window of imagined user steps, and what is learned from it."""
         config = self.config
         done = self.updates / (config.updates * config.cycles)
+        done = 0.5 + 0.5 * done if self._learned else done
         for group in self._optimizer.param_groups:
             group["lr"] = config.learning_rate * min(1.0, 2.0 * (1.0 - done)) + 2e-5
         limit = config.gradient_limit
@@ -399,7 +406,10 @@ class ImaginedRollouts:
         self._optimizer.zero_grad()
         (-total.mean() / config.window_steps).backward()  # type: ignore[no-untyped-call]
         norm = nn.utils.clip_grad_norm_(self._actor, 1.0)
-        if torch.isfinite(norm) and self.updates >= config.critic_first_updates:
+        critic_first = config.critic_first_updates
+        if self._learned:
+            critic_first = max(critic_first, config.updates)
+        if torch.isfinite(norm) and self.updates >= critic_first:
             self._optimizer.step()
             self._average.add()
         self._critic.learn(torch.stack(seen).detach(), torch.stack(rewards).detach())

@@ -5,17 +5,18 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from torch import Tensor
+from torch import Tensor, nn
 
 from sim2vr_harness.training.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.finite import require_finite
 from sim2vr_harness.training.imagined.rollouts import CycleReport, ImaginedRollouts
+from sim2vr_harness.training.imagined.starting import teacher_to_start_with
 from sim2vr_harness.training.progress import View
 from sim2vr_harness.training.run_folder import append_row, keep_rows
 from sim2vr_harness.training.stages import Callbacks
@@ -33,6 +34,9 @@ class ImaginedStage:
     Args:
         config: of the run.
         folder: of the stage.
+
+    Raises:
+        InputError: it shall begin with a teacher that is not there, or is of another kind.
     """
 
     name, unit = "imagined", "cycles"
@@ -41,6 +45,10 @@ class ImaginedStage:
     def __init__(self, config: TrainingConfig, folder: Path) -> None:
         self._config, self.folder = config, folder
         self.total = float(config.teacher.imagined.cycles)
+        self._begin: Callable[[nn.Module], None] | None = None
+        """Gives a teacher that begins what another one knows."""
+        if config.teacher.start is not None and not self.begun:
+            self._begin = teacher_to_start_with(config, Path(folder.name) / _POLICY)
         self._simulation: TeacherSimulation | None = None
         self._rollouts: ImaginedRollouts | None = None
         self._state: dict[str, Any] | None = None
@@ -78,8 +86,14 @@ class ImaginedStage:
             config.teacher.policy,
             seed=config.seed,
         )
+        if self._begin is not None and not self.begun:
+            self._begin(policy)
         self._rollouts = ImaginedRollouts(
-            config.teacher.imagined, policy, self._simulation, seed=config.seed
+            config.teacher.imagined,
+            policy,
+            self._simulation,
+            seed=config.seed,
+            learned=config.teacher.start is not None,
         )
 
     def run(self, callbacks: Callbacks) -> None:
@@ -89,6 +103,8 @@ class ImaginedStage:
         if (self.folder / _STATE).is_file():
             _restore(rollouts, self.folder / _STATE)
             callbacks.say(f"Continuing after cycle {rollouts.cycle}.")
+        elif self._config.teacher.start is not None:
+            callbacks.say(f"It begins with the teacher of {self._config.teacher.start}.")
         self._cycles_saved = rollouts.cycle
         imagined = self._config.teacher.imagined
         if 0 < imagined.cycles <= imagined.easier_cycles:

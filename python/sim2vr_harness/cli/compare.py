@@ -13,7 +13,7 @@ from rich.console import Console
 
 from sim2vr_harness.cli.options import TrustOption, writable_folder
 from sim2vr_harness.cli.progress import Share
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.errors import InputError, shown, unknown_name
 
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.comparison.sources import Plays, Source
@@ -52,6 +52,14 @@ def compare(
             metavar="NAME",
             help="A condition to play; may be repeated. Without, all that are compared, by the "
             "rules that the user was trained with.",
+        ),
+    ] = None,
+    group: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Play by the rules of a group of people (constrained, unconstrained), whatever "
+            "the user was trained with; may be repeated.",
         ),
     ] = None,
     episodes: Annotated[int, typer.Option(metavar="N", help="Rounds per condition.")] = 6,
@@ -112,7 +120,7 @@ def compare(
         episodes=episodes,
         seed=seed,
         overrides=overrides or (),
-        conditions=condition,
+        conditions=_to_play(condition, group, game),
         batch=batch,
         persons=persons,
         trust_app=trust_app,
@@ -151,6 +159,24 @@ def compare(
     Console().print(report_tables(report, every=every))
     for file in files:
         typer.echo(f"Written: {file}")
+
+
+def _to_play(condition: list[str] | None, group: list[str] | None, game: str) -> list[str] | None:
+    """The game's names of the conditions asked for; None for those of the user's rules."""
+    from sim2vr_harness.games.registry import aimed_games, behaviour_of
+
+    if not group:
+        return condition
+    if condition:
+        got = f"{shown(group)} beside --condition {shown(condition)}"
+        raise InputError("--group", got, "one of the two: a group plays all that are compared")
+    if game in aimed_games():
+        raise InputError("--group", shown(group), f"none for {game}, whose people are no groups")
+    behaviour = behaviour_of(game)
+    for name in group:
+        if name not in behaviour.groups:
+            raise unknown_name("--group", name, behaviour.groups)
+    return [name for each in dict.fromkeys(group) for name in behaviour.played(each)]
 
 
 def _told_names(users: list[str]) -> tuple[list[str], dict[str, str]]:

@@ -196,6 +196,40 @@ def test_the_command(tmp_path: Path, people: Path, capsys: pytest.CaptureFixture
     assert not (out / "latency.png").exists(), "no condition with one target at a time"
 
 
+def test_a_user_may_play_by_the_rules_of_any_group(
+    tmp_path: Path,
+    people: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Whatever it was trained with: the conditions that the group's people are compared in."""
+    asked: list[Plays] = []
+
+    def read(user: str, behaviour: Any, how: Plays, **also: Any) -> Any:
+        asked.append(how)
+        raise InputError("USER", "a user who is asked for nothing more", "none")
+
+    monkeypatch.setattr("sim2vr_harness.evaluation.comparison.sources.read_user", read)
+
+    def compare(*options: str) -> str:
+        user = ["compare", "whacamole_people", "--people", str(people), "--out", str(tmp_path)]
+        with pytest.raises(SystemExit) as ended:
+            main([*user, *options])
+        assert ended.value.code
+        return " ".join(capsys.readouterr().err.split())
+
+    compare("--group", "unconstrained")
+    names = ("easy", "medium", "hard", "low", "high")
+    assert asked[-1].conditions == [f"{name}-unconstrained" for name in names]
+    compare("--group", "constrained", "--group", "unconstrained")
+    assert asked[-1].conditions == [*names, *(f"{name}-unconstrained" for name in names)]
+    count = len(asked)
+    assert "did you mean 'unconstrained'?" in compare("--group", "unconstraind")
+    assert "one of the two" in compare("--group", "constrained", "--condition", "easy")
+    assert "none for pointing" in compare("--game", "pointing", "--group", "constrained")
+    assert len(asked) == count
+
+
 def test_a_study_s_users_are_put_beside_people(
     tmp_path: Path,
     people: Path,

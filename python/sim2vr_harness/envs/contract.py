@@ -13,7 +13,7 @@ from sim2vr_harness.envs.simulation import observation_space_of
 from sim2vr_harness.perception import SENSES
 from sim2vr_harness.users import FEATURES, Body
 
-__all__ = ["contract", "contract_hash", "differences"]
+__all__ = ["contract", "contract_hash", "differences", "worded"]
 
 
 def contract(config: EnvConfig) -> dict[str, Any]:
@@ -96,3 +96,14 @@ def differences(one: dict[str, Any], other: dict[str, Any]) -> list[tuple[str, A
         for key in [*one, *(key for key in other if key not in one)]
         if one.get(key) != other.get(key)
     ]
+
+
+def worded(found: list[tuple[str, Any, Any]]) -> tuple[str, str]:
+    """Word :func:`differences` for an error: the terms of the one, and of the other."""
+
+    def short(value: Any) -> str:
+        text = json.dumps(value)
+        return text if len(text) <= 80 else f"{text[:77]}..."
+
+    one = "; ".join(f"{key} {short(value)}" for key, value, _ in found)
+    return one, "; ".join(f"{key} {short(value)}" for key, _, value in found)

@@ -279,7 +279,7 @@ def _good(path: Path, policy: torch.nn.Module | None, device: torch.device) -> _
         raise UnusableFile(path, error.reason, expected, instead) from error
 
 
-def take_in(path: Path, what: str, take: Callable[[dict[str, Any]], None]) -> None:
+def take_in(path: Path, what: str, take: Callable[[dict[str, Any]], object]) -> None:
     """Read a state that :func:`write_tensors` wrote, and let somebody go on from it.
 
     Raises:

@@ -38,12 +38,15 @@ class Run:
         folder: of the run.
         stop: user steps after which the last stage ends.
         make_simulation: makes the users of the last stage.
+        resumed: whether it goes on with what is in its folder; otherwise that is deleted before a
+            stage runs, and nothing of it counts.
     """
 
     config: TrainingConfig
     folder: RunFolder
     stop: int
     make_simulation: MakeSimulation
+    resumed: bool
 
 
 def _from_pixels(
@@ -79,7 +82,7 @@ def _distill(run: Run) -> list[Stage]:
     The result is a policy that is best for its own senses and its own effort.
     """
     config, path = run.config, run.folder.path
-    imagined = ImaginedStage(config, path / ImaginedStage.name)
+    imagined = ImaginedStage(config, path / ImaginedStage.name, resumed=run.resumed)
     practised = config.teacher.imagined.cycles > 0
     begin = _with(imagined.weights) if practised else lambda policy: None
     teacher = TeacherStage(config, path / "teacher", begin)
@@ -116,7 +119,7 @@ def _skills(run: Run) -> list[Stage]:
 def _adapt(run: Run) -> list[Stage]:
     """A trained user that goes on where something is different."""
     title = "a trained user goes on: PPO from what it senses."
-    if run.folder.checkpoints():
+    if run.resumed and run.folder.checkpoints():
         return [_from_pixels(run, title)]
     return [_from_pixels(run, title, user_to_adapt(run.config).load)]
 

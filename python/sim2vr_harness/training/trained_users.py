@@ -18,7 +18,7 @@ from torch import nn
 
 from sim2vr_harness import __version__, paths
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.contract import contract, contract_hash, differences
+from sim2vr_harness.envs.contract import contract, contract_hash, differences, worded
 from sim2vr_harness.errors import InputError, UnusableFile, closest, shown
 from sim2vr_harness.files import file_name, read_json
 from sim2vr_harness.training.checkpoint import (
@@ -181,17 +181,9 @@ def require_contract(user: TrainedUser, env: EnvConfig) -> None:
     agreed = user.card.get("contract") or contract(user.config.env)
     found = differences(contract(env), agreed)
     if found:
-        raise InputError(
-            "environment",
-            "; ".join(f"{key} {_short(have)}" for key, have, _ in found),
-            "; ".join(f"{key} {_short(want)}" for key, _, want in found)
-            + f", which the user in {user.source.parent.name!r} was trained with",
-        )
-
-
-def _short(value: Any) -> str:
-    text = json.dumps(value)
-    return text if len(text) <= 80 else f"{text[:77]}..."
+        have, want = worded(found)
+        trained = f", which the user in {user.source.parent.name!r} was trained with"
+        raise InputError("environment", have, want + trained)
 
 
 def _load_packed(file: Path, steps: int, policy: nn.Module) -> int:

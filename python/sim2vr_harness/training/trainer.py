@@ -136,7 +136,7 @@ def train(
     with torch_threads(torch_budget(config.env.cores)), ExitStack() as held:
         if folder.path.is_dir():
             held.enter_context(sole_training(folder.path, folder.lock_file))
-        stages = stages_of(Run(config, folder, until, simulation))
+        stages = stages_of(Run(config, folder, until, simulation, resumed=resume))
         opened = None
         if not resume:
             # Whatever cannot be used shows before a run that is there is deleted.
@@ -172,7 +172,7 @@ def train(
                 if not set_aside:
                     raise _with_offer(error, folder) from error
                 _put_aside(error, console)
-                stages = stages_of(Run(config, folder, until, simulation))
+                stages = stages_of(Run(config, folder, until, simulation, resumed=True))
     return _result(
         folder,
         began,

@@ -70,6 +70,17 @@ def study(trained: Path, **changes: Any) -> dict[str, Any]:
     }
 
 
+def test_a_user_that_goes_on_in_the_place_of_a_run_begins_with_its_weights(
+    trained: Path, tmp_path: Path
+) -> None:
+    changed = adapting(find_user(trained), str(trained), ["ppo.learning_rate=0.01", *_small()])
+    trainer.train(changed, tmp_path / "run", timesteps=20, simulation=stand_in)
+    config = adapting(find_user(trained), str(trained), ["ppo.learning_rate=0.0", *_small()])
+    trainer.train(config, tmp_path / "run", overwrite=True, simulation=stand_in)
+    before, after = weights_of(trained), weights_of(tmp_path / "run")
+    assert all(torch.equal(before[key], after[key]) for key in before)
+
+
 def test_a_user_that_goes_on_begins_with_its_weights(trained: Path, tmp_path: Path) -> None:
     config = adapting(find_user(trained), str(trained), ["ppo.learning_rate=0.0", *_small()])
     trainer.train(config, tmp_path / "same", simulation=stand_in)

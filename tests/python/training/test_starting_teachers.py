@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 import torch
@@ -29,9 +30,9 @@ def _weights(folder: Path) -> dict[str, torch.Tensor]:
     return torch.load(folder / "imagined" / "policy.pt", weights_only=True)
 
 
-def _goes_on(folder: Path, *settings: str) -> dict[str, torch.Tensor]:
+def _goes_on(folder: Path, *settings: str, **how: Any) -> dict[str, torch.Tensor]:
     """What its imagined rollouts leave behind."""
-    train(folder, *settings)
+    train(folder, *settings, **how)
     return _weights(folder)
 
 
@@ -59,9 +60,25 @@ def test_a_run_says_whose_teacher_it_begins_with_and_goes_on_without_it(
     assert not result.interrupted
     assert "It begins with the teacher of" in " ".join(text.split())
     shutil.rmtree(lent)
-    stage = ImaginedStage(config(f"teacher.start={lent}"), tmp_path / "run" / "imagined")
+    stage = ImaginedStage(
+        config(f"teacher.start={lent}"), tmp_path / "run" / "imagined", resumed=True
+    )
     stage.open()  # its own teacher is there: the other is not asked for
     stage.close()
+
+
+def test_it_begins_so_in_the_place_of_a_run_that_is_there(teacher: Path, tmp_path: Path) -> None:
+    there = tmp_path / "run"
+    shutil.copytree(teacher, there)
+    torch.save({"nobody's": torch.zeros(1)}, there / "imagined" / "policy.pt")
+    before = (there / "imagined" / "policy.pt").read_bytes()
+    with pytest.raises(InputError, match="no run"):
+        _goes_on(there, f"teacher.start={tmp_path / 'nowhere'}", overwrite=True)
+    assert (there / "imagined" / "policy.pt").read_bytes() == before
+    one = ["teacher.imagined.average_updates=0", "teacher.imagined.cycles=1"]
+    found = _goes_on(there, f"teacher.start={teacher}", *one, overwrite=True)
+    theirs = _weights(teacher)
+    assert all(torch.equal(value, theirs[key]) for key, value in found.items())
 
 
 @pytest.mark.parametrize(

@@ -124,6 +124,9 @@ class ImaginedRollouts:
         ]
         betas = (0.8, 0.97)  # gradients change fast as the body model does
         self._optimizer = torch.optim.Adam(self._actor, lr=config.learning_rate, betas=betas)
+        self._critic_first_updates = max(
+            config.critic_first_updates, config.updates if learned else 0
+        )
         self._average = Average(self._actor, config.average_updates)
         self._seen: list[Experience] = []
         self._pool: Experience | None = None
@@ -382,7 +385,8 @@ class ImaginedRollouts:
         """One window of imagined user steps, and what is learned from it."""
         config = self.config
         done = self.updates / (config.updates * config.cycles)
-        done = 0.5 + 0.5 * done if self._learned else done
+        if self._learned:
+            done = 0.5 + 0.5 * done
         for group in self._optimizer.param_groups:
             group["lr"] = config.learning_rate * min(1.0, 2.0 * (1.0 - done)) + 2e-5
         limit = config.gradient_limit
@@ -406,10 +410,7 @@ class ImaginedRollouts:
         self._optimizer.zero_grad()
         (-total.mean() / config.window_steps).backward()  # type: ignore[no-untyped-call]
         norm = nn.utils.clip_grad_norm_(self._actor, 1.0)
-        critic_first = config.critic_first_updates
-        if self._learned:
-            critic_first = max(critic_first, config.updates)
-        if torch.isfinite(norm) and self.updates >= critic_first:
+        if torch.isfinite(norm) and self.updates >= self._critic_first_updates:
             self._optimizer.step()
             self._average.add()
         self._critic.learn(torch.stack(seen).detach(), torch.stack(rewards).detach())

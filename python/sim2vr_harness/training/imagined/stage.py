@@ -5,12 +5,12 @@ from __future__ import annotations
 import json
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from torch import Tensor, nn
+from torch import Tensor
 
 from sim2vr_harness.training.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.training.config import TrainingConfig
@@ -34,6 +34,7 @@ class ImaginedStage:
     Args:
         config: of the run.
         folder: of the stage.
+        resumed: whether it goes on with what is in there.
 
     Raises:
         InputError: it shall begin with a teacher that is not there, or is of another kind.
@@ -42,13 +43,13 @@ class ImaginedStage:
     name, unit = "imagined", "cycles"
     title = "a teacher learns from imagined rollouts, by gradients through a body model."
 
-    def __init__(self, config: TrainingConfig, folder: Path) -> None:
+    def __init__(self, config: TrainingConfig, folder: Path, *, resumed: bool) -> None:
         self._config, self.folder = config, folder
         self.total = float(config.teacher.imagined.cycles)
-        self._begin: Callable[[nn.Module], None] | None = None
-        """Gives a teacher that begins what another one knows."""
-        if config.teacher.start is not None and not self.begun:
-            self._begin = teacher_to_start_with(config, Path(folder.name) / _POLICY)
+        self._start: Path | None = None
+        """The weights of another run's teacher, for one that begins with them."""
+        if config.teacher.start is not None and not (resumed and self.begun):
+            self._start = teacher_to_start_with(config, Path(folder.name) / _POLICY)
         self._simulation: TeacherSimulation | None = None
         self._rollouts: ImaginedRollouts | None = None
         self._state: dict[str, Any] | None = None
@@ -86,8 +87,8 @@ class ImaginedStage:
             config.teacher.policy,
             seed=config.seed,
         )
-        if self._begin is not None and not self.begun:
-            self._begin(policy)
+        if self._start is not None:
+            take_in(self._start, "the weights of a teacher like this one", policy.load_state_dict)
         self._rollouts = ImaginedRollouts(
             config.teacher.imagined,
             policy,

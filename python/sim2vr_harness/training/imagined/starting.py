@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
-from torch import Tensor, nn
-
-from sim2vr_harness.envs.contract import contract, differences
+from sim2vr_harness.envs.contract import contract, differences, worded
 from sim2vr_harness.errors import InputError
-from sim2vr_harness.training.checkpoint import take_in
 from sim2vr_harness.training.config import TrainingConfig
 from sim2vr_harness.training.run_folder import RunFolder
 
@@ -18,8 +14,8 @@ __all__ = ["teacher_to_start_with"]
 _EXPECTED = "the folder of a run whose teacher has learned in imagined rollouts"
 
 
-def teacher_to_start_with(config: TrainingConfig, weights: Path) -> Callable[[nn.Module], None]:
-    """Return what gives a policy the weights, and the statistics, of another run's teacher.
+def teacher_to_start_with(config: TrainingConfig, weights: Path) -> Path:
+    """Return the file with the weights, and the statistics, of another run's teacher.
 
     Args:
         config: of the run that begins; says by ``teacher.start`` with whose.
@@ -27,7 +23,6 @@ def teacher_to_start_with(config: TrainingConfig, weights: Path) -> Callable[[nn
 
     Raises:
         InputError: there is no such teacher, or it does not observe and act as this one.
-        UnusableFile: when called: its weights cannot be read, or are of another network.
     """
     start = config.teacher.start
     assert start is not None
@@ -42,19 +37,11 @@ def teacher_to_start_with(config: TrainingConfig, weights: Path) -> Callable[[nn
         )
     found = differences(contract(config.env), contract(other.env))
     if found:
-        own = "; ".join(f"{key} {have}" for key, have, _ in found)
-        its = "; ".join(f"{key} {want}" for key, _, want in found)
+        own, its = worded(found)
         raise InputError("teacher.start", f"{start!r}, a user with {its}", own)
     for name in ("hidden_fields", "policy"):
         wanted, its_own = getattr(config.teacher, name), getattr(other.teacher, name)
         if wanted != its_own:
             got = f"{start!r}, a teacher with teacher.{name}: {its_own}"
             raise InputError("teacher.start", got, f"one with {wanted}")
-
-    def begin(policy: nn.Module) -> None:
-        def take(state: dict[str, Tensor]) -> None:
-            policy.load_state_dict(state)
-
-        take_in(file, "the weights of a teacher like this one", take)
-
-    return begin
+    return file

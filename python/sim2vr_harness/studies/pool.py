@@ -5,6 +5,8 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import threading
+import time
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -114,10 +116,21 @@ class _Worker:
 def _serve(pipe: Connection, root: str, cores: int, work: Work) -> None:
     """What a worker does until the study is over, or nobody listens any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the study's, which tells its workers
+    threading.Thread(target=_end_with_the_study, daemon=True).start()
     with suppress(EOFError, OSError):
         while (task := pipe.recv()) is not None:
             pipe.send(done_by(task, Path(root), cores, work))
     os._exit(0)  # threads of renderers and of torch are not waited for
+
+
+def _end_with_the_study() -> None:
+    """Stop this worker when the study was killed: it would hold its training's lock for hours."""
+    study = multiprocessing.parent_process()
+    assert study is not None  # this is a worker
+    study.join()
+    os.kill(os.getpid(), signal.SIGTERM)  # a training saves
+    time.sleep(_GRACE_S)
+    os._exit(1)
 
 
 class Processes:

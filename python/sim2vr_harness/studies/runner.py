@@ -22,6 +22,7 @@ from sim2vr_harness.studies.pool import Here, Pool, Processes
 from sim2vr_harness.studies.search.searching import search
 from sim2vr_harness.studies.tasks import CELLS, Task
 from sim2vr_harness.studies.work import clear_away
+from sim2vr_harness.training.interrupts import sigterm_interrupts
 from sim2vr_harness.training.locking import sole_training
 from sim2vr_harness.training.run_folder import write_atomically
 
@@ -88,7 +89,7 @@ def run_study(
         expected = "it: pip install 'sim2vr-harness[studies]'"
         raise InputError("comparisons", "no statsmodels in this installation", expected)
     (root / CELLS).mkdir(parents=True, exist_ok=True)
-    with sole_training(root, root / ".lock", "study"):
+    with sole_training(root, root / ".lock", "study"), sigterm_interrupts():
         clear_away(root)
         make = make_pool or partial(_pool, jobs=jobs, ray=ray, storage=storage)
         with Doing(root, make, on_progress) as doing:

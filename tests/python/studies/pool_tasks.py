@@ -22,6 +22,9 @@ def work(task: Any, root: Path, cores: int) -> None:
         raise ValueError("condition: got 'fails', expected another")
     if task.condition == "takes a while":
         time.sleep(2.0)
+    if task.condition == "easy":  # of a study, which the test kills meanwhile
+        (root / "worker").write_text(f"{os.getpid()}\n")
+        time.sleep(60.0)
     (root / task.key).write_text(f"{os.getpid()}")
 
 

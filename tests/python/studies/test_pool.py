@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
 from contextlib import closing
 from pathlib import Path
 
 import pool_tasks
+import pytest
 
 from sim2vr_harness.studies.pool import Processes
 from sim2vr_harness.studies.tasks import CellTask
@@ -56,3 +63,50 @@ def test_a_lost_worker_s_task_is_done_again_and_the_others_go_on(tmp_path: Path)
         "e": 1,
     }
     assert not (tmp_path / "d").exists()
+
+
+_STUDY = """
+import sys
+import pool_tasks
+from sim2vr_harness.studies import run_study
+from sim2vr_harness.studies.pool import Processes
+
+if __name__ == "__main__":
+    study = {
+        "name": "killed",
+        "fixed": {"user": "whacamole_constrained"},
+        "factors": {"condition": {"key": "condition", "levels": ["easy"]}},
+    }
+    made = lambda root, tasks: Processes(root, 1, 1, pool_tasks.work)
+    run_study(study, sys.argv[1], make_pool=made)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL])
+def test_workers_end_with_a_study_that_is_killed(tmp_path: Path, number: int) -> None:
+    script = tmp_path / "a_study.py"
+    script.write_text(_STUDY)
+    here = str(Path(pool_tasks.__file__).parent)
+    path = f"{here}:{os.environ.get('PYTHONPATH', '')}"
+    running = subprocess.Popen(
+        [sys.executable, str(script), str(tmp_path / "out")],
+        env={**os.environ, "PYTHONPATH": path},
+        stderr=subprocess.DEVNULL,
+    )
+    told = tmp_path / "out" / "worker"
+    try:
+        _wait_for(lambda: told.is_file() and told.read_text().endswith("\n"))
+        worker = int(told.read_text())
+        running.send_signal(number)
+        running.wait(20.0)
+        _wait_for(lambda: not Path(f"/proc/{worker}").exists())
+    finally:
+        running.kill()
+        running.wait()
+
+
+def _wait_for(come: Callable[[], bool], seconds: float = 60.0) -> None:
+    until = time.monotonic() + seconds
+    while not come():
+        assert time.monotonic() < until, "waited in vain"
+        time.sleep(0.05)

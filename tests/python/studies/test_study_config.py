@@ -190,4 +190,4 @@ def test_the_ablation_of_people_leaves_out_one_thing_each() -> None:
     assert set(senses["noise"]) - set(senses["efference copy"]) == {"actions"}
     assert senses["delay"] == senses["noise"]
     assert not any(one["delay_ms"] for one in configs["delay"]["env"]["senses"])
-    assert {task.condition for task in plan.tasks} == {"easy", "medium"}
+    assert {one.condition for one in plan.tasks} == {"easy", "medium", "hard", "low", "high"}

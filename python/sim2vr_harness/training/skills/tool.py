@@ -23,8 +23,9 @@ _STEPS, _EVERY = 90, 3
 _VOXEL_M, _HALF_M = 0.03, 1.35
 _SIDE = 2 * round(_HALF_M / _VOXEL_M)
 _NEAR_M = 2.5
-_OFTEN = 0.1
-"""Share of the pictures in which a part of a tool is seen, at least."""
+_OFTEN, _AS_OFTEN = 0.03, 0.3
+"""In which share of the pictures a part of a tool is seen, at least, and how often beside the part
+that is seen most. Hands that move through all their reach are in sight now and then only."""
 _STAYS = 0.5
 """Share of the times that it could be seen."""
 _MARGIN_M = 0.08
@@ -109,7 +110,9 @@ def _found(seen: list[Any], hand: int) -> Tool:
     for far, to_camera in views:
         through += _seen_through(far, centers @ to_camera[:3, :3].T + to_camera[:3, 3])
     stays = hits[often] / np.maximum(1.0, hits[often] + through)
-    return Tool(_joined(centers[stays > _STAYS]))
+    kept = stays > _STAYS
+    kept &= hits[often] > _AS_OFTEN * hits[often][kept].max(initial=0.0)
+    return Tool(_joined(centers[kept]))
 
 
 def _joined(points: NDArray[np.float64]) -> NDArray[np.float64]:

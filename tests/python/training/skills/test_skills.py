@@ -132,16 +132,19 @@ def env(game: str) -> EnvConfig:
     return EnvConfig(app=AppConfig(game=game), vision=VisionConfig(channels=channels), cores=1)
 
 
-def test_the_hammer_is_found_in_the_hand(layer: MotorLayer) -> None:
-    """Its head is 8.3 cm before the controller (shared facts, whacamole.md, 5)."""
-    simulation = Simulation(env("whacamole"), 12)
-    (tool,) = find_tools(simulation, layer, reachable_poses(layer, 1), seed=1)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_hammer_is_found_in_the_hand(layer: MotorLayer, seed: int) -> None:
+    """A tenth of the pictures show it. Places: shared facts, whacamole.md, 5."""
+    simulation = Simulation(env("whacamole"), 32)
+    (tool,) = find_tools(simulation, layer, reachable_poses(layer, 1), seed=seed)
     simulation.close()
-    assert np.linalg.norm(tool.tip - [0.083, -0.010, 0.002]) < 0.06
+    head, face = np.array([0.054, -0.009, 0.039]), np.array([0.083, -0.010, 0.002])
+    assert np.linalg.norm(tool.tip - 0.5 * (head + face)) < 0.04
+    assert len(tool.points) > 10
 
 
 def test_an_empty_hand_holds_nothing(layer: MotorLayer) -> None:
-    simulation = Simulation(env("sample"), 4)
+    simulation = Simulation(env("sample"), 32)
     (tool,) = find_tools(simulation, layer, reachable_poses(layer, 1), seed=1)
     simulation.close()
     assert not tool.tip.any()

@@ -7,7 +7,6 @@ import torch
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
-from torch.nn import functional
 
 from sim2vr_harness.training.skills.goals import MOMENT_S, Goals, tips
 from sim2vr_harness.training.skills.layer import MotorLayer
@@ -27,14 +26,10 @@ _SIDEWAYS = {
 }
 """Direction to the left and up."""
 MOVES = ("touch", "push", *_SIDEWAYS)
-"""Names of the moves: come and stay, go through away from a point behind the head, go through
-sideways."""
+"""Names of the moves: come and stay, go through away from the head, go through sideways."""
 
 _TOUCH_MPS, _STRIKE_MPS, _PUSH_MPS, _SWING_MPS = 0.9, 1.2, 2.5, 2.0
 _DEEPER_M = 0.015
-_BEHIND_M = 0.3
-"""How far behind the head that point is: beside and below it there is no room for a run-up in the
-line of sight, and none for a straight one before the shoulder (docs/training.md)."""
 _RUN_UP_M, _FURTHER = 0.4, 1.25
 """Over which a hand gains its speed, and how much farther back it goes to begin."""
 _SLOWEST = 0.55
@@ -153,17 +148,17 @@ class Mover:
         now = tips(place, goals.tip)
         velocity = (tips(soon, goals.tip) - now) / MOMENT_S
         away = choice.place - head[:, None]
+        away = away / away.norm(dim=-1, keepdim=True).clamp(min=1e-6)
         directions = torch.zeros(n, hands, 3)
         for number, name in enumerate(MOVES):
             chosen = choice.move == number
             if name == "push":
-                pushed = away + torch.tensor([_BEHIND_M, 0.0, 0.0])
-                directions[chosen] = _PUSH_MPS * functional.normalize(pushed[chosen], dim=-1)
+                directions[chosen] = _PUSH_MPS * away[chosen]
             elif name in _SIDEWAYS:
                 left, up = _SIDEWAYS[name]
                 directions[chosen] = _SWING_MPS * torch.tensor([0.0, left, up])
         touches = (choice.move == 0)[..., None]
-        goals.place = choice.place + _DEEPER_M * functional.normalize(away, dim=-1) * touches
+        goals.place = choice.place + _DEEPER_M * away * touches
         goals.velocity = directions
         self._run_up(goals, now, velocity)
         way = goals.place - now

@@ -15,7 +15,7 @@ from sim2vr_harness.training.skills.network import PlaceValues
 from sim2vr_harness.training.skills.past import PastPictures
 from sim2vr_harness.training.skills.sight import Sight, rotation
 
-__all__ = ["Chooser", "Scene", "choose"]
+__all__ = ["Chooser", "Scene", "best_choices", "choose"]
 
 
 @dataclass
@@ -82,8 +82,16 @@ class Chooser:
         scene = self.scene()
         places = self.places(scene)
         with torch.inference_mode():
-            chosen = self.values(net, scene, places).argmax(-1).numpy()
+            chosen = self.best(self.values(net, scene, places), scene).numpy()
         self.choose(choice, chosen, places)
+
+    def something(self, scene: Scene) -> Tensor:
+        """(N, cells) whether anything is seen in a cell."""
+        return self.sight.something(torch.from_numpy(scene.pictures[:, 3]))
+
+    def best(self, values: Tensor, scene: Scene) -> Tensor:
+        """(N, H) choices that are worth most, see :func:`best_choices`."""
+        return best_choices(values, self.something(scene))
 
     def choose(
         self,
@@ -103,6 +111,17 @@ class Chooser:
             placed = layer.places(*motion[:2])
         goals = self.mover.goals(choice, torch.from_numpy(self._head()), *placed)
         return layer.decide(motion, placed, goals)
+
+
+def best_choices(values: Tensor, something: Tensor) -> Tensor:
+    """(N, H) choices that are worth most, of those that do something with something.
+
+    Args:
+        values: (N, H, moves * cells + 1).
+        something: (N, cells) whether anything is there.
+    """
+    there = torch.cat([something.repeat(1, len(MOVES)), torch.ones_like(something[:, :1])], 1)
+    return values.masked_fill(~there[:, None], -torch.inf).argmax(-1)
 
 
 def choose(

@@ -87,6 +87,9 @@ class LookingConfig(Settings):
     updates: float = Field(default=1.0, gt=0.0, le=1000.0)
     """Per decision of everybody."""
     learning_rate: LearningRate = 1e-3
+    settle_share: Chance = 0.5
+    """Last share of the user steps, over which the learning rate falls to a twentieth and random
+    tries fall to a quarter."""
     follow: Chance = 0.01
     """How fast the slow copy of the network follows."""
     width: Width = 32

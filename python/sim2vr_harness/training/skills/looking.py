@@ -12,6 +12,7 @@ import copy
 import json
 from collections import deque
 from collections.abc import Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 from torch.nn import functional
 
+from sim2vr_harness.cores import budget
 from sim2vr_harness.training.skills.choosing import Chooser, Scene
 from sim2vr_harness.training.skills.config import LookingConfig
 from sim2vr_harness.training.skills.moves import MOVES, Choice, Mover
@@ -35,6 +37,8 @@ STATE_FORMAT = 2
 _TRY_STEPS = (4, 14)
 """How long a random try is seen through, user steps."""
 _REST_SHARE = 0.1
+_SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
+"""Factors on learning rate and random tries at the very end."""
 _COLOURS = 8
 _TRUSTED_PERCENTILE = 99.0
 _NEAR_M, _REACHED_M = 1.2, 0.06
@@ -171,17 +175,18 @@ class Looker:
         """(N, H) what everybody chooses; cells and moves in one number, the last one rests."""
         places = self._chooser.places(scene)
         with torch.inference_mode():
-            chosen = self._chooser.values(self.net, scene, places).argmax(-1).numpy()
-        weights = self._curiosity(scene, places)
-        changed = np.ones((self.n, self.hands), bool)
-        for i in range(self.n):
-            for hand in range(self.hands):
-                if self._trying[i, hand] > 0:  # the place stays the one that was tried
-                    chosen[i, hand] = self._tried[i, hand]
-                    changed[i, hand] = False
-                elif self.rng.random() < explore:
-                    chosen[i, hand] = self._tried[i, hand] = self._try(weights[i])
-                    self._trying[i, hand] = self.rng.integers(*_TRY_STEPS)
+            values = self._chooser.values(self.net, scene, places)
+            chosen = self._chooser.best(values, scene).numpy()
+        still = self._trying > 0  # the place stays the one that was tried
+        changed = ~still
+        chosen[still] = self._tried[still]
+        anew = changed & (self.rng.random((self.n, self.hands)) < explore)
+        users = np.flatnonzero(anew.any(1))
+        self._note_colours(scene)
+        for i, weights in zip(users, self._curiosity(scene, places, users), strict=True):
+            for hand in np.flatnonzero(anew[i]):
+                chosen[i, hand] = self._tried[i, hand] = self._try(weights)
+                self._trying[i, hand] = self.rng.integers(*_TRY_STEPS)
         self._trying -= self.config.decide_steps
         self._chooser.choose(self._choice, chosen, places, changed)
         return chosen
@@ -195,27 +200,39 @@ class Looker:
         move = self.rng.integers(2) if self.rng.random() < 0.5 else self.rng.integers(len(MOVES))
         return int(move) * self._chooser.sight.cells + cell
 
-    def _curiosity(self, scene: Scene, places: Tensor) -> NDArray[np.float64]:
-        """(N, cells) how much to try: what is within reach, what has a rare colour."""
-        half = CELL_PX // 2
-        rows, columns = self._chooser.sight.rows, self._chooser.sight.columns
-        small = scene.pictures[:, :3, half::CELL_PX, half::CELL_PX][:, :, :rows, :columns]
-        level = (small.astype(np.int64) * _COLOURS) // 256
-        colour = (level[:, 0] * _COLOURS + level[:, 1]) * _COLOURS + level[:, 2]
-        colour = colour.reshape(self.n, -1)
-        self._colours *= 0.999
-        np.add.at(self._colours, colour.ravel(), 1.0 / self.n)
+    def _curiosity(
+        self, scene: Scene, places: Tensor, users: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """(K, cells) how much K users try: what is within reach, what has a rare colour."""
+        if not len(users):
+            return np.zeros((0, self._chooser.sight.cells))
+        colour = self._colours_of(scene)[users]
         rare = 1.0 / (0.002 + self._colours[colour] / self._colours.sum())
-        flat = places.flatten(2).transpose(1, 2).reshape(-1, 3)
+        flat = places[users].flatten(2).transpose(1, 2).reshape(-1, 3)
         reach = np.minimum.reduce(
             [self.mover.distance(hand, flat).numpy() for hand in range(self.hands)]
-        ).reshape(self.n, -1)
-        near = np.where(reach < 0.1, 1.0, 0.03)
+        ).reshape(len(users), -1)
+        there = np.where(self._chooser.something(scene).numpy()[users], 1.0, 1e-9)
+        near = there * np.where(reach < 0.1, 1.0, 0.03)
         weights: NDArray[np.float64] = near * (0.3 * rare / rare.mean() + 0.7)
         rarest = near * rare
         return 0.5 * weights / weights.sum(1, keepdims=True) + 0.5 * rarest / rarest.sum(
             1, keepdims=True
         )
+
+    def _note_colours(self, scene: Scene) -> None:
+        """Count what colours there are; what was seen long ago counts less."""
+        self._colours *= 0.999
+        np.add.at(self._colours, self._colours_of(scene).ravel(), 1.0 / self.n)
+
+    def _colours_of(self, scene: Scene) -> NDArray[np.int64]:
+        """(N, cells) number of the colour in the middle of each cell."""
+        half = CELL_PX // 2
+        rows, columns = self._chooser.sight.rows, self._chooser.sight.columns
+        small = scene.pictures[:, :3, half::CELL_PX, half::CELL_PX][:, :, :rows, :columns]
+        level = (small.astype(np.int64) * _COLOURS) // 256
+        colour: NDArray[np.int64] = (level[:, 0] * _COLOURS + level[:, 1]) * _COLOURS + level[:, 2]
+        return colour.reshape(self.n, -1)
 
     # --- a decision and what comes of it -----------------------------------------------------
 
@@ -226,10 +243,14 @@ class Looker:
         late = max(0, self.step_count - config.try_steps) / config.explore_steps
         if self.step_count < config.try_steps:
             return 1.0
-        return max(
-            config.explore_last,
-            config.explore_first + min(1.0, late) * (config.explore_last - config.explore_first),
-        )
+        fallen = min(1.0, late) * (config.explore_last - config.explore_first)
+        return (config.explore_first + fallen) * self._settling(_SETTLED_TRIES)
+
+    def _settling(self, end: float) -> float:
+        """Factor that falls from 1 to ``end`` over the last share of the user steps."""
+        share = self.config.settle_share
+        left = max(0.0, 1.0 - self.step_count / self.config.user_steps)
+        return 1.0 if left >= share else end + (1.0 - end) * left / share
 
     @property
     def finished(self) -> bool:
@@ -242,18 +263,32 @@ class Looker:
         scene = self._chooser.scene()
         chosen = self._decide(scene, explore)
         self._memory.append(scene, chosen)
-        reward, over = self.play(self.config.decide_steps)
-        self._memory.outcome(reward, over)
-        step_s = 1.0 / self.simulation.config.action_frequency_hz
-        self._rewards.append(float(reward.mean()) * 60.0 / (self.config.decide_steps * step_s))
-        loss = float("nan")
+        updates = 0
         if self.step_count >= self.config.try_steps:
             self._settle_scale()
             self._owed += self.config.updates
-            while self._owed >= 1.0:
-                loss = self._learn()
-                self._owed -= 1.0
+            updates = int(self._owed)
+            self._owed -= updates
+        reward, over, loss = self._play_and_learn(updates)
+        self._memory.outcome(reward, over)
+        step_s = 1.0 / self.simulation.config.action_frequency_hz
+        self._rewards.append(float(reward.mean()) * 60.0 / (self.config.decide_steps * step_s))
         return LookingReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
+
+    def _play_and_learn(self, updates: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
+        """See the present choice through, and learn from the ones before it meanwhile.
+
+        What is learned from ends where the present decision was made, so that it makes no
+        difference, to the bit, whether there is a core for it or it comes first.
+        """
+        rate = self.config.learning_rate * self._settling(_SETTLED_RATE)
+        if budget(self.simulation.config.cores) == 1 or not updates:
+            loss = self._learn(updates, rate)
+            return *self.play(self.config.decide_steps), loss
+        with ThreadPoolExecutor(1) as beside:
+            learning = beside.submit(self._learn, updates, rate)
+            reward, over = self.play(self.config.decide_steps)
+            return reward, over, learning.result()
 
     def play(self, steps: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """See the present choice through: (N,) rewards, and whose episodes ended."""
@@ -302,7 +337,16 @@ class Looker:
         known = known[known > 0.0]
         self.scale = float(np.percentile(known, _TRUSTED_PERCENTILE)) if len(known) else 1.0
 
-    def _learn(self) -> float:
+    def _learn(self, updates: int, rate: float) -> float:
+        """The loss of the last of so many updates; NaN of none."""
+        for group in self._optimizer.param_groups:
+            group["lr"] = rate
+        loss = float("nan")
+        for _ in range(updates if self._memory.count > self.config.ahead else 0):
+            loss = self._update()
+        return loss
+
+    def _update(self) -> float:
         config, memory = self.config, self._memory
         have = min(memory.count, max(config.ahead + 1, config.kept // self.n))
         ages = self.rng.integers(config.ahead, have, config.batch_size)
@@ -318,13 +362,13 @@ class Looker:
         then = memory.scene(rows + config.ahead, users)
         with torch.no_grad():
             places = self._chooser.places(then)
-            best = self._chooser.values(self.net, then, places).argmax(-1, keepdim=True)
-            worth = self._chooser.values(self._slow, then, places).gather(-1, best)[..., 0].sum(1)
+            best = self._chooser.best(self._chooser.values(self.net, then, places), then)
+            worth = self._worth(self._chooser.values(self._slow, then, places), best)
             wanted = torch.from_numpy(total) + torch.from_numpy(weight) * worth
         scene = memory.scene(rows, users)
         chosen = torch.from_numpy(memory.known["chosen"][rows, users])
         values = self._chooser.values(self.net, scene, self._chooser.places(scene))
-        guessed = values.gather(-1, chosen[..., None])[..., 0].sum(1)
+        guessed = self._worth(values, chosen)
         loss = functional.smooth_l1_loss(guessed, wanted)
         self._optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
@@ -334,6 +378,11 @@ class Looker:
             for slow, fast in zip(self._slow.parameters(), self.net.parameters(), strict=True):
                 slow.lerp_(fast, config.follow)
         return float(loss.detach())
+
+    @staticmethod
+    def _worth(values: Tensor, chosen: Tensor) -> Tensor:
+        """(N,) what choices (N, H) of all hands are worth together."""
+        return values.gather(-1, chosen[..., None])[..., 0].sum(1)
 
     def diagnosis(self) -> tuple[float, float]:
         """Share of the decisions that were rewarded, and of what is near that is within reach."""

@@ -13,6 +13,8 @@ CELL_PX = 4
 """Width and height of a cell, pixels."""
 FAR_M = 10.0
 """Depth at which a picture's depth is 255 (docs/protocol.md)."""
+_NOTHING = 255
+"""Depth of a pixel that shows nothing, or something farther away."""
 
 
 class Sight:
@@ -46,10 +48,8 @@ class Sight:
             head: (N, 3) where the headset is.
             turned: (N, 3, 3) its rotation: x forward, y left, z up.
         """
-        n, rows, columns = len(depth), self.rows, self.columns
-        cut = depth[:, : rows * CELL_PX, : columns * CELL_PX]
-        blocks = cut.reshape(n, rows, CELL_PX, columns, CELL_PX).transpose(2, 3)
-        nearest = blocks.reshape(n, rows, columns, CELL_PX * CELL_PX)
+        rows, columns = self.rows, self.columns
+        nearest = self._pixels(depth)
         # Of equally near pixels the one next to the middle.
         order = torch.tensor([5, 6, 9, 10, 1, 2, 4, 7, 8, 11, 13, 14, 0, 3, 12, 15])
         seen, which = nearest[..., order].min(-1)
@@ -61,6 +61,21 @@ class Sight:
         local = ray * far[:, None]
         placed: Tensor = torch.einsum("nij,njrc->nirc", turned, local) + head[:, :, None, None]
         return placed
+
+    def something(self, depth: Tensor) -> Tensor:
+        """(N, cells) whether anything is there, up to ``FAR_M`` away; depth as in :meth:`places`.
+
+        There is nothing to be done with an empty sky.
+        """
+        there: Tensor = self._pixels(depth).amin(-1).flatten(1) < _NOTHING
+        return there
+
+    def _pixels(self, depth: Tensor) -> Tensor:
+        """(N, rows, columns, pixels of a cell)."""
+        rows, columns = self.rows, self.columns
+        cut = depth[:, : rows * CELL_PX, : columns * CELL_PX]
+        blocks = cut.reshape(-1, rows, CELL_PX, columns, CELL_PX).transpose(2, 3)
+        return blocks.reshape(-1, rows, columns, CELL_PX * CELL_PX)
 
 
 def rotation(quaternion: NDArray[np.float64]) -> Tensor:

@@ -20,7 +20,7 @@ from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.training.imagined.chain import Chains
-from sim2vr_harness.training.skills.choosing import choose
+from sim2vr_harness.training.skills.choosing import best_choices, choose
 from sim2vr_harness.training.skills.layer import MotorLayer, hands_of
 from sim2vr_harness.training.skills.moves import Choice, Mover
 from sim2vr_harness.training.skills.network import PlaceValues
@@ -162,7 +162,8 @@ class DecidingUser(nn.Module):
         pictures = torch.from_numpy(np.ascontiguousarray(picture)[None])
         places = self.values.sight.places(pictures[:, 3], head[:, :3, 3], head[:, :3, :3])
         moving = self.mover.tips(*placed)
-        chosen = self.values(pictures, places, head[:, :3, 3], *moving).argmax(-1).numpy()
+        values = self.values(pictures, places, head[:, :3, 3], *moving)
+        chosen = best_choices(values, self.values.sight.something(pictures[:, 3])).numpy()
         choose(choice, chosen, places, self.mover)
 
 

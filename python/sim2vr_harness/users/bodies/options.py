@@ -31,6 +31,17 @@ ActivationRange = Annotated[tuple[Chance, Chance], AfterValidator(_in_order)]
 """From the least to the greatest activation, within [0, 1]."""
 
 
+class JointOptions(Settings):
+    """What a joint has beside bones and muscles; None keeps the body's own."""
+
+    armature: float | None = Field(default=None, ge=0.0, le=100.0)
+    """Inertia about the joint's axis beside that of the segments, kg m^2 (of a slide kg)."""
+    damping: float | None = Field(default=None, ge=0.0, le=1e4)
+    """Nms/rad (of a slide Ns/m)."""
+    stiffness: float | None = Field(default=None, ge=0.0, le=1e6)
+    """Towards the joint's rest, Nm/rad (of a slide N/m)."""
+
+
 class Physique(Settings):
     """How a person differs from the one that the body was measured on (docs/bodies.md)."""
 
@@ -45,6 +56,8 @@ class Physique(Settings):
     """Or how many times as long as the stature makes them, such as ``forearm: 1.04``."""
     strength: float = Field(default=1.0, gt=0.0, le=10.0)
     """Factor on the peak forces of muscles and the torques of motors."""
+    joints: dict[str, JointOptions] = Field(default_factory=dict)
+    """Armature, damping and stiffness of single joints, such as ``flexion: {damping: 0.03}``."""
     handedness: Literal["right", "left"] | None = None
     """The hand that plays; the other one than the body's own mirrors it. None leaves it."""
     ipd_m: float | None = Field(default=None, gt=0.03, lt=0.1)

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import mujoco
 import numpy as np
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.users.bodies.body import DEVICES
 from sim2vr_harness.users.bodies.meshes import change_mesh_geoms, rescale_meshes
-from sim2vr_harness.users.bodies.options import Physique
+from sim2vr_harness.users.bodies.options import JointOptions, Physique
 from sim2vr_harness.users.bodies.spec_body import muscle_peak_force
 from sim2vr_harness.users.names import unknown_name
 
@@ -109,6 +110,31 @@ def strengthen(spec: mujoco.MjSpec, strength: float) -> None:
             model.actuator_biasprm[i] *= strength
         model.actuator_forcerange[i] *= strength
     spec.copy_back(model)
+
+
+def change_joints(spec: mujoco.MjSpec, joints: Mapping[str, JointOptions]) -> None:
+    """Sets what joints have beside bones and muscles, in place.
+
+    Raises:
+        ValueError: a joint that the body does not have.
+    """
+    known = {joint.name: joint for joint in spec.joints}
+    for name, options in joints.items():
+        if name not in known:
+            raise ValueError(unknown_name("person.joints", name, tuple(known)))
+        joint = known[name]
+        if options.armature is not None:
+            joint.armature = options.armature
+        if options.damping is not None:
+            joint.damping = _linear(joint.damping, options.damping)
+        if options.stiffness is not None:
+            joint.stiffness = _linear(joint.stiffness, options.stiffness)
+
+
+def _linear(own: Any, value: float) -> Any:
+    """The number, or as many coefficients as the specification has, of which it is the first."""
+    shape = np.shape(own)
+    return value if not shape else np.array([value, *np.zeros(shape[0] - 1)])
 
 
 def segment_length(model: mujoco.MjModel, segment: Segment) -> float:

@@ -10,7 +10,7 @@ import mujoco
 from sim2vr_harness.users.bodies.body import ResetRule
 from sim2vr_harness.users.bodies.mirror import mirror, swapped
 from sim2vr_harness.users.bodies.options import BodyOptions, ResetOptions
-from sim2vr_harness.users.bodies.person import Anatomy, resize, strengthen
+from sim2vr_harness.users.bodies.person import Anatomy, change_joints, resize, strengthen
 from sim2vr_harness.users.bodies.rules import Motor
 from sim2vr_harness.users.bodies.spec_body import Plan, SpecBody
 from sim2vr_harness.users.names import unknown_name
@@ -41,6 +41,7 @@ def tailored_body(
         spec = build(appearance)
         resize(spec, person, anatomy)
         strengthen(spec, person.strength)
+        change_joints(spec, person.joints)
         if mirrored:
             mirror(spec)
         return spec

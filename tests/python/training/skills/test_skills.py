@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
@@ -155,9 +156,10 @@ SMALL = LookingConfig(
 )
 
 
-def looker(layer: MotorLayer, folder: Path) -> Looker:
+def looker(layer: MotorLayer, folder: Path, cores: int = 1) -> Looker:
     folder.mkdir(exist_ok=True)
-    simulation = Simulation(env("sample"), SMALL.users)
+    config = env("sample").model_copy(update={"cores": cores})
+    simulation = Simulation(config, SMALL.users)
     mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
     return Looker(SMALL, simulation, mover, folder / "pictures.bin", seed=2)
 
@@ -181,6 +183,29 @@ def test_looking_goes_on_from_a_state_to_the_bit(layer: MotorLayer, tmp_path: Pa
     assert whole.explore == pytest.approx(SMALL.explore_last, abs=0.1) or whole.explore < 0.9
     for one in (whole, parts, again):
         one.simulation.close()
+
+
+def test_learning_beside_playing_is_learning_before_it(layer: MotorLayer, tmp_path: Path) -> None:
+    alone, beside = (looker(layer, tmp_path / f"{cores}", cores) for cores in (1, 2))
+    while not alone.finished:
+        one, other = asdict(alone.step()), asdict(beside.step())
+        np.testing.assert_equal(one, other)  # losses are not numbers at first
+    for name, values in alone.net.state_dict().items():
+        assert torch.equal(values, beside.net.state_dict()[name]), name
+    for one in (alone, beside):
+        one.simulation.close()
+
+
+def test_tries_and_steps_grow_smaller_in_the_end(layer: MotorLayer, tmp_path: Path) -> None:
+    """Half-way through the last half: tries fall to 1 - .75 / 2 of .08, and rates alike."""
+    one = looker(layer, tmp_path / "settling")
+    one.step_count = 120
+    assert one.explore == pytest.approx(0.9 - 0.3 * 0.82)
+    one.step_count = 180
+    assert one.explore == pytest.approx((0.9 - 0.9 * 0.82) * 0.625)
+    one.step_count = 240
+    assert one.explore == pytest.approx(0.08 * 0.25)
+    one.simulation.close()
 
 
 TINY = MotorPracticeConfig(

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 import torch
 
+from sim2vr_harness.training.skills.choosing import best_choices
+from sim2vr_harness.training.skills.moves import MOVES
 from sim2vr_harness.training.skills.sight import CELL_PX, FAR_M, Sight, rotation
 
 
@@ -40,3 +42,18 @@ def test_a_cell_is_where_its_nearest_pixel_is() -> None:
     place = sight.places(depth, torch.zeros(1, 3), torch.eye(3)[None])
     assert float(place[0, 0, 1, 2]) == pytest.approx(10.5 * FAR_M / 255.0)
     assert float(place[0, 0, 1, 3]) == pytest.approx(200.5 * FAR_M / 255.0)
+
+
+def test_only_what_is_there_is_chosen() -> None:
+    """Two cells of a picture of 4 x 8 pixels; the last choice is to rest."""
+    sight = Sight(4, 8)
+    depth = torch.full((3, 4, 8), 255, dtype=torch.uint8)
+    depth[0, 3, 7] = 254  # one pixel, 9.98 m away
+    depth[1] = 100
+    something = sight.something(depth)
+    assert something.tolist() == [[False, True], [True, True], [False, False]]
+    values = torch.zeros(3, 1, len(MOVES) * sight.cells + 1)
+    values[:, 0, 2 * 3] = 2.0  # move 3 in the left cell
+    values[:, 0, 2 * 5 + 1] = 1.0  # move 5 in the right cell
+    chosen = best_choices(values, something)[:, 0].tolist()
+    assert chosen == [2 * 5 + 1, 2 * 3, 2 * len(MOVES)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -101,6 +101,9 @@ class ImaginedConfig(Settings):
     effort: Weight = 0.1
     """Cost of the mean square of activations per user step, for users whose own effort remembers
     or looks at forces; others (``neural``, ``muscle_state``) have their own."""
+    effort_by: Literal["muscle", "volume"] = "muscle"
+    """Muscles count alike in it, or each by its volume, as what it burns does: then a shoulder is
+    dear and a wrist cheap."""
     gradient_limit: Norm | None = None
     """Longest gradient of a user's reward by an action (and by the joints' angles, 1/rad); None:
     none. Motors need one: what a servo does in 50 ms is steep."""

@@ -11,7 +11,7 @@ from true_users import motion_of
 from sim2vr_harness.training.imagined.body import BodyModel, fit_body
 from sim2vr_harness.training.imagined.chain import Chains
 from sim2vr_harness.training.imagined.drives import Drives
-from sim2vr_harness.training.imagined.effort import imagined_effort
+from sim2vr_harness.training.imagined.effort import imagined_effort, volume_shares
 from sim2vr_harness.training.imagined.experience import Experience, Motion
 from sim2vr_harness.training.imagined.gradients import limited, within
 from sim2vr_harness.training.imagined.limbs import limbs_of
@@ -157,6 +157,25 @@ def test_an_effort_that_remembers_is_the_mean_square_of_activations() -> None:
     act = torch.zeros(1, 32)
     act[0, 0] = 0.8
     assert float(cost(act, act)) == pytest.approx(0.5 * 0.8**2 / 32)
+
+
+def test_muscles_may_count_by_their_volume() -> None:
+    """By the tables 1103.5 N x 15.62 cm of the middle deltoid, 252.5 N x 8.67 cm of a wrist extensor.
+
+    Lengths are ranges, which are the same share of the optimal length in all muscles.
+    """
+    body = load_body(WRIST)
+    shares = volume_shares(body)
+    assert float(shares.mean()) == pytest.approx(1.0)
+    muscles = list(body.muscles)
+    model = body.physics_model
+    deltoid, extensor = muscles.index("DELT2"), muscles.index("ECRB")
+    assert float(shares[deltoid] / shares[extensor]) == pytest.approx(7.876, abs=0.01)
+    users = UserBatch(body, 1, threads=1)
+    cost = imagined_effort(users.effort, Drives(body), otherwise=0.5, shares=shares)
+    act = torch.zeros(1, model.nu)
+    act[0, extensor] = 0.8
+    assert float(cost(act, act)) == pytest.approx(0.5 * 0.8**2 / 32 * float(shares[extensor]))
 
 
 def test_a_single_user_s_gradient_is_bounded() -> None:

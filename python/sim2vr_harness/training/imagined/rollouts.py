@@ -16,7 +16,7 @@ from sim2vr_harness.training.imagined.average import Average
 from sim2vr_harness.training.imagined.body import BodyModel, fit_body
 from sim2vr_harness.training.imagined.collecting import Collector
 from sim2vr_harness.training.imagined.critic import Critic
-from sim2vr_harness.training.imagined.effort import imagined_effort
+from sim2vr_harness.training.imagined.effort import imagined_effort, volume_shares
 from sim2vr_harness.training.imagined.experience import Experience
 from sim2vr_harness.training.imagined.gradients import limited
 from sim2vr_harness.training.imagined.persons import ImaginedPersons
@@ -153,7 +153,8 @@ class ImaginedRollouts:
             raise InputError("teacher.imagined", str(error), "a setting that the twin knows") from (
                 error
             )
-        effort = imagined_effort(users.effort, self.body.drives, self.config.effort)
+        shares = volume_shares(users.body) if self.config.effort_by == "volume" else None
+        effort = imagined_effort(users.effort, self.body.drives, self.config.effort, shares)
         imagined = ImaginedUsers(
             users.body,
             self.body,

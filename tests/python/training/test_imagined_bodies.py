@@ -160,7 +160,7 @@ def test_an_effort_that_remembers_is_the_mean_square_of_activations() -> None:
 
 
 def test_muscles_may_count_by_their_volume() -> None:
-    """By the tables 1103.5 N x 15.62 cm of the middle deltoid, 252.5 N x 8.67 cm of a wrist extensor.
+    """Of the middle deltoid 1103.5 N x 15.62 cm (muscles.csv), of an extensor 252.5 N x 8.67 cm.
 
     Lengths are ranges, which are the same share of the optimal length in all muscles.
     """

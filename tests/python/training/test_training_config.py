@@ -70,12 +70,10 @@ def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
         assert getattr(other.teacher.imagined, size) == getattr(people.teacher.imagined, size)
     assert other.ppo == people.ppo
     assert other.student == people.student
-    # The other two have the published wrists still: so have the users of theirs that ship.
-    person = people.env.user.person.model_copy(update={"joints": {}})
-    user = people.env.user.model_copy(update={"person": person})
     for one in (other, pointing):
-        env = one.env.model_copy(update={"app": people.env.app, "vision": people.env.vision})
-        assert env == people.env.model_copy(update={"user": user})
+        assert one.env.model_copy(update={"app": people.env.app, "vision": people.env.vision}) == (
+            people.env
+        )
     assert pointing.recipe == "distill"
 
 

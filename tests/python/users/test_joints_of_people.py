@@ -114,7 +114,10 @@ def test_a_joint_that_is_not_there_is_named() -> None:
         loose("flexon")
 
 
-def test_the_persons_that_ship_have_loose_wrists() -> None:
-    body = body_of(load_config(CONFIGS / "whacamole_people.yaml").env.user)
-    for joint in WRIST:
-        assert passive(body, joint) == (0.0, 0.03, 2.0)
+def test_a_configuration_sets_them() -> None:
+    key = "env.user.person.joints"
+    given = [f"{key}.flexion.armature=0", f"{key}.flexion.damping=0.03"]
+    config = load_config(CONFIGS / "whacamole_people.yaml", given)
+    assert passive(body_of(config.env.user), "flexion") == (0.0, 0.03, 2.0)
+    published = body_of(load_config(CONFIGS / "whacamole_people.yaml").env.user)
+    assert passive(published, "flexion") == (0.1, 0.5, 2.0)

@@ -72,7 +72,7 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
             scene = chooser.scene()
             places = chooser.places(scene)
             with torch.inference_mode():
-                chosen = chooser.values(net, scene, places).argmax(-1).numpy()
+                chosen = chooser.best(chooser.values(net, scene, places), scene).numpy()
             chooser.choose(choice, chosen, places)
             moves.append(chosen[:, 0].copy())
         wanted = chooser.actions(choice)

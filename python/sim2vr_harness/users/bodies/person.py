@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
 
 import mujoco
 import numpy as np
@@ -126,15 +125,9 @@ def change_joints(spec: mujoco.MjSpec, joints: Mapping[str, JointOptions]) -> No
         if options.armature is not None:
             joint.armature = options.armature
         if options.damping is not None:
-            joint.damping = _linear(joint.damping, options.damping)
+            joint.damping = [options.damping, 0.0, 0.0]
         if options.stiffness is not None:
-            joint.stiffness = _linear(joint.stiffness, options.stiffness)
-
-
-def _linear(own: Any, value: float) -> Any:
-    """The number, or as many coefficients as the specification has, of which it is the first."""
-    shape = np.shape(own)
-    return value if not shape else np.array([value, *np.zeros(shape[0] - 1)])
+            joint.stiffness = [options.stiffness, 0.0, 0.0]
 
 
 def segment_length(model: mujoco.MjModel, segment: Segment) -> float:

@@ -118,6 +118,10 @@ class ImaginedConfig(Settings):
     """Cost per user step of what is asked of actuators beside what they do, by the mean square of
     shares of ranges. Gradients find commands that go to and fro between the ends, which no student
     who sees late can repeat, and no person's muscles do."""
+    carry_cost: Weight = 0.0
+    """Cost per user step of carrying hands from place to place, by the mean square of their speed,
+    m^2/s^2: the mass of an arm is sped up and stopped again, that of a hand that turns is small.
+    Who strikes as fast as the game asks does it with less of the arm then, and hurries less."""
     reward_scale: Factor = 1.0
     """Factor on the game's reward and the effort: a success should be worth about 10."""
     game: dict[str, OptionValue] = Field(default_factory=dict)

@@ -271,6 +271,23 @@ def test_hits_may_be_worth_more_in_the_middle() -> None:
     assert worth == pytest.approx([1 - 0.5 * (1 - 0.998), 1 - 0.5 * (1 - 0.649)], abs=0.005)
 
 
+def test_hits_may_be_worth_more_where_what_hits_is_fast() -> None:
+    """Of a share of .5: at 1.5 m/s a half is left, at 3 and 6 m/s all, going away nothing.
+
+    What the game judges, the hammer near the hand, is the same in all of them.
+    """
+    soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0)
+    for speed, worth in ((1.5, 0.75), (3.0, 1.0), (6.0, 1.0), (-1.0, 0.5)):
+        rewards = []
+        for share in (0.0, 0.5):
+            game, place = game_at_a_target(TwinSettings(impact_share=share))
+            face = points(*game.hammer(place))[1]
+            game._face = face - 0.05 * speed * game._strike[game.condition]
+            rewards.append(game.play(place[:, None], soft)[0])
+        assert float(rewards[0]) > 1.0
+        assert float(rewards[1] / rewards[0]) == pytest.approx(worth, abs=1e-4)
+
+
 def test_hits_are_worth_what_their_cells_say() -> None:
     rewards = []
     for value in (0.0, 1.0, 3.0):

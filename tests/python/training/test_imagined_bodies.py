@@ -253,6 +253,29 @@ def test_abrupt_commands_cost_by_hand() -> None:
     assert float(actions.grad[0, 3]) == pytest.approx(3.0 * 2.0 * 0.5 / 32, abs=1e-6)
 
 
+def test_carrying_a_hand_costs_by_the_square_of_its_speed_not_a_head() -> None:
+    """The way of a step that the body's own places tell; over 0.05 s, times 0.5."""
+    body = load_body("mobl_arms_wrist")
+    model = BodyModel(body, ("headset", "controller_right"), 0.05, width=4)
+    free, count, joints = torch.zeros(1), len(body.action_names), len(body.independent_joints)
+    users = ImaginedUsers(body, model, 1, effort=lambda drives, control: free, carry_cost=0.5)
+    angles, speeds = torch.from_numpy(body.joint_ranges.mean(1))[None].float(), None
+    for speeds in (torch.zeros(1, joints), torch.linspace(-2.0, 2.0, joints)[None]):
+        start = Motion(angles, speeds, torch.full((1, count), 0.2), free[:, None][:, :0])
+        users.start(torch.arange(1), start)
+        begun = users.place[0, :, :3, 3].clone()
+        users.step(torch.zeros(1, count), error_share=0.0)
+        way = (users.place[0, :, :3, 3] - begun).norm(dim=-1)
+        free_of_it = ImaginedUsers(body, model, 1, effort=lambda drives, control: free)
+        free_of_it.motion = users.motion
+        cost = users.costs()[1] - free_of_it.costs()[1]
+        assert float(cost.detach()) == pytest.approx(
+            0.5 * (float(way[1].detach()) / 0.05) ** 2, rel=1e-3
+        )
+    assert float(way[1]) > 0.02
+    assert float(way[0]) == pytest.approx(0.0, abs=1e-6)
+
+
 def test_motors_rest_where_they_come_back_to_and_muscles_slack() -> None:
     for name, rest in ((MOTORS, 0.4), ("mobl_arms_wrist", 0.15)):
         body = load_body(name)

@@ -76,6 +76,10 @@ class TwinSettings(Settings):
     centre_share: Chance = 0.0
     """Share of a hit's worth that is for the middle of the target: all of it there, .6 of it 2 cm
     beside. Who knows exactly hits targets at their rims, and who learns from that misses them."""
+    impact_share: Chance = 0.0
+    """Share of a hit's worth that is for how fast what hits goes towards the targets: all of it
+    from 3 m/s on. The game looks at the hammer near the hand only, which nobody who plays it can
+    tell: people strike with its head."""
     whole_steps: bool = False
     """Whether hits are looked for once a user step, at its mean speed, where the app does in each
     of several frames. Speeds of 10 ms are beyond what the body model knows, and what happens in

@@ -49,6 +49,8 @@ _STROKES_S, _STROKE_MPS, _THROUGH_M, _STROKE_OFF_M = (0.6, 1.0), 1.5, 0.03, 0.3
 
 _CENTRE_M = 0.02
 """Beside the middle of a target: people's end points spread by 1.5 cm along each way."""
+_HARD_MPS = 3.0
+"""A hit that cannot be harder."""
 _CLEAR_M, _AWAY_M = START_M, 0.5 * CELL_M
 """How far in front of the plane a hammer is clear of it; how far beside a target away from it."""
 
@@ -124,7 +126,7 @@ class ImaginedWhacAMole:
         self.counts = torch.zeros(2, len(conditions), CELLS)
         """Hits and misses since :meth:`clear_counts`, by condition and cell."""
         self.condition = torch.zeros(n, dtype=torch.long)
-        self._velocity, self._root = torch.zeros(n, 3), torch.zeros(n, 3)
+        self._velocity, self._root, self._face = (torch.zeros(n, 3) for _ in range(3))
         self._age = torch.full((n, CELLS), -1)
         self._fading = torch.zeros(n, CELLS, dtype=torch.long)
         self._ban_s = torch.zeros(n)
@@ -146,7 +148,7 @@ class ImaginedWhacAMole:
         with torch.no_grad():
             self._velocity[ids] = self.velocity_of(fields)
             self.condition[ids] = condition
-            self._root[ids] = points(*self.hammer(place))[0]
+            self._root[ids], self._face[ids] = points(*self.hammer(place))
             self._age[ids] = self._first_ages(ids, condition, cell)
             count = len(ids)
             self._fading[ids] = 0
@@ -175,7 +177,7 @@ class ImaginedWhacAMole:
     def cut(self) -> None:
         """See the protocol."""
         self._velocity, self._root = self._velocity.detach(), self._root.detach()
-        self._left = self._left.detach()
+        self._left, self._face = self._left.detach(), self._face.detach()
 
     def nearest(self, place: Tensor, condition: Tensor) -> tuple[Tensor, Tensor]:
         """(K,) distance from the nearest point 10 cm in front of a cell, m, and (K,) that cell."""
@@ -212,7 +214,7 @@ class ImaginedWhacAMole:
         self.hit_values.lerp_(values, 0.5)
 
     _STATE = (
-        *("_velocity", "_root", "_age", "_fading", "_ban_s", "_inside", "_hit", "_left"),
+        *("_velocity", "_root", "_face", "_age", "_fading", "_ban_s", "_inside", "_hit", "_left"),
         *("condition", "spawn_weights", "hit_values"),
     )
 
@@ -290,6 +292,8 @@ class ImaginedWhacAMole:
         last = marker.reshape(b, frames, 3)[:, -1]
         middle = box.reshape(b, frames, 3)[:, -1]
         values = self.hit_values[self.condition] * self._central(middle)
+        values = values * self._impact((middle - self._face) / FRAME_S)[:, None]
+        self._face = middle
         hits = 10.0 * (values * self._left * chance).sum(1)
         worth = hits + self._shaped(last, depth[:, -1], touch, soft)
         self._left = self._left * (1.0 - chance)
@@ -369,6 +373,12 @@ class ImaginedWhacAMole:
         off = self._aside(box) / _CENTRE_M
         return 1.0 - share * (1.0 - torch.exp(-0.5 * off.square()))
 
+    def _impact(self, velocity: Tensor) -> Tensor:
+        """(B,) the worth of a hit by the velocity of what hits (B, 3), m/s."""
+        share = self.settings.impact_share
+        hard = (self._strike_mps(velocity) / _HARD_MPS).clamp(0.0, 1.0)
+        return 1.0 - share * (1.0 - hard)
+
     def _aside(self, point: Tensor) -> Tensor:
         """(B, cells) how far points (B, 3) are beside the cells' middles, in their plane, m."""
         gap, axes = self._cells[self.condition] - point[:, None], self._axes[self.condition]
@@ -406,7 +416,7 @@ class ImaginedWhacAMole:
         return (way * self._axes[self.condition, 2]).sum(1)
 
     def _strike_mps(self, velocity: Tensor) -> Tensor:
-        """(B,) the speed that hits are judged by, of a velocity of the root (B, 3)."""
+        """(B,) how fast velocities (B, 3) go towards the targets; hits are judged by the root's."""
         return (velocity * self._strike[self.condition]).sum(1)
 
 

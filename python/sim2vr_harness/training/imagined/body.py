@@ -223,6 +223,7 @@ class BodyModel(nn.Module):
         persons: ImaginedPersons | None = None,
     ) -> None:
         super().__init__()
+        self.devices = tuple(devices)
         self.drives = Drives(user)
         self.activation = _Activation()
         groups = limbs_of(user)

@@ -165,6 +165,7 @@ class ImaginedRollouts:
             aim_cost=self.config.aim_cost,
             rest_cost=self.config.rest_cost,
             change_cost=self.config.change_cost,
+            carry_cost=self.config.carry_cost,
         )
         return imagined, rounds
 

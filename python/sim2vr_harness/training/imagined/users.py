@@ -36,6 +36,7 @@ class ImaginedUsers:
         aim_cost: of aiming actuators beyond their ranges; above 0 gradients lead back from there.
         rest_cost: of drives away from :attr:`rest`.
         change_cost: of what actions would change drives by.
+        carry_cost: of carrying hands from place to place, by the square of their speed, m^2/s^2.
     """
 
     def __init__(
@@ -50,8 +51,11 @@ class ImaginedUsers:
         aim_cost: float = 0.0,
         rest_cost: float = 0.0,
         change_cost: float = 0.0,
+        carry_cost: float = 0.0,
     ) -> None:
         self._aim_cost, self._rest_cost, self._change_cost = aim_cost, rest_cost, change_cost
+        self._carry_cost = carry_cost
+        self._hands = [i for i, name in enumerate(body.devices) if name != "headset"]
         self.n, self.body, self._effort, self._drives = n, body, effort, body.drives
         self._persons = persons
         joints, drives = len(user.independent_joints), self._drives.count
@@ -68,7 +72,7 @@ class ImaginedUsers:
         who = 0 if persons is None else persons.count
         self.motion = Motion(*(torch.zeros(n, size) for size in (joints, joints, drives, who)))
         self._control = torch.zeros(n, drives)
-        self._aimed_beyond, self._changed = torch.zeros(n), torch.zeros(n)
+        self._aimed_beyond, self._changed, self._carried = (torch.zeros(n) for _ in range(3))
         self.rest = torch.full((drives,), 0.5)
         """(A,) drives of a body that has nothing to do."""
         self._noise = None if noise is None else ImaginedNoise(noise, n, len(user.muscles))
@@ -148,11 +152,15 @@ class ImaginedUsers:
             control = control.index_copy(1, self._muscles, noisy)
         self._control = control
         self._before = self.motion
+        begun = self.place[:, self._hands, :3, 3] if self._carry_cost > 0.0 else None
         after = self.body(self.motion, control)
         if self.gradient_limit is not None:
             limited(after.angles, self.gradient_limit)
             limited(after.speeds, self.gradient_limit * self.body.step_s)
         self.motion = self.body.disturbed(after, error_share) if error_share > 0.0 else after
+        if begun is not None:
+            way = self.place[:, self._hands, :3, 3] - begun
+            self._carried = way.square().sum(-1).mean(-1) / self.body.step_s**2
 
     def rest_as(self, drives: Tensor) -> None:
         """Set :attr:`rest` by (N, A) drives of bodies that moved at random.
@@ -164,7 +172,7 @@ class ImaginedUsers:
         self.rest[self._muscles] = REST_ACT
 
     def costs(self) -> tuple[Tensor, Tensor, Tensor]:
-        """(B,) each: of effort; of limits passed, rest left and abruptness; of speeds."""
+        """(B,) each: of effort; of limits, rest left, abruptness and ways; of speeds."""
         motion = self.motion
         unit = 2.0 * (motion.angles - self._low) / (self._high - self._low) - 1.0
         beyond = torch.relu(unit.abs() - 1.0).sum(1)
@@ -180,6 +188,8 @@ class ImaginedUsers:
             limits = limits + self._rest_cost * away
         if self._change_cost > 0.0:
             limits = limits + self._change_cost * self._changed
+        if self._carry_cost > 0.0:
+            limits = limits + self._carry_cost * self._carried
         return effort, limits, _WILD_COST * wild
 
     def broken(self) -> Tensor:

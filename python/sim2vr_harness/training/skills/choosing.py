@@ -83,7 +83,7 @@ class Chooser:
         places = self.places(scene)
         with torch.inference_mode():
             chosen = self.best(self.values(net, scene, places), scene).numpy()
-        self.choose(choice, chosen, places)
+        self.choose(choice, chosen, scene, places)
 
     def something(self, scene: Scene) -> Tensor:
         """(N, cells) whether anything is seen in a cell."""
@@ -97,11 +97,13 @@ class Chooser:
         self,
         choice: Choice,
         chosen: NDArray[np.int64],
+        scene: Scene,
         places: Tensor,
         changed: NDArray[np.bool_] | None = None,
     ) -> None:
         """Put choices into effect, see :func:`choose`."""
-        choose(choice, chosen, places, self.mover, changed)
+        approach = self.sight.approach(torch.from_numpy(scene.pictures))
+        choose(choice, chosen, places, approach, self.mover, changed)
 
     def actions(self, choice: Choice) -> NDArray[np.float32]:
         """(N, A) what the bodies do now for a choice."""
@@ -110,6 +112,7 @@ class Chooser:
             motion = layer.motion(self._simulation.users)
             placed = layer.places(*motion[:2])
         goals = self.mover.goals(choice, torch.from_numpy(self._head()), *placed)
+        choice.pass_time(layer.step_s)
         return layer.decide(motion, placed, goals)
 
 
@@ -128,6 +131,7 @@ def choose(
     choice: Choice,
     chosen: NDArray[np.int64],
     places: Tensor,
+    approach: Tensor,
     mover: Mover,
     changed: NDArray[np.bool_] | None = None,
 ) -> None:
@@ -137,6 +141,7 @@ def choose(
         choice: of N users, changed in place.
         chosen: (N, H) move * cells + cell; moves * cells is to rest.
         places: (N, 3, rows, columns) of the cells, world, m.
+        approach: (N, cells) how fast they come nearer, m/s.
         mover: knows what is within reach.
         changed: (N, H) whose choice is a new one; None: everybody's.
     """
@@ -147,9 +152,13 @@ def choose(
     new = torch.ones_like(resting) if changed is None else torch.from_numpy(changed)
     users = torch.arange(len(chosen))
     for hand in range(chosen.shape[1]):
-        there = flat[users, number[:, hand] % cells]
+        cell = number[:, hand] % cells
+        there = flat[users, cell]
         wanted = mover.within_reach(hand, there, is_swing(number[:, hand] // cells))
+        wait_s = mover.arrival(wanted, there, approach[users, cell])
+        wait_s = torch.where(resting[:, hand], 0.0, wait_s)
         moves = (new & ~resting)[:, hand, None]
         choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])
+        choice.wait_s[:, hand] = torch.where(new[:, hand], wait_s, choice.wait_s[:, hand])
     move = torch.where(resting, -1, number // cells)
     choice.move = torch.where(new, move, choice.move)

@@ -33,9 +33,11 @@ from sim2vr_harness.training.skills.sight import CELL_PX
 
 __all__ = ["Looker", "LookingReport", "Scene"]
 
-STATE_FORMAT = 2
+STATE_FORMAT = 3
 _TRY_STEPS = (4, 14)
 """How long a random try is seen through, user steps."""
+_WAITED_FOR_S = 2.0
+"""How long it lasts beyond that at most, for what has to come first."""
 _REST_SHARE = 0.1
 _SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
 """Factors on learning rate and random tries at the very end."""
@@ -188,7 +190,10 @@ class Looker:
                 chosen[i, hand] = self._tried[i, hand] = self._try(weights)
                 self._trying[i, hand] = self.rng.integers(*_TRY_STEPS)
         self._trying -= self.config.decide_steps
-        self._chooser.choose(self._choice, chosen, places, changed)
+        self._chooser.choose(self._choice, chosen, scene, places, changed)
+        step_s = 1.0 / self.simulation.config.action_frequency_hz
+        waits = self._choice.wait_s.clamp(max=_WAITED_FOR_S) / step_s
+        self._trying += np.where(anew, waits.ceil().long().numpy(), 0)
         return chosen
 
     def _try(self, weights: NDArray[np.float64]) -> int:
@@ -422,7 +427,7 @@ class Looker:
             "slow": copy.deepcopy(self._slow.state_dict()),
             "optimizer": copy.deepcopy(self._optimizer.state_dict()),
             "memory": self._memory.state(),
-            "choice": {"move": self._choice.move.clone(), "place": self._choice.place.clone()},
+            "choice": {name: values.clone() for name, values in vars(self._choice).items()},
             "arrays": {name: torch.from_numpy(values.copy()) for name, values in arrays.items()},
         }
 
@@ -443,8 +448,8 @@ class Looker:
         self._slow.load_state_dict(state["slow"])
         self._optimizer.load_state_dict(state["optimizer"])
         self._memory.load_state(len(state["memory"]["over"]), state["memory"])
-        self._choice.move = state["choice"]["move"].clone()
-        self._choice.place = state["choice"]["place"].clone()
+        for name, values in state["choice"].items():
+            setattr(self._choice, name, values.clone())
         arrays = {name: values.numpy() for name, values in state["arrays"].items()}
         self._trying, self._tried = arrays["trying"].copy(), arrays["tried"].copy()
         self._colours = arrays["colours"].copy()

@@ -150,6 +150,7 @@ class DecidingUser(nn.Module):
                 intention.left = int(self.hold)
             intention.left -= 1
             goals = self.mover.goals(intention.choice, head[:, :3, 3], *placed)
+            intention.choice.pass_time(self.layer.step_s)
             return self.layer.decide(motion, placed, goals)[0]
 
     def _decide(
@@ -164,7 +165,7 @@ class DecidingUser(nn.Module):
         moving = self.mover.tips(*placed)
         values = self.values(pictures, places, head[:, :3, 3], *moving)
         chosen = best_choices(values, self.values.sight.something(pictures[:, 3])).numpy()
-        choose(choice, chosen, places, self.mover)
+        choose(choice, chosen, places, self.values.sight.approach(pictures), self.mover)
 
 
 class _Read:

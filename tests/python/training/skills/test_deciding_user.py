@@ -73,7 +73,7 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
             places = chooser.places(scene)
             with torch.inference_mode():
                 chosen = chooser.best(chooser.values(net, scene, places), scene).numpy()
-            chooser.choose(choice, chosen, places)
+            chooser.choose(choice, chosen, scene, places)
             moves.append(chosen[:, 0].copy())
         wanted = chooser.actions(choice)
         observation = simulation.observation()

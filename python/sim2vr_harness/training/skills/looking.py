@@ -182,6 +182,7 @@ class Looker:
         still = self._trying > 0  # the place stays the one that was tried
         changed = ~still
         chosen[still] = self._tried[still]
+        best = chosen.copy()
         anew = changed & (self.rng.random((self.n, self.hands)) < explore)
         users = np.flatnonzero(anew.any(1))
         self._note_colours(scene)
@@ -191,10 +192,22 @@ class Looker:
                 self._trying[i, hand] = self.rng.integers(*_TRY_STEPS)
         self._trying -= self.config.decide_steps
         self._chooser.choose(self._choice, chosen, scene, places, changed)
-        step_s = 1.0 / self.simulation.config.action_frequency_hz
-        waits = self._choice.wait_s.clamp(max=_WAITED_FOR_S) / step_s
-        self._trying += np.where(anew, waits.ceil().long().numpy(), 0)
+        waits = self._waits()
+        # Tries that wait for long are begun more seldom, so that no more time goes to tries.
+        usual = 0.5 * sum(_TRY_STEPS)
+        dropped = anew & (self.rng.random(anew.shape) * (usual + waits) > usual)
+        if dropped.any():
+            chosen = np.where(dropped, best, chosen)
+            self._chooser.choose(self._choice, chosen, scene, places, dropped)
+        self._trying = np.where(dropped, 0, self._trying + np.where(anew, waits, 0))
         return chosen
+
+    def _waits(self) -> NDArray[np.int64]:
+        """(N, H) user steps for which hands wait before they do what is chosen."""
+        step_s = 1.0 / self.simulation.config.action_frequency_hz
+        steps = self._choice.wait_s.clamp(max=_WAITED_FOR_S) / step_s
+        waits: NDArray[np.int64] = steps.ceil().long().numpy()
+        return waits
 
     def _try(self, weights: NDArray[np.float64]) -> int:
         if self.rng.random() < _REST_SHARE:

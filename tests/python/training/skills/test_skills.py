@@ -240,6 +240,34 @@ def test_learning_beside_playing_is_learning_before_it(layer: MotorLayer, tmp_pa
         one.simulation.close()
 
 
+@pytest.mark.parametrize("waits", [0, 27])
+def test_tries_take_the_same_time_whether_they_wait_or_not(
+    layer: MotorLayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waits: int
+) -> None:
+    """Tries of 9 user steps, three decisions, begun by .3 of those who try nothing: .9 / 1.9.
+
+    With 27 more to wait a quarter of them is begun, and lasts four times as long.
+    """
+    config = SMALL.model_copy(
+        update={"user_steps": 2000, "users": 5, "try_steps": 0, "updates": 0.01}
+    )
+    config = config.model_copy(
+        update={"explore_first": 0.3, "explore_last": 0.3, "settle_share": 0.0}
+    )
+    simulation = Simulation(env("sample"), config.users)
+    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    trying = Looker(config, simulation, mover, tmp_path / "pictures.bin", seed=2)
+    shape = (config.users, 1)
+    monkeypatch.setattr(trying, "_waits", lambda: np.full(shape, waits, np.int64))
+    busy = []
+    while not trying.finished:
+        trying.step()
+        busy.append(trying._trying > 0)
+    simulation.close()
+    share = float(np.mean(busy))
+    assert share == pytest.approx(0.9 / 1.9, abs=0.12)
+
+
 def test_tries_and_steps_grow_smaller_in_the_end(layer: MotorLayer, tmp_path: Path) -> None:
     """Half-way through the last half: tries fall to 1 - .75 / 2 of .08, and rates alike."""
     one = looker(layer, tmp_path / "settling")

@@ -17,6 +17,9 @@ from sim2vr_harness.training.skills.sight import Sight, rotation
 
 __all__ = ["Chooser", "Scene", "best_choices", "choose"]
 
+_CLEARLY = 0.05
+"""How much more a choice is worth that hands change their minds for; a good one is worth 1."""
+
 
 @dataclass
 class Scene:
@@ -77,21 +80,28 @@ class Chooser:
         values: Tensor = net(torch.from_numpy(scene.pictures), places, *parts)
         return values
 
-    def choose_best(self, net: PlaceValues, choice: Choice) -> None:
-        """Put into effect what a network says is worth most now, for everybody."""
+    def choose_best(self, net: PlaceValues, choice: Choice, *, keep: bool) -> None:
+        """Put into effect what a network says is worth most now, for everybody.
+
+        Args:
+            net: says it.
+            choice: changed in place.
+            keep: whether who is about to do something keeps to it, see :func:`best_choices`.
+        """
         scene = self.scene()
         places = self.places(scene)
+        under_way = choice.move if keep else None
         with torch.inference_mode():
-            chosen = self.best(self.values(net, scene, places), scene).numpy()
+            chosen = self.best(self.values(net, scene, places), scene, under_way).numpy()
         self.choose(choice, chosen, scene, places)
 
     def something(self, scene: Scene) -> Tensor:
         """(N, cells) whether anything is seen in a cell."""
         return self.sight.something(torch.from_numpy(scene.pictures[:, 3]))
 
-    def best(self, values: Tensor, scene: Scene) -> Tensor:
+    def best(self, values: Tensor, scene: Scene, under_way: Tensor | None = None) -> Tensor:
         """(N, H) choices that are worth most, see :func:`best_choices`."""
-        return best_choices(values, self.something(scene))
+        return best_choices(values, self.something(scene), under_way)
 
     def choose(
         self,
@@ -116,15 +126,29 @@ class Chooser:
         return layer.decide(motion, placed, goals)
 
 
-def best_choices(values: Tensor, something: Tensor) -> Tensor:
+def best_choices(values: Tensor, something: Tensor, under_way: Tensor | None = None) -> Tensor:
     """(N, H) choices that are worth most, of those that do something with something.
 
     Args:
         values: (N, H, moves * cells + 1).
         something: (N, cells) whether anything is there.
+        under_way: (N, H) numbers of the moves that hands are about to make, -1: rest. A hand keeps
+            to its move, wherever it is worth most by now, unless another one is worth clearly more:
+            who changes its mind between things that are worth the same does none of them.
     """
     there = torch.cat([something.repeat(1, len(MOVES)), torch.ones_like(something[:, :1])], 1)
-    return values.masked_fill(~there[:, None], -torch.inf).argmax(-1)
+    allowed = values.masked_fill(~there[:, None], -torch.inf)
+    worth, best = allowed.max(-1)
+    if under_way is None:
+        return best
+    cells = something.shape[1]
+    by_move = allowed[..., :-1].reshape(*allowed.shape[:2], len(MOVES), cells)
+    of_moves, cell = by_move.max(-1)
+    resting, move = under_way < 0, under_way.clamp(min=0)[..., None]
+    kept = move[..., 0] * cells + cell.gather(-1, move)[..., 0]
+    kept = torch.where(resting, len(MOVES) * cells, kept)
+    own = torch.where(resting, allowed[..., -1], of_moves.gather(-1, move)[..., 0])
+    return torch.where(own >= worth - _CLEARLY, kept, best)
 
 
 def choose(

@@ -178,7 +178,7 @@ class Looker:
         places = self._chooser.places(scene)
         with torch.inference_mode():
             values = self._chooser.values(self.net, scene, places)
-            chosen = self._chooser.best(values, scene).numpy()
+            chosen = self._chooser.best(values, scene, self._choice.move).numpy()
         still = self._trying > 0  # the place stays the one that was tried
         changed = ~still
         chosen[still] = self._tried[still]
@@ -339,7 +339,7 @@ class Looker:
         total = 0.0
         for step in range(steps):
             if step % hold == 0:
-                self._chooser.choose_best(self.net, self._choice)
+                self._chooser.choose_best(self.net, self._choice, keep=True)
             total += float(self.play(1)[0].mean())
         minutes = steps / simulation.config.action_frequency_hz / 60.0
         return total / minutes

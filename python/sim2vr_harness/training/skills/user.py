@@ -164,7 +164,8 @@ class DecidingUser(nn.Module):
         places = self.values.sight.places(pictures[:, 3], head[:, :3, 3], head[:, :3, :3])
         moving = self.mover.tips(*placed)
         values = self.values(pictures, places, head[:, :3, 3], *moving)
-        chosen = best_choices(values, self.values.sight.something(pictures[:, 3])).numpy()
+        something = self.values.sight.something(pictures[:, 3])
+        chosen = best_choices(values, something, choice.move).numpy()
         choose(choice, chosen, places, self.values.sight.approach(pictures), self.mover)
 
 

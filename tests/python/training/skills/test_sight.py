@@ -73,3 +73,19 @@ def test_what_comes_nearer_is_told_from_what_was_there_before() -> None:
     wanted = torch.zeros(5, 3)
     wanted[0, 0], wanted[3, 1] = 26 * FAR_M / 255.0 / 0.2, 40 * FAR_M / 255.0 / 0.2
     assert torch.allclose(speed, wanted)
+
+
+def test_hands_keep_to_their_moves_unless_another_is_worth_clearly_more() -> None:
+    """Two cells, four users who push (move 1), and one who rests."""
+    cells, last = 2, 2 * len(MOVES)
+    something = torch.tensor([[True, True]] * 3 + [[True, False], [True, True]])
+    under_way = torch.tensor([[1]] * 4 + [[-1]])
+    values = torch.zeros(5, 1, last + 1)
+    values[:, 0, 4 * cells] = 0.6  # another move
+    values[:, 0, 1 * cells + 1] = torch.tensor([0.56, 0.5, 0.7, 0.56, 0.56])  # theirs
+    values[:, 0, last] = torch.tensor([0.0, 0.0, 0.0, 0.0, 0.57])
+    push, other = 1 * cells + 1, 4 * cells
+    assert best_choices(values, something)[:, 0].tolist() == [other, other, push, other, other]
+    kept = best_choices(values, something, under_way)[:, 0].tolist()
+    # The fourth one's push went for a cell that shows nothing now.
+    assert kept == [push, other, push, other, last]

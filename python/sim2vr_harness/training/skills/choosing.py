@@ -17,7 +17,7 @@ from sim2vr_harness.training.skills.sight import Sight, rotation
 
 __all__ = ["Chooser", "Scene", "best_choices", "choose"]
 
-_CLEARLY = 0.05
+_CLEARLY = 0.02
 """How much more a choice is worth that hands change their minds for; a good one is worth 1."""
 
 

@@ -17,9 +17,6 @@ from sim2vr_harness.training.skills.sight import Sight, rotation
 
 __all__ = ["Chooser", "Scene", "best_choices", "choose"]
 
-_CLEARLY = 0.02
-"""How much more a choice is worth that hands change their minds for; a good one is worth 1."""
-
 
 @dataclass
 class Scene:
@@ -80,40 +77,31 @@ class Chooser:
         values: Tensor = net(torch.from_numpy(scene.pictures), places, *parts)
         return values
 
-    def choose_best(self, net: PlaceValues, choice: Choice, *, keep: bool) -> None:
-        """Put into effect what a network says is worth most now, for everybody.
-
-        Args:
-            net: says it.
-            choice: changed in place.
-            keep: whether who is about to do something keeps to it, see :func:`best_choices`.
-        """
+    def choose_best(self, net: PlaceValues, choice: Choice) -> None:
+        """Put into effect what a network says is worth most now, for everybody."""
         scene = self.scene()
         places = self.places(scene)
-        under_way = choice.move if keep else None
         with torch.inference_mode():
-            chosen = self.best(self.values(net, scene, places), scene, under_way).numpy()
-        self.choose(choice, chosen, scene, places)
+            chosen = self.best(self.values(net, scene, places), scene).numpy()
+        self.choose(choice, chosen, places)
 
     def something(self, scene: Scene) -> Tensor:
         """(N, cells) whether anything is seen in a cell."""
         return self.sight.something(torch.from_numpy(scene.pictures[:, 3]))
 
-    def best(self, values: Tensor, scene: Scene, under_way: Tensor | None = None) -> Tensor:
+    def best(self, values: Tensor, scene: Scene) -> Tensor:
         """(N, H) choices that are worth most, see :func:`best_choices`."""
-        return best_choices(values, self.something(scene), under_way)
+        return best_choices(values, self.something(scene))
 
     def choose(
         self,
         choice: Choice,
         chosen: NDArray[np.int64],
-        scene: Scene,
         places: Tensor,
         changed: NDArray[np.bool_] | None = None,
     ) -> None:
         """Put choices into effect, see :func:`choose`."""
-        approach = self.sight.approach(torch.from_numpy(scene.pictures))
-        choose(choice, chosen, places, approach, self.mover, changed)
+        choose(choice, chosen, places, self.mover, changed)
 
     def actions(self, choice: Choice) -> NDArray[np.float32]:
         """(N, A) what the bodies do now for a choice."""
@@ -122,40 +110,24 @@ class Chooser:
             motion = layer.motion(self._simulation.users)
             placed = layer.places(*motion[:2])
         goals = self.mover.goals(choice, torch.from_numpy(self._head()), *placed)
-        choice.pass_time(layer.step_s)
         return layer.decide(motion, placed, goals)
 
 
-def best_choices(values: Tensor, something: Tensor, under_way: Tensor | None = None) -> Tensor:
+def best_choices(values: Tensor, something: Tensor) -> Tensor:
     """(N, H) choices that are worth most, of those that do something with something.
 
     Args:
         values: (N, H, moves * cells + 1).
         something: (N, cells) whether anything is there.
-        under_way: (N, H) numbers of the moves that hands are about to make, -1: rest. A hand keeps
-            to its move, wherever it is worth most by now, unless another one is worth clearly more:
-            who changes its mind between things that are worth the same does none of them.
     """
     there = torch.cat([something.repeat(1, len(MOVES)), torch.ones_like(something[:, :1])], 1)
-    allowed = values.masked_fill(~there[:, None], -torch.inf)
-    worth, best = allowed.max(-1)
-    if under_way is None:
-        return best
-    cells = something.shape[1]
-    by_move = allowed[..., :-1].reshape(*allowed.shape[:2], len(MOVES), cells)
-    of_moves, cell = by_move.max(-1)
-    resting, move = under_way < 0, under_way.clamp(min=0)[..., None]
-    kept = move[..., 0] * cells + cell.gather(-1, move)[..., 0]
-    kept = torch.where(resting, len(MOVES) * cells, kept)
-    own = torch.where(resting, allowed[..., -1], of_moves.gather(-1, move)[..., 0])
-    return torch.where(own >= worth - _CLEARLY, kept, best)
+    return values.masked_fill(~there[:, None], -torch.inf).argmax(-1)
 
 
 def choose(
     choice: Choice,
     chosen: NDArray[np.int64],
     places: Tensor,
-    approach: Tensor,
     mover: Mover,
     changed: NDArray[np.bool_] | None = None,
 ) -> None:
@@ -165,7 +137,6 @@ def choose(
         choice: of N users, changed in place.
         chosen: (N, H) move * cells + cell; moves * cells is to rest.
         places: (N, 3, rows, columns) of the cells, world, m.
-        approach: (N, cells) how fast they come nearer, m/s.
         mover: knows what is within reach.
         changed: (N, H) whose choice is a new one; None: everybody's.
     """
@@ -176,13 +147,9 @@ def choose(
     new = torch.ones_like(resting) if changed is None else torch.from_numpy(changed)
     users = torch.arange(len(chosen))
     for hand in range(chosen.shape[1]):
-        cell = number[:, hand] % cells
-        there = flat[users, cell]
+        there = flat[users, number[:, hand] % cells]
         wanted = mover.within_reach(hand, there, is_swing(number[:, hand] // cells))
-        wait_s = mover.arrival(wanted, there, approach[users, cell])
-        wait_s = torch.where(resting[:, hand], 0.0, wait_s)
         moves = (new & ~resting)[:, hand, None]
         choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])
-        choice.wait_s[:, hand] = torch.where(new[:, hand], wait_s, choice.wait_s[:, hand])
     move = torch.where(resting, -1, number // cells)
     choice.move = torch.where(new, move, choice.move)

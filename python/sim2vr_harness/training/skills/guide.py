@@ -43,7 +43,7 @@ class SkillGuide:
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:
         """See the protocol."""
-        self._chooser.choose_best(self._net, self._choice, keep=False)
+        self._chooser.choose_best(self._net, self._choice)
         body = self._chooser.actions(self._choice)
         actions = np.zeros((len(body), self._size), np.float32)
         actions[:, : body.shape[1]] = body

@@ -33,11 +33,9 @@ from sim2vr_harness.training.skills.sight import CELL_PX
 
 __all__ = ["Looker", "LookingReport", "Scene"]
 
-STATE_FORMAT = 3
+STATE_FORMAT = 2
 _TRY_STEPS = (4, 14)
 """How long a random try is seen through, user steps."""
-_WAITED_FOR_S = 2.0
-"""How long it lasts beyond that at most, for what has to come first."""
 _REST_SHARE = 0.1
 _SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
 """Factors on learning rate and random tries at the very end."""
@@ -178,11 +176,10 @@ class Looker:
         places = self._chooser.places(scene)
         with torch.inference_mode():
             values = self._chooser.values(self.net, scene, places)
-            chosen = self._chooser.best(values, scene, self._choice.move).numpy()
+            chosen = self._chooser.best(values, scene).numpy()
         still = self._trying > 0  # the place stays the one that was tried
         changed = ~still
         chosen[still] = self._tried[still]
-        best = chosen.copy()
         anew = changed & (self.rng.random((self.n, self.hands)) < explore)
         users = np.flatnonzero(anew.any(1))
         self._note_colours(scene)
@@ -191,23 +188,8 @@ class Looker:
                 chosen[i, hand] = self._tried[i, hand] = self._try(weights)
                 self._trying[i, hand] = self.rng.integers(*_TRY_STEPS)
         self._trying -= self.config.decide_steps
-        self._chooser.choose(self._choice, chosen, scene, places, changed)
-        waits = self._waits()
-        # Tries that wait for long are begun more seldom, so that no more time goes to tries.
-        usual = 0.5 * sum(_TRY_STEPS)
-        dropped = anew & (self.rng.random(anew.shape) * (usual + waits) > usual)
-        if dropped.any():
-            chosen = np.where(dropped, best, chosen)
-            self._chooser.choose(self._choice, chosen, scene, places, dropped)
-        self._trying = np.where(dropped, 0, self._trying + np.where(anew, waits, 0))
+        self._chooser.choose(self._choice, chosen, places, changed)
         return chosen
-
-    def _waits(self) -> NDArray[np.int64]:
-        """(N, H) user steps for which hands wait before they do what is chosen."""
-        step_s = 1.0 / self.simulation.config.action_frequency_hz
-        steps = self._choice.wait_s.clamp(max=_WAITED_FOR_S) / step_s
-        waits: NDArray[np.int64] = steps.ceil().long().numpy()
-        return waits
 
     def _try(self, weights: NDArray[np.float64]) -> int:
         if self.rng.random() < _REST_SHARE:
@@ -339,7 +321,7 @@ class Looker:
         total = 0.0
         for step in range(steps):
             if step % hold == 0:
-                self._chooser.choose_best(self.net, self._choice, keep=True)
+                self._chooser.choose_best(self.net, self._choice)
             total += float(self.play(1)[0].mean())
         minutes = steps / simulation.config.action_frequency_hz / 60.0
         return total / minutes
@@ -440,7 +422,7 @@ class Looker:
             "slow": copy.deepcopy(self._slow.state_dict()),
             "optimizer": copy.deepcopy(self._optimizer.state_dict()),
             "memory": self._memory.state(),
-            "choice": {name: values.clone() for name, values in vars(self._choice).items()},
+            "choice": {"move": self._choice.move.clone(), "place": self._choice.place.clone()},
             "arrays": {name: torch.from_numpy(values.copy()) for name, values in arrays.items()},
         }
 
@@ -461,8 +443,8 @@ class Looker:
         self._slow.load_state_dict(state["slow"])
         self._optimizer.load_state_dict(state["optimizer"])
         self._memory.load_state(len(state["memory"]["over"]), state["memory"])
-        for name, values in state["choice"].items():
-            setattr(self._choice, name, values.clone())
+        self._choice.move = state["choice"]["move"].clone()
+        self._choice.place = state["choice"]["place"].clone()
         arrays = {name: values.numpy() for name, values in state["arrays"].items()}
         self._trying, self._tried = arrays["trying"].copy(), arrays["tried"].copy()
         self._colours = arrays["colours"].copy()

@@ -34,10 +34,6 @@ _RUN_UP_M, _FURTHER = 0.4, 1.25
 """Over which a hand gains its speed, and how much farther back it goes to begin."""
 _SLOWEST = 0.55
 """Share of the speed it should have by then, below which it begins again."""
-_SOON_S = 0.2
-"""What it takes from there to the place."""
-_BESIDE_M = 0.2
-"""How much nearer to the head it goes back: through the place it would do the opposite to it."""
 _REACHED_M = 0.06
 _DEPTH_WEIGHT = 0.2
 """How much less depth counts than height and side, where a place is out of reach."""
@@ -84,17 +80,11 @@ class Choice:
     Attributes:
         move: (N, H) number of a move, -1: rest.
         place: (N, H, 3) MuJoCo's world frame, m.
-        wait_s: (N, H) for how long who goes through the place waits, drawn back, before it goes.
     """
 
     def __init__(self, n: int, hands: int) -> None:
         self.move = torch.full((n, hands), -1, dtype=torch.long)
         self.place = torch.zeros(n, hands, 3)
-        self.wait_s = torch.zeros(n, hands)
-
-    def pass_time(self, seconds: float) -> None:
-        """Let so much time go by."""
-        self.wait_s = (self.wait_s - seconds).clamp(min=0.0)
 
 
 class Mover:
@@ -125,19 +115,6 @@ class Mover:
         wanted = places.numpy().astype(np.float64)
         tip, middle = (reach.nearest(wanted) for reach in self._reach[hand])
         return torch.from_numpy(np.where(swings.numpy()[:, None], middle, tip)).float()
-
-    @staticmethod
-    def arrival(wanted: Tensor, there: Tensor, approach: Tensor) -> Tensor:
-        """(K,) in how many seconds things come to where they are waited for; 0: they do not.
-
-        Args:
-            wanted: (K, 3) where they are waited for, m.
-            there: (K, 3) where they are.
-            approach: (K,) how fast they come nearer, m/s.
-        """
-        way = (there - wanted).norm(dim=-1)
-        coming = (approach > 0.0) & (way > _REACHED_M)
-        return torch.where(coming, way / approach.clamp(min=1e-3), 0.0)
 
     def distance(self, hand: int, places: Tensor) -> Tensor:
         """(K,) how far places (K, 3) are from what the hand's tip has been seen to reach, m."""
@@ -183,7 +160,7 @@ class Mover:
         touches = (choice.move == 0)[..., None]
         goals.place = choice.place + _DEEPER_M * away * touches
         goals.velocity = directions
-        self._run_up(goals, now, velocity, away, choice.wait_s > _SOON_S)
+        self._run_up(goals, now, velocity)
         way = goals.place - now
         far = way.norm(dim=-1)
         closing = (velocity * way).sum(-1) / far.clamp(min=1e-3)
@@ -193,25 +170,20 @@ class Mover:
         return goals
 
     @staticmethod
-    def _run_up(goals: Goals, now: Tensor, velocity: Tensor, away: Tensor, early: Tensor) -> None:
-        """Send hands back, beside their place, that are about to go through it too slowly or soon.
+    def _run_up(goals: Goals, now: Tensor, velocity: Tensor) -> None:
+        """Send hands back that are about to go through their place too slowly.
 
         Args:
             goals: changed in place.
             now: (N, H, 3) where the tips are.
             velocity: (N, H, 3) theirs.
-            away: (N, H, 3) unit vectors from the heads to the places.
-            early: (N, H) whose thing is not there yet.
         """
         speed = goals.velocity.norm(dim=-1, keepdim=True)
         direction = goals.velocity / speed.clamp(min=1e-6)
         before = ((goals.place - now) * direction).sum(-1, keepdim=True)
         due = _SLOWEST * speed * (1.0 - before / _RUN_UP_M).clamp(max=1.0)
         late = (velocity * direction).sum(-1, keepdim=True) < due
-        back = (late | early[..., None]) & (speed > 0.0)
+        back = late & (speed > 0.0)
         begin = goals.place - _FURTHER * _RUN_UP_M * direction
-        # A push goes away from the head, and is drawn back along its own line.
-        across = away - (away * direction).sum(-1, keepdim=True) * direction
-        begin -= _BESIDE_M * (1.0 - before / _RUN_UP_M).clamp(0.0, 1.0) * across
         goals.place = torch.where(back, begin, goals.place)
         goals.velocity = torch.where(back, torch.zeros(()), goals.velocity)

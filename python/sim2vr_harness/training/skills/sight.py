@@ -6,9 +6,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor
-from torch.nn import functional
-
-from sim2vr_harness.training.skills.past import BEFORE_S
 
 __all__ = ["CELL_PX", "FAR_M", "Sight", "rotation"]
 
@@ -18,8 +15,6 @@ FAR_M = 10.0
 """Depth at which a picture's depth is 255 (docs/protocol.md)."""
 _NOTHING = 255
 """Depth of a pixel that shows nothing, or something farther away."""
-_STILL_MPS, _FASTEST_MPS = 0.5, 15.0
-"""What is slower may be a head that sways; what is faster was not there before."""
 
 
 class Sight:
@@ -74,27 +69,6 @@ class Sight:
         """
         there: Tensor = self._pixels(depth).amin(-1).flatten(1) < _NOTHING
         return there
-
-    def approach(self, pictures: Tensor) -> Tensor:
-        """(N, cells) how fast what is nearest in each cell comes nearer, m/s; 0: it does not.
-
-        It was in the same cell before, or in one next to it, and not nearer: of what was there then
-        the nearest is taken for it.
-
-        Args:
-            pictures: (N, 8, H, W) uint8: RGBD now and ``BEFORE_S`` ago.
-        """
-        now = self._pixels(pictures[:, 3]).amin(-1)[..., None].short()
-        before = self._pixels(pictures[:, 7]).short()
-        around = functional.pad(before, (0, 0, 1, 1, 1, 1), value=_NOTHING)
-        far = torch.full_like(now, _NOTHING)
-        for row in range(3):
-            for column in range(3):
-                there = around[:, row : row + self.rows, column : column + self.columns]
-                behind = torch.where(there >= now, there, _NOTHING).amin(-1, keepdim=True)
-                far = torch.minimum(far, behind)
-        speed: Tensor = ((far - now).float() * (FAR_M / 255.0) / BEFORE_S).flatten(1)
-        return torch.where((speed > _STILL_MPS) & (speed < _FASTEST_MPS), speed, 0.0)
 
     def _pixels(self, depth: Tensor) -> Tensor:
         """(N, rows, columns, pixels of a cell)."""

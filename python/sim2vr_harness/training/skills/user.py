@@ -150,7 +150,6 @@ class DecidingUser(nn.Module):
                 intention.left = int(self.hold)
             intention.left -= 1
             goals = self.mover.goals(intention.choice, head[:, :3, 3], *placed)
-            intention.choice.pass_time(self.layer.step_s)
             return self.layer.decide(motion, placed, goals)[0]
 
     def _decide(
@@ -164,9 +163,8 @@ class DecidingUser(nn.Module):
         places = self.values.sight.places(pictures[:, 3], head[:, :3, 3], head[:, :3, :3])
         moving = self.mover.tips(*placed)
         values = self.values(pictures, places, head[:, :3, 3], *moving)
-        something = self.values.sight.something(pictures[:, 3])
-        chosen = best_choices(values, something, choice.move).numpy()
-        choose(choice, chosen, places, self.values.sight.approach(pictures), self.mover)
+        chosen = best_choices(values, self.values.sight.something(pictures[:, 3])).numpy()
+        choose(choice, chosen, places, self.mover)
 
 
 class _Read:

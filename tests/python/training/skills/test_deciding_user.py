@@ -72,9 +72,8 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
             scene = chooser.scene()
             places = chooser.places(scene)
             with torch.inference_mode():
-                values = chooser.values(net, scene, places)
-                chosen = chooser.best(values, scene, choice.move).numpy()
-            chooser.choose(choice, chosen, scene, places)
+                chosen = chooser.best(chooser.values(net, scene, places), scene).numpy()
+            chooser.choose(choice, chosen, places)
             moves.append(chosen[:, 0].copy())
         wanted = chooser.actions(choice)
         observation = simulation.observation()

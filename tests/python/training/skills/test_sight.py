@@ -57,35 +57,3 @@ def test_only_what_is_there_is_chosen() -> None:
     values[:, 0, 2 * 5 + 1] = 1.0  # move 5 in the right cell
     chosen = best_choices(values, something)[:, 0].tolist()
     assert chosen == [2 * 5 + 1, 2 * 3, 2 * len(MOVES)]
-
-
-def test_what_comes_nearer_is_told_from_what_was_there_before() -> None:
-    """Cells of 4 x 4 pixels, three columns of five rows; a level of depth is 10 m / 255."""
-    sight = Sight(20, 12)
-    pictures = torch.full((1, 8, 20, 12), 255, dtype=torch.uint8)
-    now, before = pictures[0, 3], pictures[0, 7]
-    now[1, 1], before[1, 1] = 80, 106  # 26 levels in 0.2 s
-    now[13, 5], before[11, 4] = 60, 100  # it was in the cell above
-    now[17, 2] = 50  # it has just come up, or was two cells away
-    now[1, 10], before[1, 10] = 90, 92  # a head sways: 0.4 m/s
-    before[13, 9] = 20  # what has left was nearer: it is not what is there now
-    speed = sight.approach(pictures).reshape(5, 3)
-    wanted = torch.zeros(5, 3)
-    wanted[0, 0], wanted[3, 1] = 26 * FAR_M / 255.0 / 0.2, 40 * FAR_M / 255.0 / 0.2
-    assert torch.allclose(speed, wanted)
-
-
-def test_hands_keep_to_their_moves_unless_another_is_worth_clearly_more() -> None:
-    """Two cells, four users who push (move 1), and one who rests."""
-    cells, last = 2, 2 * len(MOVES)
-    something = torch.tensor([[True, True]] * 3 + [[True, False], [True, True]])
-    under_way = torch.tensor([[1]] * 4 + [[-1]])
-    values = torch.zeros(5, 1, last + 1)
-    values[:, 0, 4 * cells] = 0.6  # another move
-    values[:, 0, 1 * cells + 1] = torch.tensor([0.59, 0.57, 0.7, 0.59, 0.59])  # theirs
-    values[:, 0, last] = torch.tensor([0.0, 0.0, 0.0, 0.0, 0.59])
-    push, other = 1 * cells + 1, 4 * cells
-    assert best_choices(values, something)[:, 0].tolist() == [other, other, push, other, other]
-    kept = best_choices(values, something, under_way)[:, 0].tolist()
-    # The fourth one's push went for a cell that shows nothing now.
-    assert kept == [push, other, push, other, last]

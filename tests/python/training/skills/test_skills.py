@@ -101,50 +101,6 @@ def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorLayer) ->
     assert fast.velocity[0, 0, 0].item() == pytest.approx(2.5)
 
 
-def test_who_has_come_past_goes_back_beside_its_place(layer: MotorLayer) -> None:
-    """Through it, it would do the opposite: a blade that goes back down cuts down."""
-    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
-    choice = Choice(3, 1)
-    choice.move[:] = MOVES.index("up")
-    choice.place[:, 0] = torch.tensor([0.5, 0.0, 1.2])
-    place = torch.eye(4).repeat(3, 1, 1, 1)
-    height = torch.tensor([1.4, 1.0, 0.75])  # past it, half a run-up before it, wound up
-    place[:, 0, :3, 3] = torch.tensor([0.5, 0.0, 1.2])
-    place[:, 0, 2, 3] = height
-    goals = mover.goals(choice, torch.tensor([[0.0, 0.0, 1.2]]).expand(3, 3), place, place)
-    # Half a metre below it; 0.2 m nearer to the head, 0.1 m half-way.
-    assert goals.place[0, 0].tolist() == pytest.approx([0.3, 0.0, 0.7])
-    assert goals.place[1, 0].tolist() == pytest.approx([0.4, 0.0, 0.7])
-    assert not goals.velocity[:2].any()
-    assert goals.place[2, 0].tolist() == pytest.approx([0.5, 0.0, 1.2])
-    assert goals.velocity[2, 0].tolist() == pytest.approx([0.0, 0.0, 2.0])
-
-
-def test_a_stroke_waits_until_what_it_is_for_has_come(layer: MotorLayer) -> None:
-    """A box 3.5 m beyond where it is waited for, at 5 m/s: 0.7 s, of which 0.2 s are the way."""
-    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
-    wanted = torch.tensor([[0.5, 0.0, 1.2]]).repeat(4, 1)
-    there = wanted.clone()
-    there[:3, 0] += torch.tensor([3.5, 3.5, 0.05])
-    speed = torch.tensor([5.0, 0.0, 5.0, 5.0])
-    arrives = mover.arrival(wanted, there, speed)
-    assert arrives.tolist() == pytest.approx([0.7, 0.0, 0.0, 0.0])  # it stands; it is here
-
-    choice = Choice(1, 1)
-    choice.move[:] = MOVES.index("up")
-    choice.place[:, 0], choice.wait_s[:] = wanted[0], arrives[0]
-    place = torch.eye(4)[None, None].clone()
-    place[0, 0, :3, 3] = torch.tensor([0.5, 0.0, 0.7])  # wound up
-    head, gone = torch.tensor([[0.0, 0.0, 1.2]]), 0.0
-    while not mover.goals(choice, head, place, place).velocity.any():
-        assert mover.goals(choice, head, place, place).place[0, 0, 2].item() == pytest.approx(0.7)
-        choice.pass_time(STEP_S)
-        gone += STEP_S
-    assert gone == pytest.approx(0.5, abs=STEP_S + 1e-6)
-    choice.wait_s[:], choice.move[:] = 0.7, MOVES.index("touch")  # a touch is there before
-    assert mover.goals(choice, head, place, place).place[0, 0, 2].item() == pytest.approx(1.2)
-
-
 def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorLayer) -> None:
     mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
     near, touches = torch.tensor([[0.4, -0.25, 1.1]]), torch.zeros(1, dtype=torch.bool)
@@ -238,34 +194,6 @@ def test_learning_beside_playing_is_learning_before_it(layer: MotorLayer, tmp_pa
         assert torch.equal(values, beside.net.state_dict()[name]), name
     for one in (alone, beside):
         one.simulation.close()
-
-
-@pytest.mark.parametrize("waits", [0, 27])
-def test_tries_take_the_same_time_whether_they_wait_or_not(
-    layer: MotorLayer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, waits: int
-) -> None:
-    """Tries of 9 user steps, three decisions, begun by .3 of those who try nothing: .9 / 1.9.
-
-    With 27 more to wait a quarter of them is begun, and lasts four times as long.
-    """
-    config = SMALL.model_copy(
-        update={"user_steps": 2000, "users": 5, "try_steps": 0, "updates": 0.01}
-    )
-    config = config.model_copy(
-        update={"explore_first": 0.3, "explore_last": 0.3, "settle_share": 0.0}
-    )
-    simulation = Simulation(env("sample"), config.users)
-    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
-    trying = Looker(config, simulation, mover, tmp_path / "pictures.bin", seed=2)
-    shape = (config.users, 1)
-    monkeypatch.setattr(trying, "_waits", lambda: np.full(shape, waits, np.int64))
-    busy = []
-    while not trying.finished:
-        trying.step()
-        busy.append(trying._trying > 0)
-    simulation.close()
-    share = float(np.mean(busy))
-    assert share == pytest.approx(0.9 / 1.9, abs=0.12)
 
 
 def test_tries_and_steps_grow_smaller_in_the_end(layer: MotorLayer, tmp_path: Path) -> None:

@@ -269,9 +269,7 @@ def test_carrying_a_hand_costs_by_the_square_of_its_speed_not_a_head() -> None:
         free_of_it = ImaginedUsers(body, model, 1, effort=lambda drives, control: free)
         free_of_it.motion = users.motion
         cost = users.costs()[1] - free_of_it.costs()[1]
-        assert float(cost.detach()) == pytest.approx(
-            0.5 * (float(way[1]) / 0.05) ** 2, rel=1e-3
-        )
+        assert float(cost.detach()) == pytest.approx(0.5 * (float(way[1]) / 0.05) ** 2, rel=1e-3)
     assert float(way[1]) > 0.02
     assert float(way[0]) == pytest.approx(0.0, abs=1e-6)
 

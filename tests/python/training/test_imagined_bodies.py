@@ -259,7 +259,7 @@ def test_carrying_a_hand_costs_by_the_square_of_its_speed_not_a_head() -> None:
     model = BodyModel(body, ("headset", "controller_right"), 0.05, width=4)
     free, count, joints = torch.zeros(1), len(body.action_names), len(body.independent_joints)
     users = ImaginedUsers(body, model, 1, effort=lambda drives, control: free, carry_cost=0.5)
-    angles, speeds = torch.from_numpy(body.joint_ranges.mean(1))[None].float(), None
+    angles = torch.from_numpy(body.joint_ranges.mean(1))[None].float()
     for speeds in (torch.zeros(1, joints), torch.linspace(-2.0, 2.0, joints)[None]):
         start = Motion(angles, speeds, torch.full((1, count), 0.2), free[:, None][:, :0])
         users.start(torch.arange(1), start)

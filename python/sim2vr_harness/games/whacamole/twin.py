@@ -291,8 +291,8 @@ class ImaginedWhacAMole:
         chance = chance + self._hit * (1.0 - chance).detach()
         last = marker.reshape(b, frames, 3)[:, -1]
         middle = box.reshape(b, frames, 3)[:, -1]
-        values = self.hit_values[self.condition] * self._central(middle)
-        values = values * self._impact((middle - self._face) / FRAME_S)[:, None]
+        impact = self._impact((middle - self._face) / FRAME_S)[:, None]
+        values = self.hit_values[self.condition] * self._central(middle) * impact
         self._face = middle
         hits = 10.0 * (values * self._left * chance).sum(1)
         worth = hits + self._shaped(last, depth[:, -1], touch, soft)
@@ -376,6 +376,8 @@ class ImaginedWhacAMole:
     def _impact(self, velocity: Tensor) -> Tensor:
         """(B,) the worth of a hit by the velocity of what hits (B, 3), m/s."""
         share = self.settings.impact_share
+        if share == 0.0:
+            return torch.ones(len(velocity))
         hard = (self._strike_mps(velocity) / _HARD_MPS).clamp(0.0, 1.0)
         return 1.0 - share * (1.0 - hard)
 

@@ -29,7 +29,7 @@ from sim2vr_harness.training.teacher_policy import TeacherPolicy
 
 __all__ = ["CycleReport", "ImaginedRollouts"]
 
-STATE_FORMAT = 7
+STATE_FORMAT = 8
 _PLAYED, _FITTED = 0.2, 0.4
 """Shares of a cycle's time that are over after playing, and after fitting the body model."""
 _BEYOND_COST = 0.01

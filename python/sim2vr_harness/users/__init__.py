@@ -11,6 +11,7 @@ from sim2vr_harness.users.bodies import (
     ResetOptions,
     ResetRule,
     SpecBody,
+    held,
     list_bodies,
     load_body,
 )
@@ -65,6 +66,7 @@ __all__ = [
     "Zero",
     "effort_options",
     "effort_weight",
+    "held",
     "list_bodies",
     "list_efforts",
     "load_body",

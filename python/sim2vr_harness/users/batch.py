@@ -15,7 +15,7 @@ from mujoco.batch import Batch, SimulationError
 from numpy.typing import ArrayLike, NDArray
 
 from sim2vr_harness.users.actuation import Actuation
-from sim2vr_harness.users.bodies.body import Body
+from sim2vr_harness.users.bodies.body import Body, held
 from sim2vr_harness.users.bodies.options import Physique
 from sim2vr_harness.users.checks import checked_action, checked_ids
 from sim2vr_harness.users.effort import EffortModel, make_effort
@@ -157,7 +157,7 @@ class UserBatch:
     def _make_head(self, motion: HeadMotion) -> HeadReflex | None:
         if motion == "fixed":
             return None
-        hands = [name for name in self.body.devices if name != "headset"]
+        hands = held(self.body.devices)
         if self.body.nod is not None or "headset" not in self.body.devices or not hands:
             lacks = "a neck of its own" if self.body.nod else f"the devices {self.body.devices}"
             raise ValueError(

@@ -8,6 +8,7 @@ import pytest
 import torch
 from true_users import motion_of
 
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.imagined.body import BodyModel, fit_body
 from sim2vr_harness.training.imagined.chain import Chains
 from sim2vr_harness.training.imagined.drives import Drives
@@ -272,6 +273,9 @@ def test_carrying_a_hand_costs_by_the_square_of_its_speed_not_a_head() -> None:
         assert float(cost.detach()) == pytest.approx(0.5 * (float(way[1]) / 0.05) ** 2, rel=1e-3)
     assert float(way[1]) > 0.02
     assert float(way[0]) == pytest.approx(0.0, abs=1e-6)
+    bare = BodyModel(body, ("headset",), 0.05, width=4)
+    with pytest.raises(InputError, match=r"carry_cost: got 0.5, where hands hold nothing"):
+        ImaginedUsers(body, bare, 1, effort=lambda drives, control: free, carry_cost=0.5)
 
 
 def test_motors_rest_where_they_come_back_to_and_muscles_slack() -> None:

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
+from sim2vr_harness.errors import InputError
 from sim2vr_harness.training.imagined.body import BodyModel
 from sim2vr_harness.training.imagined.drives import REST_ACT
 from sim2vr_harness.training.imagined.effort import Effort
@@ -14,7 +15,7 @@ from sim2vr_harness.training.imagined.experience import Motion
 from sim2vr_harness.training.imagined.gradients import limited
 from sim2vr_harness.training.imagined.noise import ImaginedNoise
 from sim2vr_harness.training.imagined.persons import ImaginedPersons
-from sim2vr_harness.users import Body
+from sim2vr_harness.users import Body, held
 from sim2vr_harness.users.noise import MotorNoiseSettings
 
 __all__ = ["ImaginedUsers"]
@@ -37,6 +38,9 @@ class ImaginedUsers:
         rest_cost: of drives away from :attr:`rest`.
         change_cost: of what actions would change drives by.
         carry_cost: of carrying hands from place to place, by the square of their speed, m^2/s^2.
+
+    Raises:
+        InputError: a cost of carrying where hands hold nothing.
     """
 
     def __init__(
@@ -55,7 +59,10 @@ class ImaginedUsers:
     ) -> None:
         self._aim_cost, self._rest_cost, self._change_cost = aim_cost, rest_cost, change_cost
         self._carry_cost = carry_cost
-        self._hands = [i for i, name in enumerate(body.devices) if name != "headset"]
+        self._hands = [body.devices.index(name) for name in held(body.devices)]
+        if carry_cost > 0.0 and not self._hands:
+            got = f"{carry_cost:g}, where hands hold nothing"
+            raise InputError("teacher.imagined.carry_cost", got, "0")
         self.n, self.body, self._effort, self._drives = n, body, effort, body.drives
         self._persons = persons
         joints, drives = len(user.independent_joints), self._drives.count

@@ -14,16 +14,11 @@ from sim2vr_harness.training.imagined.body import mlp
 from sim2vr_harness.training.imagined.chain import Chains
 from sim2vr_harness.training.imagined.drives import Drives
 from sim2vr_harness.training.skills.goals import GOAL_SIZE, MOMENT_S, Goals, describe
-from sim2vr_harness.users import Body, UserBatch
+from sim2vr_harness.users import Body, UserBatch, held
 
-__all__ = ["MotorLayer", "hands_of"]
+__all__ = ["MotorLayer"]
 
 _CLIP = 8.0
-
-
-def hands_of(body: Body) -> tuple[str, ...]:
-    """Return the devices that a body's hands wear."""
-    return tuple(name for name in body.devices if name != "headset")
 
 
 class MotorLayer(nn.Module):
@@ -40,7 +35,7 @@ class MotorLayer(nn.Module):
 
     def __init__(self, body: Body, step_s: float, *, width: int = 256) -> None:
         super().__init__()
-        self.body, self.step_s, self.hands = body, step_s, hands_of(body)
+        self.body, self.step_s, self.hands = body, step_s, held(body.devices)
         self.width = width
         self.drives = Drives(body)
         self.chains = Chains(body, self.hands)

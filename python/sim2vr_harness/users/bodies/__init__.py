@@ -11,6 +11,7 @@ from sim2vr_harness.users.bodies.body import (
     Coupling,
     EffortInputs,
     ResetRule,
+    held,
 )
 from sim2vr_harness.users.bodies.options import Physique, ResetOptions
 from sim2vr_harness.users.bodies.registry import is_file, list_bodies, load_body
@@ -27,6 +28,7 @@ __all__ = [
     "ResetOptions",
     "ResetRule",
     "SpecBody",
+    "held",
     "is_file",
     "list_bodies",
     "load_body",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -15,6 +15,11 @@ FloatArray = NDArray[np.float64]
 
 DEVICES: tuple[str, ...] = ("headset", "controller_right", "controller_left")
 """What a body can wear, in the order in which it is reported to an app."""
+
+
+def held(devices: Iterable[str]) -> tuple[str, ...]:
+    """Return those of some devices that hands hold."""
+    return tuple(name for name in devices if name != "headset")
 
 
 @dataclass(frozen=True)

@@ -21,6 +21,7 @@ from sim2vr_harness.users.bodies.body import (
     Body,
     EffortInputs,
     ResetRule,
+    held,
 )
 from sim2vr_harness.users.bodies.description import (
     ActuatorsDescription,
@@ -110,7 +111,7 @@ class _Described:
         observed = description.observed_joints
         effectors = description.end_effectors
         if effectors is None:
-            effectors = tuple(n for n in self._devices if n != "headset") or ("headset",)
+            effectors = held(self._devices) or ("headset",)
         for name in effectors:
             _known("end_effectors", name, (*self._parts.sites, *self._devices))
         lifting = description.effort.lifting

@@ -94,6 +94,9 @@ class ImaginedConfig(Settings):
     growing_noise_cycles: int = Field(default=0, ge=0, le=100_000)
     """Cycles in which motor noise of imagined users grows from nothing to what it is: who has
     learned what to do learns to do it in spite of noise. 0: noisy from the start."""
+    growing_cost_cycles: int = Field(default=0, ge=0, le=100_000)
+    """Cycles in which ``effort`` and ``carry_cost`` grow from nothing to what they are: where both
+    are high, nobody who cannot play yet would learn to. 0: as high from the start."""
     near_starts: Chance = 0.5
     """Share of those who begin near a living target."""
     near_m: float = Field(default=0.12, gt=0.0, le=10.0)
@@ -129,9 +132,9 @@ class ImaginedConfig(Settings):
 
     @property
     def easier_cycles(self) -> int:
-        """Cycles in which senses are not as late, or muscles not as noisy, as they will be."""
+        """Cycles in which senses are not as late, muscles not as noisy or ways not as dear yet."""
         late = self.present_cycles + self.growing_lag_cycles
-        return max(late, self.growing_noise_cycles)
+        return max(late, self.growing_noise_cycles, self.growing_cost_cycles)
 
 
 class CurriculumConfig(Settings):

@@ -259,6 +259,36 @@ def test_noise_grows_to_what_it_is() -> None:
             assert float(torch.cat(shifts).std()) == pytest.approx(0.2 * share, rel=0.15)
 
 
+def test_effort_and_carrying_grow_to_what_they_cost() -> None:
+    """Nothing, half and all of it in the first cycles; limits of joints cost as ever."""
+    made = rollouts(
+        "imagined.cycles=4",
+        "imagined.effort=2",
+        "imagined.carry_cost=0.5",
+        "imagined.growing_cost_cycles=2",
+        "imagined.keep_best=true",
+    )
+    with closing(made.simulation):
+        users = made.users
+        for share in (0.0, 0.5, 1.0, 1.0):
+            if share < 1.0:
+                assert made._best is None  # what is done for less is no merit
+            made.step()
+            drives = torch.full_like(users.motion.drives, 0.5)
+            beyond = users.motion.angles.clone()
+            beyond[:, 0] += 10.0
+            users.motion = replace(users.motion, drives=drives, angles=beyond)
+            users._carried = torch.full((users.n,), 4.0)
+            effort, limits, _ = users.costs()
+            # 2 by the mean square of .5; 0.5 times 4 m^2/s^2.
+            assert effort.tolist() == pytest.approx([2.0 * 0.25 * share] * users.n)
+            users._carried = torch.zeros(users.n)
+            ways = limits - users.costs()[1]
+            assert ways.tolist() == pytest.approx([2.0 * share] * users.n, rel=1e-4)
+            assert users.costs()[1].min() > 1.0
+    assert made._best is not None
+
+
 def test_a_tool_on_its_way_through_a_step_is_where_the_true_one_is() -> None:
     """Five app frames a step: the cubic between the ends against MuJoCo's own substeps."""
     made = rollouts()

@@ -263,7 +263,7 @@ class ImaginedRollouts:
     def _keep_best(self, played: tuple[float, ...]) -> None:
         """Take note of the weights that have just been played with, if none played better.
 
-        Rates of cycles that were easier, not as late or noisy yet, say nothing of what comes.
+        Rates of cycles that were easier, not as late, noisy or dear yet, say nothing of what comes.
         """
         known = [rate for rate in played if rate == rate]
         easier = self.cycle < self.config.easier_cycles
@@ -275,12 +275,13 @@ class ImaginedRollouts:
             self._best = (rate, weights)
 
     def _grow(self) -> None:
-        """Let senses be as late, and imagined muscles as noisy, as they are in this cycle."""
+        """Let senses be as late, imagined muscles as noisy and ways as dear as in this cycle."""
         config = self.config
         share = self._grown(config.growing_lag_cycles, after=config.present_cycles)
         self.senses.be_late(share)
         self.simulation.senses.be_late(share)
         self.users.noise_share = self._grown(config.growing_noise_cycles)
+        self.users.cost_share = self._grown(config.growing_cost_cycles)
 
     def _grown(self, cycles: int, *, after: int = 0) -> float:
         """How much of what grows over so many cycles there is in this one, from 0 to 1."""

@@ -110,8 +110,8 @@ class ImaginedStage:
         imagined = self._config.teacher.imagined
         if 0 < imagined.cycles <= imagined.easier_cycles:
             callbacks.say(
-                f"All of the {imagined.cycles} cycles are easier than the game: senses are as late "
-                f"and muscles as noisy as the user's after {imagined.easier_cycles}."
+                f"All of the {imagined.cycles} cycles are easier than the game: senses as late, "
+                f"muscles as noisy and ways as dear as they will be after {imagined.easier_cycles}."
             )
         log = self.folder / _LOG
         self.folder.mkdir(parents=True, exist_ok=True)

@@ -85,6 +85,8 @@ class ImaginedUsers:
         self._noise = None if noise is None else ImaginedNoise(noise, n, len(user.muscles))
         self.noise_share = 1.0
         """Factor on everybody's motor noise."""
+        self.cost_share = 1.0
+        """Factor on the costs of effort and of carrying."""
         self.gradient_limit: float | None = None
         """Longest gradient of a user by the angles, 1/rad; see :func:`~.gradients.limited`."""
         self._muscles = torch.from_numpy(self._drives.muscles)
@@ -187,6 +189,7 @@ class ImaginedUsers:
         effort = self._effort(motion.drives, self._control)
         if self._persons is not None:
             effort = effort * self._persons.effort(motion.persons)
+        effort = self.cost_share * effort
         limits = _BEYOND_COST * beyond
         if self._aim_cost > 0.0:
             limits = limits + self._aim_cost * self._aimed_beyond
@@ -196,7 +199,7 @@ class ImaginedUsers:
         if self._change_cost > 0.0:
             limits = limits + self._change_cost * self._changed
         if self._carry_cost > 0.0:
-            limits = limits + self._carry_cost * self._carried
+            limits = limits + self.cost_share * self._carry_cost * self._carried
         return effort, limits, _WILD_COST * wild
 
     def broken(self) -> Tensor:

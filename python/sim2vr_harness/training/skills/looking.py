@@ -11,7 +11,7 @@ from __future__ import annotations
 import copy
 import json
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +28,7 @@ from sim2vr_harness.training.skills.choosing import Chooser, Scene
 from sim2vr_harness.training.skills.config import LookingConfig
 from sim2vr_harness.training.skills.moves import MOVES, Choice, Mover
 from sim2vr_harness.training.skills.network import PlaceValues
-from sim2vr_harness.training.skills.past import PastPictures
+from sim2vr_harness.training.skills.past import PastPictures, detail_of
 from sim2vr_harness.training.skills.sight import CELL_PX
 
 __all__ = ["Looker", "LookingReport", "Scene"]
@@ -42,6 +42,9 @@ _SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
 _COLOURS = 8
 _TRUSTED_PERCENTILE = 99.0
 _NEAR_M, _REACHED_M = 1.2, 0.06
+_PARTS = 2
+"""Of a batch, which cores can learn from side by side."""
+_Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 _SCENE = ("head", "turned", "tips", "velocities")
 """What is remembered of a scene beside its pictures."""
 
@@ -146,17 +149,23 @@ class Looker:
         self.n: int = simulation.n
         self.hands = len(mover.tool)
         vision = simulation.config.vision
-        self._chooser = Chooser(simulation, mover, PastPictures(simulation))
+        past = PastPictures(simulation)
+        self._chooser = Chooser(simulation, mover, past)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.net = PlaceValues(self._chooser.sight, self.hands, width=config.width)
+            self.net = PlaceValues(
+                self._chooser.sight,
+                self.hands,
+                width=config.width,
+                zoom=detail_of(simulation.config),
+            )
         self._slow = copy.deepcopy(self.net).requires_grad_(False)
         self._optimizer = torch.optim.Adam(self.net.parameters(), lr=config.learning_rate)
         self.rng = np.random.default_rng([seed, 55])
         self.step_count = 0
         self.scale = 1.0
         """What rewards are divided by."""
-        picture = (8, vision.height, vision.width)
+        picture = (past.channels, vision.height, vision.width)
         length = -(-config.user_steps // (self.n * config.decide_steps)) + 1
         self._memory = _Memory(pictures, length, self.n, self.hands, picture)
         seeds = np.random.SeedSequence([seed, 56]).generate_state(self.n, np.uint32)
@@ -279,14 +288,14 @@ class Looker:
         """See the present choice through, and learn from the ones before it meanwhile.
 
         What is learned from ends where the present decision was made, so that it makes no
-        difference, to the bit, whether there is a core for it or it comes first.
+        difference, to the bit, whether there are cores for it or it comes first.
         """
         rate = self.config.learning_rate * self._settling(_SETTLED_RATE)
         if budget(self.simulation.config.cores) == 1 or not updates:
-            loss = self._learn(updates, rate)
+            loss = self._learn(updates, rate, map)
             return *self.play(self.config.decide_steps), loss
-        with ThreadPoolExecutor(1) as beside:
-            learning = beside.submit(self._learn, updates, rate)
+        with ThreadPoolExecutor(_PARTS) as parts, ThreadPoolExecutor(1) as beside:
+            learning = beside.submit(self._learn, updates, rate, parts.map)
             reward, over = self.play(self.config.decide_steps)
             return reward, over, learning.result()
 
@@ -337,23 +346,54 @@ class Looker:
         known = known[known > 0.0]
         self.scale = float(np.percentile(known, _TRUSTED_PERCENTILE)) if len(known) else 1.0
 
-    def _learn(self, updates: int, rate: float) -> float:
-        """The loss of the last of so many updates; NaN of none."""
+    def _learn(self, updates: int, rate: float, each: _Map) -> float:
+        """The loss of the last of so many updates; NaN of none.
+
+        Args:
+            updates: how many.
+            rate: at which it learns.
+            each: has the parts of an update worked out, one after another or side by side.
+        """
         for group in self._optimizer.param_groups:
             group["lr"] = rate
         loss = float("nan")
         for _ in range(updates if self._memory.count > self.config.ahead else 0):
-            loss = self._update()
+            loss = self._update(each)
         return loss
 
-    def _update(self) -> float:
+    def _update(self, each: _Map) -> float:
+        """One step of learning, from a batch that is always parted alike."""
         config, memory = self.config, self._memory
         have = min(memory.count, max(config.ahead + 1, config.kept // self.n))
         ages = self.rng.integers(config.ahead, have, config.batch_size)
         rows = memory.count - 1 - ages
         users = self.rng.integers(0, self.n, config.batch_size)
-        total = np.zeros(config.batch_size, np.float32)
-        weight = np.ones(config.batch_size, np.float32)
+        parts = np.array_split(np.arange(config.batch_size), min(_PARTS, config.batch_size))
+        found = list(each(lambda part: self._gradients(rows[part], users[part]), parts))
+        self._optimizer.zero_grad()
+        for parameter, *shares in zip(
+            self.net.parameters(), *(grads for _, grads in found), strict=True
+        ):
+            parameter.grad = sum(shares[1:], shares[0])
+        nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
+        self._optimizer.step()
+        with torch.no_grad():
+            for slow, fast in zip(self._slow.parameters(), self.net.parameters(), strict=True):
+                slow.lerp_(fast, config.follow)
+        return sum(loss for loss, _ in found)
+
+    def _gradients(
+        self, rows: NDArray[np.int64], users: NDArray[np.int64]
+    ) -> tuple[float, tuple[Tensor, ...]]:
+        """What decisions add to the mean loss of a batch, and to its gradients.
+
+        Args:
+            rows: (K,) of the memory.
+            users: (K,) whose.
+        """
+        config, memory = self.config, self._memory
+        total = np.zeros(len(rows), np.float32)
+        weight = np.ones(len(rows), np.float32)
         for k in range(config.ahead):
             at = (rows + k, users)
             total += weight * memory.known["reward"][at] / self.scale
@@ -369,15 +409,8 @@ class Looker:
         chosen = torch.from_numpy(memory.known["chosen"][rows, users])
         values = self._chooser.values(self.net, scene, self._chooser.places(scene))
         guessed = self._worth(values, chosen)
-        loss = functional.smooth_l1_loss(guessed, wanted)
-        self._optimizer.zero_grad()
-        loss.backward()  # type: ignore[no-untyped-call]
-        nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
-        self._optimizer.step()
-        with torch.no_grad():
-            for slow, fast in zip(self._slow.parameters(), self.net.parameters(), strict=True):
-                slow.lerp_(fast, config.follow)
-        return float(loss.detach())
+        loss = functional.smooth_l1_loss(guessed, wanted, reduction="sum") / config.batch_size
+        return float(loss.detach()), torch.autograd.grad(loss, tuple(self.net.parameters()))
 
     @staticmethod
     def _worth(values: Tensor, chosen: Tensor) -> Tensor:

@@ -23,7 +23,7 @@ class Scene:
     """What N users see and where they are, at a decision.
 
     Attributes:
-        pictures: (N, C, H, W) uint8, see ``PastPictures.observe``.
+        pictures: (N, 8, H, W) uint8, red, green, blue and depth now, and 0.2 s before.
         head: (N, 3) m.
         turned: (N, 9) rotation of the head.
         tips: (N, H, 3) m.

@@ -28,7 +28,7 @@ from sim2vr_harness.training.skills.choosing import Chooser, Scene
 from sim2vr_harness.training.skills.config import LookingConfig
 from sim2vr_harness.training.skills.moves import MOVES, Choice, Mover
 from sim2vr_harness.training.skills.network import PlaceValues
-from sim2vr_harness.training.skills.past import PastPictures, detail_of
+from sim2vr_harness.training.skills.past import PastPictures
 from sim2vr_harness.training.skills.sight import CELL_PX
 
 __all__ = ["Looker", "LookingReport", "Scene"]
@@ -149,23 +149,17 @@ class Looker:
         self.n: int = simulation.n
         self.hands = len(mover.tool)
         vision = simulation.config.vision
-        past = PastPictures(simulation)
-        self._chooser = Chooser(simulation, mover, past)
+        self._chooser = Chooser(simulation, mover, PastPictures(simulation))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.net = PlaceValues(
-                self._chooser.sight,
-                self.hands,
-                width=config.width,
-                zoom=detail_of(simulation.config),
-            )
+            self.net = PlaceValues(self._chooser.sight, self.hands, width=config.width)
         self._slow = copy.deepcopy(self.net).requires_grad_(False)
         self._optimizer = torch.optim.Adam(self.net.parameters(), lr=config.learning_rate)
         self.rng = np.random.default_rng([seed, 55])
         self.step_count = 0
         self.scale = 1.0
         """What rewards are divided by."""
-        picture = (past.channels, vision.height, vision.width)
+        picture = (8, vision.height, vision.width)
         length = -(-config.user_steps // (self.n * config.decide_steps)) + 1
         self._memory = _Memory(pictures, length, self.n, self.hands, picture)
         seeds = np.random.SeedSequence([seed, 56]).generate_state(self.n, np.uint32)

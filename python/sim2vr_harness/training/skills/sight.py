@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-__all__ = ["CELL_PX", "FAR_M", "Sight", "middle_cells", "rotation"]
+__all__ = ["CELL_PX", "FAR_M", "Sight", "rotation"]
 
 CELL_PX = 4
 """Width and height of a cell, pixels."""
@@ -15,19 +15,6 @@ FAR_M = 10.0
 """Depth at which a picture's depth is 255 (docs/protocol.md)."""
 _NOTHING = 255
 """Depth of a pixel that shows nothing, or something farther away."""
-
-
-def middle_cells(pixels: int, zoom: int) -> tuple[int, int]:
-    """The first cell that the middle of a picture has all of, and how many it has all of.
-
-    Args:
-        pixels: width or height of the picture, and of its middle in detail.
-        zoom: how many times finer the middle is seen.
-    """
-    cell = CELL_PX * zoom
-    begin = (zoom - 1) * pixels // 2  # of the middle in the picture drawn so fine
-    first = -(-begin // cell)
-    return first, (begin + pixels) // cell - first
 
 
 class Sight:

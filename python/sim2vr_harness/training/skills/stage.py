@@ -32,7 +32,6 @@ from sim2vr_harness.training.skills.layer import MotorLayer
 from sim2vr_harness.training.skills.looking import Looker
 from sim2vr_harness.training.skills.moves import Mover
 from sim2vr_harness.training.skills.network import PlaceValues
-from sim2vr_harness.training.skills.past import detail_of
 from sim2vr_harness.training.skills.postures import reachable_poses
 from sim2vr_harness.training.skills.practice import PRACTICE, MotorPractice
 from sim2vr_harness.training.skills.shipped import (
@@ -235,9 +234,9 @@ class LookingStage:
         layer = self._layer()
         tool: Tensor = state["tool"]
         mover = Mover(layer, tool, reachable_poses(layer, self._config.seed))
-        env, config = self._config.env, self._config.skills.looking
-        sight = Sight(env.vision.height, env.vision.width)
-        net = PlaceValues(sight, len(tool), width=config.width, zoom=detail_of(env))
+        vision = self._config.env.vision
+        config = self._config.skills.looking
+        net = PlaceValues(Sight(vision.height, vision.width), len(tool), width=config.width)
         net.load_state_dict(state["values"])
         return SkillGuide(net, mover, simulation)
 
@@ -386,9 +385,9 @@ class LookingStage:
 
 
 def _seeing(env: EnvConfig) -> EnvConfig:
-    """The users of this stage look at the picture themselves; nothing else is drawn."""
-    looks = {"foveation": None, "eyes": 1, "zoom": detail_of(env)}
-    return env.model_copy(update={"vision": env.vision.model_copy(update=looks)})
+    """The users of this stage look at the whole picture themselves; nothing else is drawn."""
+    vision = env.vision.model_copy(update={"foveation": None, "eyes": 1, "zoom": 1})
+    return env.model_copy(update={"vision": vision})
 
 
 def _best_hold(looker: Looker, callbacks: Callbacks) -> int:

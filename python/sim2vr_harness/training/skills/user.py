@@ -21,13 +21,13 @@ from sim2vr_harness.errors import InputError
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.training.imagined.chain import Chains
 from sim2vr_harness.training.skills.choosing import best_choices, choose
-from sim2vr_harness.training.skills.layer import MotorLayer
+from sim2vr_harness.training.skills.layer import MotorLayer, hands_of
 from sim2vr_harness.training.skills.moves import Choice, Mover
 from sim2vr_harness.training.skills.network import PlaceValues
-from sim2vr_harness.training.skills.past import BEFORE_S, detail_of
+from sim2vr_harness.training.skills.past import BEFORE_S
 from sim2vr_harness.training.skills.postures import reachable_poses
 from sim2vr_harness.training.skills.sight import Sight
-from sim2vr_harness.users import Body, held
+from sim2vr_harness.users import Body
 
 if TYPE_CHECKING:
     from sim2vr_harness.training.config import TrainingConfig
@@ -72,11 +72,6 @@ def require_senses(env: EnvConfig) -> None:
         raise InputError(
             "env.senses", "another vision", f"{{sense: vision, history_s: {BEFORE_S}}}"
         )
-    middle = senses.get("fovea")
-    if middle is not None and (
-        middle.delay_ms or middle.noise or middle.history_s or middle.stack_s
-    ):
-        raise InputError("env.senses", "another fovea", "{sense: fovea}")
     if felt.delay_ms or felt.noise or felt.history_s or felt.stack_s:
         raise InputError("env.senses", "another proprioception", "{sense: proprioception}")
 
@@ -99,7 +94,7 @@ class DecidingUser(nn.Module):
         super().__init__()
         env, skills = config.env, config.skills
         body = body_of(env.user)
-        hands = held(body.devices)
+        hands = hands_of(body)
         layer = MotorLayer(body, 1.0 / env.action_frequency_hz, width=skills.practice.width)
         # Not as parts: where the joints are follows from the body, and is no weight.
         object.__setattr__(self, "layer", layer.requires_grad_(False))
@@ -108,12 +103,8 @@ class DecidingUser(nn.Module):
         self.register_buffer("motor_std", layer.std)
         vision = env.vision
         self.values = PlaceValues(
-            Sight(vision.height, vision.width),
-            len(hands),
-            width=skills.looking.width,
-            zoom=detail_of(env),
+            Sight(vision.height, vision.width), len(hands), width=skills.looking.width
         )
-        self._detailed = detail_of(env) > 1
         self.register_buffer("tool", torch.zeros(len(hands), 2, 3))
         self.register_buffer("hold", torch.ones(1))
         self.register_buffer("log_std", torch.full((1,), _QUIET), persistent=False)
@@ -155,10 +146,7 @@ class DecidingUser(nn.Module):
             placed = self.layer.places(*motion[:2])
             head = self._head(motion[0])[:, 0]
             if intention.left == 0:
-                seen = [observation["vision"]]
-                if self._detailed:
-                    seen.append(observation["fovea"][:3])
-                self._decide(np.concatenate(seen), intention.choice, head, placed)
+                self._decide(observation["vision"], intention.choice, head, placed)
                 intention.left = int(self.hold)
             intention.left -= 1
             goals = self.mover.goals(intention.choice, head[:, :3, 3], *placed)

@@ -45,30 +45,23 @@ def config(*changes: str) -> TrainingConfig:
     return load_config(CONFIGS / "skills.yaml", [*given, *changes])
 
 
-FOVEA = (
-    "env.vision.zoom=3",
-    "env.senses=[{sense: vision, history_s: 0.2}, {sense: fovea}, {sense: proprioception}]",
-)
-
-
-def opinionated(sight: Sight, zoom: int) -> PlaceValues:
+def opinionated(sight: Sight) -> PlaceValues:
     """Values that differ: those of a new network are all 0."""
     torch.manual_seed(4)
-    net = PlaceValues(sight, 1, width=config().skills.looking.width, zoom=zoom)
+    net = PlaceValues(sight, 1, width=config().skills.looking.width)
     torch.nn.init.normal_(net.leave.weight)
     return net
 
 
-@pytest.mark.parametrize("changes", [(), FOVEA])
-def test_it_does_what_the_stage_does_that_made_it(changes: tuple[str, ...]) -> None:
+def test_it_does_what_the_stage_does_that_made_it() -> None:
     """Senses tell it what the stage reads from simulation and app; a decision is seen through."""
-    settings = config(*changes)
+    settings = config()
     simulation = Simulation(settings.env, USERS)
     layer = motor_layer_for(simulation.body, 0.05)
     tool = torch.tensor([[[0.083, -0.01, 0.002], [0.06, -0.01, 0.002]]])
     mover = Mover(layer, tool, reachable_poses(layer, settings.seed))
     chooser = Chooser(simulation, mover, PastPictures(simulation))
-    net = opinionated(chooser.sight, 3 if changes else 1)
+    net = opinionated(chooser.sight)
     user = DecidingUser(settings)
     user.learned(layer, net, tool, HELD)
     simulation.reset(seeds=[5, 6, 7])
@@ -189,11 +182,6 @@ def test_what_it_cannot_decide_by_is_named(run: Path) -> None:
         ("env.senses=[{sense: vision}, {sense: proprioception}]", "env.senses"),
         (
             "env.senses=[{sense: vision, history_s: 0.2}, {sense: proprioception, delay_ms: 50}]",
-            "env.senses",
-        ),
-        (
-            "env.senses=[{sense: vision, history_s: 0.2}, {sense: fovea, delay_ms: 50}, "
-            "{sense: proprioception}]",
             "env.senses",
         ),
     ):

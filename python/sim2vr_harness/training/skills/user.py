@@ -21,13 +21,13 @@ from sim2vr_harness.errors import InputError
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.training.imagined.chain import Chains
 from sim2vr_harness.training.skills.choosing import best_choices, choose
-from sim2vr_harness.training.skills.layer import MotorLayer, hands_of
+from sim2vr_harness.training.skills.layer import MotorLayer
 from sim2vr_harness.training.skills.moves import Choice, Mover
 from sim2vr_harness.training.skills.network import PlaceValues
 from sim2vr_harness.training.skills.past import BEFORE_S
 from sim2vr_harness.training.skills.postures import reachable_poses
 from sim2vr_harness.training.skills.sight import Sight
-from sim2vr_harness.users import Body
+from sim2vr_harness.users import Body, held
 
 if TYPE_CHECKING:
     from sim2vr_harness.training.config import TrainingConfig
@@ -94,7 +94,7 @@ class DecidingUser(nn.Module):
         super().__init__()
         env, skills = config.env, config.skills
         body = body_of(env.user)
-        hands = hands_of(body)
+        hands = held(body.devices)
         layer = MotorLayer(body, 1.0 / env.action_frequency_hz, width=skills.practice.width)
         # Not as parts: where the joints are follows from the body, and is no weight.
         object.__setattr__(self, "layer", layer.requires_grad_(False))

@@ -70,10 +70,12 @@ def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
         assert getattr(other.teacher.imagined, size) == getattr(people.teacher.imagined, size)
     assert other.ppo == people.ppo
     assert other.student == people.student
-    for one in (other, pointing):
-        assert one.env.model_copy(update={"app": people.env.app, "vision": people.env.vision}) == (
-            people.env
-        )
+    assert other.env.model_copy(update={"app": people.env.app}) == people.env
+    # Who points has the published wrist still; light hands were made to strike with.
+    hands = people.env.user.model_copy(update={"person": pointing.env.user.person})
+    there = {"app": people.env.app, "vision": people.env.vision}
+    heavy = people.env.model_copy(update={"user": hands})
+    assert pointing.env.model_copy(update=there) == heavy
     assert pointing.recipe == "distill"
 
 

@@ -114,10 +114,21 @@ def test_a_joint_that_is_not_there_is_named() -> None:
         loose("flexon")
 
 
+def test_people_of_whacamole_have_light_hands() -> None:
+    """Both rules' configurations; one setting away from the published body."""
+    for name in ("whacamole_people", "whacamole_people_unconstrained"):
+        file = CONFIGS / f"{name}.yaml"
+        body = body_of(load_config(file).env.user)
+        assert [passive(body, joint) for joint in WRIST] == [(0.0, 0.03, 2.0)] * 3
+        config = load_config(file, ["env.user.person.joints={}"])
+        assert passive(body_of(config.env.user), "flexion") == (0.1, 0.5, 2.0)
+        assert passive(body, "elv_angle") == passive(load_body("mobl_arms_wrist"), "elv_angle")
+
+
 def test_a_configuration_sets_them() -> None:
     key = "env.user.person.joints"
-    given = [f"{key}.flexion.armature=0", f"{key}.flexion.damping=0.03"]
-    config = load_config(CONFIGS / "whacamole_people.yaml", given)
-    assert passive(body_of(config.env.user), "flexion") == (0.0, 0.03, 2.0)
-    published = body_of(load_config(CONFIGS / "whacamole_people.yaml").env.user)
+    given = [f"{key}.flexion.armature=0", f"{key}.flexion.damping=0.04"]
+    config = load_config(CONFIGS / "pointing_people.yaml", given)
+    assert passive(body_of(config.env.user), "flexion") == (0.0, 0.04, 2.0)
+    published = body_of(load_config(CONFIGS / "pointing_people.yaml").env.user)
     assert passive(published, "flexion") == (0.1, 0.5, 2.0)

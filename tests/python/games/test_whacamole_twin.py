@@ -288,23 +288,6 @@ def test_hits_may_be_worth_more_where_what_hits_is_fast() -> None:
         assert float(rewards[1] / rewards[0]) == pytest.approx(worth, abs=1e-4)
 
 
-def test_hits_may_be_worth_more_of_the_oldest_target() -> None:
-    """Of a share of .6: of an older, of as old, of a younger and with no other target around."""
-    soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0)
-    rewards = []
-    for share in (0.0, 0.6):
-        rewards.append([])
-        for other in (15, 10, 5, -1):
-            game, place = game_at_a_target(TwinSettings(oldest_share=share))
-            game._age[:] = -1
-            game._age[0, 4], game._age[0, 8] = 10, other
-            rewards[-1].append(float(game.play(place[:, None], soft)[0]))
-    assert min(rewards[0]) > 1.0
-    assert [some / all_of_it for all_of_it, some in zip(*rewards, strict=True)] == pytest.approx(
-        [0.4, 1.0, 1.0, 1.0], abs=1e-3
-    )
-
-
 def test_hits_are_worth_what_their_cells_say() -> None:
     rewards = []
     for value in (0.0, 1.0, 3.0):

@@ -80,10 +80,6 @@ class TwinSettings(Settings):
     """Share of a hit's worth that is for how fast what hits goes towards the targets: all of it
     from 3 m/s on. The game looks at the hammer near the hand only, which nobody who plays it can
     tell: people strike with its head."""
-    oldest_share: Chance = 0.0
-    """Share of a hit's worth that is only for the target that has been there longest of those that
-    can be hit. Targets turn from green to red, and people hit the reddest; whoever takes any finds
-    the old ones gone."""
     whole_steps: bool = False
     """Whether hits are looked for once a user step, at its mean speed, where the app does in each
     of several frames. Speeds of 10 ms are beyond what the body model knows, and what happens in

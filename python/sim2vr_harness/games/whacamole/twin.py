@@ -292,7 +292,7 @@ class ImaginedWhacAMole:
         last = marker.reshape(b, frames, 3)[:, -1]
         middle = box.reshape(b, frames, 3)[:, -1]
         impact = self._impact((middle - self._face) / FRAME_S)[:, None]
-        values = self.hit_values[self.condition] * self._central(middle) * impact * self._turn()
+        values = self.hit_values[self.condition] * self._central(middle) * impact
         self._face = middle
         hits = 10.0 * (values * self._left * chance).sum(1)
         worth = hits + self._shaped(last, depth[:, -1], touch, soft)
@@ -372,13 +372,6 @@ class ImaginedWhacAMole:
             return torch.ones(len(box), CELLS)
         off = self._aside(box) / _CENTRE_M
         return 1.0 - share * (1.0 - torch.exp(-0.5 * off.square()))
-
-    def _turn(self) -> Tensor:
-        """(B, cells) the worth of a hit by whose turn it is: 1 for the oldest target."""
-        share = self.settings.oldest_share
-        if share == 0.0:
-            return torch.ones(self.n, CELLS)
-        return 1.0 - share * (self._age < self._age.amax(1, keepdim=True)).float()
 
     def _impact(self, velocity: Tensor) -> Tensor:
         """(B,) the worth of a hit by the velocity of what hits (B, 3), m/s."""

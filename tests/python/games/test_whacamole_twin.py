@@ -262,13 +262,38 @@ def test_hits_may_be_worth_more_in_the_middle() -> None:
     for aside_m in (0.0, 0.02):
         rewards = []
         for share in (0.0, 0.5):
-            game, place = game_at_a_target(TwinSettings(centre_share=share))
+            game, place = game_at_a_target()
             game.hammer.fixed[12, :3] -= aside_m * torch.tensor([0.0, 1.0, 0.0])
             game._root[:, 1] -= aside_m
-            soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0)
+            soft = Relaxation(0.01, 0.2, near=0.0, distance=0.0, centre=share)
             rewards.append(game.play(place[:, None], soft)[0])
         worth.append(float(rewards[1] / rewards[0]))
     assert worth == pytest.approx([1 - 0.5 * (1 - 0.998), 1 - 0.5 * (1 - 0.649)], abs=0.005)
+
+
+def test_a_learner_aims_before_it_aims_at_the_middle() -> None:
+    settings = TwinSettings(centre_share=0.6)
+    shares = [settings.relaxation(done).centre for done in (0.0, 0.25, 0.5, 1.0)]
+    assert shares == pytest.approx([0.0, 0.3, 0.6, 0.6])
+
+
+def test_a_hit_may_be_worth_the_same_whenever_it_comes() -> None:
+    """By hand: a discount of .96 a step of 50 ms is 20 ln(.96) = -.816 a second.
+
+    What is worth exp(.816 age) then is, discounted to when the target came, the same at .3 s (frame
+    6) and at .9 s (frame 18); it is worth 1 at .366 s, a third of a target's 1.098 s.
+    """
+    worth = []
+    for age in (6, 18):
+        rewards = []
+        for patience in (0.0, 0.816):
+            game, place = game_at_a_target(TwinSettings(patience_per_s=patience))
+            game._age[:, 4] = age - 1
+            soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0)
+            rewards.append(game.play(place[:, None], soft)[0])
+        worth.append(float(rewards[1] / rewards[0]))
+    assert worth == pytest.approx([0.948, 1.546], abs=2e-3)
+    assert worth[0] * 0.96**6 == pytest.approx(worth[1] * 0.96**18, rel=2e-3)
 
 
 def test_hits_may_be_worth_more_where_what_hits_is_fast() -> None:

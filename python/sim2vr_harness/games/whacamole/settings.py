@@ -24,6 +24,7 @@ class Relaxation:
             gradient that says so.
         stroke: reward for being on the stroke that would hit the oldest target.
         plane: cost of being in the targets' plane, or behind it, away from targets.
+        centre: share of a hit's worth that is for the middle of the target.
     """
 
     overlap_m: float
@@ -33,6 +34,7 @@ class Relaxation:
     stuck: float = 0.0
     stroke: float = 0.0
     plane: float = 0.0
+    centre: float = 0.0
 
 
 class TwinSettings(Settings):
@@ -75,7 +77,13 @@ class TwinSettings(Settings):
     it from the middle of the imagined rollouts on: who cannot aim yet would stay away for good."""
     centre_share: Chance = 0.0
     """Share of a hit's worth that is for the middle of the target: all of it there, .6 of it 2 cm
-    beside. Who knows exactly hits targets at their rims, and who learns from that misses them."""
+    beside. Who knows exactly hits targets at their rims, and who learns from that misses them.
+    Nothing at first, all of it from the middle of the imagined rollouts on."""
+    patience_per_s: float = Field(default=0.0, ge=0.0, le=10.0)
+    """How much more a hit is worth the older its target: times e for each 1/this, in seconds; 1
+    after a third of its life. What comes later counts less to a learner (``gamma``), by 0.82 a
+    second with .96 a step; with 0.82 here a hit is worth the same whenever it comes. With more, old
+    targets, which will go, are worth more than new ones, as to who wants none to get away."""
     impact_share: Chance = 0.0
     """Share of a hit's worth that is for how fast what hits goes towards the targets: all of it
     from 3 m/s on. The game looks at the hammer near the hand only, which nobody who plays it can
@@ -104,4 +112,5 @@ class TwinSettings(Settings):
             stuck=self.stuck_cost,
             stroke=left(self.stroke_until) * self.stroke_reward,
             plane=(1.0 - early) * self.plane_cost,
+            centre=(1.0 - early) * self.centre_share,
         )

@@ -292,7 +292,8 @@ class ImaginedWhacAMole:
         last = marker.reshape(b, frames, 3)[:, -1]
         middle = box.reshape(b, frames, 3)[:, -1]
         impact = self._impact((middle - self._face) / FRAME_S)[:, None]
-        values = self.hit_values[self.condition] * self._central(middle) * impact
+        values = self.hit_values[self.condition] * self._central(middle, soft.centre) * impact
+        values = values * self._waited()
         self._face = middle
         hits = 10.0 * (values * self._left * chance).sum(1)
         worth = hits + self._shaped(last, depth[:, -1], touch, soft)
@@ -361,13 +362,20 @@ class ImaginedWhacAMole:
             worth = worth - soft.plane * self._in_plane(marker)
         return worth
 
-    def _central(self, box: Tensor) -> Tensor:
+    def _waited(self) -> Tensor:
+        """(B, cells) the worth of a hit by how old its target is, 1 after a third of its life."""
+        rate = self.settings.patience_per_s
+        if rate == 0.0:
+            return torch.ones(self.n, CELLS)
+        return torch.exp(rate * (FRAME_S * self._age - LIFE_S / 3.0))
+
+    def _central(self, box: Tensor, share: float) -> Tensor:
         """(B, cells) the worth of a hit by where in the target it is, 1 in its middle.
 
         Args:
             box: (B, 3) the middle of what hits.
+            share: of the worth, that is for the middle.
         """
-        share = self.settings.centre_share
         if share == 0.0:
             return torch.ones(len(box), CELLS)
         off = self._aside(box) / _CENTRE_M

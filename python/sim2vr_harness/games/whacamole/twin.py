@@ -364,10 +364,7 @@ class ImaginedWhacAMole:
 
     def _waited(self) -> Tensor:
         """(B, cells) the worth of a hit by how old its target is, 1 after a third of its life."""
-        rate = self.settings.patience_per_s
-        if rate == 0.0:
-            return torch.ones(self.n, CELLS)
-        return torch.exp(rate * (FRAME_S * self._age - LIFE_S / 3.0))
+        return torch.exp(self.settings.patience_per_s * (FRAME_S * self._age - LIFE_S / 3.0))
 
     def _central(self, box: Tensor, share: float) -> Tensor:
         """(B, cells) the worth of a hit by where in the target it is, 1 in its middle.

@@ -15,7 +15,14 @@ from sim2vr_harness.training.skills.network import PlaceValues
 from sim2vr_harness.training.skills.past import PastPictures
 from sim2vr_harness.training.skills.sight import Sight, rotation
 
-__all__ = ["Chooser", "Scene", "best_choices", "choose"]
+__all__ = ["Chooser", "Scene", "best_choices", "choose", "lose_patience"]
+
+_STILL_MPS, _PATIENCE_S = 0.1, 1.0
+"""Hands slower than that, at the same place for so long, wait for something that does not come."""
+_TO_COME_M = 0.3
+"""So far beyond a hand's reach is what may come nearer, and is worth waiting for."""
+_LEFT_M, _LEFT_S = 0.04, 0.3
+"""How far around it, and how long, what a hand has waited at in vain is left alone."""
 
 
 @dataclass
@@ -77,12 +84,24 @@ class Chooser:
         values: Tensor = net(torch.from_numpy(scene.pictures), places, *parts)
         return values
 
-    def choose_best(self, net: PlaceValues, choice: Choice) -> None:
-        """Put into effect what a network says is worth most now, for everybody."""
+    def choose_best(self, net: PlaceValues, choice: Choice, hold: int = 0) -> None:
+        """Put into effect what a network says is worth most now, for everybody.
+
+        Args:
+            net: the network.
+            choice: changed in place.
+            hold: user steps for which it is seen through, of users who leave what they wait at in
+                vain; 0: of users who remember nothing.
+        """
         scene = self.scene()
         places = self.places(scene)
         with torch.inference_mode():
-            chosen = self.best(self.values(net, scene, places), scene).numpy()
+            values, something = self.values(net, scene, places), self.something(scene)
+            if hold:
+                something = lose_patience(
+                    choice, torch.from_numpy(scene.velocities), something, places, hold, self.mover
+                )
+            chosen = best_choices(values, something).numpy()
         self.choose(choice, chosen, places)
 
     def something(self, scene: Scene) -> Tensor:
@@ -118,10 +137,46 @@ def best_choices(values: Tensor, something: Tensor) -> Tensor:
 
     Args:
         values: (N, H, moves * cells + 1).
-        something: (N, cells) whether anything is there.
+        something: (N, cells) or (N, H, cells) whether anything is there.
     """
-    there = torch.cat([something.repeat(1, len(MOVES)), torch.ones_like(something[:, :1])], 1)
-    return values.masked_fill(~there[:, None], -torch.inf).argmax(-1)
+    each = something if something.ndim == 3 else something[:, None]
+    there = torch.cat([each.repeat(1, 1, len(MOVES)), torch.ones_like(each[..., :1])], 2)
+    return values.masked_fill(~there, -torch.inf).argmax(-1)
+
+
+def lose_patience(
+    choice: Choice,
+    velocities: Tensor,
+    something: Tensor,
+    places: Tensor,
+    hold: int,
+    mover: Mover,
+) -> Tensor:
+    """(N, H, cells) whether anything is in a cell that a hand has not just waited at in vain.
+
+    A hand that stops short of what it goes for would wait there for ever: it sees the same, and
+    decides the same. While learning, tries get it out of there.
+
+    Args:
+        choice: what hands have been doing, changed in place.
+        velocities: (N, H, 3) of their tips, m/s.
+        something: (N, cells) whether anything is there.
+        places: (N, 3, rows, columns) of the cells, world, m.
+        hold: user steps for which a decision is seen through.
+        mover: of the hands.
+    """
+    far = (choice.seen - choice.place).norm(dim=-1) > _TO_COME_M
+    waits = (velocities.norm(dim=-1) < _STILL_MPS) & (choice.move >= 0) & ~far
+    choice.rested += hold
+    choice.rested[~waits] = 0
+    choice.leaving -= hold
+    leaves = choice.rested >= round(_PATIENCE_S / mover.layer.step_s)
+    choice.left[leaves] = choice.seen[leaves]
+    choice.leaving[leaves] = round(_LEFT_S / mover.layer.step_s)
+    choice.rested[leaves] = 0
+    cells = places.flatten(2).transpose(1, 2)
+    near = (cells[:, None] - choice.left[:, :, None]).norm(dim=-1) < _LEFT_M
+    return something[:, None] & ~(near & (choice.leaving > 0)[..., None])
 
 
 def choose(
@@ -151,5 +206,6 @@ def choose(
         wanted = mover.within_reach(hand, there, is_swing(number[:, hand] // cells))
         moves = (new & ~resting)[:, hand, None]
         choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])
+        choice.seen[:, hand] = torch.where(moves, there, choice.seen[:, hand])
     move = torch.where(resting, -1, number // cells)
     choice.move = torch.where(new, move, choice.move)

@@ -302,7 +302,7 @@ class Looker:
             self.step_count += self.n
             reward += np.where(over, 0.0, result.game_reward).astype(np.float32)
             again = self.simulation.renew(result)
-            self._choice.move[again] = -1
+            self._choice.forget(again)
             self._trying[again] = 0
             over |= result.over
         return reward, over
@@ -324,7 +324,7 @@ class Looker:
         total = 0.0
         for step in range(steps):
             if step % hold == 0:
-                self._chooser.choose_best(self.net, self._choice)
+                self._chooser.choose_best(self.net, self._choice, hold)
             total += float(self.play(1)[0].mean())
         minutes = steps / simulation.config.action_frequency_hz / 60.0
         return total / minutes

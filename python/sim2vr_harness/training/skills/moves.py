@@ -79,12 +79,25 @@ class Choice:
 
     Attributes:
         move: (N, H) number of a move, -1: rest.
-        place: (N, H, 3) MuJoCo's world frame, m.
+        seen: (N, H, 3) where what it is done with is, MuJoCo's world frame, m.
+        place: (N, H, 3) the same, or where a hand waits for what is beyond its reach.
+        rested: (N, H) user steps for which a hand has been still at what it goes for.
+        left: (N, H, 3) what a hand was still at for too long.
+        leaving: (N, H) user steps for which that is not gone for again.
     """
 
     def __init__(self, n: int, hands: int) -> None:
         self.move = torch.full((n, hands), -1, dtype=torch.long)
+        self.seen = torch.zeros(n, hands, 3)
         self.place = torch.zeros(n, hands, 3)
+        self.rested = torch.zeros(n, hands, dtype=torch.long)
+        self.left = torch.zeros(n, hands, 3)
+        self.leaving = torch.zeros(n, hands, dtype=torch.long)
+
+    def forget(self, users: NDArray[np.int64]) -> None:
+        """Let users rest, whose rounds begin."""
+        self.move[users] = -1
+        self.rested[users] = self.leaving[users] = 0
 
 
 class Mover:

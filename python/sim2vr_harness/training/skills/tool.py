@@ -23,14 +23,18 @@ _STEPS, _EVERY = 90, 3
 _VOXEL_M, _HALF_M = 0.03, 1.35
 _SIDE = 2 * round(_HALF_M / _VOXEL_M)
 _NEAR_M = 2.5
-_OFTEN, _AS_OFTEN = 0.03, 0.3
+_OFTEN, _AS_OFTEN = 0.02, 0.1
 """In which share of the pictures a part of a tool is seen, at least, and how often beside the part
-that is seen most. Hands that move through all their reach are in sight now and then only."""
-_STAYS = 0.5
-"""Share of the times that it could be seen."""
+that is seen most. Hands that move through all their reach are in sight now and then only, and the
+end of a long blade less than its root."""
+_STAYS = 0.15
+"""Share of the times that it could be seen. The end of a blade is thinner than a pixel; just beyond
+it the share is a third of that."""
 _MARGIN_M = 0.08
 _JOINED_M, _AT_HAND_M = 0.1, 0.15
 """What is in the hand hangs together, gaps no wider than this, and begins at the hand."""
+_HANDLE = 0.25
+"""Share of a tool, from the hand on, that is not swung at things."""
 _END_M = 0.045
 """The tip is the middle of the last so many metres of what is in the hand."""
 
@@ -41,8 +45,8 @@ class Tool:
     Attributes:
         points: (K, 3) where it is, in the device's frame (x forward, y left, z up), m.
         tip: (3,) the middle of its far end; 0 where nothing is seen in the hand.
-        middle: (3,) the middle of its outer half. A long blade that swings through a place with its
-            tip misses if it is a little short.
+        middle: (3,) the middle of its outer three quarters. A long blade that swings through a
+            place with its tip misses if it is a little short.
     """
 
     def __init__(self, points: NDArray[np.float64]) -> None:
@@ -52,7 +56,7 @@ class Tool:
         if len(points):
             far = np.linalg.norm(points, axis=1)
             self.tip = np.asarray(points[far > far.max() - _END_M].mean(0))
-            self.middle = np.asarray(points[far > 0.5 * far.max()].mean(0))
+            self.middle = np.asarray(points[far > _HANDLE * far.max()].mean(0))
 
 
 def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) -> list[Tool]:

@@ -20,7 +20,7 @@ from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.training.imagined.chain import Chains
-from sim2vr_harness.training.skills.choosing import best_choices, choose
+from sim2vr_harness.training.skills.choosing import best_choices, choose, lose_patience
 from sim2vr_harness.training.skills.layer import MotorLayer
 from sim2vr_harness.training.skills.moves import Choice, Mover
 from sim2vr_harness.training.skills.network import PlaceValues
@@ -163,7 +163,9 @@ class DecidingUser(nn.Module):
         places = self.values.sight.places(pictures[:, 3], head[:, :3, 3], head[:, :3, :3])
         moving = self.mover.tips(*placed)
         values = self.values(pictures, places, head[:, :3, 3], *moving)
-        chosen = best_choices(values, self.values.sight.something(pictures[:, 3])).numpy()
+        something = self.values.sight.something(pictures[:, 3])
+        something = lose_patience(choice, moving[1], something, places, int(self.hold), self.mover)
+        chosen = best_choices(values, something).numpy()
         choose(choice, chosen, places, self.mover)
 
 

@@ -111,16 +111,16 @@ def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorLayer) -> 
 
 
 def test_a_blade_swings_with_its_middle_and_touches_with_its_tip(layer: MotorLayer) -> None:
-    """Visible from 0.1 to 1 m before the hand, the outer half's middle is at 0.75 m."""
+    """Visible from 0.1 to 1 m before the hand, three quarters' middle is at 0.625 m."""
     blade = Tool(np.outer(np.linspace(0.1, 1.0, 901), [1.0, 0.0, 0.0]))
-    assert blade.middle == pytest.approx([0.75, 0.0, 0.0], abs=1e-3)
+    assert blade.middle == pytest.approx([0.625, 0.0, 0.0], abs=1e-3)
     assert blade.tip == pytest.approx([0.978, 0.0, 0.0], abs=1e-3)
     tool = torch.tensor(np.array([[blade.tip, blade.middle]]), dtype=torch.float32)
     mover = Mover(layer, tool, reachable_poses(layer, 1))
     choice, place = Choice(2, 1), torch.eye(4).repeat(2, 1, 1, 1)
     choice.move[:, 0] = torch.tensor([MOVES.index("touch"), MOVES.index("up")])
     goals = mover.goals(choice, torch.zeros(2, 3), place, place)
-    assert goals.tip[:, 0, 0].tolist() == pytest.approx([0.978, 0.75], abs=1e-3)
+    assert goals.tip[:, 0, 0].tolist() == pytest.approx([0.978, 0.625], abs=1e-3)
     # Farther than the middle gets, within the tip's reach: who swings waits nearer.
     swings = torch.tensor([False, True])
     there = torch.tensor([[1.0, 0.0, 0.0]]).expand(2, 3) * 1.55 + torch.tensor([0.0, -0.2, 1.1])

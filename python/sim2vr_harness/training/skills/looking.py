@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 import json
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -44,6 +45,7 @@ _TRUSTED_PERCENTILE = 99.0
 _NEAR_M, _REACHED_M = 1.2, 0.06
 _PARTS = 2
 """Of a batch, which cores can learn from side by side."""
+_TIMED = 3
 _Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 _SCENE = ("head", "turned", "tips", "velocities")
 """What is remembered of a scene beside its pictures."""
@@ -293,6 +295,21 @@ class Looker:
             reward, over = self.play(self.config.decide_steps)
             return reward, over, learning.result()
 
+    def update_seconds(self) -> float:
+        """How long a step of learning takes. Nothing is learned, and nothing drawn.
+
+        More than ``ahead`` decisions have to be remembered.
+        """
+        rows = np.zeros(self.config.batch_size, np.int64)
+        users = np.arange(self.config.batch_size) % self.n
+        alone = budget(self.simulation.config.cores) == 1
+        with ThreadPoolExecutor(_PARTS) as parts:
+            times = [time.monotonic()]
+            for _ in range(_TIMED + 1):
+                self._shares(rows, users, map if alone else parts.map)
+                times.append(time.monotonic())
+        return (times[-1] - times[1]) / _TIMED  # the first one warms up
+
     def play(self, steps: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """See the present choice through: (N,) rewards, and whose episodes ended."""
         reward, over = np.zeros(self.n, np.float32), np.zeros(self.n, bool)
@@ -362,8 +379,7 @@ class Looker:
         ages = self.rng.integers(config.ahead, have, config.batch_size)
         rows = memory.count - 1 - ages
         users = self.rng.integers(0, self.n, config.batch_size)
-        parts = np.array_split(np.arange(config.batch_size), min(_PARTS, config.batch_size))
-        found = list(each(lambda part: self._gradients(rows[part], users[part]), parts))
+        found = self._shares(rows, users, each)
         self._optimizer.zero_grad()
         for parameter, *shares in zip(
             self.net.parameters(), *(grads for _, grads in found), strict=True
@@ -375,6 +391,13 @@ class Looker:
             for slow, fast in zip(self._slow.parameters(), self.net.parameters(), strict=True):
                 slow.lerp_(fast, config.follow)
         return sum(loss for loss, _ in found)
+
+    def _shares(
+        self, rows: NDArray[np.int64], users: NDArray[np.int64], each: _Map
+    ) -> list[tuple[float, tuple[Tensor, ...]]]:
+        """What the parts of a batch add to the mean loss, and to its gradients."""
+        parts = np.array_split(np.arange(len(rows)), min(_PARTS, len(rows)))
+        return list(each(lambda part: self._gradients(rows[part], users[part]), parts))
 
     def _gradients(
         self, rows: NDArray[np.int64], users: NDArray[np.int64]

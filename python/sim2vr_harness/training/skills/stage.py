@@ -54,9 +54,9 @@ _STATE, _LAYER, _LOG, _PICTURES, _VALUES = (
     "pictures.bin",
     "values.pt",
 )
-_LOOKING_RATE, _STUDENT_RATE, _PPO_RATE = 0.5, 0.8, 1.4
+_STUDENT_RATE, _PPO_RATE = 0.8, 1.4
 """User steps a second of the stages, relative to those of users who do nothing but step."""
-_SAVE_DECISIONS, _REPORT_DECISIONS = 100, 20
+_SAVE_DECISIONS, _REPORT_DECISIONS, _PACE_DECISIONS = 100, 20, 10
 _HOLDS, _HOLD_S = (1, 3, 5), 10.0
 """User steps for which a user who decides may see a decision through, and for how long each is
 played to find out which is best."""
@@ -259,7 +259,7 @@ class LookingStage:
         layer = self._layer()
         poses = reachable_poses(layer, seed)
         with torch_threads(1):
-            tool, before = self._prepared(simulation, layer, poses, callbacks)
+            tool, before, rate = self._prepared(simulation, layer, poses, callbacks)
             looker = self._looker = Looker(
                 self._config.skills.looking,
                 simulation,
@@ -273,7 +273,7 @@ class LookingStage:
             self._steps_saved = looker.step_count
             log = self.folder / _LOG
             keep_rows(log, lambda row: row["step"] <= looker.step_count)
-            self._learn(looker, callbacks, log, before)
+            self._learn(looker, callbacks, log, before, rate)
         if self._user is not None:
             steps = looker.step_count
             hold = _best_hold(looker, callbacks)
@@ -292,12 +292,15 @@ class LookingStage:
 
     def _prepared(
         self, simulation: Simulation, layer: MotorLayer, poses: Tensor, callbacks: Callbacks
-    ) -> tuple[Tensor, dict[str, float]]:
-        """What is in the hands, and what is earned by who does nothing, per minute."""
+    ) -> tuple[Tensor, dict[str, float], float]:
+        """What is in the hands, what is earned by who does nothing, and user steps a second.
+
+        Rewards are per minute; of a resumed run the rate is 0.
+        """
         file = self.folder / "before.pt"
         known = read_tensors(file, "what was found before trying") if file.is_file() else {}
         if "tool" in known:
-            return known["tool"], {name: float(v) for name, v in known["earned"].items()}
+            return known["tool"], {name: float(v) for name, v in known["earned"].items()}, 0.0
         tools = find_tools(simulation, layer, poses, seed=self._config.seed)
         points = np.array([[tool.tip, tool.middle] for tool in tools])
         for hand, held in zip(layer.hands, tools, strict=True):
@@ -311,9 +314,7 @@ class LookingStage:
         }
         seconds = self._config.skills.baseline_seconds
         steps = 2.0 * seconds * self._config.env.action_frequency_hz * simulation.n
-        if steps:
-            rate = steps / (time.monotonic() - began)
-            callbacks.say(_expected(self._config, rate))
+        rate = steps / (time.monotonic() - began)
         callbacks.say(
             f"Reward of the app per minute: {earned['still']:.2f} for who sits still, "
             f"{earned['random']:.2f} for who moves at random."
@@ -321,10 +322,15 @@ class LookingStage:
         tool = torch.tensor(points, dtype=torch.float32)
         rewards = {name: torch.tensor(value) for name, value in earned.items()}
         write_tensors(file, {"tool": tool, "earned": rewards})
-        return tool, earned
+        return tool, earned, rate
 
     def _learn(
-        self, looker: Looker, callbacks: Callbacks, log: Path, before: Mapping[str, float]
+        self,
+        looker: Looker,
+        callbacks: Callbacks,
+        log: Path,
+        before: Mapping[str, float],
+        rate: float,
     ) -> None:
         began, first, decisions = time.monotonic(), looker.step_count, 0
         doing = "trying at random"
@@ -334,6 +340,9 @@ class LookingStage:
             decisions += 1
             done = looker.step_count
             elapsed = time.monotonic() - began
+            if rate and decisions == max(_PACE_DECISIONS, looker.config.ahead + 1):
+                callbacks.say(_expected(self._config, looker, elapsed / decisions, rate))
+                began += time.monotonic() - began - elapsed
             left = (self.total - done) * elapsed / max(1, done - first)
             callbacks.show(lambda: View(done, doing, left))  # noqa: B023
             if decisions % _REPORT_DECISIONS == 0 or looker.finished:
@@ -424,15 +433,28 @@ def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> 
     return total * 60.0 / seconds
 
 
-def _expected(config: TrainingConfig, rate: float) -> str:
-    """One line: how long a run will take whose users take so many steps a second, and see."""
-    looking = duration(config.skills.looking.user_steps / (_LOOKING_RATE * rate))
-    line = f"This machine takes {rate:,.0f} user steps a second with this app: expect about "
+def _expected(config: TrainingConfig, looker: Looker, decision_s: float, rate: float) -> str:
+    """One line: how long a run will take.
+
+    Args:
+        config: of the run.
+        looker: after its first decisions.
+        decision_s: how long one of them took, of all users.
+        rate: user steps a second of users who do nothing but step.
+    """
+    each_s = decision_s + looker.config.updates * looker.update_seconds()
+    decisions = (looker.config.user_steps - looker.step_count) / (
+        looker.n * looker.config.decide_steps
+    )
+    line = (
+        f"This machine takes {rate:,.0f} user steps a second with this app, and {each_s:.2f} s to "
+        f"decide and to learn from it: expect about {duration(decisions * each_s)} of trying"
+    )
     if config.decides:
-        return f"{line}{looking} of trying."
+        return f"{line}."
     student = duration(config.student.frames / (_STUDENT_RATE * rate))
     alone = duration(config.total_timesteps / (_PPO_RATE * rate))
-    return f"{line}{looking} of trying, {student} for the student and {alone} of PPO."
+    return f"{line}, {student} for the student and {alone} of PPO."
 
 
 def _warn(reward: float, before: Mapping[str, float], looker: Looker, callbacks: Callbacks) -> None:

@@ -185,6 +185,19 @@ def test_looking_goes_on_from_a_state_to_the_bit(layer: MotorLayer, tmp_path: Pa
         one.simulation.close()
 
 
+def test_timing_an_update_changes_nothing(layer: MotorLayer, tmp_path: Path) -> None:
+    timed, other = looker(layer, tmp_path / "timed"), looker(layer, tmp_path / "other")
+    while not timed.finished:
+        other.step()
+        report = timed.step()
+        if timed.config.ahead < report.step // (SMALL.users * SMALL.decide_steps):
+            assert timed.update_seconds() > 0.0
+    for name, values in timed.net.state_dict().items():
+        assert torch.equal(values, other.net.state_dict()[name]), name
+    for one in (timed, other):
+        one.simulation.close()
+
+
 def test_learning_beside_playing_is_learning_before_it(layer: MotorLayer, tmp_path: Path) -> None:
     alone, beside = (looker(layer, tmp_path / f"{cores}", cores) for cores in (1, 2))
     while not alone.finished:

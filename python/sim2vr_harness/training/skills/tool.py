@@ -23,16 +23,17 @@ _STEPS, _EVERY = 90, 3
 _VOXEL_M, _HALF_M = 0.03, 1.35
 _SIDE = 2 * round(_HALF_M / _VOXEL_M)
 _NEAR_M = 2.5
-_OFTEN, _AS_OFTEN = 0.02, 0.1
-"""In which share of the pictures a part of a tool is seen, at least, and how often beside the part
-that is seen most. Hands that move through all their reach are in sight now and then only, and the
-end of a long blade less than its root."""
-_STAYS = 0.15
-"""Share of the times that it could be seen. The end of a blade is thinner than a pixel; just beyond
-it the share is a third of that."""
+_CERTAIN = (0.03, 0.3, 0.5)
+_LIKELY = (0.02, 0.1, 0.15)
+"""In which share of the pictures a part of a tool is seen, at least; how often beside the part that
+is seen most; and in which share of those in which it could be. Hands that move through all their
+reach are in sight now and then only. What is likely counts where it goes on what is certain: the
+end of a long blade is seen less than its root, and thinner than a pixel; just beyond it both shares
+are a third of that."""
 _MARGIN_M = 0.08
-_JOINED_M, _AT_HAND_M = 0.1, 0.15
-"""What is in the hand hangs together, gaps no wider than this, and begins at the hand."""
+_JOINED_M, _AT_HAND_M, _AHEAD_M = 0.1, 0.15, 0.05
+"""What is in the hand hangs together, gaps no wider than this, and begins at the hand. What is
+likely lies in line with what is certain."""
 _HANDLE = 0.25
 """Share of a tool, from the hand on, that is not swung at things."""
 _END_M = 0.045
@@ -106,7 +107,7 @@ def _found(seen: list[Any], hand: int) -> Tool:
             hits[_voxels_of(far[i], to_device @ camera)] += 1.0
             views.append((far[i], np.linalg.inv(camera) @ place[i, hand].numpy()))
             pictures += 1
-    often = np.flatnonzero(hits > _OFTEN * pictures)
+    often = np.flatnonzero(hits > _LIKELY[0] * pictures)
     if not len(often):
         return Tool(np.zeros((0, 3)))
     centers = _centers(often)
@@ -114,21 +115,33 @@ def _found(seen: list[Any], hand: int) -> Tool:
     for far, to_camera in views:
         through += _seen_through(far, centers @ to_camera[:3, :3].T + to_camera[:3, 3])
     stays = hits[often] / np.maximum(1.0, hits[often] + through)
-    kept = stays > _STAYS
-    kept &= hits[often] > _AS_OFTEN * hits[often][kept].max(initial=0.0)
-    return Tool(_joined(centers[kept]))
+    known = np.linalg.norm(centers, axis=1) < _AT_HAND_M
+    for share, beside_most, staying in (_CERTAIN, _LIKELY):
+        kept = (hits[often] > share * pictures) & (stays > staying)
+        kept &= hits[often] > beside_most * hits[often][kept].max(initial=0.0)
+        if share < _CERTAIN[0]:
+            kept &= known | _ahead(centers, Tool(centers[known]).tip)
+        known = _joined(centers, kept, known & kept)
+    return Tool(centers[known])
 
 
-def _joined(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Those of points (K, 3) from which others lead to the device."""
-    known = np.linalg.norm(points, axis=1) < _AT_HAND_M
-    if not known.any():
-        return points[:0]
+def _ahead(points: NDArray[np.float64], tip: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(K,) which of points (K, 3) lie where a tool goes on, seen from the hand."""
+    axis = tip / max(1e-9, float(np.linalg.norm(tip)))
+    along = points @ axis
+    beside = np.linalg.norm(points - along[:, None] * axis, axis=1)
+    return (along > 0.0) & (beside < _AHEAD_M)
+
+
+def _joined(
+    points: NDArray[np.float64], kept: NDArray[np.bool_], known: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """(K,) those of points (K, 3) that are kept and hang together with known ones."""
     near = np.linalg.norm(points[:, None] - points[None], axis=2) < _JOINED_M
     while True:
-        more = near[known].any(0)
+        more = kept & (known | near[known].any(0))
         if (more == known).all():
-            return points[known]
+            return known
         known = more
 
 

@@ -342,7 +342,7 @@ class LookingStage:
             elapsed = time.monotonic() - began
             if rate and decisions == max(_PACE_DECISIONS, looker.config.ahead + 1):
                 callbacks.say(_expected(self._config, looker, elapsed / decisions, rate))
-                began += time.monotonic() - began - elapsed
+                began = time.monotonic() - elapsed
             left = (self.total - done) * elapsed / max(1, done - first)
             callbacks.show(lambda: View(done, doing, left))  # noqa: B023
             if decisions % _REPORT_DECISIONS == 0 or looker.finished:

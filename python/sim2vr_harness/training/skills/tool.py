@@ -115,14 +115,15 @@ def _found(seen: list[Any], hand: int) -> Tool:
     for far, to_camera in views:
         through += _seen_through(far, centers @ to_camera[:3, :3].T + to_camera[:3, 3])
     stays = hits[often] / np.maximum(1.0, hits[often] + through)
-    known = np.linalg.norm(centers, axis=1) < _AT_HAND_M
-    for share, beside_most, staying in (_CERTAIN, _LIKELY):
-        kept = (hits[often] > share * pictures) & (stays > staying)
-        kept &= hits[often] > beside_most * hits[often][kept].max(initial=0.0)
-        if share < _CERTAIN[0]:
-            kept &= known | _ahead(centers, Tool(centers[known]).tip)
-        known = _joined(centers, kept, known & kept)
-    return Tool(centers[known])
+
+    def seen_so(share: float, beside_most: float, staying: float) -> NDArray[np.bool_]:
+        kept: NDArray[np.bool_] = (hits[often] > share * pictures) & (stays > staying)
+        return kept & (hits[often] > beside_most * hits[often][kept].max(initial=0.0))
+
+    at_hand = np.linalg.norm(centers, axis=1) < _AT_HAND_M
+    certain = _joined(centers, seen_so(*_CERTAIN), at_hand)
+    in_line = certain | _ahead(centers, Tool(centers[certain]).tip)
+    return Tool(centers[_joined(centers, seen_so(*_LIKELY) & in_line, certain)])
 
 
 def _ahead(points: NDArray[np.float64], tip: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -138,6 +139,7 @@ def _joined(
 ) -> NDArray[np.bool_]:
     """(K,) those of points (K, 3) that are kept and hang together with known ones."""
     near = np.linalg.norm(points[:, None] - points[None], axis=2) < _JOINED_M
+    known = known & kept
     while True:
         more = kept & (known | near[known].any(0))
         if (more == known).all():

@@ -24,6 +24,7 @@ class Relaxation:
             gradient that says so.
         stroke: reward for being on the stroke that would hit the oldest target.
         plane: cost of being in the targets' plane, or behind it, away from targets.
+        blind: cost of going towards the targets where none is that can have been seen.
         centre: share of a hit's worth that is for the middle of the target.
     """
 
@@ -34,6 +35,7 @@ class Relaxation:
     stuck: float = 0.0
     stroke: float = 0.0
     plane: float = 0.0
+    blind: float = 0.0
     centre: float = 0.0
 
 
@@ -75,6 +77,11 @@ class TwinSettings(Settings):
     much 0.1 m behind the plane, nothing 0.1 m before it. Who may hit at any speed roams the plane
     otherwise, and meets targets by chance before they can have been seen. Nothing at first, all of
     it from the middle of the imagined rollouts on: who cannot aim yet would stay away for good."""
+    blind_cost: Weight = 0.0
+    """Cost per user step for each m/s that the hammer goes towards the targets while none that has
+    been there for 0.15 s, as long as people's eyes take, is before it. Who may hit at any speed
+    sets out before there is anything to see otherwise, and strikes as soon as there is. Nothing at
+    first, all of it from the middle of the imagined rollouts on."""
     centre_share: Chance = 0.0
     """Share of a hit's worth that is for the middle of the target: all of it there, .6 of it 2 cm
     beside. Who knows exactly hits targets at their rims, and who learns from that misses them.
@@ -112,5 +119,6 @@ class TwinSettings(Settings):
             stuck=self.stuck_cost,
             stroke=left(self.stroke_until) * self.stroke_reward,
             plane=(1.0 - early) * self.plane_cost,
+            blind=(1.0 - early) * self.blind_cost,
             centre=(1.0 - early) * self.centre_share,
         )

@@ -53,6 +53,8 @@ _HARD_MPS = 3.0
 """A hit that cannot be harder."""
 _CLEAR_M, _AWAY_M = START_M, 0.5 * CELL_M
 """How far in front of the plane a hammer is clear of it; how far beside a target away from it."""
+_SEEN_FRAMES = 3
+"""What has been there for 0.15 s can have been seen: people's hands begin to go there after .19."""
 
 
 class ImaginedWhacAMole:
@@ -360,6 +362,8 @@ class ImaginedWhacAMole:
             worth = worth - soft.stuck * (touch.within * (1.0 + depth.amin(2) / _NEAR_M)).sum(1)
         if soft.plane > 0.0:
             worth = worth - soft.plane * self._in_plane(marker)
+        if soft.blind > 0.0:
+            worth = worth - soft.blind * self._going_blind(marker)
         return worth
 
     def _waited(self) -> Tensor:
@@ -397,6 +401,12 @@ class ImaginedWhacAMole:
         near = (1.0 + self._depth(marker) / _CLEAR_M).clamp(0.0, 2.0)
         aside = torch.where(self._age >= 0, self._aside(marker), torch.tensor(_AWAY_M))
         return near * (aside.amin(1) / _AWAY_M).clamp(max=1.0)
+
+    def _going_blind(self, marker: Tensor) -> Tensor:
+        """(B,) m/s towards the targets where there is none that can have been seen."""
+        off = torch.where(self._age >= _SEEN_FRAMES, self._aside(marker) / _AWAY_M, 10.0)
+        before_one = torch.exp(-0.5 * off.amin(1).square())
+        return self._strike_mps(self._velocity).clamp(min=0.0) * (1.0 - before_one)
 
     def _on_stroke(self, marker: Tensor) -> Tensor:
         """(B,) 1 on the stroke that would hit the oldest target, less beside it, 0 without one.

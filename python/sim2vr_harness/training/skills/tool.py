@@ -2,24 +2,30 @@
 
 Nobody says what an app fixes to a controller. While the hands move about, every visible point is
 put into each device's frame; what stays where it is there, wherever the hand is, belongs to it.
+What stands in the world does not.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 from torch import Tensor
 
 from sim2vr_harness.training.skills.exercises import Exercises
 from sim2vr_harness.training.skills.layer import MotorLayer
 from sim2vr_harness.training.skills.sight import FAR_M, rotation
 
-__all__ = ["Tool", "find_tools"]
+__all__ = ["Look", "Tool", "find_tools", "tools_in"]
 
-_STEPS, _EVERY = 90, 3
+_EVERY, _LOOKS, _PICTURES = 3, 30, 960
+"""Users look every so many user steps, so often, and oftener where they are so few that there would
+be fewer pictures."""
 _VOXEL_M, _HALF_M = 0.03, 1.35
 _SIDE = 2 * round(_HALF_M / _VOXEL_M)
 _NEAR_M = 2.5
@@ -30,6 +36,9 @@ is seen most; and in which share of those in which it could be. Hands that move 
 reach are in sight now and then only. What is likely counts where it goes on what is certain: the
 end of a long blade is seen less than its root, and thinner than a pixel; just beyond it both shares
 are a third of that."""
+_BLOCK_M, _WIDE, _STANDS_LOOKS = 0.06, 2000, 3
+"""Blocks of the world, so many along each way, in which something stands or not; what is seen fewer
+times is not said to stand."""
 _MARGIN_M = 0.08
 _JOINED_M, _AT_HAND_M, _AHEAD_M = 0.1, 0.15, 0.05
 """What is in the hand hangs together, gaps no wider than this, and begins at the hand. What is
@@ -71,22 +80,55 @@ def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) 
         poses: (P, H, 4, 4) places that the devices can be at.
         seed: of where they move.
     """
-    n, hands = simulation.n, len(layer.hands)
+    n = simulation.n
     simulation.reset(seeds=[seed + i for i in range(n)])
     exercises = Exercises(poses, n, layer.step_s, seed)
     exercises.tools = False
     exercises.start(torch.arange(n), _placed(simulation, layer)[0])
-    seen: list[tuple[NDArray[np.float32], NDArray[np.float64], Tensor, Tensor]] = []
-    for step in range(_STEPS):
+    looks = []
+    every = max(1, round(_PICTURES / (_LOOKS * n)))
+    for step in range(_EVERY * _LOOKS * every):
         result = simulation.step(layer.act(simulation.users, exercises.goals))
         exercises.step(*_placed(simulation, layer))
         simulation.renew(result)
         if step % _EVERY == 0:
-            depth = np.stack([np.asarray(app.image)[..., 3] for app in simulation.apps])
-            head, quaternion = simulation.users.device_poses("headset")
-            far = (depth.astype(np.float32) + 0.5) * (FAR_M / 255.0)
-            seen.append((far, head, rotation(quaternion), _placed(simulation, layer)[0]))
-    return [_found(seen, hand) for hand in range(hands)]
+            looks.append(_look(simulation, _placed(simulation, layer)[0]))
+    return tools_in(looks)
+
+
+@dataclass(frozen=True)
+class Look:
+    """A picture of each user.
+
+    Attributes:
+        far: (N, height, width) how far what is seen is away, m.
+        cameras: (N, 4, 4) where the head is, in the world.
+        places: (N, H, 4, 4) where the devices are.
+    """
+
+    far: NDArray[np.float32]
+    cameras: NDArray[np.float64]
+    places: NDArray[np.float64]
+
+    def of(self, user: int) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """(height, width) and (4, 4) what a user sees, and from where."""
+        return self.far[user], self.cameras[user]
+
+
+def tools_in(looks: Sequence[Look]) -> list[Tool]:
+    """Return what each hand holds, told by pictures taken while hands and heads move about."""
+    users, hands = looks[0].places.shape[:2]
+    stands = np.stack([_stands([look.of(i) for look in looks]) for i in range(users)], 1)
+    return [_found(looks, stands, hand) for hand in range(hands)]
+
+
+def _look(simulation: Any, places: Tensor) -> Look:
+    depth = np.stack([np.asarray(app.image)[..., 3] for app in simulation.apps])
+    head, quaternion = simulation.users.device_poses("headset")
+    cameras = np.tile(np.eye(4), (len(head), 1, 1))
+    cameras[:, :3, :3], cameras[:, :3, 3] = rotation(quaternion).numpy(), head
+    far = (depth.astype(np.float32) + 0.5) * (FAR_M / 255.0)
+    return Look(far, cameras, places.numpy().astype(np.float64))
 
 
 def _placed(simulation: Any, layer: MotorLayer) -> tuple[Tensor, Tensor]:
@@ -95,17 +137,40 @@ def _placed(simulation: Any, layer: MotorLayer) -> tuple[Tensor, Tensor]:
         return layer.places(angles, speeds)
 
 
-def _found(seen: list[Any], hand: int) -> Tool:
+def _stands(
+    looks: Sequence[tuple[NDArray[np.float32], NDArray[np.float64]]],
+) -> NDArray[np.bool_]:
+    """(looks, height, width) what one user sees where something is in half of all looks there.
+
+    A wall comes near the hand again and again, and is seen wherever the hand is; a tool is not
+    where it was.
+    """
+    blocks, kinds = [], []
+    for far, camera in looks:
+        near = far < _NEAR_M
+        block = _blocks_of(_points(far) @ camera[:3, :3].T + camera[:3, 3])
+        blocks.append(np.where(near, block, -1))
+        kinds.append(np.unique(block[near]))
+    found, seen = np.unique(np.concatenate(kinds), return_counts=True)
+    parts = np.stack([found // _WIDE**2, found // _WIDE % _WIDE, found % _WIDE], 1)
+    centers = (parts - _WIDE // 2 + 0.5) * _BLOCK_M
+    through = np.zeros(len(found))
+    for far, camera in looks:
+        through += _seen_through(far, (centers - camera[:3, 3]) @ camera[:3, :3])
+    standing = found[(seen > through) & (seen >= _STANDS_LOOKS)]
+    return np.isin(np.stack(blocks), standing)
+
+
+def _found(looks: Sequence[Look], stands: NDArray[np.bool_], hand: int) -> Tool:
     hits = np.zeros(_SIDE**3)
     pictures = 0
     views = []
-    for far, head, turned, place in seen:
-        for i in range(len(far)):
-            to_device = torch.linalg.inv(place[i, hand]).numpy().astype(np.float64)
-            camera = np.eye(4)
-            camera[:3, :3], camera[:3, 3] = turned[i].numpy(), head[i]
-            hits[_voxels_of(far[i], to_device @ camera)] += 1.0
-            views.append((far[i], np.linalg.inv(camera) @ place[i, hand].numpy()))
+    for look, still in zip(looks, stands, strict=True):
+        for i, place in enumerate(look.places[:, hand]):
+            far, camera = look.of(i)
+            moves = (far < _NEAR_M) & ~still[i]
+            hits[_voxels_of(_points(far)[moves], np.linalg.inv(place) @ camera)] += 1.0
+            views.append((far, np.linalg.inv(camera) @ place))
             pictures += 1
     often = np.flatnonzero(hits > _LIKELY[0] * pictures)
     if not len(often):
@@ -138,27 +203,40 @@ def _joined(
     points: NDArray[np.float64], kept: NDArray[np.bool_], known: NDArray[np.bool_]
 ) -> NDArray[np.bool_]:
     """(K,) those of points (K, 3) that are kept and hang together with known ones."""
-    near = np.linalg.norm(points[:, None] - points[None], axis=2) < _JOINED_M
-    known = known & kept
-    while True:
-        more = kept & (known | near[known].any(0))
-        if (more == known).all():
-            return known
-        known = more
+    joined = known & kept
+    edge = joined
+    while edge.any() and (left := np.flatnonzero(kept & ~joined)).size:
+        off, _ = KDTree(points[edge]).query(points[left], distance_upper_bound=_JOINED_M)
+        edge = np.zeros_like(joined)
+        edge[left[np.isfinite(off)]] = True
+        joined = joined | edge
+    return joined
 
 
-def _voxels_of(far: NDArray[np.float32], to_device: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Voxels of a device's frame in which something is seen."""
+def _points(far: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(height, width, 3) where what is seen is in the camera's frame, m."""
     height, width = far.shape
     focal = 0.5 * height
     y, x = np.mgrid[0:height, 0:width] + 0.5
-    near = far < _NEAR_M
-    d = far[near].astype(np.float64)
-    local = np.stack(
-        [d, -(x[near] - 0.5 * width) / focal * d, -(y[near] - 0.5 * height) / focal * d], 1
+    d = far.astype(np.float64)
+    points: NDArray[np.float64] = np.stack(
+        [d, -(x - 0.5 * width) / focal * d, -(y - 0.5 * height) / focal * d], 2
     )
-    points = local @ to_device[:3, :3].T + to_device[:3, 3]
-    index = np.floor((points + _HALF_M) / _VOXEL_M).astype(np.int64)
+    return points
+
+
+def _blocks_of(points: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Blocks of the world that points (..., 3) are in."""
+    index = np.floor(points / _BLOCK_M).astype(np.int64) + _WIDE // 2
+    index = index.clip(0, _WIDE - 1)
+    blocks: NDArray[np.int64] = (index[..., 0] * _WIDE + index[..., 1]) * _WIDE + index[..., 2]
+    return blocks
+
+
+def _voxels_of(points: NDArray[np.float64], to_device: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Voxels of a device's frame in which points (K, 3) of a camera's are."""
+    there = points @ to_device[:3, :3].T + to_device[:3, 3]
+    index = np.floor((there + _HALF_M) / _VOXEL_M).astype(np.int64)
     inside = ((index >= 0) & (index < _SIDE)).all(1)
     kept = index[inside]
     unique: NDArray[np.int64] = np.unique((kept[:, 0] * _SIDE + kept[:, 1]) * _SIDE + kept[:, 2])

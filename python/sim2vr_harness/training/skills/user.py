@@ -57,23 +57,25 @@ def require_senses(env: EnvConfig) -> None:
     Raises:
         InputError: names the sense.
     """
+    or_student = "by which a user decides; or skills.user: student"
     if env.user.head != "fixed":
-        raise InputError("env.user.head", repr(env.user.head), "'fixed' for a user who decides")
+        raise InputError("env.user.head", repr(env.user.head), f"'fixed', {or_student}")
     vision = env.vision
     got = [str(channel) for channel in vision.channels]
     if got != ["red", "green", "blue", "depth"] or vision.eyes != 1 or vision.foveation is not None:
         wanted = "[red, green, blue, depth] of one eye, without foveation"
-        raise InputError("env.vision", f"{got}", f"{wanted}, by which a user decides")
+        raise InputError("env.vision", f"{got}", f"{wanted}, {or_student}")
     senses = {sense.sense: sense for sense in env.senses}
     seen, felt = senses.get("vision"), senses.get("proprioception")
     if seen is None or felt is None:
-        raise InputError("env.senses", f"{sorted(senses)}", "vision and proprioception")
+        wanted = f"vision and proprioception, {or_student}"
+        raise InputError("env.senses", f"{sorted(senses)}", wanted)
     if seen.history_s != BEFORE_S or seen.delay_ms or seen.noise:
-        raise InputError(
-            "env.senses", "another vision", f"{{sense: vision, history_s: {BEFORE_S}}}"
-        )
+        wanted = f"{{sense: vision, history_s: {BEFORE_S}}}, {or_student}"
+        raise InputError("env.senses", "another vision", wanted)
     if felt.delay_ms or felt.noise or felt.history_s or felt.stack_s:
-        raise InputError("env.senses", "another proprioception", "{sense: proprioception}")
+        wanted = f"{{sense: proprioception}}, {or_student}"
+        raise InputError("env.senses", "another proprioception", wanted)
 
 
 class DecidingUser(nn.Module):

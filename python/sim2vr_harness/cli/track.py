@@ -75,6 +75,14 @@ def track(
             help="Goes at the recording, each corrected by the one before; 1: the layer alone."
         ),
     ] = 8,
+    refine: Annotated[
+        bool,
+        typer.Option(
+            "--refine/--no-refine",
+            help="Then try, before each step in which hands would miss by a centimetre, what every "
+            "muscle could do better: minutes for each minute that was recorded.",
+        ),
+    ] = True,
     pointed: Annotated[
         bool, typer.Option("--pointed", help="Let hands point as the person's did, too.")
     ] = False,
@@ -105,6 +113,7 @@ def track(
     right, up, ahead = _three("--offset", offset)
     settings = Settings(
         passes=_between("--passes", passes, 1, _MOST_PASSES),
+        refined=refine,
         yaw=_yaw(yaw),
         scale=_between("--scale", scale, 0.2, 5.0),
         offset_m=(ahead, -right, up),

@@ -17,6 +17,7 @@ from sim2vr_harness.tools.track.correcting import Correction
 from sim2vr_harness.tools.track.paths import RecordedPath
 from sim2vr_harness.tools.track.placing import Placement
 from sim2vr_harness.tools.track.postures import posture_at
+from sim2vr_harness.tools.track.refining import Refinement
 from sim2vr_harness.training.skills.exercises import LEAD_STEPS
 from sim2vr_harness.training.skills.goals import Goals
 from sim2vr_harness.training.skills.layer import MotorLayer
@@ -30,6 +31,9 @@ WARM_UP_S = 1.5
 """How long the body holds the first place before the recording begins."""
 POSE_SAMPLES = 5
 """Poses of the devices kept of every user step."""
+_REFINED_BEFORE, _REFINED_TAKES = 6, 40
+"""Steps before the recording's first in which refinement begins; how many goes it takes as long
+as."""
 _SLOPE_S = 0.02
 """Velocities of what was recorded are differences over twice this."""
 
@@ -175,19 +179,23 @@ def follow(
     wanted: Wanted,
     *,
     passes: int,
+    many: Callable[[int], UserBatch] | None = None,
     seed: int = 1,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Followed:
     """Let a body follow a recording, in several goes.
 
     In each go goals are shifted by what the ones before it missed by (:class:`Correction`); the go
-    with the smallest mean error counts.
+    with the smallest mean error counts. Then its actions are refined in one more
+    (:class:`~sim2vr_harness.tools.track.refining.Refinement`), if asked for.
 
     Args:
         users: one body.
         layer: of that body.
         wanted: what it is to do.
         passes: number of goes; 1: the motor layer alone.
+        many: makes N bodies such as the one that follows, which try things for it; None: no
+            refinement.
         seed: of the body's first activations.
         on_progress: told the share that is done.
 
@@ -197,23 +205,34 @@ def follow(
     start = posture_at(layer, wanted.places[0], wanted.axes[0], wanted.followed, seed)
     correction = Correction(wanted.places)
     best: Followed | None = None
+    best_shift = correction.shift
     records: list[Pass] = []
-    for number in range(passes):
-        found = _one_pass(
-            users,
-            layer,
-            wanted,
-            correction.shift,
-            start,
-            seed,
-            lambda share, done=number: on_progress((done + share) / passes),  # type: ignore[misc]
-        )
-        followed, places = found
+    goes = passes + (0 if many is None else _REFINED_TAKES)
+
+    def go(shift: FloatArray, done: int, takes: int, refinement: Refinement | None) -> FloatArray:
+        nonlocal best, best_shift
+
+        def tell(share: float) -> None:
+            on_progress((done + takes * share) / goes)
+
+        followed, places = _one_pass(users, layer, wanted, shift, start, seed, refinement, tell)
         errors = followed.errors_m[:, wanted.followed]
         records.append(Pass(float(np.median(errors)), float(np.quantile(errors, 0.95))))
         if best is None or errors.mean() < best.errors_m[:, wanted.followed].mean():
-            best = followed
-        correction.learn(places)
+            best, best_shift = followed, shift.copy()
+        return places
+
+    for number in range(passes):
+        correction.learn(go(correction.shift, number, 1, None))
+    if many is not None:
+        shift = best_shift
+        refinement = Refinement(
+            many,
+            lambda bodies, step: _actions(layer, bodies, wanted, shift, step),
+            lambda bodies, step: _misses(bodies, wanted, step),
+            wanted.steps,
+        )
+        go(shift, passes, _REFINED_TAKES, refinement)
     assert best is not None
     return Followed(**{**vars(best), "passes": tuple(records)})
 
@@ -225,6 +244,7 @@ def _one_pass(
     shift: FloatArray,
     start: FloatArray,
     seed: int,
+    refinement: Refinement | None,
     on_progress: Callable[[float], None],
 ) -> tuple[Followed, FloatArray]:
     """Follow once; returns also (J', H, 3) where the hands were from the warm-up on."""
@@ -241,8 +261,10 @@ def _one_pass(
             users.effort.reset([0])  # fatigue counts from the recording's beginning
         if step % 20 == 0:
             on_progress(step / wanted.steps)
-        goals = _goals(wanted, shift, step + LEAD_STEPS, layer.step_s)
-        users.step(layer.act(users, goals), pose_samples=POSE_SAMPLES)
+        actions = _actions(layer, users, wanted, shift, step)
+        if refinement is not None and step >= wanted.first - _REFINED_BEFORE:
+            actions = np.clip(actions + refinement.change(users.get_state(0), step), -1.0, 1.0)
+        users.step(actions, pose_samples=POSE_SAMPLES)
         if users.diverged[0]:
             got = f"a simulation that broke at {wanted.times_s[step]:.2f} s"
             raise InputError("RECORDING", got, "movement that the body can follow")
@@ -281,15 +303,31 @@ def _one_pass(
     return followed, moved
 
 
-def _goals(wanted: Wanted, shift: FloatArray, row: int, step_s: float) -> Goals:
-    """Goals of the one body: where its hands shall be ``LEAD_STEPS`` steps from now."""
-    goals = Goals.none(1, len(wanted.hands))
-    goals.place = torch.from_numpy((wanted.places[row] + shift[row])[None]).float()
-    goals.velocity = torch.from_numpy(wanted.velocities[row][None]).float()
-    goals.left_s = torch.full((1, len(wanted.hands)), LEAD_STEPS * step_s)
-    goals.axis = torch.from_numpy(wanted.axes[row][None]).float()
-    goals.active = torch.from_numpy(wanted.followed[None]).float()
-    return goals
+def _actions(
+    layer: MotorLayer, users: UserBatch, wanted: Wanted, shift: FloatArray, step: int
+) -> FloatArray:
+    """(N, A) the layer's, whose hands shall be somewhere ``LEAD_STEPS`` steps from now."""
+    row, shape = step + LEAD_STEPS, (users.n, len(wanted.hands))
+    goals = Goals.none(*shape)
+    goals.place = _for_each(wanted.places[row] + shift[row], users.n)
+    goals.velocity = _for_each(wanted.velocities[row], users.n)
+    goals.left_s = torch.full(shape, LEAD_STEPS * layer.step_s)
+    goals.axis = _for_each(wanted.axes[row], users.n)
+    goals.active = _for_each(wanted.followed, users.n)
+    return np.asarray(layer.act(users, goals), dtype=np.float64)
+
+
+def _for_each(values: NDArray[Any], n: int) -> torch.Tensor:
+    return torch.from_numpy(np.repeat(values[None], n, 0)).float()
+
+
+def _misses(users: UserBatch, wanted: Wanted, step: int) -> FloatArray:
+    """(N, 3 followed hands) how far the hands are beside where they shall be after a step, m."""
+    parts = []
+    for hand in np.flatnonzero(wanted.followed):
+        place, _ = users.device_poses(wanted.hands[hand])
+        parts.append(place - wanted.places[step + 1, hand])
+    return np.concatenate(parts, 1)
 
 
 def _at(clock: FloatArray, values: FloatArray, times_s: FloatArray) -> FloatArray:

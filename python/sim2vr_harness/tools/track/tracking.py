@@ -9,6 +9,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.cores import budget
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.errors import InputError
 from sim2vr_harness.tools.track.following import Followed, follow, wanted_of
@@ -36,6 +37,7 @@ class Settings:
 
     Attributes:
         passes: goes at it; 1: the motor layer alone.
+        refined: whether, in one more, the muscles' actions are refined where hands would miss.
         yaw: degrees to the right of the recorded forward that the person faces, or ``head``.
         scale: of distances from the person's head.
         offset_m: further shift of what is recorded in the body's world: forward, left, up.
@@ -47,6 +49,7 @@ class Settings:
     """
 
     passes: int = 8
+    refined: bool = True
     yaw: float | Literal["head"] = 0.0
     scale: float = 1.0
     offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -194,14 +197,18 @@ def track(
         ) from error
     step_s = 1.0 / env.action_frequency_hz
     layer = layer_for(body, step_s)
-    users = UserBatch(
-        body,
-        1,
-        threads=1,
-        effort=env.user.effort.model,
-        effort_params=env.user.effort.options(),
-        substeps=round(step_s / body.timestep),
-    )
+
+    def bodies(n: int) -> UserBatch:
+        return UserBatch(
+            body,
+            n,
+            threads=1 if n == 1 else budget(env.cores),
+            effort=env.user.effort.model,
+            effort_params=env.user.effort.options(),
+            substeps=round(step_s / body.timestep),
+        )
+
+    users = bodies(1)
     placement = place(
         path,
         users.device_poses("headset")[0][0],
@@ -211,7 +218,13 @@ def track(
     )
     wanted = wanted_of(path, placement, layer.hands, step_s, pointed=settings.pointed)
     followed = follow(
-        users, layer, wanted, passes=settings.passes, seed=settings.seed, on_progress=on_progress
+        users,
+        layer,
+        wanted,
+        passes=settings.passes,
+        many=bodies if settings.refined else None,
+        seed=settings.seed,
+        on_progress=on_progress,
     )
     beyond = np.zeros(followed.errors_m.shape)
     for hand in np.flatnonzero(wanted.followed):

@@ -95,6 +95,9 @@ class Refinement:
         plans = np.repeat(plan[None], 1 + self._actions, 0)
         plans[1:] += np.diag(nudges)[:, None]
         missed = self._rolled(self._nudged, state, step, plans).reshape(len(plans), -1)
+        if not np.isfinite(missed[0]).all():
+            return np.zeros(self._actions)
+        missed = np.where(np.isfinite(missed), missed, missed[0])  # whose simulation broke
         moved = ((missed[1:] - missed[0]) / nudges[:, None]).T
         normal = moved.T @ moved + _EASE_M2 * np.eye(self._actions)
         asked = moved.T @ missed[0] + _EASE_M2 * plan.mean(0)

@@ -26,8 +26,6 @@ __all__ = ["Look", "Tool", "find_tools", "tools_in"]
 _EVERY, _LOOKS, _PICTURES = 3, 30, 960
 """Users look every so many user steps, so often, and oftener where they are so few that there would
 be fewer pictures."""
-_VOXEL_M, _HALF_M = 0.03, 1.35
-_SIDE = 2 * round(_HALF_M / _VOXEL_M)
 _NEAR_M = 2.5
 _CERTAIN = (0.03, 0.3, 0.5)
 _LIKELY = (0.02, 0.1, 0.15)
@@ -36,9 +34,8 @@ is seen most; and in which share of those in which it could be. Hands that move 
 reach are in sight now and then only. What is likely counts where it goes on what is certain: the
 end of a long blade is seen less than its root, and thinner than a pixel; just beyond it both shares
 are a third of that."""
-_BLOCK_M, _WIDE, _STANDS_LOOKS = 0.06, 2000, 3
-"""Blocks of the world, so many along each way, in which something stands or not; what is seen fewer
-times is not said to stand."""
+_STANDS_LOOKS = 3
+"""What is seen fewer times is not said to stand."""
 _MARGIN_M = 0.08
 _JOINED_M, _AT_HAND_M, _AHEAD_M = 0.1, 0.15, 0.05
 """What is in the hand hangs together, gaps no wider than this, and begins at the hand. What is
@@ -47,6 +44,36 @@ _HANDLE = 0.25
 """Share of a tool, from the hand on, that is not swung at things."""
 _END_M = 0.045
 """The tip is the middle of the last so many metres of what is in the hand."""
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Cubes about the middle of a frame, numbered.
+
+    Attributes:
+        edge_m: of a cube.
+        side: how many there are along each axis.
+    """
+
+    edge_m: float
+    side: int
+
+    def numbers(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """(...) of the cubes that points (..., 3) are in; -1 outside."""
+        index = np.floor(points / self.edge_m + 0.5 * self.side).astype(np.int64)
+        x, y, z = np.moveaxis(index, -1, 0)
+        inside = ((index >= 0) & (index < self.side)).all(-1)
+        numbers: NDArray[np.int64] = np.where(inside, (x * self.side + y) * self.side + z, -1)
+        return numbers
+
+    def centers(self, numbers: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(K, 3) the middles of cubes (K,), m."""
+        index = np.stack(np.unravel_index(numbers, (self.side,) * 3), 1)
+        return np.asarray((index + 0.5 - 0.5 * self.side) * self.edge_m, dtype=np.float64)
+
+
+_VOXELS, _BLOCKS = _Grid(0.03, 90), _Grid(0.06, 2000)
+"""Of a device's frame, and of the world, in which something stands or not."""
 
 
 class Tool:
@@ -145,40 +172,40 @@ def _stands(
     A wall comes near the hand again and again, and is seen wherever the hand is; a tool is not
     where it was.
     """
-    blocks, kinds = [], []
+    blocks = []
     for far, camera in looks:
-        near = far < _NEAR_M
-        block = _blocks_of(_points(far) @ camera[:3, :3].T + camera[:3, 3])
-        blocks.append(np.where(near, block, -1))
-        kinds.append(np.unique(block[near]))
-    found, seen = np.unique(np.concatenate(kinds), return_counts=True)
-    parts = np.stack([found // _WIDE**2, found // _WIDE % _WIDE, found % _WIDE], 1)
-    centers = (parts - _WIDE // 2 + 0.5) * _BLOCK_M
+        block = _BLOCKS.numbers(_moved(_points(far), camera))
+        blocks.append(np.where(far < _NEAR_M, block, -1))
+    each = np.concatenate([np.unique(block[block >= 0]) for block in blocks])
+    found, seen = np.unique(each, return_counts=True)
+    centers = _BLOCKS.centers(found)
     through = np.zeros(len(found))
     for far, camera in looks:
-        through += _seen_through(far, (centers - camera[:3, 3]) @ camera[:3, :3])
+        through += _seen_through(far, _moved(centers, np.linalg.inv(camera)))
     standing = found[(seen > through) & (seen >= _STANDS_LOOKS)]
     return np.isin(np.stack(blocks), standing)
 
 
 def _found(looks: Sequence[Look], stands: NDArray[np.bool_], hand: int) -> Tool:
-    hits = np.zeros(_SIDE**3)
+    hits = np.zeros(_VOXELS.side**3)
     pictures = 0
     views = []
     for look, still in zip(looks, stands, strict=True):
         for i, place in enumerate(look.places[:, hand]):
             far, camera = look.of(i)
             moves = (far < _NEAR_M) & ~still[i]
-            hits[_voxels_of(_points(far)[moves], np.linalg.inv(place) @ camera)] += 1.0
+            there = _moved(_points(far)[moves], np.linalg.inv(place) @ camera)
+            voxels = np.unique(_VOXELS.numbers(there))
+            hits[voxels[voxels >= 0]] += 1.0
             views.append((far, np.linalg.inv(camera) @ place))
             pictures += 1
     often = np.flatnonzero(hits > _LIKELY[0] * pictures)
     if not len(often):
         return Tool(np.zeros((0, 3)))
-    centers = _centers(often)
+    centers = _VOXELS.centers(often)
     through = np.zeros(len(often))
     for far, to_camera in views:
-        through += _seen_through(far, centers @ to_camera[:3, :3].T + to_camera[:3, 3])
+        through += _seen_through(far, _moved(centers, to_camera))
     stays = hits[often] / np.maximum(1.0, hits[often] + through)
 
     def seen_so(share: float, beside_most: float, staying: float) -> NDArray[np.bool_]:
@@ -225,28 +252,9 @@ def _points(far: NDArray[np.float32]) -> NDArray[np.float64]:
     return points
 
 
-def _blocks_of(points: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Blocks of the world that points (..., 3) are in."""
-    index = np.floor(points / _BLOCK_M).astype(np.int64) + _WIDE // 2
-    index = index.clip(0, _WIDE - 1)
-    blocks: NDArray[np.int64] = (index[..., 0] * _WIDE + index[..., 1]) * _WIDE + index[..., 2]
-    return blocks
-
-
-def _voxels_of(points: NDArray[np.float64], to_device: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Voxels of a device's frame in which points (K, 3) of a camera's are."""
-    there = points @ to_device[:3, :3].T + to_device[:3, 3]
-    index = np.floor((there + _HALF_M) / _VOXEL_M).astype(np.int64)
-    inside = ((index >= 0) & (index < _SIDE)).all(1)
-    kept = index[inside]
-    unique: NDArray[np.int64] = np.unique((kept[:, 0] * _SIDE + kept[:, 1]) * _SIDE + kept[:, 2])
-    return unique
-
-
-def _centers(voxels: NDArray[np.int64]) -> NDArray[np.float64]:
-    parts = np.stack([voxels // _SIDE**2, voxels // _SIDE % _SIDE, voxels % _SIDE], 1)
-    centers: NDArray[np.float64] = (parts.astype(np.float64) + 0.5) * _VOXEL_M - _HALF_M
-    return centers
+def _moved(points: NDArray[np.float64], pose: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """(..., 3) points (..., 3) of a frame in the one that its pose (4, 4) is told in."""
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3], dtype=np.float64)
 
 
 def _seen_through(far: NDArray[np.float32], points: NDArray[np.float64]) -> NDArray[np.bool_]:

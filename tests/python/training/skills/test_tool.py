@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from sim2vr_harness.training.skills.sight import FAR_M
 from sim2vr_harness.training.skills.tool import Look, tools_in
@@ -21,9 +22,9 @@ def looks_at(wall: bool, stick_m: float, users: int = 8, number: int = 60) -> li
     for _ in range(number):
         far = np.full((users, HEIGHT, WIDTH), 9.0)
         cameras, places = np.tile(np.eye(4), (users, 1, 1)), np.tile(np.eye(4), (users, 1, 1))
-        cameras[:, :3, :3] = turned(random, users, 0.15)
+        cameras[:, :3, :3] = turns(random.normal(0.0, 0.15, (users, 3)))
         cameras[:, :3, 3] = random.normal(0.0, 0.02, (users, 3))
-        places[:, :3, :3] = turned(random, users, 0.6)
+        places[:, :3, :3] = turns(random.normal(0.0, 0.6, (users, 3)))
         places[:, :3, 3] = random.uniform([0.15, -0.25, -0.3], [0.5, 0.25, 0.0], (users, 3))
         for i in range(users):
             draw(far[i], cameras[i], places[i], wall, stick_m)
@@ -33,15 +34,9 @@ def looks_at(wall: bool, stick_m: float, users: int = 8, number: int = 60) -> li
     return taken
 
 
-def turned(random: np.random.Generator, n: int, angle: float) -> NDArray[np.float64]:
-    """(n, 3, 3) rotations by small angles about all axes."""
-    turns = []
-    for vector in random.normal(0.0, angle, (n, 3)):
-        cross = np.cross(np.eye(3), vector)
-        size = np.linalg.norm(vector)
-        sine, cosine = np.sin(size) / size, (1.0 - np.cos(size)) / size**2
-        turns.append(np.eye(3) + sine * cross + cosine * cross @ cross)
-    return np.stack(turns)
+def turns(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 3, 3) by rotation vectors (N, 3)."""
+    return np.asarray(Rotation.from_rotvec(vectors).as_matrix())
 
 
 def draw(

@@ -17,7 +17,7 @@ from sim2vr_harness.tools.track.correcting import Correction
 from sim2vr_harness.tools.track.paths import RecordedPath
 from sim2vr_harness.tools.track.placing import Placement
 from sim2vr_harness.tools.track.postures import posture_at
-from sim2vr_harness.tools.track.refining import Refinement
+from sim2vr_harness.tools.track.refining import AHEAD, Refinement
 from sim2vr_harness.training.skills.exercises import LEAD_STEPS
 from sim2vr_harness.training.skills.goals import Goals
 from sim2vr_harness.training.skills.layer import MotorLayer
@@ -31,9 +31,8 @@ WARM_UP_S = 1.5
 """How long the body holds the first place before the recording begins."""
 POSE_SAMPLES = 5
 """Poses of the devices kept of every user step."""
-_REFINED_BEFORE, _REFINED_TAKES = 6, 40
-"""Steps before the recording's first in which refinement begins; how many goes it takes as long
-as."""
+_REFINED_TAKES = 40
+"""How many goes refinement takes as long as."""
 _SLOPE_S = 0.02
 """Velocities of what was recorded are differences over twice this."""
 
@@ -219,7 +218,7 @@ def follow(
         errors = followed.errors_m[:, wanted.followed]
         records.append(Pass(float(np.median(errors)), float(np.quantile(errors, 0.95))))
         if best is None or errors.mean() < best.errors_m[:, wanted.followed].mean():
-            best, best_shift = followed, shift.copy()
+            best, best_shift = followed, shift
         return places
 
     for number in range(passes):
@@ -262,7 +261,7 @@ def _one_pass(
         if step % 20 == 0:
             on_progress(step / wanted.steps)
         actions = _actions(layer, users, wanted, shift, step)
-        if refinement is not None and step >= wanted.first - _REFINED_BEFORE:
+        if refinement is not None and step >= wanted.first - AHEAD:
             actions = np.clip(actions + refinement.change(users.get_state(0), step), -1.0, 1.0)
         users.step(actions, pose_samples=POSE_SAMPLES)
         if users.diverged[0]:

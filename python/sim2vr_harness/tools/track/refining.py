@@ -17,11 +17,11 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.users import UserBatch
 
-__all__ = ["Refinement"]
+__all__ = ["AHEAD", "Refinement"]
 
 FloatArray = NDArray[np.float64]
 
-_AHEAD = 6
+AHEAD = 6
 """Steps that are looked ahead: a stroke takes .2 to .4 s."""
 _NUDGE = 0.4
 """By how much one muscle's action is changed to see what it does."""
@@ -51,11 +51,11 @@ class Refinement:
         misses: Callable[[UserBatch, int], FloatArray],
         steps: int,
     ) -> None:
-        self._few = many(2 + len(_SIZES))
-        self._actions = len(self._few.body.action_names)
-        self._nudged = many(1 + self._actions)
+        self._known, self._tried = many(2), many(len(_SIZES))
+        self._actions = len(self._known.body.action_names)
+        self._nudged = many(self._actions)
         self._act, self._misses, self._steps = act, misses, steps
-        self._plan = np.zeros((_AHEAD, self._actions))
+        self._plan = np.zeros((AHEAD, self._actions))
 
     def change(self, state: Mapping[str, Any], step: int) -> FloatArray:
         """(A,) what to add to the motor layer's actions in a step.
@@ -64,43 +64,54 @@ class Refinement:
             state: of the body that follows, at the step's beginning.
             step: which one.
         """
-        ahead = min(_AHEAD, self._steps - step)
+        ahead = min(AHEAD, self._steps - step)
         plan = np.zeros((ahead, self._actions))
-        plan[: _AHEAD - 1] = self._plan[1 : 1 + ahead]  # what was planned a step ago
+        before = self._plan[1 : 1 + ahead]  # what was planned a step ago
+        plan[: len(before)] = before
         self._plan = self._planned(state, step, plan)
         first: FloatArray = self._plan[0].copy()
         return first
 
     def _planned(self, state: Mapping[str, Any], step: int, plan: FloatArray) -> FloatArray:
-        plans = np.zeros((self._few.n, *plan.shape))
-        plans[1:] = plan
-        missed = self._rolled(self._few, state, step, plans)
-        best = int(np.argmin(_cost(missed, plans)))
-        if np.abs(missed[best]).max() < _NEAR_M:
-            return _padded(plans[best])
+        plans = np.stack([np.zeros_like(plan), plan])
+        cost, plan, missed = self._best(self._known, state, step, plans)
+        if np.abs(missed).max() < _NEAR_M:
+            return plan
         for round_ in range(_ROUNDS):
-            change = self._step(state, step, plans[best], 1.0 if (step + round_) % 2 else -1.0)
-            plans[2:] = plans[best] + np.multiply.outer(_SIZES, change)[:, None]
-            plans[1] = plans[best]
-            plans = np.clip(plans, -2.0, 2.0)
-            missed = self._rolled(self._few, state, step, plans)
-            best = int(np.argmin(_cost(missed, plans)))
-        return _padded(plans[best])
+            side = 1.0 if (step + round_) % 2 else -1.0
+            change = self._step(state, step, plan, missed, side)
+            plans = np.clip(plan + np.multiply.outer(_SIZES, change)[:, None], -2.0, 2.0)
+            found = self._best(self._tried, state, step, plans)
+            if found[0] < cost:
+                cost, plan, missed = found
+        return plan
+
+    def _best(
+        self, bodies: UserBatch, state: Mapping[str, Any], step: int, plans: FloatArray
+    ) -> tuple[float, FloatArray, FloatArray]:
+        """The least cost, its plan (steps, A), and what is missed by then (steps, E)."""
+        missed = self._rolled(bodies, state, step, plans)
+        cost = (missed**2).sum((1, 2)) + _EASE_M2 * (plans**2).mean(1).sum(1)
+        best = int(np.argmin(cost))
+        return float(cost[best]), plans[best], missed[best]
 
     def _step(
-        self, state: Mapping[str, Any], step: int, plan: FloatArray, side: float
+        self,
+        state: Mapping[str, Any],
+        step: int,
+        plan: FloatArray,
+        missed: FloatArray,
+        side: float,
     ) -> FloatArray:
-        """(A,) a damped Gauss-Newton step away from a plan."""
-        nudges = side * _NUDGE * np.where(np.arange(self._actions) % 2, 1.0, -1.0)
-        plans = np.repeat(plan[None], 1 + self._actions, 0)
-        plans[1:] += np.diag(nudges)[:, None]
-        missed = self._rolled(self._nudged, state, step, plans).reshape(len(plans), -1)
-        if not np.isfinite(missed[0]).all():
+        """(A,) a damped Gauss-Newton step away from a plan, which misses by (steps, E)."""
+        if not np.isfinite(missed).all():
             return np.zeros(self._actions)
-        missed = np.where(np.isfinite(missed), missed, missed[0])  # whose simulation broke
-        moved = ((missed[1:] - missed[0]) / nudges[:, None]).T
+        nudges = side * _NUDGE * np.where(np.arange(self._actions) % 2, 1.0, -1.0)
+        there = self._rolled(self._nudged, state, step, plan + np.diag(nudges)[:, None])
+        there = np.where(np.isfinite(there), there, missed)  # whose simulation broke
+        moved = ((there - missed).reshape(self._actions, -1) / nudges[:, None]).T
         normal = moved.T @ moved + _EASE_M2 * np.eye(self._actions)
-        asked = moved.T @ missed[0] + _EASE_M2 * plan.mean(0)
+        asked = moved.T @ missed.ravel() + _EASE_M2 * plan.mean(0)
         return np.clip(-np.linalg.solve(normal, asked), -1.0, 1.0)
 
     def _rolled(
@@ -116,12 +127,3 @@ class Refinement:
         found = np.stack(missed, 1)
         found[bodies.diverged] = np.inf
         return found
-
-
-def _cost(missed: FloatArray, plans: FloatArray) -> FloatArray:
-    cost: FloatArray = (missed**2).sum((1, 2)) + _EASE_M2 * (plans**2).mean(1).sum(1)
-    return cost
-
-
-def _padded(plan: FloatArray) -> FloatArray:
-    return np.concatenate([plan, np.zeros((_AHEAD - len(plan), plan.shape[1]))])

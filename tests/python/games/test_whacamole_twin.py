@@ -320,6 +320,89 @@ def test_a_hit_may_be_worth_the_same_whenever_it_comes() -> None:
     assert worth[0] * 0.96**6 == pytest.approx(worth[1] * 0.96**18, rel=2e-3)
 
 
+def test_what_a_hit_takes_away_is_what_targets_of_that_age_brought() -> None:
+    """By hand: of 20 targets, 10 are hit at frame 6, 8 at frame 8, and 2 are lost.
+
+    Those at frame 6 are worth as much as can be, those at frame 8 a half of it, for being at the
+    rim. Of the 10 that are there after frame 6, .8 are hit two frames later, none after
+    frame 8; of all 20 that are there after frame 5, a half is hit one frame later, .4 three. What
+    is worth exp(.816 age) makes up for the discount; exp(2.816 age), it is exp(.1) more with every
+    frame. One cycle later a half is believed.
+    """
+    for patience, more in ((0.816, 0.0), (2.816, 0.1)):
+        game, _ = resting_game(3, TwinSettings(patience_per_s=patience))
+        game._hits_at[0, 1, [6, 8]] = torch.tensor([10.0, 8.0])
+        game._hits_at[1, 1, [6, 8]] = torch.tensor([10.0, 4.0])
+        game.counts[:, 1, 4] = torch.tensor([18.0, 2.0])
+        game.adapt()
+        expected = [0.5 * np.exp(more) + 0.2 * np.exp(3.0 * more), 0.4 * np.exp(2.0 * more)]
+        got = 2.0 * game._foregone[1, [5, 6, 8]]
+        np.testing.assert_allclose(got, [*expected, 0.0], rtol=1e-5)
+        assert game._foregone[0].abs().max() == 0.0
+        game.clear_counts()
+        assert game._hits_at.abs().max() == 0.0
+
+
+def test_what_a_hit_takes_away_counts_against_its_gradient_alone() -> None:
+    """The first user hits: its reward is what it was, its gradient .4 of it if .6 is taken away.
+
+    The others hit nothing (too slow, inside already, still growing), and learn what they did.
+    """
+    gradients, rewards = [], []
+    for share in (0.0, 0.5, 1.0):
+        soft = Relaxation(0.01, 0.2, near=0.0, distance=0.0, foregone=share)
+        game, place = game_at_a_target()
+        game._foregone[:] = 0.6
+        where_from = game._root.requires_grad_()
+        reward = game.play(place[:, None], soft)
+        reward.sum().backward()
+        assert where_from.grad is not None
+        gradients.append(where_from.grad)
+        rewards.append(reward.detach())
+    torch.testing.assert_close(rewards[1:], [rewards[0]] * 2)
+    assert gradients[0][:2].norm(dim=1).min() > 0.1
+    for share, gradient in zip((0.5, 1.0), gradients[1:], strict=True):
+        torch.testing.assert_close(gradient[0], (1.0 - 0.6 * share) * gradients[0][0])
+        torch.testing.assert_close(gradient[1:], gradients[0][1:])
+    settings = TwinSettings(foregone_share=0.8)
+    shares = [settings.relaxation(done).foregone for done in (0.0, 0.25, 0.5, 1.0)]
+    assert shares == pytest.approx([0.0, 0.4, 0.8, 0.8])
+
+
+def test_true_rounds_count_when_hits_came() -> None:
+    """The first user hits at once, the others stay in targets that are lost after 22 frames."""
+    game, place = game_at_a_target()
+    age = int(game._age[0, 4]) + 1
+    for _ in range(30):
+        game.play(place[:, None], SOFT)
+    assert game._hits_at[:, 1, age].tolist() == [1.0, 1.0]
+    assert game._hits_at[0].sum() == game.counts[0].sum() == 1
+    assert game.counts[1].sum() > 0
+
+
+def test_hits_may_be_worth_more_where_the_face_goes_first() -> None:
+    """Of a share of .5: all of it forward, cos 60 deg leaves 1 - .25 * .5, sideways 1 - .25."""
+    worth = []
+    for angle_deg in (0.0, 60.0, 90.0):
+        rewards = []
+        for share in (0.0, 0.5):
+            game, place = game_at_a_target()
+            turn = np.radians(angle_deg)
+            behind = game._axes[1, 2]
+            face = np.cos(turn) * behind + np.sin(turn) * game._axes[1, 0]
+            game.hammer.fixed[12, 3:6] = face
+            root, game._face = points(*game.hammer(place))  # the box is elsewhere, still inside
+            game._root = root - 2.0 * FRAME_S * 0.9 * behind
+            soft = Relaxation(0.01, 0.2, near=0.0, distance=0.0, face=share)
+            rewards.append(game.play(place[:, None], soft)[0])
+            assert bool(game._hit[0, 4]) == (float(rewards[-1]) > 1.0)
+        worth.append(float(rewards[1] / rewards[0]))
+    assert worth == pytest.approx([1.0, 0.875, 0.75], abs=1e-4)
+    settings = TwinSettings(face_share=0.6)
+    shares = [settings.relaxation(done).face for done in (0.0, 0.25, 0.5, 1.0)]
+    assert shares == pytest.approx([0.0, 0.3, 0.6, 0.6])
+
+
 def test_hits_may_be_worth_more_where_what_hits_is_fast() -> None:
     """Of a share of .5: at 1.5 m/s a half is left, at 3 and 6 m/s all, going away nothing.
 

@@ -26,6 +26,8 @@ class Relaxation:
         plane: cost of being in the targets' plane, or behind it, away from targets.
         blind: cost of going towards the targets where none is that can have been seen.
         centre: share of a hit's worth that is for the middle of the target.
+        face: share of a hit's worth that is for striking with the hammer's face.
+        foregone: share of what a hit takes away that counts against it.
     """
 
     overlap_m: float
@@ -37,6 +39,8 @@ class Relaxation:
     plane: float = 0.0
     blind: float = 0.0
     centre: float = 0.0
+    face: float = 0.0
+    foregone: float = 0.0
 
 
 class TwinSettings(Settings):
@@ -86,11 +90,22 @@ class TwinSettings(Settings):
     """Share of a hit's worth that is for the middle of the target: all of it there, .6 of it 2 cm
     beside. Who knows exactly hits targets at their rims, and who learns from that misses them.
     Nothing at first, all of it from the middle of the imagined rollouts on."""
+    face_share: Chance = 0.0
+    """Share of a hit's worth that is for striking with the hammer's face: all of it where that goes
+    first, half of it where the hammer is sideways. The game looks at a box around its head, whose
+    sides hit as well; people turn its face to the targets (the cosine between them is .95). Nothing
+    at first, all of it from the middle of the imagined rollouts on."""
     patience_per_s: float = Field(default=0.0, ge=0.0, le=10.0)
     """How much more a hit is worth the older its target: times e for each 1/this, in seconds; 1
     after a third of its life. What comes later counts less to a learner (``gamma``), by 0.82 a
     second with .96 a step; with 0.82 here a hit is worth the same whenever it comes. With more, old
     targets, which will go, are worth more than new ones, as to who wants none to get away."""
+    foregone_share: Chance = 0.0
+    """Share of what a hit takes away that counts against it: the same target cannot be hit any more
+    later, when it would be worth more (``patience_per_s``), as surely as those that had not been
+    hit at that age were hit after it, in the last cycle. A hit has a gradient where it happens
+    only, so nobody learns to wait otherwise: what is never tried is never compared. Nothing at
+    first, all of it from the middle of the imagined rollouts on."""
     impact_share: Chance = 0.0
     """Share of a hit's worth that is for how fast what hits goes towards the targets: all of it
     from 3 m/s on. The game looks at the hammer near the hand only, which nobody who plays it can
@@ -121,4 +136,6 @@ class TwinSettings(Settings):
             plane=(1.0 - early) * self.plane_cost,
             blind=(1.0 - early) * self.blind_cost,
             centre=(1.0 - early) * self.centre_share,
+            face=(1.0 - early) * self.face_share,
+            foregone=(1.0 - early) * self.foregone_share,
         )

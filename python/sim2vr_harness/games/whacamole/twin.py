@@ -8,6 +8,7 @@ little elsewhere and at a little other speed.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -53,6 +54,8 @@ _HARD_MPS = 3.0
 """A hit that cannot be harder."""
 _CLEAR_M, _AWAY_M = START_M, 0.5 * CELL_M
 """How far in front of the plane a hammer is clear of it; how far beside a target away from it."""
+_DISCOUNT_PER_S = 0.816
+"""How much less a learner counts what comes later: .96 a step of 50 ms."""
 _SEEN_FRAMES = 3
 """What has been there for 0.15 s can have been seen: people's hands begin to go there after .19."""
 
@@ -127,6 +130,11 @@ class ImaginedWhacAMole:
         """How many ordinary hits a hit is worth, by condition and cell."""
         self.counts = torch.zeros(2, len(conditions), CELLS)
         """Hits and misses since :meth:`clear_counts`, by condition and cell."""
+        self._hits_at = torch.zeros(2, len(conditions), LAST_FRAME + 1)
+        """How many hits there were, and what they were worth for being where and how hard they
+        were; by condition and the target's age, since :meth:`clear_counts`."""
+        self._foregone = torch.zeros(len(conditions), LAST_FRAME + 1)
+        """What hitting a target takes away, in hits at that age; by condition and age."""
         self.condition = torch.zeros(n, dtype=torch.long)
         self._velocity, self._root, self._face = (torch.zeros(n, 3) for _ in range(3))
         self._age = torch.full((n, CELLS), -1)
@@ -202,6 +210,7 @@ class ImaginedWhacAMole:
     def clear_counts(self) -> None:
         """See the protocol."""
         self.counts.zero_()
+        self._hits_at.zero_()
 
     def adapt(self) -> None:
         """Let cells that are missed come up more often, and be worth more."""
@@ -214,10 +223,25 @@ class ImaginedWhacAMole:
         often = fails / fails.mean(1, keepdim=True)
         values = 1.0 + self.settings.failing_value * (often.clamp(1.0, 3.0) - 1.0)
         self.hit_values.lerp_(values, 0.5)
+        self._foregone.lerp_(self._hits_after(), 0.5)
+
+    def _hits_after(self) -> Tensor:
+        """(C, ages) what targets that have not been hit by an age will bring, in hits at that age.
+
+        How likely they are to be hit later, times how much more that is worth by then.
+        """
+        growth = math.exp(FRAME_S * (self.settings.patience_per_s - _DISCOUNT_PER_S))
+        hits, worth = self._hits_at
+        lost = self.counts[1].sum(1)
+        later, still = torch.zeros_like(worth), torch.zeros_like(hits)
+        for age in reversed(range(LAST_FRAME)):
+            later[:, age] = growth * (worth[:, age + 1] + later[:, age + 1])
+            still[:, age] = hits[:, age + 1] + still[:, age + 1]
+        return later / (still + lost[:, None]).clamp(min=1.0)
 
     _STATE = (
         *("_velocity", "_root", "_face", "_age", "_fading", "_ban_s", "_inside", "_hit", "_left"),
-        *("condition", "spawn_weights", "hit_values"),
+        *("condition", "spawn_weights", "hit_values", "_foregone"),
     )
 
     def state(self) -> dict[str, Tensor]:
@@ -294,10 +318,12 @@ class ImaginedWhacAMole:
         last = marker.reshape(b, frames, 3)[:, -1]
         middle = box.reshape(b, frames, 3)[:, -1]
         impact = self._impact((middle - self._face) / FRAME_S)[:, None]
-        values = self.hit_values[self.condition] * self._central(middle, soft.centre) * impact
-        values = values * self._waited()
+        facing = self._facing(axes.reshape(b, frames, 3, 3)[:, -1], soft.face)[:, None]
+        worths = self._central(middle, soft.centre) * impact * facing
+        values = self.hit_values[self.condition] * self._waited()
         self._face = middle
-        hits = 10.0 * (values * self._left * chance).sum(1)
+        gained = worths * chance - soft.foregone * self._given_up(worths, chance)
+        hits = 10.0 * (values * gained * self._left).sum(1)
         worth = hits + self._shaped(last, depth[:, -1], touch, soft)
         self._left = self._left * (1.0 - chance)
         return worth
@@ -370,6 +396,20 @@ class ImaginedWhacAMole:
         """(B, cells) the worth of a hit by how old its target is, 1 after a third of its life."""
         return torch.exp(self.settings.patience_per_s * (FRAME_S * self._age - LIFE_S / 3.0))
 
+    def _given_up(self, worths: Tensor, chance: Tensor) -> Tensor:
+        """(B, cells) nothing, with the gradient of what true hits take away.
+
+        Args:
+            worths: (B, cells) of hits, for where and how hard they are.
+            chance: (B, cells) of them.
+        """
+        row, cell = torch.nonzero(self._hit, as_tuple=True)
+        where, age = self.condition[row], self._age.clamp(min=0)
+        for number, each in enumerate((torch.ones(len(row)), worths.detach()[row, cell])):
+            self._hits_at[number].index_put_((where, age[row, cell]), each, accumulate=True)
+        later = self._foregone[self.condition].gather(1, age)
+        return later * self._hit * (chance - chance.detach())
+
     def _central(self, box: Tensor, share: float) -> Tensor:
         """(B, cells) the worth of a hit by where in the target it is, 1 in its middle.
 
@@ -389,6 +429,13 @@ class ImaginedWhacAMole:
             return torch.ones(len(velocity))
         hard = (self._strike_mps(velocity) / _HARD_MPS).clamp(0.0, 1.0)
         return 1.0 - share * (1.0 - hard)
+
+    def _facing(self, axes: Tensor, share: float) -> Tensor:
+        """(B,) the worth of a hit by the hammer's axes (B, 3, 3); its face looks against its x."""
+        if share == 0.0:
+            return torch.ones(len(axes))
+        faces = -(axes[:, 0] * self._axes[self.condition, 2]).sum(1)
+        return 1.0 - 0.5 * share * (1.0 - faces)
 
     def _aside(self, point: Tensor) -> Tensor:
         """(B, cells) how far points (B, 3) are beside the cells' middles, in their plane, m."""

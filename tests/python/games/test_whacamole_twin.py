@@ -320,6 +320,29 @@ def test_a_hit_may_be_worth_the_same_whenever_it_comes() -> None:
     assert worth[0] * 0.96**6 == pytest.approx(worth[1] * 0.96**18, rel=2e-3)
 
 
+def test_waiting_may_be_worth_something_up_to_an_age() -> None:
+    """At .3 s (frame 6) as ever, at .9 s (frame 18) as at .4 s; hits may be worth three times
+    theirs. A hit takes away no more than the discount leaves where waiting is worth nothing."""
+    settings = TwinSettings(patience_per_s=2.0, patience_until_s=0.4)
+    rewards = []
+    for each in (TwinSettings(), settings, settings.model_copy(update={"hit_reward": 30.0})):
+        for age in (6, 18):
+            game, place = game_at_a_target(each)
+            game._age[:, 4] = age - 1
+            soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0)
+            rewards.append(float(game.play(place[:, None], soft)[0]))
+    worth = np.exp([2.0 * (0.3 - 0.366), 2.0 * (0.4 - 0.366)])
+    np.testing.assert_allclose(
+        rewards, 10.0 * np.array([1.0, 1.0, *worth, *(3.0 * worth)]), rtol=1e-3
+    )
+    game, _ = resting_game(3, settings)
+    game._hits_at[:, 1, 18] = 10.0
+    game.adapt()
+    later = 2.0 * game._foregone[1, [6, 8, 12, 18]]
+    discount = 0.96 ** np.array([12.0, 10.0, 6.0])
+    np.testing.assert_allclose(later, [discount[0] * np.exp(0.2), *discount[1:], 0.0], rtol=1e-3)
+
+
 def test_what_a_hit_takes_away_is_what_targets_of_that_age_brought() -> None:
     """By hand: of 20 targets, 10 are hit at frame 6, 8 at frame 8, and 2 are lost.
 

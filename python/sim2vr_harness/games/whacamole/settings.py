@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
+from sim2vr_harness.games.whacamole.rules import LIFE_S
 from sim2vr_harness.settings import Chance, Settings, Weight
 
 __all__ = ["Relaxation", "TwinSettings"]
@@ -90,6 +91,11 @@ class TwinSettings(Settings):
     """Share of a hit's worth that is for the middle of the target: all of it there, .6 of it 2 cm
     beside. Who knows exactly hits targets at their rims, and who learns from that misses them.
     Nothing at first, all of it from the middle of the imagined rollouts on."""
+    patience_until_s: float = Field(default=LIFE_S, gt=0.0, le=LIFE_S)
+    """Age of a target from which on waiting is not worth more any more, s."""
+    hit_reward: Weight = 10.0
+    """What a hit is worth; 10 in the game. Costs, of effort and of what is below, count the less
+    the more this is: where ``foregone_share`` leaves little of it, who plays gives up else."""
     face_share: Chance = 0.0
     """Share of a hit's worth that is for striking with the hammer's face: all of it where that goes
     first, half of it where the hammer is sideways. The game looks at a box around its head, whose

@@ -8,7 +8,6 @@ little elsewhere and at a little other speed.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
@@ -230,14 +229,12 @@ class ImaginedWhacAMole:
 
         How likely they are to be hit later, times how much more that is worth by then.
         """
-        growth = math.exp(FRAME_S * (self.settings.patience_per_s - _DISCOUNT_PER_S))
         hits, worth = self._hits_at
-        lost = self.counts[1].sum(1)
-        later, still = torch.zeros_like(worth), torch.zeros_like(hits)
-        for age in reversed(range(LAST_FRAME)):
-            later[:, age] = growth * (worth[:, age + 1] + later[:, age + 1])
-            still[:, age] = hits[:, age + 1] + still[:, age + 1]
-        return later / (still + lost[:, None]).clamp(min=1.0)
+        ages = torch.arange(LAST_FRAME + 1)
+        now = self._worth_at(ages) * torch.exp(-_DISCOUNT_PER_S * FRAME_S * ages)
+        later = _sums_after(worth * now) / now
+        still = _sums_after(hits) + self.counts[1].sum(1, keepdim=True)
+        return later / still.clamp(min=1.0)
 
     _STATE = (
         *("_velocity", "_root", "_face", "_age", "_fading", "_ban_s", "_inside", "_hit", "_left"),
@@ -320,10 +317,11 @@ class ImaginedWhacAMole:
         impact = self._impact((middle - self._face) / FRAME_S)[:, None]
         facing = self._facing(axes.reshape(b, frames, 3, 3)[:, -1], soft.face)[:, None]
         worths = self._central(middle, soft.centre) * impact * facing
-        values = self.hit_values[self.condition] * self._waited()
+        values = self.hit_values[self.condition] * self._worth_at(self._age)
         self._face = middle
-        gained = worths * chance - soft.foregone * self._given_up(worths, chance)
-        hits = 10.0 * (values * gained * self._left).sum(1)
+        self._remember(worths.detach())
+        gained = worths * chance - soft.foregone * self._given_up(chance)
+        hits = self.settings.hit_reward * (values * gained * self._left).sum(1)
         worth = hits + self._shaped(last, depth[:, -1], touch, soft)
         self._left = self._left * (1.0 - chance)
         return worth
@@ -392,22 +390,22 @@ class ImaginedWhacAMole:
             worth = worth - soft.blind * self._going_blind(marker)
         return worth
 
-    def _waited(self) -> Tensor:
-        """(B, cells) the worth of a hit by how old its target is, 1 after a third of its life."""
-        return torch.exp(self.settings.patience_per_s * (FRAME_S * self._age - LIFE_S / 3.0))
+    def _worth_at(self, age: Tensor) -> Tensor:
+        """The worth of a hit by how old its target is, frames; 1 after a third of its life."""
+        settings = self.settings
+        waited_s = (FRAME_S * age).clamp(max=settings.patience_until_s)
+        return torch.exp(settings.patience_per_s * (waited_s - LIFE_S / 3.0))
 
-    def _given_up(self, worths: Tensor, chance: Tensor) -> Tensor:
-        """(B, cells) nothing, with the gradient of what true hits take away.
-
-        Args:
-            worths: (B, cells) of hits, for where and how hard they are.
-            chance: (B, cells) of them.
-        """
+    def _remember(self, worths: Tensor) -> None:
+        """Count true hits, and what (B, cells) they are worth for where and how hard they are."""
         row, cell = torch.nonzero(self._hit, as_tuple=True)
-        where, age = self.condition[row], self._age.clamp(min=0)
-        for number, each in enumerate((torch.ones(len(row)), worths.detach()[row, cell])):
-            self._hits_at[number].index_put_((where, age[row, cell]), each, accumulate=True)
-        later = self._foregone[self.condition].gather(1, age)
+        where = (self.condition[row], self._age[row, cell])
+        for number, each in enumerate((torch.ones(len(row)), worths[row, cell])):
+            self._hits_at[number].index_put_(where, each, accumulate=True)
+
+    def _given_up(self, chance: Tensor) -> Tensor:
+        """(B, cells) nothing, with the gradient of what true hits take away; chances as given."""
+        later = self._foregone[self.condition].gather(1, self._age.clamp(min=0))
         return later * self._hit * (chance - chance.detach())
 
     def _central(self, box: Tensor, share: float) -> Tensor:
@@ -497,6 +495,11 @@ class _Touch:
     chance: Tensor
     counts: Tensor
     within: Tensor
+
+
+def _sums_after(values: Tensor) -> Tensor:
+    """(..., K) sums of what comes after each, along the last axis."""
+    return values.flip(-1).cumsum(-1).flip(-1) - values
 
 
 def _each(values: Tensor, frames: int) -> Tensor:

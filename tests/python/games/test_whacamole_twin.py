@@ -321,8 +321,7 @@ def test_a_hit_may_be_worth_the_same_whenever_it_comes() -> None:
 
 
 def test_waiting_may_be_worth_something_up_to_an_age() -> None:
-    """At .3 s (frame 6) as ever, at .9 s (frame 18) as at .4 s; hits may be worth three times
-    theirs. A hit takes away no more than the discount leaves where waiting is worth nothing."""
+    """At .3 s (frame 6) as ever, at .9 s (frame 18) as at .4 s; or three times that."""
     settings = TwinSettings(patience_per_s=2.0, patience_until_s=0.4)
     rewards = []
     for each in (TwinSettings(), settings, settings.model_copy(update={"hit_reward": 30.0})):
@@ -332,38 +331,28 @@ def test_waiting_may_be_worth_something_up_to_an_age() -> None:
             soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0)
             rewards.append(float(game.play(place[:, None], soft)[0]))
     worth = np.exp([2.0 * (0.3 - 0.366), 2.0 * (0.4 - 0.366)])
-    np.testing.assert_allclose(
-        rewards, 10.0 * np.array([1.0, 1.0, *worth, *(3.0 * worth)]), rtol=1e-3
-    )
-    game, _ = resting_game(3, settings)
-    game._hits_at[:, 1, 18] = 10.0
-    game.adapt()
-    later = 2.0 * game._foregone[1, [6, 8, 12, 18]]
-    discount = 0.96 ** np.array([12.0, 10.0, 6.0])
-    np.testing.assert_allclose(later, [discount[0] * np.exp(0.2), *discount[1:], 0.0], rtol=1e-3)
+    expected = 10.0 * np.array([1.0, 1.0, *worth, *(3.0 * worth)])
+    np.testing.assert_allclose(rewards, expected, rtol=1e-3)
 
 
-def test_what_a_hit_takes_away_is_what_targets_of_that_age_brought() -> None:
-    """By hand: of 20 targets, 10 are hit at frame 6, 8 at frame 8, and 2 are lost.
+@pytest.mark.parametrize(
+    ("until_s", "later"),
+    [(0.4, (1.0609**4, 0.96, 0.96)), (1.098, (1.0609**17, 1.0609**13, 1.0609))],
+)
+def test_what_a_hit_takes_away_is_a_later_one(until_s: float, later: tuple[float, ...]) -> None:
+    """By hand: 18 of 20 targets are hit, 8 of them worth a half for being at the rim: 14 of 20.
 
-    Those at frame 6 are worth as much as can be, those at frame 8 a half of it, for being at the
-    rim. Of the 10 that are there after frame 6, .8 are hit two frames later, none after
-    frame 8; of all 20 that are there after frame 5, a half is hit one frame later, .4 three. What
-    is worth exp(.816 age) makes up for the discount; exp(2.816 age), it is exp(.1) more with every
-    frame. One cycle later a half is believed.
+    What is worth exp(2 age) is worth exp(.1) more with every frame; .96 is left by the discount:
+    1.0609 times as much. From frames 4, 8 and 20 it is best to wait until .4 s (frame 8), or to the
+    end (frame 21); later than that the next frame is best. After the end there is nothing.
     """
-    for patience, more in ((0.816, 0.0), (2.816, 0.1)):
-        game, _ = resting_game(3, TwinSettings(patience_per_s=patience))
-        game._hits_at[0, 1, [6, 8]] = torch.tensor([10.0, 8.0])
-        game._hits_at[1, 1, [6, 8]] = torch.tensor([10.0, 4.0])
-        game.counts[:, 1, 4] = torch.tensor([18.0, 2.0])
-        game.adapt()
-        expected = [0.5 * np.exp(more) + 0.2 * np.exp(3.0 * more), 0.4 * np.exp(2.0 * more)]
-        got = 2.0 * game._foregone[1, [5, 6, 8]]
-        np.testing.assert_allclose(got, [*expected, 0.0], rtol=1e-5)
-        assert game._foregone[0].abs().max() == 0.0
-        game.clear_counts()
-        assert game._hits_at.abs().max() == 0.0
+    game, _ = resting_game(3, TwinSettings(patience_per_s=2.0, patience_until_s=until_s))
+    game._earned[1] = 14.0
+    game.counts[:, 1, 4] = torch.tensor([18.0, 2.0])
+    game.adapt()  # a half is believed
+    got = game._foregone[1, [4, 8, 20, 21]] / (0.5 * 0.7)
+    np.testing.assert_allclose(got, [*later, 0.0], rtol=3e-3)
+    assert game._foregone[0].abs().max() == 0.0
 
 
 def test_what_a_hit_takes_away_counts_against_its_gradient_alone() -> None:
@@ -392,15 +381,17 @@ def test_what_a_hit_takes_away_counts_against_its_gradient_alone() -> None:
     assert shares == pytest.approx([0.0, 0.4, 0.8, 0.8])
 
 
-def test_true_rounds_count_when_hits_came() -> None:
+def test_true_rounds_count_what_hits_were_worth() -> None:
     """The first user hits at once, the others stay in targets that are lost after 22 frames."""
-    game, place = game_at_a_target()
-    age = int(game._age[0, 4]) + 1
-    for _ in range(30):
-        game.play(place[:, None], SOFT)
-    assert game._hits_at[:, 1, age].tolist() == [1.0, 1.0]
-    assert game._hits_at[0].sum() == game.counts[0].sum() == 1
-    assert game.counts[1].sum() > 0
+    for share, worth in ((0.0, 1.0), (0.5, 0.5 + 0.5 * 0.998)):
+        game, place = game_at_a_target()
+        soft = Relaxation(0.01, 0.2, near=0.0, distance=0.0, centre=share)
+        for _ in range(30):
+            game.play(place[:, None], soft)
+        assert game.counts[0].sum() == 1
+        np.testing.assert_allclose(game._earned, [0.0, worth, 0.0], atol=1e-3)
+        game.clear_counts()
+        assert game._earned.abs().max() == 0.0
 
 
 def test_hits_may_be_worth_more_where_the_face_goes_first() -> None:

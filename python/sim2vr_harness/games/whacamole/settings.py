@@ -108,10 +108,9 @@ class TwinSettings(Settings):
     targets, which will go, are worth more than new ones, as to who wants none to get away."""
     foregone_share: Chance = 0.0
     """Share of what a hit takes away that counts against it: the same target cannot be hit any more
-    later, when it would be worth more (``patience_per_s``), as surely as those that had not been
-    hit at that age were hit after it, in the last cycle. A hit has a gradient where it happens
-    only, so nobody learns to wait otherwise: what is never tried is never compared. Nothing at
-    first, all of it from the middle of the imagined rollouts on."""
+    later, when that would be worth most (``patience_per_s``), as surely and as well as targets were
+    hit in the last cycle. A hit has a gradient where it happens only, so nobody learns to wait
+    otherwise. Nothing at first, all of it from the middle of the imagined rollouts on."""
     impact_share: Chance = 0.0
     """Share of a hit's worth that is for how fast what hits goes towards the targets: all of it
     from 3 m/s on. The game looks at the hammer near the hand only, which nobody who plays it can

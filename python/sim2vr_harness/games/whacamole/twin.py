@@ -129,9 +129,8 @@ class ImaginedWhacAMole:
         """How many ordinary hits a hit is worth, by condition and cell."""
         self.counts = torch.zeros(2, len(conditions), CELLS)
         """Hits and misses since :meth:`clear_counts`, by condition and cell."""
-        self._hits_at = torch.zeros(2, len(conditions), LAST_FRAME + 1)
-        """How many hits there were, and what they were worth for being where and how hard they
-        were; by condition and the target's age, since :meth:`clear_counts`."""
+        self._earned = torch.zeros(len(conditions))
+        """What hits were worth for where and how hard they were since :meth:`clear_counts`."""
         self._foregone = torch.zeros(len(conditions), LAST_FRAME + 1)
         """What hitting a target takes away, in hits at that age; by condition and age."""
         self.condition = torch.zeros(n, dtype=torch.long)
@@ -209,7 +208,7 @@ class ImaginedWhacAMole:
     def clear_counts(self) -> None:
         """See the protocol."""
         self.counts.zero_()
-        self._hits_at.zero_()
+        self._earned.zero_()
 
     def adapt(self) -> None:
         """Let cells that are missed come up more often, and be worth more."""
@@ -222,19 +221,20 @@ class ImaginedWhacAMole:
         often = fails / fails.mean(1, keepdim=True)
         values = 1.0 + self.settings.failing_value * (often.clamp(1.0, 3.0) - 1.0)
         self.hit_values.lerp_(values, 0.5)
-        self._foregone.lerp_(self._hits_after(), 0.5)
+        self._foregone.lerp_(self._later(), 0.5)
 
-    def _hits_after(self) -> Tensor:
-        """(C, ages) what targets that have not been hit by an age will bring, in hits at that age.
+    def _later(self) -> Tensor:
+        """(C, ages) what targets that are spared at an age will bring, in hits at that age.
 
-        How likely they are to be hit later, times how much more that is worth by then.
+        They are hit as surely and as well as others were, at the age at which that is worth most.
+        (Of those that had not been hit by an age, those that are hard to hit are most: who strikes
+        soon would never learn that waiting pays.)
         """
-        hits, worth = self._hits_at
         ages = torch.arange(LAST_FRAME + 1)
         now = self._worth_at(ages) * torch.exp(-_DISCOUNT_PER_S * FRAME_S * ages)
-        later = _sums_after(worth * now) / now
-        still = _sums_after(hits) + self.counts[1].sum(1, keepdim=True)
-        return later / still.clamp(min=1.0)
+        best = now[1:].flip(0).cummax(0).values.flip(0) / now[:-1]
+        sure = self._earned / self.counts.sum((0, 2)).clamp(min=1.0)
+        return sure[:, None] * torch.cat([best, torch.zeros(1)])
 
     _STATE = (
         *("_velocity", "_root", "_face", "_age", "_fading", "_ban_s", "_inside", "_hit", "_left"),
@@ -319,7 +319,7 @@ class ImaginedWhacAMole:
         worths = self._central(middle, soft.centre) * impact * facing
         values = self.hit_values[self.condition] * self._worth_at(self._age)
         self._face = middle
-        self._remember(worths.detach())
+        self._earned.index_add_(0, self.condition, (worths.detach() * self._hit).sum(1))
         gained = worths * chance - soft.foregone * self._given_up(chance)
         hits = self.settings.hit_reward * (values * gained * self._left).sum(1)
         worth = hits + self._shaped(last, depth[:, -1], touch, soft)
@@ -395,13 +395,6 @@ class ImaginedWhacAMole:
         settings = self.settings
         waited_s = (FRAME_S * age).clamp(max=settings.patience_until_s)
         return torch.exp(settings.patience_per_s * (waited_s - LIFE_S / 3.0))
-
-    def _remember(self, worths: Tensor) -> None:
-        """Count true hits, and what (B, cells) they are worth for where and how hard they are."""
-        row, cell = torch.nonzero(self._hit, as_tuple=True)
-        where = (self.condition[row], self._age[row, cell])
-        for number, each in enumerate((torch.ones(len(row)), worths[row, cell])):
-            self._hits_at[number].index_put_(where, each, accumulate=True)
 
     def _given_up(self, chance: Tensor) -> Tensor:
         """(B, cells) nothing, with the gradient of what true hits take away; chances as given."""
@@ -495,11 +488,6 @@ class _Touch:
     chance: Tensor
     counts: Tensor
     within: Tensor
-
-
-def _sums_after(values: Tensor) -> Tensor:
-    """(..., K) sums of what comes after each, along the last axis."""
-    return values.flip(-1).cumsum(-1).flip(-1) - values
 
 
 def _each(values: Tensor, frames: int) -> Tensor:

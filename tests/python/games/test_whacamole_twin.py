@@ -337,14 +337,14 @@ def test_waiting_may_be_worth_something_up_to_an_age() -> None:
 
 @pytest.mark.parametrize(
     ("until_s", "later"),
-    [(0.4, (1.0609**4, 0.96, 0.96)), (1.098, (1.0609**17, 1.0609**13, 1.0609))],
+    [(0.4, (1.0609**4, 0.0, 0.0)), (1.098, (1.0609**17, 1.0609**13, 1.0609))],
 )
 def test_what_a_hit_takes_away_is_a_later_one(until_s: float, later: tuple[float, ...]) -> None:
     """By hand: 18 of 20 targets are hit, 8 of them worth a half for being at the rim: 14 of 20.
 
     What is worth exp(2 age) is worth exp(.1) more with every frame; .96 is left by the discount:
-    1.0609 times as much. From frames 4, 8 and 20 it is best to wait until .4 s (frame 8), or to the
-    end (frame 21); later than that the next frame is best. After the end there is nothing.
+    1.0609 times as much. From frame 4 it is best to wait until .4 s (frame 8), and
+    after that not at all; or from any frame to the end (frame 21), after which there is nothing.
     """
     game, _ = resting_game(3, TwinSettings(patience_per_s=2.0, patience_until_s=until_s))
     game._earned[1] = 14.0

@@ -226,13 +226,14 @@ class ImaginedWhacAMole:
     def _later(self) -> Tensor:
         """(C, ages) what targets that are spared at an age will bring, in hits at that age.
 
-        They are hit as surely and as well as others were, at the age at which that is worth most.
-        (Of those that had not been hit by an age, those that are hard to hit are most: who strikes
-        soon would never learn that waiting pays.)
+        They are hit as surely and as well as others were, at the age at which that is worth most;
+        where it is worth less than a hit at once, there is nothing to wait for. (Of those that had
+        not been hit by an age, most are hard to hit: who strikes soon would never learn to wait.)
         """
         ages = torch.arange(LAST_FRAME + 1)
         now = self._worth_at(ages) * torch.exp(-_DISCOUNT_PER_S * FRAME_S * ages)
         best = now[1:].flip(0).cummax(0).values.flip(0) / now[:-1]
+        best = torch.where(best > 1.0, best, 0.0)
         sure = self._earned / self.counts.sum((0, 2)).clamp(min=1.0)
         return sure[:, None] * torch.cat([best, torch.zeros(1)])
 

@@ -158,13 +158,19 @@ Transport::Events Transport::wait(int stop_descriptor,
 
 void Transport::readMonitor(std::vector<int>& closed) {
   Event event;
+  bool short_of_descriptors = false;
   while (nextEvent(monitor_, event, zmq::recv_flags::dontwait)) {
     if (event.kind == ZMQ_EVENT_DISCONNECTED) closed.push_back(event.value);
-    if (event.kind == ZMQ_EVENT_ACCEPT_FAILED && isShortage(event.value)) giveSpare();
+    if (event.kind == ZMQ_EVENT_ACCEPT_FAILED && isShortage(event.value)) {
+      giveSpare();
+      short_of_descriptors = true;
+    }
     // Whoever came in thanks to the spare one makes room for it.
     if (event.kind == ZMQ_EVENT_ACCEPTED && spare_ < 0) ::shutdown(event.value, SHUT_RDWR);
   }
-  if (spare_ < 0) spare_ = newDescriptor();
+  // Not at once: where there is one processor only, the socket's thread has not run yet, and
+  // whoever it would let in with the spare one would wait for ever.
+  if (spare_ < 0 && !short_of_descriptors) spare_ = newDescriptor();
 }
 
 void Transport::giveSpare() {

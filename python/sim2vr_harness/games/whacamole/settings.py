@@ -91,11 +91,6 @@ class TwinSettings(Settings):
     """Share of a hit's worth that is for the middle of the target: all of it there, .6 of it 2 cm
     beside. Who knows exactly hits targets at their rims, and who learns from that misses them.
     Nothing at first, all of it from the middle of the imagined rollouts on."""
-    patience_until_s: float = Field(default=LIFE_S, gt=0.0, le=LIFE_S)
-    """Age of a target from which on waiting is not worth more any more, s."""
-    hit_reward: Weight = 10.0
-    """What a hit is worth; 10 in the game. Costs, of effort and of what is below, count the less
-    the more this is: where ``foregone_share`` leaves little of it, who plays gives up else."""
     face_share: Chance = 0.0
     """Share of a hit's worth that is for striking with the hammer's face: all of it where that goes
     first, half of it where the hammer is sideways. The game looks at a box around its head, whose
@@ -106,11 +101,17 @@ class TwinSettings(Settings):
     after a third of its life. What comes later counts less to a learner (``gamma``), by 0.82 a
     second with .96 a step; with 0.82 here a hit is worth the same whenever it comes. With more, old
     targets, which will go, are worth more than new ones, as to who wants none to get away."""
+    patience_until_s: float = Field(default=LIFE_S, gt=0.0, le=LIFE_S)
+    """Age of a target from which on waiting is not worth more any more, s."""
     foregone_share: Chance = 0.0
     """Share of what a hit takes away that counts against it: the same target cannot be hit any more
     later, when that would be worth most (``patience_per_s``), as surely and as well as targets were
-    hit in the last cycle. A hit has a gradient where it happens only, so nobody learns to wait
-    otherwise. Nothing at first, all of it from the middle of the imagined rollouts on."""
+    hit in the last cycle; nothing where it would be worth less then. A hit has a gradient where it
+    happens only, so nobody learns to wait otherwise. Nothing at first, all of it from the middle of
+    the imagined rollouts on. ``keep_best`` chooses those who do not wait yet, and has to be off."""
+    hit_reward: Weight = 10.0
+    """What a hit is worth; 10 in the game. Costs count the less the more this is: where
+    ``foregone_share`` leaves little of it, whoever plays gives up otherwise."""
     impact_share: Chance = 0.0
     """Share of a hit's worth that is for how fast what hits goes towards the targets: all of it
     from 3 m/s on. The game looks at the hammer near the hand only, which nobody who plays it can

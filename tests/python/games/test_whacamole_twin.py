@@ -320,19 +320,13 @@ def test_a_hit_may_be_worth_the_same_whenever_it_comes() -> None:
     assert worth[0] * 0.96**6 == pytest.approx(worth[1] * 0.96**18, rel=2e-3)
 
 
-def test_waiting_may_be_worth_something_up_to_an_age() -> None:
-    """At .3 s (frame 6) as ever, at .9 s (frame 18) as at .4 s; or three times that."""
-    settings = TwinSettings(patience_per_s=2.0, patience_until_s=0.4)
+def test_what_a_hit_is_worth_is_a_setting() -> None:
     rewards = []
-    for each in (TwinSettings(), settings, settings.model_copy(update={"hit_reward": 30.0})):
-        for age in (6, 18):
-            game, place = game_at_a_target(each)
-            game._age[:, 4] = age - 1
-            soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0)
-            rewards.append(float(game.play(place[:, None], soft)[0]))
-    worth = np.exp([2.0 * (0.3 - 0.366), 2.0 * (0.4 - 0.366)])
-    expected = 10.0 * np.array([1.0, 1.0, *worth, *(3.0 * worth)])
-    np.testing.assert_allclose(rewards, expected, rtol=1e-3)
+    for worth in (10.0, 30.0):
+        game, place = game_at_a_target(TwinSettings(hit_reward=worth))
+        soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0)
+        rewards.append(float(game.play(place[:, None], soft)[0]))
+    assert rewards == pytest.approx([10.0, 30.0], rel=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -102,13 +102,15 @@ class TwinSettings(Settings):
     second with .96 a step; with 0.82 here a hit is worth the same whenever it comes. With more, old
     targets, which will go, are worth more than new ones, as to who wants none to get away."""
     patience_until_s: float = Field(default=LIFE_S, gt=0.0, le=LIFE_S)
-    """Age of a target from which on waiting is not worth more any more, s."""
+    """Age of a target up to which it is waited for (``foregone_share``), s. Of those that are older
+    the oldest are worth most, too, but none is left for later."""
     foregone_share: Chance = 0.0
     """Share of what a hit takes away that counts against it: the same target cannot be hit any more
-    later, when that would be worth most (``patience_per_s``), as surely and as well as targets were
-    hit in the last cycle; nothing where it would be worth less then. A hit has a gradient where it
-    happens only, so nobody learns to wait otherwise. Nothing at first, all of it from the middle of
-    the imagined rollouts on. ``keep_best`` chooses those who do not wait yet, and has to be off."""
+    later, when that would be worth most (``patience_per_s``, up to ``patience_until_s``), as surely
+    and as well as targets were hit in the last cycle; nothing where it would be worth less then. A
+    hit has a gradient where it happens only, so nobody learns to wait otherwise. Nothing at first,
+    all of it from the middle of the imagined rollouts on. ``keep_best`` chooses those who do not
+    wait yet, and has to be off."""
     hit_reward: Weight = 10.0
     """What a hit is worth; 10 in the game. Costs count the less the more this is: where
     ``foregone_share`` leaves little of it, whoever plays gives up otherwise."""

@@ -226,13 +226,15 @@ class ImaginedWhacAMole:
     def _later(self) -> Tensor:
         """(C, ages) what targets that are spared at an age will bring, in hits at that age.
 
-        They are hit as surely and as well as others were, at the age at which that is worth most;
-        where it is worth less than a hit at once, there is nothing to wait for. (Of those that had
-        not been hit by an age, most are hard to hit: who strikes soon would never learn to wait.)
+        They are hit as surely and as well as others were, at the age at which that is worth most,
+        of those that are waited for; where it is worth less than a hit at once, there is nothing to
+        wait for. (Of those that had not been hit by an age, most are hard to hit: who strikes soon
+        would never learn to wait.)
         """
         ages = torch.arange(LAST_FRAME + 1)
         now = self._worth_at(ages) * torch.exp(-_DISCOUNT_PER_S * FRAME_S * ages)
-        best = now[1:].flip(0).cummax(0).values.flip(0) / now[:-1]
+        waited_for = now * (FRAME_S * ages <= self.settings.patience_until_s + 1e-6)
+        best = waited_for[1:].flip(0).cummax(0).values.flip(0) / now[:-1]
         best = torch.where(best > 1.0, best, 0.0)
         sure = self._earned / self.counts.sum((0, 2)).clamp(min=1.0)
         return sure[:, None] * torch.cat([best, torch.zeros(1)])
@@ -393,9 +395,7 @@ class ImaginedWhacAMole:
 
     def _worth_at(self, age: Tensor) -> Tensor:
         """The worth of a hit by how old its target is, frames; 1 after a third of its life."""
-        settings = self.settings
-        waited_s = (FRAME_S * age).clamp(max=settings.patience_until_s)
-        return torch.exp(settings.patience_per_s * (waited_s - LIFE_S / 3.0))
+        return torch.exp(self.settings.patience_per_s * (FRAME_S * age - LIFE_S / 3.0))
 
     def _given_up(self, chance: Tensor) -> Tensor:
         """(B, cells) nothing, with the gradient of what true hits take away; chances as given."""

@@ -323,7 +323,9 @@ class ImaginedWhacAMole:
         values = self.hit_values[self.condition] * self._worth_at(self._age)
         self._face = middle
         self._earned.index_add_(0, self.condition, (worths.detach() * self._hit).sum(1))
-        gained = worths * chance - soft.foregone * self._given_up(chance)
+        gained = worths * chance
+        if soft.foregone > 0.0:
+            gained = gained - soft.foregone * self._given_up(chance)
         hits = self.settings.hit_reward * (values * gained * self._left).sum(1)
         worth = hits + self._shaped(last, depth[:, -1], touch, soft)
         self._left = self._left * (1.0 - chance)

@@ -37,10 +37,15 @@ def contract(config: EnvConfig) -> dict[str, Any]:
         "frames_per_step": config.frames_per_step,
         "image": list(config.vision.drawn),
         "channels": list(config.vision.channels),
-        "buffer_s": None if sight is None else sight.history_s,
+        "buffer_s": None if sight is None else _listed(sight.history_s),
         "observation": {key: _box(box) for key, box in sorted(space.spaces.items())},
         **_beyond_the_default(config),
     }
+
+
+def _listed(times: float | tuple[float, ...] | None) -> float | list[float] | None:
+    """As JSON has it."""
+    return list(times) if isinstance(times, tuple) else times
 
 
 def _beyond_muscles(body: Body) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from sim2vr_harness.perception.foveation import Foveation
 from sim2vr_harness.perception.haptics import Haptics
@@ -71,6 +71,9 @@ class Surroundings:
         return self.substeps * self.timestep_s
 
 
+_LONGEST_S = 60.0
+"""How long ago something may be that is remembered."""
+
 DelayMs = Annotated[float, Field(ge=0.0, le=60_000.0)]
 
 
@@ -90,11 +93,26 @@ class SenseConfig(Settings):
     noise: Weight = 0.0
     """Standard deviation of noise on it, in its own unit; of a picture, in parts of the full
     scale."""
-    history_s: float | None = Field(default=None, gt=0.0, le=60.0)
-    """Stacks behind the newest what was so many seconds before: a multiple of the user step."""
-    stack_s: float | None = Field(default=None, gt=0.0, le=60.0)
+    history_s: float | tuple[float, ...] | None = None
+    """Stacks behind the newest what was so many seconds before: a multiple of the user step, or
+    several that grow, as [0.25, 0.5]."""
+    stack_s: float | None = Field(default=None, gt=0.0, le=_LONGEST_S)
     """Stacks everything of the last so many seconds, the newest first: a multiple of the user step.
     0.2 at 20 Hz is the last four."""
+
+    @field_validator("history_s", mode="before")
+    @classmethod
+    def _one_time_or_several(cls, given: Any) -> Any:
+        times = given if isinstance(given, list | tuple) else (given,)
+        if given is not None and not all(_is_time(time) for time in times):
+            expected = f"seconds above 0, up to {_LONGEST_S:g}, or a list of such that grow"
+            raise ValueError(f"got {given!r}, expected {expected}")
+        return given
+
+
+def _is_time(given: Any) -> bool:
+    is_number = isinstance(given, int | float) and not isinstance(given, bool)
+    return is_number and 0.0 < given <= _LONGEST_S
 
 
 @dataclass(frozen=True)
@@ -226,7 +244,7 @@ SENSES: dict[str, SenseKind] = {
 WRAPPERS: dict[str, str] = {
     "delay_ms": "a delay line, in ms",
     "noise": "Gaussian noise, a standard deviation",
-    "history_s": "the newest and, behind it, what was so many seconds before",
+    "history_s": "the newest and, behind it, what was so many seconds before; one time or several",
     "stack_s": "all user steps of the last so many seconds, the newest first",
 }
 """What can be done to any sense: its setting and what that is."""

@@ -7,6 +7,7 @@ import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -403,27 +404,37 @@ def _steps(name: str, seconds: float, step_seconds: float, least: int) -> int:
 
 
 class History(_Remembering):
-    """The newest values, and behind them (first axis) those of ``seconds`` before.
+    """The newest values, and behind them (first axis) those of each of ``seconds`` before.
 
-    The reference's stack of "newest and oldest": its Beats user has 0.2 s, that is 5 pictures at
-    20 Hz of which the policy sees two. After a reset the first values are both.
+    With one time the reference's stack of "newest and oldest": its Beats user has 0.2 s, that is 5
+    pictures at 20 Hz of which the policy sees two. After a reset the first values are all.
 
     Args:
         sense: what is remembered.
-        seconds: multiple of the user step, above 0.
+        seconds: one time, or several, each above the one before it; multiples of the user step,
+            above 0.
         step_seconds: duration of a user step.
 
     Raises:
-        ValueError: the time is no multiple of the step.
+        ValueError: a time is no multiple of the step, or not above the one before it.
     """
 
-    def __init__(self, sense: Sense, seconds: float, *, step_seconds: float) -> None:
-        super().__init__(sense, _steps("history_s", seconds, step_seconds, 1))
-        self.space = _times(sense.space, 2)
+    def __init__(
+        self, sense: Sense, seconds: float | Sequence[float], *, step_seconds: float
+    ) -> None:
+        times = (seconds,) if isinstance(seconds, (int, float)) else tuple(seconds)
+        steps = [_steps("history_s", time, step_seconds, 1) for time in times]
+        if not steps or any(later <= one for one, later in pairwise(steps)):
+            raise ValueError(
+                f"history_s: got {list(times)}, expected times that grow, at least one"
+            )
+        super().__init__(sense, steps[-1])
+        self._steps = (0, *steps)
+        self.space = _times(sense.space, len(self._steps))
 
     def observe(self) -> NDArray[Any]:
         """See :class:`Sense`."""
-        return np.concatenate([self._ring.newest(), self._ring.oldest()], axis=1)
+        return np.concatenate([self._ring.ago(steps) for steps in self._steps], axis=1)
 
 
 class Stacked(_Remembering):

@@ -269,6 +269,9 @@ def test_the_default_list_is_the_references() -> None:
     assert (changed["eyes"], changed["gaze"], changed["inputs"]) == (2, "moves", ["right.trigger"])
     assert changed["buffer_s"] == 0.2
     assert changed["observation"] == {"sight": [[8, 80, 120], "uint8"]}
+    longer = contract(EnvConfig(senses=[{"sense": "vision", "history_s": [0.1, 0.3]}]))
+    assert longer["buffer_s"] == [0.1, 0.3]
+    assert longer["observation"] == {"vision": [[6, 80, 120], "uint8"]}
 
 
 def test_configurations_of_before_are_read() -> None:
@@ -292,6 +295,7 @@ def test_configurations_of_before_are_read() -> None:
             "senses, proprioception: delay_ms: got 31.0, expected a multiple of the physics step",
         ),
         ({"senses": [{"sense": "time", "history_s": 0.12}]}, "history_s: got 0.12"),
+        ({"senses": [{"sense": "time", "history_s": [0.1, -1]}]}, r"got \[0.1, -1\], expected sec"),
         ({"senses": [{"sense": "gaze"}]}, "got 'gaze', expected vision.foveation"),
         ({"senses": [{"sense": "fingers"}]}, "got 'fingers', expected user.inputs"),
         ({"senses": [{"sense": "time", "dely_ms": 3}]}, "dely_ms"),

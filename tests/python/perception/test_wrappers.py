@@ -128,6 +128,15 @@ def test_history_is_the_newest_and_then_the_oldest() -> None:
     assert pairs == [[10, 10], [11, 10], [12, 10], [13, 10], [14, 10], [15, 11], [16, 12], [17, 13]]
 
 
+def test_history_of_several_times_is_behind_the_newest_in_their_order() -> None:
+    world = World(1, History(clock(), [0.1, 0.25], step_seconds=0.05))
+    assert world.perception.space["clock"].shape == (3,)
+    world.reset([0])
+    found = [world.step()["clock"][0].round().tolist() for _ in range(7)]
+    ends = [50 * k for k in range(1, 8)]
+    assert found == [[t, max(0, t - 100), max(0, t - 250)] for t in ends]
+
+
 def test_history_of_one_user_is_refilled() -> None:
     world = World(2, History(clock(2), 0.1, step_seconds=0.05))
     world.reset([0, 1])
@@ -207,6 +216,9 @@ def test_wrong_settings() -> None:
         delayed(delayed(clock(), 30), 10)
     with pytest.raises(ValueError, match=r"history_s: got 0.12, expected a multiple .* 0.05 s"):
         History(clock(), 0.12, step_seconds=0.05)
+    for wrong in ([], [0.2, 0.1], [0.1, 0.1]):
+        with pytest.raises(ValueError, match=r"history_s: got \[.*\], expected times that grow"):
+            History(clock(), wrong, step_seconds=0.05)
     with pytest.raises(ValueError, match="noise: got -1"):
         Noisy(clock(), -1)
     one, other = (World(1, History(clock(), t, step_seconds=0.05)) for t in (0.1, 0.2))

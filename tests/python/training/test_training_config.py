@@ -70,7 +70,7 @@ def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
         assert getattr(other.teacher.imagined, size) == getattr(people.teacher.imagined, size)
     assert other.ppo == people.ppo
     # Who is learned from longer, and tells numbers too, was tried without the rule only.
-    more = {"frames": 400_000, "numbers_weight": 0.5}
+    more = {"frames": 600_000, "numbers_weight": 0.5}
     assert other.student == people.student.model_copy(update=more)
     assert other.env.model_copy(update={"app": people.env.app}) == people.env
     # Who points has the published wrist still; light hands were made to strike with.

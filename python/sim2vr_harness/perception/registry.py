@@ -75,6 +75,7 @@ _LONGEST_S = 60.0
 """How long ago something may be that is remembered."""
 
 DelayMs = Annotated[float, Field(ge=0.0, le=60_000.0)]
+AgoS = Annotated[float, Field(gt=0.0, le=_LONGEST_S)]
 
 
 class SenseConfig(Settings):
@@ -93,10 +94,10 @@ class SenseConfig(Settings):
     noise: Weight = 0.0
     """Standard deviation of noise on it, in its own unit; of a picture, in parts of the full
     scale."""
-    history_s: float | tuple[float, ...] | None = None
+    history_s: AgoS | tuple[AgoS, ...] | None = None
     """Stacks behind the newest what was so many seconds before: a multiple of the user step, or
     several that grow, as [0.25, 0.5]."""
-    stack_s: float | None = Field(default=None, gt=0.0, le=_LONGEST_S)
+    stack_s: AgoS | None = None
     """Stacks everything of the last so many seconds, the newest first: a multiple of the user step.
     0.2 at 20 Hz is the last four."""
 

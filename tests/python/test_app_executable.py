@@ -292,20 +292,17 @@ def rests(pid: int, seconds: int = 20) -> bool:
     return False
 
 
-@pytest.fixture
-def one_processor() -> Iterator[None]:
-    """What is started meanwhile has one processor, so that one of its threads runs at a time."""
+@pytest.fixture(params=["all processors", "one processor"])
+def processors(request: pytest.FixtureRequest) -> Iterator[None]:
+    """What is started meanwhile has them; with one, one of its threads runs at a time."""
     before = os.sched_getaffinity(0)
-    os.sched_setaffinity(0, {min(before)})
+    if request.param == "one processor":
+        os.sched_setaffinity(0, {min(before)})
     yield
     os.sched_setaffinity(0, before)
 
 
-@pytest.mark.usefixtures("one_processor")
-def test_a_server_without_descriptors_rests_on_one_processor_too() -> None:
-    test_a_server_without_descriptors_rests_and_goes_on()
-
-
+@pytest.mark.usefixtures("processors")
 def test_a_server_without_descriptors_rests_and_goes_on() -> None:
     """Strangers take all of them; the owner plays on, and when they go the next ones get in."""
     limit = 48

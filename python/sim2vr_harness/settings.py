@@ -150,7 +150,7 @@ def _written(model: type[BaseModel], location: Sequence[Any]) -> list[str]:
     """Return the keys of a problem as people write them: without the members of a union."""
     parts: list[str] = []
     for part in (str(part) for part in location):
-        if part == "[key]" or part.startswith("function-"):  # pydantic's own words
+        if part == "[key]" or part.startswith(_PYDANTICS):
             continue
         above = model_at(parts, model)
         inside_value = above is None and parts and model_at(parts[:-1], model) is None
@@ -160,6 +160,8 @@ def _written(model: type[BaseModel], location: Sequence[Any]) -> list[str]:
     return parts
 
 
+_PYDANTICS = ("function-", "constrained-", "literal[")
+"""How names begin that pydantic makes up."""
 _UNION_MEMBERS = ("bool", "int", "float", "str", "list[float]")
 
 

@@ -296,6 +296,7 @@ def test_configurations_of_before_are_read() -> None:
         ),
         ({"senses": [{"sense": "time", "history_s": 0.12}]}, "history_s: got 0.12"),
         ({"senses": [{"sense": "time", "history_s": [0.1, -1]}]}, r"got \[0.1, -1\], expected sec"),
+        ({"senses": [{"sense": "time", "delay_ms": -1}]}, r"0.delay_ms: got -1, expected gr"),
         ({"senses": [{"sense": "gaze"}]}, "got 'gaze', expected vision.foveation"),
         ({"senses": [{"sense": "fingers"}]}, "got 'fingers', expected user.inputs"),
         ({"senses": [{"sense": "time", "dely_ms": 3}]}, "dely_ms"),

@@ -8,6 +8,7 @@
 #include <cstddef>
 #include <cstdlib>
 #include <cstring>
+#include <string_view>
 
 #include "shaders.hpp"
 #include "sim2vr/core/errors.hpp"
@@ -34,6 +35,12 @@ void watchExit(RendererKind kind) {
                  [] { std::atexit([] { process_exits = true; }); });
 }
 
+/// Mesa's drivers that draw on the CPU.
+bool isCpuDriver(std::string_view driver) {
+  return driver.find("llvmpipe") != std::string_view::npos ||
+         driver.find("softpipe") != std::string_view::npos;
+}
+
 const void* offset(std::size_t bytes) { return reinterpret_cast<const void*>(bytes); }
 
 }  // namespace
@@ -48,6 +55,7 @@ GlRenderer::GlRenderer(RendererKind kind, std::unique_ptr<GlContext> context)
   };
   description_ =
       fmt::format("{}: {}, OpenGL {}", context_->platform(), text(GL_RENDERER), text(GL_VERSION));
+  on_cpu_ = isCpuDriver(description_);
   setUp();
   checkErrors();
   watchExit(kind_);
@@ -85,7 +93,7 @@ void GlRenderer::setUp() {
                        buildProgram(*gl_, "surface", "SHADING_SPECULAR")};
   setUpSurfaceArrays();
   sky_.emplace(*gl_);
-  readback_.emplace(*gl_, description_);
+  readback_.emplace(*gl_, on_cpu_);
   uniform_buffer_ = makeBuffer();
   GLint alignment = 1;
   gl_->GetIntegerv(GL_UNIFORM_BUFFER_OFFSET_ALIGNMENT, &alignment);

@@ -9,26 +9,19 @@
 namespace sim2vr::render {
 namespace {
 
-/// Mesa's drivers that draw on the CPU.
-bool drawsOnCpu(std::string_view driver) {
-  return driver.find("llvmpipe") != std::string_view::npos ||
-         driver.find("softpipe") != std::string_view::npos;
-}
-
-bool wantsRing(std::string_view driver) {
+bool wantsRing(bool driver_on_cpu) {
   const char* word = std::getenv("SIM2VR_READBACK");
-  if (word == nullptr) return !drawsOnCpu(driver);
-  const std::string_view choice = word;
+  if (word == nullptr) return !driver_on_cpu;
+  const std::string choice = word;
   if (choice != "direct" && choice != "ring") {
-    throw RenderError("SIM2VR_READBACK is '" + std::string(choice) +
-                      "', expected 'direct' or 'ring'");
+    throw RenderError("SIM2VR_READBACK is '" + choice + "', expected 'direct' or 'ring'");
   }
   return choice == "ring";
 }
 
 }  // namespace
 
-Readback::Readback(const GlApi& gl, std::string_view driver) : gl_(gl), ring_(wantsRing(driver)) {
+Readback::Readback(const GlApi& gl, bool driver_on_cpu) : gl_(gl), ring_(wantsRing(driver_on_cpu)) {
   if (!ring_) return;
   for (Slot& slot : slots_) gl_.GenBuffers(1, &slot.buffer);
 }

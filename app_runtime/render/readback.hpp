@@ -5,7 +5,6 @@
 #include <cstddef>
 #include <cstdint>
 #include <span>
-#include <string_view>
 
 #include "gl_api.hpp"
 #include "sim2vr/render/image_size.hpp"
@@ -19,9 +18,9 @@ namespace sim2vr::render {
 /// All calls need the renderer's context.
 class Readback {
  public:
-  /// `driver`: GL_RENDERER. SIM2VR_READBACK=direct|ring overrides the choice, for developers;
-  /// throws RenderError for another word.
-  Readback(const GlApi& gl, std::string_view driver);
+  /// SIM2VR_READBACK=direct|ring overrides what suits the driver, for developers; throws RenderError
+  /// for another word.
+  Readback(const GlApi& gl, bool driver_on_cpu);
   void release();
 
   /// Forgets what a failed batch left.

@@ -19,6 +19,7 @@ class NullRenderer final : public Renderer {
  public:
   RendererKind kind() const override { return RendererKind::null; }
   const std::string& description() const override { return description_; }
+  bool drawsOnCpu() const override { return true; }
   void renderBatch(std::span<const ViewRequest> requests) override {
     for (const ViewRequest& each : requests) {
       checkRenderArguments(each.size, each.rgba);

@@ -4,6 +4,7 @@
 #include <algorithm>
 #include <atomic>
 #include <exception>
+#include <iterator>
 
 #include "sim2vr/core/errors.hpp"
 
@@ -78,16 +79,18 @@ AppBatch::AppBatch(const BatchSettings& settings)
                           fmt::format("{}, one for each app, or none", count));
   }
   renderers_ = settings_.renderers;
-  while (static_cast<int>(renderers_.size()) < pool_.threads()) {
+  const auto wanted = static_cast<std::size_t>(pool_.threads());
+  while (renderers_.empty() || (renderers_[0]->drawsOnCpu() && renderers_.size() < wanted)) {
     renderers_.push_back(render::Renderer::create(settings_.renderer));
   }
+  renderers_.resize(renderers_[0]->drawsOnCpu() ? wanted : 1);
   for (int i = 0; i < settings_.apps; ++i) {
     AppSettings app = settings_.app;
     app.log_dir.clear();
     if (!settings_.log_dirs.empty()) app.log_dir = settings_.log_dirs[static_cast<std::size_t>(i)];
     const auto image = std::span(images_).subspan(static_cast<std::size_t>(i) * bytes, bytes);
     apps_.push_back(
-        settings_.make(app, renderers_[static_cast<std::size_t>(i % pool_.threads())], image));
+        settings_.make(app, renderers_[static_cast<std::size_t>(i) % renderers_.size()], image));
   }
   privileged_.resize(count * privilegedNames().size());
   privileged_drawn_.resize(privileged_.size());
@@ -100,10 +103,24 @@ LockstepApp& AppBatch::app(int index) {
   return *apps_[static_cast<std::size_t>(index)];
 }
 
+/// Calls work(worker, begin, end) on all threads until 0 .. count-1 are done.
+template <class Work>
+void AppBatch::inPortions(std::size_t count, const Work& work) {
+  const std::size_t portion = portionSize(count, pool_.threads());
+  std::atomic<std::size_t> next = 0;
+  pool_.run([&](int worker) {
+    while (true) {
+      const std::size_t begin = next.fetch_add(portion);
+      if (begin >= count) return;
+      work(static_cast<std::size_t>(worker), begin, std::min(begin + portion, count));
+    }
+  });
+}
+
 /// Moves the apps at `indices` on all threads: `start(i)` moves the app at indices[i] to the frame
-/// that is drawn, `finish(i)` to the end. A thread takes a handful of apps at a time, draws them
-/// together, and comes back for more, so that one that is held up by other programs does not hold
-/// up the others.
+/// that is drawn, `finish(i)` to the end. A thread takes a handful of apps at a time and comes back
+/// for more, so that one that is held up by other programs does not hold up the others. With a
+/// renderer of its own it draws them, too; a single renderer draws all apps between the two halves.
 template <class Start, class Finish>
 void AppBatch::run(std::span<const int> indices, const Start& start, const Finish& finish) {
   for (const int index : indices) static_cast<void>(app(index));
@@ -117,33 +134,43 @@ void AppBatch::run(std::span<const int> indices, const Start& start, const Finis
       failures[i] = std::current_exception();
     }
   };
-  const std::size_t portion = portionSize(indices.size(), pool_.threads());
-  std::atomic<std::size_t> next = 0;
-  pool_.run([&](int worker) {
-    render::Renderer& renderer = *renderers_[static_cast<std::size_t>(worker)];
-    std::vector<render::ViewRequest> views;
-    while (true) {
-      const std::size_t begin = next.fetch_add(portion);
-      if (begin >= indices.size()) return;
-      const std::size_t end = std::min(begin + portion, indices.size());
-      views.clear();
-      for (std::size_t i = begin; i < end; ++i) {
-        guarded(i, [&] {
-          start(i);
-          fillPrivileged(indices[i], privileged_drawn_);
-          at(indices, i).addViews(views);
-        });
-      }
-      renderer.renderBatch(views);
-      for (std::size_t i = begin; i < end; ++i) {
-        guarded(i, [&] {
-          separateChannels(indices[i]);
-          outcomes[i] = finish(i);
-          fillPrivileged(indices[i], privileged_);
-        });
-      }
+  using Views = std::vector<render::ViewRequest>;
+  const auto to_the_picture = [&](std::size_t begin, std::size_t end, Views& views) {
+    for (std::size_t i = begin; i < end; ++i) {
+      guarded(i, [&] {
+        start(i);
+        fillPrivileged(indices[i], privileged_drawn_);
+        at(indices, i).addViews(views);
+      });
     }
-  });
+  };
+  const auto to_the_end = [&](std::size_t begin, std::size_t end) {
+    for (std::size_t i = begin; i < end; ++i) {
+      guarded(i, [&] {
+        separateChannels(indices[i]);
+        outcomes[i] = finish(i);
+        fillPrivileged(indices[i], privileged_);
+      });
+    }
+  };
+  std::vector<Views> views(static_cast<std::size_t>(pool_.threads()));
+  if (renderers_[0]->drawsOnCpu()) {
+    inPortions(indices.size(), [&](std::size_t worker, std::size_t begin, std::size_t end) {
+      views[worker].clear();
+      to_the_picture(begin, end, views[worker]);
+      renderers_[worker]->renderBatch(views[worker]);
+      to_the_end(begin, end);
+    });
+  } else {
+    inPortions(indices.size(), [&](std::size_t worker, std::size_t begin, std::size_t end) {
+      to_the_picture(begin, end, views[worker]);
+    });
+    Views all;
+    for (const Views& each : views) std::ranges::copy(each, std::back_inserter(all));
+    renderers_[0]->renderBatch(all);
+    inPortions(indices.size(),
+               [&](std::size_t, std::size_t begin, std::size_t end) { to_the_end(begin, end); });
+  }
   for (std::size_t i = 0; i < indices.size(); ++i) {
     if (!failures[i]) store(indices[i], outcomes[i]);
   }

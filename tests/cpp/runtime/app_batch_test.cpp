@@ -4,7 +4,9 @@
 #include <algorithm>
 #include <cmath>
 #include <filesystem>
+#include <memory>
 #include <string>
+#include <utility>
 #include <vector>
 
 #include "own_folder.hpp"
@@ -64,9 +66,13 @@ Track alone(int seed, render::RendererKind kind) {
   return track;
 }
 
-/// The rounds of players `seeds` in a batch, app i playing seeds[i].
-std::vector<Track> together(const std::vector<int>& seeds, int threads, render::RendererKind kind) {
-  AppBatch batch(settings(static_cast<int>(seeds.size()), threads, kind));
+/// The rounds of players `seeds` in a batch, app i playing seeds[i]; `renderer`: instead of those
+/// that the batch makes.
+std::vector<Track> together(const std::vector<int>& seeds, int threads, render::RendererKind kind,
+                            std::shared_ptr<render::Renderer> renderer = nullptr) {
+  BatchSettings values = settings(static_cast<int>(seeds.size()), threads, kind);
+  if (renderer != nullptr) values.renderers.push_back(std::move(renderer));
+  AppBatch batch(values);
   std::vector<int> indices;
   std::vector<RoundStart> starts;
   std::vector<xr::DeviceState> devices;
@@ -94,6 +100,26 @@ std::vector<Track> together(const std::vector<int>& seeds, int threads, render::
   return tracks;
 }
 
+/// Draws as another renderer does, but says that a GPU does it; counts what it is asked for.
+class Gpu final : public render::Renderer {
+ public:
+  render::RendererKind kind() const override { return real_->kind(); }
+  const std::string& description() const override { return real_->description(); }
+  bool drawsOnCpu() const override { return false; }
+  void renderBatch(std::span<const render::ViewRequest> requests) override {
+    ++calls;
+    views += requests.size();
+    real_->renderBatch(requests);
+  }
+
+  int calls = 0;
+  std::size_t views = 0;
+
+ private:
+  std::shared_ptr<render::Renderer> real_ =
+      render::Renderer::create(render::RendererKind::automatic);
+};
+
 TEST(AppBatch, EveryAppPlaysAsAloneWhateverTheCompanyAndThreads) {
   for (const auto kind : {render::RendererKind::null, render::RendererKind::automatic}) {
     std::vector<Track> expected;
@@ -105,6 +131,20 @@ TEST(AppBatch, EveryAppPlaysAsAloneWhateverTheCompanyAndThreads) {
     EXPECT_TRUE(mixed[0] == expected[3]);
     EXPECT_TRUE(mixed[1] == expected[3]);
     EXPECT_TRUE(mixed[2] == expected[1]);
+  }
+}
+
+TEST(AppBatch, AGpuDrawsAllAppsInOneTurnWhateverTheThreads) {
+  std::vector<Track> expected;
+  for (int seed = 0; seed < 5; ++seed) {
+    expected.push_back(alone(seed, render::RendererKind::automatic));
+  }
+  for (const int threads : {1, 3}) {
+    const auto gpu = std::make_shared<Gpu>();
+    // A null renderer beside it would leave black pictures.
+    EXPECT_TRUE(together({0, 1, 2, 3, 4}, threads, render::RendererKind::null, gpu) == expected);
+    EXPECT_EQ(gpu->calls, 1 + kFrames) << threads << " threads";
+    EXPECT_EQ(gpu->views, 5U * (1 + kFrames));
   }
 }
 

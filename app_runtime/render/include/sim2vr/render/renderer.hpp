@@ -72,6 +72,11 @@ class Renderer {
   /// Mesa 22.3.6".
   virtual const std::string& description() const = 0;
 
+  /// Whether the thread that asks for pictures draws them itself (Mesa's CPU drivers), so that a
+  /// renderer per thread draws more. A GPU serves one context at a time and takes about a
+  /// millisecond to change to another: there one renderer draws the most (docs/performance.md).
+  virtual bool drawsOnCpu() const = 0;
+
   /// Draws the scene as `camera` sees it (its GameObject's pose; the component need not be enabled)
   /// into `rgba`: uint8, height x width x 4, row 0 = top, no padding. R, G, B: lit scene,
   /// sRGB-encoded, without anti-aliasing. A: depth along the view axis (not along the ray) over

@@ -22,16 +22,19 @@ struct BatchSettings {
   /// 1 or more; more than apps are not started.
   int threads = 1;
   render::RendererKind renderer = render::RendererKind::automatic;
-  /// What the first threads draw with, from outside; the others make renderers of their own.
+  /// What the first threads draw with, from outside; the others make renderers of their own, or
+  /// none where the first one does not draw on the CPU (Renderer::drawsOnCpu): it then draws for
+  /// all.
   std::vector<std::shared_ptr<render::Renderer>> renderers;
   /// Channels of the pictures (0 red, 1 green, 2 blue, 3 depth) that vision() holds, in this order.
   std::vector<int> vision_channels;
   AppFactory make = gameApps();
 };
 
-/// N apps. Each thread owns a renderer; the threads take the apps of a call a few at a time and
-/// draw their pictures together. What an app does depends on its own input alone, to the bit: not
-/// on N, on its index, on the thread that took it or on the number of threads.
+/// N apps. The threads take the apps of a call a few at a time; each draws their pictures together
+/// with a renderer of its own, or all wait for the only one, of the GPU, to draw all pictures. What
+/// an app does depends on its own input alone, to the bit: not on N, on its index, on the thread
+/// that took it or on the number of threads.
 ///
 /// Results lie in arrays of N that keep their address for the batch's life; a call writes the rows
 /// of the apps it moves. Not thread-safe.
@@ -90,6 +93,8 @@ class AppBatch {
   std::span<const float> privilegedDrawn() const { return privileged_drawn_; }
 
  private:
+  template <class Work>
+  void inPortions(std::size_t count, const Work& work);
   template <class Start, class Finish>
   void run(std::span<const int> indices, const Start& start, const Finish& finish);
   LockstepApp& at(std::span<const int> indices, std::size_t i) {

@@ -7,6 +7,7 @@ import json
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -376,6 +377,20 @@ def test_what_is_said(tracked: Tracked) -> None:
     head, row = hand_rows(tracked)
     assert len(head) == len(row) and row[0] == "right" and row[3] == "0.0 %"
     assert outcome_rows(tracked)[1:] == []
+
+
+def test_strokes_that_are_cut_short_are_said(tracked: Tracked) -> None:
+    def said(most_m: float | None, **settings: Any) -> str:
+        hands = (replace(tracked.hands[0], reachable_most_m=most_m),)
+        with_settings = replace(tracked.settings, **settings)
+        return "\n".join(facts_of(replace(tracked, hands=hands, settings=with_settings)))
+
+    off = said(0.0976)
+    assert "right hand: one step in twenty is more than 98 mm off within reach" in off
+    assert "without --no-refine or --set env.user.person.strength=1.5" in off
+    assert "without --no-refine" not in said(0.0976, refined=True)
+    for near in (0.049, None):
+        assert "cut short" not in said(near)
 
 
 def test_somebody_else_s_size(tmp_path: Path) -> None:

@@ -10,6 +10,9 @@ from sim2vr_harness.tools.track.tracking import Tracked
 
 __all__ = ["facts_of", "hand_rows", "muscle_rows", "outcome_rows"]
 
+_CUT_SHORT_M = 0.05
+"""Hands that are farther off in one of twenty steps miss what is struck at."""
+
 
 def facts_of(one: Tracked) -> list[str]:
     """Who followed what, how it was placed, and effort and fatigue."""
@@ -32,7 +35,25 @@ def facts_of(one: Tracked) -> list[str]:
         f"  effort {summary['effort']:.2f} ({summary['effort_per_s']:.3f} per s), mean activation "
         f"{_mean(one.followed.activations):.3f}{fatigue}"
     )
-    return lines
+    return lines + [f"  {note}" for note in _cut_short(one)]
+
+
+def _cut_short(one: Tracked) -> list[str]:
+    """Hands whose fastest strokes the body does not follow (docs/tools.md, "Track")."""
+    mending = " or ".join(
+        [
+            *([] if one.settings.refined else ["without --no-refine"]),
+            *(["--set env.user.person.strength=1.5"] if one.muscles else []),
+        ]
+    )
+    return [
+        f"{hand.hand.removeprefix('controller_')} hand: one step in twenty is more than "
+        f"{1e3 * hand.reachable_most_m:.0f} mm off within reach. Its fastest strokes are cut "
+        "short, and the load of those moments is underestimated"
+        + (f"; closer, perhaps, {mending} (docs/tools.md)" if mending else "")
+        for hand in one.hands
+        if hand.reachable_most_m is not None and hand.reachable_most_m > _CUT_SHORT_M
+    ]
 
 
 def _mean(values: np.ndarray) -> float:

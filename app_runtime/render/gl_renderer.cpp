@@ -8,7 +8,6 @@
 #include <cstddef>
 #include <cstdlib>
 #include <cstring>
-#include <string_view>
 
 #include "shaders.hpp"
 #include "sim2vr/core/errors.hpp"
@@ -35,12 +34,6 @@ void watchExit(RendererKind kind) {
                  [] { std::atexit([] { process_exits = true; }); });
 }
 
-/// Mesa's drivers that draw on the CPU.
-bool isCpuDriver(std::string_view driver) {
-  return driver.find("llvmpipe") != std::string_view::npos ||
-         driver.find("softpipe") != std::string_view::npos;
-}
-
 const void* offset(std::size_t bytes) { return reinterpret_cast<const void*>(bytes); }
 
 }  // namespace
@@ -55,7 +48,6 @@ GlRenderer::GlRenderer(RendererKind kind, std::unique_ptr<GlContext> context)
   };
   description_ =
       fmt::format("{}: {}, OpenGL {}", context_->platform(), text(GL_RENDERER), text(GL_VERSION));
-  on_cpu_ = isCpuDriver(description_);
   setUp();
   checkErrors();
   watchExit(kind_);
@@ -80,6 +72,12 @@ GlRenderer::~GlRenderer() {
   }
 }
 
+/// Mesa's drivers say so by their names.
+bool GlRenderer::drawsOnCpu() const {
+  return description_.find("llvmpipe") != std::string::npos ||
+         description_.find("softpipe") != std::string::npos;
+}
+
 GLuint GlRenderer::makeBuffer() {
   GLuint buffer = 0;
   gl_->GenBuffers(1, &buffer);
@@ -93,7 +91,7 @@ void GlRenderer::setUp() {
                        buildProgram(*gl_, "surface", "SHADING_SPECULAR")};
   setUpSurfaceArrays();
   sky_.emplace(*gl_);
-  readback_.emplace(*gl_, on_cpu_);
+  readback_.emplace(*gl_, drawsOnCpu());
   uniform_buffer_ = makeBuffer();
   GLint alignment = 1;
   gl_->GetIntegerv(GL_UNIFORM_BUFFER_OFFSET_ALIGNMENT, &alignment);

@@ -26,7 +26,7 @@ class GlRenderer final : public Renderer {
 
   RendererKind kind() const override { return kind_; }
   const std::string& description() const override { return description_; }
-  bool drawsOnCpu() const override { return on_cpu_; }
+  bool drawsOnCpu() const override;
   void renderBatch(std::span<const ViewRequest> requests) override;
 
  private:
@@ -65,7 +65,6 @@ class GlRenderer final : public Renderer {
   std::unique_ptr<GlContext> context_;
   std::optional<GlApi> gl_;
   std::string description_;
-  bool on_cpu_ = true;
   std::mutex mutex_;
 
   MeshCache meshes_;

@@ -18,8 +18,8 @@ namespace sim2vr::render {
 /// All calls need the renderer's context.
 class Readback {
  public:
-  /// SIM2VR_READBACK=direct|ring overrides what suits the driver, for developers; throws RenderError
-  /// for another word.
+  /// SIM2VR_READBACK=direct|ring overrides what suits the driver, for developers; throws
+  /// RenderError for another word.
   Readback(const GlApi& gl, bool driver_on_cpu);
   void release();
 

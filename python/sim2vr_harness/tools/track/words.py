@@ -40,17 +40,16 @@ def facts_of(one: Tracked) -> list[str]:
 
 def _cut_short(one: Tracked) -> list[str]:
     """Hands whose fastest strokes the body does not follow (docs/tools.md, "Track")."""
-    mending = " or ".join(
-        [
-            *([] if one.settings.refined else ["without --no-refine"]),
-            *(["--set env.user.person.strength=1.5"] if one.muscles else []),
-        ]
-    )
+    helps = []
+    if not one.settings.refined:
+        helps.append("without --no-refine")
+    if one.muscles:
+        helps.append("--set env.user.person.strength=1.5")
+    mending = f"; closer, perhaps, {' or '.join(helps)} (docs/tools.md)" if helps else ""
     return [
         f"{hand.hand.removeprefix('controller_')} hand: one step in twenty is more than "
         f"{1e3 * hand.reachable_most_m:.0f} mm off within reach. Its fastest strokes are cut "
-        "short, and the load of those moments is underestimated"
-        + (f"; closer, perhaps, {mending} (docs/tools.md)" if mending else "")
+        f"short, and the load of those moments is underestimated{mending}"
         for hand in one.hands
         if hand.reachable_most_m is not None and hand.reachable_most_m > _CUT_SHORT_M
     ]

@@ -53,7 +53,7 @@ class Renderer {
  public:
   /// Makes a renderer with its own GL context (OpenGL 4.2 core or later). Sets LP_NUM_THREADS=0 in
   /// the environment unless it is set: Mesa's CPU driver then draws in the calling thread, which is
-  /// fastest for small views and lets one renderer per thread scale with the cores; call it
+  /// fastest for small views, and a renderer per thread uses several cores (drawsOnCpu); call it
   /// therefore before other threads read the environment. Throws RenderError that names every
   /// attempt and what to install.
   /// A renderer does not survive fork(): start worker processes afresh (spawn) or create it in the

@@ -79,8 +79,8 @@ def track(
         bool,
         typer.Option(
             "--refine/--no-refine",
-            help="Then try, before each step in which hands would miss by a centimetre, what every "
-            "muscle could do better: minutes for each minute that was recorded.",
+            help="Then plan muscles two seconds ahead, for the hands' path with little effort: eight "
+            "to ten minutes for each minute of fast play.",
         ),
     ] = True,
     pointed: Annotated[

@@ -589,6 +589,31 @@ class UserBatch:
             keys = self._head.get_state(i)
             self._head.set_state(i, {k: state[f"head/{k}"] for k in keys})
 
+    def set_motion(
+        self, qpos: FloatArray, qvel: FloatArray, act: FloatArray, motor: FloatArray
+    ) -> None:
+        """Puts every user into a state of motion: N rows of what the properties so named return.
+
+        Who was diverged is not any more. Effort, noise and head stay as they are, and devices where
+        they were, until the next step.
+
+        Raises:
+            ValueError: another shape, or a number that is not finite.
+        """
+        live = {"qpos": self._qpos, "qvel": self._qvel, "motor": self._motor}
+        live["act"] = self._act[:, self._actuation.activations]
+        given = {"qpos": qpos, "qvel": qvel, "motor": motor, "act": act}
+        for name, values in given.items():
+            if np.shape(values) != live[name].shape:
+                raise ValueError(
+                    f"{name}: got shape {np.shape(values)}, expected {live[name].shape}"
+                )
+            if not np.isfinite(values).all():
+                raise ValueError(f"{name}: got NaN or infinity, expected finite numbers")
+        self._qpos[:], self._qvel[:], self._motor[:] = qpos, qvel, motor
+        self._act[:, self._actuation.activations] = act
+        self._diverged[:] = False
+
     # --- helpers -----------------------------------------------------------------------------
 
     def _copy_forces(self, ids: IntArray) -> None:

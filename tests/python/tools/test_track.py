@@ -21,7 +21,7 @@ from sim2vr_harness.evaluation.data import read_data
 from sim2vr_harness.evaluation.replay.recordings import Event
 from sim2vr_harness.tools.track.correcting import Correction
 from sim2vr_harness.tools.track.files import write
-from sim2vr_harness.tools.track.following import WARM_UP_S, wanted_of
+from sim2vr_harness.tools.track.following import WARM_UP_S, Followed, wanted_of
 from sim2vr_harness.tools.track.outcomes import outcome_of
 from sim2vr_harness.tools.track.paths import RecordedPath, first_of_play, read_paths
 from sim2vr_harness.tools.track.placing import estimated_stature_m, place
@@ -38,6 +38,7 @@ from sim2vr_harness.users.reaching import Reacher
 HEADER = (
     "time_s,headset_x,headset_y,headset_z,controller_right_x,controller_right_y,controller_right_z"
 )
+HEADSET = ["headset_x", "headset_y", "headset_z"]
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -319,22 +320,50 @@ def test_a_body_follows_a_circle(tracked: Tracked) -> None:
     assert tracked.outcomes == {}
 
 
-def test_muscles_do_better_where_the_layer_cuts_short(tmp_path: Path) -> None:
-    """A circle of 22 cm in .4 s, at 1.7 m/s. The hand is nearer to the person's where what every
-    muscle could do is tried before each step, and as fast. Cores change no bit."""
+def test_muscles_that_are_planned_do_better_with_less(tmp_path: Path) -> None:
+    """A circle of 22 cm in .4 s, at 1.7 m/s: the hand is nearer to the person's, and as fast, and
+    muscles work less against each other than the layer's. Cores change no bit."""
     path = read_paths(csv_file(tmp_path, circle(0.8, 0.4, 0.11)))[0]
     layer_for = partial(motor_layer_for, following=True)
-    found = []
-    for cores in (1, 2):
+
+    def follow(cores: int, settings: Settings) -> Followed:
         env = environment_of("mobl_arms_wrist", overrides=[f"env.cores={cores}"])
-        found.append(track(path, env, layer_for, Settings(passes=1)).followed)
-    alone, refined = found[0].passes
-    assert refined.median_m < 0.9 * alone.median_m
-    assert refined.most_m < 0.7 * alone.most_m
-    assert np.array_equal(found[0].activations, found[1].activations)
-    moved = np.linalg.norm(np.diff(found[0].places[:, 0], axis=0), axis=1).sum()
-    wanted = np.linalg.norm(np.diff(found[0].targets[:, 0], axis=0), axis=1).sum()
-    assert moved == pytest.approx(wanted, rel=0.15)
+        return track(path, env, layer_for, settings).followed
+
+    alone = follow(1, Settings(passes=1, refined=False))
+    planned, again = (follow(cores, Settings(passes=1)) for cores in (1, 2))
+    before, after = planned.passes
+    assert before == alone.passes[0]
+    assert after.median_m < 0.3 * before.median_m
+    assert after.most_m < 0.3 * before.most_m
+    assert (planned.activations**2).mean() < 0.8 * (alone.activations**2).mean()
+    assert np.array_equal(planned.activations, again.activations)
+    moved = np.linalg.norm(np.diff(planned.places[:, 0], axis=0), axis=1).sum()
+    wanted = np.linalg.norm(np.diff(planned.targets[:, 0], axis=0), axis=1).sum()
+    assert moved == pytest.approx(wanted, rel=0.05)
+
+
+def test_hands_that_are_planned_point_as_asked(tmp_path: Path) -> None:
+    """Held still and turned 60 degrees to the left: by itself the hand does not care."""
+    half = np.radians(-60.0) / 2.0
+    names = ["x", "y", "z", "qx", "qy", "qz", "qw"]
+    head = ["time_s", *(f"controller_right_{name}" for name in names), *HEADSET]
+    lines = [",".join(head)]
+    for t in np.arange(0.0, 0.8, 0.05):
+        lines.append(f"{t:.2f},0.1,1.0,0.35,0,{np.sin(half):.6f},0,{np.cos(half):.6f},0,1.2,0")
+    path = read_paths(csv_file(tmp_path, "\n".join(lines) + "\n"))[0]
+    layer_for = partial(motor_layer_for, following=True)
+    apart = []
+    for pointed in (False, True):
+        env = environment_of("mobl_arms_wrist")
+        followed = track(path, env, layer_for, Settings(passes=1, pointed=pointed)).followed
+        _, turns = followed.sampled["controller_right"]
+        w, x, y, z = turns[-1]  # forward is x in MuJoCo's world, and right is -y
+        ahead, left = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
+        along = ahead * np.cos(2.0 * half) - left * np.sin(2.0 * half)
+        apart.append(np.degrees(np.arccos(along)))
+        assert followed.passes[-1].median_m < 0.01
+    assert apart[1] < 15.0 < 25.0 < apart[0]
 
 
 def test_muscles_work_and_tire(tracked: Tracked) -> None:

@@ -31,8 +31,10 @@ WARM_UP_S = 1.5
 """How long the body holds the first place before the recording begins."""
 POSE_SAMPLES = 5
 """Poses of the devices kept of every user step."""
-_REFINED_TAKES = 40
+_REFINED_TAKES = 150
 """How many goes refinement takes as long as."""
+_LEVER_M = 0.1
+"""Length at which the way a hand points counts beside its place, about that of a hand."""
 _SLOPE_S = 0.02
 """Velocities of what was recorded are differences over twice this."""
 
@@ -94,7 +96,7 @@ class Followed:
         fatigued: (K, M) shares of fatigued motor units (3CC-r), or none where that is not known.
         sampled_s: (S,) since the recording's first moment, several times a step.
         sampled: device -> positions (S, 3) and rotations w x y z (S, 4) then.
-        passes: how near it was in every go; the one that this is has the smallest mean error.
+        passes: how near it was in every go; this is the one that missed least, on average.
     """
 
     wanted: Wanted
@@ -185,7 +187,7 @@ def follow(
     """Let a body follow a recording, in several goes.
 
     In each go goals are shifted by what the ones before it missed by (:class:`Correction`); the go
-    with the smallest mean error counts. Then its actions are refined in one more
+    that misses least counts, on average. In one more, muscles are planned ahead from what it does
     (:class:`~sim2vr_harness.tools.track.refining.Refinement`), if asked for.
 
     Args:
@@ -204,22 +206,22 @@ def follow(
     start = posture_at(layer, wanted.places[0], wanted.axes[0], wanted.followed, seed)
     correction = Correction(wanted.places)
     best: Followed | None = None
-    best_shift = correction.shift
+    best_shift, least = correction.shift, np.inf
     records: list[Pass] = []
     goes = passes + (0 if many is None else _REFINED_TAKES)
 
     def go(shift: FloatArray, done: int, takes: int, refinement: Refinement | None) -> FloatArray:
-        nonlocal best, best_shift
+        nonlocal best, best_shift, least
 
         def tell(share: float) -> None:
             on_progress((done + takes * share) / goes)
 
-        followed, places = _one_pass(users, layer, wanted, shift, start, seed, refinement, tell)
+        followed, went = _one_pass(users, layer, wanted, shift, start, seed, refinement, tell)
         errors = followed.errors_m[:, wanted.followed]
         records.append(Pass(float(np.median(errors)), float(np.quantile(errors, 0.95))))
-        if best is None or errors.mean() < best.errors_m[:, wanted.followed].mean():
-            best, best_shift = followed, shift
-        return places
+        if best is None or went.missed_m < least:
+            best, best_shift, least = followed, shift, went.missed_m
+        return went.places
 
     for number in range(passes):
         correction.learn(go(correction.shift, number, 1, None))
@@ -236,6 +238,19 @@ def follow(
     return Followed(**{**vars(best), "passes": tuple(records)})
 
 
+@dataclass(frozen=True)
+class _Went:
+    """How a go went.
+
+    Attributes:
+        places: (J', H, 3) where the hands were from the warm-up on.
+        missed_m: mean of what was missed by, the way hands point included where it counts.
+    """
+
+    places: FloatArray
+    missed_m: float
+
+
 def _one_pass(
     users: UserBatch,
     layer: MotorLayer,
@@ -245,13 +260,13 @@ def _one_pass(
     seed: int,
     refinement: Refinement | None,
     on_progress: Callable[[float], None],
-) -> tuple[Followed, FloatArray]:
-    """Follow once; returns also (J', H, 3) where the hands were from the warm-up on."""
+) -> tuple[Followed, _Went]:
+    """Follow once."""
     users.reset([0], [np.random.default_rng([seed, 77])], [start])
     source = BodySource(users)
     hands = wanted.hands
     now = np.stack([users.device_poses(name)[0][0] for name in hands])
-    places = [now]
+    places, missed = [now], []
     rows: list[Any] = []
     kept: dict[str, list[Any]] = {name: [] for name in ("effort", "qpos", "act", "fatigued")}
     samples: dict[str, tuple[list[Any], list[Any]]] = {name: ([], []) for name in hands}
@@ -260,9 +275,10 @@ def _one_pass(
             users.effort.reset([0])  # fatigue counts from the recording's beginning
         if step % 20 == 0:
             on_progress(step / wanted.steps)
-        actions = _actions(layer, users, wanted, shift, step)
         if refinement is not None and step >= wanted.first - AHEAD:
-            actions = np.clip(actions + refinement.change(users.get_state(0), step), -1.0, 1.0)
+            actions = refinement.action(users, step)
+        else:
+            actions = _actions(layer, users, wanted, shift, step)
         users.step(actions, pose_samples=POSE_SAMPLES)
         if users.diverged[0]:
             got = f"a simulation that broke at {wanted.times_s[step]:.2f} s"
@@ -271,6 +287,7 @@ def _one_pass(
         places.append(now)
         if step < wanted.first:
             continue
+        missed.append(np.linalg.norm(_misses(users, wanted, step)))
         rows.append(source.take()[0])
         kept["effort"].append(users.effort_cost[0])
         kept["qpos"].append(users.qpos[0])
@@ -299,7 +316,7 @@ def _one_pass(
         sampled={name: (np.array(p), np.array(t)) for name, (p, t) in samples.items()},
         passes=(),
     )
-    return followed, moved
+    return followed, _Went(moved, float(np.mean(missed)))
 
 
 def _actions(
@@ -321,11 +338,17 @@ def _for_each(values: NDArray[Any], n: int) -> torch.Tensor:
 
 
 def _misses(users: UserBatch, wanted: Wanted, step: int) -> FloatArray:
-    """(N, 3 followed hands) how far the hands are beside where they shall be after a step, m."""
+    """(N, E) how far the hands are beside where they shall be after a step, m.
+
+    Three numbers for each followed hand, and three more where it shall point somewhere: how far a
+    point ``_LEVER_M`` ahead of it is beside the way.
+    """
     parts = []
     for hand in np.flatnonzero(wanted.followed):
-        place, _ = users.device_poses(wanted.hands[hand])
+        place, turn = users.device_poses(wanted.hands[hand])
         parts.append(place - wanted.places[step + 1, hand])
+        if (axis := wanted.axes[step + 1, hand]).any():
+            parts.append(_LEVER_M * (_forward(turn) - axis))
     return np.concatenate(parts, 1)
 
 

@@ -1,45 +1,116 @@
-"""Model predictive control: before each step, what muscles could do better is tried.
+"""Optimal control: which controls of all muscles bring hands nearest, and at the least effort.
 
-A motor layer cuts fast strokes short, and shifted goals ask it for the same in vain. So bodies in
-the state of the one that follows play some steps ahead, each with one muscle nudged; what that
-moves the hand by is a Jacobian, and the change of all muscles that brings the hand nearest is a
-damped Gauss-Newton step. It is tried in several sizes, and the best is done for one step, before
-all begins anew. Like the correction of goals it needs to know what comes.
+A motor layer cuts fast strokes short, and shifted goals ask it for the same in vain; it pulls
+muscles against each other, too. So stretches of what comes are planned ahead: what every step
+responds is measured (:mod:`nudging`), the controls that would make the sum of squared errors and
+activations least are found backwards in time within the controls' ranges, and tried in several
+sizes; from the best one all begins anew. This is control-limited differential dynamic programming
+(Y. Tassa, N. Mansard, E. Todorov, ICRA 2014) without second derivatives of the dynamics. The plan's
+feedback keeps the body to it. Like the correction of goals it needs to know what comes.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.users import UserBatch
+from sim2vr_harness.tools.track.nudging import Moment, Nudges, Response, motion_of
+from sim2vr_harness.training.imagined.drives import Drives
+from sim2vr_harness.users import Body, UserBatch
 
-__all__ = ["AHEAD", "Refinement"]
+__all__ = ["AHEAD", "Refinement", "least_within"]
 
 FloatArray = NDArray[np.float64]
 
 AHEAD = 6
-"""Steps that are looked ahead: a stroke takes .2 to .4 s."""
-_NUDGE = 0.4
-"""By how much one muscle's action is changed to see what it does."""
-_EASE_M2 = 15e-4
-"""Weight of a whole change of one action beside squared errors: muscles saturate."""
-_SIZES = (0.12, 0.25, 0.5, 1.0, 2.0)
-"""Shares of a Gauss-Newton step that are tried."""
-_ROUNDS = 2
-_NEAR_M = 0.01
-"""Who will be nearer than this in all steps ahead does as the motor layer says."""
+"""Steps before a recording begins in which the body may get ready for it: a stroke takes .3 s."""
+_PLANNED, _DONE = 40, 25
+"""Steps that are planned at a time, and those of them that are done before all begins anew."""
+_GOES = 8
+"""Times at most that a stretch is planned."""
+_ENOUGH = 0.02
+"""Two goes in a row that make a plan better by less than this share are the last ones."""
+_EFFORT_M2 = 2e-3
+"""Mean squared activation of 1 is worth this much squared error in every step."""
+_STOP_M2 = 0.04
+"""A joint that is 1 rad (of a slide 1 m) within the margin of its stop is worth this much in every
+step: at a stop nothing that one could do better shows."""
+_MARGIN = 0.1
+"""Margin of the stops, rad (of a slide m)."""
+_CAUTION_M2 = 2.5e-3
+"""Weight of a whole change of one control in a plan, at first: responses are of small ones."""
+_LEAST_M2, _MOST_M2 = 2.5e-6, 2.5e-1
+_CAUTIONS, _SIZES = (0.1, 1.0, 10.0, 100.0), (1.0, 0.4)
+"""Shares of the caution, and of each plan's changes, that are tried."""
+_DESCENT = 0.1
+"""Least share of the promised decrease that a step within the box must keep (Armijo)."""
+
+
+@dataclass
+class _Plan:
+    """K steps from somewhere.
+
+    Attributes:
+        moments: K + 1.
+        motions: (K + 1, X) of them.
+        shares: (K, A) controls.
+        missed: (K, E) errors after each step, m.
+        cost: m^2.
+        feedback: (K, A, X) change of controls by what the motion is beside the plan's.
+    """
+
+    moments: list[Moment]
+    motions: FloatArray
+    shares: FloatArray
+    missed: FloatArray
+    cost: float
+    feedback: FloatArray
+
+
+class _Costs:
+    """What a step costs beside the squared errors after it: effort, and joints at their stops."""
+
+    def __init__(self, body: Body) -> None:
+        low, high = body.joint_ranges.T
+        margin = np.minimum(_MARGIN, 0.25 * (high - low))
+        self._low, self._high = low + margin, high - margin
+        self._joints = len(low)
+
+    def of(self, motions: FloatArray) -> FloatArray:
+        """(...,) of motions (..., X) after steps, m^2."""
+        acts = motions[..., 2 * self._joints :]
+        effort = (acts**2).mean(-1) if acts.shape[-1] else 0.0
+        return np.asarray(_EFFORT_M2 * effort + _STOP_M2 * (self._beyond(motions) ** 2).sum(-1))
+
+    def bend(self, motion: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(X,) each: slope at a motion, and the diagonal of the curve there."""
+        j, muscles = self._joints, len(motion) - 2 * self._joints
+        slope, curve = np.zeros(len(motion)), np.zeros(len(motion))
+        if muscles:
+            slope[2 * j :] = 2.0 * _EFFORT_M2 / muscles * motion[2 * j :]
+            curve[2 * j :] = 2.0 * _EFFORT_M2 / muscles
+        beyond = self._beyond(motion)
+        slope[:j] = 2.0 * _STOP_M2 * beyond
+        curve[:j] = 2.0 * _STOP_M2 * (beyond != 0.0)
+        return slope, curve
+
+    def _beyond(self, motions: FloatArray) -> FloatArray:
+        """(..., J) how far angles are within the margins of their stops, rad; below: negative."""
+        angles = motions[..., : self._joints]
+        beyond = np.maximum(angles - self._high, 0.0) + np.minimum(angles - self._low, 0.0)
+        return np.asarray(beyond)
 
 
 class Refinement:
-    """Changes of actions that bring hands nearer to where they shall be.
+    """Controls that bring hands nearer to where they shall be.
 
     Args:
         many: makes N bodies such as the one that follows.
-        act: (bodies, step) -> (N, A) actions of the motor layer for the goals of that step.
+        act: (bodies, step) -> (N, A) actions of the motor layer for the goals of that step; what
+            it does is planned from.
         misses: (bodies, step) -> (N, E) errors of the hands after that step, m, along each axis.
         steps: of the whole recording.
     """
@@ -51,79 +122,178 @@ class Refinement:
         misses: Callable[[UserBatch, int], FloatArray],
         steps: int,
     ) -> None:
-        self._known, self._tried = many(2), many(len(_SIZES))
-        self._actions = len(self._known.body.action_names)
-        self._nudged = many(self._actions)
         self._act, self._misses, self._steps = act, misses, steps
-        self._plan = np.zeros((AHEAD, self._actions))
+        self._nudges = Nudges(many, misses)
+        self._one, self._tried = many(1), many(len(_CAUTIONS) * len(_SIZES))
+        self._drives, self._costs = Drives(self._one.body), _Costs(self._one.body)
+        self._plan: _Plan | None = None
+        self._first = 0
+        self._caution = _CAUTION_M2
 
-    def change(self, state: Mapping[str, Any], step: int) -> FloatArray:
-        """(A,) what to add to the motor layer's actions in a step.
+    def action(self, users: UserBatch, step: int) -> FloatArray:
+        """(1, A) actions of the one body that follows, in a step."""
+        if self._plan is None or step >= self._first + _DONE:
+            self._plan = self._planned(Moment.of(users).row(0), step)
+            self._first = step
+        k = step - self._first
+        plan, now = self._plan, Moment.of(users)
+        beside = motion_of(now, users) - plan.motions[k]
+        shares = plan.shares[k] + beside @ plan.feedback[k].T
+        return self._drives.actions(self._drives.of(users), shares)
 
-        Args:
-            state: of the body that follows, at the step's beginning.
-            step: which one.
-        """
-        ahead = min(AHEAD, self._steps - step)
-        plan = np.zeros((ahead, self._actions))
-        before = self._plan[1 : 1 + ahead]  # what was planned a step ago
-        plan[: len(before)] = before
-        self._plan = self._planned(state, step, plan)
-        first: FloatArray = self._plan[0].copy()
-        return first
-
-    def _planned(self, state: Mapping[str, Any], step: int, plan: FloatArray) -> FloatArray:
-        plans = np.stack([np.zeros_like(plan), plan])
-        cost, plan, missed = self._best(self._known, state, step, plans)
-        if np.abs(missed).max() < _NEAR_M:
-            return plan
-        for round_ in range(_ROUNDS):
-            side = 1.0 if (step + round_) % 2 else -1.0
-            change = self._step(state, step, plan, missed, side)
-            plans = np.clip(plan + np.multiply.outer(_SIZES, change)[:, None], -2.0, 2.0)
-            found = self._best(self._tried, state, step, plans)
-            if found[0] < cost:
-                cost, plan, missed = found
+    def _planned(self, start: Moment, step: int) -> _Plan:
+        """The best plan of the steps from one on."""
+        plan = self._begun(start, step)
+        gained = True
+        for _ in range(_GOES):
+            responses = [
+                self._nudges.response(plan.moments[k], plan.shares[k], step + k)
+                for k in range(len(plan.shares))
+            ]
+            cautions = self._caution * np.array(_CAUTIONS)
+            changes = [_changes(plan, responses, self._costs, one) for one in cautions]
+            found, better = self._better(plan, changes, step)
+            before, gained_before = plan.cost, gained
+            if found.cost < plan.cost:
+                plan = found
+            else:
+                better = len(cautions) - 1
+            self._caution = float(np.clip(cautions[better], _LEAST_M2, _MOST_M2))
+            gained = before - plan.cost > _ENOUGH * before
+            if not (gained or gained_before):
+                break
         return plan
 
-    def _best(
-        self, bodies: UserBatch, state: Mapping[str, Any], step: int, plans: FloatArray
-    ) -> tuple[float, FloatArray, FloatArray]:
-        """The least cost, its plan (steps, A), and what is missed by then (steps, E)."""
-        missed = self._rolled(bodies, state, step, plans)
-        cost = (missed**2).sum((1, 2)) + _EASE_M2 * (plans**2).mean(1).sum(1)
-        best = int(np.argmin(cost))
-        return float(cost[best]), plans[best], missed[best]
+    def _begun(self, start: Moment, step: int) -> _Plan:
+        """What is left of the plan before, and then what the motor layer does."""
+        old, bodies = self._plan, self._one
+        left = 0 if old is None else len(old.shares) - _DONE
 
-    def _step(
-        self,
-        state: Mapping[str, Any],
-        step: int,
-        plan: FloatArray,
-        missed: FloatArray,
-        side: float,
-    ) -> FloatArray:
-        """(A,) a damped Gauss-Newton step away from a plan, which misses by (steps, E)."""
-        if not np.isfinite(missed).all():
-            return np.zeros(self._actions)
-        nudges = side * _NUDGE * np.where(np.arange(self._actions) % 2, 1.0, -1.0)
-        there = self._rolled(self._nudged, state, step, plan + np.diag(nudges)[:, None])
-        there = np.where(np.isfinite(there), there, missed)  # whose simulation broke
-        moved = ((there - missed).reshape(self._actions, -1) / nudges[:, None]).T
-        normal = moved.T @ moved + _EASE_M2 * np.eye(self._actions)
-        asked = moved.T @ missed.ravel() + _EASE_M2 * plan.mean(0)
-        return np.clip(-np.linalg.solve(normal, asked), -1.0, 1.0)
+        def shares(k: int) -> FloatArray:
+            now = self._drives.of(bodies)
+            if old is not None and k < left:
+                beside = motion_of(Moment.of(bodies), bodies) - old.motions[_DONE + k]
+                return old.shares[_DONE + k] + beside @ old.feedback[_DONE + k].T
+            return self._drives.shares(now, self._act(bodies, step + k))
+
+        count = min(_PLANNED, self._steps - step)
+        return self._rolled(bodies, start, step, count, shares)[0]
+
+    def _better(
+        self, plan: _Plan, changes: list[tuple[FloatArray, FloatArray]], step: int
+    ) -> tuple[_Plan, int]:
+        """The best of what several changes of a plan lead to, and which one it is of."""
+        bodies = self._tried
+        steps = np.repeat([change[0] for change in changes], len(_SIZES), 0)
+        steps *= np.tile(_SIZES, len(changes))[:, None, None]
+        feedback = np.repeat([change[1] for change in changes], len(_SIZES), 0)
+
+        def shares(k: int) -> FloatArray:
+            beside = motion_of(Moment.of(bodies), bodies) - plan.motions[k]
+            return plan.shares[k] + steps[:, k] + np.einsum("nax,nx->na", feedback[:, k], beside)
+
+        plans = self._rolled(bodies, plan.moments[0], step, len(plan.shares), shares)
+        best = int(np.argmin([one.cost for one in plans]))
+        plans[best].feedback = feedback[best]
+        return plans[best], best // len(_SIZES)
 
     def _rolled(
-        self, bodies: UserBatch, state: Mapping[str, Any], step: int, plans: FloatArray
-    ) -> FloatArray:
-        """(N, steps ahead, E) what bodies miss by who begin alike and add (N, steps, A) plans."""
-        for i in range(bodies.n):
-            bodies.set_state(i, state)
-        missed = []
-        for k in range(plans.shape[1]):
-            bodies.step(np.clip(self._act(bodies, step + k) + plans[:, k], -1.0, 1.0))
+        self,
+        bodies: UserBatch,
+        start: Moment,
+        step: int,
+        count: int,
+        shares: Callable[[int], FloatArray],
+    ) -> list[_Plan]:
+        """What N bodies do who begin alike, with (N, A) controls of every step."""
+        start.times(bodies.n).put(bodies)
+        moments, controls, missed = [Moment.of(bodies)], [], []
+        for k in range(count):
+            bodies.step(self._drives.actions(self._drives.of(bodies), shares(k)))
+            moments.append(Moment.of(bodies))
+            controls.append(self._drives.controls(bodies))
             missed.append(self._misses(bodies, step + k))
-        found = np.stack(missed, 1)
-        found[bodies.diverged] = np.inf
-        return found
+        errors, done = np.stack(missed, 1), np.stack(controls, 1)
+        motions = np.stack([motion_of(moment, bodies) for moment in moments], 1)
+        costs = ((errors**2).sum(-1) + self._costs.of(motions[:, 1:])).sum(-1)
+        costs[bodies.diverged] = np.inf
+        shape = (count, done.shape[2], motions.shape[2])
+        return [
+            _Plan(
+                [moment.row(i) for moment in moments],
+                motions[i],
+                done[i],
+                errors[i],
+                float(costs[i]),
+                np.zeros(shape),
+            )
+            for i in range(bodies.n)
+        ]
+
+
+def _changes(
+    plan: _Plan, responses: list[Response], costs: _Costs, caution: float
+) -> tuple[FloatArray, FloatArray]:
+    """(K, A) changes of controls, (K, A, X) feedback, that make a plan's cost least."""
+    steps, actuators = plan.shares.shape
+    size = plan.motions.shape[1]
+    changes, feedback = np.zeros((steps, actuators)), np.zeros((steps, actuators, size))
+    slope, curve = np.zeros(size), np.zeros((size, size))
+    for k in reversed(range(steps)):
+        own, bent = costs.bend(plan.motions[k + 1])
+        slope, curve = slope + own, curve + np.diag(bent)
+        one, missed = responses[k], 2.0 * plan.missed[k]
+        by_motion = missed @ one.error_by_motion + slope @ one.by_motion
+        by_control = missed @ one.error_by_control + slope @ one.by_control
+        onward = curve @ one.by_motion
+        twice = 2.0 * one.error_by_motion
+        motion2 = one.error_by_motion.T @ twice + one.by_motion.T @ onward
+        cross = one.error_by_control.T @ twice + one.by_control.T @ onward
+        control2 = 2.0 * one.error_by_control.T @ one.error_by_control
+        control2 += one.by_control.T @ curve @ one.by_control
+        careful = control2 + caution * np.eye(actuators)
+        change, free = least_within(careful, by_control, -plan.shares[k], 1.0 - plan.shares[k])
+        gain = np.zeros((actuators, size))
+        if free.any():
+            gain[free] = -np.linalg.solve(careful[np.ix_(free, free)], cross[free])
+        changes[k], feedback[k] = change, gain
+        slope = by_motion + gain.T @ (control2 @ change + by_control) + cross.T @ change
+        curve = motion2 + gain.T @ control2 @ gain + gain.T @ cross + cross.T @ gain
+        curve = 0.5 * (curve + curve.T)
+    return changes, feedback
+
+
+def least_within(
+    curve: FloatArray, slope: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """The x from low to high at which slope x + x curve x / 2 is least, by projected Newton steps.
+
+    Args:
+        curve: (A, A) positive definite.
+        slope: (A,).
+        low: (A,) at most 0.
+        high: (A,) at least 0.
+
+    Returns:
+        (A,) x, and (A,) whether each is free, or held by its end.
+    """
+    x = np.clip(np.zeros(len(slope)), low, high)
+    free = np.ones(len(slope), dtype=bool)
+    for _ in range(30):
+        ascent = slope + curve @ x
+        free = ~(((x <= low + 1e-9) & (ascent > 0.0)) | ((x >= high - 1e-9) & (ascent < 0.0)))
+        if not free.any():
+            break
+        ahead = np.zeros(len(slope))
+        ahead[free] = -np.linalg.solve(curve[np.ix_(free, free)], ascent[free])
+        before, size = slope @ x + 0.5 * x @ curve @ x, 1.0
+        while True:
+            tried = np.clip(x + size * ahead, low, high)
+            after = slope @ tried + 0.5 * tried @ curve @ tried
+            if after <= before + _DESCENT * ascent @ (tried - x) or size < 1e-6:
+                break
+            size *= 0.6
+        if size < 1e-6 or before - after < 1e-9 * abs(before):
+            break
+        x = tried
+    return x, free

@@ -37,7 +37,7 @@ class Settings:
 
     Attributes:
         passes: goes at it; 1: the motor layer alone.
-        refined: whether, in one more, the muscles' actions are refined where hands would miss.
+        refined: whether, in one more, muscles are planned ahead for the path and little effort.
         yaw: degrees to the right of the recorded forward that the person faces, or ``head``.
         scale: of distances from the person's head.
         offset_m: further shift of what is recorded in the body's world: forward, left, up.

@@ -6,6 +6,8 @@ range, so that one body model can have either, or both.
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -77,6 +79,21 @@ class Drives:
         if len(self._direct):
             aim = torch.where(self._are(self._direct), 0.5 * (actions + 1.0), aim)
         return aim
+
+    def shares(self, drives: NDArray[np.float64], actions: NDArray[Any]) -> NDArray[np.float64]:
+        """(N, A) what :meth:`control` returns, of arrays."""
+        return np.asarray(self.control(torch.from_numpy(drives), torch.from_numpy(actions)))
+
+    def actions(
+        self, drives: NDArray[np.float64], shares: NDArray[np.float64]
+    ) -> NDArray[np.float64]:
+        """(N, A) the actions that lead to controls, shares of their ranges, or nearest to them."""
+        actions = shares - drives
+        motors, direct = self.motors, self._direct
+        kept = Motor.KEPT * drives[:, motors]
+        actions[:, motors] = (shares[:, motors] - kept) / (1.0 - Motor.KEPT) - drives[:, motors]
+        actions[:, direct] = 2.0 * shares[:, direct] - 1.0
+        return np.clip(actions, -1.0, 1.0)
 
     def beyond(self, drives: Tensor, actions: Tensor) -> Tensor:
         """(B,) sum of the squares of how far actions aim beyond the ranges of those that add up."""

@@ -79,8 +79,8 @@ def track(
         bool,
         typer.Option(
             "--refine/--no-refine",
-            help="Then plan muscles two seconds ahead, for the hands' path with little effort: eight "
-            "to ten minutes for each minute of fast play.",
+            help="Then plan muscles two seconds ahead, for the hands' path with little effort: "
+            "eight to ten minutes for each minute of fast play.",
         ),
     ] = True,
     pointed: Annotated[

@@ -233,6 +233,29 @@ def test_restore_errors() -> None:
         batch.get_state(1)
 
 
+def test_a_motion_goes_on_from_where_it_is_put() -> None:
+    actions = _actions(5, 1)
+    first, other = _play(actions[:3], [1]), UserBatch(BODY, 1, threads=1)
+    other.reset([0], _rngs(9))
+    other.step(_actions(1, 1, 4)[0])
+    other.set_motion(first.qpos, first.qvel, first.act, first.motor)
+    for step in actions[3:]:
+        first.step(step)
+        other.step(step)
+    for name in ("qpos", "qvel", "act"):  # the constraints' solver begins elsewhere
+        np.testing.assert_allclose(getattr(other, name), getattr(first, name), atol=1e-5)
+
+
+def test_a_motion_must_fit() -> None:
+    batch = UserBatch(BODY, 2, threads=1)
+    qpos, qvel, act, motor = batch.qpos, batch.qvel, batch.act, batch.motor
+    with pytest.raises(ValueError, match=r"act: got shape \(1, 32\), expected \(2, 32\)"):
+        batch.set_motion(qpos, qvel, act[:1], motor)
+    with pytest.raises(ValueError, match="qvel: got NaN or infinity, expected finite numbers"):
+        batch.set_motion(qpos + 0.1, np.full_like(qvel, np.nan), act, motor)
+    np.testing.assert_array_equal(batch.qpos, qpos)
+
+
 @pytest.mark.parametrize("speed", [1e5, 1e12])
 def test_a_diverged_user_is_frozen_and_the_others_go_on(
     speed: float, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -253,6 +276,10 @@ def test_a_diverged_user_is_frozen_and_the_others_go_on(
     np.testing.assert_array_equal(batch.qpos[1], at_loss["qpos"][1])
     for name, values in _snapshot(healthy).items():
         np.testing.assert_array_equal(values[[0, 2]], _snapshot(batch)[name][[0, 2]], err_msg=name)
+    still = healthy.qpos, healthy.qvel, healthy.act, healthy.motor
+    batch.set_motion(*still)
+    batch.step(actions[0])
+    assert not batch.diverged.any()
     batch.reset([1], _rngs(4))
     assert not batch.diverged.any()
     batch.step(actions[0])

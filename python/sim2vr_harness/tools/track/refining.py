@@ -33,6 +33,9 @@ _GOES = 8
 """Times at most that a stretch is planned."""
 _ENOUGH = 0.02
 """Two goes in a row that make a plan better by less than this share are the last ones."""
+_LOST_M = 0.1
+"""Who would be farther off than this, along an axis, in what is done plans afresh, too: plans get
+stuck where nothing slight is any better."""
 _EFFORT_M2 = 2e-3
 """Mean squared activation of 1 is worth this much squared error in every step."""
 _STOP_M2 = 0.04
@@ -133,7 +136,7 @@ class Refinement:
     def action(self, users: UserBatch, step: int) -> FloatArray:
         """(1, A) actions of the one body that follows, in a step."""
         if self._plan is None or step >= self._first + _DONE:
-            self._plan = self._planned(Moment.of(users).row(0), step)
+            self._plan = self._best(Moment.of(users).row(0), step)
             self._first = step
         k = step - self._first
         plan, now = self._plan, Moment.of(users)
@@ -141,9 +144,18 @@ class Refinement:
         shares = plan.shares[k] + beside @ plan.feedback[k].T
         return self._drives.actions(self._drives.of(users), shares)
 
-    def _planned(self, start: Moment, step: int) -> _Plan:
-        """The best plan of the steps from one on."""
-        plan = self._begun(start, step)
+    def _best(self, start: Moment, step: int) -> _Plan:
+        """The plan of the steps from one on: of what is left of the last, or afresh if lost."""
+        old = self._plan
+        plan = self._planned(self._begun(start, step, old), step)
+        if old is None or np.abs(plan.missed[:_DONE]).max() < _LOST_M:
+            return plan
+        self._caution = _CAUTION_M2
+        afresh = self._planned(self._begun(start, step, None), step)
+        return min(plan, afresh, key=lambda one: one.cost)
+
+    def _planned(self, plan: _Plan, step: int) -> _Plan:
+        """A plan made better, until it hardly becomes so any more."""
         gained = True
         for _ in range(_GOES):
             responses = [
@@ -164,9 +176,9 @@ class Refinement:
                 break
         return plan
 
-    def _begun(self, start: Moment, step: int) -> _Plan:
+    def _begun(self, start: Moment, step: int, old: _Plan | None) -> _Plan:
         """What is left of the plan before, and then what the motor layer does."""
-        old, bodies = self._plan, self._one
+        bodies = self._one
         left = 0 if old is None else len(old.shares) - _DONE
 
         def shares(k: int) -> FloatArray:

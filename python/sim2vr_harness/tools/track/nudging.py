@@ -20,7 +20,7 @@ _ANGLE, _SPEED, _DRIVE = 1e-3, 1e-2, 0.03
 _SAME = 0.02, 0.2, 0.05
 """Who has moved by less than these since a response was measured responds the same."""
 _SLIGHT = 1e-5
-"""Change of an angle to see how the joints coupled to it move."""
+"""Change of an angle, an activation or a control, where what follows is known in formulas."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +121,10 @@ class Nudges:
         if known is None or (np.abs(point - known[0]) > self._same).any():
             self._known[step] = known = point, self._measured(moment, shares, step)
         return known[1]
+
+    def forget_before(self, step: int) -> None:
+        """Drop what was measured of earlier steps, which are done."""
+        self._known = {known: found for known, found in self._known.items() if known >= step}
 
     def _measured(self, moment: Moment, shares: FloatArray, step: int) -> Response:
         bodies, j, muscles = self._bodies, self._joints, self._drives.muscles

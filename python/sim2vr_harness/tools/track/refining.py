@@ -138,15 +138,15 @@ class Refinement:
         if self._plan is None or step >= self._first + _DONE:
             self._plan = self._best(Moment.of(users).row(0), step)
             self._first = step
-        k = step - self._first
-        plan, now = self._plan, Moment.of(users)
-        beside = motion_of(now, users) - plan.motions[k]
+        k, plan = step - self._first, self._plan
+        beside = motion_of(Moment.of(users), users) - plan.motions[k]
         shares = plan.shares[k] + beside @ plan.feedback[k].T
         return self._drives.actions(self._drives.of(users), shares)
 
     def _best(self, start: Moment, step: int) -> _Plan:
         """The plan of the steps from one on: of what is left of the last, or afresh if lost."""
         old = self._plan
+        self._nudges.forget_before(step)
         plan = self._planned(self._begun(start, step, old), step)
         if old is None or np.abs(plan.missed[:_DONE]).max() < _LOST_M:
             return plan

@@ -9,9 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-import mujoco
 import numpy as np
-from mujoco.batch import Batch, SimulationError
 from numpy.typing import ArrayLike, NDArray
 
 from sim2vr_harness.users.actuation import Actuation
@@ -22,25 +20,14 @@ from sim2vr_harness.users.effort import EffortModel, make_effort
 from sim2vr_harness.users.head import HeadMotion, HeadReflex, moved_head
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.users.people import People, Person, Persons
+from sim2vr_harness.users.physics import Physics
 from sim2vr_harness.users.worn import WornDevices
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
-_WARNINGS = {
-    warning.name.removeprefix("mjWARN_").lower(): int(warning)
-    for warning in mujoco.mjtWarning.__members__.values()
-    if warning != mujoco.mjtWarning.mjNWARNING
-}
-_BROKEN = [_WARNINGS[name] for name in ("badqpos", "badqvel", "badqacc", "badctrl")]
-"""Warnings after which the motion means nothing; the others (a nearly singular inertia, a full
-list of contacts or constraints) make it wrong, and are counted."""
-
 _HEAD = 0x48656164
 """Makes the stream of the head another one than that of the motor noise."""
-
-_POS = mujoco.mjtStage.mjSTAGE_POS.value
-_ACC = mujoco.mjtStage.mjSTAGE_ACC.value
 
 
 class UserBatch:
@@ -111,24 +98,11 @@ class UserBatch:
         self.effort = self._make_effort(effort, effort_weight, effort_params)
         self.noise = MotorNoise(noise, n, self.muscle_count) if noise else None
 
-        model = body.physics_model
-        self._batch = Batch(model, n, threads)
-        self._state = self._batch.state
-        self._qpos, self._qvel = self._batch.bind("qpos"), self._batch.bind("qvel")
-        self._act, self._ctrl = self._batch.bind("act"), self._batch.bind("ctrl")
-        self._time = self._batch.bind("time")
-        # Fields a call does not compute may hold another simulation's values, so every derived
-        # field is copied out right after the call that computed it.
-        self._live_qacc = self._batch.bind("qacc")
-        self._live_force = self._batch.bind("actuator_force")
-        self._qacc = np.zeros((n, model.nv))
-        self._force = np.zeros((n, model.nu))
-        self._worn = WornDevices(body, self._batch)
-        self.who = Persons(body, self._batch, people, cut)
+        self._physics = Physics(body, n, threads, self._actuation)
+        self._worn = WornDevices(body, self._physics.batch)
+        self.who = Persons(body, self._physics.batch, people, cut)
         self._head = self._make_head(head)
-        self._motor = np.zeros((n, len(self._actuation.motors)))
         self._cost = np.zeros(n)
-        self._diverged = np.zeros(n, dtype=bool)
         self.reset(np.arange(n), [np.random.default_rng(i) for i in range(n)])
 
     def _make_effort(
@@ -208,20 +182,19 @@ class UserBatch:
         ids, rngs, chosen = ids[order], [rngs[k] for k in order], [chosen[k] for k in order]
         if len(ids) == 0:
             return
-        self._batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        physics = self._physics
+        physics.reset(ids)
         noise_seeds = []
         for i, rng, posture in zip(ids, rngs, chosen, strict=True):
             self._draw_start(int(i), rng)
             noise_seeds.append(int(rng.integers(2**63)))
             if posture is not None:
-                self._qpos[i] = self.who.body(i).coupled_qpos(posture)
-            self._actuation.hold(self._motor[i], self._qpos[i])
+                physics.qpos[i] = self.who.body(i).coupled_qpos(posture)
+            self._actuation.hold(physics.motor[i], physics.qpos[i])
         if self.noise is not None:
             self.noise.reset(ids, noise_seeds)
-        self._diverged[ids] = False
         self._worn.head_pitch_deg[ids] = np.nan
-        self._batch.forward(ids, _ACC)
-        self._copy_forces(ids)
+        physics.start(ids)
         self._worn.copy(ids, slice(None))
         if self._head is not None:
             seeds = [seed ^ _HEAD for seed in noise_seeds]
@@ -230,18 +203,18 @@ class UserBatch:
         self._update_effort(ids)
 
     def _draw_start(self, i: int, rng: np.random.Generator) -> None:
-        body, rule = self.who.body(i), self.body.reset_rule
+        body, rule, physics = self.who.body(i), self.body.reset_rule, self._physics
         joints, dofs = body.qpos_independent, body.qvel_independent
         angles = rng.uniform(-rule.position_range, rule.position_range, len(joints))
         if rule.posture:
             angles += [rule.posture.get(name, 0.0) for name in body.independent_joints]
-        self._qpos[i, joints] = angles
+        physics.qpos[i, joints] = angles
         if rule.fit_couplings:
-            self._qpos[i] = body.coupled_qpos(angles)
-        self._qvel[i, dofs] = rng.uniform(-rule.velocity_range, rule.velocity_range, len(dofs))
+            physics.qpos[i] = body.coupled_qpos(angles)
+        physics.qvel[i, dofs] = rng.uniform(-rule.velocity_range, rule.velocity_range, len(dofs))
         activations = rng.uniform(*rule.activation_range, self.muscle_count)
-        self._act[i, self._actuation.activations] = activations
-        self._motor[i] = rng.uniform(0.0, 1.0, self._motor.shape[1])
+        physics.act[i, self._actuation.activations] = activations
+        physics.motor[i] = rng.uniform(0.0, 1.0, physics.motor.shape[1])
 
     def turn_head(
         self,
@@ -287,12 +260,12 @@ class UserBatch:
         low, high = hinge.range
         w, x, y, z = self._worn.poses("headset", -1)[1][ids].T
         looking_up = np.arcsin(np.clip(2.0 * (x * z - w * y), -1.0, 1.0))
-        angles = self._qpos[ids, hinge.qposadr[0]] + looking_up - np.radians(pitches_deg)
-        self._qpos[ids, hinge.qposadr[0]] = np.clip(angles, low, high)
+        physics = self._physics
+        angles = physics.qpos[ids, hinge.qposadr[0]] + looking_up - np.radians(pitches_deg)
+        physics.qpos[ids, hinge.qposadr[0]] = np.clip(angles, low, high)
         for i in ids:
-            self._actuation.hold(self._motor[i], self._qpos[i])
-        self._batch.forward(ids, _ACC)
-        self._copy_forces(ids)
+            self._actuation.hold(physics.motor[i], physics.qpos[i])
+        physics.start(ids)
         self._worn.copy(ids, slice(None))
         self.effort.reset(ids)
         self._update_effort(ids)
@@ -323,8 +296,9 @@ class UserBatch:
         """
         action = checked_action(action, self.n, self.body.action_names)
         stops = self._checked_stops(pose_samples, pauses or {})
-        ids = np.flatnonzero(~self._diverged)
-        before = self._state[ids].copy(), self._qacc[ids], self._force[ids], self._motor[ids]
+        physics, diverged = self._physics, self._physics.diverged
+        ids = np.flatnonzero(~diverged)
+        before = physics.kept(ids)
         self._apply(np.clip(action[ids], -1.0, 1.0), ids)
         if self._head is not None:
             pos, quat = self._worn.poses("headset", -1)
@@ -334,21 +308,22 @@ class UserBatch:
         self._worn.resize(pose_samples)
         done = sample = 0
         for stop in stops:
-            alive = ids[~self._diverged[ids]]
-            self._advance(alive, stop - done)
-            done, alive = stop, alive[~self._diverged[alive]]
+            alive = ids[~diverged[ids]]
+            physics.advance(alive, stop - done)
+            done, alive = stop, alive[~diverged[alive]]
             if self._head is not None:
                 self._head.reached = stop
             self._worn.copy(alive, slice(sample, None))
             if pauses and stop in pauses:
-                self._copy_forces(alive)
+                physics.copy_forces(alive)
                 pauses[stop]()
             sample += (stop * pose_samples) % self.substeps == 0
-        lost = self._diverged[ids]
+        lost = diverged[ids]
         if lost.any():
-            self._freeze(ids[lost], *(part[lost] for part in before))
+            physics.put_back(ids[lost], tuple(part[lost] for part in before))
+            self._worn.copy(ids[lost], slice(None))
         survivors = ids[~lost]
-        self._copy_forces(survivors)
+        physics.copy_forces(survivors)
         self._update_effort(survivors)
 
     def _checked_stops(
@@ -367,50 +342,23 @@ class UserBatch:
 
     def _apply(self, action: FloatArray, ids: IntArray) -> None:
         """Sets the controls of these users."""
-        memory = self._motor[ids]
-        ctrl = self._actuation.controls(action, self._act[ids], memory)
-        self._motor[ids] = memory
+        physics = self._physics
+        memory = physics.motor[ids]
+        ctrl = self._actuation.controls(action, physics.act[ids], memory)
+        physics.motor[ids] = memory
         if self.noise is not None:
             muscles = self._actuation.muscles
             ctrl[:, muscles] = self.noise.apply(ctrl[:, muscles], ids, self.who.motor_noise[ids])
-        self._ctrl[np.ix_(ids, self._actuation.actuators)] = ctrl
-
-    def _advance(self, ids: IntArray, substeps: int) -> None:
-        """Steps these users and flags those whose simulation broke."""
-        if len(ids) == 0:
-            return
-        counts = self._batch.warning[ids][:, _BROKEN, 1].copy()
-        try:
-            self._batch.step(ids, nstep=substeps, stage=_POS)
-        except SimulationError as error:
-            self._diverged[error.ids] = True
-        broken = (self._batch.warning[ids][:, _BROKEN, 1] != counts).any(axis=1)
-        finite = np.isfinite(self._state[ids]).all(axis=1)
-        self._diverged[ids[broken | ~finite]] = True
-
-    def _freeze(
-        self,
-        ids: IntArray,
-        states: FloatArray,
-        qacc: FloatArray,
-        force: FloatArray,
-        motor: FloatArray,
-    ) -> None:
-        """Puts diverged users back to the last finite state, where they stay until reset."""
-        self._state[ids], self._motor[ids] = states, motor
-        self._batch.forward(ids, _POS)
-        self._worn.copy(ids, slice(None))
-        self._qacc[ids], self._force[ids] = qacc, force
+        physics.ctrl[np.ix_(ids, self._actuation.actuators)] = ctrl
 
     def _update_effort(self, ids: IntArray) -> None:
         if len(ids):
-            actuators = self._actuation.actuators
+            actuators, physics = self._actuation.actuators, self._physics
             # Of the strength that they have: forces count as shares of the body's peak forces.
-            force = self._force[np.ix_(ids, actuators)] / self.who.strength[ids, None]
-            act = self._act[np.ix_(ids, self._actuation.activations)]
-            cost = self.effort.update(
-                self._actuation.loads(act, force), self._ctrl[np.ix_(ids, actuators)], force, ids
-            )
+            force = physics.force[np.ix_(ids, actuators)] / self.who.strength[ids, None]
+            act = physics.act[np.ix_(ids, self._actuation.activations)]
+            ctrl = physics.ctrl[np.ix_(ids, actuators)]
+            cost = self.effort.update(self._actuation.loads(act, force), ctrl, force, ids)
             self._cost[ids] = self.who.effort_weight[ids] * cost
 
     # --- what the simulation says ------------------------------------------------------------
@@ -460,37 +408,37 @@ class UserBatch:
     @property
     def act(self) -> FloatArray:
         """(N, M) muscle activations in [0, 1]."""
-        return np.array(self._act[:, self._actuation.activations])
+        return np.array(self._physics.act[:, self._actuation.activations])
 
     @property
     def motor(self) -> FloatArray:
         """(N, S) smoothed targets of the motors, 0 to 1 of their control ranges."""
-        return self._motor.copy()
+        return self._physics.motor.copy()
 
     @property
     def ctrl(self) -> FloatArray:
         """(N, A) controls, with motor noise: of muscles in [0, 1]."""
-        return np.array(self._ctrl[:, self._actuation.actuators])
+        return np.array(self._physics.ctrl[:, self._actuation.actuators])
 
     @property
     def qpos(self) -> FloatArray:
         """(N, nq) joint angles in rad."""
-        return np.array(self._qpos)
+        return np.array(self._physics.qpos)
 
     @property
     def qvel(self) -> FloatArray:
         """(N, nv) joint velocities in rad/s."""
-        return np.array(self._qvel)
+        return np.array(self._physics.qvel)
 
     @property
     def qacc(self) -> FloatArray:
         """(N, nv) joint accelerations of the last substep in rad/s^2."""
-        return self._qacc.copy()
+        return self._physics.qacc.copy()
 
     @property
     def actuator_force(self) -> FloatArray:
         """(N, A) forces of the last substep in N (motors Nm); a pulling muscle's is negative."""
-        return self._force[:, self._actuation.actuators]
+        return self._physics.force[:, self._actuation.actuators]
 
     @property
     def end_effector_pos(self) -> FloatArray:
@@ -505,12 +453,12 @@ class UserBatch:
     @property
     def time(self) -> FloatArray:
         """(N,) seconds since the user's last reset."""
-        return np.array(self._time)
+        return np.array(self._physics.time)
 
     @property
     def diverged(self) -> NDArray[np.bool_]:
         """(N,) whether the simulation broke; such a user stays at its last finite state."""
-        return self._diverged.copy()
+        return self._physics.diverged.copy()
 
     @property
     def warnings(self) -> dict[str, IntArray]:
@@ -520,8 +468,7 @@ class UserBatch:
         singular), `contactfull` and `cnstrfull` (more than the model has room for) do not: the
         motion goes on, but it is not to be trusted.
         """
-        counts = np.array(self._batch.warning[:, :, 1], dtype=np.int64)
-        return {name: counts[:, k] for name, k in _WARNINGS.items()}
+        return self._physics.warnings
 
     # --- save and restore --------------------------------------------------------------------
 
@@ -534,14 +481,9 @@ class UserBatch:
         """
         i = int(checked_ids([i], self.n)[0])
         state: dict[str, Any] = {
-            "simulation": self._state[i].copy(),
-            "motor": self._motor[i].copy(),
+            **self._physics.get_state(i),
             "head_pitch_deg": np.array(self._worn.head_pitch_deg[i]),
-            "qacc": self._qacc[i].copy(),
-            "force": self._force[i].copy(),
             "effort_cost": self._cost[i].copy(),
-            "diverged": np.array(self._diverged[i]),
-            "warnings": np.array(self._batch.warning[i]),
         }
         state.update({f"effort/{k}": v[i].copy() for k, v in self.effort.state().items()})
         if self.noise is not None:
@@ -573,13 +515,10 @@ class UserBatch:
         ids = np.array([i])
         if self.who.people is not None:
             self.who.set_state(i, state["person"])
-        self._state[i], self._motor[i] = state["simulation"], state["motor"]
+        self._physics.set_state(i, state)
         self._worn.head_pitch_deg[i] = state["head_pitch_deg"]
-        self._batch.forward(ids, _POS)
-        self._batch.warning[i] = state["warnings"]
         self._worn.copy(ids, slice(None))
-        self._qacc[i], self._force[i] = state["qacc"], state["force"]
-        self._cost[i], self._diverged[i] = state["effort_cost"], bool(state["diverged"])
+        self._cost[i] = state["effort_cost"]
         effort = {k: state[f"effort/{k}"][None] for k in self.effort.state()}
         self.effort.set_state(effort, ids)
         if self.noise is not None:
@@ -600,22 +539,4 @@ class UserBatch:
         Raises:
             ValueError: another shape, or a number that is not finite.
         """
-        live = {"qpos": self._qpos, "qvel": self._qvel, "motor": self._motor}
-        live["act"] = self._act[:, self._actuation.activations]
-        given = {"qpos": qpos, "qvel": qvel, "motor": motor, "act": act}
-        for name, values in given.items():
-            if np.shape(values) != live[name].shape:
-                raise ValueError(
-                    f"{name}: got shape {np.shape(values)}, expected {live[name].shape}"
-                )
-            if not np.isfinite(values).all():
-                raise ValueError(f"{name}: got NaN or infinity, expected finite numbers")
-        self._qpos[:], self._qvel[:], self._motor[:] = qpos, qvel, motor
-        self._act[:, self._actuation.activations] = act
-        self._diverged[:] = False
-
-    # --- helpers -----------------------------------------------------------------------------
-
-    def _copy_forces(self, ids: IntArray) -> None:
-        self._qacc[ids] = self._live_qacc[ids]
-        self._force[ids] = self._live_force[ids]
+        self._physics.set_motion(qpos, qvel, act, motor)

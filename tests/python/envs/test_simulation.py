@@ -158,7 +158,7 @@ def test_a_diverged_user_ends_on_its_last_finite_observation(tmp_path, monkeypat
     simulation.reset(seeds=[1, 2])
     simulation.step(actions(2, 0))
     before = simulation.observation()
-    simulation.users._qvel[0, :] = 1e12
+    simulation.users._physics.qvel[0, :] = 1e12
     batch = simulation.step(actions(2, 1))
     assert batch.terminated.tolist() == [True, False]
     assert batch.infos[0]["termination"] == "diverged"
@@ -204,7 +204,7 @@ def test_a_diverged_user_keeps_its_last_log_and_picture() -> None:
     trace(simulation, 10)
     before, log = simulation.observation(), simulation.step(actions(2, 10)).logs[0]
     before = simulation.observation()
-    simulation.users._qvel[0] = 1e9
+    simulation.users._physics.qvel[0] = 1e9
     batch = simulation.step(actions(2, 11))
     assert batch.terminated.tolist() == [True, False]
     assert batch.answered.tolist() == [False, True]

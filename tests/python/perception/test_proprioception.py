@@ -43,7 +43,7 @@ def test_order_and_scaling(batch: UserBatch) -> None:
 def test_limits_map_to_minus_one_and_one() -> None:
     sense, batch = Proprioception(BODY), UserBatch(BODY, 2, threads=1)
     for row, bound in ((0, 0), (1, 1)):
-        batch._qpos[row, BODY.qpos_independent] = BODY.joint_ranges[:, bound]
+        batch._physics.qpos[row, BODY.qpos_independent] = BODY.joint_ranges[:, bound]
     seen = sense.observe(batch)
     np.testing.assert_allclose(seen[0, :7], -1, atol=1e-6)
     np.testing.assert_allclose(seen[1, :7], 1, atol=1e-6)

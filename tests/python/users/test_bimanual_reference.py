@@ -39,8 +39,8 @@ def test_trace(reference: Any, bare: Body) -> None:
     trace = reference("trace")
     assert list(bare.independent_joints) == trace["joints"]
     batch = UserBatch(bare, 1, threads=1, effort="zero")
-    batch._qpos[:] = batch._qvel[:] = 0.0
-    batch._motor[:] = 0.5
+    batch._physics.qpos[:] = batch._physics.qvel[:] = 0.0
+    batch._physics.motor[:] = 0.5
     for k, step in enumerate(trace["steps"]):
         batch.step(0.25 * np.sin(0.3 * k + 1.3 * np.arange(14))[None])
         got_and_expected = {

@@ -126,8 +126,8 @@ def test_forces_and_trajectories_are_mirror_images(torso: bool) -> None:
     batch = UserBatch(body, 1, threads=1, effort="zero")
     start = np.array([body.reset_rule.posture.get(j, 0.0) for j in body.independent_joints])
     batch.reset([0], [np.random.default_rng(1)], [start])
-    batch._qvel[:] = 0.0
-    batch._act[0, 32:] = batch._act[0, :32]
+    batch._physics.qvel[:] = 0.0
+    batch._physics.act[0, 32:] = batch._physics.act[0, :32]
     arms = [[body.independent_joints.index(j + s) for j in _ARM] for s in SIDES]
     right, left = (body.qpos_independent[arm] for arm in arms)
     rng = np.random.default_rng(2)
@@ -167,7 +167,7 @@ def test_the_right_arm_moves_as_the_wrist_models(worn: Body) -> None:
     wrist = load_body("mobl_arms_wrist", appearance=False)
     one, two = (UserBatch(body, 1, threads=1, effort="zero") for body in (wrist, worn))
     for batch in (one, two):
-        batch._qpos[:] = batch._qvel[:] = batch._act[:] = 0.0
+        batch._physics.qpos[:] = batch._physics.qvel[:] = batch._physics.act[:] = 0.0
     rng = np.random.default_rng(5)
     worst = moved = 0.0
     for _ in range(60):

@@ -183,7 +183,7 @@ def test_warnings_are_counted_per_user(tmp_path: Path, monkeypatch: pytest.Monke
     mjcf = TABLE.format(memory='<size memory="2K"/>')
     body = load_body(write_body(tmp_path, mjcf, TABLE_DESCRIPTION), appearance=False)
     batch = UserBatch(body, 2, threads=1, effort="zero")
-    batch._qpos[0] = -0.16  # 1 cm into the table; the other one is still in the air
+    batch._physics.qpos[0] = -0.16  # 1 cm into the table; the other one is still in the air
     batch.step(np.zeros((2, 1)))
     warned = {name: counts.tolist() for name, counts in batch.warnings.items() if counts.any()}
     assert warned

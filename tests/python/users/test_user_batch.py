@@ -264,7 +264,7 @@ def test_a_diverged_user_is_frozen_and_the_others_go_on(
     actions = _actions(4, 3)
     healthy = _play(actions, [1, 2, 3])
     batch = _play(actions[:2], [1, 2, 3])
-    batch._qvel[1] = speed  # as a simulation about to blow up has it
+    batch._physics.qvel[1] = speed  # as a simulation about to blow up has it
     at_loss = _snapshot(batch)
     batch.step(actions[2], pose_samples=5)
     assert batch.diverged.tolist() == [False, True, False]
@@ -384,7 +384,7 @@ def test_pauses_change_no_bit_and_show_the_moment() -> None:
     single.step(actions[0][:1])
     model, data = BODY.model, mujoco.MjData(BODY.model)
     data.qpos[:], data.qvel[:], data.act[:] = single.qpos[0], single.qvel[0], single.act[0]
-    data.qacc_warmstart[:] = single._batch.bind("qacc_warmstart")[0]
+    data.qacc_warmstart[:] = single._physics.batch.bind("qacc_warmstart")[0]
     data.ctrl[:] = np.clip(single.act[0] + actions[1][0], 0, 1)
     mujoco.mj_step(model, data, 7)
     np.testing.assert_array_equal(seen[7]["qpos"][0], data.qpos)

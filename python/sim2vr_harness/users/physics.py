@@ -1,0 +1,152 @@
+"""The MuJoCo simulations of N users: how they are now, how they go on, and which of them broke."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import mujoco
+import numpy as np
+from mujoco.batch import Batch, SimulationError
+from numpy.typing import NDArray
+
+from sim2vr_harness.users.actuation import Actuation
+from sim2vr_harness.users.bodies.body import Body
+
+__all__ = ["Physics"]
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+
+_WARNINGS = {
+    warning.name.removeprefix("mjWARN_").lower(): int(warning)
+    for warning in mujoco.mjtWarning.__members__.values()
+    if warning != mujoco.mjtWarning.mjNWARNING
+}
+_BROKEN = [_WARNINGS[name] for name in ("badqpos", "badqvel", "badqacc", "badctrl")]
+"""Warnings after which the motion means nothing; the others (a nearly singular inertia, a full
+list of contacts or constraints) make it wrong, and are counted."""
+
+_POS = mujoco.mjtStage.mjSTAGE_POS.value
+_ACC = mujoco.mjtStage.mjSTAGE_ACC.value
+
+
+class Physics:
+    """N simulations of one body, user first.
+
+    Kinematics are those of the state after every call; accelerations and forces those of the last
+    substep, or of the start.
+
+    Args:
+        body: the body.
+        n: number of users N.
+        threads: worker threads, 0 for one per CPU.
+        actuation: the body's.
+
+    Attributes:
+        batch: MuJoCo's simulations.
+        qpos: (N, nq), live, as are the next four: written to, they change the simulation.
+        qvel: (N, nv).
+        act: (N, na) in MuJoCo's order.
+        ctrl: (N, nu) in MuJoCo's order.
+        time: (N,) s since the reset.
+        motor: (N, S) smoothed targets of motors.
+        qacc: (N, nv) accelerations.
+        force: (N, nu) forces of the actuators, in MuJoCo's order.
+        diverged: (N,) whose simulation broke.
+    """
+
+    def __init__(self, body: Body, n: int, threads: int, actuation: Actuation) -> None:
+        model = body.physics_model
+        self._activations = actuation.activations
+        self.batch = Batch(model, n, threads)
+        self._state = self.batch.state
+        self.qpos, self.qvel = self.batch.bind("qpos"), self.batch.bind("qvel")
+        self.act, self.ctrl = self.batch.bind("act"), self.batch.bind("ctrl")
+        self.time = self.batch.bind("time")
+        self.motor = np.zeros((n, len(actuation.motors)))
+        # Fields a call does not compute may hold another simulation's values, so every derived
+        # field is copied out right after the call that computed it.
+        self._live_qacc = self.batch.bind("qacc")
+        self._live_force = self.batch.bind("actuator_force")
+        self.qacc, self.force = np.zeros((n, model.nv)), np.zeros((n, model.nu))
+        self.diverged = np.zeros(n, dtype=bool)
+
+    @property
+    def warnings(self) -> dict[str, IntArray]:
+        """(N,) how often MuJoCo warned since the last reset, by kind."""
+        counts = np.array(self.batch.warning[:, :, 1], dtype=np.int64)
+        return {name: counts[:, k] for name, k in _WARNINGS.items()}
+
+    def reset(self, ids: IntArray) -> None:
+        """Clears some simulations, whose state then is to be written, and `start`ed from."""
+        self.batch.reset(ids, stage=mujoco.mjtStage.mjSTAGE_NONE.value)
+        self.diverged[ids] = False
+
+    def start(self, ids: IntArray) -> None:
+        """Works out what follows from a state that was written: poses, accelerations, forces."""
+        self.batch.forward(ids, _ACC)
+        self.copy_forces(ids)
+
+    def advance(self, ids: IntArray, substeps: int) -> None:
+        """Goes on, and flags those that broke."""
+        if len(ids) == 0:
+            return
+        counts = self.batch.warning[ids][:, _BROKEN, 1].copy()
+        try:
+            self.batch.step(ids, nstep=substeps, stage=_POS)
+        except SimulationError as error:
+            self.diverged[error.ids] = True
+        broken = (self.batch.warning[ids][:, _BROKEN, 1] != counts).any(axis=1)
+        finite = np.isfinite(self._state[ids]).all(axis=1)
+        self.diverged[ids[broken | ~finite]] = True
+
+    def copy_forces(self, ids: IntArray) -> None:
+        """Takes over accelerations and forces of the last substep."""
+        self.qacc[ids] = self._live_qacc[ids]
+        self.force[ids] = self._live_force[ids]
+
+    def kept(self, ids: IntArray) -> tuple[FloatArray, ...]:
+        """What `put_back` needs, a row for each of these users."""
+        return self._state[ids].copy(), self.qacc[ids], self.force[ids], self.motor[ids]
+
+    def put_back(self, ids: IntArray, kept: tuple[FloatArray, ...]) -> None:
+        """Puts these users back to where they were `kept`."""
+        self._state[ids], self.qacc[ids], self.force[ids], self.motor[ids] = kept
+        self.batch.forward(ids, _POS)
+
+    def get_state(self, i: int) -> dict[str, FloatArray]:
+        """Everything that simulation i's future depends on, solver warm start included."""
+        return {
+            "simulation": self._state[i].copy(),
+            "motor": self.motor[i].copy(),
+            "qacc": self.qacc[i].copy(),
+            "force": self.force[i].copy(),
+            "diverged": np.array(self.diverged[i]),
+            "warnings": np.array(self.batch.warning[i]),
+        }
+
+    def set_state(self, i: int, state: Mapping[str, Any]) -> None:
+        """Puts simulation i where `get_state` says."""
+        kept = (state["simulation"], state["qacc"], state["force"], state["motor"])
+        self.put_back(np.array([i]), kept)
+        self.batch.warning[i] = state["warnings"]
+        self.diverged[i] = bool(state["diverged"])
+
+    def set_motion(
+        self, qpos: FloatArray, qvel: FloatArray, act: FloatArray, motor: FloatArray
+    ) -> None:
+        """Does what `UserBatch.set_motion` says."""
+        live = {"qpos": self.qpos, "qvel": self.qvel, "motor": self.motor}
+        live["act"] = self.act[:, self._activations]
+        given = {"qpos": qpos, "qvel": qvel, "motor": motor, "act": act}
+        for name, values in given.items():
+            if np.shape(values) != live[name].shape:
+                raise ValueError(
+                    f"{name}: got shape {np.shape(values)}, expected {live[name].shape}"
+                )
+            if not np.isfinite(values).all():
+                raise ValueError(f"{name}: got NaN or infinity, expected finite numbers")
+        self.qpos[:], self.qvel[:], self.motor[:] = qpos, qvel, motor
+        self.act[:, self._activations] = act
+        self.diverged[:] = False

@@ -131,3 +131,31 @@ def test_a_hand_is_held_where_it_is_with_less_effort() -> None:
         acts.append((users.act**2).mean())
     assert np.mean(acts[10:]) < 0.5 * held**2
     assert np.max(errors) < 0.02
+
+
+def test_a_plan_that_has_gone_wrong_is_made_afresh(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of plans that nothing makes better, here, the motor layer's is left if the old one loses."""
+    make = many()
+    users = make(1)
+    drives = Drives(users.body)
+    held = np.full((1, drives.count), 0.35)
+    for _ in range(30):
+        users.step(drives.actions(drives.of(users), held))
+    place = hand(users, 0)
+
+    def stay(bodies: UserBatch, step: int) -> FloatArray:
+        return drives.actions(drives.of(bodies), np.repeat(held, bodies.n, 0))
+
+    monkeypatch.setattr(Refinement, "_planned", lambda self, plan, step: plan)
+    refinement = Refinement(make, stay, lambda bodies, step: hand(bodies, step) - place, 60)
+    plan = refinement._best(Moment.of(users).row(0), 0)
+    np.testing.assert_allclose(plan.shares, np.repeat(held, 40, 0))
+    for worse in (False, True):
+        plan.shares[25:] = np.arange(drives.count) < 8 if worse else 0.36
+        refinement._plan = plan
+        # A plan's own steps are kept as long as they lead where the hand shall be.
+        after = refinement._best(plan.moments[25], 25)
+        np.testing.assert_allclose(
+            after.shares, np.repeat(held, 35, 0), atol=0.0 if worse else 0.01
+        )
+        assert (after.shares[0, 0] == pytest.approx(0.35)) == worse

@@ -178,6 +178,7 @@ class ImaginedGame(Protocol):
         step_s: float,
         frames: int,
         seed: int,
+        gamma: float,
     ) -> ImaginedRounds:
         """Return N imagined rounds.
 
@@ -188,6 +189,7 @@ class ImaginedGame(Protocol):
             step_s: duration of a user step.
             frames: F, app frames of a user step.
             seed: of what comes up when and where.
+            gamma: how much of a reward is left to who learns a user step later.
 
         Raises:
             ValueError: the twin does not know this duration of a step, or so many frames.

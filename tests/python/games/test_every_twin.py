@@ -72,7 +72,9 @@ def twin_of(sim: TeacherSimulation) -> Any:
     conditions = [sim.describe(k) for k in range(len(sim.conditions))]
     frames = sim.config.frames_per_step
     settings = sim.game.settings(**PLAIN.get(sim.game.name, {}))
-    return sim.game.rounds(N, conditions, settings, step_s=sim.step_s, frames=frames, seed=3)
+    return sim.game.rounds(
+        N, conditions, settings, step_s=sim.step_s, frames=frames, seed=3, gamma=0.96
+    )
 
 
 @pytest.fixture(scope="module", params=imagined_games())

@@ -349,6 +349,20 @@ def test_what_a_hit_takes_away_is_a_later_one(until_s: float, later: tuple[float
     assert game._foregone[0].abs().max() == 0.0
 
 
+def test_who_counts_what_comes_later_less_has_less_to_wait_for() -> None:
+    """By hand: what is worth .5 more in the fourth frame is worth .94^4 of that to who discounts.
+
+    exp(2 * .2 s) = 1.492 times as much with nothing taken off, 1.165 with .94 a step.
+    """
+    settings = TwinSettings(patience_per_s=2.0, patience_until_s=0.4)
+    for gamma, worth in ((1.0, 1.492), (0.94, 1.165)):
+        game = ImaginedWhacAMole(3, CONDITIONS, settings, step_s=0.05, seed=2, gamma=gamma)
+        game._earned[1] = 1.0
+        game.counts[0, 1, 4] = 1.0
+        game.adapt()
+        assert game._foregone[1, 4].item() / 0.5 == pytest.approx(worth, rel=1e-3)
+
+
 def test_what_a_hit_takes_away_counts_against_its_gradient_alone() -> None:
     """The first user hits: its reward is what it was, its gradient .4 of it if .6 is taken away.
 

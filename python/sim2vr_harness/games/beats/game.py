@@ -55,6 +55,7 @@ class Beats:
         step_s: float,
         frames: int,
         seed: int,
+        gamma: float,
     ) -> ImaginedBeats:
         """See the protocol."""
         levels: dict[str, Levels] = {}

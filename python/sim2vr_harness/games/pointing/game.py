@@ -54,6 +54,7 @@ class Pointing:
         step_s: float,
         frames: int,
         seed: int,
+        gamma: float,
     ) -> ImaginedPointing:
         """See the protocol."""
         return ImaginedPointing(

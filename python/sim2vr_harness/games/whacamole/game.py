@@ -60,12 +60,20 @@ class WhacAMole:
         step_s: float,
         frames: int,
         seed: int,
+        gamma: float,
     ) -> ImaginedWhacAMole:
         """See the protocol."""
         starts = [condition.start for condition in conditions]
         options = [condition.options for condition in conditions]
         return ImaginedWhacAMole(
-            n, starts, settings, step_s=step_s, frames=frames, seed=seed, options=options
+            n,
+            starts,
+            settings,
+            step_s=step_s,
+            frames=frames,
+            seed=seed,
+            options=options,
+            gamma=gamma,
         )
 
 

@@ -53,8 +53,6 @@ _HARD_MPS = 3.0
 """A hit that cannot be harder."""
 _CLEAR_M, _AWAY_M = START_M, 0.5 * CELL_M
 """How far in front of the plane a hammer is clear of it; how far beside a target away from it."""
-_DISCOUNT_PER_S = 0.816
-"""How much less a learner counts what comes later: .96 a step of 50 ms."""
 _SEEN_FRAMES = 3
 """What has been there for 0.15 s can have been seen: people's hands begin to go there after .19."""
 
@@ -70,6 +68,7 @@ class ImaginedWhacAMole:
         frames: F, app frames of a step, in each of which the hammer may hit.
         seed: of spawns.
         options: of each condition, those that are set: where the area is.
+        gamma: how much of a reward is left to who learns a user step later.
 
     Raises:
         ValueError: another duration than one frame.
@@ -87,6 +86,7 @@ class ImaginedWhacAMole:
         seed: int,
         frames: int = 1,
         options: Sequence[Mapping[str, OptionValue]] | None = None,
+        gamma: float = 0.96,
     ) -> None:
         changes = [{} for _ in conditions] if options is None else options
         if abs(step_s - FRAME_S) > 1e-6:
@@ -95,6 +95,7 @@ class ImaginedWhacAMole:
                 "imagined game is made of"
             )
         self.n, self.settings, self.hammer = n, settings, Hammer()
+        self._gamma = gamma
         self.frames = 1 if settings.whole_steps else frames
         self._frame_s = FRAME_S / self.frames
         self._follows = 1.0 - 0.5 ** (frames / self.frames)
@@ -232,7 +233,7 @@ class ImaginedWhacAMole:
         would never learn to wait.)
         """
         ages = torch.arange(LAST_FRAME + 1)
-        now = self._worth_at(ages) * torch.exp(-_DISCOUNT_PER_S * FRAME_S * ages)
+        now = self._worth_at(ages) * self._gamma**ages
         waited_for = now * (FRAME_S * ages <= self.settings.patience_until_s + 1e-6)
         best = waited_for[1:].flip(0).cummax(0).values.flip(0) / now[:-1]
         best = torch.where(best > 1.0, best, 0.0)

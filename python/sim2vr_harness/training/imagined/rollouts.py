@@ -139,15 +139,16 @@ class ImaginedRollouts:
         """Return N imagined users, and their rounds, an ``ImaginedRounds``."""
         users = self.simulation.simulation.users
         noise = None if users.noise is None else users.noise.settings
-        game, settings = self.simulation.game, self.config.game
+        game, config = self.simulation.game, self.config
         try:
             rounds = game.rounds(
                 n,
                 self._conditions,
-                game.settings.model_validate(settings),
+                game.settings.model_validate(config.game),
                 step_s=self.simulation.step_s,
                 frames=self.simulation.config.frames_per_step,
                 seed=self._torch_seed + 3,
+                gamma=config.gamma,
             )
         except ValueError as error:
             raise InputError("teacher.imagined", str(error), "a setting that the twin knows") from (

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
 from sim2vr_harness.tools.track.nudging import Moment, Nudges, motion_of
-from sim2vr_harness.tools.track.refining import Refinement, least_within
+from sim2vr_harness.tools.track.refining import _DONE, Refinement, _apart, least_within
 from sim2vr_harness.training.imagined.drives import Drives
 from sim2vr_harness.users import UserBatch, load_body
 
@@ -151,11 +151,21 @@ def test_a_plan_that_has_gone_wrong_is_made_afresh(monkeypatch: pytest.MonkeyPat
     plan = refinement._best(Moment.of(users).row(0), 0)
     np.testing.assert_allclose(plan.shares, np.repeat(held, 40, 0))
     for worse in (False, True):
-        plan.shares[25:] = np.arange(drives.count) < 8 if worse else 0.36
+        plan.shares[_DONE:] = np.arange(drives.count) < 8 if worse else 0.36
         refinement._plan = plan
         # A plan's own steps are kept as long as they lead where the hand shall be.
-        after = refinement._best(plan.moments[25], 25)
-        np.testing.assert_allclose(
-            after.shares, np.repeat(held, 35, 0), atol=0.0 if worse else 0.01
-        )
+        after = refinement._best(plan.moments[_DONE], _DONE)
+        everywhere = np.repeat(held, len(after.shares), 0)
+        np.testing.assert_allclose(after.shares, everywhere, atol=0.0 if worse else 0.01)
         assert (after.shares[0, 0] == pytest.approx(0.35)) == worse
+
+
+def test_what_is_far_off_counts_more_than_its_square() -> None:
+    """Slope and bend of the cost that plans are made by, beside differences of it."""
+    errors = np.array([0.0, 0.01, -0.04, 0.1])
+    small = 1e-5
+    before, now, after = (_apart(errors + step)[0] for step in (-small, 0.0, small))
+    _, slope, bend = _apart(errors)
+    np.testing.assert_allclose(slope, (after - before) / (2 * small), rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(bend, (after - 2 * now + before) / small**2, rtol=1e-3)
+    np.testing.assert_allclose(now, errors**2 * [1.0, 1.03125, 1.5, 4.125])

@@ -17,8 +17,9 @@ FloatArray = NDArray[np.float64]
 
 _ANGLE, _SPEED, _DRIVE = 1e-3, 1e-2, 0.03
 """Nudges in rad (of a slide m), rad/s, and shares of the controls' ranges."""
-_SAME = 0.02, 0.2, 0.05
-"""Who has moved by less than these since a response was measured responds the same."""
+_SAME = 0.1, 1.0
+"""Who is less than this beside the angles, rad (of a slide m), and the speeds, rad/s, at which a
+response was measured responds the same, but for the activations: muscles pull in proportion."""
 _SLIGHT = 1e-5
 """Change of an angle, an activation or a control, where what follows is known in formulas."""
 
@@ -83,6 +84,22 @@ class Response:
     error_by_control: FloatArray
 
 
+@dataclass(frozen=True)
+class _Measured:
+    """What nudges of a step came to.
+
+    Attributes:
+        point: (2 J,) angles and speeds there.
+        moved: (2 J + A, X) change of the motion after it by each joint, speed and drive, where a
+            muscle's is its activation and its control at once.
+        errors: (2 J + A, E).
+    """
+
+    point: FloatArray
+    moved: FloatArray
+    errors: FloatArray
+
+
 class Nudges:
     """Finite differences of whole user steps.
 
@@ -107,26 +124,28 @@ class Nudges:
         self._bodies = many(1 + 2 * self._joints + self._drives.count)
         self._misses = misses
         self._muscles = _Muscles(one, self._drives)
-        counts = self._joints, self._joints, len(self._drives.muscles) + self._drives.count
-        self._same = np.repeat(_SAME, counts)
-        self._known: dict[int, tuple[FloatArray, Response]] = {}
+        self._same = np.repeat(_SAME, self._joints)
+        self._known: dict[int, _Measured] = {}
 
     def response(self, moment: Moment, shares: FloatArray, step: int) -> Response:
         """What a step from somewhere with (A,) controls, shares of their ranges, responds.
 
-        Of a step that was measured before it is what was found then, if little has changed since.
+        Of a step that was measured before it is what was found then, if little has changed since,
+        shared out anew between activations and controls.
         """
-        point = np.concatenate([motion_of(moment, self._bodies), shares])
+        point = motion_of(moment, self._bodies)[: 2 * self._joints]
         known = self._known.get(step)
-        if known is None or (np.abs(point - known[0]) > self._same).any():
-            self._known[step] = known = point, self._measured(moment, shares, step)
-        return known[1]
+        if known is None or (np.abs(point - known.point) > self._same).any():
+            self._known[step] = known = _Measured(point, *self._measured(moment, shares, step))
+        return self._shared_out(moment, shares, known.moved, known.errors)
 
     def forget_before(self, step: int) -> None:
         """Drop what was measured of earlier steps, which are done."""
         self._known = {known: found for known, found in self._known.items() if known >= step}
 
-    def _measured(self, moment: Moment, shares: FloatArray, step: int) -> Response:
+    def _measured(
+        self, moment: Moment, shares: FloatArray, step: int
+    ) -> tuple[FloatArray, FloatArray]:
         bodies, j, muscles = self._bodies, self._joints, self._drives.muscles
         at, controls = moment.times(bodies.n), np.repeat(shares[None], bodies.n, 0)
         together = self._coupled(moment.qpos)
@@ -145,7 +164,7 @@ class Nudges:
         moved, errors = (after[1:] - after[0]) / sizes, (missed[1:] - missed[0]) / sizes
         broken = bodies.diverged[1:] | bodies.diverged[0]
         moved[broken], errors[broken] = 0.0, 0.0
-        return self._shared_out(moment, shares, moved, errors)
+        return moved, errors
 
     def _shared_out(
         self, moment: Moment, shares: FloatArray, moved: FloatArray, errors: FloatArray

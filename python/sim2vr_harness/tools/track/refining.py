@@ -27,15 +27,18 @@ FloatArray = NDArray[np.float64]
 
 AHEAD = 6
 """Steps before a recording begins in which the body may get ready for it: a stroke takes .3 s."""
-_PLANNED, _DONE = 40, 25
+_PLANNED, _DONE = 40, 15
 """Steps that are planned at a time, and those of them that are done before all begins anew."""
 _GOES = 8
 """Times at most that a stretch is planned."""
-_ENOUGH = 0.02
+_ENOUGH = 0.005
 """Two goes in a row that make a plan better by less than this share are the last ones."""
 _LOST_M = 0.1
 """Who would be farther off than this, along an axis, in what is done plans afresh, too: plans get
 stuck where nothing slight is any better."""
+_FAR_M = 0.04
+"""An error of this size costs half as much again as its square, a larger one more: what is far off
+matters more than what is nearly there."""
 _EFFORT_M2 = 2e-3
 """Mean squared activation of 1 is worth this much squared error in every step."""
 _STOP_M2 = 0.04
@@ -227,7 +230,7 @@ class Refinement:
             missed.append(self._misses(bodies, step + k))
         errors, done = np.stack(missed, 1), np.stack(controls, 1)
         motions = np.stack([motion_of(moment, bodies) for moment in moments], 1)
-        costs = ((errors**2).sum(-1) + self._costs.of(motions[:, 1:])).sum(-1)
+        costs = (_apart(errors)[0].sum(-1) + self._costs.of(motions[:, 1:])).sum(-1)
         costs[bodies.diverged] = np.inf
         shape = (count, done.shape[2], motions.shape[2])
         return [
@@ -254,14 +257,15 @@ def _changes(
     for k in reversed(range(steps)):
         own, bent = costs.bend(plan.motions[k + 1])
         slope, curve = slope + own, curve + np.diag(bent)
-        one, missed = responses[k], 2.0 * plan.missed[k]
+        one = responses[k]
+        _, missed, bend = _apart(plan.missed[k])
         by_motion = missed @ one.error_by_motion + slope @ one.by_motion
         by_control = missed @ one.error_by_control + slope @ one.by_control
         onward = curve @ one.by_motion
-        twice = 2.0 * one.error_by_motion
+        twice = bend[:, None] * one.error_by_motion
         motion2 = one.error_by_motion.T @ twice + one.by_motion.T @ onward
         cross = one.error_by_control.T @ twice + one.by_control.T @ onward
-        control2 = 2.0 * one.error_by_control.T @ one.error_by_control
+        control2 = one.error_by_control.T @ (bend[:, None] * one.error_by_control)
         control2 += one.by_control.T @ curve @ one.by_control
         careful = control2 + caution * np.eye(actuators)
         change, free = least_within(careful, by_control, -plan.shares[k], 1.0 - plan.shares[k])
@@ -273,6 +277,12 @@ def _changes(
         curve = motion2 + gain.T @ control2 @ gain + gain.T @ cross + cross.T @ gain
         curve = 0.5 * (curve + curve.T)
     return changes, feedback
+
+
+def _apart(errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What errors along each axis cost, m^2, and the slope and the bend of that."""
+    far = (errors / _FAR_M) ** 2
+    return errors**2 * (1.0 + 0.5 * far), 2.0 * errors * (1.0 + far), 2.0 + 6.0 * far
 
 
 def least_within(

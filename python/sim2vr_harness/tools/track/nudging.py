@@ -127,15 +127,23 @@ class Nudges:
         self._same = np.repeat(_SAME, self._joints)
         self._known: dict[int, _Measured] = {}
 
-    def response(self, moment: Moment, shares: FloatArray, step: int) -> Response:
+    def response(
+        self, moment: Moment, shares: FloatArray, step: int, nearness: float = 1.0
+    ) -> Response:
         """What a step from somewhere with (A,) controls, shares of their ranges, responds.
 
         Of a step that was measured before it is what was found then, if little has changed since,
         shared out anew between activations and controls.
+
+        Args:
+            moment: of one body.
+            shares: (A,) controls.
+            step: which it is.
+            nearness: share of the usual distances up to which what was found counts.
         """
         point = motion_of(moment, self._bodies)[: 2 * self._joints]
         known = self._known.get(step)
-        if known is None or (np.abs(point - known.point) > self._same).any():
+        if known is None or (np.abs(point - known.point) > nearness * self._same).any():
             self._known[step] = known = _Measured(point, *self._measured(moment, shares, step))
         return self._shared_out(moment, shares, known.moved, known.errors)
 

@@ -29,10 +29,13 @@ AHEAD = 6
 """Steps before a recording begins in which the body may get ready for it: a stroke takes .3 s."""
 _PLANNED, _DONE = 40, 15
 """Steps that are planned at a time, and those of them that are done before all begins anew."""
-_GOES = 8
+_GOES = 16
 """Times at most that a stretch is planned."""
-_ENOUGH = 0.005
-"""Two goes in a row that make a plan better by less than this share are the last ones."""
+_ENOUGH = 0.02
+"""After two goes in a row that make a plan better by less than this share what was measured a
+little beside it is no longer good enough; after two more the plan is done."""
+_NEARER = 0.1
+"""Share of the usual distances up to which what was measured is good enough then."""
 _LOST_M = 0.1
 """Who would be farther off than this, along an axis, in what is done plans afresh, too: plans get
 stuck where nothing slight is any better."""
@@ -159,10 +162,10 @@ class Refinement:
 
     def _planned(self, plan: _Plan, step: int) -> _Plan:
         """A plan made better, until it hardly becomes so any more."""
-        gained = True
+        gained, nearness = True, 1.0
         for _ in range(_GOES):
             responses = [
-                self._nudges.response(plan.moments[k], plan.shares[k], step + k)
+                self._nudges.response(plan.moments[k], plan.shares[k], step + k, nearness)
                 for k in range(len(plan.shares))
             ]
             cautions = self._caution * np.array(_CAUTIONS)
@@ -176,7 +179,9 @@ class Refinement:
             self._caution = float(np.clip(cautions[better], _LEAST_M2, _MOST_M2))
             gained = before - plan.cost > _ENOUGH * before
             if not (gained or gained_before):
-                break
+                if nearness < 1.0:
+                    break
+                nearness = _NEARER
         return plan
 
     def _begun(self, start: Moment, step: int, old: _Plan | None) -> _Plan:

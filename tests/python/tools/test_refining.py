@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -94,6 +95,26 @@ def test_a_response_foretells_a_step(name: str) -> None:
     for part in (slice(0, joints), slice(joints, 2 * joints), slice(2 * joints, size)):
         apart = np.linalg.norm(told[:, part] - moved[:, part])
         assert apart <= 0.05 * np.linalg.norm(moved[:, part])
+
+
+def test_a_response_serves_for_other_activations() -> None:
+    """Where joints are and move as before, muscles that pull otherwise need no new measuring."""
+    make = many()
+    one = make(1)
+    one.reset([0], [np.random.default_rng(1)], [one.body.joint_ranges.mean(1)])
+    swinging(one)
+    at, drives = Moment.of(one).row(0), Drives(one.body)
+    rng = np.random.default_rng(4)
+    other = replace(at, act=rng.uniform(0.0, 1.0, at.act.shape))
+    first, then = rng.uniform(0.0, 1.0, (2, drives.count))
+    known = Nudges(make, hand)
+    before = known.response(at, first, 0)
+    served, measured = known.response(other, then, 0), Nudges(make, hand).response(other, then, 0)
+    for part in ("by_motion", "by_control", "error_by_control"):
+        found, true = getattr(served, part), getattr(measured, part)
+        apart = np.linalg.norm(found - true)
+        assert apart < 0.2 * np.linalg.norm(true)
+        assert apart < 0.75 * np.linalg.norm(getattr(before, part) - true)
 
 
 @pytest.mark.parametrize("name", ["mobl_arms_wrist", "mobl_arms_bimanual_motor"])

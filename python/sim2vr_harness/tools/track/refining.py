@@ -33,7 +33,7 @@ _GOES = 16
 """Times at most that a stretch is planned."""
 _ENOUGH = 0.02
 """After two goes in a row that make a plan better by less than this share what was measured a
-little beside it is no longer good enough; after two more the plan is done."""
+little beside it is no longer good enough; after another, or later two in a row, it is done."""
 _NEARER = 0.1
 """Share of the usual distances up to which what was measured is good enough then."""
 _LOST_M = 0.1

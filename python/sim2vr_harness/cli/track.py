@@ -80,7 +80,7 @@ def track(
         typer.Option(
             "--refine/--no-refine",
             help="Then plan muscles two seconds ahead, for the hands' path with little effort: "
-            "ten to fourteen minutes for each minute of fast play.",
+            "about ten minutes for each minute of fast play.",
         ),
     ] = True,
     pointed: Annotated[

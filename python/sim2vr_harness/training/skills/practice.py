@@ -44,6 +44,8 @@ _CRITIC_LEARNING_RATE, _LAMBDA = 1e-3, 0.9
 class MotorCycle:
     """What a cycle was like; medians, over the simulated bodies in MuJoCo.
 
+    In the first one bodies move at random: nothing is asked of their hands, and errors are 0.
+
     Attributes:
         cycle: its number, from 1.
         place_m: how far from their goals tips were at the time of arrival.
@@ -60,6 +62,11 @@ class MotorCycle:
 
     def in_words(self, cycles: int) -> str:
         """One line, for people, of a cycle among so many."""
+        if self.cycle == 1:
+            return (
+                f"Cycle 1/{cycles}: moved at random, to learn what muscles and motors do "
+                f"(it foretells hands to {1000 * self.model_m:.0f} mm a step)"
+            )
         return (
             f"Cycle {self.cycle}/{cycles}: arrives {1000 * self.place_m:.0f} mm from its goals and "
             f"{self.speed_mps:.2f} m/s from the speeds asked for, follows "

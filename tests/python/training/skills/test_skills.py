@@ -240,6 +240,8 @@ def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
     body = load_body("mobl_arms_wrist")
     whole = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)
     reports = [whole.step(), whole.step()]
+    assert reports[0].in_words(2).startswith("Cycle 1/2: moved at random, ")
+    assert reports[1].in_words(2).startswith("Cycle 2/2: arrives ")
     parts = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)
     assert parts.step() == reports[0]
     again = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)

@@ -43,6 +43,7 @@ def practise(
 ) -> int:
     """Practise a body's motor layer; what was stopped goes on where it was."""
     from sim2vr_harness.training.config import apply_overrides, parse_config
+    from sim2vr_harness.training.interrupts import sigterm_interrupts
     from sim2vr_harness.training.skills.practice import MotorPractice
     from sim2vr_harness.training.skills.shipped import save_motor_layer
 
@@ -51,7 +52,8 @@ def practise(
     practice = MotorPractice(config, _body(body), step_s, seed=seed)
     begun = out.with_name(out.name + ".part")
     try:
-        known = _cycles(practice, begun)
+        with sigterm_interrupts():
+            known = _cycles(practice, begun)
     except KeyboardInterrupt:
         typer.echo(f"Stopped after cycle {practice.cycle}; the same command goes on.", err=True)
         return 130

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,6 +17,7 @@ from fake_simulation import FakeSimulation
 
 from sim2vr_harness import __version__
 from sim2vr_harness.cli.main import app, main
+from sim2vr_harness.training.skills.practice import MotorPractice
 
 TINY = [
     "policy.net_arch=[16]",
@@ -162,6 +165,18 @@ def test_changes_are_told_in_words(capsys: Any, trained: Path, tmp_path: Path) -
     assert "With noise constant: white" in out
     assert "env.user" not in out.splitlines()[0]
     assert "note: this user never practised noise constant: white (trained: none)" in err
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_practice_that_is_stopped_says_how_to_go_on(
+    capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
+) -> None:
+    monkeypatch.setattr(MotorPractice, "step", lambda self, told: os.kill(os.getpid(), number))
+    small = ("--set", "users=8", "--set", "width=16", "--set", "body_width=16")
+    out = ("--out", str(tmp_path / "layer.pt"))
+    status, _, err = call(capsys, "motor", "practise", "mobl_arms_wrist", *out, *small)
+    assert status == 130
+    assert err.endswith("Stopped after cycle 0; the same command goes on.\n")
 
 
 def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:

@@ -24,7 +24,9 @@ def resting_game(
 ) -> tuple[ImaginedWhacAMole, torch.Tensor]:
     """N rounds, the conditions in turn, and the places of controllers that stay there."""
     settings = TwinSettings(single_targets=0.0) if settings is None else settings
-    game = ImaginedWhacAMole(n, CONDITIONS, settings, step_s=0.05, seed=2, frames=frames)
+    game = ImaginedWhacAMole(
+        n, CONDITIONS, settings, step_s=0.05, seed=2, gamma=0.96, frames=frames
+    )
     place = torch.eye(4).expand(n, 2, 4, 4)
     fields = torch.zeros(n, len(FIELDS))
     for i in range(n):
@@ -55,7 +57,7 @@ def test_what_a_log_says_by_cell() -> None:
 
 def test_another_duration_of_a_step_is_refused() -> None:
     with pytest.raises(ValueError, match="action_frequency_hz: got 40, expected 20"):
-        ImaginedWhacAMole(1, CONDITIONS, TwinSettings(), step_s=0.025, seed=1)
+        ImaginedWhacAMole(1, CONDITIONS, TwinSettings(), step_s=0.025, seed=1, gamma=0.96)
 
 
 def test_the_area_is_where_options_put_it() -> None:
@@ -73,7 +75,9 @@ def test_the_area_is_where_options_put_it() -> None:
         assert tilted.strike == STRIKE[placement]
     options = [{"area_height_m": 0.1}, {}, {"area_distance_m": 0.2}]
     both = [
-        ImaginedWhacAMole(3, CONDITIONS, TwinSettings(), step_s=0.05, seed=2, options=given)
+        ImaginedWhacAMole(
+            3, CONDITIONS, TwinSettings(), step_s=0.05, seed=2, gamma=0.96, options=given
+        )
         for given in (None, options)
     ]
     shift = (both[1]._cells - both[0]._cells).numpy()

@@ -130,55 +130,56 @@ def test_actions_lead_to_the_controls_that_are_asked_for(name: str) -> None:
 
 # --- all of it -----------------------------------------------------------------------------------
 
+HELD = 0.35
+"""Control of every muscle of an arm that is held."""
+
+
+def held_arm(steps: int) -> tuple[UserBatch, FloatArray, Refinement]:
+    """An arm that all muscles hold alike, its hand's place, and who plans that it stays there."""
+    make = many()
+    users = make(1)
+    drives = Drives(users.body)
+
+    def stay(bodies: UserBatch, step: int) -> FloatArray:
+        return drives.actions(drives.of(bodies), np.full((bodies.n, drives.count), HELD))
+
+    for step in range(30):
+        users.step(stay(users, step))
+    place = hand(users, 0)
+    return (
+        users,
+        place,
+        Refinement(make, stay, lambda bodies, step: hand(bodies, step) - place, steps),
+    )
+
 
 def test_a_hand_is_held_where_it_is_with_less_effort() -> None:
     """The plan begins from controls that hold the posture and pull muscles against each other."""
-    make = many()
-    users = make(1)
-    held = 0.35
-    drives = Drives(users.body)
-    for _ in range(30):
-        users.step(drives.actions(drives.of(users), np.full((1, drives.count), held)))
-    place = hand(users, 0)
-
-    def stay(bodies: UserBatch, step: int) -> FloatArray:
-        return drives.actions(drives.of(bodies), np.full((bodies.n, drives.count), held))
-
-    refinement = Refinement(make, stay, lambda bodies, step: hand(bodies, step) - place, 40)
+    users, place, refinement = held_arm(40)
     errors, acts = [], []
     for step in range(40):
         users.step(refinement.action(users, step))
         errors.append(np.linalg.norm(hand(users, step) - place))
         acts.append((users.act**2).mean())
-    assert np.mean(acts[10:]) < 0.5 * held**2
+    assert np.mean(acts[10:]) < 0.5 * HELD**2
     assert np.max(errors) < 0.02
 
 
 def test_a_plan_that_has_gone_wrong_is_made_afresh(monkeypatch: pytest.MonkeyPatch) -> None:
     """Of plans that nothing makes better, here, the motor layer's is left if the old one loses."""
-    make = many()
-    users = make(1)
-    drives = Drives(users.body)
-    held = np.full((1, drives.count), 0.35)
-    for _ in range(30):
-        users.step(drives.actions(drives.of(users), held))
-    place = hand(users, 0)
-
-    def stay(bodies: UserBatch, step: int) -> FloatArray:
-        return drives.actions(drives.of(bodies), np.repeat(held, bodies.n, 0))
-
+    users, _, refinement = held_arm(60)
+    held = np.full((1, users.action_size), HELD)
     monkeypatch.setattr(Refinement, "_planned", lambda self, plan, step: plan)
-    refinement = Refinement(make, stay, lambda bodies, step: hand(bodies, step) - place, 60)
     plan = refinement._best(Moment.of(users).row(0), 0)
     np.testing.assert_allclose(plan.shares, np.repeat(held, 40, 0))
     for worse in (False, True):
-        plan.shares[_DONE:] = np.arange(drives.count) < 8 if worse else 0.36
+        plan.shares[_DONE:] = np.arange(users.action_size) < 8 if worse else 0.36
         refinement._plan = plan
         # A plan's own steps are kept as long as they lead where the hand shall be.
         after = refinement._best(plan.moments[_DONE], _DONE)
         everywhere = np.repeat(held, len(after.shares), 0)
         np.testing.assert_allclose(after.shares, everywhere, atol=0.0 if worse else 0.01)
-        assert (after.shares[0, 0] == pytest.approx(0.35)) == worse
+        assert (after.shares[0, 0] == pytest.approx(HELD)) == worse
 
 
 def test_what_is_far_off_counts_more_than_its_square() -> None:

@@ -67,8 +67,8 @@ class ImaginedWhacAMole:
         step_s: duration of a user step; targets come, live and go by steps of 50 ms.
         frames: F, app frames of a step, in each of which the hammer may hit.
         seed: of spawns.
-        options: of each condition, those that are set: where the area is.
         gamma: how much of a reward is left to who learns a user step later.
+        options: of each condition, those that are set: where the area is.
 
     Raises:
         ValueError: another duration than one frame.
@@ -84,9 +84,9 @@ class ImaginedWhacAMole:
         *,
         step_s: float,
         seed: int,
+        gamma: float,
         frames: int = 1,
         options: Sequence[Mapping[str, OptionValue]] | None = None,
-        gamma: float = 0.96,
     ) -> None:
         changes = [{} for _ in conditions] if options is None else options
         if abs(step_s - FRAME_S) > 1e-6:

@@ -107,13 +107,12 @@ class Student:
 
     Args:
         config: of the stage.
-        policy: the network to train; its critic is left alone.
+        policy: the network to train, where it is to learn (CPU or GPU); its critic is left alone.
         simulation: N users who see; owned by the caller.
         guide: the teacher.
         folder: that the collected pictures go to; made or reused.
         seed: of everything drawn here.
         game: what the game publishes, for the means of episodes.
-        device: torch device of the network.
     """
 
     def __init__(
@@ -126,10 +125,9 @@ class Student:
         *,
         seed: int,
         game: GameFacts | None = None,
-        device: str = "cpu",
     ) -> None:
         self.config, self.policy, self.simulation, self.guide = config, policy, simulation, guide
-        self._device = torch.device(device)
+        self._device = policy.device
         self.game = game or GameFacts("")
         self.n: int = simulation.n
         self._rng = np.random.default_rng([seed, 77])
@@ -152,8 +150,9 @@ class Student:
             *policy.action_net.parameters(),
             *(weights for head in self._dropped.values() for weights in head.parameters()),
         ]
+        # Fused: one pass over the weights instead of a dozen.
         self._optimizer = torch.optim.AdamW(
-            self._parameters, lr=config.learning_rate, weight_decay=config.weight_decay
+            self._parameters, config.learning_rate, weight_decay=config.weight_decay, fused=True
         )
         shapes = {
             key: (value.shape[1:], value.dtype) for key, value in simulation.observation().items()

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from stable_baselines3.common.utils import get_device
 from torch import Tensor
 
 from sim2vr_harness.client import GameFacts
@@ -81,7 +82,7 @@ class StudentStage:
         env = with_options(config.env, config.student.app_options)
         self._simulation = simulation = Simulation(env, config.student.n_envs)
         guide = self._guide(simulation)
-        policy = _new_policy(config, simulation, guide)
+        policy = _new_policy(config, simulation, guide).to(get_device(config.device))
         self.folder.mkdir(parents=True, exist_ok=True)
         self._student = Student(
             config.student,

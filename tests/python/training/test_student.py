@@ -8,10 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
+import tiny_distill
 import torch
 from fake_simulation import FakeSimulation
 
 from sim2vr_harness.errors import InputError
+from sim2vr_harness.training import student_stage
+from sim2vr_harness.training.checkpoint import read_tensors, write_tensors
 from sim2vr_harness.training.config import PolicyConfig
 from sim2vr_harness.training.glimpses_config import GlimpseConfig
 from sim2vr_harness.training.policy import UserPolicy
@@ -61,11 +64,25 @@ class GazingGuide(HomingGuide):
         return told
 
 
+class IdleGuide(HomingGuide):
+    """Of any game's users, who should do nothing."""
+
+    def actions(self, simulation: Any) -> np.ndarray:
+        return np.zeros((simulation.n, *simulation.action_space.shape), np.float32)
+
+    def facts(self, simulation: Any) -> np.ndarray:
+        return np.zeros((simulation.n, 0), np.float32)
+
+    def numbers(self, simulation: Any) -> np.ndarray:
+        return np.zeros((simulation.n, 0), np.float32)
+
+
 def make(
     folder: Path,
     config: StudentConfig = CONFIG,
     seed: int = 1,
     guide: HomingGuide | None = None,
+    device: str = "cpu",
     **policy_settings: Any,
 ) -> Student:
     simulation = FakeSimulation(n=config.n_envs)
@@ -75,6 +92,7 @@ def make(
         simulation.observation_space, simulation.action_space, lambda _: 0.0, config=sizes
     )
     folder.mkdir(exist_ok=True)
+    policy.to(device)
     return Student(config, policy, simulation, guide or HomingGuide(), folder, seed=seed)
 
 
@@ -218,3 +236,37 @@ def test_all_phases_of_a_round_are_seen_from_the_start(tmp_path: Path) -> None:
     # Without the cuts all users would have the same phase, so 7 values at most.
     phases = [len(np.unique(first[k : k + 8])) for k in range(0, 56, 8)]
     assert max(phases) >= 3
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")
+def test_a_student_learns_on_a_gpu_and_goes_on_there(tmp_path: Path) -> None:
+    config = CONFIG.model_copy(update={"numbers_weight": 1.0, "image_noise": 1.0})
+    student = make(tmp_path / "whole", config, device="cuda")
+    rows = [student.step() for _ in range(3)]
+    file = tmp_path / "state.pt"
+    write_tensors(file, student.snapshot())
+    rows += [student.step() for _ in range(12)]
+    assert all(weight.is_cuda for weight in student.policy.parameters())
+    assert rows[-1].imitation_error < 0.5 * rows[0].imitation_error
+    again = make(tmp_path / "whole", config, seed=5, device="cuda")
+    again.load_snapshot(read_tensors(file, "a student"))
+    assert again.store.count == 3 * config.n_envs * config.rollout_steps
+    assert np.isfinite(again.step().imitation_error)
+
+
+@pytest.mark.parametrize("device", ["cpu", "auto"])
+def test_a_student_learns_on_the_device_that_is_asked_for(
+    device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def get_device(name: str) -> torch.device:
+        asked.append(name)
+        return torch.device("cpu")
+
+    monkeypatch.setattr(student_stage, "get_device", get_device)
+    config = tiny_distill.config(f"device={device}", "policy.scale_proprioception=false")
+    stage = student_stage.StudentStage(config, tmp_path, lambda simulation: IdleGuide())
+    stage.open()
+    stage.close()
+    assert asked == [device]

@@ -156,7 +156,7 @@ class Looker:
             torch.manual_seed(seed)
             self.net = PlaceValues(self._chooser.sight, self.hands, width=config.width)
         self._slow = copy.deepcopy(self.net).requires_grad_(False)
-        self._optimizer = torch.optim.Adam(self.net.parameters(), lr=config.learning_rate)
+        self._optimizer = torch.optim.Adam(self.net.parameters(), config.learning_rate, fused=True)
         self.rng = np.random.default_rng([seed, 55])
         self.step_count = 0
         self.scale = 1.0

@@ -34,6 +34,10 @@ def practise(
     out: Annotated[
         Path, typer.Option(metavar="FILE.pt", help="The layer's file.", callback=writable_file)
     ],
+    begin: Annotated[
+        Path | None,
+        typer.Option(metavar="LAYER.pt", help="Go on from this layer, such as one that ships."),
+    ] = None,
     step_s: StepOption = 0.05,
     seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
     set_: Annotated[
@@ -45,11 +49,15 @@ def practise(
     from sim2vr_harness.training.config import apply_overrides, parse_config
     from sim2vr_harness.training.interrupts import sigterm_interrupts
     from sim2vr_harness.training.skills.practice import MotorPractice
-    from sim2vr_harness.training.skills.shipped import save_motor_layer
+    from sim2vr_harness.training.skills.shipped import load_motor_layer, save_motor_layer
 
     changes = [f"skills.practice.{change}" for change in set_ or ()]
     config = parse_config(apply_overrides({}, changes)).skills.practice
-    practice = MotorPractice(config, _body(body), step_s, seed=seed)
+    of = _body(body)
+    first = None if begin is None else load_motor_layer(begin, of, step_s)
+    if first is not None:
+        config = config.model_copy(update={"width": first.header()["width"]})
+    practice = MotorPractice(config, of, step_s, seed=seed, begin=first)
     begun = out.with_name(out.name + ".part")
     try:
         with sigterm_interrupts():
@@ -57,6 +65,8 @@ def practise(
     except KeyboardInterrupt:
         typer.echo(f"Stopped after cycle {practice.cycle}; the same command goes on.", err=True)
         return 130
+    if config.strikes:
+        known["following"] = True
     save_motor_layer(out, practice.layer, body=practice.layer.body.name, **known)
     begun.unlink(missing_ok=True)
     typer.echo(f"Written: {out}")

@@ -17,12 +17,16 @@ from sim2vr_harness.training.skills.sight import Sight, rotation
 
 __all__ = ["Chooser", "Scene", "best_choices", "choose", "lose_patience"]
 
-_STILL_MPS, _PATIENCE_S = 0.1, 1.0
-"""Hands slower than that, at the same place for so long, wait for something that does not come."""
+_STILL_M, _PATIENCE_S = 0.05, 1.0
+"""Hands that come no farther than that in so long wait for something that does not come. (Speeds
+tell less: what the other arm does shakes a hand that waits.)"""
 _TO_COME_M = 0.3
 """So far beyond a hand's reach is what may come nearer, and is worth waiting for."""
 _LEFT_M, _LEFT_S = 0.04, 0.3
-"""How far around it, and how long, what a hand has waited at in vain is left alone."""
+"""How far around it, and how long, what a hand has waited at in vain is left alone; twice as far
+and as long each time that it comes back and waits there again,"""
+_SAME_M, _MOST_VAIN = 0.15, 3
+"""within that distance, up to so many times."""
 
 
 @dataclass
@@ -99,7 +103,7 @@ class Chooser:
             values, something = self.values(net, scene, places), self.something(scene)
             if hold:
                 something = lose_patience(
-                    choice, torch.from_numpy(scene.velocities), something, places, hold, self.mover
+                    choice, torch.from_numpy(scene.tips), something, places, hold, self.mover
                 )
             chosen = best_choices(values, something).numpy()
         self.choose(choice, chosen, places)
@@ -146,7 +150,7 @@ def best_choices(values: Tensor, something: Tensor) -> Tensor:
 
 def lose_patience(
     choice: Choice,
-    velocities: Tensor,
+    tips: Tensor,
     something: Tensor,
     places: Tensor,
     hold: int,
@@ -159,23 +163,28 @@ def lose_patience(
 
     Args:
         choice: what hands have been doing, changed in place.
-        velocities: (N, H, 3) of their tips, m/s.
+        tips: (N, H, 3) where the tips of their tools are, m.
         something: (N, cells) whether anything is there.
         places: (N, 3, rows, columns) of the cells, world, m.
         hold: user steps for which a decision is seen through.
         mover: of the hands.
     """
     far = (choice.seen - choice.place).norm(dim=-1) > _TO_COME_M
-    waits = (velocities.norm(dim=-1) < _STILL_MPS) & (choice.move >= 0) & ~far
+    stays = (tips - choice.at).norm(dim=-1) < _STILL_M
+    waits = stays & (choice.move >= 0) & ~far
     choice.rested += hold
     choice.rested[~waits] = 0
+    choice.at[~waits] = tips[~waits]
     choice.leaving -= hold
     leaves = choice.rested >= round(_PATIENCE_S / mover.layer.step_s)
+    again = (choice.seen - choice.left).norm(dim=-1) < _SAME_M
+    choice.vain[leaves] = torch.where(again, (choice.vain + 1).clamp(max=_MOST_VAIN), 0)[leaves]
     choice.left[leaves] = choice.seen[leaves]
-    choice.leaving[leaves] = round(_LEFT_S / mover.layer.step_s)
+    choice.leaving[leaves] = round(_LEFT_S / mover.layer.step_s) * 2 ** choice.vain[leaves]
     choice.rested[leaves] = 0
     cells = places.flatten(2).transpose(1, 2)
-    near = (cells[:, None] - choice.left[:, :, None]).norm(dim=-1) < _LEFT_M
+    around = _LEFT_M * 2.0**choice.vain
+    near = (cells[:, None] - choice.left[:, :, None]).norm(dim=-1) < around[..., None]
     return something[:, None] & ~(near & (choice.leaving > 0)[..., None])
 
 

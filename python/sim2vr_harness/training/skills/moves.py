@@ -81,9 +81,11 @@ class Choice:
         move: (N, H) number of a move, -1: rest.
         seen: (N, H, 3) where what it is done with is, MuJoCo's world frame, m.
         place: (N, H, 3) the same, or where a hand waits for what is beyond its reach.
-        rested: (N, H) user steps for which a hand has been still at what it goes for.
+        rested: (N, H) user steps for which a hand has stayed where it is, going for something.
+        at: (N, H, 3) where it was then.
         left: (N, H, 3) what a hand was still at for too long.
         leaving: (N, H) user steps for which that is not gone for again.
+        vain: (N, H) how often a hand has come back to it and waited again.
     """
 
     def __init__(self, n: int, hands: int) -> None:
@@ -91,13 +93,16 @@ class Choice:
         self.seen = torch.zeros(n, hands, 3)
         self.place = torch.zeros(n, hands, 3)
         self.rested = torch.zeros(n, hands, dtype=torch.long)
-        self.left = torch.zeros(n, hands, 3)
+        self.at = torch.full((n, hands, 3), torch.inf)
+        self.left = torch.full((n, hands, 3), torch.inf)
         self.leaving = torch.zeros(n, hands, dtype=torch.long)
+        self.vain = torch.zeros(n, hands, dtype=torch.long)
 
     def forget(self, users: NDArray[np.int64]) -> None:
         """Let users rest, whose rounds begin."""
         self.move[users] = -1
-        self.rested[users] = self.leaving[users] = 0
+        self.rested[users] = self.leaving[users] = self.vain[users] = 0
+        self.left[users] = self.at[users] = torch.inf
 
 
 class Mover:

@@ -84,6 +84,8 @@ class MotorPractice:
         noise: motor noise of the muscles, imagined and simulated; None: none.
         threads: of the physics.
         seed: of everything drawn here.
+        begin: a layer of this body to go on from, of the same width; None: a new one. What is
+            known of the body is learned anew.
     """
 
     def __init__(
@@ -95,8 +97,10 @@ class MotorPractice:
         noise: MotorNoiseSettings | None = None,
         threads: int = 0,
         seed: int = 1,
+        begin: MotorLayer | None = None,
     ) -> None:
         self.config, self._user, self._step_s = config, body, step_s
+        self._begun = begin is not None
         substeps = round(step_s / body.timestep)
         self.bodies = UserBatch(
             body, config.bodies, threads=threads, effort="zero", noise=noise, substeps=substeps
@@ -106,6 +110,8 @@ class MotorPractice:
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
             self._make(body, noise, seed)
+            if begin is not None:
+                self.layer.load_state_dict({**self.layer.state_dict(), **begin.weights()})
             self._torch_state = torch.get_rng_state()
 
     def _make(self, body: Body, noise: MotorNoiseSettings | None, seed: int) -> None:
@@ -196,7 +202,7 @@ class MotorPractice:
         recent = Experience.joined(self._seen[1:][-8:] or self._seen[:1])
         early = self._seen[0].rows(torch.randint(len(self._seen[0]), (len(recent) // 3,)))
         self._pool = Experience.joined([recent, early])
-        if first:
+        if first and not self._begun:
             self._fit_statistics()
         for update in range(config.updates):
             on_progress("imagined rollouts", 0.4 + 0.6 * update / config.updates)

@@ -166,7 +166,7 @@ class DecidingUser(nn.Module):
         moving = self.mover.tips(*placed)
         values = self.values(pictures, places, head[:, :3, 3], *moving)
         something = self.values.sight.something(pictures[:, 3])
-        something = lose_patience(choice, moving[1], something, places, int(self.hold), self.mover)
+        something = lose_patience(choice, moving[0], something, places, int(self.hold), self.mover)
         chosen = best_choices(values, something).numpy()
         choose(choice, chosen, places, self.mover)
 

@@ -24,30 +24,55 @@ def waiting(at: int, short_m: float) -> Choice:
     return choice
 
 
-def left_alone(choice: Choice, speed: float, decisions: int, hold: int = 1) -> list[list[int]]:
-    """Cells that are not gone for, of each decision."""
+def left_alone(
+    choice: Choice, speed: float, decisions: int, hold: int = 1, shaken_m: float = 0.0
+) -> list[list[int]]:
+    """Cells that are not gone for, of each decision, by a hand that moves at a speed in m/s."""
     places = CELLS.T.reshape(1, 3, 1, 4)
     something: Any = torch.ones(1, 4, dtype=torch.bool)
-    velocity = torch.tensor([[[speed, 0.0, 0.0]]])
     found = []
-    for _ in range(decisions):
-        there = lose_patience(choice, velocity, something, places, hold, MOVER)
+    for number in range(decisions):
+        tip = torch.tensor([[[speed * 0.05 * hold * number, 0.0, shaken_m * (-1.0) ** number]]])
+        there = lose_patience(choice, tip, something, places, hold, MOVER)
         found.append(torch.nonzero(~there[0, 0]).flatten().tolist())
     return found
 
 
 def test_what_was_waited_at_for_a_second_is_left_alone_for_a_while() -> None:
-    """Nothing for 19 steps, from the 20th on for 0.3 s what is within 4 cm; then it counts anew."""
-    found = left_alone(waiting(0, 0.07), 0.05, 46)
-    assert found[:19] == [[]] * 19
-    assert found[19:25] == [[0, 1]] * 6
-    assert found[25:39] == [[]] * 14
-    assert found[39:45] == [[0, 1]] * 6
+    """Nothing for a second, 20 steps from the first on; for 0.3 s what is within 4 cm.
+
+    Then it counts anew; who comes back to it leaves it, and what is within 8 cm, for 0.6 s, and
+    then what is within 16 cm for 1.2 s.
+    """
+    found = left_alone(waiting(0, 0.07), 0.0, 85)
+    assert found[:20] == [[]] * 20
+    assert found[20:26] == [[0, 1]] * 6
+    assert found[26:40] == [[]] * 14
+    assert found[40:52] == [[0, 1]] * 12
+    assert found[52:60] == [[]] * 8
+    assert found[60:80] == [[0, 1, 2]] * 20
+    # Still for another second meanwhile, the fourth time: 32 cm, 2.4 s.
+    assert found[80:] == [[0, 1, 2]] * 5
+
+
+def test_who_waits_elsewhere_leaves_that_for_a_short_time() -> None:
+    choice = waiting(0, 0.07)
+    left_alone(choice, 0.0, 41)
+    assert choice.vain.item() == 1
+    choice.seen[0, 0] = torch.tensor([0.4, -0.16, 1.0])
+    left_alone(choice, 0.0, 20)
+    assert choice.vain.item() == 0
+    assert choice.leaving.item() == 6
+
+
+def test_a_hand_that_is_shaken_waits_too() -> None:
+    """By 2 cm with every step, 0.4 m/s."""
+    assert left_alone(waiting(0, 0.07), 0.0, 21, shaken_m=0.01)[20] == [0, 1]
 
 
 def test_a_decision_of_five_steps_counts_five() -> None:
-    found = left_alone(waiting(2, 0.0), 0.0, 6, hold=5)
-    assert found == [[], [], [], [2], [2], []]
+    found = left_alone(waiting(2, 0.0), 0.0, 7, hold=5)
+    assert found == [[], [], [], [], [2], [2], []]
 
 
 @pytest.mark.parametrize(

@@ -23,10 +23,10 @@ tell less: what the other arm does shakes a hand that waits.)"""
 _TO_COME_M = 0.3
 """So far beyond a hand's reach is what may come nearer, and is worth waiting for."""
 _LEFT_M, _LEFT_S = 0.04, 0.3
-"""How far around it, and how long, what a hand has waited at in vain is left alone; twice as far
-and as long each time that it comes back and waits there again,"""
-_SAME_M, _MOST_VAIN = 0.15, 3
-"""within that distance, up to so many times."""
+"""How far around it, and how long, what a hand has waited at in vain is left alone."""
+_SAME_M, _SHORT_M, _MOST_VAIN = 0.15, 0.05, 3
+"""Twice as far and as long each time that it comes back to about there and stops so far short
+again, up to so many times. (Who has come where it wants to be may have reasons to stay.)"""
 
 
 @dataclass
@@ -177,7 +177,8 @@ def lose_patience(
     choice.at[~waits] = tips[~waits]
     choice.leaving -= hold
     leaves = choice.rested >= round(_PATIENCE_S / mover.layer.step_s)
-    again = (choice.seen - choice.left).norm(dim=-1) < _SAME_M
+    short = (tips - choice.place).norm(dim=-1) > _SHORT_M
+    again = short & ((choice.seen - choice.left).norm(dim=-1) < _SAME_M)
     choice.vain[leaves] = torch.where(again, (choice.vain + 1).clamp(max=_MOST_VAIN), 0)[leaves]
     choice.left[leaves] = choice.seen[leaves]
     choice.leaving[leaves] = round(_LEFT_S / mover.layer.step_s) * 2 ** choice.vain[leaves]

@@ -85,7 +85,7 @@ class Choice:
         at: (N, H, 3) where it was then.
         left: (N, H, 3) what a hand was still at for too long.
         leaving: (N, H) user steps for which that is not gone for again.
-        vain: (N, H) how often a hand has come back to it and waited again.
+        vain: (N, H) how often a hand has come back to it and stopped short of it again.
     """
 
     def __init__(self, n: int, hands: int) -> None:

@@ -25,14 +25,20 @@ def waiting(at: int, short_m: float) -> Choice:
 
 
 def left_alone(
-    choice: Choice, speed: float, decisions: int, hold: int = 1, shaken_m: float = 0.0
+    choice: Choice,
+    speed: float,
+    decisions: int,
+    hold: int = 1,
+    shaken_m: float = 0.0,
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
 ) -> list[list[int]]:
     """Cells that are not gone for, of each decision, by a hand that moves at a speed in m/s."""
     places = CELLS.T.reshape(1, 3, 1, 4)
     something: Any = torch.ones(1, 4, dtype=torch.bool)
     found = []
     for number in range(decisions):
-        tip = torch.tensor([[[speed * 0.05 * hold * number, 0.0, shaken_m * (-1.0) ** number]]])
+        moved = [speed * 0.05 * hold * number, 0.0, shaken_m * (-1.0) ** number]
+        tip = torch.tensor([[start]]) + torch.tensor(moved)
         there = lose_patience(choice, tip, something, places, hold, MOVER)
         found.append(torch.nonzero(~there[0, 0]).flatten().tolist())
     return found
@@ -63,6 +69,11 @@ def test_who_waits_elsewhere_leaves_that_for_a_short_time() -> None:
     left_alone(choice, 0.0, 20)
     assert choice.vain.item() == 0
     assert choice.leaving.item() == 6
+
+
+def test_who_is_where_it_wants_to_be_leaves_that_for_a_short_time_only() -> None:
+    found = left_alone(waiting(0, 0.0), 0.0, 66, start=(0.37, 0.0, 1.0))  # 3 cm from it
+    assert [len(cells) for cells in found] == [0] * 20 + ([2] * 6 + [0] * 14) * 2 + [2] * 6
 
 
 def test_a_hand_that_is_shaken_waits_too() -> None:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sim2vr_harness.cli.options import JsonOption, print_json, writable_file
+from sim2vr_harness.cli.options import JsonOption, print_json, readable_file, writable_file
 
 if TYPE_CHECKING:
     from sim2vr_harness.training.skills.layer import MotorLayer
@@ -36,7 +36,11 @@ def practise(
     ],
     begin: Annotated[
         Path | None,
-        typer.Option(metavar="LAYER.pt", help="Go on from this layer, such as one that ships."),
+        typer.Option(
+            metavar="LAYER.pt",
+            help="Go on from this layer, such as one that ships.",
+            callback=readable_file,
+        ),
     ] = None,
     step_s: StepOption = 0.05,
     seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
@@ -98,7 +102,11 @@ def measure(
     body: BodyArgument,
     layer: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.pt", help="The layer; without, the one that ships."),
+        typer.Option(
+            metavar="FILE.pt",
+            help="The layer; without, the one that ships.",
+            callback=readable_file,
+        ),
     ] = None,
     movements: Annotated[
         int, typer.Option(help="Of each kind (27 kinds).", min=16, max=100_000)

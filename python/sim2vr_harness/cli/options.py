@@ -24,6 +24,7 @@ __all__ = [
     "TrustOption",
     "finite",
     "print_json",
+    "readable_file",
     "writable_file",
     "writable_folder",
 ]
@@ -91,6 +92,17 @@ def writable_file(parameter: typer.CallbackParam, value: Path | None) -> Path | 
         if value.is_symlink() and not value.exists():
             raise InputError(_name(parameter), f"{str(value)!r}, a link to nothing", "a file")
         _check(_name(parameter), value, value.absolute().parent)
+    return value
+
+
+def readable_file(parameter: typer.CallbackParam, value: Path | None) -> Path | None:
+    """Callback of an option that names a file to read.
+
+    Raises:
+        InputError: there is no such file.
+    """
+    if value is not None and not value.is_file():
+        raise InputError(_name(parameter), f"{str(value)!r}, which is no file", "a file to read")
     return value
 
 

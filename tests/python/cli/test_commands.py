@@ -179,6 +179,17 @@ def test_practice_that_is_stopped_says_how_to_go_on(
     assert err.endswith("Stopped after cycle 0; the same command goes on.\n")
 
 
+@pytest.mark.parametrize(("command", "option"), [("practise", "--begin"), ("measure", "--layer")])
+def test_a_layer_that_is_missing_is_named(
+    capsys: Any, tmp_path: Path, command: str, option: str
+) -> None:
+    out = ("--out", str(tmp_path / "out.pt"))
+    arguments = ("motor", command, "mobl_arms_wrist", option, "nope.pt", *out)
+    status, _, err = call(capsys, *arguments)
+    assert status == 2
+    assert err == f"error: {option}: got 'nope.pt', which is no file, expected a file to read\n"
+
+
 def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
     file = tmp_path / "c.png"
     assert call(capsys, "curves", str(trained), "--out", str(file)) == (0, f"Written: {file}\n", "")

@@ -57,10 +57,10 @@ def practise(
 
     changes = [f"skills.practice.{change}" for change in set_ or ()]
     config = parse_config(apply_overrides({}, changes)).skills.practice
-    of = _body(body)
-    first = None if begin is None else load_motor_layer(begin, of, step_s)
-    if first is not None:
-        config = config.model_copy(update={"width": first.header()["width"]})
+    of, first = _body(body), None
+    if begin is not None:
+        first = load_motor_layer(begin, of, step_s)
+        config = config.model_copy(update={"width": first.width})
     practice = MotorPractice(config, of, step_s, seed=seed, begin=first)
     begun = out.with_name(out.name + ".part")
     try:

@@ -115,3 +115,7 @@ class MotorLayer(nn.Module):
         """What is learned; where the hands are follows from the body."""
         own = self.state_dict()
         return {name: own[name] for name in own if not name.startswith("chains.")}
+
+    def take(self, weights: Mapping[str, Tensor]) -> None:
+        """Take over :meth:`weights` of a layer of the same body, step and width."""
+        self.load_state_dict({**self.state_dict(), **weights})

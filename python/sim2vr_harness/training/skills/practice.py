@@ -111,7 +111,7 @@ class MotorPractice:
             torch.manual_seed(seed)
             self._make(body, noise, seed)
             if begin is not None:
-                self.layer.load_state_dict({**self.layer.state_dict(), **begin.weights()})
+                self.layer.take(begin.weights())
             self._torch_state = torch.get_rng_state()
 
     def _make(self, body: Body, noise: MotorNoiseSettings | None, seed: int) -> None:

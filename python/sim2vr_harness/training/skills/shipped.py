@@ -47,7 +47,7 @@ def load_motor_layer(file: Path, body: Body, step_s: float) -> MotorLayer:
     differs = _difference(header, layer.header())
     if differs:
         raise InputError(str(file), f"a motor layer whose {differs}", "one that was made for it")
-    layer.load_state_dict({**layer.state_dict(), **weights})
+    layer.take(weights)
     return layer.requires_grad_(False)
 
 

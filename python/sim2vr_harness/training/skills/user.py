@@ -117,7 +117,7 @@ class DecidingUser(nn.Module):
 
     def learned(self, layer: MotorLayer, values: PlaceValues, tool: Tensor, hold: int) -> None:
         """Take over what was learned."""
-        self.layer.load_state_dict({**self.layer.state_dict(), **layer.weights()})
+        self.layer.take(layer.weights())
         self.values.load_state_dict(values.state_dict())
         self.tool.copy_(tool)
         self.hold.fill_(hold)

@@ -160,7 +160,7 @@ def play(
     Returns:
         The game's log at the end.
     """
-    from sim2vr_harness.evaluation.pictures import Painter, score_text
+    from sim2vr_harness.evaluation.scene_images import Painter, score_text
     from sim2vr_harness.evaluation.video import Film
 
     options = {"level": level, "end_on_miss": False}

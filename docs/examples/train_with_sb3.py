@@ -14,7 +14,7 @@ import stable_baselines3
 
 from sim2vr_harness.envs import EnvConfig, Simulation
 from sim2vr_harness.envs.config import AppConfig
-from sim2vr_harness.training import SimulationVecEnv
+from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ What else there is, import as you need it:
 - :func:`load_user_policy`, :func:`evaluate`: a trained user, to play with and to measure
 - :func:`read_data`: what an evaluation measured, as data frames
 - :func:`run_study`, :func:`read_study`: factors, cells, comparisons (docs/studies.md)
-- :mod:`sim2vr_harness.paths`: where the app, shaders and configurations are
+- :mod:`sim2vr_harness.base.paths`: where the app, shaders and configurations are
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import gymnasium
 
-from sim2vr_harness.files import read_json
+from sim2vr_harness.base.files import read_json
 
 __all__ = ["GAMES_FILE", "env_id", "register_envs"]
 

@@ -11,8 +11,8 @@ from pointing_player import PointingPlayer
 from transports import TRANSPORTS
 
 from sim2vr_harness.client import AppClient
-from sim2vr_harness.evaluation.fitts import measure_user
-from sim2vr_harness.evaluation.fitts.law import rounds_below
+from sim2vr_harness.human_comparison.fitts.__init__ import measure_user
+from sim2vr_harness.human_comparison.fitts.law import rounds_below
 
 
 def play(

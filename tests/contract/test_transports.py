@@ -14,6 +14,7 @@ import players
 import pytest
 import transports
 
+from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.client import (
     AppClient,
     DevicePoses,
@@ -24,7 +25,6 @@ from sim2vr_harness.client import (
 )
 from sim2vr_harness.client.protocol2 import Protocol2Connection
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
-from sim2vr_harness.paths import app_executable
 
 Player = Callable[[int], DevicePoses]
 GAMES = sorted(list_games())

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.client import (
     AppClient,
     AppsWanted,
@@ -18,7 +19,6 @@ from sim2vr_harness.client import (
     start_sim2vr_app,
     transport_named,
 )
-from sim2vr_harness.paths import app_executable
 
 
 def over(

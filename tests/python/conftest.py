@@ -44,8 +44,8 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a run of the quick stand-in."""
     from fake_simulation import FakeSimulation
 
-    from sim2vr_harness.training import trainer
-    from sim2vr_harness.training.config import parse_config
+    from sim2vr_harness.runs.config import parse_config
+    from sim2vr_harness.training.run import trainer
 
     config = parse_config(
         {

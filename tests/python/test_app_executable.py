@@ -17,8 +17,8 @@ import numpy as np
 import pytest
 import zmq
 
+from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.client import DevicePoses, InProcessApp, frame_time_ns
-from sim2vr_harness.paths import app_executable
 
 SCRIPT = Path(__file__).resolve().parents[2] / "docs/examples/strikes.json"
 

@@ -8,10 +8,10 @@ from typing import Any
 import pytest
 from pydantic import BaseModel
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.games.whacamole.settings import TwinSettings
+from sim2vr_harness.runs.config import TrainingConfig, parse_config
 from sim2vr_harness.studies.config import StudyConfig
-from sim2vr_harness.training.config import TrainingConfig, parse_config
 from sim2vr_harness.users import Physique
 from sim2vr_harness.users.bodies.description import BodyDescription
 

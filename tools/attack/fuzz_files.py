@@ -1,7 +1,7 @@
 """Gives every reader of the Python half files that are damaged on purpose.
 
 Whatever is in a file, a reader ends with its content or with one sentence
-(``sim2vr_harness.errors.InputError`` or another ``ValueError``), within seconds. Inputs are valid
+(``sim2vr_harness.base.errors.InputError`` or another ``ValueError``), within seconds. Inputs are valid
 files whose bytes, tokens, lines and numbers are changed by a random generator; the same seed makes
 the same inputs.
 
@@ -30,16 +30,16 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from sim2vr_harness import files, paths
+from sim2vr_harness.base import files, paths
+from sim2vr_harness.base.bounded_yaml import parse_yaml
 from sim2vr_harness.cli.errors import report
 from sim2vr_harness.cli.main import app
 from sim2vr_harness.evaluation.curves import plot
 from sim2vr_harness.evaluation.replay.recordings import read_recordings
 from sim2vr_harness.evaluation.results import Results
-from sim2vr_harness.limited_yaml import parse_yaml
-from sim2vr_harness.training.config import defaults, load_config, to_yaml
-from sim2vr_harness.training.run_folder import RunFolder
-from sim2vr_harness.training.trained_users import open_packed
+from sim2vr_harness.policies.store import open_packed
+from sim2vr_harness.runs.config import defaults, load_config, to_yaml
+from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.users.bodies.description import read_description
 
 SLOW_S = 10.0

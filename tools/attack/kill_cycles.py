@@ -25,7 +25,7 @@ TRAINING = """
 import sys
 from pathlib import Path
 from sim2vr_harness.training import trainer
-from sim2vr_harness.training.config import load_config
+from sim2vr_harness.runs.config import load_config
 trainer.train(load_config("whacamole_constrained", sys.argv[2:]), Path(sys.argv[1]))
 """
 SETTINGS = (

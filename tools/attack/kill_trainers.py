@@ -29,9 +29,9 @@ from typing import Any
 import numpy as np
 import torch
 
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.training import trainer
-from sim2vr_harness.training.config import TrainingConfig, load_config
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.training.run import trainer
 
 SHARED = (
     *("device=cpu", "env.cores=1", "env.app.options.round_seconds=2.0", "ppo.n_envs=2"),

@@ -34,7 +34,7 @@ from typing import Any
 
 import zmq
 
-from sim2vr_harness.paths import app_executable
+from sim2vr_harness.base.paths import app_executable
 
 ANSWER_MS = 30_000
 NUMBERS = ["NaN", "Infinity", "-1e400", "1e308", "5e-324", "-0.0", "9223372036854775807"]

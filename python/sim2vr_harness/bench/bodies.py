@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sim2vr_harness.envs.config import EffortConfig, EnvConfig, body_of
 from sim2vr_harness.envs.games import with_hand
-from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.users import list_bodies
 
 __all__ = ["body_variants"]

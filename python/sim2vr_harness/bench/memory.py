@@ -14,7 +14,7 @@ from sim2vr_harness.bench.processes import peak_memory_mb
 from sim2vr_harness.bench.rows import Row
 from sim2vr_harness.bench.scene import IN_PROCESS
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.runs.config import TrainingConfig
 
 __all__ = ["memory_rows"]
 

@@ -6,12 +6,12 @@ import math
 import os
 from collections.abc import Sequence
 
+from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.bench.bodies import body_variants
 from sim2vr_harness.bench.scene import IN_PROCESS, Spec
 from sim2vr_harness.bench.senses import sense_variants
 from sim2vr_harness.client import list_transports
-from sim2vr_harness.errors import InputError, unknown_name
-from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.runs.config import TrainingConfig
 
 __all__ = ["NAMES", "USUAL", "Plan", "specs", "transports"]
 

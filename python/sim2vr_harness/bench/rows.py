@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness import __version__
+from sim2vr_harness.base.files import naming
 from sim2vr_harness.bench.turns import spread
 from sim2vr_harness.client import gl_renderer
-from sim2vr_harness.files import naming
-from sim2vr_harness.training.config import TrainingConfig
-from sim2vr_harness.training.run_folder import git_commit, versions
+from sim2vr_harness.runs.config import TrainingConfig
+from sim2vr_harness.runs.run_folder import git_commit, versions
 
 __all__ = ["Row", "append_rows", "circumstances"]
 

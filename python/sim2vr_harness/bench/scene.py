@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.bench.turns import TURNS, Turn, timed_turn
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.runs.config import TrainingConfig
 
 __all__ = [
     "ACTIONS",

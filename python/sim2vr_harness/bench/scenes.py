@@ -16,11 +16,11 @@ from sim2vr_harness.bench.turns import Turn
 from sim2vr_harness.client import AppClient, DevicePoses, frame_time_ns
 from sim2vr_harness.envs.app_group import app_group
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.training import ppo
-from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.training.measuring import silent_logger
-from sim2vr_harness.training.memory import keep_freed_memory
-from sim2vr_harness.training.vec_env import SimulationVecEnv
+from sim2vr_harness.training.ppo.ppo import ppo
+from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
+from sim2vr_harness.training.run.memory import keep_freed_memory
 from sim2vr_harness.users.actuation import Actuation
 
 __all__ = ["EnvScene", "PhysicsScene", "RenderScene", "TrainScene", "open_scene", "short_iteration"]

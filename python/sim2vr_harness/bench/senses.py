@@ -6,7 +6,7 @@ from typing import Any
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.perception import SENSES, WRAPPERS
-from sim2vr_harness.training.config import TrainingConfig
+from sim2vr_harness.runs.config import TrainingConfig
 
 __all__ = ["sense_variants"]
 

@@ -66,8 +66,8 @@ def bench(
     from sim2vr_harness.bench.report import print_rows
     from sim2vr_harness.bench.rows import append_rows
     from sim2vr_harness.bench.run import run as measure
-    from sim2vr_harness.training.config import defaults, load_config
-    from sim2vr_harness.training.trust import named_app, require_trust
+    from sim2vr_harness.runs.config import defaults, load_config
+    from sim2vr_harness.runs.trust import named_app, require_trust
 
     settings = load_config(config, set_ or []) if config else defaults(set_ or [])
     source = Path(config or "the defaults")

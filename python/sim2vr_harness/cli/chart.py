@@ -37,6 +37,6 @@ def chart(
     ] = Path("chart.png"),
 ) -> None:
     """Draw what evaluations measured of several users, side by side."""
-    from sim2vr_harness.evaluation.chart import chart as draw
+    from sim2vr_harness.evaluation.bar_chart import chart as draw
 
     typer.echo(f"Written: {draw(results, out, condition=condition, measures=measure or ())}")

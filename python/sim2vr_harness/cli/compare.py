@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.console import Console
 
+from sim2vr_harness.base.errors import InputError, shown, unknown_name
 from sim2vr_harness.cli.options import TrustOption, writable_folder
 from sim2vr_harness.cli.progress import Share
-from sim2vr_harness.errors import InputError, shown, unknown_name
 
 if TYPE_CHECKING:
-    from sim2vr_harness.evaluation.comparison.sources import Plays, Source
     from sim2vr_harness.games.behaviour import Behaviour
+    from sim2vr_harness.human_comparison.sources import Plays, Source
 
 __all__ = ["compare"]
 
@@ -98,17 +98,12 @@ def compare(
     json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")] = False,
 ) -> None:
     """Compare users with recorded people: measures, people's range, distance."""
-    from sim2vr_harness.evaluation.comparison.figures import draw
-    from sim2vr_harness.evaluation.comparison.files import as_json, write_csv, write_json
-    from sim2vr_harness.evaluation.comparison.report import Report
-    from sim2vr_harness.evaluation.comparison.sources import (
-        Plays,
-        game_of,
-        read_people,
-        read_user,
-    )
-    from sim2vr_harness.evaluation.comparison.tables import report_tables
     from sim2vr_harness.games.registry import aimed_games, behaviour_of, behaviours
+    from sim2vr_harness.human_comparison.figures import draw
+    from sim2vr_harness.human_comparison.files import as_json, write_csv, write_json
+    from sim2vr_harness.human_comparison.report import Report
+    from sim2vr_harness.human_comparison.sources import Plays, game_of, read_people, read_user
+    from sim2vr_harness.human_comparison.tables import report_tables
 
     users, told = _told_names(users)
     studies = [user for user in users if _is_study(user)]
@@ -230,7 +225,7 @@ def _is_study(user: str) -> bool:
 def _players(user: str, out: Path, behaviour: Behaviour) -> list[Source]:
     """The users of a study, which is run first, or gone on with, if its file is given."""
     from sim2vr_harness.cli.studies import Shown
-    from sim2vr_harness.evaluation.comparison.sources import read_folders
+    from sim2vr_harness.human_comparison.sources import read_folders
     from sim2vr_harness.studies import read_study, run_study
     from sim2vr_harness.studies.config import load_study
     from sim2vr_harness.studies.players import players_of
@@ -261,14 +256,18 @@ def _compare_aimed(
     json: bool,
 ) -> None:
     """Compare users of aimed movements: Fitts' law, throughput, end points, submovements."""
-    from sim2vr_harness.evaluation.fitts.beside import AimedReport, aimed_json, aimed_tables
-    from sim2vr_harness.evaluation.fitts.picture import draw_fitts
-    from sim2vr_harness.evaluation.fitts.users import (
+    from sim2vr_harness.human_comparison.fitts.comparison import (
+        AimedReport,
+        aimed_json,
+        aimed_tables,
+    )
+    from sim2vr_harness.human_comparison.fitts.figure import draw_fitts
+    from sim2vr_harness.human_comparison.fitts.users import (
         AimedUser,
         read_aimed_people,
         read_aimed_user,
     )
-    from sim2vr_harness.training.run_folder import write_atomically
+    from sim2vr_harness.runs.run_folder import write_atomically
 
     with Share("Comparing") as share:
         recorded = read_aimed_people(people)

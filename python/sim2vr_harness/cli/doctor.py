@@ -23,7 +23,8 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
-from sim2vr_harness import __version__, paths
+from sim2vr_harness import __version__
+from sim2vr_harness.base import paths
 
 __all__ = ["Check", "collect", "run_doctor"]
 

@@ -9,8 +9,8 @@ from typing import Any
 
 import typer
 
-from sim2vr_harness.errors import closest, printable, reason, unknown_name
-from sim2vr_harness.files import file_name
+from sim2vr_harness.base.errors import closest, printable, reason, unknown_name
+from sim2vr_harness.base.files import file_name
 
 __all__ = ["BAD_INPUT", "FAILED", "INTERRUPTED", "report"]
 

@@ -125,11 +125,11 @@ def evaluate(
     json: JsonOption = False,
 ) -> None:
     """Let a trained user play, and measure what it does."""
-    from sim2vr_harness.errors import InputError
+    from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.evaluation.evaluate import Request
     from sim2vr_harness.evaluation.evaluate import evaluate as evaluate_run
-    from sim2vr_harness.evaluation.practised import words_of_change
     from sim2vr_harness.evaluation.tables import results_table
+    from sim2vr_harness.evaluation.training_distribution import words_of_change
 
     remote = app_settings(app, app_arg, connect, protocol, page, map_, task, browser)
     if user is not None:
@@ -191,7 +191,7 @@ def _first_look(
     from sim2vr_harness.envs.games import with_task
     from sim2vr_harness.evaluation.first_look import look
     from sim2vr_harness.evaluation.tables import results_table
-    from sim2vr_harness.training.config import load_config
+    from sim2vr_harness.runs.config import load_config
 
     config = load_config("webxr", [*overrides, *as_overrides(app)])
     with Share("Playing") as share:

@@ -33,7 +33,7 @@ def film(
     trust_app: TrustOption = False,
 ) -> None:
     """Film users who play the same round, side by side."""
-    from sim2vr_harness.evaluation.side_by_side import film_side_by_side
+    from sim2vr_harness.evaluation.comparison_video import film_side_by_side
 
     written = film_side_by_side(
         runs, out, condition=condition, seed=seed, seconds=seconds, trust_app=trust_app

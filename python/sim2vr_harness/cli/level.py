@@ -9,9 +9,9 @@ from typing import Annotated, Any
 import typer
 import yaml
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.options import writable_file
 from sim2vr_harness.client import OptionValue, describe_game, describe_level, list_games
-from sim2vr_harness.errors import InputError
 
 __all__ = ["level"]
 
@@ -51,7 +51,7 @@ def level(
     ] = False,
 ) -> None:
     """Say what is in a level, and draw it over time."""
-    from sim2vr_harness.evaluation.timeline import draw_timeline
+    from sim2vr_harness.figures.level_timeline import draw_timeline
 
     chosen, option = _game_with_levels(game)
     options: dict[str, OptionValue] = {option: name}

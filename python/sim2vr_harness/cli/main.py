@@ -14,6 +14,7 @@ from typing import Annotated
 import typer
 
 from sim2vr_harness import __version__
+from sim2vr_harness.base.cores import settle_torch
 from sim2vr_harness.cli import (
     bench,
     chart,
@@ -39,7 +40,6 @@ from sim2vr_harness.cli import report as report_command
 from sim2vr_harness.cli.errors import report
 from sim2vr_harness.cli.games import HelpWithGames
 from sim2vr_harness.cli.options import JsonOption
-from sim2vr_harness.cores import settle_torch
 
 __all__ = ["app", "main"]
 

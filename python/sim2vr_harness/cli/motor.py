@@ -10,8 +10,8 @@ import typer
 from sim2vr_harness.cli.options import JsonOption, print_json, readable_file, writable_file
 
 if TYPE_CHECKING:
-    from sim2vr_harness.training.skills.layer import MotorLayer
-    from sim2vr_harness.training.skills.practice import MotorPractice
+    from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+    from sim2vr_harness.training.motor_control.practice import MotorPractice
     from sim2vr_harness.users import Body
 
 __all__ = ["app"]
@@ -50,10 +50,10 @@ def practise(
     ] = None,
 ) -> int:
     """Practise a body's motor layer; what was stopped goes on where it was."""
-    from sim2vr_harness.training.config import apply_overrides, parse_config
-    from sim2vr_harness.training.interrupts import sigterm_interrupts
-    from sim2vr_harness.training.skills.practice import MotorPractice
-    from sim2vr_harness.training.skills.shipped import load_motor_layer, save_motor_layer
+    from sim2vr_harness.base.signals import sigterm_interrupts
+    from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, save_motor_layer
+    from sim2vr_harness.runs.config import apply_overrides, parse_config
+    from sim2vr_harness.training.motor_control.practice import MotorPractice
 
     changes = [f"skills.practice.{change}" for change in set_ or ()]
     config = parse_config(apply_overrides({}, changes)).skills.practice
@@ -81,8 +81,8 @@ def _cycles(practice: MotorPractice, begun: Path) -> dict[str, Any]:
     from dataclasses import asdict
 
     from sim2vr_harness.cli.progress import Share
-    from sim2vr_harness.training.checkpoint import take_in, write_tensors
-    from sim2vr_harness.training.skills.practice import PRACTICE
+    from sim2vr_harness.runs.checkpoint import take_in, write_tensors
+    from sim2vr_harness.training.motor_control.practice import PRACTICE
 
     if begun.is_file():
         take_in(begun, PRACTICE, practice.load_state)
@@ -122,8 +122,8 @@ def measure(
 ) -> None:
     """Measure a motor layer: end points, speeds, effort, and times by Fitts' law."""
     from sim2vr_harness.cli.progress import Share
-    from sim2vr_harness.training.skills.measured_picture import draw_measures
-    from sim2vr_harness.training.skills.measuring import measure_layer
+    from sim2vr_harness.training.motor_control.benchmark import measure_layer
+    from sim2vr_harness.training.motor_control.benchmark_figure import draw_measures
     from sim2vr_harness.users.noise import MotorNoiseSettings
 
     found = _layer(_body(body), layer, step_s)
@@ -155,6 +155,6 @@ def _body(name: str) -> Body:
 
 
 def _layer(body: Body, file: Path | None, step_s: float) -> MotorLayer:
-    from sim2vr_harness.training.skills.shipped import load_motor_layer, motor_layer_for
+    from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, motor_layer_for
 
     return motor_layer_for(body, step_s) if file is None else load_motor_layer(file, body, step_s)

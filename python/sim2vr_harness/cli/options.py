@@ -15,7 +15,7 @@ from typing import Annotated, Any
 
 import typer
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
 
 __all__ = [
     "EnvSetOption",

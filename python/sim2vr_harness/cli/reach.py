@@ -11,9 +11,9 @@ from sim2vr_harness.cli.options import TrustOption, finite, writable_folder
 
 if TYPE_CHECKING:
     from sim2vr_harness.envs.config import EnvConfig
-    from sim2vr_harness.tools.reach.linkage import Point
     from sim2vr_harness.tools.reach.measuring import Measured
     from sim2vr_harness.tools.reach.targets import Target
+    from sim2vr_harness.users.kinematics.forward import Point
 
 __all__ = ["reach"]
 
@@ -86,9 +86,9 @@ def reach(
     trust_app: TrustOption = False,
 ) -> None:
     """Measure what a user can reach, and say of targets whether they lie within."""
+    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.base.optional import needed
     from sim2vr_harness.envs.config import body_of
-    from sim2vr_harness.errors import InputError
-    from sim2vr_harness.tools.missing import needed
     from sim2vr_harness.tools.reach.files import write
     from sim2vr_harness.tools.reach.measuring import chosen_point, measure
     from sim2vr_harness.tools.reach.targets import given_target, logged_targets
@@ -148,8 +148,8 @@ def _in_hand(environment: EnvConfig, tool: str) -> Point:
 
 
 def _tell(found: Measured) -> None:
+    from sim2vr_harness.tools.reach.figures import caption
     from sim2vr_harness.tools.reach.page import margin_words
-    from sim2vr_harness.tools.reach.pictures import caption
 
     typer.echo(caption(found))
     for name, low, high in zip(("right", "up", "ahead"), *found.extent_m, strict=True):

@@ -63,7 +63,7 @@ def replay(
     json: JsonOption = False,
 ) -> None:
     """Play recorded rounds again and compare every event with the recording."""
-    from sim2vr_harness.errors import InputError
+    from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.evaluation.replay.film import ReplayFilm
     from sim2vr_harness.evaluation.replay.recordings import read_recordings
     from sim2vr_harness.evaluation.replay.replayer import Replay, replay_all

@@ -47,10 +47,10 @@ def rewards(
     from rich.console import Console
     from rich.table import Table
 
+    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.base.optional import needed
     from sim2vr_harness.envs.config import body_of
-    from sim2vr_harness.errors import InputError
     from sim2vr_harness.games.registry import reward_terms, rewarding_games
-    from sim2vr_harness.tools.missing import needed
     from sim2vr_harness.tools.rewards.contributions import contributions
     from sim2vr_harness.tools.rewards.description import read_terms
     from sim2vr_harness.tools.rewards.files import sums, write

@@ -105,10 +105,10 @@ def track(
 ) -> None:
     """Let a body's muscles follow the recorded hands of a person, and say what it costs them."""
     from sim2vr_harness.cli.progress import Share
+    from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
     from sim2vr_harness.tools.track.files import film, write
     from sim2vr_harness.tools.track.tracking import Settings, track
     from sim2vr_harness.tools.users import environment_of
-    from sim2vr_harness.training.skills.shipped import motor_layer_for
 
     right, up, ahead = _three("--offset", offset)
     settings = Settings(
@@ -155,7 +155,7 @@ def _paths(recordings: Sequence[Path], frame: str) -> list[RecordedPath]:
 
 
 def _frame(name: str) -> Frame:
-    from sim2vr_harness.errors import unknown_name
+    from sim2vr_harness.base.errors import unknown_name
     from sim2vr_harness.tools.track.paths import FRAMES
 
     for known in FRAMES:
@@ -165,7 +165,7 @@ def _frame(name: str) -> Frame:
 
 
 def _yaw(text: str) -> float | Literal["head"]:
-    from sim2vr_harness.errors import InputError
+    from sim2vr_harness.base.errors import InputError
 
     if text == "head":
         return "head"
@@ -177,7 +177,7 @@ def _yaw(text: str) -> float | Literal["head"]:
 
 
 def _three(option: str, text: str) -> tuple[float, float, float]:
-    from sim2vr_harness.errors import InputError
+    from sim2vr_harness.base.errors import InputError
 
     try:
         right, up, ahead = (float(part) for part in text.split(","))
@@ -191,7 +191,7 @@ def _three(option: str, text: str) -> tuple[float, float, float]:
 
 
 def _between(option: str, value: Any, low: float, high: float) -> Any:
-    from sim2vr_harness.errors import InputError
+    from sim2vr_harness.base.errors import InputError
 
     if not low <= value <= high:
         raise InputError(option, f"{value:g}", f"{low:g} to {high:g}")
@@ -202,7 +202,7 @@ def _tell(one: Tracked) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from sim2vr_harness.tools.track.words import facts_of, hand_rows, muscle_rows, outcome_rows
+    from sim2vr_harness.tools.track.summary import facts_of, hand_rows, muscle_rows, outcome_rows
 
     console = Console()
     for line in facts_of(one):

@@ -26,7 +26,7 @@ from sim2vr_harness.cli.options import SetOption, TrustOption, writable_folder
 from sim2vr_harness.cli.progress import Share
 
 if TYPE_CHECKING:
-    from sim2vr_harness.training.trainer import TrainResult
+    from sim2vr_harness.training.run.trainer import TrainResult
 
 __all__ = ["train"]
 
@@ -81,14 +81,14 @@ def train(
     trust_app: TrustOption = False,
 ) -> int:
     """Train a simulated user; Ctrl-C saves, --resume continues exactly."""
+    from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.envs.games import with_task
-    from sim2vr_harness.errors import InputError
-    from sim2vr_harness.training import trainer
-    from sim2vr_harness.training.adapting import adapting
-    from sim2vr_harness.training.config import load_config
-    from sim2vr_harness.training.run_folder import RunFolder
-    from sim2vr_harness.training.trained_users import find_user
-    from sim2vr_harness.training.trust import named_app, require_trust
+    from sim2vr_harness.policies.store import find_user
+    from sim2vr_harness.runs.config import load_config
+    from sim2vr_harness.runs.run_folder import RunFolder
+    from sim2vr_harness.runs.trust import named_app, require_trust
+    from sim2vr_harness.training.ppo.fine_tune import adapting
+    from sim2vr_harness.training.run import trainer
 
     if resume and overwrite:
         raise InputError("--overwrite", "it together with --resume", "one of them")
@@ -151,7 +151,7 @@ def train(
 
 def _is_game(name: str) -> bool:
     """Whether this names a game of the runtime, and no configuration."""
-    from sim2vr_harness import paths
+    from sim2vr_harness.base import paths
     from sim2vr_harness.client import list_games
 
     try:

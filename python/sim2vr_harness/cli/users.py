@@ -12,10 +12,10 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
+from sim2vr_harness.base.files import read_json
 from sim2vr_harness.cli.options import TrustOption, finite, writable_file, writable_folder
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.tables import cell
-from sim2vr_harness.files import read_json
 
 app = typer.Typer(
     help="Trained users and bodies: list them, look at one, pack one of a run, export a body.",
@@ -28,7 +28,7 @@ JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON, nothing el
 @app.command("list")
 def list_users(json: JsonOption = False) -> None:
     """List the users that `sim2vr-harness evaluate pretrained:NAME` can play."""
-    from sim2vr_harness.training.trained_users import list_cards
+    from sim2vr_harness.policies.store import list_cards
 
     cards = list_cards()
     if json:
@@ -107,7 +107,7 @@ def show(
     ],
 ) -> None:
     """Print everything that is known of a trained user."""
-    from sim2vr_harness.training.trained_users import find_user
+    from sim2vr_harness.policies.store import find_user
 
     user = find_user(name if Path(name).exists() else f"pretrained:{name.split(':')[-1]}")
     typer.echo(jsonlib.dumps(user.card, indent=2))
@@ -197,7 +197,7 @@ def export(
     `python -m mujoco.viewer --mjcf=FILE` (or mujoco-studio) shows it; where there is no display,
     MUJOCO_GL=egl or osmesa draws without one.
     """
-    from sim2vr_harness.errors import InputError
+    from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.users import Physique, load_body
     from sim2vr_harness.users.bodies.export import export_body
 

@@ -63,8 +63,8 @@ def watch(
     trust_app: TrustOption = False,
 ) -> None:
     """Watch a user at play in the browser: body, game and headset view; or try the game."""
-    from sim2vr_harness.errors import InputError
-    from sim2vr_harness.tools.missing import needed
+    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.base.optional import needed
 
     if rerun is not None and rerun.suffix.lower() != ".rrd":
         raise InputError("--rerun", repr(str(rerun)), "a file name that ends in .rrd")
@@ -75,7 +75,7 @@ def watch(
         raise InputError("RUN", "nothing", "a user, a log or a recording; or --try, or --page")
     needed(*(("rerun", "rerun", "--rerun") if rerun is not None else ("viser", "watch", "watch")))
 
-    from sim2vr_harness.tools.watch.choosing import choose
+    from sim2vr_harness.tools.watch.selection import choose
 
     show = choose(
         run,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from sim2vr_harness.base.gl import prepare_process
 from sim2vr_harness.client.base import Int64Array
-from sim2vr_harness.gl import prepare_process
 
 __all__ = [
     "checked_seed",

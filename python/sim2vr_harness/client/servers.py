@@ -7,7 +7,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import Protocol
 
-from sim2vr_harness import paths
+from sim2vr_harness.base import paths
 from sim2vr_harness.client.base import CAPABILITIES, AppClient
 from sim2vr_harness.client.channel import Channel
 from sim2vr_harness.client.errors import (

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from sim2vr_harness.base.cores import budget
 from sim2vr_harness.client import (
     AppClient,
     AppPlace,
@@ -16,7 +17,6 @@ from sim2vr_harness.client import (
     transport_named,
 )
 from sim2vr_harness.client.tasks import Task, TaskedApp, load_task
-from sim2vr_harness.cores import budget
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 
 __all__ = [

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.base.errors import shown
 from sim2vr_harness.client import OptionValue
-from sim2vr_harness.errors import shown
 
 __all__ = ["checked_options", "checked_seeds", "checked_users"]
 

@@ -13,12 +13,12 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from sim2vr_harness.base.settings import Settings, Weight
 from sim2vr_harness.client import list_transports, transport_named
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.devices import INPUT_NAMES
 from sim2vr_harness.client.tasks import TaskRules
 from sim2vr_harness.perception.registry import SenseConfig, check_list
-from sim2vr_harness.settings import Settings, Weight
 from sim2vr_harness.users import (
     Body,
     EffortName,
@@ -30,7 +30,7 @@ from sim2vr_harness.users import (
     load_body,
 )
 from sim2vr_harness.users.bodies.options import PhysicsStep
-from sim2vr_harness.users.head import HeadMotion
+from sim2vr_harness.users.head_reflex import HeadMotion
 
 __all__ = [
     "DEFAULT_SENSES",

@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
+from sim2vr_harness.base.cores import budget
 from sim2vr_harness.client import (
     AppClient,
     DevicePoses,
@@ -19,7 +20,6 @@ from sim2vr_harness.client import (
     require_capability,
 )
 from sim2vr_harness.client.frames import pose_to_app
-from sim2vr_harness.cores import budget
 from sim2vr_harness.envs.app_group import AppFailure, AppGroup, Logs, app_group
 from sim2vr_harness.envs.apps import AppFactory
 from sim2vr_harness.envs.checks import checked_options, checked_seeds, checked_users

@@ -6,7 +6,7 @@ import io
 import pickle
 from typing import Any
 
-from sim2vr_harness.errors import reason
+from sim2vr_harness.base.errors import reason
 
 __all__ = ["packed", "unpacked"]
 

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeGuard
 
+from sim2vr_harness.base.errors import InputError, shown
+from sim2vr_harness.base.files import file_name, naming, read_json
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.errors import InputError, shown
-from sim2vr_harness.files import file_name, naming, read_json
-from sim2vr_harness.training.episodes import metric_key
-from sim2vr_harness.training.run_folder import RunFolder, read_rows, write_atomically
-from sim2vr_harness.training.trained_users import TrainedUser, find_user, is_packed
+from sim2vr_harness.policies.store import TrainedUser, find_user, is_packed
+from sim2vr_harness.runs.run_folder import RunFolder, read_rows, write_atomically
+from sim2vr_harness.training.run.episode_stats import metric_key
 
 __all__ = ["curve", "pack_curves", "plot"]
 

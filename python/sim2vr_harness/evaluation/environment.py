@@ -6,11 +6,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.training.config import TrainingConfig, apply_overrides, parse_config
-from sim2vr_harness.training.trust import named_app, require_trust
+from sim2vr_harness.runs.config import TrainingConfig, apply_overrides, parse_config
+from sim2vr_harness.runs.trust import named_app, require_trust
 
 __all__ = ["evaluation_env"]
 

@@ -11,23 +11,23 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, GameFacts
 from sim2vr_harness.envs.apps import knows_options
 from sim2vr_harness.envs.config import EnvConfig, UserConfig, with_options
 from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.data.folder import EvaluationData
 from sim2vr_harness.evaluation.data.recording import DataRecorder
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
-from sim2vr_harness.evaluation.player import Player
-from sim2vr_harness.evaluation.practised import met, unpractised
 from sim2vr_harness.evaluation.results import Results
 from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
 from sim2vr_harness.evaluation.round_logs import RoundLogs
+from sim2vr_harness.evaluation.training_distribution import met, unpractised
 from sim2vr_harness.evaluation.video import RoundFilmer
-from sim2vr_harness.training.config import TrainingConfig
-from sim2vr_harness.training.trained_users import TrainedUser, find_user, require_contract
+from sim2vr_harness.policies.player import Player
+from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
+from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.users import PeopleSettings, effort_weight
 
 __all__ = ["Evaluation", "Request", "evaluate", "name_of"]

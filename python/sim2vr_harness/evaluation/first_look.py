@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.client import (
     GameFacts,
     TaskedApp,
@@ -24,12 +25,11 @@ from sim2vr_harness.client import (
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.errors import InputError, unknown_name
 from sim2vr_harness.evaluation.metrics import summarise
 from sim2vr_harness.evaluation.results import Results
 from sim2vr_harness.evaluation.rollouts import Act, jobs_for, play
 from sim2vr_harness.evaluation.video import RoundFilmer
-from sim2vr_harness.users.reaching import Reacher
+from sim2vr_harness.users.kinematics.reach_controller import Reacher
 
 __all__ = ["USERS", "Look", "act_of", "look"]
 

@@ -10,17 +10,17 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import GameFacts, Measure
 from sim2vr_harness.envs.simulation import observation_space_of
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.curves import pack_curves
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.metrics import measures_of
-from sim2vr_harness.evaluation.player import new_policy
-from sim2vr_harness.training.config import first_difference
-from sim2vr_harness.training.run_folder import RunFolder, write_atomically
-from sim2vr_harness.training.trained_users import TrainedUser, find_user, pack
-from sim2vr_harness.training.trust import require_trust
+from sim2vr_harness.policies.player import new_policy
+from sim2vr_harness.policies.store import TrainedUser, find_user, pack
+from sim2vr_harness.runs.config import first_difference
+from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
+from sim2vr_harness.runs.trust import require_trust
 
 __all__ = ["card_measures", "measured_keys", "pack_measured", "seed_keys"]
 
@@ -43,7 +43,7 @@ def pack_measured(
     is the measure that the game names, or the return.
 
     Args:
-        run: as of :func:`~sim2vr_harness.training.trained_users.find_user`.
+        run: as of :func:`~sim2vr_harness.policies.store.find_user`.
         name: what it will be called.
         folder: where it goes.
         conditions: to measure; None takes those of the run's configuration.

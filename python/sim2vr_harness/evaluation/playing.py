@@ -16,8 +16,8 @@ from sim2vr_harness.envs.simulation import observation_space_of
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request
 from sim2vr_harness.evaluation.evaluate import evaluate as measure
-from sim2vr_harness.evaluation.player import Player
-from sim2vr_harness.training.trained_users import find_user, require_contract
+from sim2vr_harness.policies.player import Player
+from sim2vr_harness.policies.store import find_user, require_contract
 
 __all__ = ["UserPolicy", "evaluate", "load_user_policy"]
 

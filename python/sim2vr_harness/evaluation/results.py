@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.errors import InputError, shown
-from sim2vr_harness.files import file_name, read_json
-from sim2vr_harness.training.run_folder import write_atomically
+from sim2vr_harness.base.errors import InputError, shown
+from sim2vr_harness.base.files import file_name, read_json
+from sim2vr_harness.runs.run_folder import write_atomically
 
 __all__ = ["Results"]
 

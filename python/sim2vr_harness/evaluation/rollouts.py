@@ -9,10 +9,10 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import Condition, GameFacts, OptionValue
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result
-from sim2vr_harness.training.threads import torch_threads
-from sim2vr_harness.training.vec_env import SimulationLike
+from sim2vr_harness.training.ppo.vec_env import SimulationLike
 
 __all__ = ["Act", "Job", "Remembering", "Watcher", "jobs_for", "play"]
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.evaluation.metrics import RoundResult
 from sim2vr_harness.evaluation.rollouts import Job
-from sim2vr_harness.training.run_folder import write_atomically
+from sim2vr_harness.runs.run_folder import write_atomically
 
 __all__ = ["PERSON_FILE", "RoundLogs"]
 

@@ -11,14 +11,14 @@ from typing import Any
 import numpy as np
 from PIL import Image
 
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import naming
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.games import game_facts, with_condition, with_game, with_task
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.environment import evaluation_env
-from sim2vr_harness.evaluation.pictures import BodyPainter, compose, score_text
-from sim2vr_harness.evaluation.player import Player
-from sim2vr_harness.files import naming
-from sim2vr_harness.training.trained_users import find_user, require_contract
+from sim2vr_harness.evaluation.scene_images import BodyPainter, compose, score_text
+from sim2vr_harness.policies.player import Player
+from sim2vr_harness.policies.store import find_user, require_contract
 
 __all__ = ["parse_size", "snapshot"]
 

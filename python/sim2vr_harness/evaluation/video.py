@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.evaluation.metrics import RoundResult
-from sim2vr_harness.evaluation.pictures import Painter, Panels, score_text
 from sim2vr_harness.evaluation.rollouts import Job
+from sim2vr_harness.evaluation.scene_images import Painter, Panels, score_text
 
 __all__ = ["Film", "RoundFilmer"]
 

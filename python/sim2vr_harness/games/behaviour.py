@@ -38,7 +38,7 @@ class Goal:
 
     Attributes:
         condition: as people call it.
-        measure: of ``evaluation/comparison/measures.py``.
+        measure: of ``human_comparison/measures.py``.
         bar: for the mean over the user's persons.
         aim: beyond that; None: every one of its persons is within people's range.
     """

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.settings import Settings
 from sim2vr_harness.client.base import OptionValue
-from sim2vr_harness.settings import Settings
 
 if TYPE_CHECKING:  # settings are read without torch
     from torch import Tensor

@@ -15,9 +15,9 @@ from typing import Any
 import pydantic
 from pydantic import Field
 
-from sim2vr_harness.files import read_text, read_yaml
+from sim2vr_harness.base.files import read_text, read_yaml
+from sim2vr_harness.base.settings import Settings, first_problem
 from sim2vr_harness.games.registry import room_of
-from sim2vr_harness.settings import Settings, first_problem
 
 __all__ = ["People", "Published", "PublishedTest", "PublishedValues", "published_of"]
 

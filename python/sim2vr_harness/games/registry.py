@@ -6,11 +6,11 @@ from collections.abc import Mapping
 from importlib import import_module
 from typing import Any
 
-from sim2vr_harness.errors import unknown_name
+from sim2vr_harness.base.errors import unknown_name
+from sim2vr_harness.base.settings import Settings
 from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.games.imagined import ImaginedGame
 from sim2vr_harness.games.rewards import RewardTerms
-from sim2vr_harness.settings import Settings
 
 __all__ = [
     "aimed_games",

@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
 
 __all__ = ["NAMES", "Formula", "RewardTerms", "Term"]
 

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field, field_validator
 
+from sim2vr_harness.base.settings import Settings, Weight
 from sim2vr_harness.perception.foveation import Foveation
 from sim2vr_harness.perception.haptics import Haptics
 from sim2vr_harness.perception.proprioception import Proprioception
@@ -18,7 +19,6 @@ from sim2vr_harness.perception.sense import IntArray, Moment, Sense, Sensed, flo
 from sim2vr_harness.perception.sound import Hearing
 from sim2vr_harness.perception.vision import fovea, vision
 from sim2vr_harness.perception.wrappers import Delayed, History, Noisy, OwnDelays, Stacked
-from sim2vr_harness.settings import Settings, Weight
 from sim2vr_harness.users import FEATURES
 
 __all__ = ["SENSES", "WRAPPERS", "SenseConfig", "SenseKind", "Surroundings", "make_sense"]

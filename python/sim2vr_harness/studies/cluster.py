@@ -9,9 +9,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.errors import InputError, reason
+from sim2vr_harness.base.errors import InputError, reason
+from sim2vr_harness.studies.jobs import TRAININGS, CellTask, Task, folder_of, mark_of
 from sim2vr_harness.studies.pool import Done, Work, done_by, play_or_train
-from sim2vr_harness.studies.tasks import TRAININGS, CellTask, Task, folder_of, mark_of
 
 __all__ = ["OnRay"]
 

@@ -10,9 +10,9 @@ from typing import Any, Literal
 import pydantic
 from pydantic import Field, model_validator
 
-from sim2vr_harness.errors import InputError, shown, unknown_name
-from sim2vr_harness.files import file_name, read_yaml
-from sim2vr_harness.settings import Settings, first_problem
+from sim2vr_harness.base.errors import InputError, shown, unknown_name
+from sim2vr_harness.base.files import file_name, read_yaml
+from sim2vr_harness.base.settings import Settings, first_problem
 from sim2vr_harness.studies.factors import (
     FactorConfig,
     Name,

@@ -11,8 +11,9 @@ from typing import Any
 
 import pyarrow as pa
 
+from sim2vr_harness.base.errors import InputError, unknown_name
+from sim2vr_harness.base.files import file_name, read_json
 from sim2vr_harness.client import Measure
-from sim2vr_harness.errors import InputError, unknown_name
 from sim2vr_harness.evaluation.data import Column, EvaluationData, read_data
 from sim2vr_harness.evaluation.data.columns import column_name, merged, row_table
 from sim2vr_harness.evaluation.data.folder import (
@@ -25,13 +26,12 @@ from sim2vr_harness.evaluation.data.folder import (
     write_table,
 )
 from sim2vr_harness.evaluation.metrics import measures_of
-from sim2vr_harness.files import file_name, read_json
+from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.studies.config import StudyConfig, parse_study
+from sim2vr_harness.studies.jobs import CELLS, TRAININGS, CellTask
 from sim2vr_harness.studies.plan import Plan
 from sim2vr_harness.studies.search.searching import Found
 from sim2vr_harness.studies.search.table import trials_table
-from sim2vr_harness.studies.tasks import CELLS, TRAININGS, CellTask
-from sim2vr_harness.training.run_folder import write_atomically
 
 __all__ = ["STUDY_FILE", "StudyData", "factor_column", "read_study", "write_data"]
 

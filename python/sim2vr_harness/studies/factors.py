@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 from pydantic import Field, field_validator, model_validator
 
-from sim2vr_harness.errors import InputError, shown, unknown_name
-from sim2vr_harness.settings import Settings
+from sim2vr_harness.base.errors import InputError, shown, unknown_name
+from sim2vr_harness.base.settings import Settings
 
 __all__ = [
     "CELL_KEYS",

@@ -7,14 +7,14 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness import __version__
+from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.client import GameFacts, InProcessBatch
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.errors import InputError, unknown_name
 from sim2vr_harness.evaluation.metrics import measures_of
-from sim2vr_harness.studies.casting import FORMAT, Users, Where, player_of
 from sim2vr_harness.studies.cells import Cell, cells_of, content_hash
 from sim2vr_harness.studies.config import StudyConfig
-from sim2vr_harness.studies.tasks import CellTask, Limits, TrainingTask
+from sim2vr_harness.studies.jobs import CellTask, Limits, TrainingTask
+from sim2vr_harness.studies.policy_selection import FORMAT, Users, Where, player_of
 
 __all__ = ["Plan", "plan_of"]
 

@@ -15,8 +15,8 @@ from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any, Protocol
 
-from sim2vr_harness.errors import reason
-from sim2vr_harness.studies.tasks import Task
+from sim2vr_harness.base.errors import reason
+from sim2vr_harness.studies.jobs import Task
 
 __all__ = ["Done", "Here", "Pool", "Processes", "Work", "done_by", "play_or_train"]
 
@@ -76,8 +76,8 @@ class Here:
 
 
 def play_or_train(task: Task, root: Path, cores: int) -> None:
-    """Do a task as it is meant, see :func:`sim2vr_harness.studies.work.do`."""
-    from sim2vr_harness.studies.work import do  # loads all that plays and learns
+    """Do a task as it is meant, see :func:`sim2vr_harness.studies.worker.do`."""
+    from sim2vr_harness.studies.worker import do  # loads all that plays and learns
 
     do(task, root, cores)
 

@@ -11,20 +11,20 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.cores import available
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.files import read_json
+from sim2vr_harness.base.cores import available
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.file_lock import sole_training
+from sim2vr_harness.base.files import read_json
+from sim2vr_harness.base.signals import sigterm_interrupts
+from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.studies.config import StudyConfig, load_study, parse_study
 from sim2vr_harness.studies.data import STUDY_FILE, StudyData, read_study, write_data
-from sim2vr_harness.studies.doing import Doing, Progress
+from sim2vr_harness.studies.executor import Doing, Progress
+from sim2vr_harness.studies.jobs import CELLS, Task
 from sim2vr_harness.studies.plan import Plan, plan_of
 from sim2vr_harness.studies.pool import Here, Pool, Processes
 from sim2vr_harness.studies.search.searching import search
-from sim2vr_harness.studies.tasks import CELLS, Task
-from sim2vr_harness.studies.work import clear_away
-from sim2vr_harness.training.interrupts import sigterm_interrupts
-from sim2vr_harness.training.locking import sole_training
-from sim2vr_harness.training.run_folder import write_atomically
+from sim2vr_harness.studies.worker import clear_away
 
 __all__ = ["Progress", "StudyResult", "run_study"]
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from sim2vr_harness import paths
+from sim2vr_harness.base import paths
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts, with_condition, with_game
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.environment import evaluation_env
-from sim2vr_harness.training.config import TrainingConfig, load_config, parse_config, read_mapping
-from sim2vr_harness.training.trained_users import find_user
+from sim2vr_harness.policies.store import find_user
+from sim2vr_harness.runs.config import TrainingConfig, load_config, parse_config, read_mapping
 from sim2vr_harness.users import list_bodies
 
 __all__ = ["environment_of", "settings_of"]
@@ -22,7 +22,7 @@ def settings_of(who: str) -> TrainingConfig:
 
     Args:
         who: A body's name or YAML file (docs/bodies.md), a configuration's, or a user as of
-            :func:`~sim2vr_harness.training.trained_users.find_user`.
+            :func:`~sim2vr_harness.policies.store.find_user`.
 
     Raises:
         InputError: It is none of them.

@@ -25,14 +25,14 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from sim2vr_harness.cores import settle_torch
+from sim2vr_harness.base.cores import settle_torch
 
 if TYPE_CHECKING:
-    from sim2vr_harness.training.config import TrainingConfig, load_config, parse_config
-    from sim2vr_harness.training.stages import Report
-    from sim2vr_harness.training.trained_users import TrainedUser, find_user, list_cards
-    from sim2vr_harness.training.trainer import TrainResult, train
-    from sim2vr_harness.training.vec_env import SimulationVecEnv
+    from sim2vr_harness.policies.store import TrainedUser, find_user, list_cards
+    from sim2vr_harness.runs.config import TrainingConfig, load_config, parse_config
+    from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
+    from sim2vr_harness.training.run.stage import Report
+    from sim2vr_harness.training.run.trainer import TrainResult, train
 
 __all__ = [
     "Report",

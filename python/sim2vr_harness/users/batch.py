@@ -17,11 +17,11 @@ from sim2vr_harness.users.bodies.body import Body, held
 from sim2vr_harness.users.bodies.options import Physique
 from sim2vr_harness.users.checks import checked_action, checked_ids
 from sim2vr_harness.users.effort import EffortModel, make_effort
-from sim2vr_harness.users.head import HeadMotion, HeadReflex, moved_head
+from sim2vr_harness.users.head_reflex import HeadMotion, HeadReflex, moved_head
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.users.people import People, Person, Persons
 from sim2vr_harness.users.physics import Physics
-from sim2vr_harness.users.worn import WornDevices
+from sim2vr_harness.users.worn_devices import WornDevices
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

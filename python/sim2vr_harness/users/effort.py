@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.users.bodies.body import Body
-from sim2vr_harness.users.names import unknown_name
+from sim2vr_harness.users.name_errors import unknown_name
 
 FloatArray = NDArray[np.float64]
 Ids = Sequence[int] | NDArray[np.integer] | slice

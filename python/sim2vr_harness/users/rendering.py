@@ -13,11 +13,11 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.gl import prepare_process
 from sim2vr_harness.client import AppScene
-from sim2vr_harness.gl import prepare_process
 from sim2vr_harness.users.appearance import colour_muscles
 from sim2vr_harness.users.bodies.body import Body
-from sim2vr_harness.users.names import unknown_name
+from sim2vr_harness.users.name_errors import unknown_name
 from sim2vr_harness.users.stage import add_meshes, put_objects
 
 _FLOOR_GAP_M = 0.01

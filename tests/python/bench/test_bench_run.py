@@ -15,7 +15,7 @@ from sim2vr_harness.bench.rows import Row
 from sim2vr_harness.bench.run import check_hashes
 from sim2vr_harness.bench.turns import Turn, in_turns, paired_ratio, spread, timed_turn
 from sim2vr_harness.cli.main import main
-from sim2vr_harness.training.config import TrainingConfig, parse_config
+from sim2vr_harness.runs.config import TrainingConfig, parse_config
 
 FAST = ["--set", "env.vision.width=32", "--set", "env.vision.height=24", "--seconds", "0.05"]
 TINY = ["--set", "policy.net_arch=[8]", "--set", "policy.vision_features=4"]

@@ -20,7 +20,7 @@ from sim2vr_harness.bench.scenes import EnvScene, PhysicsScene, open_scene, shor
 from sim2vr_harness.bench.senses import sense_variants
 from sim2vr_harness.envs import AppConfig
 from sim2vr_harness.perception import SENSES, WRAPPERS
-from sim2vr_harness.training.config import TrainingConfig, parse_config
+from sim2vr_harness.runs.config import TrainingConfig, parse_config
 from webxr_pages import NEEDS_BROWSER, PAGES
 
 PACKAGE = "sim2vr_harness.bench"

@@ -17,7 +17,7 @@ from fake_simulation import FakeSimulation
 
 from sim2vr_harness import __version__
 from sim2vr_harness.cli.main import app, main
-from sim2vr_harness.training.skills.practice import MotorPractice
+from sim2vr_harness.training.motor_control.practice import MotorPractice
 
 TINY = [
     "policy.net_arch=[16]",

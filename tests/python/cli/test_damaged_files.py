@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim2vr_harness import paths
+from sim2vr_harness.base import paths
 from sim2vr_harness.cli.main import main
-from sim2vr_harness.training.config import defaults, to_yaml
+from sim2vr_harness.runs.config import defaults, to_yaml
 
 DATA = Path(__file__).parents[2] / "data"
 DAMAGES = (

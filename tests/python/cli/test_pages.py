@@ -11,13 +11,13 @@ import pytest
 import yaml
 from PIL import Image
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.app_options import app_settings
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.envs import AppConfig
 from sim2vr_harness.envs.config import page_name
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.training.config import load_config
-from sim2vr_harness.training.trust import require_trust
+from sim2vr_harness.runs.config import load_config
+from sim2vr_harness.runs.trust import require_trust
 from webxr_pages import NEEDS_BROWSER, PAGES
 
 TOUCH = str(PAGES / "touch.html")
@@ -139,7 +139,7 @@ def test_pages_and_code_of_others_are_asked_for(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    monkeypatch.setattr("sim2vr_harness.training.trust._told", [])
+    monkeypatch.setattr("sim2vr_harness.runs.trust._told", [])
     page = {"transport": "webxr", "page": TOUCH}
     seen = AppConfig(**page, task={"seconds": 5})
     with pytest.raises(InputError, match=r"env\.app\.page: got .*not opened before, expected --tr"):

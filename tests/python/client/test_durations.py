@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
+from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.client import Channel, Protocol1App, Protocol2Connection, connect
 from sim2vr_harness.client.launch import start_sim2vr_app
-from sim2vr_harness.paths import app_executable
 
 NO_TIMES = [math.nan, math.inf, -math.inf, -1.0, 0.0, 1e300]
 NOWHERE = "tcp://127.0.0.1:9"

@@ -21,6 +21,7 @@ import numpy as np
 import pytest
 import zmq
 
+from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.client import (
     INPUT_COUNT,
     AppDied,
@@ -39,7 +40,6 @@ from sim2vr_harness.client import (
 )
 from sim2vr_harness.client.process import log_folder
 from sim2vr_harness.client.protocol2_wire import HEADER, MAGIC, REPLY, VERSION
-from sim2vr_harness.paths import app_executable
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLE = ROOT / "docs/examples/protocol2_client.py"

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.client import (
     AppDied,
     AppProcess,
@@ -21,7 +22,6 @@ from sim2vr_harness.client import (
     start_sim2vr_app,
 )
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
-from sim2vr_harness.paths import app_executable
 
 N = 3
 OPTIONS = {"condition": "medium", "round_seconds": 60.0}

@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import DevicePoses, HapticPulse
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
 from sim2vr_harness.envs.mirrored import MirroredGroup, mirrored_poses
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.replay.recordings import read_recordings
 from sim2vr_harness.evaluation.replay.replayer import replay
-from sim2vr_harness.training import trainer
-from sim2vr_harness.training.config import load_config
+from sim2vr_harness.runs.config import load_config
+from sim2vr_harness.training.run import trainer
 from sim2vr_harness.users import People, PeopleSettings
 
 ALIKE = {"vary": ["head_movement"], "spread": 0.0}

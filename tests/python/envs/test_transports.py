@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.client import (
     AppClient,
     AppsWanted,
@@ -24,7 +25,6 @@ from sim2vr_harness.client import (
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, UserConfig, VisionConfig
 from sim2vr_harness.envs.apps import app_factory
 from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.paths import app_executable
 
 
 def loopback(wanted: AppsWanted) -> object:

@@ -94,7 +94,7 @@ def test_it_draws_everybody_and_can_be_copied() -> None:
 
 def test_options_of_stable_baselines_reach_the_game() -> None:
     from sim2vr_harness.envs.simulation import Simulation
-    from sim2vr_harness.training.vec_env import SimulationVecEnv
+    from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 
     env = SimulationVecEnv(Simulation(CONFIG.model_copy(update={"senses": QUICK}), 2))
     env.set_options({"round_seconds": 0.2})

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.evaluation import chart as charts
-from sim2vr_harness.evaluation.chart import EXERTION, chart
+from sim2vr_harness.evaluation import bar_chart as charts
+from sim2vr_harness.evaluation.bar_chart import EXERTION, chart
 
 
 def results(folder: Path, user: str, effort: float, weight: float, **more: Any) -> Path:

@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from fake_simulation import FakeSimulation
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, GameFacts, describe_game, facts_of_outside
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation import evaluate as module
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
-from sim2vr_harness.evaluation.player import Player
-from sim2vr_harness.evaluation.practised import met, unpractised
 from sim2vr_harness.evaluation.rollouts import Job, jobs_for, play
-from sim2vr_harness.training.config import TrainingConfig
-from sim2vr_harness.training.run_folder import RunFolder
-from sim2vr_harness.training.trained_users import find_user
+from sim2vr_harness.evaluation.training_distribution import met, unpractised
+from sim2vr_harness.policies.player import Player
+from sim2vr_harness.policies.store import find_user
+from sim2vr_harness.runs.config import TrainingConfig
+from sim2vr_harness.runs.run_folder import RunFolder
 
 WHACAMOLE = describe_game("whacamole")
 METRICS = (

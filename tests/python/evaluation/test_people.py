@@ -11,8 +11,8 @@ import pytest
 from fake_people import FakePeople
 from rich.console import Console
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, describe_game
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
 from sim2vr_harness.evaluation.rollouts import jobs_for

@@ -15,11 +15,12 @@ from fake_simulation import FakeSimulation
 from PIL import Image
 from rich.console import Console
 
-from sim2vr_harness import paths
+from sim2vr_harness.base import paths
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import GameFacts, Measure, describe_game
 from sim2vr_harness.envs import VisionConfig
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.evaluation import pictures, video
+from sim2vr_harness.evaluation import scene_images as pictures
+from sim2vr_harness.evaluation import video
 from sim2vr_harness.evaluation.curves import curve, pack_curves, plot
 from sim2vr_harness.evaluation.metrics import round_result
 from sim2vr_harness.evaluation.rollouts import Job

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import sim2vr_harness
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.evaluation.playing import UserPolicy
 
 

@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from sim2vr_harness.client import Timeline, TimelineItem
-from sim2vr_harness.evaluation.timeline import draw_timeline
+from sim2vr_harness.figures.level_timeline import draw_timeline
 
 LEVEL = Timeline(
     name="a level",

@@ -13,14 +13,14 @@ from true_users import motion_of, worn_by
 
 from sim2vr_harness.client import OptionValue
 from sim2vr_harness.envs.config import AppConfig, EffortConfig, EnvConfig, UserConfig
+from sim2vr_harness.envs.privileged import OBSERVATION
 from sim2vr_harness.games.beats.settings import Relaxation
 from sim2vr_harness.games.beats.twin import EVENTS, FIELDS
-from sim2vr_harness.training.config import apply_overrides
+from sim2vr_harness.policies.state_actor_critic import new_teacher
+from sim2vr_harness.runs.config import apply_overrides
+from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.imagined import ImaginedRollouts
-from sim2vr_harness.training.knowledge import OBSERVATION
-from sim2vr_harness.training.teacher_config import TeacherConfig
-from sim2vr_harness.training.teacher_env import TeacherSimulation
-from sim2vr_harness.training.teacher_policy import new_teacher
+from sim2vr_harness.training.teacher.env import TeacherSimulation
 
 USERS, STEPS = 12, 199
 SMALL = (

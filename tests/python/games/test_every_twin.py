@@ -18,9 +18,9 @@ from true_users import worn_by
 
 from sim2vr_harness.envs.config import AppConfig, EffortConfig, EnvConfig, UserConfig
 from sim2vr_harness.games import imagined_games
-from sim2vr_harness.training.config import apply_overrides
-from sim2vr_harness.training.teacher_config import TeacherConfig
-from sim2vr_harness.training.teacher_env import TeacherSimulation
+from sim2vr_harness.runs.config import apply_overrides
+from sim2vr_harness.runs.teacher_config import TeacherConfig
+from sim2vr_harness.training.teacher.env import TeacherSimulation
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 

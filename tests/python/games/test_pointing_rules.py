@@ -14,9 +14,9 @@ from sim2vr_harness.games.imagined import ImaginedCondition
 from sim2vr_harness.games.pointing.rules import Task
 from sim2vr_harness.games.pointing.settings import TwinSettings
 from sim2vr_harness.games.pointing.twin import FIELDS, ImaginedPointing
-from sim2vr_harness.training.config import apply_overrides
-from sim2vr_harness.training.teacher_config import TeacherConfig
-from sim2vr_harness.training.teacher_env import TeacherSimulation
+from sim2vr_harness.runs.config import apply_overrides
+from sim2vr_harness.runs.teacher_config import TeacherConfig
+from sim2vr_harness.training.teacher.env import TeacherSimulation
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 

@@ -11,9 +11,9 @@ import torch
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.games.whacamole import rules
 from sim2vr_harness.games.whacamole.hammer import depths, points
-from sim2vr_harness.training.config import apply_overrides
-from sim2vr_harness.training.teacher_config import TeacherConfig
-from sim2vr_harness.training.teacher_env import TeacherSimulation
+from sim2vr_harness.runs.config import apply_overrides
+from sim2vr_harness.runs.teacher_config import TeacherConfig
+from sim2vr_harness.training.teacher.env import TeacherSimulation
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 

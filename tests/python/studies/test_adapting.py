@@ -11,15 +11,16 @@ import torch
 from fake_simulation import FakeSimulation
 from test_runner import content
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import read_json
 from sim2vr_harness.evaluation.evaluate import evaluate
-from sim2vr_harness.evaluation.player import new_policy
-from sim2vr_harness.files import read_json
-from sim2vr_harness.studies import run_study, work
-from sim2vr_harness.training import trainer
-from sim2vr_harness.training.adapting import adapting
-from sim2vr_harness.training.run_folder import RunFolder
-from sim2vr_harness.training.trained_users import find_user
+from sim2vr_harness.policies.player import new_policy
+from sim2vr_harness.policies.store import find_user
+from sim2vr_harness.runs.run_folder import RunFolder
+from sim2vr_harness.studies import run_study
+from sim2vr_harness.studies import worker as work
+from sim2vr_harness.training.ppo.fine_tune import adapting
+from sim2vr_harness.training.run import trainer
 
 LIFE = "env.app.options.life_seconds"
 SMALL = {

@@ -13,7 +13,7 @@ import pool_tasks
 import pytest
 from test_pool import task
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.studies.cluster import OnRay
 
 ray = pytest.importorskip("ray")

@@ -9,10 +9,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from sim2vr_harness.statistics.mixed_models import mixed_model
 from sim2vr_harness.studies.config import ComparisonConfig, parse_study
 from sim2vr_harness.studies.data import StudyData
 from sim2vr_harness.studies.statistics import compare, summaries
-from sim2vr_harness.studies.statistics.mixed import mixed_model
 
 
 def study_of(values: dict[tuple[str, str], list[list[float]]], **settings: Any) -> StudyData:

@@ -14,8 +14,8 @@ from pathlib import Path
 import pool_tasks
 import pytest
 
+from sim2vr_harness.studies.jobs import CellTask
 from sim2vr_harness.studies.pool import Processes
-from sim2vr_harness.studies.tasks import CellTask
 
 
 def task(key: str, condition: str = "fine") -> CellTask:

@@ -12,28 +12,20 @@ import pytest
 import strange_game
 from PIL import Image
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Measure
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.figures.figure import Bars, Figure, Heat, Line, Panel, colour_of, keys_of
+from sim2vr_harness.figures.matplotlib_backend import write_stills
+from sim2vr_harness.figures.plotly_backend import plotly_of
 from sim2vr_harness.games.published import published_of
 from sim2vr_harness.studies.config import load_study
 from sim2vr_harness.studies.plan import plan_of
 from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.body import _view_of, load_of
-from sim2vr_harness.studies.report.drawing import (
-    Bars,
-    Figure,
-    Heat,
-    Line,
-    Panel,
-    colour_of,
-    keys_of,
-)
-from sim2vr_harness.studies.report.interactive import plotly_of
 from sim2vr_harness.studies.report.methods import PlayedBy, methods_of
 from sim2vr_harness.studies.report.numbers import summary_of
 from sim2vr_harness.studies.report.sentences import sentences_of
 from sim2vr_harness.studies.report.source import ReportSource, read_source
-from sim2vr_harness.studies.report.stills import write_stills
 from sim2vr_harness.studies.report.strategy import depth_of, figures_of_strategy
 from sim2vr_harness.studies.report.tables import test_table as table_of_tests
 from sim2vr_harness.users import load_body

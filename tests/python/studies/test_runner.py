@@ -12,9 +12,10 @@ import pytest
 from fake_people import FakePeople
 from fake_simulation import FakeSimulation
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.evaluation.evaluate import evaluate
-from sim2vr_harness.studies import StudyConfig, read_study, run_study, work
+from sim2vr_harness.studies import StudyConfig, read_study, run_study
+from sim2vr_harness.studies import worker as work
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.pool import Here
 from sim2vr_harness.studies.runner import Progress

@@ -15,20 +15,21 @@ import pytest
 from fake_simulation import FakeSimulation
 from test_runner import content
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import read_json
+from sim2vr_harness.base.finite import NotFinite
 from sim2vr_harness.evaluation.evaluate import evaluate
-from sim2vr_harness.files import read_json
-from sim2vr_harness.studies import StudyConfig, run_study, work
+from sim2vr_harness.figures.figure import Line
+from sim2vr_harness.studies import StudyConfig, run_study
+from sim2vr_harness.studies import worker as work
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.pool import Here
 from sim2vr_harness.studies.report import write_report
-from sim2vr_harness.studies.report.drawing import Line
 from sim2vr_harness.studies.report.search import figures_of_search, search_sentences, trial_table
 from sim2vr_harness.studies.report.source import read_source
 from sim2vr_harness.studies.search.config import StopConfig
 from sim2vr_harness.studies.search.stopping import limits_of, reports_of
 from sim2vr_harness.studies.search.trials import Trial
-from sim2vr_harness.training.finite import NotFinite
 
 pytest.importorskip("optuna")
 

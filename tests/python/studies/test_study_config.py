@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.studies.cells import cells_of
 from sim2vr_harness.studies.config import load_study, parse_study
 from sim2vr_harness.studies.plan import plan_of

@@ -10,12 +10,11 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import AppScene, DevicePoses, InProcessApp
 from sim2vr_harness.client.frames import position_to_app
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.tools.reach import files, measuring, page
 from sim2vr_harness.tools.reach.extent import Reach
-from sim2vr_harness.tools.reach.linkage import Linkage, Point
 from sim2vr_harness.tools.reach.measuring import Measured, chosen_point, measure
 from sim2vr_harness.tools.reach.shell import shell
 from sim2vr_harness.tools.reach.targets import (
@@ -25,6 +24,7 @@ from sim2vr_harness.tools.reach.targets import (
     tool_point,
 )
 from sim2vr_harness.users import Body, Plan, SpecBody, load_body
+from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
 UPPER, LOWER, BENT = 0.30, 0.25, 2.0 * np.pi / 3.0
 FAR = UPPER + LOWER

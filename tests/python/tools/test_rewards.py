@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EffortConfig
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.games.registry import reward_terms
 from sim2vr_harness.games.rewards import Formula, RewardTerms, Term
 from sim2vr_harness.tools.rewards.contributions import Contributions, contributions

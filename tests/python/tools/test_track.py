@@ -14,26 +14,26 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.config import body_of
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.data import read_data
 from sim2vr_harness.evaluation.replay.recordings import Event
-from sim2vr_harness.tools.track.correcting import Correction
+from sim2vr_harness.policies.hierarchical.motor_goals import Goals
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.tools.track.files import write
-from sim2vr_harness.tools.track.following import WARM_UP_S, Followed, wanted_of
+from sim2vr_harness.tools.track.iterative_learning import Correction
 from sim2vr_harness.tools.track.outcomes import outcome_of
 from sim2vr_harness.tools.track.paths import RecordedPath, first_of_play, read_paths
-from sim2vr_harness.tools.track.placing import estimated_stature_m, place
 from sim2vr_harness.tools.track.postures import REACHED_M, beyond_reach_m, posture_at
+from sim2vr_harness.tools.track.registration import estimated_stature_m, place
+from sim2vr_harness.tools.track.summary import facts_of, hand_rows, outcome_rows
 from sim2vr_harness.tools.track.tracking import Settings, Tracked, track
-from sim2vr_harness.tools.track.words import facts_of, hand_rows, outcome_rows
+from sim2vr_harness.tools.track.tracking_controller import WARM_UP_S, Followed, wanted_of
 from sim2vr_harness.tools.users import environment_of
-from sim2vr_harness.training.skills.goals import Goals
-from sim2vr_harness.training.skills.layer import MotorLayer
-from sim2vr_harness.training.skills.shipped import motor_layer_for
 from sim2vr_harness.users import Body, UserBatch
-from sim2vr_harness.users.reaching import Reacher
+from sim2vr_harness.users.kinematics.reach_controller import Reacher
 
 HEADER = (
     "time_s,headset_x,headset_y,headset_z,controller_right_x,controller_right_y,controller_right_z"

@@ -12,13 +12,14 @@ import mujoco
 import numpy as np
 import pytest
 
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.optional import needed
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.frames import pose_to_mujoco
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.tools.missing import needed
-from sim2vr_harness.tools.watch import browser, choosing
+from sim2vr_harness.tools.watch import browser
+from sim2vr_harness.tools.watch import selection as choosing
 from sim2vr_harness.tools.watch.browser import middle_of
-from sim2vr_harness.tools.watch.moments import Hands, Moment, Show, recorded_show
+from sim2vr_harness.tools.watch.frames import Hands, Moment, Show, recorded_show
 from sim2vr_harness.tools.watch.playback import Playback
 from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
 from sim2vr_harness.users import Body, load_body

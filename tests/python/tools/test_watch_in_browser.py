@@ -17,7 +17,7 @@ from PIL import Image
 from chromium import Page
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
 from sim2vr_harness.tools.watch.browser import Theatre
-from sim2vr_harness.tools.watch.moments import Moment, Show
+from sim2vr_harness.tools.watch.frames import Moment, Show
 from webxr_pages import NEEDS_BROWSER
 
 pytest.importorskip("viser")

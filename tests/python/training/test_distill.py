@@ -10,11 +10,11 @@ import pytest
 import torch
 from tiny_distill import config, train, weights
 
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.training.guide import TeacherGuide
-from sim2vr_harness.training.run_folder import RunFolder
-from sim2vr_harness.training.stages import Report
-from sim2vr_harness.training.student import Student
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.runs.run_folder import RunFolder
+from sim2vr_harness.training.dagger.dagger import Student
+from sim2vr_harness.training.dagger.expert import TeacherGuide
+from sim2vr_harness.training.run.stage import Report
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 
 from sim2vr_harness import training
-from sim2vr_harness.cores import available, budget, torch_budget
-from sim2vr_harness.training.threads import torch_threads
+from sim2vr_harness.base.cores import available, budget, torch_budget
+from sim2vr_harness.base.torch_threads import torch_threads
 
 PAGE = Path(__file__).resolve().parents[3] / "docs/training.md"
 

@@ -10,9 +10,9 @@ import pytest
 import torch
 from rich.console import Console
 
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.training import trainer
-from sim2vr_harness.training.config import TrainingConfig, load_config
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.training.run import trainer
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 

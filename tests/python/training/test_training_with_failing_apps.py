@@ -18,9 +18,9 @@ from rich.console import Console
 from sim2vr_harness.client import AppProcess
 from sim2vr_harness.client.launch import PortReservation
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
-from sim2vr_harness.training import trainer
-from sim2vr_harness.training.checkpoint import require_readable
-from sim2vr_harness.training.config import TrainingConfig, load_config
+from sim2vr_harness.runs.checkpoint import require_readable
+from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.training.run import trainer
 
 FAKE_APP = Path(__file__).parents[1] / "client/fake_app.py"
 SETTINGS = [
@@ -182,8 +182,8 @@ import signal, sys
 from pathlib import Path
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
 from sim2vr_harness.training import trainer
-from sim2vr_harness.training.checkpoint import require_readable
-from sim2vr_harness.training.config import load_config
+from sim2vr_harness.runs.checkpoint import require_readable
+from sim2vr_harness.runs.config import load_config
 trainer.train(load_config("whacamole_constrained", sys.argv[2:]), Path(sys.argv[1]))
 """
 

@@ -10,8 +10,8 @@ from typing import Any
 import torch
 from rich.console import Console
 
-from sim2vr_harness.training import trainer
-from sim2vr_harness.training.config import TrainingConfig, load_config
+from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.training.run import trainer
 
 SETTINGS = [
     "recipe=distill",

@@ -6,10 +6,10 @@ import mujoco
 import numpy as np
 import torch
 
-from sim2vr_harness.training.imagined.drives import Drives
-from sim2vr_harness.training.imagined.experience import Motion
-from sim2vr_harness.training.teacher_env import TeacherSimulation
+from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.users import UserBatch
+from sim2vr_harness.world_models.actuator_state import Drives
+from sim2vr_harness.world_models.transitions import Motion
 
 
 def motion_of(users: UserBatch, drives: Drives) -> Motion:

@@ -15,7 +15,7 @@ from sim2vr_harness.envs import Sim2VREnv
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.contract import contract
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.training.config import load_config
+from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import UserBatch, load_body
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.users import UserBatch, load_body
-from sim2vr_harness.users.head import (
+from sim2vr_harness.users.head_reflex import (
     EYES_FORWARD_M,
     EYES_UP_M,
     FOLLOWS,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.envs.config import body_of
-from sim2vr_harness.training.config import load_config
+from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import Body, Physique, load_body
 from sim2vr_harness.users.bodies.options import JointOptions
 from sim2vr_harness.users.people import People, PeopleSettings

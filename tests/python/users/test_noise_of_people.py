@@ -11,9 +11,9 @@ import torch
 from numpy.typing import NDArray
 
 from sim2vr_harness.envs.simulation import motor_noise
-from sim2vr_harness.training.config import load_config
-from sim2vr_harness.training.skills.goals import Goals
-from sim2vr_harness.training.skills.shipped import motor_layer_for
+from sim2vr_harness.policies.hierarchical.motor_goals import Goals
+from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
+from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import MotorNoiseSettings, UserBatch, load_body
 
 CONFIGS = Path(__file__).resolve().parents[3] / "configs"

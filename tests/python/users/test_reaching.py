@@ -11,7 +11,7 @@ import pytest
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from sim2vr_harness.users import load_body
-from sim2vr_harness.users.reaching import Reacher
+from sim2vr_harness.users.kinematics.reach_controller import Reacher
 
 
 @pytest.mark.parametrize("goal_m", [(0.12, 0.85, 0.42), (0.3, 1.0, 0.35)])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from python.users.references import coupling_jacobian, moment_arms
-from sim2vr_harness.training.config import load_config
+from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import Body, load_body
 from sim2vr_harness.users.people import People, PeopleSettings
 

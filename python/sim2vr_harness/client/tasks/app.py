@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.client.base import (
     AppClient,
     AppReply,
@@ -23,7 +24,6 @@ from sim2vr_harness.client.poses import one_frame
 from sim2vr_harness.client.scene import AppScene
 from sim2vr_harness.client.tasks.loading import FIELD, words_of
 from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
-from sim2vr_harness.errors import InputError, unknown_name
 
 __all__ = ["TaskedApp"]
 

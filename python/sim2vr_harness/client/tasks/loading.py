@@ -10,11 +10,11 @@ from traceback import extract_tb
 
 import pydantic
 
+from sim2vr_harness.base.errors import InputError, reason, unknown_name
+from sim2vr_harness.base.files import read_yaml
+from sim2vr_harness.base.settings import first_problem
 from sim2vr_harness.client.tasks.rules import RuleTask, TaskRules
 from sim2vr_harness.client.tasks.task import Task
-from sim2vr_harness.errors import InputError, reason, unknown_name
-from sim2vr_harness.files import read_yaml
-from sim2vr_harness.settings import first_problem
 
 __all__ = ["FIELD", "load_task", "names_code", "words_of"]
 

@@ -10,10 +10,10 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field, field_validator, model_validator
 
+from sim2vr_harness.base.settings import Settings
 from sim2vr_harness.client.devices import INPUT_NAMES
 from sim2vr_harness.client.games import Measure, RewardTerm
 from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
-from sim2vr_harness.settings import Settings
 
 __all__ = ["DistanceRule", "RewardRule", "RuleTask", "TaskRules"]
 

@@ -18,10 +18,10 @@ import pyarrow.compute as pc
 import pyarrow.csv
 import pyarrow.parquet as pq
 
-from sim2vr_harness.errors import InputError, unknown_name
+from sim2vr_harness.base.errors import InputError, unknown_name
+from sim2vr_harness.base.files import file_name, read_bytes, read_json
 from sim2vr_harness.evaluation.data.columns import Column, merged, row_table, schema_of
-from sim2vr_harness.files import file_name, read_bytes, read_json
-from sim2vr_harness.training.run_folder import versions, write_atomically
+from sim2vr_harness.runs.run_folder import versions, write_atomically
 
 __all__ = [
     "FOLDER",

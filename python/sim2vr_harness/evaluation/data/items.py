@@ -14,10 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import read_text
 from sim2vr_harness.client import GameFacts, LoggedItem
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.data.columns import Column, column_name, columns_of, merged
-from sim2vr_harness.files import read_text
 
 __all__ = ["EVENT_COLUMNS", "LogLine", "events_of_episode", "item_columns", "item_rows", "read_log"]
 

@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.data.episodes import episode_columns, episode_rows
 from sim2vr_harness.evaluation.data.folder import FOLDER, DataFolder
 from sim2vr_harness.evaluation.data.frames import frame_table

@@ -7,11 +7,11 @@ from pathlib import Path
 
 import numpy as np
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import AppClient, AppReply, describe_game
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.evaluation.pictures import Painter, score_text
 from sim2vr_harness.evaluation.replay.recordings import GAME, Recording
 from sim2vr_harness.evaluation.replay.timing import Timing
+from sim2vr_harness.evaluation.scene_images import Painter, score_text
 from sim2vr_harness.evaluation.video import Film
 
 __all__ = ["ReplayFilm", "RoundFilm"]

@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.errors import InputError, shown
+from sim2vr_harness.base.files import file_name, parse_json, read_arrays, read_json
 from sim2vr_harness.client import OptionValue
-from sim2vr_harness.errors import InputError, shown
 from sim2vr_harness.evaluation.replay.state_log import read_lines, read_state_log
-from sim2vr_harness.files import file_name, parse_json, read_arrays, read_json
 
 __all__ = ["GAME", "Event", "Recording", "read_events", "read_recordings"]
 

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
+from sim2vr_harness.base.files import file_name
 from sim2vr_harness.client import AppClient, AppReply, DevicePoses, InProcessApp, OptionValue
 from sim2vr_harness.evaluation.replay.film import ReplayFilm
 from sim2vr_harness.evaluation.replay.recordings import GAME, Event, Recording, read_events
 from sim2vr_harness.evaluation.replay.timing import Timing, spawn_schedule, timing_of
-from sim2vr_harness.files import file_name
 
 __all__ = ["Replay", "replay", "replay_all"]
 

@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.files import read_text
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import read_text
 
 __all__ = ["StateLog", "read_lines", "read_state_log"]
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import ClockSettings, frame_time_ns
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.replay.recordings import Recording
 
 __all__ = ["Timing", "printed", "timing_of"]

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
-from sim2vr_harness.settings import Chance, Settings, Weight
+from sim2vr_harness.base.settings import Chance, Settings, Weight
 
 __all__ = ["Relaxation", "TwinSettings"]
 

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 from pydantic import Field
 
+from sim2vr_harness.base.settings import Chance, Settings, Weight
 from sim2vr_harness.games.whacamole.rules import LIFE_S
-from sim2vr_harness.settings import Chance, Settings, Weight
 
 __all__ = ["Relaxation", "TwinSettings"]
 

@@ -12,21 +12,12 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import body_of
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.evaluate import name_of
-from sim2vr_harness.studies.report.drawing import (
-    COLOURS,
-    Bars,
-    Figure,
-    Heat,
-    Layer,
-    Line,
-    Panel,
-    colour_of,
-)
+from sim2vr_harness.figures.figure import COLOURS, Bars, Figure, Heat, Layer, Line, Panel, colour_of
+from sim2vr_harness.policies.store import TrainedUser, find_user
 from sim2vr_harness.studies.report.source import Group, ReportSource
-from sim2vr_harness.training.trained_users import TrainedUser, find_user
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.rendering import OrbitView
 

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from sim2vr_harness.studies.report.drawing import GREY, Bars, Figure, Panel, colour_of
+from sim2vr_harness.figures.figure import GREY, Bars, Figure, Panel, colour_of
 from sim2vr_harness.studies.report.numbers import known
 from sim2vr_harness.studies.report.source import Group, ReportSource
 

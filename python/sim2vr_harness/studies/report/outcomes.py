@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.client import Measure
-from sim2vr_harness.games.published import Published
-from sim2vr_harness.studies.report.drawing import (
+from sim2vr_harness.figures.figure import (
     Bars,
     Figure,
     Heat,
@@ -19,6 +18,7 @@ from sim2vr_harness.studies.report.drawing import (
     Ranges,
     colour_of,
 )
+from sim2vr_harness.games.published import Published
 from sim2vr_harness.studies.report.numbers import known, summary_of
 from sim2vr_harness.studies.report.source import Group, ReportSource
 

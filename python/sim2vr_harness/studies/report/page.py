@@ -9,11 +9,11 @@ from functools import lru_cache
 from html import escape
 from pathlib import Path
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.figures.figure import Figure
+from sim2vr_harness.figures.plotly_backend import plotly_of
 from sim2vr_harness.games.published import Published
 from sim2vr_harness.studies.report.body import BodyPicture
-from sim2vr_harness.studies.report.drawing import Figure
-from sim2vr_harness.studies.report.interactive import plotly_of
 from sim2vr_harness.studies.report.media import Example
 from sim2vr_harness.studies.report.methods import BIBTEX, PlayedBy
 from sim2vr_harness.studies.report.search import trial_table

@@ -9,15 +9,7 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.client import Measure
-from sim2vr_harness.studies.report.drawing import (
-    GREY,
-    Figure,
-    Layer,
-    Line,
-    Panel,
-    Points,
-    colour_of,
-)
+from sim2vr_harness.figures.figure import GREY, Figure, Layer, Line, Panel, Points, colour_of
 from sim2vr_harness.studies.report.numbers import in_words
 from sim2vr_harness.studies.report.sentences import Sentence
 from sim2vr_harness.studies.report.source import ReportSource, Search

@@ -11,11 +11,11 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import file_name
 from sim2vr_harness.client import GameFacts, Measure, facts_of_outside
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.data import EvaluationData, read_data
 from sim2vr_harness.evaluation.metrics import PLAYER_MEASURES
-from sim2vr_harness.files import file_name
 from sim2vr_harness.studies.data import STUDY_FILE, StudyData, factor_column, read_study
 from sim2vr_harness.studies.search.config import OptimiseConfig
 from sim2vr_harness.studies.search.table import parameter_column

@@ -9,17 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.figures.figure import Band, Figure, Layer, Line, Panel, Path, Points, colour_of
 from sim2vr_harness.games.published import Published
-from sim2vr_harness.studies.report.drawing import (
-    Band,
-    Figure,
-    Layer,
-    Line,
-    Panel,
-    Path,
-    Points,
-    colour_of,
-)
 from sim2vr_harness.studies.report.source import Group, ReportSource
 
 __all__ = ["Depth", "depth_of", "figures_of_strategy"]

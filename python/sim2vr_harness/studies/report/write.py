@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.figures.matplotlib_backend import write_stills
 from sim2vr_harness.games.published import published_of
+from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.studies.report.body import (
     body_pictures,
     body_with,
@@ -22,9 +24,7 @@ from sim2vr_harness.studies.report.page import Content, page_of
 from sim2vr_harness.studies.report.search import figures_of_search, search_sentences
 from sim2vr_harness.studies.report.sentences import sentences_of
 from sim2vr_harness.studies.report.source import read_source
-from sim2vr_harness.studies.report.stills import write_stills
 from sim2vr_harness.studies.report.strategy import figures_of_strategy
-from sim2vr_harness.training.run_folder import write_atomically
 
 __all__ = ["PAGE", "Report", "write_report"]
 

@@ -8,8 +8,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from sim2vr_harness.errors import shown, unknown_name
-from sim2vr_harness.settings import MOST_STEPS, Settings
+from sim2vr_harness.base.errors import shown, unknown_name
+from sim2vr_harness.base.settings import MOST_STEPS, Settings
 from sim2vr_harness.studies.factors import FactorConfig, Name, check_key, value_error
 
 __all__ = ["ConstraintConfig", "OptimiseConfig", "ParameterConfig", "StopConfig"]

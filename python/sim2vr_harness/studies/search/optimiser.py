@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.studies.search.config import OptimiseConfig, ParameterConfig, Value
 from sim2vr_harness.studies.search.trials import Trial
 

@@ -10,23 +10,23 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.base.errors import InputError, unknown_name
+from sim2vr_harness.base.files import read_json
 from sim2vr_harness.client import Measure
-from sim2vr_harness.errors import InputError, unknown_name
 from sim2vr_harness.evaluation.data.folder import FOLDER, read_table
 from sim2vr_harness.evaluation.metrics import measures_of
-from sim2vr_harness.files import read_json
-from sim2vr_harness.studies.casting import Users
+from sim2vr_harness.runs.config import TrainingConfig, parse_config
+from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.studies.config import StudyConfig
-from sim2vr_harness.studies.doing import Doing
+from sim2vr_harness.studies.executor import Doing
 from sim2vr_harness.studies.factors import FactorConfig
+from sim2vr_harness.studies.jobs import CELLS, TRAININGS, CellTask, TrainingTask
 from sim2vr_harness.studies.plan import Plan, plan_of
+from sim2vr_harness.studies.policy_selection import Users
 from sim2vr_harness.studies.search.config import OptimiseConfig, Value
 from sim2vr_harness.studies.search.optimiser import Optimiser
 from sim2vr_harness.studies.search.stopping import limits_of, reports_of
 from sim2vr_harness.studies.search.trials import Trial, chosen, judged
-from sim2vr_harness.studies.tasks import CELLS, TRAININGS, CellTask, TrainingTask
-from sim2vr_harness.training.config import TrainingConfig, parse_config
-from sim2vr_harness.training.run_folder import RunFolder
 
 __all__ = ["TRIAL", "Found", "search"]
 

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.studies.jobs import Limits
 from sim2vr_harness.studies.search.config import StopConfig
 from sim2vr_harness.studies.search.trials import Trial
-from sim2vr_harness.studies.tasks import Limits
 
 __all__ = ["Watch", "limits_of", "reports_of"]
 

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.statistics import significance
+from sim2vr_harness.statistics.mixed_models import mixed_model
 from sim2vr_harness.studies.config import ComparisonConfig
 from sim2vr_harness.studies.data import StudyData
-from sim2vr_harness.studies.statistics import significance
-from sim2vr_harness.studies.statistics.mixed import mixed_model
 from sim2vr_harness.studies.statistics.units import (
     independent,
     other_factors,

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.statistics.significance import bootstrap
 from sim2vr_harness.studies.data import StudyData
-from sim2vr_harness.studies.statistics.significance import bootstrap
 from sim2vr_harness.studies.statistics.units import rows_of, strata
 
 __all__ = ["summaries"]

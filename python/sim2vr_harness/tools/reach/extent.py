@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from sim2vr_harness.tools.reach.linkage import Linkage
-from sim2vr_harness.tools.reach.solving import CLOSE_M, solve
+from sim2vr_harness.users.kinematics.forward import Linkage
+from sim2vr_harness.users.kinematics.inverse import CLOSE_M, solve
 
 __all__ = ["Reach", "Verdict", "Volume"]
 

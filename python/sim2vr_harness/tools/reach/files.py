@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from sim2vr_harness.base.files import naming
 from sim2vr_harness.client.frames import position_to_app
-from sim2vr_harness.files import naming
+from sim2vr_harness.tools.reach.figures import write_picture, write_turntable
 from sim2vr_harness.tools.reach.measuring import Measured
 from sim2vr_harness.tools.reach.page import write_page
-from sim2vr_harness.tools.reach.pictures import write_picture, write_turntable
 
 __all__ = ["write"]
 

@@ -8,12 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.client.frames import position_to_app
-from sim2vr_harness.errors import InputError, unknown_name
 from sim2vr_harness.tools.reach.extent import Reach, Verdict, Volume
-from sim2vr_harness.tools.reach.linkage import Linkage, Point
 from sim2vr_harness.tools.reach.targets import Target, in_mujoco
 from sim2vr_harness.users import Body
+from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
 __all__ = ["Measured", "Sweep", "chosen_point", "measure"]
 

@@ -9,9 +9,9 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.optional import needed
 from sim2vr_harness.client.frames import position_to_app
-from sim2vr_harness.tools.missing import needed
-from sim2vr_harness.tools.page import save_page, table
+from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.tools.reach.extent import FURTHEST_MARGIN_M
 from sim2vr_harness.tools.reach.measuring import Measured
 from sim2vr_harness.tools.reach.shell import shell

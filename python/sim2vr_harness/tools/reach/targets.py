@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import AppScene, SceneObject
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.errors import InputError
 from sim2vr_harness.evaluation.replay.state_log import read_lines
-from sim2vr_harness.tools.reach.linkage import Point
+from sim2vr_harness.users.kinematics.forward import Point
 
 __all__ = ["Target", "given_target", "logged_targets", "seen_targets", "tool_point"]
 

@@ -8,10 +8,10 @@ from typing import Literal
 import pydantic
 from pydantic import Field
 
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.files import file_name, read_yaml
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.files import file_name, read_yaml
+from sim2vr_harness.base.settings import Settings, first_problem
 from sim2vr_harness.games.rewards import Formula, RewardTerms, Term
-from sim2vr_harness.settings import Settings, first_problem
 
 __all__ = ["read_terms"]
 

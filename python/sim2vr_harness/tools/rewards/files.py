@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from sim2vr_harness.files import naming
-from sim2vr_harness.tools.missing import needed
-from sim2vr_harness.tools.page import save_page, table
+from sim2vr_harness.base.files import naming
+from sim2vr_harness.base.optional import needed
+from sim2vr_harness.figures.html import save_page, table
 from sim2vr_harness.tools.rewards.contributions import APPROACHES, EFFORTS, Contributions
 
 __all__ = ["sums", "write"]

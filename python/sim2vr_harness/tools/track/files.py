@@ -15,9 +15,9 @@ from sim2vr_harness.evaluation.data import export_opensim, read_data
 from sim2vr_harness.evaluation.data.columns import Column, columns_of, merged, number_table
 from sim2vr_harness.evaluation.data.folder import FOLDER, DataFolder
 from sim2vr_harness.evaluation.data.items import item_columns
-from sim2vr_harness.tools.track.picture import draw
+from sim2vr_harness.runs.run_folder import write_atomically
+from sim2vr_harness.tools.track.figure import draw
 from sim2vr_harness.tools.track.tracking import Tracked
-from sim2vr_harness.training.run_folder import write_atomically
 
 __all__ = ["film", "write"]
 

@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from sim2vr_harness.evaluation.replay.recordings import Event, Recording
 from sim2vr_harness.evaluation.replay.replayer import replay
-from sim2vr_harness.tools.track.following import Followed
 from sim2vr_harness.tools.track.paths import first_of_play
-from sim2vr_harness.tools.track.placing import Placement
+from sim2vr_harness.tools.track.registration import Placement
+from sim2vr_harness.tools.track.tracking_controller import Followed
 
 __all__ = ["Outcome", "outcome_of", "outcomes", "played_by_body"]
 

@@ -19,10 +19,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.errors import InputError, shown
+from sim2vr_harness.base.errors import InputError, shown
+from sim2vr_harness.base.files import file_name, read_text
 from sim2vr_harness.evaluation.replay.recordings import Recording, read_recordings
 from sim2vr_harness.evaluation.replay.state_log import StateLog, read_state_log
-from sim2vr_harness.files import file_name, read_text
 
 __all__ = [
     "FRAMES",

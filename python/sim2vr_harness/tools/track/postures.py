@@ -6,10 +6,10 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from sim2vr_harness.tools.reach.linkage import Linkage, Point
-from sim2vr_harness.tools.reach.solving import solve
-from sim2vr_harness.training.skills.layer import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
 from sim2vr_harness.users import Body
+from sim2vr_harness.users.kinematics.forward import Linkage, Point
+from sim2vr_harness.users.kinematics.inverse import solve
 
 __all__ = ["REACHED_M", "beyond_reach_m", "posture_at"]
 

@@ -9,20 +9,20 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.cores import budget
+from sim2vr_harness.base.cores import budget
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig, body_of
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.tools.track.following import Followed, follow, wanted_of
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
 from sim2vr_harness.tools.track.outcomes import Outcome, outcomes
 from sim2vr_harness.tools.track.paths import RecordedPath
-from sim2vr_harness.tools.track.placing import (
+from sim2vr_harness.tools.track.postures import REACHED_M, beyond_reach_m
+from sim2vr_harness.tools.track.registration import (
     Placement,
     estimated_stature_m,
     head_height_m,
     place,
 )
-from sim2vr_harness.tools.track.postures import REACHED_M, beyond_reach_m
-from sim2vr_harness.training.skills.layer import MotorLayer
+from sim2vr_harness.tools.track.tracking_controller import Followed, follow, wanted_of
 from sim2vr_harness.users import Body, UserBatch
 
 __all__ = ["HandError", "MuscleLoad", "Settings", "Tracked", "track"]

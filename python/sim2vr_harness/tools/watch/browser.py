@@ -11,13 +11,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.optional import needed
 from sim2vr_harness.client.frames import (
     pose_to_app,
     pose_to_mujoco,
 )
-from sim2vr_harness.errors import InputError
-from sim2vr_harness.tools.missing import needed
-from sim2vr_harness.tools.watch.moments import Hands, Moment, Show
+from sim2vr_harness.tools.watch.frames import Hands, Moment, Show
 from sim2vr_harness.tools.watch.playback import SPEEDS, Playback
 from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
 

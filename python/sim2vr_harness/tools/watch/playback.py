@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sim2vr_harness.tools.watch.moments import Moment, Show
+from sim2vr_harness.tools.watch.frames import Moment, Show
 
 __all__ = ["SPEEDS", "Playback"]
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from sim2vr_harness.tools.missing import needed
-from sim2vr_harness.tools.watch.moments import Moment, Show
+from sim2vr_harness.base.optional import needed
+from sim2vr_harness.tools.watch.frames import Moment, Show
 from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
 
 __all__ = ["write_rerun"]

@@ -14,6 +14,6 @@ the true game begins.
 - :mod:`.stage`: the stage of a run
 """
 
-from sim2vr_harness.training.imagined.rollouts import CycleReport, ImaginedRollouts
+from sim2vr_harness.training.model_based.trainer import CycleReport, ImaginedRollouts
 
 __all__ = ["CycleReport", "ImaginedRollouts"]

@@ -37,7 +37,7 @@ from sim2vr_harness.users.bodies.rules import usual_rule
 from sim2vr_harness.users.bodies.spec_body import MEAN_IPD_M, Plan
 from sim2vr_harness.users.bodies.tables import load_device_rows
 from sim2vr_harness.users.bodies.tailored import tailored_body
-from sim2vr_harness.users.names import unknown_name
+from sim2vr_harness.users.name_errors import unknown_name
 
 DESCRIPTIONS = Path(str(resources.files("sim2vr_harness.users").joinpath("data", "described")))
 """Folder of the descriptions that ship with the package."""

@@ -8,9 +8,9 @@ from typing import Annotated, Literal
 import pydantic
 from pydantic import Field, model_validator
 
-from sim2vr_harness.errors import InputError, shown
-from sim2vr_harness.files import file_name, read_yaml
-from sim2vr_harness.settings import Settings, first_problem
+from sim2vr_harness.base.errors import InputError, shown
+from sim2vr_harness.base.files import file_name, read_yaml
+from sim2vr_harness.base.settings import Settings, first_problem
 from sim2vr_harness.users.bodies.options import ActivationRange, Angle, PhysicsStep
 
 Metres = Annotated[float, Field(ge=-100.0, le=100.0)]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import mujoco
 
-from sim2vr_harness.files import naming
+from sim2vr_harness.base.files import naming
 from sim2vr_harness.users.bodies.body import Body
 
 

@@ -24,7 +24,7 @@ from sim2vr_harness.users.bodies.tables import (
 )
 from sim2vr_harness.users.bodies.tailored import tailored_body
 from sim2vr_harness.users.bodies.torso import NOD, TORSO_MOTORS, with_torso
-from sim2vr_harness.users.names import unknown_name
+from sim2vr_harness.users.name_errors import unknown_name
 
 
 def table_body(options: BodyOptions) -> Body:

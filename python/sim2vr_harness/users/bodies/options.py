@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import AfterValidator, Field, model_validator
 
-from sim2vr_harness.settings import Chance, Settings
+from sim2vr_harness.base.settings import Chance, Settings
 
 LEAST_STEP_S, MOST_STEP_S = 1e-4, 0.02
 

@@ -20,7 +20,7 @@ from sim2vr_harness.users.bodies.body import DEVICES
 from sim2vr_harness.users.bodies.meshes import change_mesh_geoms, rescale_meshes
 from sim2vr_harness.users.bodies.options import JointOptions, Physique
 from sim2vr_harness.users.bodies.spec_body import muscle_peak_force
-from sim2vr_harness.users.names import unknown_name
+from sim2vr_harness.users.name_errors import unknown_name
 
 FloatArray = NDArray[np.float64]
 

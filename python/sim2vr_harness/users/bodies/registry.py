@@ -9,7 +9,7 @@ from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.bodies.described import DESCRIPTIONS, described_body
 from sim2vr_harness.users.bodies.from_tables import table_body
 from sim2vr_harness.users.bodies.options import BodyOptions, Physique, ResetOptions
-from sim2vr_harness.users.names import unknown_name
+from sim2vr_harness.users.name_errors import unknown_name
 
 _TABLES: dict[str, Callable[[BodyOptions], Body]] = {
     "mobl_arms_wrist": table_body,

@@ -19,7 +19,7 @@ from sim2vr_harness.users.bodies.body import (
     ResetRule,
 )
 from sim2vr_harness.users.bodies.rules import RULES, Muscle
-from sim2vr_harness.users.names import unknown_name
+from sim2vr_harness.users.name_errors import unknown_name
 
 MEAN_IPD_M = 0.063
 """Mean distance of adults' pupils (Dodgson 2004, Variation and extrema of human interpupillary

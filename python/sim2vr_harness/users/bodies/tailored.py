@@ -13,7 +13,7 @@ from sim2vr_harness.users.bodies.options import BodyOptions, ResetOptions
 from sim2vr_harness.users.bodies.person import Anatomy, change_joints, resize, strengthen
 from sim2vr_harness.users.bodies.rules import Motor
 from sim2vr_harness.users.bodies.spec_body import Plan, SpecBody
-from sim2vr_harness.users.names import unknown_name
+from sim2vr_harness.users.name_errors import unknown_name
 
 
 def tailored_body(

@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, field_validator
 from scipy.special import ndtr, ndtri
 
-from sim2vr_harness.settings import Chance, Settings
+from sim2vr_harness.base.settings import Chance, Settings
 from sim2vr_harness.users.bodies.options import Physique
 from sim2vr_harness.users.people.person import Person
 from sim2vr_harness.users.people.traits import CUT, TRAITS, TraitName

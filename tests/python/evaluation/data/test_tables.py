@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.evaluation.data import DataFolder, EvaluationData, export_opensim, read_data
 from sim2vr_harness.evaluation.data.columns import (
     Column,

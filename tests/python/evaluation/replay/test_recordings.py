@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.evaluation.replay.recordings import Event, read_events, read_recordings
 
 POSE = "0.1, 1.2, 0.3, 0, 0, 0, 1"

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim2vr_harness import paths
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base import paths
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.evaluation.replay.state_log import StateLog, read_state_log
 
 FIXTURE = Path(__file__).resolve().parents[3] / "data" / "whacamole_round"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim2vr_harness.errors import InputError
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.evaluation.replay.recordings import Event, Recording
 from sim2vr_harness.evaluation.replay.timing import printed, spawn_schedule, timing_of
 

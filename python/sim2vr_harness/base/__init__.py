@@ -1,0 +1,1 @@
+"""Errors, settings, files, paths, locks and cores: what every room stands on."""

@@ -1,0 +1,254 @@
+"""Reading what people, earlier sessions and other machines have written, and writing it.
+
+The one place where YAML, JSON, tensors and arrays are decoded. Every reader is bounded in size and
+in time, and ends either with the content or with an :class:`~sim2vr_harness.base.errors.InputError` of
+one sentence: the file, what was found and what was expected.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import stat
+import warnings
+import zipfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, TypeVar
+
+from sim2vr_harness.base.errors import InputError, reason, shown
+
+__all__ = [
+    "file_name",
+    "naming",
+    "parse_json",
+    "parse_tensors",
+    "read_arrays",
+    "read_bytes",
+    "read_json",
+    "read_members",
+    "read_tensors",
+    "read_text",
+    "read_yaml",
+]
+
+MOST_TEXT = 256 * 2**20
+"""Bytes of a text file: JSON, CSV, logs."""
+MOST_YAML = 2**18
+"""Bytes of a YAML file; those that ship have some thousand."""
+MOST_BINARY = 2**36
+"""Bytes of a file of tensors or arrays, packed or not."""
+
+Path_ = str | os.PathLike[str]
+T = TypeVar("T")
+
+
+def file_name(path: Path_) -> str:
+    """Return a file's name for a sentence: control characters escaped, cut where it is long."""
+    text = os.fspath(path)
+    return shown(text, 300) if not text.isprintable() or len(text) > 300 else text
+
+
+def read_bytes(path: Path_, expected: str, *, most: int = MOST_BINARY) -> bytes:
+    """Return a file's content.
+
+    Args:
+        path: of a regular file, or a link to one.
+        expected: what it should hold, for the error.
+        most: bytes that it may have.
+
+    Raises:
+        InputError: it is missing, a folder, a device or a pipe, too long, or cannot be read.
+    """
+    name = file_name(path)
+    try:
+        about = os.stat(path)
+        if stat.S_ISREG(about.st_mode) and about.st_size <= most:
+            with open(path, "rb") as stream:
+                return stream.read()
+    except (OSError, ValueError, MemoryError) as error:  # ValueError: a zero byte in the name
+        missing = isinstance(error, FileNotFoundError)
+        got = "nothing: there is no such file" if missing else reason(error)
+        raise InputError(name, got, expected) from error
+    if not stat.S_ISREG(about.st_mode):
+        got = "a folder" if stat.S_ISDIR(about.st_mode) else "no regular file"
+        raise InputError(name, got, expected)
+    raise InputError(name, f"more than {most:,} bytes", expected)
+
+
+def read_text(path: Path_, expected: str, *, most: int = MOST_TEXT) -> str:
+    """Return a file's text: UTF-8, with or without a byte order mark.
+
+    Raises:
+        InputError: as :func:`read_bytes`, or it is not UTF-8.
+    """
+    content = read_bytes(path, expected, most=most)
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        utf16 = content[:2] in (b"\xff\xfe", b"\xfe\xff")
+        got = "UTF-16" if utf16 else f"a byte at {error.start:,} that is no UTF-8 text"
+        raise InputError(file_name(path), got, f"{expected}, in UTF-8") from error
+
+
+def read_yaml(path: Path_, expected: str) -> Any:
+    """Return what a YAML file holds: mappings with text as keys, lists and plain values.
+
+    Raises:
+        InputError: as :func:`read_text`, or as :func:`~sim2vr_harness.base.bounded_yaml.parse_yaml`, or
+            it is empty.
+    """
+    from sim2vr_harness.base.bounded_yaml import parse_yaml
+
+    tree = parse_yaml(read_text(path, expected, most=MOST_YAML), file_name(path), expected)
+    if tree is None:
+        raise InputError(file_name(path), "an empty file", expected)
+    return tree
+
+
+def read_json(path: Path_, expected: str) -> dict[str, Any]:
+    """Return the object that a JSON file holds.
+
+    Raises:
+        InputError: as :func:`read_text` and :func:`parse_json`.
+    """
+    return parse_json(read_text(path, expected), file_name(path), expected)
+
+
+def parse_json(text: str | bytes, source: str, expected: str) -> dict[str, Any]:
+    """Return the object that a JSON text holds.
+
+    Args:
+        text: the JSON, UTF-8.
+        source: where it is from, for the error.
+        expected: what it should be, for the error.
+
+    Raises:
+        InputError: it is empty or no JSON, nested too deep, has a key twice, or is no object.
+    """
+    if not text.strip():
+        raise InputError(source, "an empty file", expected)
+    try:
+        content = json.loads(text, object_pairs_hook=_each_key_once)
+    except json.JSONDecodeError as error:
+        got = f"text that is not JSON ({error.msg})"
+        raise InputError(f"{source}, line {error.lineno}", got, expected) from error
+    except (ValueError, RecursionError) as error:
+        got = "JSON nested too deep" if isinstance(error, RecursionError) else reason(error)
+        raise InputError(source, got, expected) from error
+    if not isinstance(content, dict):
+        raise InputError(source, f"JSON of {shown(content, 40)}", expected)
+    return content
+
+
+def _each_key_once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    content = dict(pairs)
+    if len(content) < len(pairs):
+        keys = [key for key, _ in pairs]
+        twice = next(key for key in keys if keys.count(key) > 1)
+        raise ValueError(f"the key {shown(twice)} twice")
+    return content
+
+
+def read_members(path: Path_, names: Sequence[str], expected: str) -> dict[str, bytes]:
+    """Return members of a zip archive.
+
+    Raises:
+        InputError: as :func:`read_bytes`, or it is no such archive, damaged, or lacks a member.
+    """
+    content = read_bytes(path, expected)
+
+    def unpack() -> dict[str, bytes]:
+        with zipfile.ZipFile(io.BytesIO(content)) as archive:
+            members = {info.filename: info for info in archive.infolist()}
+            for name in names:
+                if name not in members:
+                    raise ValueError(f"an archive without {name}")
+                if members[name].file_size > MOST_BINARY:
+                    raise ValueError(f"{name} of more than {MOST_BINARY:,} bytes")
+            return {name: archive.read(name) for name in names}
+
+    return _decoded(file_name(path), "no zip archive, or a damaged one", expected, unpack)
+
+
+def read_arrays(path: Path_, expected: str) -> dict[str, Any]:
+    """Return the NumPy arrays of an ``.npz`` file by name.
+
+    Raises:
+        InputError: as :func:`read_bytes` and :func:`parse_arrays`.
+    """
+    return parse_arrays(read_bytes(path, expected), file_name(path), expected)
+
+
+def parse_arrays(content: bytes, source: str, expected: str) -> dict[str, Any]:
+    """Return the NumPy arrays that the bytes of an ``.npz`` file hold, never running a pickle.
+
+    Raises:
+        InputError: they are no such arrays; names ``source``.
+    """
+    import numpy as np
+
+    def load() -> dict[str, Any]:
+        with np.load(io.BytesIO(content), allow_pickle=False) as arrays:
+            return {name: arrays[name] for name in arrays.files}
+
+    return _decoded(source, "no arrays of NumPy, or damaged ones", expected, load)
+
+
+def read_tensors(path: Path_, expected: str, device: Any = "cpu") -> dict[str, Any]:
+    """Return what ``torch.save`` wrote of a mapping, never running a pickle.
+
+    Raises:
+        InputError: as :func:`read_bytes` and :func:`parse_tensors`.
+    """
+    return parse_tensors(read_bytes(path, expected), file_name(path), expected, device)
+
+
+def parse_tensors(
+    content: bytes, source: str, expected: str, device: Any = "cpu"
+) -> dict[str, Any]:
+    """Return the mapping that the bytes of ``torch.save`` hold, on ``device``.
+
+    Raises:
+        InputError: they are no such mapping; names ``source``.
+    """
+    import torch
+
+    def load() -> dict[str, Any]:
+        with warnings.catch_warnings():  # of damaged files, on lines of their own
+            warnings.simplefilter("ignore")
+            found = torch.load(io.BytesIO(content), map_location=device, weights_only=True)
+        if not isinstance(found, Mapping) or not all(isinstance(key, str) for key in found):
+            raise ValueError(f"a {type(found).__name__} in it")
+        return dict(found)
+
+    return _decoded(source, "no tensors of torch, or damaged ones", expected, load)
+
+
+def _decoded(source: str, problem: str, expected: str, decode: Callable[[], T]) -> T:
+    """Run a decoder of somebody else's, whose errors on wrong bytes can be of any type."""
+    try:
+        return decode()
+    except Exception as error:
+        # Torch's own text is a page about pickles.
+        detail = "" if len(str(error)) > 200 else f" ({reason(error)})"
+        raise InputError(source, problem + detail, expected) from error
+
+
+@contextmanager
+def naming(path: Path_) -> Iterator[None]:
+    """Give errors of the operating system in the block the name of the file that is written.
+
+    The system names none where writing itself fails: on a full disk, on a file that grew too large.
+
+    Raises:
+        OSError: of the same number.
+    """
+    try:
+        yield
+    except OSError as error:
+        if error.filename is not None or error.errno is None:
+            raise
+        raise OSError(error.errno, error.strerror, str(Path(path))) from error

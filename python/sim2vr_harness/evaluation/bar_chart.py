@@ -1,0 +1,181 @@
+"""Several users side by side: what evaluations measured of them, as bars."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sim2vr_harness.base.errors import InputError, shown, unknown_name
+from sim2vr_harness.base.files import file_name, naming, read_json
+from sim2vr_harness.client import GameFacts, Measure, facts_of_outside
+from sim2vr_harness.evaluation.metrics import measures_of
+
+__all__ = ["EXERTION", "chart"]
+
+EXERTION = Measure(
+    "exertion",
+    "Effort before its weight",
+    better="lower",
+    description="The effort cost divided by its weight: comparable between users of other weights",
+)
+"""Worked out here: users who were trained with other weights have other costs for the same."""
+
+_EXPECTED = "results of an evaluation: its folder, its results.json or what --json printed"
+_PANEL_INCHES = 3.4
+_BAR_INCHES = 0.9
+
+
+@dataclass(frozen=True)
+class _Result:
+    """One user in one condition."""
+
+    user: str
+    facts: GameFacts
+    summary: dict[str, Any]
+
+    def value(self, measure: Measure) -> float | None:
+        """Mean over the rounds."""
+        return self._of(self.summary, measure)
+
+    def rounds(self, measure: Measure) -> list[float]:
+        """Every round's, where there is one."""
+        rows = self.summary.get("rounds")
+        found = [self._of(row, measure) for row in rows if isinstance(row, dict)] if rows else []
+        return [value for value in found if value is not None]
+
+    def _of(self, row: dict[str, Any], measure: Measure) -> float | None:
+        if measure.name != EXERTION.name:
+            return _number(row.get(measure.name))
+        effort, weight = _number(row.get("effort")), _number(self.summary.get("effort_weight"))
+        return None if effort is None or not weight else effort / weight
+
+
+def chart(
+    results: Sequence[str | Path],
+    out: Path,
+    *,
+    condition: str | None = None,
+    measures: Sequence[str] = (),
+) -> Path:
+    """Draw measures of several users into a PNG file: a panel per measure, a bar per user.
+
+    Bars are means over rounds, dots the rounds.
+
+    Args:
+        results: Folders or files of evaluations, in the order of the bars.
+        out: The file to write.
+        condition: The game's condition; None takes the only one that all of them have.
+        measures: Names, as in the results; ``exertion`` is the effort before its weight. Without
+            any: the game's headlines, and ``exertion``.
+
+    Raises:
+        InputError: A file cannot be used, lacks the condition or a measure, or ``out`` is no PNG.
+    """
+    if out.suffix.lower() != ".png":
+        raise InputError("--out", repr(str(out)), "a file name that ends in .png")
+    read = [_read(Path(path)) for path in results]
+    chosen = _condition(read, condition)
+    found = [_result(Path(path), one[chosen]) for path, one in zip(results, read, strict=True)]
+    shown_measures = _measures(found, measures)
+    for path, result in zip(results, found, strict=True):
+        for measure in shown_measures:
+            if result.value(measure) is None:
+                got = f"{measure.name!r}, of which {str(path)!r} has none"
+                old = measure is EXERTION and "effort_weight" not in result.summary
+                expected = "a new evaluation, which keeps the effort's weight" if old else "another"
+                raise InputError("--measure", got, expected)
+    _draw(found, shown_measures, chosen, out)
+    return out
+
+
+def _read(path: Path) -> dict[str, dict[str, Any]]:
+    """Condition -> summary."""
+    file = path / "results.json" if path.is_dir() else path
+    if not file.is_file():
+        raise InputError("RESULTS", repr(str(path)), _EXPECTED)
+    content = read_json(file, _EXPECTED)
+    for name, summary in content.items():
+        if not isinstance(summary, dict) or not isinstance(summary.get("user"), str):
+            raise InputError(file_name(file), f"{shown(name)} of {shown(summary, 40)}", _EXPECTED)
+    return content
+
+
+def _condition(read: Sequence[dict[str, Any]], wanted: str | None) -> str:
+    common = [name for name in read[0] if all(name in one for one in read)]
+    if wanted is not None:
+        if wanted not in common:
+            every = sorted({name for one in read for name in one})
+            if wanted in every:
+                raise InputError(
+                    "--condition", f"{wanted!r}, which not all of them have", "another"
+                )
+            raise unknown_name("--condition", wanted, every)
+        return wanted
+    if len(common) != 1:
+        got = f"none, and {len(common)} that all of them have"
+        expected = "one of " + ", ".join(common) if common else "results of a common condition"
+        raise InputError("--condition", got, expected)
+    return common[0]
+
+
+def _result(path: Path, summary: dict[str, Any]) -> _Result:
+    game = summary.get("game")
+    if not isinstance(game, str):
+        raise InputError(
+            "RESULTS", f"{str(path)!r}, which does not say of what game", "a new evaluation"
+        )
+    return _Result(summary["user"], facts_of_outside(game), summary)
+
+
+def _measures(found: Sequence[_Result], names: Sequence[str]) -> list[Measure]:
+    facts = found[0].facts
+    if any(result.facts.name != facts.name for result in found):
+        games = ", ".join(dict.fromkeys(result.facts.name for result in found))
+        raise InputError("RESULTS", f"rounds of {games}", "rounds of one game")
+    known = {measure.name: measure for measure in (*measures_of(facts), EXERTION)}
+    if not names:
+        return [*facts.headlines, EXERTION]
+    for name in names:
+        if name not in known:
+            raise unknown_name("--measure", name, list(known))
+    return [known[name] for name in dict.fromkeys(names)]
+
+
+def _number(value: Any) -> float | None:
+    if isinstance(value, (int, float)) and abs(value) < 1e100:
+        return float(value)
+    return None
+
+
+def _draw(found: Sequence[_Result], measures: Sequence[Measure], condition: str, out: Path) -> None:
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    width = max(_PANEL_INCHES, 1.0 + _BAR_INCHES * len(found))
+    figure = Figure(figsize=(width * len(measures), 3.6), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, len(measures), squeeze=False)[0]
+    places = range(len(found))
+    names = [result.user for result in found]
+    for axes, measure in zip(panels, measures, strict=True):
+        values = [result.value(measure) for result in found]
+        axes.bar(places, values, color=[f"C{k % 10}" for k in places], width=0.7, alpha=0.8)
+        for place, result in zip(places, found, strict=True):
+            rounds = result.rounds(measure)
+            # Side by side, in their order, so that equal ones are seen.
+            beside = [place + 0.5 * ((k + 0.5) / len(rounds) - 0.5) for k in range(len(rounds))]
+            axes.plot(beside, rounds, ".", color="black", markersize=3, alpha=0.6)
+        axes.set_title(measure.heading, fontsize=10)
+        axes.set_xticks(places, names, rotation=20, ha="right", fontsize=8)
+        axes.tick_params(axis="y", labelsize=8)
+        axes.grid(axis="y", alpha=0.3)
+        axes.set_axisbelow(True)
+        axes.margins(x=0.05)
+    counts = {result.summary.get("episodes") for result in found}
+    rounds_told = f", {counts.pop()} rounds each" if len(counts) == 1 else ""
+    figure.suptitle(f"{found[0].facts.name} {condition}{rounds_told}", fontsize=10)
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with naming(out):
+        figure.savefig(out, dpi=120)

@@ -1,0 +1,120 @@
+"""What an evaluation asks of a user that its training never did."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.games import imagined_game
+from sim2vr_harness.runs.config import TrainingConfig
+
+__all__ = ["met", "unpractised", "words_of_change"]
+
+_COSTS_ONLY = "user.effort."
+"""Changes what is counted, not what the user does."""
+
+_OPTIONAL = ("vision.", "user.people")
+"""Groups of settings that are there or not, which counts before their members do."""
+
+_FELT = ("user.", "app.options.", "senses.", "vision.")
+"""Groups of settings that a user notices."""
+
+
+def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str]) -> list[str]:
+    """What is new to a trained user, a line each; empty if nothing is.
+
+    Args:
+        config: Of its training.
+        env: What it is evaluated in.
+        conditions: The conditions that it is to play.
+    """
+    facts = game_facts(env.app)
+    by_condition = {key for condition in facts.conditions for key in condition.options}
+    ignored = {
+        *(f"app.options.{key}" for key in by_condition | set(facts.evaluation_options)),
+        "cores",
+        "user.people.seed",
+        "user.people.count",
+        "max_episode_seconds",
+    }
+    new = []
+    trained, now = _settings(config.env), _settings(env)
+    for key in sorted({*trained, *now}):
+        plays = key.startswith(_FELT) or "." not in key
+        if _switched(key, trained, now):
+            continue
+        if key in ignored or not plays or key.startswith(_COSTS_ONLY):
+            continue
+        if trained.get(key) != now.get(key):
+            new.append(
+                f"{words_of_change(key, now.get(key))} (trained: {_plain(trained.get(key))})"
+            )
+    practised = _practised_conditions(config)
+    unknown = [name for name in conditions if practised and not facts.drawn(name) <= practised]
+    if unknown:
+        names = ", ".join(sorted(practised))
+        kind = "condition" if len(unknown) == 1 else "conditions"
+        new.append(f"{kind} {', '.join(unknown)} (trained: {names})")
+    return new
+
+
+def met(config: TrainingConfig) -> list[str]:
+    """The conditions that a user of the recipe ``skills`` has met, in the game's order.
+
+    Such a user has learned from the rewards of its own rounds alone: another condition, with other
+    rules, is not what it was trained for. Empty for other recipes, or if the game does not say.
+    """
+    if config.recipe != "skills":
+        return []
+    known = _practised_conditions(config)
+    return [c.name for c in game_facts(config.env.app).conditions if c.name in known]
+
+
+def words_of_change(key: str, value: Any) -> str:
+    """A changed setting for people: ``env.user.noise.constant``, white -> noise constant: white."""
+    for prefix in ("env.", "user.", "app.options.", "senses."):
+        key = key.removeprefix(prefix)
+    return f"{key.replace('.', ' ').replace('_', ' ')}: {_plain(value)}"
+
+
+def _practised_conditions(config: TrainingConfig) -> set[str]:
+    """The conditions that a training's rounds had; empty if the game does not say."""
+    facts = game_facts(config.env.app)
+    names = {facts.condition_of(config.env.app.options)}
+    if config.recipe == "distill":
+        game = imagined_game(config.env.app.game)
+        names |= set(config.teacher.conditions or (game.conditions if game else ()))
+    return set().union(*(facts.drawn(name) for name in names if name))
+
+
+def _settings(env: EnvConfig) -> dict[str, Any]:
+    """Dotted keys and values; senses by the key that they have in the observation."""
+    tree = env.model_dump()
+    tree["senses"] = {sense["name"] or sense["sense"]: sense for sense in tree["senses"]}
+    flat = dict(_flat(tree))
+    groups = {key.rpartition(".")[0] for key in flat}
+    return {**flat, **{group: True for group in groups if group.startswith(_OPTIONAL)}}
+
+
+def _switched(key: str, *both: Mapping[str, Any]) -> bool:
+    """Whether the group of this key is there on one side only, which is said of the group."""
+    group = key.rpartition(".")[0]
+    return group.startswith(_OPTIONAL) and any(not each.get(group) for each in both)
+
+
+def _flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    for key, value in tree.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _plain(value: Any) -> str:
+    if isinstance(value, (list, tuple)):
+        return ", ".join(map(str, value))
+    if value is None:
+        return "none"
+    return str(value) if not isinstance(value, bool) else "yes" if value else "no"

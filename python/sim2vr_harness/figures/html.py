@@ -1,0 +1,76 @@
+"""One HTML file that opens without a network: words, tables, figures, all inside."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from sim2vr_harness.base.files import naming
+from sim2vr_harness.base.optional import needed
+
+__all__ = ["save_page", "table"]
+
+_STYLE = """
+body{font:16px/1.5 system-ui,sans-serif;color:#1c1f24;margin:0 auto;max-width:1200px;padding:0 16px}
+h1{font-size:1.5rem;margin:1rem 0 .3rem}h2{font-size:1.15rem;margin:1.4rem 0 .3rem}
+p{margin:.4rem 0}.wide{overflow-x:auto}table{border-collapse:collapse;font-size:.9rem}
+th,td{padding:.2rem .7rem;text-align:right;border-bottom:1px solid #dde1e6;white-space:nowrap}
+th:first-child,td:first-child{text-align:left}.bad{color:#b3201f;font-weight:600}
+.warn{background:#fff4d6;border-left:4px solid #e0a100;padding:.4rem .8rem;margin:.4rem 0}
+.figure{width:100%}
+"""
+
+
+def table(header: Sequence[str], rows: Sequence[Sequence[str]], bad: Sequence[int] = ()) -> str:
+    """Return an HTML table.
+
+    Args:
+        header: Names of the columns.
+        rows: Texts.
+        bad: Numbers of rows to point out.
+    """
+    head = "".join(f"<th>{escape(cell)}</th>" for cell in header)
+    body = ""
+    for number, row in enumerate(rows):
+        mark = ' class="bad"' if number in bad else ""
+        body += f"<tr{mark}>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>"
+    return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
+
+
+def save_page(file: Path, title: str, parts: Sequence[str | Any], option: str = "--out") -> Path:
+    """Write a page.
+
+    Args:
+        file: The HTML file.
+        title: Of the page.
+        parts: From top to bottom: HTML, or Plotly's figures, which fill the width.
+        option: What the user asked for, for the message when Plotly is missing.
+
+    Raises:
+        InputError: Plotly is not installed.
+    """
+    io = needed("plotly.io", "studies", option)
+    body, first = "", True
+    for part in parts:
+        if isinstance(part, str):
+            body += part
+            continue
+        figure = io.to_html(
+            part,
+            full_html=False,
+            include_plotlyjs=first,
+            config={"responsive": True, "displaylogo": False},
+        )
+        body += f'<div class="figure">{figure}</div>'
+        first = False
+    page = (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width,initial-scale=1">'
+        f"<title>{escape(title)}</title><style>{_STYLE}</style></head>"
+        f"<body><h1>{escape(title)}</h1>{body}</body></html>"
+    )
+    with naming(file):
+        file.write_text(page, encoding="utf-8")
+    return file

@@ -1,0 +1,223 @@
+"""Panels as Plotly's plain data: no library writes it, the page's own Plotly draws it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+from sim2vr_harness.figures.figure import (
+    Band,
+    Bars,
+    Heat,
+    Layer,
+    Line,
+    Panel,
+    Path,
+    Points,
+    Ranges,
+    keys_of,
+)
+
+__all__ = ["plotly_of"]
+
+_HEIGHT, _HEIGHT_IN_SPACE, _ROW = 300, 460, 17
+_SLANTED = 60
+"""More height for names of many categories."""
+_INK, _FAINT, _GRID = "#24292f", "#57606a", "#e3e6ea"
+_SCALE = [[0, "#f7fbff"], [0.35, "#9ecae1"], [0.7, "#3182bd"], [1, "#08306b"]]
+"""Of tables of colours: pale is little."""
+_CLEAR = [[0, "rgba(0,0,0,0)"], [1, "rgba(0,0,0,0)"]]
+_DARK = 0.72
+"""Share of the scale from where on white stands out more than black (luminance .18)."""
+
+
+def plotly_of(panel: Panel) -> dict[str, Any]:
+    """Return ``data``, ``layout`` and ``keys`` (name, colour) of a panel, ready for JSON."""
+    traces = [trace for layer in panel.layers for trace in _traces(layer, panel)]
+    return {"data": traces, "layout": _layout(panel), "keys": keys_of(panel)}
+
+
+def _traces(layer: Layer, panel: Panel) -> list[dict[str, Any]]:
+    common = {"name": getattr(layer, "name", "")}
+    if isinstance(layer, Line):
+        line = {
+            "color": layer.colour,
+            "width": 2,
+            "dash": "dash" if layer.dashed else "solid",
+            "shape": "hv" if layer.stepped else "linear",
+        }
+        x, y = _plain(layer.x), _plain(layer.y)
+        return [{**common, "type": "scatter", "mode": "lines", "x": x, "y": y, "line": line}]
+    if isinstance(layer, Points):
+        return [common | _points(layer)]
+    if isinstance(layer, Band):
+        x = [*_plain(layer.x), *reversed(_plain(layer.x))]
+        y = [*_plain(layer.high), *reversed(_plain(layer.low))]
+        filled: dict[str, Any] = {
+            "fill": "toself",
+            "fillcolor": _pale(layer.colour),
+            "line": {"width": 0},
+        }
+        return [
+            {**common, "type": "scatter", "mode": "lines", "x": x, "y": y,
+             "hoverinfo": "skip", **filled}
+        ]  # fmt: skip
+    if isinstance(layer, Ranges):
+        heights = [high - low for low, high in zip(layer.low, layer.high, strict=True)]
+        look: dict[str, Any] = {"marker": {"color": _pale(layer.colour, 0.35)}, "width": 0.8}
+        return [
+            {**common, "type": "bar", "x": _plain(layer.x), "y": _plain(heights),
+             "base": _plain(layer.low), "hovertext": list(layer.text or ()),
+             "hoverinfo": "text" if layer.text else "skip", **look}
+        ]  # fmt: skip
+    if isinstance(layer, Bars):
+        names, values = list(layer.x), _plain(layer.y)
+        places = {"x": values, "y": names} if panel.sideways else {"x": names, "y": values}
+        turn = {"orientation": "h"} if panel.sideways else {}
+        return [{**common, "type": "bar", **places, **turn, "marker": {"color": layer.colour}}]
+    if isinstance(layer, Heat):
+        return _heat(layer)
+    return [common | _path(layer)]
+
+
+def _points(layer: Points) -> dict[str, Any]:
+    trace: dict[str, Any] = {
+        "type": "scatter",
+        "mode": "markers",
+        "x": _plain(layer.x),
+        "y": _plain(layer.y),
+        "marker": {"color": layer.colour, "size": layer.size, "symbol": layer.symbol},
+    }
+    if layer.spread is not None:
+        look = {"color": layer.colour, "thickness": 1.5, "width": 4}
+        trace["error_y"] = {"type": "data", "array": _plain(layer.spread), **look}
+    if layer.text is not None:
+        trace |= {"text": list(layer.text), "hoverinfo": "text"}
+    return trace
+
+
+def _heat(layer: Heat) -> list[dict[str, Any]]:
+    """The colours with black numbers where they are pale, then white numbers where they are dark.
+
+    Plotly's own ink is grey on middle colours, and a font has one colour per trace.
+    """
+    colours = {
+        "type": "heatmap",
+        "z": [_plain(row) for row in layer.values],
+        "x": list(layer.columns),
+        "y": list(layer.rows),
+        "zmin": layer.low,
+        "zmax": layer.high,
+        "colorscale": _SCALE,
+        "xgap": 2,
+        "ygap": 1 if len(layer.rows) > 12 else 2,
+        "showscale": not layer.labelled,
+        "hovertemplate": f"%{{y}}, %{{x}}: %{{z:.{layer.digits}f}}<extra></extra>",
+    }
+    if not layer.labelled:
+        return [colours]
+    told = {"texttemplate": "%{text}"}
+    white = {"colorscale": _CLEAR, "hoverinfo": "skip", "hovertemplate": None}
+    return [
+        colours | told | {"text": _texts(layer, dark=False), "textfont": {"color": "#000"}},
+        colours | told | white | {"text": _texts(layer, dark=True), "textfont": {"color": "#fff"}},
+    ]
+
+
+def _texts(layer: Heat, *, dark: bool) -> list[list[str]]:
+    """The numbers of pale cells, or those of dark ones; empty elsewhere."""
+    extent = layer.high - layer.low
+
+    def text(value: float | None) -> str:
+        if value is None or ((value - layer.low) > _DARK * extent) != dark:
+            return ""
+        return f"{value:.{layer.digits}f}"
+
+    return [[text(value) for value in row] for row in layer.values]
+
+
+def _path(layer: Path) -> dict[str, Any]:
+    trace: dict[str, Any] = {"type": "scatter3d", "mode": "markers" if layer.places else "lines"}
+    trace |= {"x": _plain(layer.x), "y": _plain(layer.y), "z": _plain(layer.z)}
+    if layer.places:
+        return trace | {"marker": {"color": layer.colour, "size": 4}}
+    return trace | {"line": {"color": layer.colour, "width": 3}}
+
+
+def _layout(panel: Panel) -> dict[str, Any]:
+    height = _HEIGHT_IN_SPACE if panel.in_space else _HEIGHT
+    if panel.rows:
+        height = max(180, 112 + _ROW * panel.rows)
+    layout: dict[str, Any] = {
+        "height": height,
+        "font": {"family": "system-ui, sans-serif", "size": 12, "color": _INK},
+        "margin": {"l": 56, "r": 16, "t": 30, "b": 48},
+        "paper_bgcolor": "#ffffff",
+        "plot_bgcolor": "#ffffff",
+        "hovermode": "closest",
+        "showlegend": False,
+        "barmode": "relative" if panel.stacked else "group",
+        "bargap": 0.25,
+    }
+    if any(isinstance(layer, Ranges) for layer in panel.layers):
+        layout["barmode"] = "overlay"
+    if panel.in_space:
+        axes = {
+            "xaxis": {"title": {"text": "right (m)"}},
+            "yaxis": {"title": {"text": "forward (m)"}},
+            "zaxis": {"title": {"text": "up (m)"}},
+        }
+        eye = {"eye": {"x": -1.6, "y": -1.9, "z": 0.8}, "center": {"x": 0, "y": 0, "z": -0.12}}
+        layout["scene"] = {**axes, "aspectmode": "data", "camera": eye}
+        layout["margin"] = {"l": 0, "r": 0, "t": 30, "b": 0}
+        return layout
+    heat = any(isinstance(layer, Heat) for layer in panel.layers)
+    x_axis, y_axis = _axis(panel.x_label), _axis(panel.y_label)
+    if panel.crowded:
+        x_axis["tickangle"] = -45
+        layout["height"] += _SLANTED
+    if panel.ticks is not None:
+        x_axis |= {"tickvals": list(range(len(panel.ticks))), "ticktext": list(panel.ticks)}
+        x_axis |= {"range": [-0.6, len(panel.ticks) - 0.4], "showgrid": False}
+    if heat or panel.sideways:
+        y_axis |= {"autorange": "reversed", "showgrid": False}
+        if panel.rows > 12:
+            y_axis["tickfont"] = {"size": 10}
+        if panel.rows:
+            y_axis |= {"dtick": 1}
+    if heat:
+        x_axis |= {"showgrid": False, "type": "category"}
+        y_axis |= {"type": "category"}
+    if any(isinstance(layer, Bars) for layer in panel.layers):
+        # Also where the names of groups are numbers.
+        (y_axis if panel.sideways else x_axis)["type"] = "category"
+    if panel.y_range is not None:
+        y_axis["range"] = list(panel.y_range)
+    if panel.square:
+        y_axis |= {"scaleanchor": "x", "scaleratio": 1}
+    return layout | {"xaxis": x_axis, "yaxis": y_axis}
+
+
+def _axis(label: str) -> dict[str, Any]:
+    title = {"text": label, "font": {"color": _FAINT}}
+    return {
+        "title": title,
+        "automargin": True,
+        "gridcolor": _GRID,
+        "zerolinecolor": _GRID,
+        "linecolor": _GRID,
+    }
+
+
+def _plain(values: Iterable[float | None]) -> list[float | None]:
+    """Five digits are more than a picture shows, and half as long to send."""
+    return [
+        None if value is None or not math.isfinite(value) else float(f"{value:.5g}")
+        for value in values
+    ]
+
+
+def _pale(colour: str, share: float = 0.22) -> str:
+    red, green, blue = (int(colour[i : i + 2], 16) for i in (1, 3, 5))
+    return f"rgba({red},{green},{blue},{share})"

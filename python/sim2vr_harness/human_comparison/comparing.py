@@ -1,0 +1,237 @@
+"""Users beside people: every measure in every condition, and what it comes to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sim2vr_harness.games.behaviour import Behaviour
+from sim2vr_harness.human_comparison.measures import FAMILIES, Measure, measures_in
+from sim2vr_harness.human_comparison.persons import Cell, Person
+from sim2vr_harness.statistics.distances import (
+    distance,
+    inside,
+    kolmogorov,
+    wasserstein,
+    wasserstein_ratio,
+)
+
+__all__ = ["CELL_RATES", "Compared", "Row", "SampleRow", "Total", "compare", "left_out", "total"]
+
+CELL_RATES = "cell_hit_rates"
+"""The measure that is a number per cell: its share inside is that of the cells."""
+
+People = Mapping[Cell, Sequence[Person]]
+
+
+@dataclass(frozen=True)
+class Row:
+    """A measure of a user in a condition, beside people's.
+
+    Attributes:
+        group: of people who play by the same rule.
+        condition: as people call it.
+        measure: what.
+        value: of the user: mean over its persons.
+        spread: standard deviation over its persons (ddof 1); None of one person.
+        persons: how many of the user's have the number.
+        people_mean: mean over people.
+        people_low: their least.
+        people_high: their greatest.
+        people_spread: standard deviation over people.
+        people: how many have the number.
+        inside: 1 inside people's range and 0 outside; between for shares of cells.
+        distance: from people's mean, in units of a person's from the others.
+        persons_inside: share of the user's persons inside; None of one person.
+    """
+
+    group: str
+    condition: str
+    measure: Measure
+    value: float
+    spread: float | None
+    persons: int
+    people_mean: float
+    people_low: float
+    people_high: float
+    people_spread: float
+    people: int
+    inside: float
+    distance: float
+    persons_inside: float | None
+
+
+@dataclass(frozen=True)
+class SampleRow:
+    """The distribution of single targets, hits or frames beside people's.
+
+    Attributes:
+        group: of people who play by the same rule.
+        condition: as people call it.
+        sample: of what.
+        w1: first Wasserstein distance.
+        ratio: the same in units of a person's from the others, at most 10.
+        ks: largest difference of the distributions.
+        median: of the user's.
+        people_median: of people's, each weighted alike by repetition of their medians' mean.
+    """
+
+    group: str
+    condition: str
+    sample: str
+    w1: float
+    ratio: float
+    ks: float
+    median: float
+    people_median: float
+
+
+@dataclass(frozen=True)
+class Total:
+    """What rows come to.
+
+    Attributes:
+        cells: how many (measure, condition) there are.
+        inside: mean of their ``inside``.
+        distance: mean of their ``distance``.
+    """
+
+    cells: int
+    inside: float
+    distance: float
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A user beside people."""
+
+    name: str
+    persons: People
+    rows: tuple[Row, ...]
+    samples: tuple[SampleRow, ...]
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The groups that it was compared with."""
+        return tuple(dict.fromkeys(row.group for row in self.rows))
+
+
+def compare(name: str, user: People, people: People, behaviour: Behaviour) -> Compared:
+    """Put a user beside people in the conditions that both have played.
+
+    Args:
+        name: Of the user.
+        user: Its persons by condition.
+        people: At least two persons by condition.
+        behaviour: Of the game.
+    """
+    cells = [
+        (group, condition)
+        for group in behaviour.groups
+        for condition in behaviour.conditions
+        if len(people.get((group, condition), ())) > 1 and user.get((group, condition))
+    ]
+    rows = [row for cell in cells for row in _rows(cell, user[cell], people[cell], behaviour)]
+    samples = [row for cell in cells for row in _samples(cell, user[cell], people[cell], behaviour)]
+    return Compared(name, user, tuple(rows), tuple(samples))
+
+
+def _rows(
+    cell: Cell, user: Sequence[Person], people: Sequence[Person], behaviour: Behaviour
+) -> Iterable[Row]:
+    for measure in measures_in(behaviour, *cell):
+        own = [x.values[measure.name] for x in user if measure.name in x.values]
+        theirs = [x.values[measure.name] for x in people if measure.name in x.values]
+        if not own or len(theirs) < 2:
+            continue
+        value = float(np.mean(own))
+        if measure.name == CELL_RATES:
+            share = _cells_inside(user, people)
+        else:
+            share = float(inside(value, theirs))
+        yield Row(
+            *cell,
+            measure,
+            value=value,
+            spread=float(np.std(own, ddof=1)) if len(own) > 1 else None,
+            persons=len(own),
+            people_mean=float(np.mean(theirs)),
+            people_low=min(theirs),
+            people_high=max(theirs),
+            people_spread=float(np.std(theirs, ddof=1)),
+            people=len(theirs),
+            inside=share,
+            distance=distance(value, theirs),
+            persons_inside=float(np.mean([inside(x, theirs) for x in own]))
+            if len(own) > 1
+            else None,
+        )
+
+
+def _cells_inside(user: Sequence[Person], people: Sequence[Person]) -> float:
+    """Share of the cells whose hit rate is inside people's range of that cell."""
+    own = np.array([x.cell_rates for x in user])
+    theirs = np.array([x.cell_rates for x in people])
+    known = np.isfinite(own).any(axis=0) & np.isfinite(theirs).any(axis=0)
+    mean = np.nanmean(own[:, known], axis=0)
+    low, high = np.nanmin(theirs[:, known], axis=0), np.nanmax(theirs[:, known], axis=0)
+    return float(np.mean((low <= mean) & (mean <= high)))
+
+
+def _samples(
+    cell: Cell, user: Sequence[Person], people: Sequence[Person], behaviour: Behaviour
+) -> Iterable[SampleRow]:
+    names = [m.sample for m in measures_in(behaviour, *cell) if m.sample is not None]
+    for name in dict.fromkeys(names):
+        own = [x.samples[name] for x in user if len(x.samples.get(name, ()))]
+        theirs = [x.samples[name] for x in people if len(x.samples.get(name, ()))]
+        if not own or len(theirs) < 2:
+            continue
+        yield SampleRow(
+            *cell,
+            name,
+            w1=wasserstein(own, theirs),
+            ratio=wasserstein_ratio(own, theirs),
+            ks=kolmogorov(own, theirs),
+            median=float(np.mean([np.median(x) for x in own])),
+            people_median=float(np.mean([np.median(x) for x in theirs])),
+        )
+
+
+def total(rows: Sequence[Row]) -> Total | None:
+    """What rows come to, every one weighted alike; None of none."""
+    if not rows:
+        return None
+    return Total(
+        len(rows),
+        float(np.mean([row.inside for row in rows])),
+        float(np.mean([row.distance for row in rows])),
+    )
+
+
+def left_out(people: People, behaviour: Behaviour) -> dict[str, dict[str, Compared]]:
+    """Group -> person -> this person beside the others of the group; of three or more."""
+    found: dict[str, dict[str, Compared]] = {}
+    for group in behaviour.groups:
+        own = {cell: persons for cell, persons in people.items() if cell[0] == group}
+        names = sorted({person.name for persons in own.values() for person in persons})
+        if len(names) < 3:
+            continue
+        found[group] = {
+            name: compare(
+                name,
+                {cell: [p for p in persons if p.name == name] for cell, persons in own.items()},
+                {cell: [p for p in persons if p.name != name] for cell, persons in own.items()},
+                behaviour,
+            )
+            for name in names
+        }
+    return found
+
+
+def by_family(rows: Sequence[Row]) -> dict[str, Total]:
+    """Family -> what its rows come to."""
+    parts = {f: total([row for row in rows if row.measure.family == f]) for f in FAMILIES}
+    return {family: part for family, part in parts.items() if part is not None}

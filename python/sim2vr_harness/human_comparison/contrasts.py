@@ -1,0 +1,237 @@
+"""Differences between conditions and between groups, and what tires."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy import stats
+
+from sim2vr_harness.games.behaviour import Behaviour
+from sim2vr_harness.human_comparison.persons import Cell, Person
+from sim2vr_harness.statistics.effect_sizes import CONFIDENCE, wilcoxon_effect
+
+__all__ = [
+    "COMPARED",
+    "ContrastRow",
+    "Fatigue",
+    "FatigueDifference",
+    "contrasts",
+    "fatigue_of",
+    "group_contrasts",
+]
+
+COMPARED = ("hits", "misses", "hit_rate", "depth_median")
+
+
+@dataclass(frozen=True)
+class ContrastRow:
+    """A difference of a user, beside people's.
+
+    Attributes:
+        group: of people who play by the same rule; of differences between groups, both names.
+        contrast: what minus what; between groups the condition, the first group minus the second.
+        measure: of what.
+        value: the user's: mean over its persons.
+        people_mean: of people's differences (between groups: difference of their means).
+        people_low: lower end of the 95 % confidence interval of that mean.
+        people_high: upper end.
+        people_least: least difference of one person; None between groups.
+        people_most: greatest difference of one person; None between groups.
+        people: how many persons.
+    """
+
+    group: str
+    contrast: str
+    measure: str
+    value: float
+    people_mean: float
+    people_low: float
+    people_high: float
+    people_least: float | None
+    people_most: float | None
+    people: int
+
+    @property
+    def same_sign(self) -> bool:
+        """Whether the user's difference goes the way people's does."""
+        return self.value * self.people_mean > 0.0 or self.value == self.people_mean
+
+    @property
+    def within(self) -> bool:
+        """Whether it lies in the interval of people's mean."""
+        return self.people_low <= self.value <= self.people_high
+
+
+@dataclass(frozen=True)
+class Fatigue:
+    """How tiring a condition is: mean over the muscles of the largest share of fatigued units.
+
+    Attributes:
+        group: of people who play by the same rule.
+        condition: as people call it.
+        mean: over persons.
+        spread: standard deviation over persons; None of one.
+        persons: how many.
+    """
+
+    group: str
+    condition: str
+    mean: float
+    spread: float | None
+    persons: int
+
+
+@dataclass(frozen=True)
+class FatigueDifference:
+    """How much more one condition tires than another, person by person.
+
+    Attributes:
+        group: of people who play by the same rule.
+        contrast: what minus what.
+        mean: of the differences.
+        spread: their standard deviation; None of one person.
+        effect: the mean divided by it; None of one person, or of none.
+        rank_effect: z / sqrt(n) of Wilcoxon's signed-rank test, as people's ratings are tested;
+            None of one person, or without a difference.
+    """
+
+    group: str
+    contrast: str
+    mean: float
+    spread: float | None
+    effect: float | None
+    rank_effect: float | None
+
+
+def contrasts(
+    user: Mapping[Cell, Sequence[Person]],
+    people: Mapping[Cell, Sequence[Person]],
+    behaviour: Behaviour,
+) -> list[ContrastRow]:
+    """Differences between conditions, person by person."""
+    found = []
+    for group in behaviour.groups:
+        for contrast in behaviour.contrasts:
+            pair = ((group, contrast.condition), (group, contrast.minus))
+            for measure in COMPARED:
+                own, theirs = (_differences(who, pair, measure) for who in (user, people))
+                if not own or len(theirs) < 2:
+                    continue
+                mean = float(np.mean(theirs))
+                half = float(
+                    stats.t.ppf(0.5 + CONFIDENCE / 2.0, len(theirs) - 1)
+                    * np.std(theirs, ddof=1)
+                    / math.sqrt(len(theirs))
+                )
+                found.append(
+                    ContrastRow(
+                        group,
+                        contrast.name,
+                        measure,
+                        float(np.mean(own)),
+                        mean,
+                        mean - half,
+                        mean + half,
+                        min(theirs),
+                        max(theirs),
+                        len(theirs),
+                    )
+                )
+    return found
+
+
+def group_contrasts(
+    user: Mapping[Cell, Sequence[Person]],
+    people: Mapping[Cell, Sequence[Person]],
+    behaviour: Behaviour,
+) -> list[ContrastRow]:
+    """Differences between groups of people in a condition (Welch's interval)."""
+    names = list(behaviour.groups)
+    found = []
+    for one, other in pairwise(names):
+        for condition in behaviour.conditions:
+            for measure in COMPARED:
+                pairs = [
+                    [_numbers(who.get((group, condition), ()), measure) for group in (one, other)]
+                    for who in (user, people)
+                ]
+                (own_a, own_b), (a, b) = pairs
+                if not own_a or not own_b or min(len(a), len(b)) < 2:
+                    continue
+                interval = stats.ttest_ind(a, b, equal_var=False).confidence_interval(CONFIDENCE)
+                found.append(
+                    ContrastRow(
+                        f"{one}, {other}",
+                        condition,
+                        measure,
+                        float(np.mean(own_a) - np.mean(own_b)),
+                        float(np.mean(a) - np.mean(b)),
+                        float(interval.low),
+                        float(interval.high),
+                        None,
+                        None,
+                        len(a) + len(b),
+                    )
+                )
+    return found
+
+
+def fatigue_of(
+    fatigue: Mapping[Cell, Mapping[str, float]], behaviour: Behaviour
+) -> tuple[list[Fatigue], list[FatigueDifference]]:
+    """How tiring conditions are, and how much more the last of those that tire differently is.
+
+    Args:
+        fatigue: Condition -> person -> mean over the muscles of the largest share of fatigued
+            units.
+        behaviour: Of the game.
+    """
+    rows, differences = [], []
+    for group in behaviour.groups:
+        for condition in behaviour.conditions:
+            values = list(fatigue.get((group, condition), {}).values())
+            if values:
+                spread = float(np.std(values, ddof=1)) if len(values) > 1 else None
+                mean = float(np.mean(values))
+                rows.append(Fatigue(group, condition, mean, spread, len(values)))
+        for less in behaviour.tiring[:-1]:
+            most = fatigue.get((group, behaviour.tiring[-1]), {})
+            other = fatigue.get((group, less), {})
+            each = [most[name] - other[name] for name in most if name in other]
+            if each:
+                mean = float(np.mean(each))
+                spread = float(np.std(each, ddof=1)) if len(each) > 1 else None
+                differences.append(
+                    FatigueDifference(
+                        group,
+                        f"{behaviour.tiring[-1]} - {less}",
+                        mean,
+                        spread,
+                        mean / spread if spread else None,
+                        None if spread is None else wilcoxon_effect(each),
+                    )
+                )
+    return rows, differences
+
+
+def _numbers(persons: Sequence[Person], measure: str) -> list[float]:
+    found = [{**person.values, **person.further}.get(measure) for person in persons]
+    return [value for value in found if value is not None]
+
+
+def _differences(
+    who: Mapping[Cell, Sequence[Person]], pair: tuple[Cell, Cell], measure: str
+) -> list[float]:
+    one, other = (
+        {person.name: {**person.values, **person.further} for person in who.get(cell, ())}
+        for cell in pair
+    )
+    return [
+        values[measure] - other[name][measure]
+        for name, values in one.items()
+        if name in other and measure in values and measure in other[name]
+    ]

@@ -1,0 +1,183 @@
+"""A comparison as JSON and CSV."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sim2vr_harness.human_comparison.comparing import (
+    Compared,
+    Row,
+    SampleRow,
+    Total,
+    by_family,
+    total,
+)
+from sim2vr_harness.human_comparison.contrasts import ContrastRow
+from sim2vr_harness.human_comparison.report import Report
+from sim2vr_harness.runs.run_folder import write_atomically
+
+__all__ = ["as_json", "write_csv", "write_json"]
+
+
+def as_json(report: Report) -> dict[str, Any]:
+    """Everything that was found, ready for JSON."""
+    return {
+        "game": report.behaviour.game,
+        "people": {
+            " ".join(cell): [
+                {"name": person.name, "rounds": person.rounds, **_numbers(person.values)}
+                for person in persons
+            ]
+            for cell, persons in report.people.persons.items()
+        },
+        "users": {
+            compared.name: _user(report, i, compared) for i, compared in enumerate(report.compared)
+        },
+        "together": _total(report.together),
+        "goals": [asdict(row) for row in report.goals],
+        "between_groups": [
+            {"user": name, **_contrast(row)} for name, row in report.group_contrasts()
+        ],
+        "left_out": {
+            group: {
+                "inside": _mean_inside(list(each.values())),
+                "distance": _mean_distance(list(each.values())),
+                "persons": {name: _total(total(compared.rows)) for name, compared in each.items()},
+            }
+            for group, each in report.left_out.items()
+        },
+    }
+
+
+def _in_a_row(report: Report, compared: Compared, group: str) -> dict[str, Any]:
+    rows = [row for row in compared.rows if row.group == group]
+    values = {(row.condition, row.measure.name): row.value for row in rows}
+    first = {f"{name}, {c}": values.get((c, name)) for c, name in report.behaviour.headlines}
+    return {"user": compared.name, "group": group, **asdict(_of(rows)), **first}
+
+
+def _of(rows: Sequence[Row]) -> Total:
+    found = total(rows)
+    assert found is not None  # a group is one of rows
+    return found
+
+
+def _user(report: Report, index: int, compared: Compared) -> dict[str, Any]:
+    source = report.users[index]
+    tired, more = report.fatigue(source)
+    return {
+        "total": _total(total(compared.rows)),
+        "groups": {
+            group: {
+                "total": _total(total(rows)),
+                "families": {family: _total(part) for family, part in by_family(rows).items()},
+                "conditions": {
+                    condition: _total(total([row for row in rows if row.condition == condition]))
+                    for condition in dict.fromkeys(row.condition for row in rows)
+                },
+            }
+            for group in compared.groups
+            for rows in ([row for row in compared.rows if row.group == group],)
+        },
+        "persons": {
+            " ".join(cell): [
+                {"name": person.name, "rounds": person.rounds, **_numbers(person.values)}
+                for person in persons
+            ]
+            for cell, persons in compared.persons.items()
+        },
+        "measures": [_row(row) for row in compared.rows],
+        "samples": [_sample(row) for row in compared.samples],
+        "contrasts": [_contrast(row) for row in report.contrasts(source)],
+        "fatigue": [asdict(row) for row in tired],
+        "fatigue_differences": [asdict(row) for row in more],
+    }
+
+
+def _numbers(values: Any) -> dict[str, float]:
+    return {key: float(value) for key, value in values.items()}
+
+
+def _total(found: Total | None) -> dict[str, Any] | None:
+    return None if found is None else asdict(found)
+
+
+def _row(row: Row) -> dict[str, Any]:
+    content = {key: value for key, value in vars(row).items() if key != "measure"}
+    return {
+        "measure": row.measure.name,
+        "family": row.measure.family,
+        "unit": row.measure.unit,
+        **content,
+    }
+
+
+def _sample(row: SampleRow) -> dict[str, Any]:
+    return asdict(row)
+
+
+def _contrast(row: ContrastRow) -> dict[str, Any]:
+    return {**asdict(row), "same_sign": row.same_sign, "within": row.within}
+
+
+def _mean_inside(each: Sequence[Compared]) -> float:
+    return float(np.mean([found.inside for c in each if (found := total(c.rows)) is not None]))
+
+
+def _mean_distance(each: Sequence[Compared]) -> float:
+    return float(np.mean([found.distance for c in each if (found := total(c.rows)) is not None]))
+
+
+def write_json(report: Report, file: Path) -> Path:
+    """Write everything that was found."""
+    write_atomically(file, (json.dumps(as_json(report), indent=1) + "\n").encode())
+    return file
+
+
+def write_csv(report: Report, folder: Path) -> list[Path]:
+    """Write measures, samples, contrasts and goals as CSV, a row per user and number.
+
+    ``users.csv`` has a row per user and group, with what is shown first.
+    """
+    tables: dict[str, list[dict[str, Any]]] = {
+        "users": [
+            _in_a_row(report, each, group) for each in report.compared for group in each.groups
+        ],
+        "measures": [
+            {"user": compared.name, **_row(row)}
+            for compared in report.compared
+            for row in compared.rows
+        ],
+        "samples": [
+            {"user": compared.name, **_sample(row)}
+            for compared in report.compared
+            for row in compared.samples
+        ],
+        "contrasts": [
+            {"user": name, **_contrast(row)}
+            for name, row in (
+                *((user.name, row) for user in report.users for row in report.contrasts(user)),
+                *report.group_contrasts(),
+            )
+        ],
+        "goals": [asdict(row) for row in report.goals],
+    }
+    files = []
+    for name, rows in tables.items():
+        if not rows:
+            continue
+        text = io.StringIO()
+        writer = csv.DictWriter(text, list(rows[0]), lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(rows)
+        write_atomically(folder / f"{name}.csv", text.getvalue().encode())
+        files.append(folder / f"{name}.csv")
+    return files

@@ -1,0 +1,116 @@
+"""Everything that a comparison finds, put together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.games.behaviour import Behaviour
+from sim2vr_harness.human_comparison.comparing import Compared, Row, Total, compare, left_out, total
+from sim2vr_harness.human_comparison.contrasts import (
+    ContrastRow,
+    Fatigue,
+    FatigueDifference,
+    contrasts,
+    fatigue_of,
+    group_contrasts,
+)
+from sim2vr_harness.human_comparison.goals import GoalRow, goal_rows, inside_row, sign_rows
+from sim2vr_harness.human_comparison.sources import Source
+
+__all__ = ["Report"]
+
+
+@dataclass(frozen=True)
+class Report:
+    """Users beside people.
+
+    Attributes:
+        behaviour: of the game.
+        people: whose range decides.
+        users: who is compared.
+    """
+
+    behaviour: Behaviour
+    people: Source
+    users: Sequence[Source]
+
+    @cached_property
+    def compared(self) -> tuple[Compared, ...]:
+        """A user each, in the order of the users.
+
+        Raises:
+            InputError: A user has no condition with people.
+        """
+        found = [
+            compare(u.name, u.persons, self.people.persons, self.behaviour) for u in self.users
+        ]
+        for each, user in zip(found, self.users, strict=True):
+            if not each.rows:
+                played = ", ".join(sorted(" ".join(cell) for cell in user.persons))
+                people = ", ".join(sorted(" ".join(cell) for cell in self.people.persons))
+                got = f"{user.name!r}, who played {played}"
+                raise InputError("USER", got, f"a condition of people's: {people}")
+        return tuple(found)
+
+    @cached_property
+    def together(self) -> Total | None:
+        """All users as one, where each plays by another rule; None of one user, or if not so."""
+        groups = [group for each in self.compared for group in each.groups]
+        if len(self.compared) < 2 or len(groups) > len(set(groups)):
+            return None
+        return total(self.rows())
+
+    def rows(self) -> list[Row]:
+        """Those of all users."""
+        return [row for each in self.compared for row in each.rows]
+
+    @cached_property
+    def left_out(self) -> dict[str, dict[str, Compared]]:
+        """Group -> person -> one of the people beside the others of the group."""
+        return left_out(self.people.persons, self.behaviour)
+
+    def contrasts(self, user: Source) -> list[ContrastRow]:
+        """Differences between a user's conditions."""
+        return contrasts(user.persons, self.people.persons, self.behaviour)
+
+    def group_contrasts(self) -> list[tuple[str, ContrastRow]]:
+        """Differences between groups: of users of both, or of users who are one together."""
+        sets = [(user.name, dict(user.persons)) for user in self.users]
+        if self.together is not None:
+            joined = {cell: persons for _, own in sets for cell, persons in own.items()}
+            sets = [(" and ".join(name for name, _ in sets), joined)]
+        return [
+            (name, row)
+            for name, persons in sets
+            for row in group_contrasts(persons, self.people.persons, self.behaviour)
+        ]
+
+    def fatigue(self, user: Source) -> tuple[list[Fatigue], list[FatigueDifference]]:
+        """How tiring a user's conditions are; see contrasts.fatigue_of."""
+        return fatigue_of(user.fatigue, self.behaviour)
+
+    @cached_property
+    def goals(self) -> list[GoalRow]:
+        """What is asked of users who are to pass for people; empty if the game asks nothing."""
+        goals = self.behaviour.goals
+        if goals is None:
+            return []
+        between = self.group_contrasts()
+        found: list[GoalRow] = []
+        signs: list[ContrastRow] = []
+        for each, user in zip(self.compared, self.users, strict=True):
+            own = self.contrasts(user)
+            signs += own
+            if self.together is None:
+                found += inside_row(each.name, total(each.rows), goals)
+            found += goal_rows(each, self.fatigue(user)[1], self.behaviour)
+            if self.together is None:
+                found += sign_rows(each.name, [*own, *(r for n, r in between if n == each.name)])
+        if self.together is not None:
+            name = " and ".join(user.name for user in self.users)
+            found = [*inside_row(name, self.together, goals), *found]
+            found += sign_rows(name, [*signs, *(row for _, row in between)])
+        return found

@@ -1,0 +1,165 @@
+"""A recorded round in the coordinates of the targets' plane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.base.errors import InputError, shown
+from sim2vr_harness.base.files import file_name
+from sim2vr_harness.evaluation.replay.recordings import Event, Recording
+from sim2vr_harness.games.behaviour import Behaviour
+
+__all__ = ["PlayedRound", "Targets", "rotated", "round_of"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Targets:
+    """The targets of a round, in the order in which they came up; T of them.
+
+    Attributes:
+        spawn_s: (T,) when each came up, game time.
+        end_s: (T,) when it was hit or missed; NaN if the round ended first.
+        hit: (T,) whether it was hit.
+        missed: (T,) whether it went away unhit.
+        cell: (T,) where it was, as a number.
+        place_m: (T, 2) where it was, x and y in the plane.
+        logged_speed_mps: (T,) speed that the game logged with the hit; NaN without.
+    """
+
+    spawn_s: FloatArray
+    end_s: FloatArray
+    hit: NDArray[np.bool_]
+    missed: NDArray[np.bool_]
+    cell: NDArray[np.int64]
+    place_m: FloatArray
+    logged_speed_mps: FloatArray
+
+    @property
+    def n(self) -> int:
+        """How many came up."""
+        return len(self.spawn_s)
+
+
+@dataclass(frozen=True)
+class PlayedRound:
+    """What is measured: tool, hand and head of N frames, and what happened to the targets.
+
+    Attributes:
+        source: file or folder that it was read from.
+        group: of people who play by the same rule.
+        condition: as people call it.
+        person: who played.
+        times_s: (N,) times of the frames of play, game time.
+        tool_m: (N, 3) the tool in the plane's frame: x right, y up, z along its normal away from
+            the player.
+        root_m: (N, 3) the point whose speed the game tests, in the same frame.
+        controller: (N, 4) rotation of the controller that holds the tool, x y z w, app's world.
+        head: (N, 7) pose of the head, app's world: m, x y z w.
+        targets: what came up.
+        contacts: touches that were too slow to count.
+    """
+
+    source: Path
+    group: str
+    condition: str
+    person: str
+    times_s: FloatArray
+    tool_m: FloatArray
+    root_m: FloatArray
+    controller: FloatArray
+    head: FloatArray
+    targets: Targets
+    contacts: int
+
+
+def round_of(recording: Recording, behaviour: Behaviour, person: str) -> PlayedRound | None:
+    """Return a recorded round as it is measured; None of a condition that is not compared.
+
+    Args:
+        recording: As it was read.
+        behaviour: Of the game.
+        person: Who played, unless the recording says so itself.
+
+    Raises:
+        InputError: It is no round of this game, or something to be measured is missing in it.
+    """
+    known = behaviour.recognise(recording.condition)
+    if known is None:
+        return None
+    source = file_name(recording.source)
+    tool = recording.others.get(behaviour.tool)
+    if tool is None:
+        expected = f"columns {behaviour.tool}_pos_x ..., as in a log of {behaviour.game}"
+        raise InputError(source, f"poses of {shown(sorted(recording.others))}", expected)
+    if recording.plane is None:
+        expected = f"the pose of the targets' plane, as in a log of {behaviour.game}"
+        raise InputError(source, "none", expected)
+    hand = recording.right if recording.left is None else recording.left
+    root = np.array(behaviour.root_m)
+    if recording.left is not None:  # held the other way round: mirrored
+        root = root * (-1.0, 1.0, 1.0)
+    at, turn = recording.plane[:3], recording.plane[3:] * (-1.0, -1.0, -1.0, 1.0)
+    play = slice(1, None)  # frame 0 placed the target area
+    return PlayedRound(
+        source=recording.source,
+        group=known[0],
+        condition=known[1],
+        person=recording.person or person,
+        times_s=recording.times_s[play],
+        tool_m=rotated(turn, tool[play, :3] - at),
+        root_m=rotated(turn, hand[play, :3] + rotated(hand[play, 3:], root) - at),
+        controller=hand[play, 3:],
+        head=recording.head[play],
+        targets=_targets(recording, behaviour),
+        contacts=sum(event.kind == "contact" for event in recording.events),
+    )
+
+
+def rotated(turn: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Turn vectors (..., 3) by unit quaternions (..., 4), x y z w."""
+    axis, real = turn[..., :3], turn[..., 3:]
+    across = 2.0 * np.cross(axis, vectors)
+    return np.asarray(vectors + real * across + np.cross(axis, across))
+
+
+def _targets(recording: Recording, behaviour: Behaviour) -> Targets:
+    spawns = [event for event in recording.events if event.kind == "spawn"]
+    if not spawns:
+        expected = f"targets that come up, as in a round of {behaviour.game}"
+        raise InputError(file_name(recording.source), "no target", expected)
+    row = {event.target: i for i, event in enumerate(spawns)}
+    n = len(spawns)
+    targets = Targets(
+        spawn_s=np.array([event.time_s for event in spawns]),
+        end_s=np.full(n, np.nan),
+        hit=np.zeros(n, dtype=np.bool_),
+        missed=np.zeros(n, dtype=np.bool_),
+        cell=np.array([event.cell for event in spawns], dtype=np.int64),
+        place_m=_places(recording, behaviour, spawns),
+        logged_speed_mps=np.full(n, np.nan),
+    )
+    for event in recording.events:
+        if event.kind not in ("hit", "miss") or event.target not in row:
+            continue
+        i = row[event.target]
+        targets.end_s[i] = event.time_s
+        (targets.hit if event.kind == "hit" else targets.missed)[i] = True
+        if event.kind == "hit" and event.velocity_mps is not None:
+            targets.logged_speed_mps[i] = float(np.linalg.norm(event.velocity_mps))
+    return targets
+
+
+def _places(recording: Recording, behaviour: Behaviour, spawns: Sequence[Event]) -> FloatArray:
+    known = dict(enumerate(behaviour.places_m)) | dict(recording.places_m)
+    unknown = [event.cell for event in spawns if event.cell not in known]
+    if unknown:
+        expected = f"one of the {len(known)} of {behaviour.game}"
+        raise InputError(file_name(recording.source), f"cell {unknown[0]}", expected)
+    return np.array([known[event.cell] for event in spawns], dtype=np.float64)

@@ -1,0 +1,246 @@
+"""A comparison as tables for people."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from sim2vr_harness.human_comparison.comparing import Compared, Row, Total, by_family, total
+from sim2vr_harness.human_comparison.contrasts import COMPARED, ContrastRow
+from sim2vr_harness.human_comparison.files import as_json
+from sim2vr_harness.human_comparison.goals import GoalRow
+from sim2vr_harness.human_comparison.report import Report
+
+__all__ = ["report_tables"]
+
+_WORST = 12
+
+
+def report_tables(report: Report, *, every: bool = False) -> RenderableType:
+    """Return what a comparison comes to.
+
+    Args:
+        report: What was found.
+        every: Show every measure in every condition.
+    """
+    parts: list[RenderableType] = [_totals(report)]
+    if len(report.users) > 1:
+        parts += _side_by_side(report)
+    parts += _goals(report)
+    for index, compared in enumerate(report.compared):
+        parts.append(_headlines(report, compared))
+        parts += _fatigue(report, index)
+        parts.append(_rows(compared, _farthest(compared)) if not every else _rows(compared, None))
+    parts += _contrasts(report)
+    return Group(*parts)
+
+
+def _totals(report: Report) -> Table:
+    table = Table(
+        title="Inside people's range, distance", box=box.SIMPLE_HEAD, title_justify="left"
+    )
+    table.add_column("Who")
+    for heading in ("Group", "Cells", "Inside", "Distance"):
+        table.add_column(heading, justify="left" if heading == "Group" else "right")
+    for compared in report.compared:
+        for group in compared.groups:
+            rows = [row for row in compared.rows if row.group == group]
+            _add(table, compared.name, group, total(rows))
+            for family, part in by_family(rows).items():
+                _add(table, f"  {family}", "", part, dim=True)
+        if len(compared.groups) > 1:
+            _add(table, compared.name, "all", total(compared.rows))
+    _add(table, "together", "all", report.together)
+    for group, each in as_json(report)["left_out"].items():
+        table.add_row(
+            f"one of the {len(each['persons'])} people, the others",
+            group,
+            "",
+            f"{each['inside']:.3f}",
+            f"{each['distance']:.2f}",
+        )
+    return table
+
+
+def _side_by_side(report: Report) -> Iterator[RenderableType]:
+    """What is shown first of every user, a column each."""
+    for group in report.behaviour.groups:
+        users = [each for each in report.compared if group in each.groups]
+        if len(users) < 2:
+            continue
+        table = Table(
+            title=f"Side by side, {group} (* outside people's range)",
+            box=box.SIMPLE_HEAD,
+            title_justify="left",
+        )
+        table.add_column("")
+        for each in users:
+            table.add_column(each.name, justify="right")
+        table.add_column("People", justify="right", no_wrap=True)
+        rows = [
+            {(r.condition, r.measure.name): r for r in e.rows if r.group == group} for e in users
+        ]
+        for place in report.behaviour.headlines:
+            known = [own[place] for own in rows if place in own]
+            if not known:
+                continue
+            unit = f" ({known[0].measure.unit})" if known[0].measure.unit else ""
+            people = f"{known[0].people_low:.3g} to {known[0].people_high:.3g}"
+            cells = [_value(own.get(place)) for own in rows]
+            table.add_row(f"{place[1]}, {place[0]}{unit}", *cells, people)
+        totals = [total(list(own.values())) for own in rows]
+        table.add_row("cells inside", *("" if t is None else f"{t.inside:.3f}" for t in totals))
+        table.add_row("distance", *("" if t is None else f"{t.distance:.2f}" for t in totals))
+        yield table
+
+
+def _value(row: Row | None) -> str:
+    return "" if row is None else f"{row.value:.3g}" + ("" if row.inside == 1.0 else "*")
+
+
+def _goals(report: Report) -> Iterator[RenderableType]:
+    """What is asked of users: a plus for what is so, a minus for what is not."""
+    found: dict[tuple[str, str], list[GoalRow]] = {}
+    for row in report.goals:
+        found.setdefault((row.user, row.group), []).append(row)
+    for (user, group), rows in found.items():
+        whose = f"{user}, {group}" if group else f"{user}, over all"
+        table = Table(
+            title=f"Asked of {whose}", box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False
+        )
+        table.add_column("What", min_width=16)
+        for heading in ("User", "People", "Bar", "Aim"):
+            table.add_column(heading, justify="right", no_wrap=True)
+        for row in rows:
+            people = ""
+            if row.people_low is not None and row.people_high is not None:
+                people = f"{row.people_low:.3g} to {row.people_high:.3g}"
+            table.add_row(
+                row.what,
+                f"{row.value:.3g}" + ("" if row.spread is None else f" ± {row.spread:.2g}"),
+                people,
+                _asked(row.bar, row.bar_met),
+                _asked(row.aim, row.aim_met),
+            )
+        yield table
+
+
+def _asked(text: str, met: bool | None) -> str:
+    return text if met is None else f"{text} {'+' if met else '-'}"
+
+
+def _add(table: Table, name: str, group: str, found: Total | None, *, dim: bool = False) -> None:
+    if found is None:
+        return
+    table.add_row(
+        name,
+        group,
+        str(found.cells),
+        f"{found.inside:.3f}",
+        f"{found.distance:.2f}",
+        style="dim" if dim else None,
+    )
+
+
+def _headlines(report: Report, compared: Compared) -> RenderableType:
+    wanted = report.behaviour.headlines
+    rows = {(row.group, row.condition, row.measure.name): row for row in compared.rows}
+    found = [
+        rows[group, *pair] for group in compared.groups for pair in wanted if (group, *pair) in rows
+    ]
+    return _table(f"{compared.name}: first of all", found)
+
+
+def _farthest(compared: Compared) -> list[Row]:
+    away = sorted(compared.rows, key=lambda row: -row.distance)
+    return away[:_WORST]
+
+
+def _rows(compared: Compared, chosen: Sequence[Row] | None) -> RenderableType:
+    if chosen is None:
+        return _table(f"{compared.name}: every measure", compared.rows)
+    return _table(f"{compared.name}: farthest from people", chosen)
+
+
+def _table(title: str, rows: Sequence[Row]) -> Table:
+    """A row per measure and condition; a star marks what is outside people's range."""
+    table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+    several = len({row.group for row in rows}) > 1
+    for heading in ("Condition", "Measure"):
+        table.add_column(heading, no_wrap=True)
+    for heading in ("User", "People", "Away"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for row in rows:
+        spread = "" if row.spread is None else f" ± {row.spread:.2g}"
+        mark = "" if row.inside == 1.0 else "*"
+        people = f"{row.people_mean:.3g} [{row.people_low:.3g} to {row.people_high:.3g}]"
+        unit = f" ({row.measure.unit})" if row.measure.unit else ""
+        table.add_row(
+            f"{row.condition}, {row.group}" if several else row.condition,
+            row.measure.name + unit,
+            f"{row.value:.3g}{spread}{mark}",
+            people,
+            f"{row.distance:.1f}",
+        )
+    return table
+
+
+def _fatigue(report: Report, index: int) -> Iterator[RenderableType]:
+    tired, more = report.fatigue(report.users[index])
+    if not tired:
+        return
+    text = ", ".join(
+        f"{row.condition} {row.mean:.3f}" + ("" if row.spread is None else f" ± {row.spread:.3f}")
+        for row in tired
+    )
+    yield Text(f"Fatigue (largest share of fatigued units, mean of the muscles): {text}")
+    if more:
+        text = ", ".join(
+            f"{row.contrast} {row.mean:+.3f}"
+            + ("" if row.effect is None else f" (effect size {row.effect:.2f})")
+            for row in more
+        )
+        yield Text(f"Differences: {text}")
+    ratings = report.behaviour.ratings
+    for group in dict.fromkeys(row.group for row in tired):
+        rated = {} if ratings is None else ratings.medians.get(group, {})
+        if ratings is not None and rated:
+            text = ", ".join(f"{condition} {median:g}" for condition, median in rated.items())
+            count = ratings.people[group]
+            yield Text(f"{count} people, {group} ({ratings.scale}, medians): {text}")
+
+
+def _contrasts(report: Report) -> Iterator[RenderableType]:
+    found: dict[str, list[ContrastRow]] = {}
+    for user in report.users:
+        for row in report.contrasts(user):
+            found.setdefault(f"{user.name}, {row.group}", []).append(row)
+    for name, row in report.group_contrasts():
+        found.setdefault(f"{name}, between groups", []).append(row)
+    for name, rows in found.items():
+        same = sum(row.same_sign for row in rows)
+        within = sum(row.within for row in rows)
+        title = (
+            f"{name}: differences, the user's and (people's); - wrong sign, * outside the 95 % "
+            f"interval of people's mean. Sign as people's in {same} of {len(rows)}, size in "
+            f"{within}"
+        )
+        table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
+        table.add_column("Difference")
+        for measure in COMPARED:
+            table.add_column(measure, justify="right")
+        for contrast in dict.fromkeys(row.contrast for row in rows):
+            own = {row.measure: row for row in rows if row.contrast == contrast}
+            table.add_row(contrast, *(_difference(own.get(measure)) for measure in COMPARED))
+        yield table
+
+
+def _difference(row: ContrastRow | None) -> str:
+    if row is None:
+        return ""
+    mark = ("" if row.same_sign else "-") + ("" if row.within else "*")
+    return f"{row.value:+.2g} ({row.people_mean:+.2g}) {mark}".rstrip()

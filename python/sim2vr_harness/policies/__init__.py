@@ -1,0 +1,1 @@
+"""Policies: networks, hierarchical policies, and the store of trained users."""

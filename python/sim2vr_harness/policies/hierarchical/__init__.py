@@ -1,0 +1,1 @@
+"""Hierarchical policies: a motor policy below, options above."""

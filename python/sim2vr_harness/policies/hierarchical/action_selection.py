@@ -1,0 +1,221 @@
+"""From what users see, and a choice among it, to what their muscles do."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from sim2vr_harness.policies.hierarchical.action_value_map import PlaceValues
+from sim2vr_harness.policies.hierarchical.depth_grid import Sight, rotation
+from sim2vr_harness.policies.hierarchical.frame_history import PastPictures
+from sim2vr_harness.policies.hierarchical.primitives import MOVES, Choice, Mover, is_swing
+
+__all__ = ["Chooser", "Scene", "best_choices", "choose", "lose_patience"]
+
+_STILL_M, _PATIENCE_S = 0.05, 1.0
+"""Hands that come no farther than that in so long wait for something that does not come. (Speeds
+tell less: what the other arm does shakes a hand that waits.)"""
+_TO_COME_M = 0.3
+"""So far beyond a hand's reach is what may come nearer, and is worth waiting for."""
+_LEFT_M, _LEFT_S = 0.04, 0.3
+"""How far around it, and how long, what a hand has waited at in vain is left alone."""
+_SAME_M, _SHORT_M, _MOST_VAIN = 0.15, 0.05, 3
+"""Twice as far and as long each time that it comes back to about there and stops so far short
+again, up to so many times. (Who has come where it wants to be may have reasons to stay.)"""
+
+
+@dataclass
+class Scene:
+    """What N users see and where they are, at a decision.
+
+    Attributes:
+        pictures: (N, 8, H, W) uint8, red, green, blue and depth now, and 0.2 s before.
+        head: (N, 3) m.
+        turned: (N, 9) rotation of the head.
+        tips: (N, H, 3) m.
+        velocities: (N, H, 3) theirs, m/s.
+    """
+
+    pictures: NDArray[np.uint8]
+    head: NDArray[np.float32]
+    turned: NDArray[np.float32]
+    tips: NDArray[np.float32]
+    velocities: NDArray[np.float32]
+
+
+class Chooser:
+    """N users who see places and do something with them.
+
+    Args:
+        simulation: the users.
+        mover: of their hands.
+        past: what they see.
+    """
+
+    def __init__(self, simulation: Any, mover: Mover, past: PastPictures) -> None:
+        self._simulation, self.mover, self._past = simulation, mover, past
+        vision = simulation.config.vision
+        self.sight = Sight(vision.height, vision.width)
+
+    def _head(self) -> NDArray[np.float32]:
+        head: NDArray[np.float32] = self._simulation.users.device_poses("headset")[0].astype("f4")
+        return head
+
+    def scene(self) -> Scene:
+        """Return what the users see now."""
+        turned = rotation(self._simulation.users.device_poses("headset")[1])
+        layer = self.mover.layer
+        with torch.inference_mode():
+            angles, speeds, _ = layer.motion(self._simulation.users)
+            moving = [each.numpy() for each in self.mover.tips(*layer.places(angles, speeds))]
+        return Scene(self._past.observe(), self._head(), turned.flatten(1).numpy(), *moving)
+
+    def places(self, scene: Scene) -> Tensor:
+        """(N, 3, rows, columns) of what is seen, world, m."""
+        depth = torch.from_numpy(scene.pictures[:, 3])
+        head, turned = torch.from_numpy(scene.head), torch.from_numpy(scene.turned)
+        return self.sight.places(depth, head, turned.reshape(-1, 3, 3))
+
+    def values(self, net: PlaceValues, scene: Scene, places: Tensor) -> Tensor:
+        """(N, H, choices) what a network says that choices are worth."""
+        known = (scene.head, scene.tips, scene.velocities)
+        parts = (torch.from_numpy(part) for part in known)
+        values: Tensor = net(torch.from_numpy(scene.pictures), places, *parts)
+        return values
+
+    def choose_best(self, net: PlaceValues, choice: Choice, hold: int = 0) -> None:
+        """Put into effect what a network says is worth most now, for everybody.
+
+        Args:
+            net: the network.
+            choice: changed in place.
+            hold: user steps for which it is seen through, of users who leave what they wait at in
+                vain; 0: of users who remember nothing.
+        """
+        scene = self.scene()
+        places = self.places(scene)
+        with torch.inference_mode():
+            values, something = self.values(net, scene, places), self.something(scene)
+            if hold:
+                something = lose_patience(
+                    choice, torch.from_numpy(scene.tips), something, places, hold, self.mover
+                )
+            chosen = best_choices(values, something).numpy()
+        self.choose(choice, chosen, places)
+
+    def something(self, scene: Scene) -> Tensor:
+        """(N, cells) whether anything is seen in a cell."""
+        return self.sight.something(torch.from_numpy(scene.pictures[:, 3]))
+
+    def best(self, values: Tensor, scene: Scene) -> Tensor:
+        """(N, H) choices that are worth most, see :func:`best_choices`."""
+        return best_choices(values, self.something(scene))
+
+    def choose(
+        self,
+        choice: Choice,
+        chosen: NDArray[np.int64],
+        places: Tensor,
+        changed: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Put choices into effect, see :func:`choose`."""
+        choose(choice, chosen, places, self.mover, changed)
+
+    def actions(self, choice: Choice) -> NDArray[np.float32]:
+        """(N, A) what the bodies do now for a choice."""
+        layer = self.mover.layer
+        with torch.inference_mode():
+            motion = layer.motion(self._simulation.users)
+            placed = layer.places(*motion[:2])
+        goals = self.mover.goals(choice, torch.from_numpy(self._head()), *placed)
+        return layer.decide(motion, placed, goals)
+
+
+def best_choices(values: Tensor, something: Tensor) -> Tensor:
+    """(N, H) choices that are worth most, of those that do something with something.
+
+    Args:
+        values: (N, H, moves * cells + 1).
+        something: (N, cells) or (N, H, cells) whether anything is there.
+    """
+    each = something if something.ndim == 3 else something[:, None]
+    there = torch.cat([each.repeat(1, 1, len(MOVES)), torch.ones_like(each[..., :1])], 2)
+    return values.masked_fill(~there, -torch.inf).argmax(-1)
+
+
+def lose_patience(
+    choice: Choice,
+    tips: Tensor,
+    something: Tensor,
+    places: Tensor,
+    hold: int,
+    mover: Mover,
+) -> Tensor:
+    """(N, H, cells) whether anything is in a cell that a hand has not just waited at in vain.
+
+    A hand that stops short of what it goes for would wait there for ever: it sees the same, and
+    decides the same. While learning, tries get it out of there.
+
+    Args:
+        choice: what hands have been doing, changed in place.
+        tips: (N, H, 3) where the tips of their tools are, m.
+        something: (N, cells) whether anything is there.
+        places: (N, 3, rows, columns) of the cells, world, m.
+        hold: user steps for which a decision is seen through.
+        mover: of the hands.
+    """
+    far = (choice.seen - choice.place).norm(dim=-1) > _TO_COME_M
+    stays = (tips - choice.at).norm(dim=-1) < _STILL_M
+    waits = stays & (choice.move >= 0) & ~far
+    choice.rested += hold
+    choice.rested[~waits] = 0
+    choice.at[~waits] = tips[~waits]
+    choice.leaving -= hold
+    leaves = choice.rested >= round(_PATIENCE_S / mover.layer.step_s)
+    short = (tips - choice.place).norm(dim=-1) > _SHORT_M
+    again = short & ((choice.seen - choice.left).norm(dim=-1) < _SAME_M)
+    choice.vain[leaves] = torch.where(again, (choice.vain + 1).clamp(max=_MOST_VAIN), 0)[leaves]
+    choice.left[leaves] = choice.seen[leaves]
+    choice.leaving[leaves] = round(_LEFT_S / mover.layer.step_s) * 2 ** choice.vain[leaves]
+    choice.rested[leaves] = 0
+    cells = places.flatten(2).transpose(1, 2)
+    around = _LEFT_M * 2.0**choice.vain
+    near = (cells[:, None] - choice.left[:, :, None]).norm(dim=-1) < around[..., None]
+    return something[:, None] & ~(near & (choice.leaving > 0)[..., None])
+
+
+def choose(
+    choice: Choice,
+    chosen: NDArray[np.int64],
+    places: Tensor,
+    mover: Mover,
+    changed: NDArray[np.bool_] | None = None,
+) -> None:
+    """Put choices into effect.
+
+    Args:
+        choice: of N users, changed in place.
+        chosen: (N, H) move * cells + cell; moves * cells is to rest.
+        places: (N, 3, rows, columns) of the cells, world, m.
+        mover: knows what is within reach.
+        changed: (N, H) whose choice is a new one; None: everybody's.
+    """
+    flat = places.flatten(2).transpose(1, 2)
+    cells = flat.shape[1]
+    number = torch.from_numpy(chosen)
+    resting = number == len(MOVES) * cells
+    new = torch.ones_like(resting) if changed is None else torch.from_numpy(changed)
+    users = torch.arange(len(chosen))
+    for hand in range(chosen.shape[1]):
+        there = flat[users, number[:, hand] % cells]
+        wanted = mover.within_reach(hand, there, is_swing(number[:, hand] // cells))
+        moves = (new & ~resting)[:, hand, None]
+        choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])
+        choice.seen[:, hand] = torch.where(moves, there, choice.seen[:, hand])
+    move = torch.where(resting, -1, number // cells)
+    choice.move = torch.where(new, move, choice.move)

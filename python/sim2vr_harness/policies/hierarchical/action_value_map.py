@@ -1,0 +1,78 @@
+"""What every move at every place in sight is worth."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+from torch.nn import functional
+
+from sim2vr_harness.policies.hierarchical.depth_grid import Sight
+from sim2vr_harness.policies.hierarchical.primitives import MOVES
+
+__all__ = ["PlaceValues"]
+
+_UNIT_M, _FAR_UNIT_M = 0.4, 2.0
+"""What places are told in: within reach finely, farther away, where things come from, coarsely."""
+_UNIT_MPS = 2.0
+
+
+class PlaceValues(nn.Module):
+    """Values of moves by cell of the picture, and of resting; hands' values add up.
+
+    Convolutions know what is where in the picture; each cell also knows where in the world it is,
+    seen from the head and from the hands' tips, and how these move: who decides anew in the middle
+    of a stroke knows that it is one.
+
+    Args:
+        sight: geometry of the pictures.
+        hands: H.
+        width: channels.
+    """
+
+    def __init__(self, sight: Sight, hands: int, *, width: int = 32) -> None:
+        super().__init__()
+        self.sight, self.hands = sight, hands
+        self.stem = nn.Sequential(
+            nn.Conv2d(8, 16, 3, stride=2, padding=1),
+            nn.SiLU(),
+            nn.Conv2d(16, width, 3, stride=2, padding=1),
+            nn.SiLU(),
+        )
+        geometry = 6 + 4 * hands
+        self.enter = nn.Conv2d(width + geometry, width, 1)
+        self.spread = nn.Conv2d(width, width, 3, padding=2, dilation=2)
+        self.common = nn.Linear(width + 6 * hands, width)
+        self.leave = nn.Conv2d(width, hands * len(MOVES), 1)
+        self.rest = nn.Linear(width, hands)
+        for layer in (self.leave, self.rest):
+            for parameter in layer.parameters():
+                nn.init.zeros_(parameter)
+
+    def forward(
+        self, pictures: Tensor, places: Tensor, head: Tensor, tips: Tensor, velocities: Tensor
+    ) -> Tensor:
+        """(N, H, moves * cells + 1) values; the last one is that of resting.
+
+        Args:
+            pictures: (N, 8, height, width) uint8: RGBD now and a moment ago.
+            places: (N, 3, rows, columns) of the cells, world, m.
+            head: (N, 3).
+            tips: (N, H, 3).
+            velocities: (N, H, 3) m/s.
+        """
+        n, rows, columns = len(pictures), self.sight.rows, self.sight.columns
+        x = self.stem(pictures.float() / 127.5 - 1.0)[:, :, :rows, :columns]
+        from_head = places - head[:, :, None, None]
+        maps = [from_head]
+        for hand in range(self.hands):
+            from_tip = places - tips[:, hand, :, None, None]
+            maps += [from_tip, from_tip.norm(dim=1, keepdim=True)]
+        fine, coarse = torch.cat(maps, 1) / _UNIT_M, from_head / _FAR_UNIT_M
+        geometry = torch.cat([fine, coarse], 1).clamp(-3.0, 3.0)
+        x = functional.silu(self.enter(torch.cat([x, geometry], 1)))
+        told = torch.cat([(tips - head[:, None]) / _UNIT_M, velocities / _UNIT_MPS], -1).flatten(1)
+        common = self.common(torch.cat([x.mean((2, 3)), told], 1))
+        x = functional.silu(self.spread(x) + x + common[:, :, None, None])
+        moves = self.leave(x).reshape(n, self.hands, -1)
+        rest = self.rest(functional.silu(common))[..., None]
+        return torch.cat([moves, rest], -1)

@@ -1,0 +1,88 @@
+"""Motor layers in files: those that ship with the package, and those of a run."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from sim2vr_harness.base.errors import InputError, UnusableFile
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.runs.checkpoint import DAMAGE, in_words, read_tensors, write_tensors
+from sim2vr_harness.users import Body
+
+__all__ = ["load_motor_layer", "motor_layer_for", "save_motor_layer", "shipped_layers"]
+
+_FOLDER = Path(__file__).resolve().parents[2] / "motor_layers"
+
+
+def save_motor_layer(file: Path, layer: MotorLayer, **known: Any) -> None:
+    """Write a layer, and what is known of it."""
+    header = json.dumps(layer.header() | known)
+    write_tensors(file, {"header": header, "weights": dict(layer.weights())})
+
+
+def shipped_layers() -> list[Path]:
+    """Return the files of the layers that ship with the package."""
+    return sorted(_FOLDER.glob("*.pt"))
+
+
+def _header(file: Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    state = read_tensors(file, "a motor layer")
+    try:
+        return dict(json.loads(state["header"])), dict(state["weights"])
+    except (*DAMAGE, json.JSONDecodeError) as error:
+        raise UnusableFile(file, in_words(error), "a motor layer") from error
+
+
+def load_motor_layer(file: Path, body: Body, step_s: float) -> MotorLayer:
+    """Read a layer for a body.
+
+    Raises:
+        InputError: it is another body's, or for another action frequency.
+        UnusableFile: it cannot be read.
+    """
+    header, weights = _header(file)
+    layer = MotorLayer(body, step_s, width=header["width"])
+    differs = _difference(header, layer.header())
+    if differs:
+        raise InputError(str(file), f"a motor layer whose {differs}", "one that was made for it")
+    layer.take(weights)
+    return layer.requires_grad_(False)
+
+
+def _difference(header: dict[str, Any], wanted: dict[str, Any]) -> str | None:
+    for name in ("joints", "actions", "hands", "step_s"):
+        if header.get(name) != wanted[name]:
+            return f"{name} differ from the body's" if name != "step_s" else "user steps differ"
+    return None
+
+
+def motor_layer_for(body: Body, step_s: float, *, following: bool = False) -> MotorLayer:
+    """Return the layer that ships for a body.
+
+    Args:
+        body: whose.
+        step_s: duration of a user step.
+        following: whether it is to follow the hands of others, for which some bodies have a layer
+            of their own: it wastes less force and strikes when it is told to.
+
+    Raises:
+        InputError: there is none.
+    """
+    fit = []
+    for file in shipped_layers():
+        header, _ = _header(file)
+        if header.get("body") == body.name:
+            fit.append((bool(header.get("following")) != following, file))
+    for _, file in sorted(fit):
+        try:
+            return load_motor_layer(file, body, step_s)
+        except InputError:
+            continue
+    shipped = ", ".join(file.stem for file in shipped_layers()) or "none"
+    raise InputError(
+        "motor layer",
+        f"none for the body {body.name!r} in steps of {step_s} s",
+        f"one of those that ship ({shipped}), or a run with the stage that makes one",
+    )

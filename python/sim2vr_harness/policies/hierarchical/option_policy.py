@@ -1,0 +1,213 @@
+"""Users who decide what to do with what they see, and leave the doing to their motor layer.
+
+Such a user is the network of ``looking`` itself: no student learns to do the same. It remembers
+what it has decided, and sees it through; a policy from senses to muscles has nothing to remember
+that with, and loses what takes longer than a user step (docs/training.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.envs.config import EnvConfig, body_of
+from sim2vr_harness.perception.proprioception import Proprioception
+from sim2vr_harness.policies.hierarchical.action_selection import (
+    best_choices,
+    choose,
+    lose_patience,
+)
+from sim2vr_harness.policies.hierarchical.action_value_map import PlaceValues
+from sim2vr_harness.policies.hierarchical.depth_grid import Sight
+from sim2vr_harness.policies.hierarchical.frame_history import BEFORE_S
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.primitives import Choice, Mover
+from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
+from sim2vr_harness.users import Body, held
+from sim2vr_harness.users.kinematics.forward_torch import Chains
+
+if TYPE_CHECKING:
+    from sim2vr_harness.runs.config import TrainingConfig
+
+__all__ = ["DecidingUser", "Intention", "require_senses"]
+
+_QUIET = -20.0
+"""Logarithm of the deviation of actions: what is decided is done."""
+
+
+@dataclass
+class Intention:
+    """What a user has decided.
+
+    Attributes:
+        choice: of one user.
+        left: user steps for which it is seen through still.
+    """
+
+    choice: Choice
+    left: int = 0
+
+
+def require_senses(env: EnvConfig) -> None:
+    """Check that a user who decides senses what it decides by.
+
+    Raises:
+        InputError: names the sense.
+    """
+    or_student = "by which a user decides; or skills.user: student"
+    if env.user.head != "fixed":
+        raise InputError("env.user.head", repr(env.user.head), f"'fixed', {or_student}")
+    vision = env.vision
+    got = [str(channel) for channel in vision.channels]
+    if got != ["red", "green", "blue", "depth"] or vision.eyes != 1 or vision.foveation is not None:
+        wanted = "[red, green, blue, depth] of one eye, without foveation"
+        raise InputError("env.vision", f"{got}", f"{wanted}, {or_student}")
+    senses = {sense.sense: sense for sense in env.senses}
+    seen, felt = senses.get("vision"), senses.get("proprioception")
+    if seen is None or felt is None:
+        wanted = f"vision and proprioception, {or_student}"
+        raise InputError("env.senses", f"{sorted(senses)}", wanted)
+    if seen.history_s != BEFORE_S or seen.delay_ms or seen.noise:
+        wanted = f"{{sense: vision, history_s: {BEFORE_S}}}, {or_student}"
+        raise InputError("env.senses", "another vision", wanted)
+    if felt.delay_ms or felt.noise or felt.history_s or felt.stack_s:
+        wanted = f"{{sense: proprioception}}, {or_student}"
+        raise InputError("env.senses", "another proprioception", wanted)
+
+
+class DecidingUser(nn.Module):
+    """What is worth doing, and the hands that do it, from what a user senses.
+
+    Args:
+        config: of the run; its senses as :func:`require_senses` has them.
+    """
+
+    layer: MotorLayer
+    tool: Tensor
+    hold: Tensor
+    """(1,) user steps for which a decision is seen through."""
+    log_std: Tensor
+    _head: Chains
+
+    def __init__(self, config: TrainingConfig) -> None:
+        super().__init__()
+        env, skills = config.env, config.skills
+        body = body_of(env.user)
+        hands = held(body.devices)
+        layer = MotorLayer(body, 1.0 / env.action_frequency_hz, width=skills.practice.width)
+        # Not as parts: where the joints are follows from the body, and is no weight.
+        object.__setattr__(self, "layer", layer.requires_grad_(False))
+        self.motor = layer.net
+        self.register_buffer("motor_mean", layer.mean)
+        self.register_buffer("motor_std", layer.std)
+        vision = env.vision
+        self.values = PlaceValues(
+            Sight(vision.height, vision.width), len(hands), width=skills.looking.width
+        )
+        self.register_buffer("tool", torch.zeros(len(hands), 2, 3))
+        self.register_buffer("hold", torch.ones(1))
+        self.register_buffer("log_std", torch.full((1,), _QUIET), persistent=False)
+        object.__setattr__(self, "_head", Chains(body, ("headset",)))
+        self._poses = reachable_poses(layer, config.seed)
+        self._mover: Mover | None = None
+        self._read = _Read(body, layer)
+
+    def learned(self, layer: MotorLayer, values: PlaceValues, tool: Tensor, hold: int) -> None:
+        """Take over what was learned."""
+        self.layer.take(layer.weights())
+        self.values.load_state_dict(values.state_dict())
+        self.tool.copy_(tool)
+        self.hold.fill_(hold)
+        self._mover = None
+
+    def begin(self) -> Intention:
+        """Return what a user intends whose round begins: nothing yet."""
+        return Intention(Choice(1, len(self.layer.hands)))
+
+    @property
+    def mover(self) -> Mover:
+        """Turns decisions into goals; made of the weights when it is first needed."""
+        if self._mover is None:
+            self._mover = Mover(self.layer, self.tool, self._poses)
+        return self._mover
+
+    def act(
+        self, observation: Mapping[str, NDArray[Any]], intention: Intention
+    ) -> NDArray[np.float32]:
+        """(A,) what one user does, in [-1, 1].
+
+        Args:
+            observation: key -> (...), of that user.
+            intention: the user's; changed where it decides anew.
+        """
+        with torch.inference_mode():
+            motion = self._read(observation["proprioception"])
+            placed = self.layer.places(*motion[:2])
+            head = self._head(motion[0])[:, 0]
+            if intention.left == 0:
+                self._decide(observation["vision"], intention.choice, head, placed)
+                intention.left = int(self.hold)
+            intention.left -= 1
+            goals = self.mover.goals(intention.choice, head[:, :3, 3], *placed)
+            return self.layer.decide(motion, placed, goals)[0]
+
+    def _decide(
+        self,
+        picture: NDArray[np.uint8],
+        choice: Choice,
+        head: Tensor,
+        placed: tuple[Tensor, Tensor],
+    ) -> None:
+        pictures = torch.from_numpy(np.ascontiguousarray(picture)[None])
+        places = self.values.sight.places(pictures[:, 3], head[:, :3, 3], head[:, :3, :3])
+        moving = self.mover.tips(*placed)
+        values = self.values(pictures, places, head[:, :3, 3], *moving)
+        something = self.values.sight.something(pictures[:, 3])
+        something = lose_patience(choice, moving[0], something, places, int(self.hold), self.mover)
+        chosen = best_choices(values, something).numpy()
+        choose(choice, chosen, places, self.mover)
+
+
+class _Read:
+    """Angles, speeds and drives of a body, from its proprioception.
+
+    Args:
+        body: whose.
+        layer: which acts on them.
+
+    Raises:
+        InputError: the body does not feel one of its joints.
+    """
+
+    def __init__(self, body: Body, layer: MotorLayer) -> None:
+        where = {name: column for column, name in enumerate(Proprioception(body).names)}
+        joints = body.independent_joints
+        missing = [name for name in joints if f"{name} qpos" not in where]
+        if missing:
+            got = f"{body.name!r}, which does not observe {missing[0]}"
+            raise InputError("env.user.model", got, "a body that observes all of its joints")
+        self._angles = [where[f"{name} qpos"] for name in joints]
+        self._speeds = [where[f"{name} qvel"] for name in joints]
+        ranges = dict(zip(body.observed_joints, body.observed_ranges, strict=True))
+        self._low, high = np.array([ranges[name] for name in joints]).T
+        self._span = high - self._low
+        drives = layer.drives
+        self._count, self._known = drives.count, [*drives.muscles, *drives.motors]
+        self._drives = [where[name] for name in drives.names]
+
+    def __call__(self, felt: NDArray[np.float32]) -> tuple[Tensor, Tensor, Tensor]:
+        """(1, J) rad, (1, J) rad/s and (1, A), of one user's proprioception."""
+        numbers = felt.astype(np.float64)
+        angles = self._low + 0.5 * (numbers[self._angles] + 1.0) * self._span
+        drives = np.zeros(self._count)
+        drives[self._known] = 0.5 * (numbers[self._drives] + 1.0)
+        parts = (angles, numbers[self._speeds], drives)
+        one, two, three = (torch.from_numpy(part[None]).float() for part in parts)
+        return one, two, three

@@ -1,0 +1,207 @@
+"""What a hand can be told to do with a place: come and stay, or go through it, this way or that."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+from torch import Tensor
+
+from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, Goals, tips
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+
+__all__ = ["MOVES", "Choice", "Mover", "is_swing"]
+
+_DIAGONAL = 0.5**0.5
+_SIDEWAYS = {
+    "up": (0.0, 1.0),
+    "up right": (-_DIAGONAL, _DIAGONAL),
+    "right": (-1.0, 0.0),
+    "down right": (-_DIAGONAL, -_DIAGONAL),
+    "down": (0.0, -1.0),
+    "down left": (_DIAGONAL, -_DIAGONAL),
+    "left": (1.0, 0.0),
+    "up left": (_DIAGONAL, _DIAGONAL),
+}
+"""Direction to the left and up."""
+MOVES = ("touch", "push", *_SIDEWAYS)
+"""Names of the moves: come and stay, go through away from the head, go through sideways."""
+
+_TOUCH_MPS, _STRIKE_MPS, _PUSH_MPS, _SWING_MPS = 0.9, 1.2, 2.5, 2.0
+_DEEPER_M = 0.015
+_RUN_UP_M, _FURTHER = 0.4, 1.25
+"""Over which a hand gains its speed, and how much farther back it goes to begin."""
+_SLOWEST = 0.55
+"""Share of the speed it should have by then, below which it begins again."""
+_REACHED_M = 0.06
+_DEPTH_WEIGHT = 0.2
+"""How much less depth counts than height and side, where a place is out of reach."""
+
+
+def is_swing(move: Tensor) -> Tensor:
+    """Whether moves, by number, go through a place sideways."""
+    return move >= len(MOVES) - len(_SIDEWAYS)
+
+
+def _at(place: Tensor, point: Tensor) -> Tensor:
+    """(N, H, 3) where points (H, 3) of devices at (N, H, 4, 4) are."""
+    return tips(place, point.expand(len(place), *point.shape))
+
+
+class _Reach:
+    """Where a point of a device can be.
+
+    Args:
+        points: (P, 3) some of the places, m.
+    """
+
+    def __init__(self, points: Tensor) -> None:
+        self._points = points.numpy().astype(np.float64)
+        self._scale = np.array([_DEPTH_WEIGHT, 1.0, 1.0])
+        self._near = cKDTree(self._points)
+        self._beside = cKDTree(self._points * self._scale)
+
+    def distance(self, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(K,) how far places (K, 3) are from all that can be reached."""
+        away: NDArray[np.float64] = self._near.query(wanted)[0]
+        return away
+
+    def nearest(self, wanted: NDArray[np.float64]) -> NDArray[np.float64]:
+        """(K, 3) these places, or where what is beyond reach is waited for."""
+        _, instead = self._beside.query(wanted * self._scale)
+        reached = (self.distance(wanted) < _REACHED_M)[:, None]
+        return np.where(reached, wanted, self._points[instead])
+
+
+class Choice:
+    """What N users' H hands do: a move and a place each.
+
+    Attributes:
+        move: (N, H) number of a move, -1: rest.
+        seen: (N, H, 3) where what it is done with is, MuJoCo's world frame, m.
+        place: (N, H, 3) the same, or where a hand waits for what is beyond its reach.
+        rested: (N, H) user steps for which a hand has stayed where it is, going for something.
+        at: (N, H, 3) where it was then.
+        left: (N, H, 3) what a hand was still at for too long.
+        leaving: (N, H) user steps for which that is not gone for again.
+        vain: (N, H) how often a hand has come back to it and stopped short of it again.
+    """
+
+    def __init__(self, n: int, hands: int) -> None:
+        self.move = torch.full((n, hands), -1, dtype=torch.long)
+        self.seen = torch.zeros(n, hands, 3)
+        self.place = torch.zeros(n, hands, 3)
+        self.rested = torch.zeros(n, hands, dtype=torch.long)
+        self.at = torch.full((n, hands, 3), torch.inf)
+        self.left = torch.full((n, hands, 3), torch.inf)
+        self.leaving = torch.zeros(n, hands, dtype=torch.long)
+        self.vain = torch.zeros(n, hands, dtype=torch.long)
+
+    def forget(self, users: NDArray[np.int64]) -> None:
+        """Let users rest, whose rounds begin."""
+        self.move[users] = -1
+        self.rested[users] = self.leaving[users] = self.vain[users] = 0
+        self.left[users] = self.at[users] = torch.inf
+
+
+class Mover:
+    """Turns moves into goals of a motor layer, in every user step anew.
+
+    Args:
+        layer: of the body.
+        tool: (H, 2, 3) points of each device that things are done with, its frame, m: the tip,
+            with which it touches and pushes, and the middle, with which it swings through things.
+        poses: (P, H, 4, 4) places that the devices can be at.
+    """
+
+    def __init__(self, layer: MotorLayer, tool: Tensor, poses: Tensor) -> None:
+        self.layer, self.tool = layer, tool
+        self._reach = [
+            [_Reach(_at(poses, tool[:, which])[:, hand]) for which in range(2)]
+            for hand in range(len(tool))
+        ]
+
+    def within_reach(self, hand: int, places: Tensor, swings: Tensor) -> Tensor:
+        """(K, 3) places (K, 3), or where the hand waits for what is beyond its reach.
+
+        Args:
+            hand: its number.
+            places: m.
+            swings: (K,) bool, who swings through it.
+        """
+        wanted = places.numpy().astype(np.float64)
+        tip, middle = (reach.nearest(wanted) for reach in self._reach[hand])
+        return torch.from_numpy(np.where(swings.numpy()[:, None], middle, tip)).float()
+
+    def distance(self, hand: int, places: Tensor) -> Tensor:
+        """(K,) how far places (K, 3) are from what the hand's tip has been seen to reach, m."""
+        away = self._reach[hand][0].distance(places.numpy().astype(np.float64))
+        return torch.from_numpy(away).float()
+
+    def tips(self, place: Tensor, soon: Tensor) -> tuple[Tensor, Tensor]:
+        """(N, H, 3) where tips are, m, and how they move, m/s.
+
+        Args:
+            place: (N, H, 4, 4) where the devices are.
+            soon: the same ``MOMENT_S`` later.
+        """
+        now = _at(place, self.tool[:, 0])
+        return now, (_at(soon, self.tool[:, 0]) - now) / MOMENT_S
+
+    def goals(self, choice: Choice, head: Tensor, place: Tensor, soon: Tensor) -> Goals:
+        """Return the goals of this user step.
+
+        Args:
+            choice: what the hands do.
+            head: (N, 3) where the headsets are.
+            place: (N, H, 4, 4) where the devices are.
+            soon: the same ``MOMENT_S`` later.
+        """
+        n, hands = choice.move.shape
+        goals = Goals.none(n, hands)
+        goals.tip = torch.where(
+            is_swing(choice.move)[..., None], self.tool[:, 1], self.tool[:, 0]
+        ).clone()
+        now = tips(place, goals.tip)
+        velocity = (tips(soon, goals.tip) - now) / MOMENT_S
+        away = choice.place - head[:, None]
+        away = away / away.norm(dim=-1, keepdim=True).clamp(min=1e-6)
+        directions = torch.zeros(n, hands, 3)
+        for number, name in enumerate(MOVES):
+            chosen = choice.move == number
+            if name == "push":
+                directions[chosen] = _PUSH_MPS * away[chosen]
+            elif name in _SIDEWAYS:
+                left, up = _SIDEWAYS[name]
+                directions[chosen] = _SWING_MPS * torch.tensor([0.0, left, up])
+        touches = (choice.move == 0)[..., None]
+        goals.place = choice.place + _DEEPER_M * away * touches
+        goals.velocity = directions
+        self._run_up(goals, now, velocity)
+        way = goals.place - now
+        far = way.norm(dim=-1)
+        closing = (velocity * way).sum(-1) / far.clamp(min=1e-3)
+        slow = torch.where(touches[..., 0], torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
+        goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
+        goals.active = (choice.move >= 0).float()
+        return goals
+
+    @staticmethod
+    def _run_up(goals: Goals, now: Tensor, velocity: Tensor) -> None:
+        """Send hands back that are about to go through their place too slowly.
+
+        Args:
+            goals: changed in place.
+            now: (N, H, 3) where the tips are.
+            velocity: (N, H, 3) theirs.
+        """
+        speed = goals.velocity.norm(dim=-1, keepdim=True)
+        direction = goals.velocity / speed.clamp(min=1e-6)
+        before = ((goals.place - now) * direction).sum(-1, keepdim=True)
+        due = _SLOWEST * speed * (1.0 - before / _RUN_UP_M).clamp(max=1.0)
+        late = (velocity * direction).sum(-1, keepdim=True) < due
+        back = late & (speed > 0.0)
+        begin = goals.place - _FURTHER * _RUN_UP_M * direction
+        goals.place = torch.where(back, begin, goals.place)
+        goals.velocity = torch.where(back, torch.zeros(()), goals.velocity)

@@ -1,0 +1,271 @@
+"""What is in the hand: points of the picture that move as a device does.
+
+Nobody says what an app fixes to a controller. While the hands move about, every visible point is
+put into each device's frame; what stays where it is there, wherever the hand is, belongs to it.
+What stands in the world does not.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+from torch import Tensor
+
+from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M, rotation
+from sim2vr_harness.policies.hierarchical.goal_sampler import Exercises
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+
+__all__ = ["Look", "Tool", "find_tools", "tools_in"]
+
+_EVERY, _LOOKS, _PICTURES = 3, 30, 960
+"""Users look every so many user steps, so often, and oftener where they are so few that there would
+be fewer pictures."""
+_NEAR_M = 2.5
+_CERTAIN = (0.03, 0.3, 0.5)
+_LIKELY = (0.02, 0.1, 0.15)
+"""In which share of the pictures a part of a tool is seen, at least; how often beside the part that
+is seen most; and in which share of those in which it could be. Hands that move through all their
+reach are in sight now and then only. What is likely counts where it goes on what is certain: the
+end of a long blade is seen less than its root, and thinner than a pixel; just beyond it both shares
+are a third of that."""
+_STANDS_LOOKS = 3
+"""What is seen fewer times is not said to stand."""
+_MARGIN_M = 0.08
+_JOINED_M, _AT_HAND_M, _AHEAD_M = 0.1, 0.15, 0.05
+"""What is in the hand hangs together, gaps no wider than this, and begins at the hand. What is
+likely lies in line with what is certain."""
+_HANDLE = 0.25
+"""Share of a tool, from the hand on, that is not swung at things."""
+_END_M = 0.045
+"""The tip is the middle of the last so many metres of what is in the hand."""
+
+
+@dataclass(frozen=True)
+class _Grid:
+    """Cubes about the middle of a frame, numbered.
+
+    Attributes:
+        edge_m: of a cube.
+        side: how many there are along each axis.
+    """
+
+    edge_m: float
+    side: int
+
+    def numbers(self, points: NDArray[np.float64]) -> NDArray[np.int64]:
+        """(...) of the cubes that points (..., 3) are in; -1 outside."""
+        index = np.floor(points / self.edge_m + 0.5 * self.side).astype(np.int64)
+        x, y, z = np.moveaxis(index, -1, 0)
+        inside = ((index >= 0) & (index < self.side)).all(-1)
+        numbers: NDArray[np.int64] = np.where(inside, (x * self.side + y) * self.side + z, -1)
+        return numbers
+
+    def centers(self, numbers: NDArray[np.int64]) -> NDArray[np.float64]:
+        """(K, 3) the middles of cubes (K,), m."""
+        index = np.stack(np.unravel_index(numbers, (self.side,) * 3), 1)
+        return np.asarray((index + 0.5 - 0.5 * self.side) * self.edge_m, dtype=np.float64)
+
+
+_VOXELS, _BLOCKS = _Grid(0.03, 90), _Grid(0.06, 2000)
+"""Of a device's frame, and of the world, in which something stands or not."""
+
+
+class Tool:
+    """What is fixed to a device.
+
+    Attributes:
+        points: (K, 3) where it is, in the device's frame (x forward, y left, z up), m.
+        tip: (3,) the middle of its far end; 0 where nothing is seen in the hand.
+        middle: (3,) the middle of its outer three quarters. A long blade that swings through a
+            place with its tip misses if it is a little short.
+    """
+
+    def __init__(self, points: NDArray[np.float64]) -> None:
+        self.points = points
+        self.tip: NDArray[np.float64] = np.zeros(3)
+        self.middle: NDArray[np.float64] = np.zeros(3)
+        if len(points):
+            far = np.linalg.norm(points, axis=1)
+            self.tip = np.asarray(points[far > far.max() - _END_M].mean(0))
+            self.middle = np.asarray(points[far > _HANDLE * far.max()].mean(0))
+
+
+def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) -> list[Tool]:
+    """Return what each hand holds, of users who move their hands about for some seconds.
+
+    The users' present rounds are lost.
+
+    Args:
+        simulation: N users who see.
+        layer: of their body.
+        poses: (P, H, 4, 4) places that the devices can be at.
+        seed: of where they move.
+    """
+    n = simulation.n
+    simulation.reset(seeds=[seed + i for i in range(n)])
+    exercises = Exercises(poses, n, layer.step_s, seed)
+    exercises.tools = False
+    exercises.start(torch.arange(n), _placed(simulation, layer)[0])
+    looks = []
+    every = max(1, round(_PICTURES / (_LOOKS * n)))
+    for step in range(_EVERY * _LOOKS * every):
+        result = simulation.step(layer.act(simulation.users, exercises.goals))
+        exercises.step(*_placed(simulation, layer))
+        simulation.renew(result)
+        if step % _EVERY == 0:
+            looks.append(_look(simulation, _placed(simulation, layer)[0]))
+    return tools_in(looks)
+
+
+@dataclass(frozen=True)
+class Look:
+    """A picture of each user.
+
+    Attributes:
+        far: (N, height, width) how far what is seen is away, m.
+        cameras: (N, 4, 4) where the head is, in the world.
+        places: (N, H, 4, 4) where the devices are.
+    """
+
+    far: NDArray[np.float32]
+    cameras: NDArray[np.float64]
+    places: NDArray[np.float64]
+
+    def of(self, user: int) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """(height, width) and (4, 4) what a user sees, and from where."""
+        return self.far[user], self.cameras[user]
+
+
+def tools_in(looks: Sequence[Look]) -> list[Tool]:
+    """Return what each hand holds, told by pictures taken while hands and heads move about."""
+    users, hands = looks[0].places.shape[:2]
+    stands = np.stack([_stands([look.of(i) for look in looks]) for i in range(users)], 1)
+    return [_found(looks, stands, hand) for hand in range(hands)]
+
+
+def _look(simulation: Any, places: Tensor) -> Look:
+    depth = np.stack([np.asarray(app.image)[..., 3] for app in simulation.apps])
+    head, quaternion = simulation.users.device_poses("headset")
+    cameras = np.tile(np.eye(4), (len(head), 1, 1))
+    cameras[:, :3, :3], cameras[:, :3, 3] = rotation(quaternion).numpy(), head
+    far = (depth.astype(np.float32) + 0.5) * (FAR_M / 255.0)
+    return Look(far, cameras, places.numpy().astype(np.float64))
+
+
+def _placed(simulation: Any, layer: MotorLayer) -> tuple[Tensor, Tensor]:
+    angles, speeds, _ = layer.motion(simulation.users)
+    with torch.inference_mode():
+        return layer.places(angles, speeds)
+
+
+def _stands(
+    looks: Sequence[tuple[NDArray[np.float32], NDArray[np.float64]]],
+) -> NDArray[np.bool_]:
+    """(looks, height, width) what one user sees where something is in half of all looks there.
+
+    A wall comes near the hand again and again, and is seen wherever the hand is; a tool is not
+    where it was.
+    """
+    blocks = []
+    for far, camera in looks:
+        block = _BLOCKS.numbers(_moved(_points(far), camera))
+        blocks.append(np.where(far < _NEAR_M, block, -1))
+    each = np.concatenate([np.unique(block[block >= 0]) for block in blocks])
+    found, seen = np.unique(each, return_counts=True)
+    centers = _BLOCKS.centers(found)
+    through = np.zeros(len(found))
+    for far, camera in looks:
+        through += _seen_through(far, _moved(centers, np.linalg.inv(camera)))
+    standing = found[(seen > through) & (seen >= _STANDS_LOOKS)]
+    return np.isin(np.stack(blocks), standing)
+
+
+def _found(looks: Sequence[Look], stands: NDArray[np.bool_], hand: int) -> Tool:
+    hits = np.zeros(_VOXELS.side**3)
+    pictures = 0
+    views = []
+    for look, still in zip(looks, stands, strict=True):
+        for i, place in enumerate(look.places[:, hand]):
+            far, camera = look.of(i)
+            moves = (far < _NEAR_M) & ~still[i]
+            there = _moved(_points(far)[moves], np.linalg.inv(place) @ camera)
+            voxels = np.unique(_VOXELS.numbers(there))
+            hits[voxels[voxels >= 0]] += 1.0
+            views.append((far, np.linalg.inv(camera) @ place))
+            pictures += 1
+    often = np.flatnonzero(hits > _LIKELY[0] * pictures)
+    if not len(often):
+        return Tool(np.zeros((0, 3)))
+    centers = _VOXELS.centers(often)
+    through = np.zeros(len(often))
+    for far, to_camera in views:
+        through += _seen_through(far, _moved(centers, to_camera))
+    stays = hits[often] / np.maximum(1.0, hits[often] + through)
+
+    def seen_so(share: float, beside_most: float, staying: float) -> NDArray[np.bool_]:
+        kept: NDArray[np.bool_] = (hits[often] > share * pictures) & (stays > staying)
+        return kept & (hits[often] > beside_most * hits[often][kept].max(initial=0.0))
+
+    at_hand = np.linalg.norm(centers, axis=1) < _AT_HAND_M
+    certain = _joined(centers, seen_so(*_CERTAIN), at_hand)
+    in_line = certain | _ahead(centers, Tool(centers[certain]).tip)
+    return Tool(centers[_joined(centers, seen_so(*_LIKELY) & in_line, certain)])
+
+
+def _ahead(points: NDArray[np.float64], tip: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """(K,) which of points (K, 3) lie where a tool goes on, seen from the hand."""
+    axis = tip / max(1e-9, float(np.linalg.norm(tip)))
+    along = points @ axis
+    beside = np.linalg.norm(points - along[:, None] * axis, axis=1)
+    return (along > 0.0) & (beside < _AHEAD_M)
+
+
+def _joined(
+    points: NDArray[np.float64], kept: NDArray[np.bool_], known: NDArray[np.bool_]
+) -> NDArray[np.bool_]:
+    """(K,) those of points (K, 3) that are kept and hang together with known ones."""
+    joined = known & kept
+    edge = joined
+    while edge.any() and (left := np.flatnonzero(kept & ~joined)).size:
+        off, _ = KDTree(points[edge]).query(points[left], distance_upper_bound=_JOINED_M)
+        edge = np.zeros_like(joined)
+        edge[left[np.isfinite(off)]] = True
+        joined = joined | edge
+    return joined
+
+
+def _points(far: NDArray[np.float32]) -> NDArray[np.float64]:
+    """(height, width, 3) where what is seen is in the camera's frame, m."""
+    height, width = far.shape
+    focal = 0.5 * height
+    y, x = np.mgrid[0:height, 0:width] + 0.5
+    d = far.astype(np.float64)
+    points: NDArray[np.float64] = np.stack(
+        [d, -(x - 0.5 * width) / focal * d, -(y - 0.5 * height) / focal * d], 2
+    )
+    return points
+
+
+def _moved(points: NDArray[np.float64], pose: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
+    """(..., 3) points (..., 3) of a frame in the one that its pose (4, 4) is told in."""
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3], dtype=np.float64)
+
+
+def _seen_through(far: NDArray[np.float32], points: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether the picture shows something behind points (K, 3) of the camera's frame."""
+    height, width = far.shape
+    focal = 0.5 * height
+    ahead = points[:, 0] > 0.05
+    depth = np.where(ahead, points[:, 0], 1.0)
+    column = np.floor(0.5 * width - points[:, 1] / depth * focal).astype(np.int64)
+    row = np.floor(0.5 * height - points[:, 2] / depth * focal).astype(np.int64)
+    visible = ahead & (column >= 0) & (column < width) & (row >= 0) & (row < height)
+    behind = far[np.clip(row, 0, height - 1), np.clip(column, 0, width - 1)]
+    through: NDArray[np.bool_] = visible & (behind > depth + _MARGIN_M)
+    return through

@@ -1,0 +1,251 @@
+"""Trained users: of a run's folder, or packed small enough to ship with the package.
+
+A packed user is a folder with ``card.json`` (who it is, what it was measured to do),
+``config.yaml`` (how it was trained) and ``policy.pt`` (weights as binary16, read without pickle).
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from torch import nn
+
+from sim2vr_harness import __version__
+from sim2vr_harness.base import paths
+from sim2vr_harness.base.errors import InputError, UnusableFile, closest, shown
+from sim2vr_harness.base.files import file_name, read_json
+from sim2vr_harness.base.finite import first_not_finite
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.contract import contract, contract_hash, differences, worded
+from sim2vr_harness.runs.checkpoint import (
+    DAMAGE,
+    in_words,
+    load_policy_weights,
+    read_tensors,
+    write_tensors,
+)
+from sim2vr_harness.runs.config import TrainingConfig, parse_config, read_mapping, to_yaml
+from sim2vr_harness.runs.migration import renamed
+from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
+
+__all__ = [
+    "TrainedUser",
+    "find_user",
+    "is_packed",
+    "list_cards",
+    "open_packed",
+    "pack",
+    "require_contract",
+]
+
+PREFIX = "pretrained:"
+_CARD, _CONFIG, _WEIGHTS = "card.json", "config.yaml", "policy.pt"
+_CARD_EXPECTED = "the card of a packed user, a JSON object with name and steps"
+
+
+@dataclass(frozen=True)
+class TrainedUser:
+    """A policy and the settings it was trained with.
+
+    Attributes:
+        source: the checkpoint or packed weights.
+        config: the configuration of the training.
+        card: what is known of it; empty for a run's checkpoint.
+        evaluation_dir: where its evaluations go, unless told otherwise.
+        load: puts the weights into a policy and returns the user steps of the training.
+    """
+
+    source: Path
+    config: TrainingConfig
+    card: Mapping[str, Any]
+    evaluation_dir: Path
+    load: Callable[[nn.Module], int]
+
+
+def find_user(run: str | Path) -> TrainedUser:
+    """Return the trained user that is meant.
+
+    Args:
+        run: ``pretrained:NAME``, the folder of a packed user, a run's folder (its newest
+            checkpoint is used) or a checkpoint in one. The NAME of a user that ships, where there
+            is no such file.
+
+    Raises:
+        InputError: It is none of them.
+    """
+    text = str(run)
+    if text.startswith(PREFIX):
+        return _shipped(text.removeprefix(PREFIX))
+    path = Path(run)
+    if not path.exists():
+        names = [card["name"] for card in list_cards()]
+        if text in names:
+            return _shipped(text)
+        if meant := closest(text, names):
+            expected = f"the folder of a run, or a user that ships (did you mean {meant!r}?)"
+            raise InputError("RUN", f"{text!r}, which does not exist", expected)
+    if (path / _CARD).is_file():
+        return open_packed(path)
+    folder, checkpoint = _run_checkpoint(path)
+    return TrainedUser(
+        source=checkpoint,
+        config=folder.load_config(),
+        card={},
+        evaluation_dir=folder.evaluation_dir / checkpoint.stem,
+        load=partial(load_policy_weights, checkpoint),
+    )
+
+
+def is_packed(run: str | Path) -> bool:
+    """Whether this names a packed user: ``pretrained:NAME``, or the folder of one."""
+    return str(run).startswith(PREFIX) or (Path(run) / _CARD).is_file()
+
+
+def _run_checkpoint(path: Path) -> tuple[RunFolder, Path]:
+    if path.is_dir() or not path.exists():
+        folder = RunFolder.open(path)
+        return folder, folder.latest_checkpoint()
+    folder = RunFolder(path.resolve().parent.parent)
+    if not folder.exists:
+        raise InputError(
+            "RUN",
+            f"the file {str(path)!r}",
+            "a run's folder, a file in its checkpoints folder, or pretrained:NAME",
+        )
+    return folder, path
+
+
+def _shipped_dir() -> Path:
+    return paths.trained_users_dir()
+
+
+def _shipped(name: str) -> TrainedUser:
+    names = [card["name"] for card in list_cards()]
+    if name not in names:
+        near = closest(name, names)
+        raise InputError(
+            "RUN",
+            f"'{PREFIX}{name}'",
+            f"one of {', '.join(PREFIX + known for known in names) or 'none: no users are shipped'}"
+            + (f" (did you mean {PREFIX + near!r}?)" if near else ""),
+        )
+    return open_packed(_shipped_dir() / name, evaluation_dir=Path("evaluation") / name)
+
+
+def list_cards() -> list[dict[str, Any]]:
+    """The cards of the users that ship with the package, by name."""
+    root = _shipped_dir()
+    files = sorted(root.glob(f"*/{_CARD}")) if root.is_dir() else []
+    return [read_json(file, _CARD_EXPECTED) for file in files]
+
+
+def open_packed(folder: Path, *, evaluation_dir: Path | None = None) -> TrainedUser:
+    """Return a packed user.
+
+    Raises:
+        InputError: A file is missing or cannot be read, or the card is not of this configuration.
+    """
+    card = read_json(folder / _CARD, _CARD_EXPECTED)
+    steps = card.get("steps")
+    if not isinstance(steps, int) or not isinstance(card.get("name"), str):
+        got = f"name {shown(card.get('name'))} and steps {shown(steps)}"
+        raise InputError(file_name(folder / _CARD), got, _CARD_EXPECTED)
+    try:
+        config = parse_config(renamed(read_mapping(folder / _CONFIG)))
+    except InputError as error:
+        file = file_name(folder / _CONFIG)
+        field = error.field if error.field.startswith(file) else f"{file}: {error.field}"
+        raise InputError(field, error.got, error.expected) from error
+    user = TrainedUser(
+        source=folder / _WEIGHTS,
+        config=config,
+        card=card,
+        evaluation_dir=evaluation_dir or folder / "evaluation",
+        load=partial(_load_packed, folder / _WEIGHTS, steps),
+    )
+    require_contract(user, config.env)
+    return user
+
+
+def require_contract(user: TrainedUser, env: EnvConfig) -> None:
+    """Check that a user can play in an environment.
+
+    Raises:
+        InputError: Names every term of the contract that differs.
+    """
+    agreed = user.card.get("contract") or contract(user.config.env)
+    found = differences(contract(env), agreed)
+    if found:
+        have, want = worded(found)
+        trained = f", which the user in {user.source.parent.name!r} was trained with"
+        raise InputError("environment", have, want + trained)
+
+
+def _load_packed(file: Path, steps: int, policy: nn.Module) -> int:
+    weights = read_tensors(file, "weights of this network")
+    try:
+        first = _first_names(policy)
+        chosen = {key: weights[first[key]].float() for key in first}
+        found = first_not_finite(chosen)
+        if found is not None:
+            raise ValueError(f"{found} is not finite")
+        policy.load_state_dict(chosen)
+    except DAMAGE as error:
+        raise UnusableFile(file, in_words(error), "weights of this network") from error
+    return steps
+
+
+def _first_names(policy: nn.Module) -> dict[str, str]:
+    """Every weight's name -> the first name of the same memory: actor and critic share some."""
+    names: dict[int, str] = {}
+    return {
+        key: names.setdefault(value.data_ptr(), key) for key, value in policy.state_dict().items()
+    }
+
+
+def pack(
+    user: TrainedUser, policy: nn.Module, folder: Path, name: str, details: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Write a trained user into ``folder``; its weights are rounded to binary16.
+
+    Measure what was packed, not what it was packed from: the rounding is small, but it is there.
+
+    Args:
+        user: whose settings count.
+        policy: the network; its weights are loaded here.
+        folder: made if needed.
+        name: what it will be called.
+        details: further entries of the card: description, recipe, minutes, machine, seeds, results.
+
+    Returns:
+        The card.
+
+    Raises:
+        InputError: a weight is too large for binary16.
+    """
+    steps = user.load(policy)
+    state, kept = policy.state_dict(), set(_first_names(policy).values())
+    weights = {key: state[key].detach().cpu().half() for key in state if key in kept}
+    too_large = first_not_finite(weights)
+    if too_large is not None:
+        raise InputError("RUN", f"{too_large} above 65504", "weights that binary16 can hold")
+    terms = contract(user.config.env)
+    card = {
+        "name": name,
+        "steps": steps,
+        **details,
+        "contract": terms,
+        "contract_hash": contract_hash(terms),
+        "sim2vr_harness": __version__,
+        "packed": datetime.now(UTC).date().isoformat(),
+    }
+    write_tensors(folder / _WEIGHTS, weights)
+    write_atomically(folder / _CONFIG, to_yaml(user.config).encode())
+    write_atomically(folder / _CARD, (json.dumps(card, indent=2) + "\n").encode())
+    return card

@@ -1,0 +1,1 @@
+"""Run folders, configurations, checkpoints, and trust in received files."""

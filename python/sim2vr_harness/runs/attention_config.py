@@ -1,0 +1,43 @@
+"""What glimpses are made of (``policies/attention_crops.py``), readable without torch."""
+
+from __future__ import annotations
+
+from pydantic import Field
+
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.base.settings import Settings, Width
+
+__all__ = ["GlimpseConfig", "check_glimpses"]
+
+
+class GlimpseConfig(Settings):
+    """Cut-outs of ``vision``, and of ``fovea`` where there is one, encoded on their own."""
+
+    count: int = Field(default=1, ge=1, le=64)
+    """How many things are looked at, in the game's order (``ImaginedGame.glances``)."""
+    vision_pixels: int = Field(default=24, ge=1, le=1024)
+    """Side of the cut-out of ``vision``."""
+    fovea_pixels: int = Field(default=32, ge=1, le=1024)
+    """Side of the cut-out of ``fovea``."""
+    fovea_zoom: int = Field(default=3, ge=1, le=5)
+    """How many times as large things are in ``fovea``: ``env.vision.zoom``."""
+    features: Width = 96
+    """Of each glimpse."""
+
+
+def check_glimpses(glimpses: GlimpseConfig, recipe: str, env: EnvConfig) -> None:
+    """Raise ValueError unless users of this environment can learn where to look."""
+    if recipe not in ("distill", "adapt"):
+        raise ValueError(
+            f"policy.glimpses: got some with recipe {recipe!r}, expected recipe 'distill', whose "
+            "student is told where to look"
+        )
+    senses = {sense.sense: sense for sense in env.senses}
+    if "vision" not in senses or senses["vision"].delay_ms:
+        got = "it late" if "vision" in senses else "none"
+        raise ValueError(f"policy.glimpses: got {got}, expected the sense vision, not delayed")
+    if "fovea" in senses and glimpses.fovea_zoom != env.vision.zoom:
+        raise ValueError(
+            f"policy.glimpses.fovea_zoom: got {glimpses.fovea_zoom}, expected env.vision.zoom, "
+            f"{env.vision.zoom}"
+        )

@@ -1,0 +1,103 @@
+"""How a motor layer is practised, and how a user with one learns a game."""
+
+from __future__ import annotations
+
+from typing import Literal
+
+from pydantic import Field
+
+from sim2vr_harness.base.settings import (MOST_STEPS, Chance, LearningRate, Norm, Settings, Weight, Width)
+from sim2vr_harness.runs.ppo_config import MOST_USERS
+
+__all__ = ["LookingConfig", "MotorPracticeConfig", "SkillsConfig"]
+
+
+class MotorPracticeConfig(Settings):
+    """Practice of a body's motor layer: hands that come where they are told to, when and how."""
+
+    cycles: int = Field(default=20, ge=1, le=100_000)
+    """A cycle: bodies move in MuJoCo, the body model is fitted to it, the layer learns from
+    imagined rollouts."""
+    bodies: int = Field(default=128, ge=1, le=MOST_USERS)
+    """Simulated bodies that move in a cycle."""
+    first_play_steps: int = Field(default=400, ge=1, le=1_000_000)
+    """User steps of each in the first cycle, in which they move at random."""
+    play_steps: int = Field(default=100, ge=1, le=1_000_000)
+    """User steps of each in a later cycle."""
+    kept_cycles: int = Field(default=12, ge=1, le=100_000)
+    first_fit_minibatches: int = Field(default=1500, ge=20, le=10_000_000)
+    fit_minibatches: int = Field(default=300, ge=20, le=10_000_000)
+    body_width: Width = 256
+    width: Width = 256
+    """Of the layer's two hidden layers, and of the critic's."""
+    users: int = Field(default=256, ge=1, le=100_000)
+    """Imagined ones."""
+    updates: int = Field(default=100, ge=1, le=1_000_000)
+    """Of the layer in a cycle."""
+    window_steps: int = Field(default=16, ge=1, le=10_000)
+    """User steps through which gradients go."""
+    gamma: Chance = 0.95
+    learning_rate: LearningRate = 1.5e-3
+    action_noise: Weight = 0.06
+    """Standard deviation on the actions, true and imagined."""
+    error_share: Weight = 0.3
+    """Noise on the imagined motion, in units of the body model's error."""
+    restart_share: Chance = 0.15
+    """Imagined users who go on from a state of a simulated body after a window."""
+    effort: Weight = 0.3
+    """Cost of the mean square of the drives per user step; arriving well is worth about 10."""
+    gradient_limit: Norm | None = None
+    strikes: bool = False
+    """True: hands come through places when and as fast as they are told, as those do who follow
+    other hands; they wait and wind up where there is time. Games' moves say where, not when."""
+    aim_cost: Weight = 0.1
+    rest_cost: Weight = 0.0
+    """See ``teacher.imagined``."""
+
+
+class LookingConfig(Settings):
+    """How a user with a motor layer finds out what is worth doing with what it sees."""
+
+    users: int = Field(default=32, ge=1, le=MOST_USERS)
+    user_steps: int = Field(default=120_000, ge=1, le=MOST_STEPS)
+    """Of all users together."""
+    decide_steps: int = Field(default=3, ge=1, le=100)
+    """User steps from one decision to the next."""
+    try_steps: int = Field(default=8_000, ge=0, le=MOST_STEPS)
+    """User steps at the start in which all is tried at random."""
+    explore_first: Chance = 0.9
+    explore_last: Chance = 0.08
+    explore_steps: int = Field(default=50_000, ge=1, le=MOST_STEPS)
+    """Share of random tries, and over how many user steps it falls."""
+    gamma: Chance = 0.85
+    """From decision to decision."""
+    ahead: int = Field(default=3, ge=1, le=100)
+    """Decisions whose rewards are added up before a value is trusted."""
+    kept: int = Field(default=24_000, ge=100, le=10_000_000)
+    """Decisions that are remembered."""
+    batch_size: int = Field(default=64, ge=1, le=100_000)
+    updates: float = Field(default=1.0, gt=0.0, le=1000.0)
+    """Per decision of everybody."""
+    learning_rate: LearningRate = 1e-3
+    settle_share: Chance = 0.5
+    """Last share of the user steps, over which the learning rate falls to a twentieth and random
+    tries fall to a quarter."""
+    follow: Chance = 0.01
+    """How fast the slow copy of the network follows."""
+    width: Width = 32
+
+
+class SkillsConfig(Settings):
+    """Users who bring a motor layer to a game and learn what is worth doing with what they see."""
+
+    user: Literal["student", "decider"] = "student"
+    """Who plays in the end. ``student``: a policy from senses to muscles, which then goes on by PPO
+    with the true effort. ``decider``: the network that decides, with the motor layer below it; it
+    plays as soon as it has learned what is worth doing, and sees through what it has decided."""
+    motor: str | None = None
+    """File of the motor layer; None: the one that ships for the body, or, where none does, one that
+    the run makes first."""
+    practice: MotorPracticeConfig = MotorPracticeConfig()
+    looking: LookingConfig = LookingConfig()
+    baseline_seconds: float = Field(default=6.0, ge=0.0, le=1e6)
+    """For how long somebody sits still, and then moves at random, to compare with."""

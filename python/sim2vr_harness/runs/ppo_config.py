@@ -1,0 +1,72 @@
+"""Settings of proximal policy optimisation, for every stage that learns by it."""
+
+from __future__ import annotations
+
+from typing import Any, Self
+
+from pydantic import Field, field_validator, model_validator
+
+from sim2vr_harness.base.settings import (MOST_STEPS, Factor, Norm, Settings, Weight, check_whole_minibatches)
+
+__all__ = ["MOST_BATCH", "MOST_USERS", "LearningRateConfig", "PPOConfig"]
+
+MOST_USERS = 16_384
+"""Users side by side; each has a body and an app of its own."""
+
+
+MOST_BATCH = 100_000_000
+"""User steps that are learned from at a time."""
+
+
+class LearningRateConfig(Settings):
+    """Constant at first, then linear in the steps taken, over ``total_timesteps``."""
+
+    initial: float = Field(default=5.0e-5, ge=0.0, le=1.0)
+    final: float = Field(default=1.0e-7, ge=0.0, le=1.0)
+    constant_fraction: float = Field(default=0.2, ge=0.0, lt=1.0)
+    """Share of ``total_timesteps`` during which ``initial`` holds."""
+
+
+class PPOConfig(Settings):
+    """Proximal policy optimisation; names are Stable-Baselines3's."""
+
+    n_envs: int = Field(default=10, ge=1, le=MOST_USERS)
+    n_steps: int = Field(default=4000, ge=1, le=MOST_BATCH)
+    """User steps per environment and iteration."""
+    batch_size: int = Field(default=1000, ge=2, le=MOST_BATCH)
+    n_epochs: int = Field(default=10, ge=1, le=10_000)
+    gamma: float = Field(default=0.99, ge=0.0, le=1.0)
+    gae_lambda: float = Field(default=0.95, ge=0.0, le=1.0)
+    clip_range: Factor = 0.2
+    ent_coef: float = Field(default=0.0, ge=-1e6, le=1e6)
+    vf_coef: Weight = 0.5
+    max_grad_norm: Norm = 0.5
+    target_kl: Factor | None = 1.0
+    critic_first_updates: int = Field(default=0, ge=0, le=MOST_STEPS)
+    """Updates at the start, one per iteration, in which the critic alone learns: a policy that can
+    play already is not to be judged by a critic that knows nothing."""
+    learning_rate: LearningRateConfig = LearningRateConfig()
+    """A plain number is a constant rate."""
+    critic_learning_rate_factor: float = Field(default=1.0, gt=0.0, le=1e4)
+    """Of the weights that only the values depend on: a critic that begins with nothing beside an
+    actor that can play needs a higher rate than the actor bears."""
+
+    @property
+    def steps_per_iteration(self) -> int:
+        """User steps of all environments between two updates."""
+        return self.n_envs * self.n_steps
+
+    @field_validator("learning_rate", mode="before")
+    @classmethod
+    def _constant(cls, value: Any) -> Any:
+        if isinstance(value, (int, float)) and not isinstance(value, bool):
+            return {"initial": value, "final": value, "constant_fraction": 0.0}
+        if not isinstance(value, (dict, LearningRateConfig)):
+            keys = ", ".join(LearningRateConfig.model_fields)
+            raise ValueError(f"got {value!r}, expected a number, or {keys}")
+        return value
+
+    @model_validator(mode="after")
+    def _whole_minibatches(self) -> Self:
+        check_whole_minibatches(self.steps_per_iteration, self.batch_size)
+        return self

@@ -1,0 +1,217 @@
+"""How a teacher is trained: imagined rollouts, then PPO on what the game knows of itself."""
+
+from __future__ import annotations
+
+from typing import Literal, Self
+
+from pydantic import Field, model_validator
+
+from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.base.settings import (MOST_STEPS, Chance, Factor, LearningRate, Norm, Settings, Weight, Width)
+from sim2vr_harness.runs.ppo_config import MOST_BATCH, MOST_USERS, LearningRateConfig, PPOConfig
+
+__all__ = [
+    "CurriculumConfig",
+    "ImaginedConfig",
+    "TeacherConfig",
+    "TeacherPPOConfig",
+    "TeacherPolicyConfig",
+]
+
+
+class ImaginedConfig(Settings):
+    """Imagined rollouts: model-based learning before the teacher plays the true game.
+
+    A cycle: users of the true game play (``teacher.ppo.n_envs`` of them), a differentiable model of
+    the body is fitted to what they did, and the policy learns from rollouts of that model in the
+    game's differentiable twin.
+    """
+
+    cycles: int = Field(default=22, ge=0, le=100_000)
+    """0: none, the teacher begins with nothing."""
+    first_play_steps: int = Field(default=600, ge=1, le=1_000_000)
+    """User steps of every user in the first cycle, in which they move about at random."""
+    wild_seconds: float = Field(default=1.0, gt=0.0, le=1e6)
+    """Their episodes last so long, and begin near a good start of an action."""
+    play_steps: int = Field(default=100, ge=1, le=1_000_000)
+    """User steps of every user in a later cycle."""
+    kept_cycles: int = Field(default=12, ge=1, le=100_000)
+    """Cycles whose user steps are kept, beside the first."""
+    first_fit_minibatches: int = Field(default=1500, ge=20, le=10_000_000)
+    fit_minibatches: int = Field(default=215, ge=20, le=10_000_000)
+    """Minibatches of 1024 user steps that the body model is fitted to."""
+    body_width: Width = 256
+    critic_width: Width = 256
+    users: int = Field(default=512, ge=1, le=100_000)
+    """Imagined ones."""
+    updates: int = Field(default=90, ge=1, le=1_000_000)
+    """Of the policy in a cycle."""
+    window_steps: int = Field(default=16, ge=1, le=10_000)
+    """User steps through which gradients go."""
+    gamma: Chance = 0.96
+    lam: Chance = 0.9
+    """Of the critic's returns."""
+    learning_rate: LearningRate = 1e-3
+    """Constant for the first half of the updates, then linear to almost nothing."""
+    critic_learning_rate: LearningRate = 1e-3
+    critic_first_updates: int = Field(default=30, ge=0, le=MOST_STEPS)
+    """Updates at the start in which the critic alone learns."""
+    action_noise: Weight = 0.12
+    """Standard deviation on the actions, true and imagined, so that what is learned bears the noise
+    of a policy that explores."""
+    error_share: Weight = 0.3
+    """Noise on the imagined motion, in units of the body model's error."""
+    restart_share: Chance = 0.2
+    """Users who go on from a state of the true game after a window."""
+    keep_best: bool = False
+    """Whether the teacher is the one of the cycle that played best in the true game (noise on the
+    actions, all conditions alike) instead of the last one."""
+    average_updates: int = Field(default=0, ge=0, le=MOST_STEPS)
+    """The policy that plays, and that the teacher is, has the mean weights of about the last so
+    many updates; 0: those of the last. From one cycle to the next rates of the last weights in the
+    true game go up and down by .2, as they follow each body model into its errors (Polyak and
+    Juditsky 1992)."""
+    growing_lag_cycles: int = Field(default=0, ge=0, le=100_000)
+    """Cycles in which late senses become as late as they are, from the present on: who has learned
+    to act on the present learns sooner to act on the past. 0: at once."""
+    present_cycles: int = Field(default=0, ge=0, le=100_000)
+    """Cycles before that in which the present is known: to move is learned first, to do without
+    what is not seen yet after it."""
+    growing_noise_cycles: int = Field(default=0, ge=0, le=100_000)
+    """Cycles in which motor noise of imagined users grows from nothing to what it is: who has
+    learned what to do learns to do it in spite of noise. 0: noisy from the start."""
+    growing_cost_cycles: int = Field(default=0, ge=0, le=100_000)
+    """Cycles in which ``effort`` and ``carry_cost`` grow from nothing to what they are: where both
+    are high, nobody who cannot play yet would learn to. 0: as high from the start."""
+    near_starts: Chance = 0.5
+    """Share of those who begin near a living target."""
+    near_m: float = Field(default=0.12, gt=0.0, le=10.0)
+    """How near: the tool's distance from a good start of an action on it."""
+    effort: Weight = 0.1
+    """Cost of the mean square of activations per user step, for users whose own effort remembers
+    or looks at forces; others (``neural``, ``muscle_state``) have their own."""
+    effort_by: Literal["muscle", "volume"] = "muscle"
+    """Muscles count alike in it, or each by its volume, as what it burns does: then a shoulder is
+    dear and a wrist cheap."""
+    gradient_limit: Norm | None = None
+    """Longest gradient of a user's reward by an action (and by the joints' angles, 1/rad); None:
+    none. Motors need one: what a servo does in 50 ms is steep."""
+    aim_cost: Weight = 0.0
+    """Cost per user step of aiming actuators beyond their ranges, by the square of the share of the
+    range; above 0 gradients lead back from there, at 0 there are none. Motors whose targets have
+    drifted to the ends of their ranges stay there otherwise."""
+    rest_cost: Weight = 0.0
+    """Cost per user step of actuators away from where they rest, by the mean square of shares of
+    ranges. What actions add to drifts away where nothing is at stake: between two targets."""
+    change_cost: Weight = 0.0
+    """Cost per user step of what is asked of actuators beside what they do, by the mean square of
+    shares of ranges. Gradients find commands that go to and fro between the ends, which no student
+    who sees late can repeat, and no person's muscles do."""
+    carry_cost: Weight = 0.0
+    """Cost per user step of carrying hands from place to place, by the mean square of their speed,
+    m^2/s^2: the mass of an arm is sped up and stopped again, that of a hand that turns is small.
+    Who strikes as fast as the game asks does it with less of the arm then, and hurries less."""
+    reward_scale: Factor = 1.0
+    """Factor on the game's reward and the effort: a success should be worth about 10."""
+    game: dict[str, OptionValue] = Field(default_factory=dict)
+    """Settings of the game's twin (``games/NAME/settings.py``)."""
+
+    @property
+    def easier_cycles(self) -> int:
+        """Cycles in which senses are not as late, muscles not as noisy or ways not as dear yet."""
+        late = self.present_cycles + self.growing_lag_cycles
+        return max(late, self.growing_noise_cycles, self.growing_cost_cycles)
+
+
+class CurriculumConfig(Settings):
+    """How the teacher's rounds in the true game differ from true ones; rewards and rules do not."""
+
+    near_starts: Chance = 0.3
+    """Share of episodes that start near a good start of an action, instead of the true start."""
+    near_start_m: float = Field(default=0.08, gt=0.0, le=10.0)
+    """How near."""
+    starts_per_cell: int = Field(default=40, ge=1, le=10_000)
+    """Start postures that are looked for, for each cell and condition."""
+    failing_cells: Chance = 0.3
+    """Share of spawns that go by the cells' fail rates; the others are uniform."""
+    episode_seconds: float = Field(default=12.0, gt=0.0, le=1e6)
+    """Episodes are cut after this time; the value of the state stands for the rest."""
+
+
+class TeacherPolicyConfig(Settings):
+    """The teacher's network: actor and critic on normalised numbers."""
+
+    net_arch: tuple[Width, ...] = Field(default=(256, 256), max_length=20)
+    """Hidden layers of actor and critic each, SiLU."""
+    action_scale: Factor = 0.5
+    """Means are the actor's outputs times this."""
+    log_std_init: float = Field(default=-2.1, ge=-20.0, le=5.0)
+    log_std_min: float = Field(default=-3.0, ge=-20.0, le=5.0)
+    observation_clip: Factor = 8.0
+    """Of the normalised observation."""
+
+
+class TeacherPPOConfig(PPOConfig):
+    """The same PPO, with defaults for cheap updates on numbers."""
+
+    n_envs: int = Field(default=128, ge=1, le=MOST_USERS)
+    n_steps: int = Field(default=32, ge=1, le=MOST_BATCH)
+    batch_size: int = Field(default=1024, ge=2, le=MOST_BATCH)
+    n_epochs: int = Field(default=6, ge=1, le=10_000)
+    gamma: Chance = 0.96
+    gae_lambda: Chance = 0.93
+    max_grad_norm: Norm = 1.0
+    target_kl: Factor | None = 0.05
+    critic_first_updates: int = Field(default=10, ge=0, le=MOST_STEPS)
+    learning_rate: LearningRateConfig = LearningRateConfig(
+        initial=3.0e-4, final=3.0e-4, constant_fraction=0.0
+    )
+
+
+class TeacherConfig(Settings):
+    """The first two stages of a distilled training: a policy on privileged numbers, no pictures."""
+
+    total_timesteps: int = Field(default=3_000_000, ge=1, le=MOST_STEPS)
+    """User steps of PPO, after the imagined rollouts."""
+    conditions: tuple[str, ...] | None = None
+    """The game's conditions, in turn; None takes those that its twin names."""
+    hidden_fields: tuple[str, ...] | None = None
+    """Patterns of privileged numbers, and of the own body's, that the teacher does not observe;
+    None takes those that the game's twin names."""
+    knows_present: bool = False
+    """Whether the teacher knows the present although its student's senses are late. Where nothing
+    can be foreseen, what it does on average is what a late student can do best; elsewhere it shows
+    what nobody can do who has not seen it yet."""
+    recognition_steps: int = Field(default=0, ge=0, le=100)
+    """How many user steps after a picture shows a thing the teacher knows of it. What has just come
+    up is a speck that no student makes out; a teacher that knows of it does what no student can."""
+    start: str | None = Field(default=None, min_length=1)
+    """The folder of a run with a teacher to begin with, instead of one that knows nothing: it
+    observes and acts as this one, by other rules perhaps. Its cycles are as those of the second
+    half of a training from nothing, and nothing is easier in them unless they say so."""
+    imagined: ImaginedConfig = ImaginedConfig()
+    curriculum: CurriculumConfig = CurriculumConfig()
+    reward_scale: Factor = 0.2
+    policy: TeacherPolicyConfig = TeacherPolicyConfig()
+    ppo: TeacherPPOConfig = TeacherPPOConfig()
+    evaluate_rounds: int = Field(default=4, ge=0, le=1_000_000)
+    """Rounds per condition by which the teacher is judged in the end: true rules, stochastic
+    policy."""
+
+    @model_validator(mode="after")
+    def _start_with_cycles(self) -> Self:
+        if self.start is not None and self.imagined.cycles == 0:
+            raise ValueError(
+                "imagined.cycles: got 0 with start, expected at least 1: a teacher that is there "
+                "goes on learning in imagined rollouts"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _present_or_later(self) -> Self:
+        if self.knows_present and self.recognition_steps:
+            raise ValueError(
+                f"recognition_steps: got {self.recognition_steps} with knows_present, expected 0: "
+                "who knows the present recognises all at once"
+            )
+        return self

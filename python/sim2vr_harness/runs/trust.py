@@ -1,0 +1,177 @@
+"""Programs that a file names are started only if this user has said so.
+
+A run's folder, a packed user or a configuration that somebody else has written may name any program
+of this machine, with any arguments, as the app to play in. What this user has named on a command
+line, or trained with, is remembered outside all of these, a file for each in
+``$XDG_STATE_HOME/sim2vr/trusted_apps`` (``~/.local/state/...``).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+import shlex
+import stat
+from collections.abc import Collection, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from sim2vr_harness.client.tasks import names_code
+from sim2vr_harness.envs.config import AppConfig
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.runs.config import apply_overrides
+from sim2vr_harness.runs.run_folder import write_atomically
+
+__all__ = ["named_app", "remember", "require_trust", "state_folder"]
+
+_KEYS = ("executable", "arguments", "connect", "page", "map", "browser", "task")
+_told: list[dict[str, Any]] = []
+"""What was remembered in this process, for homes that cannot be written to."""
+
+
+def state_folder() -> Path | None:
+    """Return where trust is remembered; None if this user has no home."""
+    base = os.environ.get("XDG_STATE_HOME", "")
+    if os.path.isabs(base):  # the specification: anything else is to be ignored
+        return Path(base) / "sim2vr" / "trusted_apps"
+    with suppress(RuntimeError):
+        return Path.home() / ".local" / "state" / "sim2vr" / "trusted_apps"
+    return None
+
+
+def require_trust(
+    app: AppConfig, source: str | Path, *, named: Collection[str] = (), trust: bool = False
+) -> None:
+    """Check that this user knows the program, or the address, that a file names as its app.
+
+    Args:
+        app: the app to play in.
+        source: the file, or the folder that it is in, for people.
+        named: which settings of the app the command line gave itself.
+        trust: whether this user says that it is fine (``--trust-app``), which is remembered.
+
+    Raises:
+        InputError: neither; prints what would be started.
+    """
+    wanted = _entry(app)
+    from_file = [key for key in _KEYS if wanted.get(key) and key not in named]
+    if not from_file:
+        return
+    if trust:
+        remember(app, Path(source))
+        return
+    # Arguments were trusted together with their program.
+    whose = {"executable"} if "arguments" in from_file else set()
+    if not _knows(wanted, [key for key in _KEYS if key not in named or key in whose]):
+        raise _unknown(app, source)
+
+
+def named_app(overrides: Sequence[str], app: Mapping[str, Any] | None = None) -> set[str]:
+    """Return what a command line says itself of the app.
+
+    Args:
+        overrides: ``key=value`` of ``--set``.
+        app: settings of ``env.app`` that options mean.
+    """
+    env = apply_overrides({}, overrides).get("env")
+    settings = env.get("app") if isinstance(env, dict) else None
+    return {*(settings if isinstance(settings, dict) else ()), *(app or ())}
+
+
+def remember(app: AppConfig, folder: Path) -> None:
+    """Note that this user has started this app, or connected to it.
+
+    Args:
+        app: the app.
+        folder: of the run, or the configuration's file; a program that lies in the same folder
+            came with it and is asked for every time.
+    """
+    entry = _entry(app)
+    if not any(entry.get(key) for key in _KEYS) or _known(entry):
+        return
+    _told.append(entry)
+    place, real = state_folder(), entry["real"]
+    beside = os.path.realpath(folder.parent if folder.is_file() else folder)
+    if place is None or (real and folder.exists() and Path(real).is_relative_to(beside)):
+        return
+    name = hashlib.sha256(json.dumps(entry, sort_keys=True).encode()).hexdigest()[:32]
+    with suppress(OSError):  # asked again next time
+        place.mkdir(mode=0o700, parents=True, exist_ok=True)
+        write_atomically(place / f"{name}.json", (json.dumps(entry, indent=2) + "\n").encode())
+
+
+def _entry(app: AppConfig) -> dict[str, Any]:
+    """What is trusted: the program by its path and by where that leads, and its arguments.
+
+    Of a page its path, what it may load, the browser, and the file of a task in Python.
+    """
+    program = None if app.executable is None else os.path.abspath(app.executable)
+    entry: dict[str, Any] = {
+        "executable": program,
+        "real": None if program is None else os.path.realpath(program),
+        "arguments": list(app.arguments),
+        "connect": app.connect,
+    }
+    if app.page is not None:
+        entry["page"] = app.page if "://" in app.page else os.path.realpath(app.page)
+        if app.map:
+            entry["map"] = {key: os.path.realpath(place) for key, place in app.map.items()}
+        if app.browser is not None:
+            entry["browser"] = app.browser
+    if isinstance(app.task, str) and names_code(app.task):
+        file, _, name = app.task.rpartition(":")
+        entry["task"] = f"{os.path.realpath(file)}:{name}"
+    return entry
+
+
+def _known(entry: dict[str, Any]) -> bool:
+    return any(entry == known for known in _entries())
+
+
+def _knows(wanted: dict[str, Any], keys: Collection[str]) -> bool:
+    """Whether an app was remembered that is the same in all that a file names."""
+    same = [*keys, *(["real"] if "executable" in keys else [])]
+    return any(all(known.get(key) == wanted.get(key) for key in same) for known in _entries())
+
+
+def _entries() -> list[dict[str, Any]]:
+    """Return what is remembered, as far as nobody else could have written it."""
+    entries, place = list(_told), state_folder()
+    if place is None or not _own(place):
+        return entries
+    for file in sorted(place.glob("*.json")):
+        with suppress(OSError, ValueError):
+            if _own(file):
+                entries.append(json.loads(file.read_text(encoding="utf-8")))
+    return [entry for entry in entries if isinstance(entry, dict)]
+
+
+def _own(path: Path) -> bool:
+    try:
+        found = path.stat()
+    except OSError:
+        return False
+    return found.st_uid == os.getuid() and not stat.S_IMODE(found.st_mode) & 0o022
+
+
+def _unknown(app: AppConfig, source: str | Path) -> InputError:
+    if names_code(app.task):
+        key, what, option = "task", str(app.task), "--task with the same path"
+        doing = "code that you have not run before"
+    elif app.page is not None:
+        key, what, option = "page", app.page, "--page with the same path"
+        doing = "a page that you have not opened before"
+    elif app.connect is not None:
+        key, what, option = "connect", app.connect, "--connect with the same address"
+        doing = "an address that was never connected to by you"
+    else:
+        command = ["sim2vr-app" if app.executable is None else app.executable, *app.arguments]
+        key, what, option = "executable", shlex.join(command), "--app with the same path"
+        doing = "a program that you have not started before"
+    return InputError(
+        f"env.app.{key}",
+        f"{what!r} in {str(source)!r}, {doing}",
+        f"--trust-app, if you know where it comes from, or {option}",
+    )

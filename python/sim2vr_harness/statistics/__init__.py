@@ -1,0 +1,1 @@
+"""Tests, effect sizes and distances: arrays in, numbers out."""

@@ -1,0 +1,165 @@
+"""Who plays a cell: a trained user, one that goes on first, or one that the study trains."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+from sim2vr_harness import __version__
+from sim2vr_harness.base.errors import InputError, shown
+from sim2vr_harness.base.files import read_bytes
+from sim2vr_harness.base.settings import MOST_STEPS
+from sim2vr_harness.client import GameFacts
+from sim2vr_harness.envs.config import EnvConfig, with_options
+from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.evaluation.environment import evaluation_env
+from sim2vr_harness.evaluation.evaluate import name_of
+from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
+from sim2vr_harness.runs.config import TrainingConfig, load_config, to_yaml
+from sim2vr_harness.studies.cells import Cell, content_hash
+from sim2vr_harness.studies.jobs import Limits, TrainingTask
+from sim2vr_harness.training.ppo.fine_tune import adapting
+
+__all__ = ["FORMAT", "Player", "Users", "Where", "player_of"]
+
+FORMAT = 2
+"""Of what a cell's folder holds; another one makes all cells anew."""
+
+
+class Users:
+    """Trained users and hashes of their weights, each read once."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[TrainedUser, str]] = {}
+
+    def find(self, name: str) -> tuple[TrainedUser, str]:
+        """Return a user and the SHA-256 of its weights."""
+        if name not in self._known:
+            user = find_user(name)
+            weights = read_bytes(user.source, "weights of a user")
+            self._known[name] = user, hashlib.sha256(weights).hexdigest()
+        return self._known[name]
+
+
+@dataclass(frozen=True)
+class Where:
+    """What all cells of a plan have in common; see :func:`.plan_of`."""
+
+    folder: Path | None
+    users: Users
+    limits: Limits | None
+    may_diverge: bool
+
+
+@dataclass(frozen=True)
+class Player:
+    """Who plays a cell, and where.
+
+    Attributes:
+        user: A trained user as ``evaluate`` takes it; None: the one of ``training``.
+        training: What has to be trained first.
+        env: Where it plays.
+        facts: What the game publishes.
+        condition: That it plays.
+        identity: What decides about who it is, for the cell's hash.
+    """
+
+    user: str | None
+    training: TrainingTask | None
+    env: EnvConfig
+    facts: GameFacts
+    condition: str
+    identity: Mapping[str, Any]
+
+
+def player_of(study: str, cell: Cell, where: Where) -> Player:
+    """Work out who plays a cell of a study of this name.
+
+    Raises:
+        InputError: A user, configuration, key or condition that cannot be used.
+    """
+    settings = cell.settings
+    if ("user" in settings) == ("config" in settings):
+        got = "both user and config" if "user" in settings else "neither user nor config"
+        raise InputError("user", got, "a trained user, or the configuration of a training")
+    if "config" in settings:
+        if "adapt" in settings:
+            raise InputError("adapt", "it together with config", "a trained user: only those go on")
+        config = load_config(_near(str(settings["config"]), where.folder), cell.of("training."))
+        return _trained(study, cell, config, where)
+    user = _near(str(settings["user"]), where.folder)
+    if "adapt" not in settings and cell.of("training."):
+        key = next(key for key in sorted(settings) if key.startswith("training."))
+        expected = "config instead of user, or adapt: what is trained already stays otherwise"
+        raise InputError(key, "it together with a user", expected)
+    known, weights = where.users.find(user)
+    env = _env(known.config, cell, user)
+    require_contract(known, env)
+    facts = game_facts(env.app)
+    condition = _condition(facts, known.config, settings.get("condition"))
+    identity = {"user": Path(user).name, "weights": weights}
+    steps = _steps(settings.get("adapt", 0))
+    if steps == 0:
+        return Player(
+            user, None, env, facts, condition, identity | {"config": to_yaml(known.config)}
+        )
+    there = with_options(env, dict(facts.condition(condition).options))
+    wanted = [f"total_timesteps={steps}", *cell.of("training.")]
+    config = adapting(known, user, wanted, env=there)
+    return _trained(study, cell, config, where, adapts=(name_of(known), identity))
+
+
+def _trained(
+    study: str,
+    cell: Cell,
+    config: TrainingConfig,
+    where: Where,
+    adapts: tuple[str, Mapping[str, Any]] | None = None,
+) -> Player:
+    """One that the study trains, of nothing or of a user of this name and identity."""
+    config = config.model_copy(update={"name": study})
+    # How often something is saved or measured changes no weight, nor does where a user lies.
+    apart = {"name", "evaluation", "wandb", "from_user"}
+    key = content_hash(
+        config.model_dump(mode="json", exclude=apart)
+        | {"format": FORMAT, "sim2vr_harness": __version__}
+        | ({} if adapts is None else {"adapts": adapts[1]})
+        | ({} if where.limits is None else {"limits": asdict(where.limits)})
+        | ({"may_diverge": True} if where.may_diverge else {})
+    )
+    name = None if adapts is None else adapts[0]
+    task = TrainingTask(key, to_yaml(config), cell.name, where.limits, where.may_diverge, name)
+    env = _env(config, cell, "config")
+    facts = game_facts(env.app)
+    condition = _condition(facts, config, cell.settings.get("condition"))
+    return Player(None, task, env, facts, condition, {"training": key})
+
+
+def _env(config: TrainingConfig, cell: Cell, source: str) -> EnvConfig:
+    return evaluation_env(config, overrides=cell.of("env."), source=source)
+
+
+def _near(name: str, folder: Path | None) -> str:
+    """A path beside the study's file, where there is one; else what was written."""
+    if folder is not None and not Path(name).is_absolute() and (folder / name).exists():
+        return str(folder / name)
+    return name
+
+
+def _steps(value: Any) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= MOST_STEPS:
+        expected = f"user steps, a whole number from 0 (as it is) to {MOST_STEPS:,}"
+        raise InputError("adapt", shown(value, 40), expected)
+    return value
+
+
+def _condition(facts: GameFacts, config: TrainingConfig, name: Any) -> str:
+    chosen = name or facts.condition_of(config.env.app.options) or facts.default_condition
+    try:
+        return facts.condition(str(chosen)).name
+    except ValueError as error:
+        got, _, expected = str(error).partition(": got ")[2].partition(", expected ")
+        raise InputError("condition", got, expected) from error

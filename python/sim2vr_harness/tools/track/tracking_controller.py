@@ -1,0 +1,369 @@
+"""A body follows a hand's path: its motor layer is told where the hand shall be next."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.evaluation.data.columns import Column
+from sim2vr_harness.evaluation.data.steps import BodySource
+from sim2vr_harness.policies.hierarchical.goal_sampler import LEAD_STEPS
+from sim2vr_harness.policies.hierarchical.motor_goals import Goals
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.tools.track.iterative_learning import Correction
+from sim2vr_harness.tools.track.paths import RecordedPath
+from sim2vr_harness.tools.track.postures import posture_at
+from sim2vr_harness.tools.track.registration import Placement
+from sim2vr_harness.tools.track.trajectory_optimisation import AHEAD, Refinement
+from sim2vr_harness.users import UserBatch
+
+__all__ = ["WARM_UP_S", "Followed", "Pass", "Wanted", "follow", "wanted_of"]
+
+FloatArray = NDArray[np.float64]
+
+WARM_UP_S = 1.5
+"""How long the body holds the first place before the recording begins."""
+POSE_SAMPLES = 5
+"""Poses of the devices kept of every user step."""
+_REFINED_TAKES = 150
+"""How many goes refinement takes as long as."""
+_LEVER_M = 0.1
+"""Length at which the way a hand points counts beside its place, about that of a hand."""
+_SLOPE_S = 0.02
+"""Velocities of what was recorded are differences over twice this."""
+
+
+@dataclass(frozen=True)
+class Wanted:
+    """What the H hands of a body are to do, in its world, every user step from the warm-up on.
+
+    Attributes:
+        hands: names of the devices.
+        followed: (H,) whether the hand was recorded; the others rest.
+        times_s: (J,) since the recording's first moment; less than 0 while warming up.
+        places: (J, H, 3) m.
+        velocities: (J, H, 3) m/s.
+        axes: (J, H, 3) where the devices point; zeros where it does not matter.
+        first: the row at time 0.
+    """
+
+    hands: tuple[str, ...]
+    followed: NDArray[np.bool_]
+    times_s: FloatArray
+    places: FloatArray
+    velocities: FloatArray
+    axes: FloatArray
+    first: int
+
+    @property
+    def steps(self) -> int:
+        """User steps from the beginning of the warm-up to the recording's end."""
+        return len(self.times_s) - 1 - LEAD_STEPS
+
+
+@dataclass(frozen=True)
+class Pass:
+    """How near the hands were in one go at the recording, over all of it.
+
+    Attributes:
+        median_m: error of the hands' places.
+        most_m: 95 % of the steps are below.
+    """
+
+    median_m: float
+    most_m: float
+
+
+@dataclass(frozen=True)
+class Followed:
+    """What a body did, from the recording's first moment on; K user steps.
+
+    Attributes:
+        wanted: what it was to do.
+        places: (K + 1, H, 3) where the hands were; row 0 is time 0.
+        columns: of ``values``: devices, joints, muscles, fatigue, as evaluations have them.
+        values: (K, C) at the ends of the steps.
+        effort: (K,) cost of the steps, weighted.
+        angles: (K, J) of the independent joints.
+        qpos: (K, nq) postures.
+        activations: (K, M).
+        fatigued: (K, M) shares of fatigued motor units (3CC-r), or none where that is not known.
+        sampled_s: (S,) since the recording's first moment, several times a step.
+        sampled: device -> positions (S, 3) and rotations w x y z (S, 4) then.
+        passes: how near it was in every go; this is the one that missed least, on average.
+    """
+
+    wanted: Wanted
+    places: FloatArray
+    columns: tuple[Column, ...]
+    values: FloatArray
+    effort: FloatArray
+    angles: FloatArray
+    qpos: FloatArray
+    activations: FloatArray
+    fatigued: FloatArray | None
+    sampled_s: FloatArray
+    sampled: Mapping[str, tuple[FloatArray, FloatArray]]
+    passes: tuple[Pass, ...]
+
+    @property
+    def times_s(self) -> FloatArray:
+        """(K,) ends of the user steps."""
+        first = self.wanted.first
+        return self.wanted.times_s[first + 1 : first + 1 + len(self.values)]
+
+    @property
+    def targets(self) -> FloatArray:
+        """(K, H, 3) where the hands should be at the ends of the steps."""
+        first = self.wanted.first
+        return self.wanted.places[first + 1 : first + 1 + len(self.values)]
+
+    @property
+    def errors_m(self) -> FloatArray:
+        """(K, H) how far they were from there."""
+        return np.asarray(np.linalg.norm(self.places[1:] - self.targets, axis=-1))
+
+
+def wanted_of(
+    path: RecordedPath,
+    placement: Placement,
+    hands: tuple[str, ...],
+    step_s: float,
+    *,
+    pointed: bool = False,
+) -> Wanted:
+    """Return what a recording asks of a body's hands.
+
+    Args:
+        path: what was recorded.
+        placement: of the recorded world in the body's.
+        hands: the body's devices.
+        step_s: duration of a user step.
+        pointed: whether the devices are to point where they did, too.
+
+    Raises:
+        InputError: the body has none of the recorded hands, or the recording is too short.
+    """
+    followed = np.array([name in path.hands for name in hands])
+    if not followed.any():
+        got = f"a path of {', '.join(path.hands)}"
+        raise InputError(path.name, got, f"one of {', '.join(hands)}, which the body has")
+    steps = int(np.floor(path.duration_s / step_s + 1e-6))
+    if steps < 4:
+        raise InputError(path.name, f"{path.duration_s:.3g} s", f"at least {4 * step_s:g} s")
+    first = round(WARM_UP_S / step_s)
+    rows = np.arange(first + steps + 1 + LEAD_STEPS, dtype=np.float64)
+    times_s: FloatArray = np.asarray((rows - first) * step_s)
+    clock = path.times_s - path.times_s[0]
+    shape = (len(times_s), len(hands), 3)
+    places, velocities, axes = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    for hand in np.flatnonzero(followed):
+        poses = path.hands[hands[hand]]
+        points = placement.places(poses)
+        places[:, hand] = _at(clock, points, times_s)
+        before, after = (_at(clock, points, times_s + d) for d in (-_SLOPE_S, _SLOPE_S))
+        velocities[:, hand] = (after - before) / (2.0 * _SLOPE_S)
+        if pointed and path.turned:
+            axes[:, hand] = _unit(_at(clock, _forward(placement.turns(poses)), times_s))
+    return Wanted(hands, followed, times_s, places, velocities, axes, first)
+
+
+def follow(
+    users: UserBatch,
+    layer: MotorLayer,
+    wanted: Wanted,
+    *,
+    passes: int,
+    many: Callable[[int], UserBatch] | None = None,
+    seed: int = 1,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> Followed:
+    """Let a body follow a recording, in several goes.
+
+    In each go goals are shifted by what the ones before it missed by (:class:`Correction`); the go
+    that misses least counts, on average. In one more, muscles are planned ahead from what it does
+    (:class:`~sim2vr_harness.tools.track.trajectory_optimisation.Refinement`), if asked for.
+
+    Args:
+        users: one body.
+        layer: of that body.
+        wanted: what it is to do.
+        passes: number of goes; 1: the motor layer alone.
+        many: makes N bodies such as the one that follows, which try things for it; None: no
+            refinement.
+        seed: of the body's first activations.
+        on_progress: told the share that is done.
+
+    Raises:
+        InputError: the simulation of the body broke.
+    """
+    start = posture_at(layer, wanted.places[0], wanted.axes[0], wanted.followed, seed)
+    correction = Correction(wanted.places)
+    best: Followed | None = None
+    best_shift, least = correction.shift, np.inf
+    records: list[Pass] = []
+    goes = passes + (0 if many is None else _REFINED_TAKES)
+
+    def go(shift: FloatArray, done: int, takes: int, refinement: Refinement | None) -> FloatArray:
+        nonlocal best, best_shift, least
+
+        def tell(share: float) -> None:
+            on_progress((done + takes * share) / goes)
+
+        followed, went = _one_pass(users, layer, wanted, shift, start, seed, refinement, tell)
+        errors = followed.errors_m[:, wanted.followed]
+        records.append(Pass(float(np.median(errors)), float(np.quantile(errors, 0.95))))
+        if best is None or went.missed_m < least:
+            best, best_shift, least = followed, shift, went.missed_m
+        return went.places
+
+    for number in range(passes):
+        correction.learn(go(correction.shift, number, 1, None))
+    if many is not None:
+        shift = best_shift
+        refinement = Refinement(
+            many,
+            lambda bodies, step: _actions(layer, bodies, wanted, shift, step),
+            lambda bodies, step: _misses(bodies, wanted, step),
+            wanted.steps,
+        )
+        go(shift, passes, _REFINED_TAKES, refinement)
+    assert best is not None
+    return Followed(**{**vars(best), "passes": tuple(records)})
+
+
+@dataclass(frozen=True)
+class _Went:
+    """How a go went.
+
+    Attributes:
+        places: (J', H, 3) where the hands were from the warm-up on.
+        missed_m: mean of what was missed by, the way hands point included where it counts.
+    """
+
+    places: FloatArray
+    missed_m: float
+
+
+def _one_pass(
+    users: UserBatch,
+    layer: MotorLayer,
+    wanted: Wanted,
+    shift: FloatArray,
+    start: FloatArray,
+    seed: int,
+    refinement: Refinement | None,
+    on_progress: Callable[[float], None],
+) -> tuple[Followed, _Went]:
+    """Follow once."""
+    users.reset([0], [np.random.default_rng([seed, 77])], [start])
+    source = BodySource(users)
+    hands = wanted.hands
+    now = np.stack([users.device_poses(name)[0][0] for name in hands])
+    places, missed = [now], []
+    rows: list[Any] = []
+    kept: dict[str, list[Any]] = {name: [] for name in ("effort", "qpos", "act", "fatigued")}
+    samples: dict[str, tuple[list[Any], list[Any]]] = {name: ([], []) for name in hands}
+    for step in range(wanted.steps):
+        if step == wanted.first:
+            users.effort.reset([0])  # fatigue counts from the recording's beginning
+        if step % 20 == 0:
+            on_progress(step / wanted.steps)
+        if refinement is not None and step >= wanted.first - AHEAD:
+            actions = refinement.action(users, step)
+        else:
+            actions = _actions(layer, users, wanted, shift, step)
+        users.step(actions, pose_samples=POSE_SAMPLES)
+        if users.diverged[0]:
+            got = f"a simulation that broke at {wanted.times_s[step]:.2f} s"
+            raise InputError("RECORDING", got, "movement that the body can follow")
+        now = np.stack([users.device_poses(name)[0][0] for name in hands])
+        places.append(now)
+        if step < wanted.first:
+            continue
+        missed.append(np.linalg.norm(_misses(users, wanted, step)))
+        rows.append(source.take()[0])
+        kept["effort"].append(users.effort_cost[0])
+        kept["qpos"].append(users.qpos[0])
+        kept["act"].append(users.act[0])
+        if "MF" in (state := users.effort.state()):
+            kept["fatigued"].append(state["MF"][0, : users.muscle_count])
+        for name, (positions, turns) in samples.items():
+            for sample in range(POSE_SAMPLES):
+                position, turn = users.device_poses(name, sample)
+                positions.append(position[0])
+                turns.append(turn[0])
+    qpos = np.array(kept["qpos"])
+    count = len(rows) * POSE_SAMPLES
+    moved = np.array(places)
+    followed = Followed(
+        wanted=wanted,
+        places=moved[wanted.first :],
+        columns=tuple(source.columns),
+        values=np.array(rows),
+        effort=np.array(kept["effort"]),
+        angles=qpos[:, users.body.qpos_independent],
+        qpos=qpos,
+        activations=np.array(kept["act"]).reshape(len(rows), -1),
+        fatigued=np.array(kept["fatigued"]) if kept["fatigued"] else None,
+        sampled_s=(np.arange(count) + 1) * layer.step_s / POSE_SAMPLES,
+        sampled={name: (np.array(p), np.array(t)) for name, (p, t) in samples.items()},
+        passes=(),
+    )
+    return followed, _Went(moved, float(np.mean(missed)))
+
+
+def _actions(
+    layer: MotorLayer, users: UserBatch, wanted: Wanted, shift: FloatArray, step: int
+) -> FloatArray:
+    """(N, A) the layer's, whose hands shall be somewhere ``LEAD_STEPS`` steps from now."""
+    row, shape = step + LEAD_STEPS, (users.n, len(wanted.hands))
+    goals = Goals.none(*shape)
+    goals.place = _for_each(wanted.places[row] + shift[row], users.n)
+    goals.velocity = _for_each(wanted.velocities[row], users.n)
+    goals.left_s = torch.full(shape, LEAD_STEPS * layer.step_s)
+    goals.axis = _for_each(wanted.axes[row], users.n)
+    goals.active = _for_each(wanted.followed, users.n)
+    return np.asarray(layer.act(users, goals), dtype=np.float64)
+
+
+def _for_each(values: NDArray[Any], n: int) -> torch.Tensor:
+    return torch.from_numpy(np.repeat(values[None], n, 0)).float()
+
+
+def _misses(users: UserBatch, wanted: Wanted, step: int) -> FloatArray:
+    """(N, E) how far the hands are beside where they shall be after a step, m.
+
+    Three numbers for each followed hand, and three more where it shall point somewhere: how far a
+    point ``_LEVER_M`` ahead of it is beside the way.
+    """
+    parts = []
+    for hand in np.flatnonzero(wanted.followed):
+        place, turn = users.device_poses(wanted.hands[hand])
+        parts.append(place - wanted.places[step + 1, hand])
+        if (axis := wanted.axes[step + 1, hand]).any():
+            parts.append(_LEVER_M * (_forward(turn) - axis))
+    return np.concatenate(parts, 1)
+
+
+def _at(clock: FloatArray, values: FloatArray, times_s: FloatArray) -> FloatArray:
+    """(J, 3) values (N, 3) at times, between moments in proportion; before and after as there."""
+    return np.stack([np.interp(times_s, clock, column) for column in values.T], axis=1)
+
+
+def _forward(quats: FloatArray) -> FloatArray:
+    """(N, 3) x axes of rotations w x y z."""
+    w, x, y, z = quats.T
+    return np.stack(
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y)], axis=1
+    )
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    return np.asarray(vectors / np.maximum(np.linalg.norm(vectors, axis=1, keepdims=True), 1e-9))

@@ -1,0 +1,326 @@
+"""Optimal control: which controls of all muscles bring hands nearest, and at the least effort.
+
+A motor layer cuts fast strokes short, and shifted goals ask it for the same in vain; it pulls
+muscles against each other, too. So stretches of what comes are planned ahead: what every step
+responds is measured (:mod:`nudging`), the controls that would make the sum of squared errors and
+activations least are found backwards in time within the controls' ranges, and tried in several
+sizes; from the best one all begins anew. This is control-limited differential dynamic programming
+(Y. Tassa, N. Mansard, E. Todorov, ICRA 2014) without second derivatives of the dynamics. The plan's
+feedback keeps the body to it. Like the correction of goals it needs to know what comes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.tools.track.linearisation import Moment, Nudges, Response, motion_of
+from sim2vr_harness.users import Body, UserBatch
+from sim2vr_harness.world_models.actuator_state import Drives
+
+__all__ = ["AHEAD", "Refinement", "least_within"]
+
+FloatArray = NDArray[np.float64]
+
+AHEAD = 6
+"""Steps before a recording begins in which the body may get ready for it: a stroke takes .3 s."""
+_PLANNED, _DONE = 40, 15
+"""Steps that are planned at a time, and those of them that are done before all begins anew."""
+_GOES = 16
+"""Times at most that a stretch is planned."""
+_ENOUGH = 0.02
+"""After two goes in a row that make a plan better by less than this share what was measured a
+little beside it is no longer good enough; after another, or later two in a row, it is done."""
+_NEARER = 0.1
+"""Share of the usual distances up to which what was measured is good enough then."""
+_LOST_M = 0.1
+"""Who would be farther off than this, along an axis, in what is done plans afresh, too: plans get
+stuck where nothing slight is any better."""
+_FAR_M = 0.04
+"""An error of this size costs half as much again as its square, a larger one more: what is far off
+matters more than what is nearly there."""
+_EFFORT_M2 = 2e-3
+"""Mean squared activation of 1 is worth this much squared error in every step."""
+_STOP_M2 = 0.04
+"""A joint that is 1 rad (of a slide 1 m) within the margin of its stop is worth this much in every
+step: at a stop nothing that one could do better shows."""
+_MARGIN = 0.1
+"""Margin of the stops, rad (of a slide m)."""
+_CAUTION_M2 = 2.5e-3
+"""Weight of a whole change of one control in a plan, at first: responses are of small ones."""
+_LEAST_M2, _MOST_M2 = 2.5e-6, 2.5e-1
+_CAUTIONS, _SIZES = (0.1, 1.0, 10.0, 100.0), (1.0, 0.4)
+"""Shares of the caution, and of each plan's changes, that are tried."""
+_DESCENT = 0.1
+"""Least share of the promised decrease that a step within the box must keep (Armijo)."""
+
+
+@dataclass
+class _Plan:
+    """K steps from somewhere.
+
+    Attributes:
+        moments: K + 1.
+        motions: (K + 1, X) of them.
+        shares: (K, A) controls.
+        missed: (K, E) errors after each step, m.
+        cost: m^2.
+        feedback: (K, A, X) change of controls by what the motion is beside the plan's.
+    """
+
+    moments: list[Moment]
+    motions: FloatArray
+    shares: FloatArray
+    missed: FloatArray
+    cost: float
+    feedback: FloatArray
+
+
+class _Costs:
+    """What a step costs beside the squared errors after it: effort, and joints at their stops."""
+
+    def __init__(self, body: Body) -> None:
+        low, high = body.joint_ranges.T
+        margin = np.minimum(_MARGIN, 0.25 * (high - low))
+        self._low, self._high = low + margin, high - margin
+        self._joints = len(low)
+
+    def of(self, motions: FloatArray) -> FloatArray:
+        """(...,) of motions (..., X) after steps, m^2."""
+        acts = motions[..., 2 * self._joints :]
+        effort = (acts**2).mean(-1) if acts.shape[-1] else 0.0
+        return np.asarray(_EFFORT_M2 * effort + _STOP_M2 * (self._beyond(motions) ** 2).sum(-1))
+
+    def bend(self, motion: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(X,) each: slope at a motion, and the diagonal of the curve there."""
+        j, muscles = self._joints, len(motion) - 2 * self._joints
+        slope, curve = np.zeros(len(motion)), np.zeros(len(motion))
+        if muscles:
+            slope[2 * j :] = 2.0 * _EFFORT_M2 / muscles * motion[2 * j :]
+            curve[2 * j :] = 2.0 * _EFFORT_M2 / muscles
+        beyond = self._beyond(motion)
+        slope[:j] = 2.0 * _STOP_M2 * beyond
+        curve[:j] = 2.0 * _STOP_M2 * (beyond != 0.0)
+        return slope, curve
+
+    def _beyond(self, motions: FloatArray) -> FloatArray:
+        """(..., J) how far angles are within the margins of their stops, rad; below: negative."""
+        angles = motions[..., : self._joints]
+        beyond = np.maximum(angles - self._high, 0.0) + np.minimum(angles - self._low, 0.0)
+        return np.asarray(beyond)
+
+
+class Refinement:
+    """Controls that bring hands nearer to where they shall be.
+
+    Args:
+        many: makes N bodies such as the one that follows.
+        act: (bodies, step) -> (N, A) actions of the motor layer for the goals of that step; what
+            it does is planned from.
+        misses: (bodies, step) -> (N, E) errors of the hands after that step, m, along each axis.
+        steps: of the whole recording.
+    """
+
+    def __init__(
+        self,
+        many: Callable[[int], UserBatch],
+        act: Callable[[UserBatch, int], FloatArray],
+        misses: Callable[[UserBatch, int], FloatArray],
+        steps: int,
+    ) -> None:
+        self._act, self._misses, self._steps = act, misses, steps
+        self._nudges = Nudges(many, misses)
+        self._one, self._tried = many(1), many(len(_CAUTIONS) * len(_SIZES))
+        self._drives, self._costs = Drives(self._one.body), _Costs(self._one.body)
+        self._plan: _Plan | None = None
+        self._first = 0
+        self._caution = _CAUTION_M2
+
+    def action(self, users: UserBatch, step: int) -> FloatArray:
+        """(1, A) actions of the one body that follows, in a step."""
+        if self._plan is None or step >= self._first + _DONE:
+            self._plan = self._best(Moment.of(users).row(0), step)
+            self._first = step
+        k, plan = step - self._first, self._plan
+        beside = motion_of(Moment.of(users), users) - plan.motions[k]
+        shares = plan.shares[k] + beside @ plan.feedback[k].T
+        return self._drives.actions(self._drives.of(users), shares)
+
+    def _best(self, start: Moment, step: int) -> _Plan:
+        """The plan of the steps from one on: of what is left of the last, or afresh if lost."""
+        old = self._plan
+        self._nudges.forget_before(step)
+        plan = self._planned(self._begun(start, step, old), step)
+        if old is None or np.abs(plan.missed[:_DONE]).max() < _LOST_M:
+            return plan
+        self._caution = _CAUTION_M2
+        afresh = self._planned(self._begun(start, step, None), step)
+        return min(plan, afresh, key=lambda one: one.cost)
+
+    def _planned(self, plan: _Plan, step: int) -> _Plan:
+        """A plan made better, until it hardly becomes so any more."""
+        gained, nearness = True, 1.0
+        for _ in range(_GOES):
+            responses = [
+                self._nudges.response(plan.moments[k], plan.shares[k], step + k, nearness)
+                for k in range(len(plan.shares))
+            ]
+            cautions = self._caution * np.array(_CAUTIONS)
+            changes = [_changes(plan, responses, self._costs, one) for one in cautions]
+            found, better = self._better(plan, changes, step)
+            before, gained_before = plan.cost, gained
+            if found.cost < plan.cost:
+                plan = found
+            else:
+                better = len(cautions) - 1
+            self._caution = float(np.clip(cautions[better], _LEAST_M2, _MOST_M2))
+            gained = before - plan.cost > _ENOUGH * before
+            if not (gained or gained_before):
+                if nearness < 1.0:
+                    break
+                nearness = _NEARER
+        return plan
+
+    def _begun(self, start: Moment, step: int, old: _Plan | None) -> _Plan:
+        """What is left of the plan before, and then what the motor layer does."""
+        bodies = self._one
+        left = 0 if old is None else len(old.shares) - _DONE
+
+        def shares(k: int) -> FloatArray:
+            now = self._drives.of(bodies)
+            if old is not None and k < left:
+                beside = motion_of(Moment.of(bodies), bodies) - old.motions[_DONE + k]
+                return old.shares[_DONE + k] + beside @ old.feedback[_DONE + k].T
+            return self._drives.shares(now, self._act(bodies, step + k))
+
+        count = min(_PLANNED, self._steps - step)
+        return self._rolled(bodies, start, step, count, shares)[0]
+
+    def _better(
+        self, plan: _Plan, changes: list[tuple[FloatArray, FloatArray]], step: int
+    ) -> tuple[_Plan, int]:
+        """The best of what several changes of a plan lead to, and which one it is of."""
+        bodies = self._tried
+        steps = np.repeat([change[0] for change in changes], len(_SIZES), 0)
+        steps *= np.tile(_SIZES, len(changes))[:, None, None]
+        feedback = np.repeat([change[1] for change in changes], len(_SIZES), 0)
+
+        def shares(k: int) -> FloatArray:
+            beside = motion_of(Moment.of(bodies), bodies) - plan.motions[k]
+            return plan.shares[k] + steps[:, k] + np.einsum("nax,nx->na", feedback[:, k], beside)
+
+        plans = self._rolled(bodies, plan.moments[0], step, len(plan.shares), shares)
+        best = int(np.argmin([one.cost for one in plans]))
+        plans[best].feedback = feedback[best]
+        return plans[best], best // len(_SIZES)
+
+    def _rolled(
+        self,
+        bodies: UserBatch,
+        start: Moment,
+        step: int,
+        count: int,
+        shares: Callable[[int], FloatArray],
+    ) -> list[_Plan]:
+        """What N bodies do who begin alike, with (N, A) controls of every step."""
+        start.times(bodies.n).put(bodies)
+        moments, controls, missed = [Moment.of(bodies)], [], []
+        for k in range(count):
+            bodies.step(self._drives.actions(self._drives.of(bodies), shares(k)))
+            moments.append(Moment.of(bodies))
+            controls.append(self._drives.controls(bodies))
+            missed.append(self._misses(bodies, step + k))
+        errors, done = np.stack(missed, 1), np.stack(controls, 1)
+        motions = np.stack([motion_of(moment, bodies) for moment in moments], 1)
+        costs = (_apart(errors)[0].sum(-1) + self._costs.of(motions[:, 1:])).sum(-1)
+        costs[bodies.diverged] = np.inf
+        shape = (count, done.shape[2], motions.shape[2])
+        return [
+            _Plan(
+                [moment.row(i) for moment in moments],
+                motions[i],
+                done[i],
+                errors[i],
+                float(costs[i]),
+                np.zeros(shape),
+            )
+            for i in range(bodies.n)
+        ]
+
+
+def _changes(
+    plan: _Plan, responses: list[Response], costs: _Costs, caution: float
+) -> tuple[FloatArray, FloatArray]:
+    """(K, A) changes of controls, (K, A, X) feedback, that make a plan's cost least."""
+    steps, actuators = plan.shares.shape
+    size = plan.motions.shape[1]
+    changes, feedback = np.zeros((steps, actuators)), np.zeros((steps, actuators, size))
+    slope, curve = np.zeros(size), np.zeros((size, size))
+    for k in reversed(range(steps)):
+        own, bent = costs.bend(plan.motions[k + 1])
+        slope, curve = slope + own, curve + np.diag(bent)
+        one = responses[k]
+        _, missed, bend = _apart(plan.missed[k])
+        by_motion = missed @ one.error_by_motion + slope @ one.by_motion
+        by_control = missed @ one.error_by_control + slope @ one.by_control
+        onward = curve @ one.by_motion
+        twice = bend[:, None] * one.error_by_motion
+        motion2 = one.error_by_motion.T @ twice + one.by_motion.T @ onward
+        cross = one.error_by_control.T @ twice + one.by_control.T @ onward
+        control2 = one.error_by_control.T @ (bend[:, None] * one.error_by_control)
+        control2 += one.by_control.T @ curve @ one.by_control
+        careful = control2 + caution * np.eye(actuators)
+        change, free = least_within(careful, by_control, -plan.shares[k], 1.0 - plan.shares[k])
+        gain = np.zeros((actuators, size))
+        if free.any():
+            gain[free] = -np.linalg.solve(careful[np.ix_(free, free)], cross[free])
+        changes[k], feedback[k] = change, gain
+        slope = by_motion + gain.T @ (control2 @ change + by_control) + cross.T @ change
+        curve = motion2 + gain.T @ control2 @ gain + gain.T @ cross + cross.T @ gain
+        curve = 0.5 * (curve + curve.T)
+    return changes, feedback
+
+
+def _apart(errors: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """What errors along each axis cost, m^2, and the slope and the bend of that."""
+    far = (errors / _FAR_M) ** 2
+    return errors**2 * (1.0 + 0.5 * far), 2.0 * errors * (1.0 + far), 2.0 + 6.0 * far
+
+
+def least_within(
+    curve: FloatArray, slope: FloatArray, low: FloatArray, high: FloatArray
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """The x from low to high at which slope x + x curve x / 2 is least, by projected Newton steps.
+
+    Args:
+        curve: (A, A) positive definite.
+        slope: (A,).
+        low: (A,) at most 0.
+        high: (A,) at least 0.
+
+    Returns:
+        (A,) x, and (A,) whether each is free, or held by its end.
+    """
+    x = np.clip(np.zeros(len(slope)), low, high)
+    free = np.ones(len(slope), dtype=bool)
+    for _ in range(30):
+        ascent = slope + curve @ x
+        free = ~(((x <= low + 1e-9) & (ascent > 0.0)) | ((x >= high - 1e-9) & (ascent < 0.0)))
+        if not free.any():
+            break
+        ahead = np.zeros(len(slope))
+        ahead[free] = -np.linalg.solve(curve[np.ix_(free, free)], ascent[free])
+        before, size = slope @ x + 0.5 * x @ curve @ x, 1.0
+        while True:
+            tried = np.clip(x + size * ahead, low, high)
+            after = slope @ tried + 0.5 * tried @ curve @ tried
+            if after <= before + _DESCENT * ascent @ (tried - x) or size < 1e-6:
+                break
+            size *= 0.6
+        if size < 1e-6 or before - after < 1e-9 * abs(before):
+            break
+        x = tried
+    return x, free

@@ -1,0 +1,300 @@
+"""What there is to see of play, moment after moment: of a user, a recording, or a person."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.client import (
+    AppClient,
+    AppReply,
+    AppScene,
+    DevicePoses,
+    GameFacts,
+    InProcessApp,
+    describe_game,
+    frame_time_ns,
+)
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.evaluation.first_look import act_of
+from sim2vr_harness.evaluation.replay.recordings import GAME, read_recordings
+from sim2vr_harness.evaluation.replay.replayer import replay
+from sim2vr_harness.policies.player import Player
+from sim2vr_harness.policies.store import TrainedUser
+from sim2vr_harness.users import Body
+
+__all__ = ["Moment", "Show", "person_show", "recorded_show", "user_show"]
+
+HEADSET_SIZE = (240, 160)
+"""Of the headset's picture, pixels."""
+_RECORDED_HZ = 20.0
+"""Moments per second that are kept of a recording."""
+
+
+@dataclass(frozen=True)
+class Moment:
+    """What there is to see.
+
+    Attributes:
+        time_s: since the round began.
+        scene: of the app.
+        headset: (H, W, 3) uint8.
+        text: the game's numbers now, for people.
+        events: what happened since the moment before, a line each.
+        qpos: (nq,) of the user's body; None: nobody knows the body.
+        activations: (M,) of its muscles.
+        bars: name -> 0 to 1.
+        numbers: name -> value, to be plotted: reward, effort, the game's log.
+    """
+
+    time_s: float
+    scene: AppScene
+    headset: NDArray[np.uint8]
+    text: str
+    events: tuple[str, ...] = ()
+    qpos: NDArray[np.float64] | None = None
+    activations: NDArray[np.float64] | None = None
+    bars: Mapping[str, float] = field(default_factory=dict)
+    numbers: Mapping[str, float] = field(default_factory=dict)
+
+
+@dataclass
+class Show:
+    """A source of moments, made when they are asked for.
+
+    Attributes:
+        title: for people.
+        frequency_hz: moments per second.
+        moments: yields them until the round is over; closes what it opened.
+        body: of the user; None: only what stands for the player is known.
+        hands: where a person holds head and hand; None: nobody can take part.
+    """
+
+    title: str
+    frequency_hz: float
+    moments: Callable[[], Iterator[Moment]]
+    body: Body | None = None
+    hands: Hands | None = None
+
+
+@dataclass
+class Hands:
+    """A person's head and hands, app frame; a viewer moves them.
+
+    Attributes:
+        poses: device -> (7,) position x y z (m), rotation x y z w.
+    """
+
+    poses: dict[str, NDArray[np.float64]]
+
+    def devices(self) -> DevicePoses:
+        """Return them as an app takes them."""
+        return DevicePoses(
+            self.poses["head"],
+            self.poses.get("right_controller"),
+            self.poses.get("left_controller"),
+        )
+
+
+class _Counters:
+    """Words for the game's numbers, and for what changed in them."""
+
+    def __init__(self, facts: GameFacts) -> None:
+        self._facts = facts
+        self._before: dict[str, float] = {}
+
+    def told(self, log: Mapping[str, float], time_s: float) -> tuple[str, tuple[str, ...]]:
+        """Return the numbers in a line, and a line for each that went up."""
+        parts, events = [], []
+        for measure in self._facts.with_log(log).counters:
+            value = log.get(measure.log_key)
+            if value is None:
+                continue
+            label = measure.label.partition(" (")[0]
+            parts.append(f"{label} {value:.4g}")
+            before = self._before.get(measure.log_key, 0.0)
+            if value == round(value) and value > before:
+                events.append(f"{time_s:5.2f} s  {label} {value:.0f}")
+            self._before[measure.log_key] = value
+        return "   ".join(parts), tuple(events)
+
+
+def _look(app: AppClient) -> tuple[AppScene, NDArray[np.uint8]]:
+    """What there is to be seen of an app: of one that tells nothing of its scene, the picture."""
+    scene = app.scene() if "scene" in app.capabilities else AppScene((), ())
+    if "views" in app.capabilities:
+        return scene, np.ascontiguousarray(app.render_headset(*HEADSET_SIZE)[..., :3])
+    image = (app.image if app.image.ndim == 3 else app.image[0])[..., :3]
+    larger = max(1, HEADSET_SIZE[0] // image.shape[1])
+    return scene, np.ascontiguousarray(image.repeat(larger, axis=0).repeat(larger, axis=1))
+
+
+def user_show(
+    user: TrainedUser | None,
+    env: EnvConfig,
+    *,
+    seed: int = 1,
+    deterministic: bool = False,
+    untrained: str | None = None,
+    simulation: Callable[..., Any] | None = None,
+) -> Show:
+    """Return a round of a user.
+
+    Args:
+        user: who plays; None: the body of ``env``.
+        env: the environment.
+        seed: of body, policy and game.
+        deterministic: whether actions are the policy's mean.
+        untrained: how a body moves that nobody trained: one of :data:`first_look.USERS`; None:
+            at random, gently.
+        simulation: how to make the user: (EnvConfig, n) -> simulation.
+    """
+    from sim2vr_harness.envs.simulation import Simulation
+
+    make = simulation or Simulation
+    facts = game_facts(env.app)
+    name = untrained or "nobody in particular"
+    if user is not None:
+        name = str(user.card.get("name") or user.source)
+    # The body of a running simulation, drawn shapes included.
+    first = make(env, 1)
+    body: Body = first.body
+
+    def moments() -> Iterator[Moment]:
+        with closing(first if not used else make(env, 1)) as users:
+            used.append(True)
+            act = _gentle(users.action_space.shape[0])
+            if user is not None:
+                act = Player(user, users.observation_space, users.action_space).for_a_round()
+            elif untrained is not None:
+                act = act_of(untrained, users)
+            mean = deterministic and user is not None
+            yield from _played(users, act, facts, seed, mean)
+
+    used: list[bool] = []
+    condition = facts.condition_of(env.app.options)
+    return Show(f"{name}: {facts.name} {condition}", env.action_frequency_hz, moments, body)
+
+
+def _played(
+    users: Any, act: Callable[..., Any], facts: GameFacts, seed: int, deterministic: bool
+) -> Iterator[Moment]:
+    rng = np.random.default_rng([seed, 1])
+    counters, steps, total, most = _Counters(facts), 0, 0.0, 1e-9
+    users.reset(seeds=[seed])
+    while True:
+        observation = {key: value[0] for key, value in users.observation().items()}
+        actions = act(observation, None if deterministic else rng)
+        outcome = users.step(np.asarray(actions)[None])
+        steps += 1
+        time_s = steps / users.config.action_frequency_hz
+        info = outcome.infos[0]
+        if info.get("termination") == "app_failed":
+            return
+        total += float(outcome.reward[0])
+        most = max(most, info["effort_cost"])
+        log = info.get("log", {})
+        text, events = counters.told(log, time_s)
+        scene, headset = _look(users.apps[0])
+        act_now = np.array(users.users.act[0])
+        bars = {
+            "Effort of this step, of the greatest so far": info["effort_cost"] / most,
+            "Mean activation of the muscles": float(act_now.mean()) if act_now.size else 0.0,
+        }
+        fatigued = float(users.users.effort.max_fatigued()[0])
+        if np.isfinite(fatigued):
+            bars["Fatigued motor units"] = fatigued
+        numbers = {"reward": float(outcome.reward[0]), "effort": info["effort_cost"], **log}
+        yield Moment(
+            time_s,
+            scene,
+            headset,
+            f"{text}   return {total:.1f}",
+            events,
+            np.array(users.users.qpos[0]),
+            act_now,
+            bars,
+            numbers,
+        )
+        if outcome.terminated[0] or outcome.truncated[0]:
+            return
+
+
+def _gentle(actions: int) -> Callable[..., Any]:
+    def act(_observation: Any, rng: np.random.Generator) -> Any:
+        return 0.2 * rng.standard_normal(actions).clip(-1.0, 1.0)
+
+    return act
+
+
+def recorded_show(path: Path) -> Show:
+    """Return a recorded round, played again by its poses: head and hands, no body.
+
+    Raises:
+        InputError: There is no such recording, or several.
+    """
+    recordings = read_recordings([path])
+    if len(recordings) != 1:
+        names = ", ".join(recording.name for recording in recordings[:5])
+        raise InputError("RUN", f"{len(recordings)} recordings ({names})", "the folder of one")
+    recording = recordings[0]
+    facts = describe_game(GAME)
+
+    def moments() -> Iterator[Moment]:
+        found: list[Moment] = []
+        counters = _Counters(facts)
+
+        def watch(app: AppClient, timing: Any, frame: int, reply: AppReply) -> None:
+            time_s = (int(timing.frame_times_ns[frame]) - int(timing.frame_times_ns[0])) / 1e9
+            if time_s < len(found) / _RECORDED_HZ:
+                return
+            text, events = counters.told(reply.log, time_s)
+            scene, headset = _look(app)
+            found.append(Moment(time_s, scene, headset, text, events, numbers=dict(reply.log)))
+
+        replay(recording, renderer="automatic", watch=watch)
+        yield from found
+
+    return Show(f"{recording.name}: {recording.condition}", _RECORDED_HZ, moments)
+
+
+def person_show(env: EnvConfig, *, seed: int = 1) -> Show:
+    """Return a round that a person plays, whose head and hands a viewer moves.
+
+    Args:
+        env: the game and its options.
+        seed: of the game.
+    """
+    facts = game_facts(env.app)
+    level = [0.0, 0.0, 0.0, 1.0]
+    poses = {"head": np.array([0.0, 1.17, 0.12, *level])}
+    for device, place in (
+        ("right_controller", [0.2, 0.95, 0.3]),
+        ("left_controller", [-0.2, 0.95, 0.3]),
+    ):
+        if f"controller_{device.partition('_')[0]}" in facts.needs("right"):
+            poses[device] = np.array([*place, *level])
+    hands = Hands(poses)
+    rate = env.action_frequency_hz
+
+    def moments() -> Iterator[Moment]:
+        counters, frame = _Counters(facts), 0
+        with InProcessApp(env.app.game, env.app.options) as app:
+            reply = app.reset(seed, hands.devices())
+            while not reply.finished:
+                frame += 1
+                reply = app.step(frame_time_ns(frame, rate), hands.devices())
+                text, events = counters.told(reply.log, frame / rate)
+                scene, headset = _look(app)
+                yield Moment(frame / rate, scene, headset, text, events, numbers=dict(reply.log))
+
+    condition = facts.condition_of(env.app.options)
+    return Show(f"You play {facts.name} {condition}".strip(), rate, moments, hands=hands)

@@ -1,0 +1,91 @@
+"""What to watch: a trained user, a body, a recorded round, a page, or a game to try."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.envs.games import with_task
+from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
+from sim2vr_harness.runs.config import load_config
+from sim2vr_harness.tools.users import environment_of
+from sim2vr_harness.tools.watch.frames import Show, person_show, recorded_show, user_show
+
+__all__ = ["choose"]
+
+_BODY = "mobl_arms_wrist"
+
+
+def choose(
+    run: str | None,
+    *,
+    person: bool = False,
+    game: str | None = None,
+    condition: str | None = None,
+    seed: int = 1,
+    deterministic: bool = False,
+    trust_app: bool = False,
+    page: Sequence[str] = (),
+    untrained: str | None = None,
+) -> Show:
+    """Return what is meant.
+
+    Args:
+        run: a user, configuration or body; the folder or files of a logged or recorded round.
+        person: whether a person plays.
+        game: another game than the user's.
+        condition: of the game.
+        seed: of the round.
+        deterministic: whether actions are the policy's mean.
+        trust_app: whether the app that it names may be started, though you never have.
+        page: instead of a user, overrides of the configuration that name a page.
+        untrained: who plays the page; see :func:`user_show`.
+
+    Raises:
+        InputError: It is none of them, or does not go together.
+    """
+    if page:
+        if run is not None or person or game is not None or condition is not None:
+            raise InputError("--page", "it with a user, a game or --try", "the page alone")
+        env = with_task(load_config("webxr", page).env)
+        return user_show(None, env, seed=seed, untrained=untrained or "random")
+    if untrained is not None:
+        raise InputError("--user", repr(untrained), "--page with it")
+    if run is not None and _recorded(Path(run)):
+        if person:
+            raise InputError("--try", "it with a recording", "it with a game, a user, or alone")
+        if game is not None or condition is not None:
+            raise InputError("--game or --condition", "it with a recording", "neither of them")
+        return recorded_show(Path(run))
+    who = run or _BODY
+    try:
+        env = environment_of(who, game=game, condition=condition, trust_app=trust_app)
+    except InputError as error:
+        if error.field != "USER":
+            raise
+        expected = f"the folder of a logged or recorded round, {error.expected}"
+        raise InputError("RUN", error.got, expected) from error
+    if person:
+        return person_show(env, seed=seed)
+    user = _trained(who)
+    if user is not None:
+        require_contract(user, env)
+    return user_show(user, env, seed=seed, deterministic=deterministic)
+
+
+def _recorded(path: Path) -> bool:
+    """Whether it is a round's log or a recording rather than a run."""
+    if path.is_file():
+        return path.suffix in (".csv", ".npz", ".json")
+    if not path.is_dir() or (path / "config.yaml").exists() or (path / "card.json").exists():
+        return False
+    return any(path.rglob("states.csv")) or any(path.rglob("manifest.json"))
+
+
+def _trained(who: str) -> TrainedUser | None:
+    """The trained user of that name; None for a configuration or a body."""
+    try:
+        return find_user(who)
+    except InputError:
+        return None

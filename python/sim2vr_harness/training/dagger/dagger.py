@@ -1,0 +1,463 @@
+"""A policy that sees learns from a teacher who knows (DAgger, on the app's real pictures).
+
+The student acts, so that it meets the situations its own mistakes lead to, and the teacher labels
+each of them with what it would have done. The student's network learns the teacher's mean action;
+heads on its image features, which are dropped afterwards, learn facts that the picture shows, such
+as which targets are there. Ross, Gordon & Bagnell (2011), "A Reduction of Imitation Learning and
+Structured Prediction to No-Regret Online Learning".
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.torch_threads import torch_threads
+from sim2vr_harness.client import GameFacts
+from sim2vr_harness.policies.attention_crops import Glimpses
+from sim2vr_harness.policies.sharding import in_shards
+from sim2vr_harness.policies.visual_actor_critic import UserPolicy
+from sim2vr_harness.runs.dagger_config import StudentConfig
+from sim2vr_harness.training.dagger.dataset import FrameStore
+from sim2vr_harness.training.run.episode_stats import episode_means
+
+__all__ = ["Guide", "Student", "StudentProgress"]
+
+STATE_FORMAT = 4
+_COLLECTED = 0.4
+"""Share of a round's time that is over after collecting."""
+_TARGETS = ("label", "facts", "numbers", "glances")
+"""What a stored frame holds beside the observation."""
+
+
+class Guide(Protocol):
+    """Who knows what the student should do, from more than the student sees."""
+
+    glance_columns: tuple[tuple[int, ...], ...]
+    """Of each of :meth:`glances`, which of :meth:`numbers` are about it."""
+
+    def actions(self, simulation: Any) -> NDArray[np.float32]:
+        """(N, A) what the teacher would do now, in [-1, 1]."""
+
+    def facts(self, simulation: Any) -> NDArray[np.float32]:
+        """(N, F) numbers in [0, 1] that the picture shows; F may be 0."""
+
+    def numbers(self, simulation: Any) -> NDArray[np.float32]:
+        """(N, K) what the teacher knows of the game, about 1 in size, for ``numbers_weight``."""
+
+    def glances(self, simulation: Any) -> NDArray[np.float32]:
+        """(N, G, 3) where in the picture the game's ``glances`` are.
+
+        Tangents right and up of its middle, and 1 if there is one, else 0.
+        """
+
+    def proprioception_scale(
+        self, simulation: Any
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Mean and standard deviation of the users' proprioception while the teacher plays."""
+
+
+@dataclass
+class StudentProgress:
+    """The numbers of one round of collecting and learning.
+
+    Attributes:
+        frames: user steps collected so far.
+        imitation_error: root mean square difference to the teacher's action, per muscle.
+        facts_error: mean cross entropy of the facts, 0 without any.
+        numbers_error: mean squared error of what the teacher knows of the game, 0 where the student
+            does not learn to tell it.
+        glances_error: of where the student looks, see ``Glimpses.loss``; 0 without glimpses.
+        reading_error: mean squared error of what is told of a thing from the glimpse of it alone.
+        teacher_share: share of users on whom the teacher acted.
+        episodes: episodes that ended, on which the student alone acted.
+        means: means over the last of those, as :func:`episode_means` gives them.
+        collect_seconds: wall time.
+        learn_seconds: wall time.
+    """
+
+    frames: int
+    imitation_error: float
+    facts_error: float
+    numbers_error: float
+    glances_error: float
+    reading_error: float
+    teacher_share: float
+    episodes: int
+    means: dict[str, float]
+    collect_seconds: float
+    learn_seconds: float
+
+
+class Student:
+    """DAgger on N users.
+
+    Args:
+        config: of the stage.
+        policy: the network to train, where it is to learn (CPU or GPU); its critic is left alone.
+        simulation: N users who see; owned by the caller.
+        guide: the teacher.
+        folder: that the collected pictures go to; made or reused.
+        seed: of everything drawn here.
+        game: what the game publishes, for the means of episodes.
+    """
+
+    def __init__(
+        self,
+        config: StudentConfig,
+        policy: UserPolicy,
+        simulation: Any,
+        guide: Guide,
+        folder: Path,
+        *,
+        seed: int,
+        game: GameFacts | None = None,
+    ) -> None:
+        self.config, self.policy, self.simulation, self.guide = config, policy, simulation, guide
+        self._device = policy.device
+        self.game = game or GameFacts("")
+        self.n: int = simulation.n
+        self._rng = np.random.default_rng([seed, 77])
+        seeds = np.random.SeedSequence([seed, 78]).generate_state(self.n, np.uint32)
+        simulation.reset(seeds=[int(value) for value in seeds])
+        self._facts = guide.facts(simulation).shape[1]
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            extractor: Any = policy.features_extractor
+            width = extractor.picture_features
+            self._heads = nn.Linear(width, self._facts).to(self._device) if self._facts else None
+            self._tell = self._telling(policy)
+            self._glimpses: Glimpses | None = extractor.glimpses
+            self._looked_at = self._looking()
+            self._read = self._reading()
+        mlp: Any = policy.mlp_extractor
+        self._parameters = [
+            *policy.features_extractor.parameters(),
+            *mlp.actor.parameters(),
+            *policy.action_net.parameters(),
+            *(weights for head in self._dropped.values() for weights in head.parameters()),
+        ]
+        # Fused: one pass over the weights instead of a dozen.
+        self._optimizer = torch.optim.AdamW(
+            self._parameters, config.learning_rate, weight_decay=config.weight_decay, fused=True
+        )
+        shapes = {
+            key: (value.shape[1:], value.dtype) for key, value in simulation.observation().items()
+        }
+        actions = simulation.action_space.shape[0]
+        self._pictures = [key for key, (shape, _) in shapes.items() if len(shape) == 3]
+        each = self.n * config.rollout_steps
+        self.store = FrameStore(
+            folder,
+            -(-min(config.frames, config.kept_frames or config.frames) // each) * each,
+            shapes
+            | {
+                "label": ((actions,), np.float32),
+                "facts": ((self._facts,), np.float32),
+                "numbers": ((self._tell.out_features if self._tell else 0,), np.float32),
+                "glances": ((self._looked_at, 3), np.float32),
+            },
+            slack=config.checkpoint_rounds * each if config.kept_frames else 0,
+        )
+        self.round = 0
+        # Rounds end at different times, so that every minibatch has all phases of a round in it.
+        longest = min(simulation.max_steps, config.stagger_steps)
+        self._cut = self._rng.integers(1, longest + 1, self.n)
+        self._acted = np.zeros(self.n)
+        self._episodes: deque[dict[str, Any]] = deque(maxlen=config.statistics_episodes)
+        self._ended = 0
+
+    @property
+    def _dropped(self) -> dict[str, nn.Module]:
+        """The heads that there are; only this stage has them."""
+        heads = {"heads": self._heads, "tell": self._tell, "read": self._read}
+        return {name: head for name, head in heads.items() if head is not None}
+
+    def _telling(self, policy: UserPolicy) -> nn.Linear | None:
+        """The head that tells what the teacher knows, from all of the student's features."""
+        if self.config.numbers_weight == 0.0:
+            return None
+        told = self.guide.numbers(self.simulation).shape[1]
+        return nn.Linear(policy.features_dim, told).to(self._device)
+
+    def _looking(self) -> int:
+        """How many things are looked at; from now on it is learned where they are."""
+        if self._glimpses is None:
+            return 0
+        count, known = self._glimpses.count, len(self.guide.glance_columns)
+        if known < count:
+            raise InputError(
+                "policy.glimpses.count",
+                str(count),
+                f"at most {known}, the things that the game says are worth looking at",
+            )
+        self._glimpses.teach(True)
+        return count
+
+    def _reading(self) -> nn.ModuleList | None:
+        """The heads that tell of each thing that is looked at, from the glimpse of it alone.
+
+        Among all that is told of a game, what a thing is like would hardly count.
+        """
+        if self._glimpses is None or self._tell is None:
+            return None
+        columns = self.guide.glance_columns[: self._looked_at]
+        heads = [nn.Linear(self._glimpses.features, len(which)) for which in columns]
+        return nn.ModuleList(heads).to(self._device)
+
+    @property
+    def finished(self) -> bool:
+        """Whether all frames are collected and learned from."""
+        return self.store.count >= self.config.frames
+
+    # --- a round -----------------------------------------------------------------------------
+
+    def step(self, on_progress: Callable[[float], None] = lambda share: None) -> StudentProgress:
+        """Collect ``rollout_steps`` of every user, then learn.
+
+        Args:
+            on_progress: called with the share of the round that is done, more or less.
+        """
+        began = time.monotonic()
+        with torch_threads(1):
+            share = self._collect(on_progress)
+        collected = time.monotonic()
+        with torch_threads(1 if self.policy.in_shards else torch.get_num_threads()):
+            errors = self._learn(on_progress)
+        self.round += 1
+        return StudentProgress(
+            frames=self.store.count,
+            imitation_error=math.sqrt(errors["imitation"]),
+            facts_error=errors["facts"],
+            numbers_error=errors["numbers"],
+            glances_error=errors["glances"],
+            reading_error=errors["reading"],
+            teacher_share=share,
+            episodes=self._ended,
+            means=episode_means(list(self._episodes), self.game),
+            collect_seconds=collected - began,
+            learn_seconds=time.monotonic() - collected,
+        )
+
+    def _collect(self, on_progress: Callable[[float], None]) -> float:
+        config = self.config
+        late = self.round - config.teacher_rounds
+        share = 1.0 if late < 0 else config.teacher_share * config.teacher_share_decay**late
+        noisy = np.arange(self.n) < config.noisy_users * self.n
+        shown = 0
+        for step in range(config.rollout_steps):
+            on_progress(_COLLECTED * step / config.rollout_steps)
+            observation = self.simulation.observation()
+            label = np.clip(self.guide.actions(self.simulation), -1.0, 1.0)
+            facts = self.guide.facts(self.simulation)
+            told = {"label": label, "facts": facts, "numbers": self._told()}
+            self.store.append({**observation, **told, "glances": self._glances()})
+            # Whole stretches by one of the two would show fewer of the student's mistakes.
+            by_teacher = self._rng.random(self.n) < share
+            noise = self._rng.standard_normal(label.shape).astype(np.float32)
+            action = np.where(by_teacher[:, None], label, self.act(observation))
+            action = action + noise * (config.noise_std * noisy[:, None])
+            outcome = self.simulation.step(np.clip(action, -1.0, 1.0))
+            self._count(outcome, by_teacher)
+            shown += int(by_teacher.sum())
+        return shown / (config.rollout_steps * self.n)
+
+    def _told(self) -> NDArray[np.float32]:
+        """(N, K) what the student learns to tell; K may be 0."""
+        if self._tell is None:
+            return np.zeros((self.n, 0), np.float32)
+        return self.guide.numbers(self.simulation)
+
+    def _glances(self) -> NDArray[np.float32]:
+        """(N, G, 3) where the things are that are looked at; G may be 0."""
+        if self._looked_at == 0:
+            return np.zeros((self.n, 0, 3), np.float32)
+        return self.guide.glances(self.simulation)[:, : self._looked_at]
+
+    def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
+        """(N, A) the student's mean actions."""
+        batch = {
+            key: torch.from_numpy(value).to(self._device) for key, value in observation.items()
+        }
+        with torch.inference_mode():
+            action: NDArray[np.float32] = self.policy.action_mean(batch).float().cpu().numpy()
+        return action
+
+    def _count(self, outcome: Any, by_teacher: NDArray[np.bool_]) -> None:
+        self._acted += by_teacher
+        self._cut -= 1
+        over = outcome.over
+        for i in np.flatnonzero(over).tolist():
+            info = outcome.info(i)
+            if self._cut[i] < 0 and info["termination"] == "finished" and self._acted[i] == 0:
+                self._ended += 1
+                self._episodes.append({"r": 0.0, "l": 0, "log": dict(outcome.logs[i])})
+        again = np.flatnonzero(over | (self._cut == 0)).tolist()
+        if again:
+            self.simulation.reset(ids=again)
+            self._acted[again] = 0
+
+    def _learn(self, on_progress: Callable[[float], None]) -> dict[str, float]:
+        config = self.config
+        samples = round(config.samples_per_frame * self.n * config.rollout_steps)
+        minibatches = max(1, round(samples / config.batch_size))
+        done = min(1.0, self.store.count / config.frames)
+        fall = min(1.0, 2.0 * (1.0 - done))  # constant in the first half, then linear to 0
+        for group in self._optimizer.param_groups:
+            group["lr"] = config.learning_rate * max(fall, 0.02)
+        self.policy.train()
+        sums: dict[str, float] = {}
+        weights = {
+            "imitation": config.imitation_weight,
+            "facts": config.facts_weight,
+            "numbers": config.numbers_weight,
+            "glances": config.glances_weight,
+            "reading": config.numbers_weight,
+        }
+        first, last = self.store.first, self.store.count
+        for number in range(minibatches):
+            on_progress(_COLLECTED + (1.0 - _COLLECTED) * number / minibatches)
+            rows = np.sort(self._rng.integers(first, last, config.batch_size))
+            batch = {key: value.to(self._device) for key, value in self.store.rows(rows).items()}
+            losses = self._losses(batch)
+            loss = torch.stack([weights[name] * loss for name, loss in losses.items()]).sum()
+            self._optimizer.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            nn.utils.clip_grad_norm_(self._parameters, config.max_grad_norm)
+            self._optimizer.step()
+            for name, value in losses.items():
+                sums[name] = sums.get(name, 0.0) + float(value.detach())
+        self.policy.eval()
+        return {name: sums.get(name, 0.0) / minibatches for name in weights}
+
+    def _losses(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
+        """The errors that there are, each a number."""
+        if self.config.image_noise > 0.0:
+            for key in self._pictures:
+                batch[key] = _noisy(batch[key], self.config.image_noise)
+        observation = {key: value for key, value in batch.items() if key not in _TARGETS}
+        if self.policy.in_shards:
+            weights = [weight for weight in self._parameters if weight.requires_grad]
+            answers = in_shards(self._network, weights, observation, self.policy.workers)
+        else:
+            answers = self._network(observation)
+        left = list(answers)
+        losses = {"imitation": nn.functional.mse_loss(left.pop(0), batch["label"])}
+        if self._heads is not None:
+            logits = left.pop(0)
+            losses["facts"] = nn.functional.binary_cross_entropy_with_logits(logits, batch["facts"])
+        if self._tell is not None:
+            losses["numbers"] = nn.functional.mse_loss(left.pop(0), batch["numbers"])
+        if self._glimpses is not None:
+            glances = batch["glances"]
+            losses["glances"] = self._glimpses.loss(left.pop(0), glances[..., :2], glances[..., 2])
+        if self._read is not None:
+            losses["reading"] = self._reading_error(left, batch["numbers"], glances[..., 2])
+        return losses
+
+    def _reading_error(self, told: list[Tensor], numbers: Tensor, there: Tensor) -> Tensor:
+        errors = torch.zeros(())
+        for k, (read, columns) in enumerate(zip(told, self.guide.glance_columns, strict=False)):
+            wrong = (read - numbers[:, columns]).square().mean(1)
+            errors = errors + (wrong * there[:, k]).sum()
+        return errors / there.sum().clamp(min=1.0)
+
+    def _network(self, batch: dict[str, Tensor]) -> tuple[Tensor, ...]:
+        """Mean actions (B, A), facts' logits (B, F), numbers (B, K), places (B, G, 3, cells).
+
+        What the student does not learn is left out.
+        """
+        extractor: Any = self.policy.features_extractor
+        features, where = extractor.look(batch)
+        latent = self.policy.mlp_extractor.forward_actor(features)
+        answers = [torch.tanh(self.policy.action_net(latent))]
+        if self._heads is not None:
+            answers.append(self._heads(features[:, : self._heads.in_features]))
+        if self._tell is not None:
+            answers.append(self._tell(features))
+        if where is not None:
+            answers.append(where)
+        if self._read is not None:
+            assert self._glimpses is not None
+            seen = self._glimpses.parted(features)
+            answers += [head(seen[:, k]) for k, head in enumerate(self._read)]
+        return tuple(answers)
+
+    # --- exact resume ------------------------------------------------------------------------
+
+    def snapshot(self) -> dict[str, Any]:
+        """Copy everything that the next round depends on; images stay in the store's file."""
+        header = {
+            "format": STATE_FORMAT,
+            "round": self.round,
+            "count": self.store.count,
+            "ended": self._ended,
+            "episodes": list(self._episodes),
+            "rng": self._rng.bit_generator.state,
+        }
+        simulation = torch.frombuffer(bytearray(self.simulation.save_state()), dtype=torch.uint8)
+        return {
+            "policy": copy.deepcopy(self.policy.state_dict()),
+            **dict.fromkeys(("heads", "tell", "read")),
+            **{name: copy.deepcopy(head.state_dict()) for name, head in self._dropped.items()},
+            "optimizer": copy.deepcopy(self._optimizer.state_dict()),
+            "torch_rng": torch.get_rng_state(),
+            "arrays": {
+                "simulation": simulation,
+                "cut": torch.from_numpy(self._cut.copy()),
+                "acted": torch.from_numpy(self._acted.copy()),
+                # What is appended later is written over no frame that this state can ask for.
+                **{
+                    f"store.{key}": torch.from_numpy(value)
+                    for key, value in self.store.state().items()
+                },
+            },
+            "header": json.dumps(header),
+        }
+
+    def load_snapshot(self, state: Mapping[str, Any]) -> None:
+        """Go on from :meth:`snapshot`.
+
+        Raises:
+            ValueError: it is of another format.
+        """
+        header = json.loads(state["header"])
+        if header["format"] != STATE_FORMAT:
+            raise ValueError(f"got format {header['format']}, expected {STATE_FORMAT}")
+        arrays = {key: value.cpu().numpy() for key, value in state["arrays"].items()}
+        self.policy.load_state_dict(state["policy"])
+        for name, head in self._dropped.items():
+            head.load_state_dict(state[name])
+        self._optimizer.load_state_dict(state["optimizer"])
+        torch.set_rng_state(state["torch_rng"].cpu())
+        self.simulation.load_state(arrays["simulation"].tobytes())
+        self._cut, self._acted = arrays["cut"].copy(), arrays["acted"].copy()
+        self.store.restore(
+            header["count"],
+            {
+                key.removeprefix("store."): value
+                for key, value in arrays.items()
+                if key.startswith("store.")
+            },
+        )
+        self.round, self._ended = header["round"], header["ended"]
+        self._episodes.extend(header["episodes"])
+        self._rng.bit_generator.state = header["rng"]
+
+
+def _noisy(images: Tensor, std: float) -> Tensor:
+    noise = torch.randn(images.shape, device=images.device) * std
+    return (images + noise).round().clamp(0, 255).to(torch.uint8)

@@ -1,0 +1,74 @@
+"""A user with a motor layer beside a student: what it would do with what it sees."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.policies.hierarchical.action_selection import Chooser
+from sim2vr_harness.policies.hierarchical.action_value_map import PlaceValues
+from sim2vr_harness.policies.hierarchical.frame_history import PastPictures
+from sim2vr_harness.policies.hierarchical.primitives import MOVES, Choice, Mover
+from sim2vr_harness.training.dagger.expert import proprioception_scale
+
+__all__ = ["SkillGuide"]
+
+_UNIT_M = 0.4
+
+
+class SkillGuide:
+    """See :class:`~sim2vr_harness.training.dagger.dagger.Guide`.
+
+    It remembers nothing but the pictures: the choice is made anew in every user step, so that what
+    it does follows from what is seen and felt.
+
+    Args:
+        net: says what is worth doing.
+        mover: of the users' hands.
+        simulation: the users; watched from their next reset on.
+        late_steps: user steps by which they see late.
+    """
+
+    def __init__(
+        self, net: PlaceValues, mover: Mover, simulation: Any, late_steps: int = 0
+    ) -> None:
+        self._net, self._chooser = (
+            net,
+            Chooser(simulation, mover, PastPictures(simulation, late_steps)),
+        )
+        self._choice = Choice(simulation.n, len(mover.tool))
+        self._size = simulation.action_space.shape[0]
+
+    def actions(self, simulation: Any) -> NDArray[np.float32]:
+        """See the protocol."""
+        self._chooser.choose_best(self._net, self._choice)
+        body = self._chooser.actions(self._choice)
+        actions = np.zeros((len(body), self._size), np.float32)
+        actions[:, : body.shape[1]] = body
+        return actions
+
+    def facts(self, simulation: Any) -> NDArray[np.float32]:
+        """See the protocol: none."""
+        return np.zeros((simulation.n, 0), np.float32)
+
+    def numbers(self, simulation: Any) -> NDArray[np.float32]:
+        """See the protocol: the move and the place of every hand."""
+        head = simulation.users.device_poses("headset")[0]
+        place = (self._choice.place.numpy() - head[:, None]) / _UNIT_M
+        moves = self._choice.move.numpy()[..., None] == np.arange(-1, len(MOVES))
+        told = np.concatenate([place, moves], 2).reshape(len(head), -1)
+        return np.clip(told, -3.0, 3.0).astype(np.float32)
+
+    glance_columns: tuple[tuple[int, ...], ...] = ()
+
+    def glances(self, simulation: Any) -> NDArray[np.float32]:
+        """See the protocol: nothing is known of the game."""
+        return np.zeros((simulation.n, 0, 3), np.float32)
+
+    def proprioception_scale(
+        self, simulation: Any
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """See the protocol."""
+        return proprioception_scale(self, simulation)

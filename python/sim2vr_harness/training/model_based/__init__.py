@@ -1,0 +1,1 @@
+"""Model-based training: rollouts in a learned model of the body."""

@@ -1,0 +1,1 @@
+"""Training and benchmark of the goal-conditioned motor policy."""

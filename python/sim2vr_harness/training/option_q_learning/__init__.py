@@ -1,0 +1,1 @@
+"""Q-learning of options over image cells."""

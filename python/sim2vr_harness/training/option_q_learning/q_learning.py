@@ -1,0 +1,501 @@
+"""Learning what is worth doing with what is seen, by trying: Q-learning over places in the picture.
+
+A decision is a move of each hand and a place in the picture to do it with (Zeng et al. 2018,
+"Learning Synergies between Pushing and Grasping", call such values action maps). What the hands
+decide adds up to what the user gets (Sunehag et al. 2018, value decomposition). Random tries go to
+rare colours more often than to common ones, and are seen through.
+"""
+
+from __future__ import annotations
+
+import copy
+import json
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+from torch.nn import functional
+
+from sim2vr_harness.base.cores import budget
+from sim2vr_harness.policies.hierarchical.action_selection import Chooser, Scene
+from sim2vr_harness.policies.hierarchical.action_value_map import PlaceValues
+from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX
+from sim2vr_harness.policies.hierarchical.frame_history import PastPictures
+from sim2vr_harness.policies.hierarchical.primitives import MOVES, Choice, Mover
+from sim2vr_harness.runs.option_config import LookingConfig
+
+__all__ = ["Looker", "LookingReport", "Scene"]
+
+STATE_FORMAT = 2
+_TRY_STEPS = (4, 14)
+"""How long a random try is seen through, user steps."""
+_REST_SHARE = 0.1
+_SETTLED_RATE, _SETTLED_TRIES = 0.05, 0.25
+"""Factors on learning rate and random tries at the very end."""
+_COLOURS = 8
+_TRUSTED_PERCENTILE = 99.0
+_NEAR_M, _REACHED_M = 1.2, 0.06
+_PARTS = 2
+"""Of a batch, which cores can learn from side by side."""
+_TIMED = 3
+_Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
+_SCENE = ("head", "turned", "tips", "velocities")
+"""What is remembered of a scene beside its pictures."""
+
+
+@dataclass(frozen=True)
+class LookingReport:
+    """How far it is.
+
+    Attributes:
+        step: user steps of all users so far.
+        reward: mean reward of the app per minute, over the last ones.
+        loss: of the values.
+        explore: share of random tries.
+    """
+
+    step: int
+    reward: float
+    loss: float
+    explore: float
+
+
+class _Memory:
+    """Decisions of N users in the order in which they were made, pictures in a file.
+
+    The file is only ever appended to, so that a resumed stage sees what the stopped one saw.
+
+    Args:
+        file: where pictures go; made or reused.
+        length: decisions of everybody.
+        n: number of users.
+        hands: H.
+        picture: shape of a user's pictures.
+    """
+
+    def __init__(
+        self, file: Path, length: int, n: int, hands: int, picture: tuple[int, ...]
+    ) -> None:
+        shape = (length, n)
+        mode: Any = "r+" if file.is_file() else "w+"
+        self.pictures = np.memmap(file, np.uint8, mode, shape=(*shape, *picture))
+        self.known: dict[str, NDArray[Any]] = {
+            "head": np.zeros((*shape, 3), np.float32),
+            "turned": np.zeros((*shape, 9), np.float32),
+            "tips": np.zeros((*shape, hands, 3), np.float32),
+            "velocities": np.zeros((*shape, hands, 3), np.float32),
+            "chosen": np.zeros((*shape, hands), np.int64),
+            "reward": np.zeros(shape, np.float32),
+            "over": np.zeros(shape, bool),
+        }
+        self.count = 0
+
+    def append(self, scene: Scene, chosen: NDArray[np.int64]) -> None:
+        """A decision; what came of it is told by :meth:`outcome`."""
+        row = self.count
+        self.pictures[row] = scene.pictures
+        for name in _SCENE:
+            self.known[name][row] = getattr(scene, name)
+        self.known["chosen"][row] = chosen
+        self.count += 1
+
+    def outcome(self, reward: NDArray[np.float32], over: NDArray[np.bool_]) -> None:
+        """Rewards of the latest decision, and whose episodes ended after it."""
+        self.known["reward"][self.count - 1] = reward
+        self.known["over"][self.count - 1] = over
+
+    def scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> Scene:
+        """What was seen."""
+        known = self.known
+        pictures = np.asarray(self.pictures[rows, users])
+        return Scene(pictures, *(known[name][rows, users] for name in _SCENE))
+
+    def state(self) -> dict[str, Tensor]:
+        """All but the pictures, which are made sure to be in the file."""
+        self.pictures.flush()
+        return {
+            name: torch.from_numpy(values[: self.count].copy())
+            for name, values in self.known.items()
+        }
+
+    def load_state(self, count: int, state: Mapping[str, Tensor]) -> None:
+        """Go back to the first ``count`` decisions."""
+        self.count = count
+        for name, values in self.known.items():
+            values[:count] = state[name].numpy()
+
+
+class Looker:
+    """Learns values of places and moves while N users try.
+
+    Args:
+        config: of the stage.
+        simulation: N users; owned by the caller.
+        mover: turns moves into goals.
+        pictures: the file that what is seen goes to; made or reused.
+        seed: of everything drawn here.
+    """
+
+    def __init__(
+        self, config: LookingConfig, simulation: Any, mover: Mover, pictures: Path, *, seed: int
+    ) -> None:
+        self.config, self.simulation, self.mover = config, simulation, mover
+        self.n: int = simulation.n
+        self.hands = len(mover.tool)
+        vision = simulation.config.vision
+        self._chooser = Chooser(simulation, mover, PastPictures(simulation))
+        with torch.random.fork_rng(devices=[]):
+            torch.manual_seed(seed)
+            self.net = PlaceValues(self._chooser.sight, self.hands, width=config.width)
+        self._slow = copy.deepcopy(self.net).requires_grad_(False)
+        self._optimizer = torch.optim.Adam(self.net.parameters(), config.learning_rate, fused=True)
+        self.rng = np.random.default_rng([seed, 55])
+        self.step_count = 0
+        self.scale = 1.0
+        """What rewards are divided by."""
+        picture = (8, vision.height, vision.width)
+        length = -(-config.user_steps // (self.n * config.decide_steps)) + 1
+        self._memory = _Memory(pictures, length, self.n, self.hands, picture)
+        seeds = np.random.SeedSequence([seed, 56]).generate_state(self.n, np.uint32)
+        simulation.reset(seeds=[int(value) for value in seeds])
+        self._choice = Choice(self.n, self.hands)
+        self._trying = np.zeros((self.n, self.hands), np.int64)
+        """User steps for which a random try is still seen through."""
+        self._tried = np.zeros((self.n, self.hands), np.int64)
+        self._colours = np.ones(_COLOURS**3)
+        self._rewards: deque[float] = deque(maxlen=200)
+        self._owed = 0.0
+
+    # --- deciding ----------------------------------------------------------------------------
+
+    def _decide(self, scene: Scene, explore: float) -> NDArray[np.int64]:
+        """(N, H) what everybody chooses; cells and moves in one number, the last one rests."""
+        places = self._chooser.places(scene)
+        with torch.inference_mode():
+            values = self._chooser.values(self.net, scene, places)
+            chosen = self._chooser.best(values, scene).numpy()
+        still = self._trying > 0  # the place stays the one that was tried
+        changed = ~still
+        chosen[still] = self._tried[still]
+        anew = changed & (self.rng.random((self.n, self.hands)) < explore)
+        users = np.flatnonzero(anew.any(1))
+        self._note_colours(scene)
+        for i, weights in zip(users, self._curiosity(scene, places, users), strict=True):
+            for hand in np.flatnonzero(anew[i]):
+                chosen[i, hand] = self._tried[i, hand] = self._try(weights)
+                self._trying[i, hand] = self.rng.integers(*_TRY_STEPS)
+        self._trying -= self.config.decide_steps
+        self._chooser.choose(self._choice, chosen, places, changed)
+        return chosen
+
+    def _try(self, weights: NDArray[np.float64]) -> int:
+        if self.rng.random() < _REST_SHARE:
+            return len(MOVES) * self._chooser.sight.cells
+        cell = int(np.searchsorted(np.cumsum(weights), self.rng.random() * weights.sum()))
+        cell = min(cell, self._chooser.sight.cells - 1)
+        # Half of the tries touch or push.
+        move = self.rng.integers(2) if self.rng.random() < 0.5 else self.rng.integers(len(MOVES))
+        return int(move) * self._chooser.sight.cells + cell
+
+    def _curiosity(
+        self, scene: Scene, places: Tensor, users: NDArray[np.int64]
+    ) -> NDArray[np.float64]:
+        """(K, cells) how much K users try: what is within reach, what has a rare colour."""
+        if not len(users):
+            return np.zeros((0, self._chooser.sight.cells))
+        colour = self._colours_of(scene)[users]
+        rare = 1.0 / (0.002 + self._colours[colour] / self._colours.sum())
+        flat = places[users].flatten(2).transpose(1, 2).reshape(-1, 3)
+        reach = np.minimum.reduce(
+            [self.mover.distance(hand, flat).numpy() for hand in range(self.hands)]
+        ).reshape(len(users), -1)
+        there = np.where(self._chooser.something(scene).numpy()[users], 1.0, 1e-9)
+        near = there * np.where(reach < 0.1, 1.0, 0.03)
+        weights: NDArray[np.float64] = near * (0.3 * rare / rare.mean() + 0.7)
+        rarest = near * rare
+        return 0.5 * weights / weights.sum(1, keepdims=True) + 0.5 * rarest / rarest.sum(
+            1, keepdims=True
+        )
+
+    def _note_colours(self, scene: Scene) -> None:
+        """Count what colours there are; what was seen long ago counts less."""
+        self._colours *= 0.999
+        np.add.at(self._colours, self._colours_of(scene).ravel(), 1.0 / self.n)
+
+    def _colours_of(self, scene: Scene) -> NDArray[np.int64]:
+        """(N, cells) number of the colour in the middle of each cell."""
+        half = CELL_PX // 2
+        rows, columns = self._chooser.sight.rows, self._chooser.sight.columns
+        small = scene.pictures[:, :3, half::CELL_PX, half::CELL_PX][:, :, :rows, :columns]
+        level = (small.astype(np.int64) * _COLOURS) // 256
+        colour: NDArray[np.int64] = (level[:, 0] * _COLOURS + level[:, 1]) * _COLOURS + level[:, 2]
+        return colour.reshape(self.n, -1)
+
+    # --- a decision and what comes of it -----------------------------------------------------
+
+    @property
+    def explore(self) -> float:
+        """Share of random tries now."""
+        config = self.config
+        late = max(0, self.step_count - config.try_steps) / config.explore_steps
+        if self.step_count < config.try_steps:
+            return 1.0
+        fallen = min(1.0, late) * (config.explore_last - config.explore_first)
+        return (config.explore_first + fallen) * self._settling(_SETTLED_TRIES)
+
+    def _settling(self, end: float) -> float:
+        """Factor that falls from 1 to ``end`` over the last share of the user steps."""
+        share = self.config.settle_share
+        left = max(0.0, 1.0 - self.step_count / self.config.user_steps)
+        return 1.0 if left >= share else end + (1.0 - end) * left / share
+
+    @property
+    def finished(self) -> bool:
+        """Whether all user steps are taken."""
+        return self.step_count >= self.config.user_steps
+
+    def step(self) -> LookingReport:
+        """Decide, see it through, and learn."""
+        explore = self.explore
+        scene = self._chooser.scene()
+        chosen = self._decide(scene, explore)
+        self._memory.append(scene, chosen)
+        updates = 0
+        if self.step_count >= self.config.try_steps:
+            self._settle_scale()
+            self._owed += self.config.updates
+            updates = int(self._owed)
+            self._owed -= updates
+        reward, over, loss = self._play_and_learn(updates)
+        self._memory.outcome(reward, over)
+        step_s = 1.0 / self.simulation.config.action_frequency_hz
+        self._rewards.append(float(reward.mean()) * 60.0 / (self.config.decide_steps * step_s))
+        return LookingReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
+
+    def _play_and_learn(self, updates: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
+        """See the present choice through, and learn from the ones before it meanwhile.
+
+        What is learned from ends where the present decision was made, so that it makes no
+        difference, to the bit, whether there are cores for it or it comes first.
+        """
+        rate = self.config.learning_rate * self._settling(_SETTLED_RATE)
+        if budget(self.simulation.config.cores) == 1 or not updates:
+            loss = self._learn(updates, rate, map)
+            return *self.play(self.config.decide_steps), loss
+        with ThreadPoolExecutor(_PARTS) as parts, ThreadPoolExecutor(1) as beside:
+            learning = beside.submit(self._learn, updates, rate, parts.map)
+            reward, over = self.play(self.config.decide_steps)
+            return reward, over, learning.result()
+
+    def update_seconds(self) -> float:
+        """How long a step of learning takes. Nothing is learned, and nothing drawn.
+
+        More than ``ahead`` decisions have to be remembered.
+        """
+        rows = np.zeros(self.config.batch_size, np.int64)
+        users = np.arange(self.config.batch_size) % self.n
+        alone = budget(self.simulation.config.cores) == 1
+        with ThreadPoolExecutor(_PARTS) as parts:
+            times = [time.monotonic()]
+            for _ in range(_TIMED + 1):
+                self._shares(rows, users, map if alone else parts.map)
+                times.append(time.monotonic())
+        return (times[-1] - times[1]) / _TIMED  # the first one warms up
+
+    def play(self, steps: int) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """See the present choice through: (N,) rewards, and whose episodes ended."""
+        reward, over = np.zeros(self.n, np.float32), np.zeros(self.n, bool)
+        for _ in range(steps):
+            actions = self._chooser.actions(self._choice)
+            result = self.simulation.step(actions)
+            self.step_count += self.n
+            reward += np.where(over, 0.0, result.game_reward).astype(np.float32)
+            again = self.simulation.renew(result)
+            self._choice.forget(again)
+            self._trying[again] = 0
+            over |= result.over
+        return reward, over
+
+    def earned(self, hold: int, steps: int) -> float:
+        """Mean reward per minute, without tries.
+
+        Everybody's rounds begin anew, which ends the learning.
+
+        Args:
+            hold: user steps for which a decision is seen through.
+            steps: user steps to play, of each.
+        """
+        simulation = self.simulation
+        seeds = np.random.SeedSequence([self.step_count, 59]).generate_state(self.n, np.uint32)
+        simulation.reset(seeds=[int(value) for value in seeds])
+        self._choice = Choice(self.n, self.hands)
+        self._trying[:] = 0
+        total = 0.0
+        for step in range(steps):
+            if step % hold == 0:
+                self._chooser.choose_best(self.net, self._choice, hold)
+            total += float(self.play(1)[0].mean())
+        minutes = steps / simulation.config.action_frequency_hz / 60.0
+        return total / minutes
+
+    # --- learning ----------------------------------------------------------------------------
+
+    def _settle_scale(self) -> None:
+        """Let a good decision be worth about 1."""
+        if self.scale != 1.0:
+            return
+        memory = self._memory
+        known = np.abs(memory.known["reward"][: memory.count])
+        known = known[known > 0.0]
+        self.scale = float(np.percentile(known, _TRUSTED_PERCENTILE)) if len(known) else 1.0
+
+    def _learn(self, updates: int, rate: float, each: _Map) -> float:
+        """The loss of the last of so many updates; NaN of none.
+
+        Args:
+            updates: how many.
+            rate: at which it learns.
+            each: has the parts of an update worked out, one after another or side by side.
+        """
+        for group in self._optimizer.param_groups:
+            group["lr"] = rate
+        loss = float("nan")
+        for _ in range(updates if self._memory.count > self.config.ahead else 0):
+            loss = self._update(each)
+        return loss
+
+    def _update(self, each: _Map) -> float:
+        """One step of learning, from a batch that is always parted alike."""
+        config, memory = self.config, self._memory
+        have = min(memory.count, max(config.ahead + 1, config.kept // self.n))
+        ages = self.rng.integers(config.ahead, have, config.batch_size)
+        rows = memory.count - 1 - ages
+        users = self.rng.integers(0, self.n, config.batch_size)
+        found = self._shares(rows, users, each)
+        self._optimizer.zero_grad()
+        for parameter, *shares in zip(
+            self.net.parameters(), *(grads for _, grads in found), strict=True
+        ):
+            parameter.grad = sum(shares[1:], shares[0])
+        nn.utils.clip_grad_norm_(self.net.parameters(), 5.0)
+        self._optimizer.step()
+        with torch.no_grad():
+            for slow, fast in zip(self._slow.parameters(), self.net.parameters(), strict=True):
+                slow.lerp_(fast, config.follow)
+        return sum(loss for loss, _ in found)
+
+    def _shares(
+        self, rows: NDArray[np.int64], users: NDArray[np.int64], each: _Map
+    ) -> list[tuple[float, tuple[Tensor, ...]]]:
+        """What the parts of a batch add to the mean loss, and to its gradients."""
+        parts = np.array_split(np.arange(len(rows)), min(_PARTS, len(rows)))
+        return list(each(lambda part: self._gradients(rows[part], users[part]), parts))
+
+    def _gradients(
+        self, rows: NDArray[np.int64], users: NDArray[np.int64]
+    ) -> tuple[float, tuple[Tensor, ...]]:
+        """What decisions add to the mean loss of a batch, and to its gradients.
+
+        Args:
+            rows: (K,) of the memory.
+            users: (K,) whose.
+        """
+        config, memory = self.config, self._memory
+        total = np.zeros(len(rows), np.float32)
+        weight = np.ones(len(rows), np.float32)
+        for k in range(config.ahead):
+            at = (rows + k, users)
+            total += weight * memory.known["reward"][at] / self.scale
+            over = memory.known["over"][at]
+            weight = np.where(over, 0.0, weight * config.gamma).astype(np.float32)
+        then = memory.scene(rows + config.ahead, users)
+        with torch.no_grad():
+            places = self._chooser.places(then)
+            best = self._chooser.best(self._chooser.values(self.net, then, places), then)
+            worth = self._worth(self._chooser.values(self._slow, then, places), best)
+            wanted = torch.from_numpy(total) + torch.from_numpy(weight) * worth
+        scene = memory.scene(rows, users)
+        chosen = torch.from_numpy(memory.known["chosen"][rows, users])
+        values = self._chooser.values(self.net, scene, self._chooser.places(scene))
+        guessed = self._worth(values, chosen)
+        loss = functional.smooth_l1_loss(guessed, wanted, reduction="sum") / config.batch_size
+        return float(loss.detach()), torch.autograd.grad(loss, tuple(self.net.parameters()))
+
+    @staticmethod
+    def _worth(values: Tensor, chosen: Tensor) -> Tensor:
+        """(N,) what choices (N, H) of all hands are worth together."""
+        return values.gather(-1, chosen[..., None])[..., 0].sum(1)
+
+    def diagnosis(self) -> tuple[float, float]:
+        """Share of the decisions that were rewarded, and of what is near that is within reach."""
+        scene = self._chooser.scene()
+        places = self._chooser.places(scene)
+        flat = places.flatten(2).transpose(1, 2).reshape(-1, 3)
+        head = torch.from_numpy(scene.head).repeat_interleave(self._chooser.sight.cells, 0)
+        near = flat[(flat - head).norm(dim=1) < _NEAR_M]
+        within = 0.0
+        if len(near):
+            away = [self.mover.distance(hand, near).numpy() for hand in range(self.hands)]
+            within = float((np.minimum.reduce(away) < _REACHED_M).mean())
+        known = self._memory.known["reward"][: self._memory.count]
+        return float((known > 0.0).mean()), within
+
+    # --- exact resume ------------------------------------------------------------------------
+
+    def state(self) -> dict[str, Any]:
+        """Copy everything that the next decision depends on; pictures stay in their file."""
+        header = {
+            "format": STATE_FORMAT,
+            "step": self.step_count,
+            "scale": self.scale,
+            "owed": self._owed,
+            "rewards": list(self._rewards),
+            "rng": self.rng.bit_generator.state,
+        }
+        arrays = {
+            "trying": self._trying,
+            "tried": self._tried,
+            "colours": self._colours,
+            "simulation": np.frombuffer(self.simulation.save_state(), np.uint8),
+        }
+        return {
+            "header": json.dumps(header),
+            "net": copy.deepcopy(self.net.state_dict()),
+            "slow": copy.deepcopy(self._slow.state_dict()),
+            "optimizer": copy.deepcopy(self._optimizer.state_dict()),
+            "memory": self._memory.state(),
+            "choice": {"move": self._choice.move.clone(), "place": self._choice.place.clone()},
+            "arrays": {name: torch.from_numpy(values.copy()) for name, values in arrays.items()},
+        }
+
+    def load_state(self, state: Mapping[str, Any]) -> None:
+        """Go on from :meth:`state`.
+
+        Raises:
+            ValueError: it is of another format.
+        """
+        header = json.loads(state["header"])
+        if header["format"] != STATE_FORMAT:
+            raise ValueError(f"got format {header['format']}, expected {STATE_FORMAT}")
+        self.step_count, self.scale = header["step"], header["scale"]
+        self._owed = header["owed"]
+        self._rewards.extend(header["rewards"])
+        self.rng.bit_generator.state = header["rng"]
+        self.net.load_state_dict(state["net"])
+        self._slow.load_state_dict(state["slow"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._memory.load_state(len(state["memory"]["over"]), state["memory"])
+        self._choice.move = state["choice"]["move"].clone()
+        self._choice.place = state["choice"]["place"].clone()
+        arrays = {name: values.numpy() for name, values in state["arrays"].items()}
+        self._trying, self._tried = arrays["trying"].copy(), arrays["tried"].copy()
+        self._colours = arrays["colours"].copy()
+        self.simulation.load_state(arrays["simulation"].tobytes())

@@ -1,0 +1,467 @@
+"""The stages of the recipe ``skills``: a motor layer, if there is none, then looking and trying."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from sim2vr_harness.base.cores import budget
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.finite import require_finite
+from sim2vr_harness.base.torch_threads import torch_threads
+from sim2vr_harness.envs.config import EnvConfig, body_of
+from sim2vr_harness.envs.simulation import Simulation, motor_noise
+from sim2vr_harness.policies.hierarchical.action_value_map import PlaceValues
+from sim2vr_harness.policies.hierarchical.depth_grid import Sight
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_store import (
+    load_motor_layer,
+    motor_layer_for,
+    save_motor_layer,
+)
+from sim2vr_harness.policies.hierarchical.option_policy import DecidingUser, require_senses
+from sim2vr_harness.policies.hierarchical.primitives import Mover
+from sim2vr_harness.policies.hierarchical.tool_detection import find_tools
+from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
+from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
+from sim2vr_harness.runs.config import TrainingConfig
+from sim2vr_harness.runs.run_folder import append_row, keep_rows
+from sim2vr_harness.training.dagger.option_expert import SkillGuide
+from sim2vr_harness.training.motor_control.practice import PRACTICE, MotorPractice
+from sim2vr_harness.training.option_q_learning.q_learning import Looker
+from sim2vr_harness.training.run.progress import View, duration
+from sim2vr_harness.training.run.stage import Callbacks
+
+__all__ = ["LookingStage", "MotorStage", "needs_practice"]
+
+_STATE, _LAYER, _LOG, _PICTURES, _VALUES = (
+    "state.pt",
+    "layer.pt",
+    "cycles.jsonl",
+    "pictures.bin",
+    "values.pt",
+)
+_STUDENT_RATE, _PPO_RATE = 0.8, 1.4
+"""User steps a second of the stages, relative to those of users who do nothing but step."""
+_SAVE_DECISIONS, _REPORT_DECISIONS, _PACE_DECISIONS = 100, 20, 10
+_HOLDS, _HOLD_S = (1, 3, 5), 10.0
+"""User steps for which a user who decides may see a decision through, and for how long each is
+played to find out which is best."""
+_HOPELESS = 0.35
+"""Share of the stage after which a user should do better than one who does nothing."""
+
+
+def needs_practice(config: TrainingConfig) -> bool:
+    """Whether a run has to make its motor layer first."""
+    if config.skills.motor is not None:
+        return False
+    env = config.env
+    try:
+        motor_layer_for(body_of(env.user), 1.0 / env.action_frequency_hz)
+    except InputError:
+        return True
+    return False
+
+
+class MotorStage:
+    """See :class:`~sim2vr_harness.training.run.stage.Stage`.
+
+    Args:
+        config: of the run.
+        folder: of the stage.
+    """
+
+    name, unit = "motor", "cycles"
+    title = "hands learn to come where they are told (no motor layer ships for this body)."
+
+    def __init__(self, config: TrainingConfig, folder: Path) -> None:
+        self._config, self.folder = config, folder
+        self.total = float(config.skills.practice.cycles)
+        self._practice: MotorPractice | None = None
+        self._state: dict[str, Any] | None = None
+        self._cycles_saved = 0
+
+    @property
+    def layer_file(self) -> Path:
+        """Where the layer is, once there is one."""
+        return self.folder / _LAYER
+
+    @property
+    def begun(self) -> bool:
+        """See the protocol."""
+        return self.finished or (self.folder / _STATE).is_file()
+
+    @property
+    def finished(self) -> bool:
+        """See the protocol."""
+        return self.layer_file.is_file()
+
+    @property
+    def saved(self) -> str:
+        """See the protocol."""
+        return f"cycle {self._cycles_saved} of {self.total:.0f}" if self._cycles_saved else ""
+
+    def open(self) -> None:
+        """See the protocol."""
+        config = self._config
+        env = config.env
+        self._practice = MotorPractice(
+            config.skills.practice,
+            body_of(env.user),
+            1.0 / env.action_frequency_hz,
+            noise=motor_noise(env.user.noise),
+            threads=budget(env.cores),
+            seed=config.seed,
+        )
+
+    def run(self, callbacks: Callbacks) -> None:
+        """See the protocol."""
+        practice = self._practice
+        assert practice is not None
+        self.folder.mkdir(parents=True, exist_ok=True)
+        if (self.folder / _STATE).is_file():
+            take_in(self.folder / _STATE, PRACTICE, practice.load_state)
+            callbacks.say(f"Continuing after cycle {practice.cycle}.")
+        self._cycles_saved = practice.cycle
+        log = self.folder / _LOG
+        keep_rows(log, lambda row: row["cycle"] <= practice.cycle)
+        known: dict[str, float] = {}
+        cycle_s: float | None = None
+        while not practice.finished:
+            began, cycle = time.monotonic(), practice.cycle
+
+            def show(doing: str, share: float) -> None:
+                left = None if cycle_s is None else (self.total - cycle - share) * cycle_s  # noqa: B023
+                text = f"cycle {cycle + 1} of {self.total:.0f}: {doing}"  # noqa: B023
+                callbacks.show(lambda: View(cycle + share, text, left))  # noqa: B023
+
+            report = practice.step(show)
+            if cycle > 0:
+                cycle_s = time.monotonic() - began
+            known = asdict(report)
+            append_row(log, known)
+            self._state = practice.state()
+            self.save()
+            callbacks.say(report.in_words(practice.config.cycles))
+            callbacks.report(report.cycle, known)
+        save_motor_layer(self.layer_file, practice.layer, **known)
+        self.tidy()
+
+    def save(self) -> None:
+        """See the protocol."""
+        if self._state is not None:
+            assert self._practice is not None
+            write_tensors(self.folder / _STATE, self._state)
+            self._state, self._cycles_saved = None, self._practice.cycle
+
+    def tidy(self) -> None:
+        """See the protocol."""
+        (self.folder / _STATE).unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """See the protocol."""
+        self._practice = self._state = None
+
+
+class LookingStage:
+    """See :class:`~sim2vr_harness.training.run.stage.Stage`.
+
+    Args:
+        config: of the run.
+        folder: of the stage.
+        motor: the run's own motor layer, if it makes one.
+        user: the checkpoint to write of a user who decides; None: a student is to learn from it.
+    """
+
+    name, unit = "looking", "user steps"
+    title = "hands try what is worth doing with what is seen."
+
+    def __init__(
+        self,
+        config: TrainingConfig,
+        folder: Path,
+        motor: MotorStage | None,
+        user: Path | None = None,
+    ) -> None:
+        self._config, self.folder, self._motor, self._user = config, folder, motor, user
+        self.total = float(config.skills.looking.user_steps)
+        self._simulation: Simulation | None = None
+        self._looker: Looker | None = None
+        self._state: dict[str, Any] | None = None
+        self._steps_saved = 0
+
+    @property
+    def begun(self) -> bool:
+        """See the protocol."""
+        return self.finished or (self.folder / _STATE).is_file()
+
+    @property
+    def finished(self) -> bool:
+        """See the protocol."""
+        return (self.folder / _VALUES).is_file()
+
+    @property
+    def saved(self) -> str:
+        """See the protocol."""
+        done = self._steps_saved
+        return f"{done:,} of {self.total:,.0f} user steps" if done else ""
+
+    def _layer(self) -> MotorLayer:
+        env, given = self._config.env, self._config.skills.motor
+        body, step_s = body_of(env.user), 1.0 / env.action_frequency_hz
+        if given is not None:
+            return load_motor_layer(Path(given), body, step_s)
+        if self._motor is not None:
+            return load_motor_layer(self._motor.layer_file, body, step_s)
+        return motor_layer_for(body, step_s)
+
+    def guide(self, simulation: Simulation) -> SkillGuide:
+        """Return a teacher of a student, once the stage is over."""
+        state = read_tensors(self.folder / _VALUES, "what is worth doing")
+        layer = self._layer()
+        tool: Tensor = state["tool"]
+        mover = Mover(layer, tool, reachable_poses(layer, self._config.seed))
+        vision = self._config.env.vision
+        config = self._config.skills.looking
+        net = PlaceValues(Sight(vision.height, vision.width), len(tool), width=config.width)
+        net.load_state_dict(state["values"])
+        return SkillGuide(net, mover, simulation)
+
+    def open(self) -> None:
+        """See the protocol."""
+        config = self._config.skills
+        if self._user is not None:
+            require_senses(self._config.env)
+            width = self._layer().width if self._motor is None else config.practice.width
+            if width != config.practice.width:
+                got = f"{config.practice.width}, with a motor layer of width {width}"
+                raise InputError("skills.practice.width", got, f"{width} for a user who decides")
+        self._simulation = Simulation(_seeing(self._config.env), config.looking.users)
+
+    def run(self, callbacks: Callbacks) -> None:
+        """See the protocol."""
+        simulation, seed = self._simulation, self._config.seed
+        assert simulation is not None
+        self.folder.mkdir(parents=True, exist_ok=True)
+        layer = self._layer()
+        poses = reachable_poses(layer, seed)
+        with torch_threads(1):
+            tool, before, rate = self._prepared(simulation, layer, poses, callbacks)
+            looker = self._looker = Looker(
+                self._config.skills.looking,
+                simulation,
+                Mover(layer, tool, poses),
+                self.folder / _PICTURES,
+                seed=seed,
+            )
+            if (self.folder / _STATE).is_file():
+                take_in(self.folder / _STATE, "the state of looking and trying", looker.load_state)
+                callbacks.say(f"Continuing with {looker.step_count:,} user steps.")
+            self._steps_saved = looker.step_count
+            log = self.folder / _LOG
+            keep_rows(log, lambda row: row["step"] <= looker.step_count)
+            self._learn(looker, callbacks, log, before, rate)
+        if self._user is not None:
+            steps = looker.step_count
+            hold = _best_hold(looker, callbacks)
+            write_user(self._user, self._decider(layer, looker.net, tool, hold), steps)
+        learned = {"values": looker.net.state_dict(), "tool": tool}
+        write_tensors(self.folder / _VALUES, learned)
+        self.tidy()
+
+    def _decider(
+        self, layer: MotorLayer, net: PlaceValues, tool: Tensor, hold: int
+    ) -> DecidingUser:
+        """The user that this stage has made."""
+        user = DecidingUser(self._config)
+        user.learned(layer, net, tool, hold)
+        return user
+
+    def _prepared(
+        self, simulation: Simulation, layer: MotorLayer, poses: Tensor, callbacks: Callbacks
+    ) -> tuple[Tensor, dict[str, float], float]:
+        """What is in the hands, what is earned by who does nothing, and user steps a second.
+
+        Rewards are per minute; of a resumed run the rate is 0.
+        """
+        file = self.folder / "before.pt"
+        known = read_tensors(file, "what was found before trying") if file.is_file() else {}
+        if "tool" in known:
+            return known["tool"], {name: float(v) for name, v in known["earned"].items()}, 0.0
+        tools = find_tools(simulation, layer, poses, seed=self._config.seed)
+        points = np.array([[tool.tip, tool.middle] for tool in tools])
+        for hand, held in zip(layer.hands, tools, strict=True):
+            far = float(np.linalg.norm(held.tip))
+            what = f"something that reaches {100 * far:.0f} cm" if far else "nothing that is seen"
+            callbacks.say(f"In the hand of {hand}: {what}.")
+        began = time.monotonic()
+        earned = {
+            "still": _earned(simulation, self._config, moving=False),
+            "random": _earned(simulation, self._config, moving=True),
+        }
+        seconds = self._config.skills.baseline_seconds
+        steps = 2.0 * seconds * self._config.env.action_frequency_hz * simulation.n
+        rate = steps / (time.monotonic() - began)
+        callbacks.say(
+            f"Reward of the app per minute: {earned['still']:.2f} for who sits still, "
+            f"{earned['random']:.2f} for who moves at random."
+        )
+        tool = torch.tensor(points, dtype=torch.float32)
+        rewards = {name: torch.tensor(value) for name, value in earned.items()}
+        write_tensors(file, {"tool": tool, "earned": rewards})
+        return tool, earned, rate
+
+    def _learn(
+        self,
+        looker: Looker,
+        callbacks: Callbacks,
+        log: Path,
+        before: Mapping[str, float],
+        rate: float,
+    ) -> None:
+        began, first, decisions = time.monotonic(), looker.step_count, 0
+        doing = "trying at random"
+        warned = False
+        while not looker.finished:
+            report = looker.step()
+            decisions += 1
+            done = looker.step_count
+            elapsed = time.monotonic() - began
+            if rate and decisions == max(_PACE_DECISIONS, looker.config.ahead + 1):
+                callbacks.say(_expected(self._config, looker, elapsed / decisions, rate))
+                began = time.monotonic() - elapsed
+            left = (self.total - done) * elapsed / max(1, done - first)
+            callbacks.show(lambda: View(done, doing, left))  # noqa: B023
+            if decisions % _REPORT_DECISIONS == 0 or looker.finished:
+                rate = (done - first) / elapsed
+                doing = (
+                    f"step {done:,}, reward per minute {report.reward:.2f} (still "
+                    f"{before['still']:.2f}, random {before['random']:.2f}), "
+                    f"{100 * report.explore:.0f} % tries ({rate:,.0f} steps/s)"
+                )
+                row = asdict(report) | {"step": done}
+                row["loss"] = None if math.isnan(report.loss) else report.loss
+                append_row(log, row)
+                callbacks.report(done, row)
+            if decisions % _SAVE_DECISIONS == 0 or looker.finished:
+                self._remember(looker)
+                self.save()
+            if not warned and done > _HOPELESS * self.total:
+                warned = True
+                _warn(report.reward, before, looker, callbacks)
+        callbacks.say("Looking: " + doing)
+
+    def _remember(self, looker: Looker) -> None:
+        state = looker.state()
+        file = self.folder / _STATE
+        learned = {"values": state["net"], "optimizer": state["optimizer"]}
+        where = f"after {looker.step_count:,} user steps"
+        require_finite(learned, where, file if file.is_file() else None)
+        self._state = state
+
+    def save(self) -> None:
+        """See the protocol."""
+        looker = self._looker
+        if self._state is None or looker is None:
+            return
+        write_tensors(self.folder / _STATE, self._state)
+        self._state, self._steps_saved = None, looker.step_count
+
+    def tidy(self) -> None:
+        """See the protocol: pictures and the state, which nobody needs any more."""
+        self._state = None
+        for name in (_STATE, _PICTURES):
+            (self.folder / name).unlink(missing_ok=True)
+
+    def close(self) -> None:
+        """See the protocol."""
+        if self._simulation is not None:
+            self._simulation.close()
+        self._simulation = self._looker = self._state = None
+
+
+def _seeing(env: EnvConfig) -> EnvConfig:
+    """The users of this stage look at the whole picture themselves; nothing else is drawn."""
+    vision = env.vision.model_copy(update={"foveation": None, "eyes": 1, "zoom": 1})
+    return env.model_copy(update={"vision": vision})
+
+
+def _best_hold(looker: Looker, callbacks: Callbacks) -> int:
+    """For how many user steps it pays to see decisions through."""
+    steps = max(1, round(_HOLD_S * looker.simulation.config.action_frequency_hz))
+    holds = sorted({*_HOLDS, looker.config.decide_steps})
+    earned = {hold: looker.earned(hold, steps) for hold in holds}
+    best = max(holds, key=lambda hold: earned[hold])
+    found = ", ".join(f"{earned[hold]:.2f} for {hold}" for hold in holds)
+    callbacks.say(
+        f"Reward per minute by how many user steps a decision is seen through: {found}. "
+        f"The user's: {best}."
+    )
+    return best
+
+
+def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> float:
+    """Reward of the app per minute for users who have not learned anything."""
+    seconds = config.skills.baseline_seconds
+    steps = round(seconds * config.env.action_frequency_hz)
+    if steps == 0:
+        return 0.0
+    n, rng = simulation.n, np.random.default_rng([config.seed, 57])
+    simulation.reset(seeds=[int(rng.integers(2**31)) for _ in range(n)])
+    size = simulation.action_space.shape[0]
+    total = 0.0
+    for _ in range(steps):
+        action = (
+            np.clip(rng.standard_normal((n, size)), -1.0, 1.0) if moving else np.zeros((n, size))
+        )
+        result = simulation.step(action.astype(np.float32))
+        total += float(result.game_reward.mean())
+        simulation.renew(result)
+    return total * 60.0 / seconds
+
+
+def _expected(config: TrainingConfig, looker: Looker, decision_s: float, rate: float) -> str:
+    """One line: how long a run will take.
+
+    Args:
+        config: of the run.
+        looker: after its first decisions.
+        decision_s: how long one of them took, of all users.
+        rate: user steps a second of users who do nothing but step.
+    """
+    each_s = decision_s + looker.config.updates * looker.update_seconds()
+    decisions = (looker.config.user_steps - looker.step_count) / (
+        looker.n * looker.config.decide_steps
+    )
+    line = (
+        f"This machine takes {rate:,.0f} user steps a second with this app, and {each_s:.2f} s to "
+        f"decide and to learn from it: expect about {duration(decisions * each_s)} of trying"
+    )
+    if config.decides:
+        return f"{line}."
+    student = duration(config.student.frames / (_STUDENT_RATE * rate))
+    alone = duration(config.total_timesteps / (_PPO_RATE * rate))
+    return f"{line}, {student} for the student and {alone} of PPO."
+
+
+def _warn(reward: float, before: Mapping[str, float], looker: Looker, callbacks: Callbacks) -> None:
+    """Say so where nothing is learned, and what to look at."""
+    best = max(before.values())
+    if reward > best + 0.05 * abs(best):
+        return
+    earned, within = looker.diagnosis()
+    callbacks.say(
+        f"Nothing is being learned yet: {reward:.2f} per minute, {best:.2f} without learning. "
+        f"{100 * earned:.1f} % of the decisions were rewarded and {100 * within:.0f} % of what is "
+        "seen near is within reach. Check where the app puts things (sim2vr-harness snapshot, "
+        "reach), that they are seen against their background, and what the reward is for "
+        "(sim2vr-harness rewards)."
+    )

@@ -1,0 +1,73 @@
+"""Trained users that go on: the recipe ``adapt``, and the configuration that it needs.
+
+Whoever plays well somewhere learns a changed app in minutes: PPO begins with the user's weights,
+its critic's included, and takes some thousand user steps more. What the policy relies on stays as
+it is (:mod:`sim2vr_harness.envs.contract`); effort, noise and the game's options may change.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
+from sim2vr_harness.runs.config import TrainingConfig, apply_overrides, parse_config
+
+__all__ = ["adapting", "user_to_adapt"]
+
+_NOT_ITS_OWN = ("teacher", "student", "skills")
+"""Of stages that it does not have."""
+
+
+def adapting(
+    user: TrainedUser, name: str, overrides: Sequence[str] = (), *, env: EnvConfig | None = None
+) -> TrainingConfig:
+    """Return the configuration with which a trained user goes on: its own, but for what is said.
+
+    Args:
+        user: Who goes on.
+        name: What :func:`.find_user` finds it by.
+        overrides: ``key=value`` with dotted keys, such as ``total_timesteps=60000``.
+        env: Where it goes on; None: where it was trained.
+
+    Raises:
+        InputError: A key or value cannot be used, or the user cannot act there.
+    """
+    tree = user.config.model_dump(mode="json", exclude=set(_NOT_ITS_OWN))
+    where = str(Path(name).resolve()) if Path(name).exists() else name
+    tree |= {"recipe": "adapt", "from_user": where}
+    # Its critic has learned already.
+    tree["ppo"]["critic_first_updates"] = 0
+    if env is not None:
+        tree["env"] = env.model_dump(mode="json")
+    config = parse_config(apply_overrides(tree, overrides))
+    _require_same(user, config)
+    return config
+
+
+def user_to_adapt(config: TrainingConfig) -> TrainedUser:
+    """Return the user that a run of the recipe ``adapt`` begins with.
+
+    Raises:
+        InputError: There is none of that name, or it cannot act with this configuration.
+    """
+    assert config.from_user is not None
+    user = find_user(config.from_user)
+    _require_same(user, config)
+    return user
+
+
+def _require_same(user: TrainedUser, config: TrainingConfig) -> None:
+    """Refuse what the user's weights do not fit: another network, other senses or actions."""
+    if user.config.decides:
+        got = f"{user.config.name!r}, who decides and leaves the doing to a motor layer"
+        raise InputError("from_user", got, "a user whose policy goes from senses to muscles")
+    require_contract(user, config.env)
+    own, wanted = user.config.policy.model_dump(), config.policy.model_dump()
+    for key in wanted:
+        # What vision computes in, and what noise actions began with, is no part of the weights.
+        if key not in ("vision_precision", "log_std_init") and own[key] != wanted[key]:
+            expected = f"{own[key]!r}: the network of a user that goes on stays as it is"
+            raise InputError(f"policy.{key}", repr(wanted[key]), expected)

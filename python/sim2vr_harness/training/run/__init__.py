@@ -1,0 +1,1 @@
+"""One training session: stages, progress, loggers."""

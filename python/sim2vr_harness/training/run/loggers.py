@@ -1,0 +1,133 @@
+"""Where an iteration's numbers go: JSON lines, TensorBoard and, if asked for, Weights & Biases."""
+
+from __future__ import annotations
+
+import importlib
+import math
+import uuid
+from collections.abc import Mapping
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from stable_baselines3.common.logger import KVWriter, Logger
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.runs.config import TrainingConfig
+from sim2vr_harness.runs.run_folder import RunFolder, append_row
+
+__all__ = ["make_logger", "require_wandb"]
+
+
+def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
+    """Return the entries that are numbers, as plain floats."""
+    return {
+        key: float(value)
+        for key, value in values.items()
+        if not isinstance(value, str) and hasattr(value, "__float__")
+    }
+
+
+class JsonLines(KVWriter):
+    """Appends one JSON object per iteration; numbers that are not finite become null."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def write(
+        self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0
+    ) -> None:
+        """Append a row: ``step``, ``time`` (UTC) and every value."""
+        row: dict[str, Any] = {
+            "step": int(step),
+            "time": datetime.now(UTC).isoformat(timespec="milliseconds"),
+        }
+        for key, value in sorted(_numbers(key_values).items()):
+            row[key] = value if math.isfinite(value) else None
+        append_row(self._path, row)
+
+    def close(self) -> None:
+        """Nothing is open between two rows."""
+
+
+class TensorBoard(KVWriter):
+    """Writes scalars for TensorBoard; a resumed run hides what it will take again."""
+
+    def __init__(self, folder: Path, start_step: int) -> None:
+        from torch.utils.tensorboard import SummaryWriter
+
+        self._writer = SummaryWriter(log_dir=str(folder), purge_step=start_step + 1)
+
+    def write(
+        self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0
+    ) -> None:
+        """Write every value as a scalar."""
+        for key, value in _numbers(key_values).items():
+            self._writer.add_scalar(key, value, step)
+        self._writer.flush()
+
+    def close(self) -> None:
+        """Close the event file."""
+        self._writer.close()
+
+
+class WeightsAndBiases(KVWriter):
+    """Sends every row to a run of Weights & Biases, the same one after a resumption."""
+
+    def __init__(self, config: TrainingConfig, folder: RunFolder) -> None:
+        wandb = require_wandb()
+        run_id = folder.metadata().get("wandb_id") or uuid.uuid4().hex[:12]
+        folder.note(wandb_id=run_id)
+        self._run = wandb.init(
+            project=config.wandb.project,
+            entity=config.wandb.entity,
+            mode=config.wandb.mode,
+            name=config.name,
+            id=run_id,
+            resume="allow",
+            dir=str(folder.path),
+            config=config.model_dump(mode="json"),
+        )
+
+    def write(
+        self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0
+    ) -> None:
+        """Send every value."""
+        self._run.log(_numbers(key_values), step=int(step))
+
+    def close(self) -> None:
+        """Finish the run."""
+        self._run.finish()
+
+
+def require_wandb() -> Any:
+    """Return the wandb package.
+
+    Raises:
+        InputError: It is not installed.
+    """
+    try:
+        return importlib.import_module("wandb")
+    except ImportError as error:
+        raise InputError(
+            "wandb.enabled",
+            "true, but the package wandb is not installed",
+            "pip install 'sim2vr-harness[wandb]' first, or wandb.enabled=false",
+        ) from error
+
+
+def make_logger(config: TrainingConfig, folder: RunFolder, start_step: int) -> Logger:
+    """Return the logger of one session.
+
+    Args:
+        config: The run's configuration.
+        folder: The run's folder.
+        start_step: User steps taken before this session.
+    """
+    writers: list[KVWriter] = [
+        JsonLines(folder.metrics_file),
+        TensorBoard(folder.tensorboard_dir, start_step),
+    ]
+    if config.wandb.enabled:
+        writers.append(WeightsAndBiases(config, folder))
+    return Logger(folder=str(folder.path), output_formats=writers)

@@ -1,0 +1,137 @@
+"""Recipes: which stages a run is made of. A new recipe is one function and one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from torch import Tensor, nn
+
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.runs.config import TrainingConfig
+from sim2vr_harness.runs.run_folder import RunFolder
+from sim2vr_harness.training.dagger.dagger import Guide
+from sim2vr_harness.training.dagger.expert import TeacherGuide
+from sim2vr_harness.training.dagger.stage import StudentStage
+from sim2vr_harness.training.model_based.stage import ImaginedStage
+from sim2vr_harness.training.option_q_learning.stage import LookingStage, MotorStage, needs_practice
+from sim2vr_harness.training.ppo.fine_tune import user_to_adapt
+from sim2vr_harness.training.ppo.ppo import ppo
+from sim2vr_harness.training.ppo.stage import PPOStage
+from sim2vr_harness.training.ppo.vec_env import SimulationLike
+from sim2vr_harness.training.run.loggers import make_logger
+from sim2vr_harness.training.run.stage import Stage
+from sim2vr_harness.training.teacher.stage import TeacherStage
+
+__all__ = ["RECIPES", "MakeSimulation", "Run", "stages_of"]
+
+MakeSimulation = Callable[[TrainingConfig], SimulationLike]
+"""Makes the users to train with: ``config.ppo.n_envs`` of them."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a recipe makes stages of.
+
+    Attributes:
+        config: of the run.
+        folder: of the run.
+        stop: user steps after which the last stage ends.
+        make_simulation: makes the users of the last stage.
+        resumed: whether it goes on with what is in its folder; otherwise that is deleted before a
+            stage runs, and nothing of it counts.
+    """
+
+    config: TrainingConfig
+    folder: RunFolder
+    stop: int
+    make_simulation: MakeSimulation
+    resumed: bool
+
+
+def _from_pixels(
+    run: Run, title: str, begin: Callable[[nn.Module], object] = lambda policy: None
+) -> PPOStage:
+    """The stage whose checkpoints are the trained users; it works in the run's own folder."""
+    config = run.config
+    return PPOStage(
+        "ppo",
+        title,
+        run.folder,
+        config.ppo,
+        lambda: run.make_simulation(config),
+        lambda env: ppo.build(config, env),
+        lambda start: make_logger(config, run.folder, start),
+        begin=begin,
+        stop=run.stop,
+        checkpoints=config.checkpoint,
+    )
+
+
+def _with(weights: Callable[[], Mapping[str, Tensor]]) -> Callable[[nn.Module], object]:
+    return lambda policy: policy.load_state_dict(weights())
+
+
+def _ppo(run: Run) -> list[Stage]:
+    return [_from_pixels(run, "PPO from what the user senses.")]
+
+
+def _distill(run: Run) -> list[Stage]:
+    """A teacher that knows, a student that sees, then PPO on what it senses itself.
+
+    The result is a policy that is best for its own senses and its own effort.
+    """
+    config, path = run.config, run.folder.path
+    imagined = ImaginedStage(config, path / ImaginedStage.name, resumed=run.resumed)
+    practised = config.teacher.imagined.cycles > 0
+    begin = _with(imagined.weights) if practised else lambda policy: None
+    teacher = TeacherStage(config, path / "teacher", begin)
+
+    def guide(simulation: Simulation) -> Guide:
+        return TeacherGuide(teacher.folder.latest_checkpoint(), config.teacher, simulation)
+
+    student = StudentStage(config, path / StudentStage.name, guide)
+    title = "the student goes on by itself: PPO from what the user senses."
+    last = _from_pixels(run, title, begin=_with(student.weights))
+    stages: list[Stage] = [teacher, student, last]
+    return [imagined, *stages] if practised else stages
+
+
+def _skills(run: Run) -> list[Stage]:
+    """Hands that know how to come to places, what is worth doing there, a student, PPO.
+
+    With ``skills.user: decider`` who knows what is worth doing is the user.
+    """
+    config, path = run.config, run.folder.path
+    motor = MotorStage(config, path / MotorStage.name) if needs_practice(config) else None
+    steps = config.skills.looking.user_steps
+    user = run.folder.checkpoint_file(steps) if config.decides else None
+    looking = LookingStage(config, path / LookingStage.name, motor, user)
+    if config.decides:
+        return [looking] if motor is None else [motor, looking]
+    student = StudentStage(config, path / StudentStage.name, looking.guide)
+    title = "the student goes on by itself: PPO from what the user senses."
+    last = _from_pixels(run, title, begin=_with(student.weights))
+    stages: list[Stage] = [looking, student, last]
+    return stages if motor is None else [motor, *stages]
+
+
+def _adapt(run: Run) -> list[Stage]:
+    """A trained user that goes on where something is different."""
+    title = "a trained user goes on: PPO from what it senses."
+    if run.resumed and run.folder.checkpoints():
+        return [_from_pixels(run, title)]
+    return [_from_pixels(run, title, user_to_adapt(run.config).load)]
+
+
+RECIPES: dict[str, Callable[[Run], list[Stage]]] = {
+    "ppo": _ppo,
+    "distill": _distill,
+    "skills": _skills,
+    "adapt": _adapt,
+}
+
+
+def stages_of(run: Run) -> list[Stage]:
+    """Return the stages of a run, in order."""
+    return RECIPES[run.config.recipe](run)

@@ -1,0 +1,242 @@
+"""One training session: from a configuration, or a run to continue, to a saved user."""
+
+from __future__ import annotations
+
+import shlex
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from itertools import count
+from pathlib import Path
+
+import torch
+from rich.console import Console
+
+from sim2vr_harness.base.cores import torch_budget
+from sim2vr_harness.base.errors import InputError, UnusableFile
+from sim2vr_harness.base.file_lock import sole_training
+from sim2vr_harness.base.torch_threads import torch_threads
+from sim2vr_harness.runs.checkpoint import require_readable
+from sim2vr_harness.runs.config import TrainingConfig, first_difference
+from sim2vr_harness.runs.run_folder import RunFolder
+from sim2vr_harness.runs.trust import remember
+from sim2vr_harness.training.ppo.vec_env import SimulationLike
+from sim2vr_harness.training.run.loggers import require_wandb
+from sim2vr_harness.training.run.memory import keep_freed_memory, require_memory
+from sim2vr_harness.training.run.pipelines import MakeSimulation, Run, stages_of
+from sim2vr_harness.training.run.stage import Report, remaining, run_stages
+
+__all__ = ["MakeSimulation", "TrainResult", "make_simulation", "train"]
+
+CHANGEABLE = (
+    *("name", "total_timesteps", "checkpoint", "evaluation", "wandb", "device", "env.cores"),
+    *(
+        f"env.app.{key}"
+        for key in (
+            *("transport", "executable", "arguments", "connect", "processes"),
+            *("timeout_s", "start_timeout_s", "time_scale"),
+        )
+    ),
+)
+"""Keys that a resumed run may change; any other would make it a different run."""
+
+
+@dataclass(frozen=True)
+class TrainResult:
+    """How a session ended.
+
+    Attributes:
+        folder: The run's folder.
+        checkpoint: The newest checkpoint: the trained user; None if the session was stopped before
+            there is one.
+        step: User steps of the last stage, taken in all sessions, as far as saved.
+        interrupted: Whether it was stopped by Ctrl-C, SIGTERM or the ``stop`` callback.
+        lost_steps: User steps of the unfinished iteration, which resuming takes again.
+        seconds: Wall time of the session.
+        stage: Name of the stage that the session ended in; empty if there was nothing to do.
+        saved: What that stage has saved, for people; empty if it has not come so far.
+    """
+
+    folder: RunFolder
+    checkpoint: Path | None
+    step: int
+    interrupted: bool
+    lost_steps: int
+    seconds: float
+    stage: str = ""
+    saved: str = ""
+
+
+def make_simulation(config: TrainingConfig) -> SimulationLike:
+    """Make the users and apps of ``config``; the default :data:`MakeSimulation`."""
+    from sim2vr_harness.envs.simulation import Simulation
+
+    return Simulation(config.env, config.ppo.n_envs)
+
+
+def train(
+    config: TrainingConfig,
+    out: Path,
+    *,
+    timesteps: int | None = None,
+    resume: bool = False,
+    overwrite: bool = False,
+    set_aside: bool = False,
+    console: Console | None = None,
+    report: Callable[[Report], None] | None = None,
+    stop: Callable[[], bool] | None = None,
+    simulation: MakeSimulation = make_simulation,
+) -> TrainResult:
+    """Train a simulated user until ``timesteps`` user steps are taken.
+
+    Args:
+        config: The configuration; with ``resume`` it must agree with the run's own.
+        out: The run's folder.
+        timesteps: Where this session stops, counted from the start of the run's last stage and
+            rounded up to whole iterations; None goes to ``config.total_timesteps``. The
+            learning-rate schedule runs over ``config.total_timesteps`` either way.
+        resume: Continue the run in ``out`` from what it has saved; a run that has reached
+            ``timesteps`` is left as it is.
+        overwrite: Delete the run in ``out`` first.
+        set_aside: With ``resume``: rename files of the run that cannot be used (to ``NAME.aside``)
+            and go on from the newest ones that can.
+        console: Where to print; None prints to the standard error stream.
+        report: Called after every cycle, round or iteration with a :class:`.Report`: how far which
+            stage is, and the row of its log.
+        stop: Asked at every step; once it returns True the training saves and ends, as after
+            Ctrl-C. It may be called some thousand times a second.
+        simulation: How to make the users of the last stage.
+
+    Raises:
+        InputError: An argument cannot be used; nothing has been written then.
+        UnusableFile: With ``resume``: what the run would go on from is damaged, or not finite.
+        NotFinite: What is learned has become NaN or infinite; the moment before it is saved.
+    """
+    console = console or Console(stderr=True)
+    until = config.total_timesteps if timesteps is None else timesteps
+    if until < 1:
+        raise InputError("--timesteps", str(until), "at least 1")
+    if config.wandb.enabled:
+        require_wandb()
+    if config.device == "cuda" and not torch.cuda.is_available():
+        raise InputError("device", "'cuda', but torch finds no GPU", "'cpu' or 'auto'")
+    people = config.env.user.people
+    if people is not None and people.left_handed:
+        expected = "0: left-handers are mirror images of those who learn; evaluate them"
+        raise InputError("env.user.people.left_handed", f"{people.left_handed:g}", expected)
+    require_memory(config)
+    folder = RunFolder(out)
+    if resume:
+        _check_resumable(folder, config)
+    elif not overwrite:
+        folder.require_free()
+    began = time.monotonic()
+    keep_freed_memory()
+    with torch_threads(torch_budget(config.env.cores)), ExitStack() as held:
+        if folder.path.is_dir():
+            held.enter_context(sole_training(folder.path, folder.lock_file))
+        stages = stages_of(Run(config, folder, until, simulation, resumed=resume))
+        opened = None
+        if not resume:
+            # Whatever cannot be used shows before a run that is there is deleted.
+            opened = stages[0]
+            try:
+                opened.open()
+                if not folder.path.is_dir():
+                    held.enter_context(sole_training(folder.path, folder.lock_file))
+                folder.create(config, overwrite)
+            except BaseException:
+                opened.close()
+                raise
+        while True:
+            try:
+                if resume and not remaining(stages):
+                    require_readable(folder.latest_checkpoint())
+                    reached = f"{folder.path} has reached {stages[-1].saved}"
+                    console.print(f"Nothing to train: {reached}.")
+                    return _result(folder, began)
+                if resume:
+                    folder.store_config(config)
+                remember(config.env.app, folder.path)
+                folder.begin_session(start_step=folder.step)
+                try:
+                    outcome = run_stages(
+                        stages, folder, console, opened=opened, report=report, stop=stop
+                    )
+                finally:
+                    if not folder.exists:  # the folder was removed meanwhile: nobody else knows it
+                        folder.store_config(config)
+                break
+            except UnusableFile as error:
+                if not set_aside:
+                    raise _with_offer(error, folder) from error
+                _put_aside(error, console)
+                stages = stages_of(Run(config, folder, until, simulation, resumed=True))
+    return _result(
+        folder,
+        began,
+        interrupted=outcome.status != "finished",
+        lost_steps=getattr(stages[-1], "lost_steps", 0),
+        stage=outcome.stage,
+        saved=outcome.saved,
+    )
+
+
+def _with_offer(error: UnusableFile, folder: RunFolder) -> UnusableFile:
+    """Return the error with the command that goes on all the same."""
+    command = f"sim2vr-harness train --resume {shlex.quote(str(folder.path))} --set-aside"
+    where = "from that one" if error.instead else "with what is left"
+    offer = f"; to go on {where} and keep this file as {_aside(error.file).name}: {command}"
+    changed = UnusableFile(error.file, error.reason, error.expected, error.instead)
+    changed.args = (f"{changed}{offer}",)
+    return changed
+
+
+def _put_aside(error: UnusableFile, console: Console) -> None:
+    aside = _aside(error.file)
+    error.file.rename(aside)
+    text = f"{error.file} cannot be used ({error.reason}); it is kept as {aside.name}."
+    console.print(text, highlight=False, markup=False, soft_wrap=True)
+
+
+def _aside(file: Path) -> Path:
+    """Return a name that is free, and that no stage looks for."""
+    names = (f"{file.name}.aside{number or ''}" for number in count())
+    return next(place for name in names if not (place := file.with_name(name)).exists())
+
+
+def _result(
+    folder: RunFolder,
+    began: float,
+    *,
+    interrupted: bool = False,
+    lost_steps: int = 0,
+    stage: str = "",
+    saved: str = "",
+) -> TrainResult:
+    files = folder.checkpoints()
+    return TrainResult(
+        folder=folder,
+        checkpoint=files[-1] if files else None,
+        step=folder.step,
+        interrupted=interrupted,
+        lost_steps=lost_steps if interrupted else 0,
+        seconds=time.monotonic() - began,
+        stage=stage,
+        saved=saved,
+    )
+
+
+def _check_resumable(folder: RunFolder, config: TrainingConfig) -> None:
+    if not folder.exists:
+        expected = "a folder with a run in it"
+        if folder.run_file.is_file():
+            expected += "; a run that was killed before it began is begun again without --resume"
+        raise InputError("--resume", f"{str(folder.path)!r}, which holds no run", expected)
+    difference = first_difference(config, folder.load_config(), ignore=CHANGEABLE)
+    if difference is not None:
+        key, new, old = difference
+        raise InputError(
+            key, repr(new), f"{old!r} as in {folder.config_file}: a resumed run keeps its settings"
+        )

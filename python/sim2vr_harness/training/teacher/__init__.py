@@ -1,0 +1,1 @@
+"""Teacher policies with privileged observations."""

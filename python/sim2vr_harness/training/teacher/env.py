@@ -1,0 +1,277 @@
+"""The teacher's world: users in the true game, with privileged numbers and a curriculum."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.client import GameFacts, OptionValue
+from sim2vr_harness.envs.config import EnvConfig, SenseConfig, body_of
+from sim2vr_harness.envs.games import game_facts, with_hand
+from sim2vr_harness.envs.privileged import OBSERVATION, Lag, PrivilegedSenses
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.envs.step_batch import StepBatch
+from sim2vr_harness.games import ImaginedCondition, ImaginedGame, imagined_game, imagined_games
+from sim2vr_harness.runs.teacher_config import TeacherConfig
+from sim2vr_harness.training.teacher.initial_states import StartPostures, find_start_postures
+
+__all__ = ["TeacherSimulation", "blind_env", "game_of", "privileged_senses"]
+
+_FAIL_RATE_MEMORY = 0.97
+_EXPLORING_NEAR = 0.9
+
+
+def game_of(env: EnvConfig) -> ImaginedGame:
+    """Return what the fast recipe knows of the environment's game.
+
+    Raises:
+        InputError: nothing, or nothing for the hand that the user plays with.
+    """
+    app = env.app
+    game = imagined_game(app.game) if app.transport == "in_process" else None
+    if game is None:
+        raise InputError(
+            "recipe",
+            f"'distill' for the game {app.game!r} ({app.transport})",
+            f"a game in this process that has a twin ({', '.join(imagined_games())}), or "
+            "recipe: ppo",
+        )
+    facts = game_facts(app)
+    playing = with_hand(env, body_of(env.user)).app.options
+    hand = playing.get(facts.hand_option or "", "right")
+    missing = [device for device in game.devices if device not in _worn(facts, hand)]
+    if facts.devices and missing:
+        raise InputError(
+            "recipe",
+            f"'distill' for a user who plays {app.game} with the {hand} hand",
+            f"one with {missing[0]}, which its twin is made for, or recipe: ppo",
+        )
+    return game
+
+
+def _worn(facts: GameFacts, hand: OptionValue) -> tuple[str, ...]:
+    return ("headset", *facts.needs(hand))
+
+
+def blind_env(env: EnvConfig) -> EnvConfig:
+    """Return ``env`` without pictures."""
+    app = env.app.model_copy(update={"renderer": "null"})
+    # The least that an app draws; its shape decides what the headset could see.
+    scale = max(1, min(env.vision.width, env.vision.height) // 8)
+    vision = env.vision.model_copy(
+        update={
+            "width": max(8, env.vision.width // scale),
+            "height": max(8, env.vision.height // scale),
+            "zoom": 1,
+            "channels": ("depth",),
+            "eyes": 1,
+        }
+    )
+    # Its own body, undelayed and clear; the actions stay those of the student.
+    senses = (SenseConfig(sense="proprioception"),)
+    return env.model_copy(update={"app": app, "vision": vision, "senses": senses})
+
+
+class TeacherSimulation:
+    """N users as a teacher's vector environment wants them (``SimulationLike``).
+
+    Rules and rewards are the true ones, the latter times ``reward_scale``; ``infos`` hold the
+    task's own. Which targets come up and where rounds start is the curriculum's. Episodes are cut
+    after a while (truncated), the first ones at different times.
+
+    Args:
+        env: the true environment; pictures are switched off here.
+        config: of the teacher.
+        seed: of conditions, starts and episodes' lengths.
+        n: number of users; None takes ``config.ppo.n_envs``.
+
+    Raises:
+        InputError: the game has no twin.
+    """
+
+    def __init__(
+        self, env: EnvConfig, config: TeacherConfig, seed: int, *, n: int | None = None
+    ) -> None:
+        self.config, self.teacher = env, config
+        self.n = n or config.ppo.n_envs
+        self.step_count = 0
+        """User steps of all users so far."""
+        self.game = game_of(env)
+        self.conditions = config.conditions or self.game.conditions
+        self.simulation = Simulation(blind_env(env), self.n)
+        self.senses = privileged_senses(self.simulation, config, self.game, env)
+        self.observation_space = self.senses.space
+        self.action_space = self.simulation.action_space
+        self.step_s = 1.0 / env.action_frequency_hz
+        """Duration of a user step."""
+        self._exploring_s: float | None = None
+        self._rng = np.random.default_rng(seed)
+        self._condition = np.zeros(self.n, dtype=np.int64)
+        self._next_condition = 0
+        self._length = np.zeros(self.n, dtype=np.int64)
+        self._limit = np.ones(self.n, dtype=np.int64)
+        self.fail_rates = np.ones((len(self.conditions), self.game.cells))
+        """Running averages of the fail rates in training, by condition and cell."""
+        self.postures: StartPostures | None = None
+        curriculum = config.curriculum
+        if curriculum.near_starts > 0.0 and self.game.start_fields is not None:
+            self.postures = find_start_postures(
+                self.simulation,
+                self.game,
+                self.conditions,
+                near_m=curriculum.near_start_m,
+                per_cell=curriculum.starts_per_cell,
+                seed=seed,
+            )
+
+    def explore(self, seconds: float | None) -> None:
+        """Let episodes be so short and begin near a cell, from the next ones on; None ends it."""
+        self._exploring_s = seconds
+
+    def condition_of(self, user: int) -> int:
+        """Which of the conditions a user plays."""
+        return int(self._condition[user])
+
+    def describe(self, number: int) -> ImaginedCondition:
+        """Return what imagined rounds have to know of a condition.
+
+        The first user's episode is lost.
+        """
+        name = self.conditions[number]
+        options = self.game.options(name)
+        self.simulation.reset([0], [0], options)
+        first = map(float, self.senses.values()[0])
+        start = dict(zip(self.senses.names, first, strict=True))
+        return ImaginedCondition(name, {**self.config.app.options, **options}, start)
+
+    # --- SimulationLike ------------------------------------------------------------------------
+
+    def reset(
+        self,
+        ids: Sequence[int] | None = None,
+        seeds: Sequence[int | None] | None = None,
+        options: Any = None,
+    ) -> list[dict[str, Any]]:
+        """Start new episodes: conditions in turn, some of them near a cell."""
+        rows = list(range(self.n)) if ids is None else [int(i) for i in ids]
+        given = [None] * len(rows) if seeds is None else list(seeds)
+        first = ids is None
+        infos: dict[int, dict[str, Any]] = {}
+        for row in rows:
+            self._condition[row] = self._next_condition % len(self.conditions)
+            self._next_condition += 1
+        for number in range(len(self.conditions)):
+            chosen = [k for k, row in enumerate(rows) if self._condition[row] == number]
+            if not chosen:
+                continue
+            group = [rows[k] for k in chosen]
+            started = self.simulation.reset(
+                group,
+                [given[k] for k in chosen],
+                {**self._options(number), **(options or {})},
+                [self._posture(number) for _ in group],
+            )
+            infos |= dict(zip(group, started, strict=True))
+        seconds = self._exploring_s or self.teacher.curriculum.episode_seconds
+        limit = max(1, round(seconds / self.step_s))
+        self._length[rows] = 0
+        self._limit[rows] = limit
+        if first:  # spread the ends over time
+            self._limit[rows] = self._rng.integers(1, limit + 1, len(rows))
+        return [infos[row] for row in rows]
+
+    def _options(self, number: int) -> dict[str, Any]:
+        share = self.teacher.curriculum.failing_cells
+        fails = self.fail_rates[number] + 1e-3
+        weights = (1.0 - share) / self.game.cells + share * fails / fails.sum()
+        return self.game.options(self.conditions[number], weights.tolist())
+
+    def _posture(self, number: int) -> NDArray[np.float64] | None:
+        share = self.teacher.curriculum.near_starts
+        near = self._rng.random() < (share if self._exploring_s is None else _EXPLORING_NEAR)
+        if not near or self.postures is None:
+            return None
+        weights = self.fail_rates[number] + 0.1
+        return self.postures.draw(self.conditions[number], weights, self._rng)
+
+    def observation(self) -> dict[str, NDArray[Any]]:
+        """``{"teacher": (N, size) float32}``, fresh."""
+        return {OBSERVATION: self.senses.observe()}
+
+    def step(self, actions: NDArray[Any]) -> StepBatch:
+        """Advance everyone by one user step."""
+        result = self.simulation.step(np.clip(actions, -1.0, 1.0))
+        self.step_count += self.n
+        self._length += 1
+        truncated = result.truncated | (~result.terminated & (self._length >= self._limit))
+        for i in map(int, np.flatnonzero(truncated | result.terminated)):
+            self._remember_failures(i, result.logs[i])
+        reward = result.reward * self.teacher.reward_scale
+        return dataclasses.replace(result, reward=reward, truncated=truncated)
+
+    def _remember_failures(self, i: int, log: Any) -> None:
+        rates = self.fail_rates[self._condition[i]]
+        succeeded, failed = self.game.outcomes(log)
+        for cell, count in enumerate(succeeded + failed):
+            if count > 0:
+                # A cell that comes up twice moves the average as much as two episodes do.
+                keep = _FAIL_RATE_MEMORY**count
+                rates[cell] = keep * rates[cell] + (1.0 - keep) * failed[cell] / count
+
+    # --- saved states --------------------------------------------------------------------------
+
+    _SAVED = ("_condition", "_length", "_limit", "fail_rates")
+
+    def save_state(self) -> bytes:
+        """Return the exact state, the episodes' and the curriculum's included."""
+        header = {
+            "step_count": self.step_count,
+            "next_condition": self._next_condition,
+            "rng": self._rng.bit_generator.state,
+            "arrays": {name: getattr(self, name).tolist() for name in self._SAVED},
+        }
+        text = json.dumps(header).encode()
+        return len(text).to_bytes(8, "little") + text + self.simulation.save_state()
+
+    def load_state(self, state: bytes) -> list[int]:
+        """Continue from :meth:`save_state`; returns the users whose rounds had to start anew."""
+        size = int.from_bytes(state[:8], "little")
+        header = json.loads(state[8 : 8 + size])
+        anew = self.simulation.load_state(state[8 + size :])
+        self.step_count = int(header["step_count"])
+        self._next_condition = int(header["next_condition"])
+        self._rng.bit_generator.state = header["rng"]
+        for name in self._SAVED:
+            getattr(self, name)[...] = header["arrays"][name]
+        return anew
+
+    def close(self) -> None:
+        """Free everything."""
+        self.simulation.close()
+
+
+def privileged_senses(
+    simulation: Simulation, config: TeacherConfig, game: ImaginedGame, env: EnvConfig
+) -> PrivilegedSenses:
+    """Return what a teacher of these users observes.
+
+    Args:
+        simulation: the users; watched from its next reset on where the senses are late.
+        config: of the teacher.
+        game: what the fast recipe knows of the game.
+        env: of the student, whose senses say how late the teacher knows.
+    """
+    lag = Lag() if config.knows_present else Lag.of(env, config.recognition_steps)
+    hidden = game.hidden_fields if config.hidden_fields is None else config.hidden_fields
+    return PrivilegedSenses(
+        simulation,
+        hidden,
+        felt=game.felt_fields,
+        lag=lag,
+    )

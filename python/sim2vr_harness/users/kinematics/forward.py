@@ -1,0 +1,197 @@
+"""Where a point of a body is by its joints' angles, for many postures at once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.users import Body
+from sim2vr_harness.users.name_errors import unknown_name
+
+__all__ = ["Linkage", "Point"]
+
+FloatArray = NDArray[np.float64]
+
+_HINGE, _SLIDE = int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE)
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point that moves with a part of a body.
+
+    Attributes:
+        part: a site or a body of the model, such as the controller ``controller_right``.
+        offset_m: from there, in the axes of the part, m.
+    """
+
+    part: str
+    offset_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class _Link:
+    """A part of the chain: where it hangs on the part above, and how its joints move it."""
+
+    position: FloatArray
+    rotation: FloatArray
+    joints: tuple[_Joint, ...]
+
+
+@dataclass(frozen=True)
+class _Joint:
+    """One degree of freedom of a link.
+
+    Attributes:
+        name: of the joint.
+        hinge: or else a slide.
+        axis: (3,) in the link.
+        anchor: (3,) in the link, m.
+        start: angle or length at which the model was drawn.
+    """
+
+    name: str
+    hinge: bool
+    axis: FloatArray
+    anchor: FloatArray
+    start: float
+
+
+class Linkage:
+    """The joints between the world and a point, couplings included.
+
+    Args:
+        body: whose they are. Joints with more than one degree of freedom stay where the model has
+            them.
+        point: the point.
+
+    Attributes:
+        joints: the K independent joints that move the point, in the body's order.
+        limits: (K, 2) rad (slides m); a joint without counts as one of +-pi rad (+-1 m).
+        rest: (K,) the posture that episodes start near, within the limits.
+
+    Raises:
+        ValueError: the model has no such part; names the nearest. Nothing moves the point.
+    """
+
+    def __init__(self, body: Body, point: Point) -> None:
+        model = body.physics_model
+        part, tail, turn = _part(model, point.part)
+        self._tail = tail + turn @ np.asarray(point.offset_m)
+        self._links = _links(model, part)
+        self._couplings = {coupling.dependent: coupling for coupling in body.couplings}
+        wanted = {self._driver(joint.name) for link in self._links for joint in link.joints}
+        self.joints: tuple[str, ...] = tuple(j for j in body.independent_joints if j in wanted)
+        if not self.joints:
+            raise ValueError(f"point: got {point.part!r}, expected a part that joints can move")
+        columns = [body.independent_joints.index(joint) for joint in self.joints]
+        self.limits: FloatArray = body.joint_ranges[columns]
+        posture = np.array([body.reset_rule.posture.get(joint, 0.0) for joint in self.joints])
+        self.rest: FloatArray = np.clip(posture, *self.limits.T)
+
+    def _driver(self, joint: str) -> str:
+        """The independent joint that a joint follows, itself included; empty for none."""
+        while joint in self._couplings:
+            joint = self._couplings[joint].driver
+        return joint
+
+    def _angle(self, joint: str, q: FloatArray) -> tuple[FloatArray, FloatArray, int | None]:
+        """Angles (B,) of a joint, their derivative by the joint that it follows, and which."""
+        if joint in self.joints:
+            column = self.joints.index(joint)
+            return q[:, column], np.ones(len(q)), column
+        if joint not in self._couplings:
+            return np.zeros(len(q)), np.zeros(len(q)), None
+        coupling = self._couplings[joint]
+        if not coupling.driver:
+            return np.full(len(q), coupling.coefficients[0]), np.zeros(len(q)), None
+        driver, slope, column_or_none = self._angle(coupling.driver, q)
+        curve = np.polynomial.Polynomial(coupling.coefficients)
+        return curve(driver), curve.deriv()(driver) * slope, column_or_none
+
+    def place(self, q: FloatArray) -> FloatArray:
+        """(B, 3) where the point is, MuJoCo's world, m, for angles (B, K)."""
+        return self._walk(np.asarray(q, dtype=np.float64), [])
+
+    def place_and_slope(self, q: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """The same, and its derivative (B, 3, K) by the angles."""
+        q = np.asarray(q, dtype=np.float64)
+        moves: list[tuple[int, FloatArray, FloatArray | None]] = []
+        x = self._walk(q, moves)
+        slope = np.zeros((len(q), 3, len(self.joints)))
+        for column, axis, anchor in moves:
+            slope[:, :, column] += axis if anchor is None else np.cross(axis, x - anchor)
+        return x, slope
+
+    def _walk(
+        self, q: FloatArray, moves: list[tuple[int, FloatArray, FloatArray | None]]
+    ) -> FloatArray:
+        """Where the point is; notes of each joint its column, axis and anchor (None: a slide)."""
+        origin, turn = np.zeros((len(q), 3)), np.broadcast_to(np.eye(3), (len(q), 3, 3))
+        for link in self._links:
+            origin = origin + turn @ link.position
+            turn = turn @ link.rotation
+            for joint in link.joints:
+                angle, slope, column = self._angle(joint.name, q)
+                axis = turn @ joint.axis
+                moved = angle - joint.start
+                anchor = origin + turn @ joint.anchor
+                if joint.hinge:
+                    turn = turn @ _rotations(joint.axis, moved)
+                    origin = anchor - turn @ joint.anchor
+                else:
+                    origin = origin + axis * moved[:, None]
+                if column is not None:
+                    weighted = axis * slope[:, None]
+                    moves.append((column, weighted, anchor if joint.hinge else None))
+        return origin + turn @ self._tail
+
+
+def _rotations(axis: FloatArray, angle: FloatArray) -> FloatArray:
+    """(B, 3, 3) turns by angles (B,) about a unit axis (3,), after Rodrigues."""
+    x, y, z = axis
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    sin, cos = np.sin(angle)[:, None, None], np.cos(angle)[:, None, None]
+    return np.eye(3) + sin * cross + (1.0 - cos) * (cross @ cross)
+
+
+def _matrix(quat: Sequence[float] | FloatArray) -> FloatArray:
+    matrix = np.empty(9)
+    mujoco.mju_quat2Mat(matrix, np.asarray(quat, dtype=np.float64))
+    return matrix.reshape(3, 3)
+
+
+def _part(model: mujoco.MjModel, name: str) -> tuple[int, FloatArray, FloatArray]:
+    """The body of a site or body, and where the part is in it: position and axes."""
+    sites = [model.site(i).name for i in range(model.nsite)]
+    bodies = [model.body(i).name for i in range(model.nbody)]
+    if name in sites:
+        site = model.site(name)
+        return int(site.bodyid[0]), np.array(site.pos), _matrix(site.quat)
+    if name in bodies:
+        return int(model.body(name).id), np.zeros(3), np.eye(3)
+    raise ValueError(unknown_name("point", name, [part for part in (*sites, *bodies) if part]))
+
+
+def _links(model: mujoco.MjModel, body: int) -> list[_Link]:
+    """The parts from below the world down to a body."""
+    links = []
+    while body:
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        joints = tuple(
+            _Joint(
+                model.joint(j).name,
+                int(model.jnt_type[j]) == _HINGE,
+                np.array(model.jnt_axis[j]),
+                np.array(model.jnt_pos[j]),
+                float(model.qpos0[model.jnt_qposadr[j]]),
+            )
+            for j in range(first, first + count)
+            if int(model.jnt_type[j]) in (_HINGE, _SLIDE)
+        )
+        links.append(_Link(np.array(model.body_pos[body]), _matrix(model.body_quat[body]), joints))
+        body = int(model.body_parentid[body])
+    return links[::-1]

@@ -1,0 +1,97 @@
+"""Postures that bring a point to a place: bounded least squares, for many places at once."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.users.kinematics.forward import Linkage
+
+__all__ = ["CLOSE_M", "solve"]
+
+FloatArray = NDArray[np.float64]
+
+CLOSE_M = 1e-3
+"""A place is reached when the point comes so near."""
+
+_DAMPING = 1e-3
+_LEAST, _MOST = 1e-9, 1e9
+"""Of the damping, m^2."""
+
+
+def solve(
+    linkage: Linkage,
+    places: FloatArray,
+    start: FloatArray,
+    *,
+    iterations: int = 60,
+    close_m: float = 1e-5,
+    gain_m: float = 2e-6,
+) -> tuple[FloatArray, FloatArray]:
+    """Bring the point as near to places as the joints' limits let it, from postures near by.
+
+    Levenberg-Marquardt steps; a joint at its limit that would go on is left out of a step.
+
+    Args:
+        linkage: moves the point.
+        places: (B, 3) MuJoCo's world, m.
+        start: (B, K) angles.
+        iterations: at most.
+        close_m: nearer than this is near enough.
+        gain_m: who gets nearer by less than this four times is as near as it gets.
+
+    Returns:
+        Angles (B, K) within the limits, and how far the point then is from its place, (B,) m.
+    """
+    low, high = linkage.limits.T
+    q = np.clip(start, low, high)
+    x, slope = linkage.place_and_slope(q)
+    error = places - x
+    distance = np.linalg.norm(error, axis=1)
+    damping = np.full(len(q), _DAMPING)
+    going = distance > close_m
+    stuck = np.zeros(len(q), dtype=int)
+    for _ in range(iterations):
+        rows = np.flatnonzero(going)
+        if not len(rows):
+            break
+        tried = _tried(q[rows], slope[rows], error[rows], damping[rows], low, high)
+        new_x, new_slope = linkage.place_and_slope(tried)
+        new_error = places[rows] - new_x
+        new_distance = np.linalg.norm(new_error, axis=1)
+        better = new_distance < distance[rows]
+        gain = distance[rows] - new_distance
+        won = rows[better]
+        q[won], slope[won] = tried[better], new_slope[better]
+        error[won], distance[won] = new_error[better], new_distance[better]
+        damping[rows] = np.clip(damping[rows] * np.where(better, 0.2, 8.0), _LEAST, _MOST)
+        # A failure counts when steps have become small against what is left to go.
+        idle = np.where(better, gain < gain_m, damping[rows] > 1.0 + distance[rows] ** 2)
+        stuck[rows] = np.where(idle, stuck[rows] + 1, 0)
+        going[rows] = (distance[rows] > close_m) & (stuck[rows] < 4)
+    return q, distance
+
+
+def _tried(
+    q: FloatArray,
+    slope: FloatArray,
+    error: FloatArray,
+    damping: FloatArray,
+    low: FloatArray,
+    high: FloatArray,
+) -> FloatArray:
+    """Postures (B, K) after a step; joints that the first try takes to a limit stay there."""
+    pull = np.einsum("bxk,bx->bk", slope, error)
+    free = ~(((q <= low) & (pull < 0.0)) | ((q >= high) & (pull > 0.0)))
+    first = q + _step(slope * free[:, None, :], error, damping)
+    beyond = free & ((first < low) | (first > high))
+    stopped = np.clip(first, low, high)
+    # What the stopped joints still do is taken off; the others do the rest.
+    done = np.einsum("bxk,bk->bx", slope, np.where(beyond, stopped - q, 0.0))
+    rest = _step(slope * (free & ~beyond)[:, None, :], error - done, damping)
+    return np.clip(np.where(beyond, stopped, q + rest), low, high)
+
+
+def _step(slope: FloatArray, error: FloatArray, damping: FloatArray) -> FloatArray:
+    normal = slope @ slope.transpose(0, 2, 1) + damping[:, None, None] * np.eye(3)
+    return np.einsum("bxk,bx->bk", slope, np.linalg.solve(normal, error[..., None])[..., 0])

@@ -1,0 +1,1 @@
+"""Learned models of body dynamics, differentiable; torch only."""

@@ -1,0 +1,384 @@
+"""A differentiable body, learned from what the simulated one did.
+
+One user step (25 substeps of physics, actuators included) as a function whose gradient is known:
+where a tool goes when a muscle pulls a little more. Activation and acceleration are learned, of
+every limb by itself; motors' targets and how joint angles place the hands are exact, from the
+action rules and the body's chains of joints.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from itertools import pairwise
+
+import torch
+from torch import Tensor, nn
+
+from sim2vr_harness.users import Body
+from sim2vr_harness.users.kinematics.forward_torch import Chains
+from sim2vr_harness.world_models.actuator_state import Drives
+from sim2vr_harness.world_models.joint_groups import Limb, limbs_of
+from sim2vr_harness.world_models.person_features import ImaginedPersons
+from sim2vr_harness.world_models.transitions import Experience, Motion
+
+__all__ = ["BodyModel", "fit_body", "mlp"]
+
+_LIMIT_RAD = 0.02
+"""Over which a joint's limit is felt: its sharp stop, as a network can learn it."""
+_BEYOND_RAD, _FASTEST_RADPS = 0.3, 40.0
+"""How far beyond its limits a joint is believed to go, and how fast: a model that has not seen much
+yet would send bodies away faster at every step."""
+
+
+def mlp(*widths: int) -> nn.Sequential:
+    """Linear layers of these widths, SiLU between them."""
+    layers: list[nn.Module] = []
+    for into, out in pairwise(widths):
+        layers += [nn.Linear(into, out), nn.SiLU()]
+    return nn.Sequential(*layers[:-1])
+
+
+class _Activation(nn.Module):
+    """How far activations have followed their controls after a user step."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._share = mlp(2, 16, 16, 1)
+
+    def forward(self, act: Tensor, control: Tensor) -> Tensor:
+        share = torch.sigmoid(self._share(torch.stack([act, control], -1)).squeeze(-1))
+        return act + share * (control - act)
+
+
+class _Acceleration(nn.Module):
+    """Angles and speeds after a user step, of limbs that are nearly alike.
+
+    Acceleration is linear in the drives, with coefficients that depend on angles and speeds,
+    as it is within a substep (a muscle's force in its activation, a motor's torque in its target);
+    a second network learns the rest, with how far joints would go beyond their limits among its
+    inputs. Which limb it is is one of the inputs; of limbs that are carried so is how what carries
+    them moves, its change of speed as one drive more for each joint.
+
+    Args:
+        user: the body.
+        limbs: L limbs with as many joints and actuators each.
+        step_s: duration of a user step.
+        width: of the hidden layers.
+        persons: how who a user is stands in tensors.
+    """
+
+    mean: Tensor
+    spread: Tensor
+    speed: Tensor
+    gain: Tensor
+    remainder: Tensor
+    seen_mean: Tensor
+    seen_spread: Tensor
+    seen_speed: Tensor
+    base_gain: Tensor
+    low: Tensor
+    high: Tensor
+
+    def __init__(
+        self,
+        user: Body,
+        limbs: Sequence[Limb],
+        step_s: float,
+        width: int,
+        persons: ImaginedPersons | None,
+    ) -> None:
+        super().__init__()
+        joints, drives = len(limbs[0].joints), len(limbs[0].actuators)
+        seen, base = limbs[0].seen, limbs[0].base
+        self._joints, self._drives, self._limbs = joints, drives, len(limbs)
+        self._step_s, self._persons = step_s, persons
+        self.joint_columns = [j for limb in limbs for j in limb.joints]
+        self.drive_columns = [a for limb in limbs for a in limb.actuators]
+        self.seen_columns, self.base_columns = list(seen), list(base)
+        """Of limbs alike, which are more than one, there is nothing else to be seen."""
+        for name in ("mean", "spread", "speed", "gain", "remainder"):
+            self.register_buffer(name, torch.ones(joints))
+        for name in ("seen_mean", "seen_spread", "seen_speed"):
+            self.register_buffer(name, torch.ones(len(seen)))
+        self.register_buffer("base_gain", torch.ones(len(base)))
+        low, high = torch.tensor(user.joint_ranges.T.copy(), dtype=torch.float32)
+        self.register_buffer("low", self._of_joints(low[None]))
+        self.register_buffer("high", self._of_joints(high[None]))
+        which = len(limbs) if len(limbs) > 1 else 0
+        which += 0 if persons is None else len(persons.names)
+        inputs = 6 * joints + 4 * len(seen) + which
+        pulls = 2 * drives + len(base)
+        self._linear = mlp(inputs, width, width, joints * (pulls + 1))
+        self._rest = mlp(inputs + 2 * joints + pulls, width, width, 2 * joints)
+
+    def _of_joints(self, values: Tensor) -> Tensor:
+        """(B, J) of a body -> (B L, joints), limb by limb of every user."""
+        return values[:, self.joint_columns].reshape(-1, self._joints)
+
+    def _of_drives(self, values: Tensor) -> Tensor:
+        return values[:, self.drive_columns].reshape(-1, self._drives)
+
+    def scale_by(self, steps: Experience) -> None:
+        """Take the units of inputs and outputs from what happened."""
+        q, v, after_q, after_v = (
+            self._of_joints(values)
+            for motion in (steps.before, steps.after)
+            for values in (motion.angles, motion.speeds)
+        )
+        free = q + 0.5 * self._step_s * (v + after_v)
+        self.mean.copy_(q.mean(0))
+        self.spread.copy_(q.std(0))
+        self.speed.copy_(v.std(0))
+        self.gain.copy_((after_v - v).std(0))
+        self.remainder.copy_((after_q - free).std(0))
+        seen, base = self.seen_columns, self.base_columns
+        if not seen:
+            return
+        self.seen_mean.copy_(steps.before.angles[:, seen].mean(0))
+        self.seen_spread.copy_(steps.before.angles[:, seen].std(0))
+        self.seen_speed.copy_(steps.before.speeds[:, seen].std(0))
+        if base:
+            self.base_gain.copy_((steps.after.speeds - steps.before.speeds)[:, base].std(0))
+
+    def loss(self, before: Motion, wanted: Motion) -> Tensor:
+        """Mean squared error of the motion after a step, in units of what happens."""
+        base = self.base_columns
+        carried = wanted.speeds[:, base] - before.speeds[:, base]
+        angles, speeds = self(before, wanted.drives, carried)
+        wrong_v = (speeds - self._of_joints(wanted.speeds)) / self.gain
+        wrong_q = (angles - self._of_joints(wanted.angles)) / self.remainder
+        return wrong_v.square().mean() + wrong_q.square().mean()
+
+    def forward(self, before: Motion, drives: Tensor, carried: Tensor) -> tuple[Tensor, Tensor]:
+        """Angles and speeds (B L, joints) each after a step that ends with drives (B, A).
+
+        ``carried`` (B, base) is how the speeds of what carries the limb change, rad/s.
+        """
+        users = len(drives)
+        q, v = self._of_joints(before.angles), self._of_joints(before.speeds)
+        both = torch.cat([self._of_drives(before.drives), self._of_drives(drives)], -1)
+        low, high = self.low.repeat(users, 1), self.high.repeat(users, 1)
+        parts = [
+            (q - self.mean) / self.spread,
+            v / self.speed,
+            q.sin(),
+            q.cos(),
+            torch.relu(q + 0.03 - high) * 30.0,
+            torch.relu(low + 0.03 - q) * 30.0,
+        ]
+        if self.seen_columns:
+            seen_q = before.angles[:, self.seen_columns]
+            seen_v = before.speeds[:, self.seen_columns]
+            scaled = (seen_q - self.seen_mean) / self.seen_spread
+            parts += [scaled, seen_v / self.seen_speed, seen_q.sin(), seen_q.cos()]
+        if self._limbs > 1:
+            parts.append(torch.eye(self._limbs).repeat(users, 1))
+        if self._persons is not None:
+            told = self._persons.features(before.persons)
+            parts.append(told.repeat_interleave(self._limbs, 0))
+        state = torch.cat(parts, -1)
+        terms = self._linear(state)
+        pulls, felt = both, 2.0 * both - 1.0
+        if self.base_columns:
+            moved = carried / self.base_gain
+            pulls, felt = torch.cat([pulls, moved], -1), torch.cat([felt, moved], -1)
+        effect = terms[:, : -self._joints].reshape(-1, self._joints, pulls.shape[1])
+        pulled = 0.2 * (effect @ pulls[..., None])[..., 0] + terms[:, -self._joints :]
+        free_v = v + pulled * self.gain
+        free_q = q + 0.5 * self._step_s * (v + free_v)
+        beyond = [
+            nn.functional.softplus((free_q - high) / _LIMIT_RAD),
+            nn.functional.softplus((low - free_q) / _LIMIT_RAD),
+        ]
+        rest = self._rest(torch.cat([state, felt, *(0.4 * b for b in beyond)], -1))
+        more_v, more_q = rest.chunk(2, -1)
+        speeds = free_v + more_v * self.gain
+        angles = q + 0.5 * self._step_s * (v + speeds) + more_q * self.remainder
+        return angles, speeds
+
+
+class BodyModel(nn.Module):
+    """One user step of a body, differentiable.
+
+    Args:
+        user: the body.
+        devices: the worn devices whose places are wanted.
+        step_s: duration of a user step.
+        width: of the hidden layers.
+        persons: how who a user is stands in tensors; None: all are `user`.
+    """
+
+    error: Tensor
+    """(J,) standard deviation of what the model gets wrong of the speeds after a step, rad/s."""
+    gain: Tensor
+    """(J,) standard deviation of how speeds change in a step, rad/s."""
+
+    def __init__(
+        self,
+        user: Body,
+        devices: Sequence[str],
+        step_s: float,
+        *,
+        width: int = 256,
+        persons: ImaginedPersons | None = None,
+    ) -> None:
+        super().__init__()
+        self.devices = tuple(devices)
+        self.drives = Drives(user)
+        self.activation = _Activation()
+        groups = limbs_of(user)
+        self.accelerations = nn.ModuleList(
+            [_Acceleration(user, limbs, step_s, width, persons) for limbs in groups]
+        )
+        columns = [j for each in self._each() for j in each.joint_columns]
+        self._order = [columns.index(j) for j in range(len(columns))]
+        self._in_order = columns == sorted(columns)
+        self._persons = persons
+        self._chains = Chains(user, devices, persons.references if persons else ())
+        self.register_buffer("error", torch.zeros(len(user.independent_joints)))
+        self.register_buffer("gain", torch.ones(len(user.independent_joints)))
+        low, high = torch.tensor(user.joint_ranges.T.copy(), dtype=torch.float32)
+        self._low, self._high = low - _BEYOND_RAD, high + _BEYOND_RAD
+        self.step_s = step_s
+
+    def _each(self) -> list[_Acceleration]:
+        return [each for each in self.accelerations if isinstance(each, _Acceleration)]
+
+    def scale_by(self, steps: Experience) -> None:
+        """Take the units of inputs and outputs from what happened."""
+        for each in self._each():
+            each.scale_by(steps)
+        self.gain.copy_((steps.after.speeds - steps.before.speeds).std(0))
+
+    def places(self, angles: Tensor, persons: Tensor) -> Tensor:
+        """(B, D, 4, 4) where the devices of persons (B, P) are at angles (B, J)."""
+        sizes = None if self._persons is None else self._persons.sizes(persons)
+        placed: Tensor = self._chains(angles, sizes)
+        return placed
+
+    def learned(self) -> list[nn.Parameter]:
+        """What is fitted: muscles' activation only where there are muscles."""
+        activation = self.activation.parameters() if len(self.drives.muscles) else ()
+        return [*activation, *self.accelerations.parameters()]
+
+    def loss(self, steps: Experience) -> Tensor:
+        """What is fitted: errors of the motion after steps."""
+        wanted = steps.after
+        motion = [each.loss(steps.before, wanted) for each in self._each()]
+        loss = torch.stack(motion).mean()
+        if not len(self.drives.muscles):
+            return loss
+        drives = self.drives_after(steps.before, steps.control)
+        wrong = (drives - wanted.drives)[:, self.drives.muscles]
+        return loss + 1000.0 * wrong.square().mean()
+
+    def drives_after(self, before: Motion, control: Tensor) -> Tensor:
+        """(B, A): muscles follow their controls, of all others the control is the drive."""
+        muscles = self.drives.muscles
+        if len(muscles) == self.drives.count:
+            after: Tensor = self.activation(before.drives, control)
+            return after
+        if not len(muscles):
+            return control
+        followed = self.activation(before.drives[:, muscles], control[:, muscles])
+        return control.index_copy(1, torch.from_numpy(muscles), followed)
+
+    def forward(self, before: Motion, control: Tensor) -> Motion:
+        """The motion after a user step with these controls, (B, A) in [0, 1]."""
+        drives = self.drives_after(before, control)
+        angles: list[Tensor] = []
+        speeds: list[Tensor] = []
+        changed: dict[int, Tensor] = {}
+        """How speeds of joints change that carry others."""
+        for each in self._each():
+            base = [changed[j] for j in each.base_columns]
+            carried = torch.stack(base, 1) if base else drives[:, :0]
+            after_q, after_v = (v.reshape(len(drives), -1) for v in each(before, drives, carried))
+            angles.append(after_q)
+            speeds.append(after_v)
+            if each.seen_columns and not base:
+                change = after_v - before.speeds[:, each.joint_columns]
+                changed |= dict(zip(each.joint_columns, change.unbind(1), strict=True))
+        all_angles, all_speeds = (
+            torch.cat(parts, 1) if self._in_order else torch.cat(parts, 1)[:, self._order]
+            for parts in (angles, speeds)
+        )
+        all_angles = all_angles.clamp(self._low, self._high)
+        all_speeds = all_speeds.clamp(-_FASTEST_RADPS, _FASTEST_RADPS)
+        return Motion(all_angles, all_speeds, drives, before.persons)
+
+    def disturbed(self, motion: Motion, share: float) -> Motion:
+        """``motion`` with noise of ``share`` times what the model gets wrong in a step."""
+        noise = share * self.error * torch.randn_like(motion.speeds)
+        angles = motion.angles + 0.5 * self.step_s * noise
+        return Motion(angles, motion.speeds + noise, motion.drives, motion.persons)
+
+
+def fit_body(
+    body: BodyModel,
+    steps: Experience,
+    *,
+    minibatches: int,
+    learning_rate: float,
+    batch_size: int = 1024,
+    held_out: int = 4096,
+    on_progress: Callable[[float], None] = lambda share: None,
+) -> dict[str, float]:
+    """Fit a body model to user steps; the learning rate rises and falls once.
+
+    Args:
+        body: changed.
+        steps: in any order; some are held out to measure with.
+        minibatches: how many to learn from.
+        learning_rate: the highest.
+        batch_size: steps in a minibatch.
+        held_out: at most so many, and at most a tenth, are not learned from.
+        on_progress: called with the share of the minibatches that is done.
+
+    Returns:
+        ``speed``: root mean square error of the speeds after a step, in units of their change's
+        spread; ``drives``: mean absolute error of the drives; ``place_m``: mean error of the
+        devices' places after a step; ``moved_m``: how far they moved on average. Of held out
+        steps, and of the devices that move.
+    """
+    order = torch.randperm(len(steps))
+    aside = min(held_out, len(steps) // 10)
+    test, known = steps.rows(order[:aside]), order[aside:]
+    learned = body.learned()
+    for parameter in learned:
+        parameter.requires_grad_(True)
+    optimizer = torch.optim.Adam(learned, lr=learning_rate)
+    schedule = torch.optim.lr_scheduler.OneCycleLR(
+        optimizer, learning_rate, total_steps=minibatches, pct_start=0.1
+    )
+    for done in range(minibatches):
+        on_progress(done / minibatches)
+        batch = steps.rows(known[torch.randint(len(known), (batch_size,))])
+        loss = body.loss(batch)
+        optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        nn.utils.clip_grad_norm_(learned, 5.0)
+        optimizer.step()
+        schedule.step()
+    for parameter in learned:
+        parameter.requires_grad_(False)
+    return _measure(body, test)
+
+
+def _measure(body: BodyModel, test: Experience) -> dict[str, float]:
+    with torch.no_grad():
+        predicted = body(test.before, test.control)
+        wrong = predicted.speeds - test.after.speeds
+        body.error.copy_(wrong.std(0))
+        angles = torch.cat([predicted.angles, test.after.angles, test.before.angles])
+        place = body.places(angles, test.before.persons.repeat(3, 1))
+        put_at, was_at, from_ = place[:, :, :3, 3].chunk(3)
+        moved = (from_ - was_at).norm(dim=2).mean(0)
+        moving = moved > 0.0
+        values = {
+            "speed": (wrong / body.gain).square().mean().sqrt(),
+            "drives": (predicted.drives - test.after.drives).abs().mean(),
+            "place_m": (put_at - was_at).norm(dim=2).mean(0)[moving].mean(),
+            "moved_m": moved[moving].mean(),
+        }
+    return {name: float(value) for name, value in values.items()}

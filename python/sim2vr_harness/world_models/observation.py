@@ -1,0 +1,117 @@
+"""What a policy observes of imagined users: moments of their past, as late as their senses are."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from sim2vr_harness.envs.privileged import Layout
+from sim2vr_harness.world_models.rollout_env import ImaginedUsers
+
+__all__ = ["ImaginedSenses"]
+
+_ACTION_SPREAD = 0.5
+"""Standard deviation that actions are taken to have, in statistics of observations."""
+
+
+class ImaginedSenses:
+    """Observations of B imagined users, differentiable by all that happened since :meth:`cut`.
+
+    Args:
+        layout: of the true game's observations.
+        everything: the names of all numbers of a moment in the true game, which its columns count.
+        users: the bodies.
+        rounds: an ``ImaginedRounds``.
+
+    Raises:
+        KeyError: the layout asks for a number that the imagined game does not know.
+    """
+
+    def __init__(
+        self, layout: Layout, everything: Sequence[str], users: ImaginedUsers, rounds: Any
+    ) -> None:
+        names = [*users.names, *rounds.names]
+        known = {name: column for column, name in enumerate(names)}
+        self._layout = dataclasses.replace(
+            layout,
+            felt=tuple(known[everything[i]] for i in layout.felt),
+            seen=tuple(known[everything[i]] for i in layout.seen),
+        )
+        self._users, self._rounds, self._lag = users, rounds, layout.lag
+        actions = users.actions
+        self._past = [torch.zeros(users.n, len(names))] * (layout.lag.longest + 1)
+        self._did = [torch.zeros(users.n, actions)] * layout.actions
+        self.size = len(layout.names)
+        """Numbers of an observation."""
+        self.warm_up = 0 if layout.lag.none else max(layout.lag.longest, layout.actions)
+        """User steps after a start until the past is a user's own."""
+
+    def be_late(self, share: float) -> None:
+        """Let the users know what they do by so large a share of their lag, 1 at first."""
+        self._layout = dataclasses.replace(self._layout, lag=self._lag.reached(share))
+
+    def _now(self) -> Tensor:
+        return torch.cat([self._users.observe(), self._rounds.observe(self._users.place)], 1)
+
+    def start(self, ids: Tensor) -> None:
+        """Let the present be the whole past of users (K,), who have done nothing yet."""
+        with torch.no_grad():
+            now = self._now()
+            self._past = [_replaced(moment, now, ids) for moment in self._past]
+            nothing = torch.zeros(self._users.n, self._users.actions)
+            self._did = [_replaced(did, nothing, ids) for did in self._did]
+
+    def look(self, actions: Tensor) -> None:
+        """Take in the end of a user step, in which these (B, A) were done."""
+        self._past = [*self._past[1:], self._now()]
+        if self._did:
+            self._did = [*self._did[1:], actions.clamp(-1.0, 1.0)]
+
+    def observe(self) -> Tensor:
+        """(B, size) what the policy knows."""
+        return self._assembled(self._back)
+
+    def present(self) -> Tensor:
+        """(B, size) the same if nothing were late, for a critic."""
+        return self._assembled(lambda back: self._past[-1])
+
+    def _back(self, steps: int) -> Tensor:
+        return self._past[-1 - steps]
+
+    def _assembled(self, at: Any) -> Tensor:
+        observed: Tensor = self._layout.assemble(
+            at, lambda back: self._did[-back], lambda parts: torch.cat(parts, 1)
+        )
+        return observed
+
+    def spread(self, deviation: Tensor) -> Tensor:
+        """(size,) standard deviations for statistics: those measured, but for the actions."""
+        spread = deviation.clone()
+        actions = self._layout.actions * self._users.actions
+        if actions:
+            spread[-actions:] = _ACTION_SPREAD
+        return spread
+
+    def cut(self) -> None:
+        """Forget what led to the present: gradients end here."""
+        self._past = [moment.detach() for moment in self._past]
+        self._did = [did.detach() for did in self._did]
+
+    def state(self) -> dict[str, Tensor]:
+        """The past."""
+        return {"past": torch.stack(self._past), "did": torch.stack(self._did or [torch.zeros(0)])}
+
+    def load_state(self, state: Mapping[str, Tensor]) -> None:
+        """Go on from :meth:`state`."""
+        self._past = list(state["past"])
+        self._did = list(state["did"]) if self._did else []
+
+
+def _replaced(values: Tensor, new: Tensor, ids: Tensor) -> Tensor:
+    changed = values.clone()
+    changed[ids] = new[ids]
+    return changed

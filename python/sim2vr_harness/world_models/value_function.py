@@ -1,0 +1,99 @@
+"""What a state is worth: the critic behind a window of imagined user steps."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from typing import Any
+
+import torch
+from torch import Tensor, nn
+
+from sim2vr_harness.world_models.body_dynamics import mlp
+
+__all__ = ["Critic"]
+
+_PASSES, _BATCH = 4, 2048
+_FOLLOW = 0.05
+"""How fast the slow critic follows the other one, per update."""
+_SCALE = 10.0
+"""Of values, beside the nets' outputs."""
+
+
+class Critic:
+    """A critic that learns by TD(lambda), and a slow copy of it that windows end with.
+
+    Args:
+        size: of an observation.
+        width: of the nets' two layers.
+        normalise: (B, size) observations to (B, size) of about unit size. Both critics use it,
+            as it is when they are asked.
+        learning_rate: of Adam.
+        gamma: discount of a user step.
+        lam: lambda of TD(lambda).
+    """
+
+    def __init__(
+        self,
+        size: int,
+        width: int,
+        normalise: Callable[[Tensor], Tensor],
+        *,
+        learning_rate: float,
+        gamma: float,
+        lam: float,
+    ) -> None:
+        self._normalise, self._gamma, self._lam = normalise, gamma, lam
+        self._value = mlp(size, width, width, 1)
+        self._slow = copy.deepcopy(self._value).requires_grad_(False)
+        self._optimizer = torch.optim.Adam(self._value.parameters(), lr=learning_rate)
+
+    def __call__(self, observation: Tensor) -> Tensor:
+        """(B,) values of observations (B, size), by the slow copy."""
+        return self._worth(self._slow, observation)
+
+    def _worth(self, net: nn.Module, observation: Tensor) -> Tensor:
+        value: Tensor = _SCALE * net(self._normalise(observation))[:, 0]
+        return value
+
+    def learn(self, seen: Tensor, rewards: Tensor) -> None:
+        """Fit to a window's returns.
+
+        Args:
+            seen: (T + 1, B, size) observations.
+            rewards: (T, B).
+        """
+        steps, n = rewards.shape
+        with torch.no_grad():
+            values = self(seen.flatten(0, 1)).reshape(steps + 1, n)
+            returns, following = torch.zeros_like(rewards), values[-1]
+            for t in reversed(range(steps)):
+                mixed = (1.0 - self._lam) * values[t + 1] + self._lam * following
+                following = rewards[t] + self._gamma * mixed
+                returns[t] = following
+        known, worth = seen[:-1].flatten(0, 1), returns.flatten()
+        for _ in range(_PASSES):
+            rows = torch.randint(len(known), (min(_BATCH, len(known)),))
+            loss = (self._worth(self._value, known[rows]) - worth[rows]).square().mean()
+            self._optimizer.zero_grad()
+            loss.backward()  # type: ignore[no-untyped-call]
+            nn.utils.clip_grad_norm_(self._value.parameters(), 50.0)
+            self._optimizer.step()
+        with torch.no_grad():
+            pairs = zip(self._slow.parameters(), self._value.parameters(), strict=True)
+            for slow, fast in pairs:
+                slow.lerp_(fast, _FOLLOW)
+
+    def state(self) -> dict[str, Any]:
+        """Everything that its future depends on, but for the normalisation."""
+        return {
+            "value": self._value.state_dict(),
+            "slow": self._slow.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+        }
+
+    def load_state(self, state: dict[str, Any]) -> None:
+        """Go on from :meth:`state`."""
+        self._value.load_state_dict(state["value"])
+        self._slow.load_state_dict(state["slow"])
+        self._optimizer.load_state_dict(state["optimizer"])

@@ -1,0 +1,116 @@
+"""Finding the app, the shaders and the configurations in a checkout and in an installed wheel."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import sim2vr_harness
+from sim2vr_harness.base import paths
+
+PACKAGE = Path(sim2vr_harness.__file__).resolve().parent
+
+
+@pytest.fixture
+def installed(tmp_path, monkeypatch):
+    """A package folder as a wheel lays it out; nothing of the checkout is visible."""
+    package = tmp_path / "site-packages" / "sim2vr_harness"
+    for folder in ("bin", "share/shaders", "share/configs"):
+        (package / folder).mkdir(parents=True)
+    (package / "share/configs/a_user.yaml").write_text("")
+    app = package / "bin/sim2vr-app"
+    app.write_text("#!/bin/sh\nexit 7\n")
+    app.chmod(0o755)
+    monkeypatch.setattr(paths, "_PACKAGE", package)
+    monkeypatch.setattr(sim2vr_harness, "__path__", [str(package)])
+    monkeypatch.delenv(paths.APP_VARIABLE, raising=False)
+    monkeypatch.delenv(paths.SHADER_VARIABLE, raising=False)
+    return package
+
+
+def test_version_is_that_of_the_checkout():
+    root = paths.checkout_dir()
+    assert root is not None
+    assert sim2vr_harness.__version__ == (root / "VERSION").read_text().strip()
+
+
+def test_importing_the_package_loads_no_heavy_module():
+    code = (
+        "import sys, sim2vr_harness, sim2vr_harness.base.paths\n"
+        "print([m for m in ('torch', 'mujoco', 'pydantic', 'zmq') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "PYTHONPATH": str(PACKAGE.parent)},
+    )
+    assert done.stdout.strip() == "[]"
+
+
+def test_a_checkout_serves_its_own_folders(monkeypatch):
+    monkeypatch.delenv(paths.SHADER_VARIABLE, raising=False)
+    root = paths.checkout_dir()
+    assert paths.share_dir() == root
+    assert paths.shader_dir() == root / "shaders"
+
+
+def test_a_wheel_serves_what_it_installed(installed):
+    assert paths.checkout_dir() is None
+    assert paths.shader_dir() == installed / "share/shaders"
+    assert paths.config_path("a_user") == installed / "share/configs/a_user.yaml"
+    assert paths.app_executable() == installed / "bin/sim2vr-app"
+
+
+@pytest.mark.parametrize("name", ["a_user", "a_user.yaml", "configs/a_user", "configs/a_user.yaml"])
+def test_shipped_configurations_go_by_several_names(installed, name):
+    assert paths.config_path(name).name == "a_user.yaml"
+
+
+def test_an_existing_file_is_taken_before_a_shipped_configuration(installed, tmp_path):
+    mine = tmp_path / "a_user.yaml"
+    mine.write_text("")
+    assert paths.config_path(mine) == mine
+
+
+@pytest.mark.parametrize("name", ["a_usr", "elsewhere/a_user.yaml"])
+def test_an_unknown_configuration_is_refused_with_the_known_ones(installed, name):
+    with pytest.raises(FileNotFoundError, match=r"no configuration '.*'.*\(a_user\)"):
+        paths.config_path(name)
+
+
+def test_environment_variables_take_precedence(installed, tmp_path, monkeypatch):
+    monkeypatch.setenv(paths.SHADER_VARIABLE, str(tmp_path))
+    monkeypatch.setenv(paths.APP_VARIABLE, sys.executable)
+    assert paths.shader_dir() == tmp_path
+    assert paths.app_executable() == Path(sys.executable)
+
+
+def test_wrong_environment_variables_are_named(installed, tmp_path, monkeypatch):
+    monkeypatch.setenv(paths.SHADER_VARIABLE, str(tmp_path / "none"))
+    monkeypatch.setenv(paths.APP_VARIABLE, str(tmp_path))
+    with pytest.raises(FileNotFoundError, match=r"SIM2VR_SHADER_DIR is '.*none', .* no folder"):
+        paths.shader_dir()
+    with pytest.raises(FileNotFoundError, match=r"SIM2VR_APP is '.*', which is no executable"):
+        paths.app_executable()
+
+
+def test_a_missing_app_says_where_it_looked_and_what_to_run(installed):
+    (installed / "bin/sim2vr-app").unlink()
+    with pytest.raises(FileNotFoundError, match=r"found in: .*bin/sim2vr-app\. Run: pip install"):
+        paths.app_executable()
+
+
+def test_the_console_script_becomes_the_app(installed):
+    code = (
+        "import sys\nfrom pathlib import Path\nfrom sim2vr_harness import paths\n"
+        "sys.argv = ['sim2vr-app']\npaths.exec_app()"
+    )
+    environment = {**os.environ, paths.APP_VARIABLE: str(installed / "bin/sim2vr-app")}
+    environment["PYTHONPATH"] = str(PACKAGE.parent)
+    assert subprocess.run([sys.executable, "-c", code], env=environment).returncode == 7

@@ -1,0 +1,293 @@
+"""Fitts' law from logs that were made by hand."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.cli.main import app
+from sim2vr_harness.human_comparison.fitts.__init__ import (
+    blocks_of,
+    fit_line,
+    measure_user,
+    movements_of,
+    read_taps,
+)
+from sim2vr_harness.human_comparison.fitts.figure import draw_fitts
+from sim2vr_harness.human_comparison.fitts.law import rounds_below
+from sim2vr_harness.human_comparison.fitts.published import STUDIES, studies_table
+from sim2vr_harness.human_comparison.fitts.submovements import submovements
+from sim2vr_harness.human_comparison.fitts.users import AimedUser, read_aimed_people
+
+# Two targets 10 cm apart, one on either side of the middle, in turn: to the right, offsets are
+# along x, to the left against it.
+LEFT, RIGHT = (-0.05, 0.0), (0.05, 0.0)
+
+
+def log_of(
+    places: list[tuple[str, float, float, float]], width: float = 0.02, block: int = 0
+) -> list[str]:
+    """Events of a block: (outcome, time, x, y) of each trial, left and right in turn."""
+    lines = [f"0, block_start, block {block}, distance 0.1, width {width}, index 9, targets 3"]
+    before = 0.0
+    for trial, (outcome, time, x, y) in enumerate(places):
+        center = LEFT if trial % 2 == 0 else RIGHT
+        names = f"target ID {trial}, grid ID 0, block {block}, trial {trial}"
+        lines.append(f"{before}, target_spawn, {names}, center {center[0]} {center[1]}")
+        place = "" if outcome == "target_miss" else f", place {x} {y}"
+        lines.append(f"{time}, {outcome}, {names}{place}")
+        before = time
+    return lines
+
+
+def written(folder: Path, *blocks: list[str]) -> Path:
+    folder.mkdir(parents=True, exist_ok=True)
+    text = ["0, target plane transform 0.15 1.1 0.4 0 0 0 1"]
+    text += [line for block in blocks for line in block]
+    (folder / "events.csv").write_text("\n".join([*text, "9, episode statistics, hits 4", ""]))
+    return folder
+
+
+HAND_MADE = [
+    ("target_hit", 1.0, -0.05, 0.001),
+    ("target_hit", 1.5, 0.046, 0.0),
+    ("target_hit", 2.1, -0.05, 0.0),
+    ("target_error", 2.8, 0.054, 0.012),
+]
+
+
+def test_movements_by_hand(tmp_path: Path) -> None:
+    taps = read_taps(written(tmp_path, log_of(HAND_MADE)) / "events.csv")
+    assert [tap.outcome for tap in taps] == ["hit", "hit", "hit", "error"]
+    assert taps[3].shown_s == 2.1
+    assert (taps[0].distance_m, taps[0].width_m) == (0.1, 0.02)
+    moves = movements_of(taps)
+    assert [move.time_s for move in moves] == pytest.approx([0.5, 0.6, 0.7])
+    # To the right 4 mm short; to the left in the middle; to the right 4 mm too far.
+    assert [move.offset_m for move in moves] == pytest.approx([-0.004, 0.0, 0.004])
+    assert [move.length_m for move in moves] == pytest.approx([0.096, 0.096, 0.104])
+    assert [move.across_m for move in moves] == pytest.approx([0.0, 0.0, 0.012])
+    assert [move.hit for move in moves] == [True, True, False]
+
+
+def test_a_block_by_hand(tmp_path: Path) -> None:
+    """Spread 4 mm, 16.532 mm wide; mean length 98.667 mm: log2(6.968) = 2.8008 bits in 0.6 s."""
+    taps = read_taps(written(tmp_path, log_of(HAND_MADE)) / "events.csv")
+    (block,) = blocks_of(movements_of(taps))
+    assert block.spread_m == pytest.approx(0.004)
+    assert block.effective_width_m == pytest.approx(0.016532)
+    assert block.effective_distance_m == pytest.approx(0.0986667, abs=1e-6)
+    assert block.effective_bits == pytest.approx(2.8008, abs=1e-4)
+    assert block.throughput_bps == pytest.approx(2.8008 / 0.6, abs=1e-3)
+    assert block.error_rate == pytest.approx(1 / 3)
+    assert block.bits == pytest.approx(math.log2(6.0))
+
+
+def test_no_movement_begins_or_ends_with_a_time_out(tmp_path: Path) -> None:
+    places = [
+        ("target_hit", 1.0, -0.05, 0.0),
+        ("target_miss", 4.0, 0.0, 0.0),
+        ("target_hit", 4.5, -0.05, 0.0),
+        ("target_hit", 5.0, 0.05, 0.0),
+    ]
+    other = log_of([("target_hit", 5.5, -0.05, 0.0)], width=0.04, block=1)
+    taps = read_taps(written(tmp_path, log_of(places), other) / "events.csv")
+    assert [tap.place_m for tap in taps][1] is None
+    (move,) = movements_of(taps)  # nor does one lead from a block to the next
+    assert (move.block, move.began_s, move.time_s) == (0, 4.5, 0.5)
+    assert blocks_of([move]) == []
+    assert blocks_of([move, move]) == []  # no spread
+
+
+def test_a_line_by_hand() -> None:
+    straight = fit_line([1.0, 2.0, 3.0], [0.3, 0.5, 0.7])
+    assert straight is not None
+    assert (straight.a_s, straight.b_s_per_bit, straight.r2) == pytest.approx((0.1, 0.2, 1.0))
+    # Residuals of -1/6, 1/3 and -1/6: 1/6 of the squares' sum of 2/3 is left.
+    bent = fit_line([0.0, 1.0, 2.0], [1.0, 2.0, 2.0])
+    assert bent is not None
+    assert (bent.a_s, bent.b_s_per_bit, bent.r2) == pytest.approx((7 / 6, 0.5, 0.75))
+    assert fit_line([1.0, 1.0, 2.0], [1.0, 2.0, 3.0]) is None
+
+
+def hump(times: np.ndarray, begin: float, end: float, way: float) -> np.ndarray:
+    """A movement of minimum jerk (Flash and Hogan 1985)."""
+    t = np.clip((times - begin) / (end - begin), 0.0, 1.0)
+    return way * (10 * t**3 - 15 * t**4 + 6 * t**5)
+
+
+@pytest.mark.parametrize("rate_hz", [20, 72])
+def test_submovements_are_humps_of_speed(rate_hz: int) -> None:
+    times = np.arange(0.0, 2.0, 1.0 / rate_hz)
+    still = np.zeros_like(times)
+    one = np.stack([hump(times, 0.5, 1.0, 0.2), still], 1)
+    assert submovements(times, one, 0.45, 1.05) == 1
+    # A correction across, after the first has come to rest.
+    two = one + np.stack([still, hump(times, 1.05, 1.35, 0.03)], 1)
+    assert submovements(times, two, 0.45, 1.4) == 2
+    assert submovements(times, np.zeros_like(one), 0.45, 1.4) == 1
+    # One of 3 mm in 0.3 s is no faster than 1.9 cm/s: too slow to be told from noise.
+    small = one + np.stack([still, hump(times, 1.05, 1.35, 0.003)], 1)
+    assert submovements(times, small, 0.45, 1.4) == 1
+
+
+def states(folder: Path, rate_hz: int = 20) -> None:
+    """The tip goes from target to target in single movements, as in HAND_MADE."""
+    times = np.arange(0.0, 3.0, 1.0 / rate_hz)
+    x = -0.05 + hump(times, 1.05, 1.45, 0.096) + hump(times, 1.55, 2.05, -0.096)
+    x += hump(times, 2.15, 2.75, 0.104)
+    names = ("left", "right", "head", "tip")
+    axes = ("pos_x", "pos_y", "pos_z", "quat_x", "quat_y", "quat_z", "quat_w")
+    head = ", ".join(f"{name}_{axis}" for name in names for axis in axes)
+    still = "0, 0, 0, 0, 0, 0, 1"
+    rows = [
+        f"{t}, {still}, {still}, {still}, {v}, 0, 0, 0, 0, 0, 1"
+        for t, v in zip(times, x, strict=True)
+    ]
+    lines = ["condition pointing, random seed 1", f"timestamp, {head}", *rows]
+    (folder / "states.csv").write_text("\n".join(lines) + "\n")
+
+
+def user(folder: Path, pause_s: float = 0.2) -> None:
+    """Two rounds with blocks of three widths, each 0.1 s slower per bit."""
+    for number in range(2):
+        blocks = []
+        for k, width in enumerate((0.04, 0.02, 0.01)):
+            bits = math.log2(0.1 / width + 1.0)
+            time, places = 1.0, []
+            for trial, slip in enumerate((0.0, -0.002, 0.002, 0.0)):
+                side = -1.0 if trial % 2 == 0 else 1.0
+                places.append(("target_hit", time, side * (0.05 + slip), 0.0))
+                time += pause_s + 0.1 * bits
+            blocks.append(log_of(places, width=width, block=k))
+        written(folder / f"round{number}", *blocks)
+
+
+def test_a_user_s_numbers(tmp_path: Path) -> None:
+    user(tmp_path / "anna")
+    result = measure_user(rounds_below(tmp_path / "anna"), "anna")
+    assert (result.rounds, result.targets, result.timeouts) == (2, 24, 0)
+    assert [one.width_m for one in result.difficulties] == [0.04, 0.02, 0.01]
+    assert [one.movements for one in result.difficulties] == [6, 6, 6]
+    assert result.line is not None
+    assert result.line.a_s == pytest.approx(0.2, abs=1e-6)
+    assert result.line.b_s_per_bit == pytest.approx(0.1, abs=1e-6)
+    assert result.line.r2 == pytest.approx(1.0)
+    # Offsets of -2, 2 and 0 mm whatever the width: the effective index is the same.
+    spread = 0.002
+    bits = math.log2((0.098 + 0.100 + 0.102) / 3 / (4.133 * spread) + 1.0)
+    for one in result.difficulties:
+        assert one.spread_m == pytest.approx(spread)
+        assert one.effective_bits == pytest.approx(bits, abs=1e-6)
+        assert one.throughput_bps == pytest.approx(bits / one.movement_time_s)
+        assert one.submovements is None
+    mean = np.mean([one.throughput_bps for one in result.difficulties])
+    assert result.throughput_bps == pytest.approx(float(mean))
+
+
+def test_submovements_of_a_round(tmp_path: Path) -> None:
+    folder = written(tmp_path / "round", log_of(HAND_MADE))
+    states(folder)
+    result = measure_user([folder], "bob")
+    assert [one.submovements for one in result.difficulties] == [1.0]
+    assert result.line is None
+
+
+def test_what_is_wrong_is_named(tmp_path: Path) -> None:
+    folder = written(tmp_path / "a", log_of([("target_hit", 1.0, -0.05, 0.0)]))
+    events = folder / "events.csv"
+    text = events.read_text()
+    events.write_text(text.replace("place -0.05 0.0", "place -0.05"))
+    with pytest.raises(InputError, match=r"events\.csv, line 4: got .* expected an event"):
+        read_taps(events)
+    events.write_text(text.replace("0, target_spawn", "0, something"))
+    with pytest.raises(InputError, match=r"line 4"):
+        read_taps(events)
+    events.write_text("0, grid mapping\n")
+    with pytest.raises(InputError, match="no target"):
+        read_taps(events)
+    with pytest.raises(InputError, match=r"no events\.csv"):
+        rounds_below(tmp_path / "nobody")
+
+
+def test_the_command_puts_users_beside_people(tmp_path: Path) -> None:
+    """Two people of 0.1 s per bit; the user, two persons of an evaluation, needs 0.1 s more."""
+    user(tmp_path / "people" / "anna")
+    user(tmp_path / "people" / "bert", pause_s=0.3)
+    for person, pause in ((0, 0.3), (1, 0.5)):
+        user(tmp_path / "user" / "logs" / f"seed{person}", pause_s=pause)
+    rows = []
+    for place in rounds_below(tmp_path / "user"):
+        states(place)
+        rows.append(
+            {
+                "log_folder": str(place.relative_to(tmp_path / "user")),
+                "person": int(place.parent.name[-1]),
+            }
+        )
+    results = {"mid": {"game": "pointing", "rounds": rows}}
+    (tmp_path / "user" / "results.json").write_text(json.dumps(results))
+    out = tmp_path / "out"
+    where = ["--people", str(tmp_path / "people"), "--out", str(out), "--every"]
+    result = CliRunner().invoke(app, ["compare", str(tmp_path / "user"), *where])
+    assert result.exit_code == 0, result.output
+    assert "user: 2 persons, 4 rounds;" in " ".join(result.output.split())
+    assert (out / "movement_time.png").stat().st_size > 10_000
+    found = json.loads((out / "comparison.json").read_text())
+    line = found["users"]["user"]["line"]
+    assert line["a_s"] == pytest.approx(0.4)
+    assert line["b_s_per_bit"] == pytest.approx(0.1)
+    numbers = found["users"]["user"]["numbers"]
+    assert numbers["a"]["mean"] == pytest.approx(0.4)
+    assert numbers["a"]["sd"] == pytest.approx(0.2 / math.sqrt(2.0))
+    assert [person["rounds"] for person in found["users"]["user"]["persons"]] == [2, 2]
+    theirs = found["people"]["people"]["numbers"]["throughput"]
+    bits = math.log2(0.1 / (4.133 * 0.002) + 1.0)
+    times = [0.3 + 0.1 * math.log2(0.1 / width + 1.0) for width in (0.04, 0.02, 0.01)]
+    assert theirs["low"] == pytest.approx(np.mean([bits / time for time in times]), rel=1e-3)
+    law, throughput = found["goals"]
+    assert (law["value"], law["aim_met"]) == (pytest.approx(1.0), False), "three indices, not nine"
+    assert throughput["people_low"] == pytest.approx(theirs["low"])
+    assert throughput["aim_met"] is False
+
+
+def test_without_recordings_published_figures_are_beside(tmp_path: Path) -> None:
+    user(tmp_path / "anna")
+    given = f"Anna={tmp_path / 'anna'}"
+    command = ["compare", given, "--game", "pointing", "--out", str(tmp_path)]
+    result = CliRunner().invoke(app, [*command, "--no-figures"])
+    assert result.exit_code == 0, result.output
+    text = " ".join(result.output.split())
+    assert "Anna: 1 person" in text
+    assert "MT = 0.200 s + 0.100 s/bit * ID, R2 = 1.000, 3 indices" in text
+    assert "Published, Triantafyllidis et al. 2022" in text
+    assert "0.453 s + 0.557 s/bit * ID" in text
+    assert not (tmp_path / "movement_time.png").exists()
+
+
+def test_a_picture_is_a_png(tmp_path: Path) -> None:
+    user(tmp_path / "anna")
+    anna = AimedUser("anna", (measure_user(rounds_below(tmp_path), "x"),))
+    assert draw_fitts([anna], tmp_path / "a.png").stat().st_size > 10_000
+    with pytest.raises(InputError, match=r"ends in \.png"):
+        draw_fitts([anna], tmp_path / "x.pdf")
+
+
+def test_people_are_folders(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="expected a folder with one per person"):
+        read_aimed_people([tmp_path / "none"])
+    with pytest.raises(InputError, match="which has none, expected a folder per person"):
+        read_aimed_people([tmp_path])
+
+
+def test_the_page_has_the_published_studies() -> None:
+    page = Path(__file__).parents[4] / "docs" / "games" / "pointing.md"
+    assert studies_table() in page.read_text()
+    assert all(study.citation[-4:].isdigit() for study in STUDIES)
+    assert all(study.note for study in STUDIES if study.throughput_bps is None)

@@ -1,0 +1,133 @@
+"""Users beside people: persons, totals, differences, fatigue."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_rounds import strikes
+
+from sim2vr_harness.games.registry import behaviour_of
+from sim2vr_harness.human_comparison.comparing import compare, left_out, total
+from sim2vr_harness.human_comparison.contrasts import contrasts, fatigue_of, group_contrasts
+from sim2vr_harness.human_comparison.persons import Person, measure_round, persons_of
+
+WHACAMOLE = behaviour_of("whacamole")
+EASY = ("constrained", "easy")
+
+
+def people_of(onsets: dict[str, tuple[float, ...]]):
+    """Persons with rounds of these onsets."""
+    rounds = [
+        measure_round(replace(strikes(onset_s=onset, seed=i), person=name), WHACAMOLE)
+        for name, own in onsets.items()
+        for i, onset in enumerate(own)
+    ]
+    return persons_of(rounds, WHACAMOLE)
+
+
+PEOPLE = people_of({"p": (0.2,), "q": (0.25,), "r": (0.3,)})
+
+
+def row_of(compared, measure: str):
+    return next(row for row in compared.rows if row.measure.name == measure)
+
+
+def test_a_user_inside_and_one_outside() -> None:
+    good = row_of(compare("u", people_of({"u": (0.25,)}), PEOPLE, WHACAMOLE), "vm_latency")
+    assert (good.inside, good.people) == (1.0, 3)
+    assert good.distance == pytest.approx(0.0, abs=1e-6)
+    assert (good.people_low, good.people_high) == (pytest.approx(0.18), pytest.approx(0.28))
+    # People are 0.075, 0 and 0.075 from the mean of the others; the user is 0.2 from theirs.
+    bad = row_of(compare("u", people_of({"u": (0.05,)}), PEOPLE, WHACAMOLE), "vm_latency")
+    assert bad.inside == 0.0
+    assert bad.distance == pytest.approx(0.2 / 0.05)
+    assert bad.spread is None
+    assert bad.persons_inside is None
+
+
+def test_persons_of_a_user_are_no_rounds() -> None:
+    """Two persons whose mean is inside, though neither is; one of them has played twice."""
+    user = people_of({"0": (0.05, 0.05), "1": (0.45,)})
+    row = row_of(compare("u", user, PEOPLE, WHACAMOLE), "tth_median")
+    assert row.persons == 2
+    assert row.value == pytest.approx((0.25 + 0.65) / 2), "each person counts once"
+    assert row.spread == pytest.approx(0.4 / np.sqrt(2.0))
+    assert (row.inside, row.persons_inside) == (1.0, 0.0)
+    assert [person.rounds for person in user[EASY]] == [2, 1]
+
+
+def test_left_out_person_is_compared_with_the_others_only() -> None:
+    found = left_out(PEOPLE, WHACAMOLE)["constrained"]
+    assert {name: row_of(each, "vm_latency").inside for name, each in found.items()} == {
+        "p": 0.0,
+        "q": 1.0,
+        "r": 0.0,
+    }
+    assert row_of(found["q"], "vm_latency").people == 2
+    assert left_out(people_of({"p": (0.2,), "q": (0.3,)}), WHACAMOLE) == {}
+
+
+def test_shares_of_cells_count_as_shares() -> None:
+    user = people_of({"u": (0.25,)})
+    (person,) = user[EASY]
+    rates = person.cell_rates.copy()
+    people = {EASY: [replace(person, name=n, cell_rates=rates) for n in "pqr"]}
+    moved = rates.copy()
+    moved[:3] += 0.5
+    compared = compare("u", {EASY: [replace(person, cell_rates=moved)]}, people, WHACAMOLE)
+    assert row_of(compared, "cell_hit_rates").inside == pytest.approx(6 / 9)
+    assert total(compared.rows).cells == len(compared.rows)
+
+
+def person(name: str, **values: float) -> Person:
+    return Person(name, values, {}, np.zeros(9), None, 1, {"misses": values.get("misses", 0.0)})
+
+
+def test_differences_are_person_by_person() -> None:
+    people = {
+        EASY: [person("p", hits=70.0), person("q", hits=80.0), person("r", hits=60.0)],
+        ("constrained", "medium"): [
+            person("q", hits=150.0),
+            person("p", hits=150.0),
+            person("r", hits=150.0),
+        ],
+    }
+    user = {EASY: [person("u", hits=100.0)], ("constrained", "medium"): [person("u", hits=90.0)]}
+    (row,) = [row for row in contrasts(user, people, WHACAMOLE) if row.measure == "hits"]
+    assert (row.value, row.people_mean) == (-10.0, pytest.approx(80.0))
+    assert (row.people_least, row.people_most) == (70.0, 90.0)
+    # Student's t for 95 % and two degrees of freedom: 4.303; standard deviation 10.
+    assert row.people_high - row.people_mean == pytest.approx(4.303 * 10 / np.sqrt(3), abs=0.01)
+    assert not row.same_sign
+    assert not row.within
+
+
+def test_differences_between_groups() -> None:
+    unconstrained = ("unconstrained", "easy")
+    people = {
+        EASY: [person("p", hits=70.0), person("q", hits=72.0)],
+        unconstrained: [person("x", hits=80.0), person("y", hits=82.0)],
+    }
+    user = {EASY: [person("u", hits=50.0)], unconstrained: [person("u", hits=60.0)]}
+    (row,) = [row for row in group_contrasts(user, people, WHACAMOLE) if row.measure == "hits"]
+    assert (row.value, row.people_mean) == (-10.0, -10.0)
+    assert row.same_sign
+    assert row.within
+
+
+def test_fatigue_by_placement() -> None:
+    tired = {
+        ("constrained", "low"): {"0": 0.20, "1": 0.22},
+        ("constrained", "medium"): {"0": 0.21, "1": 0.19},
+        ("constrained", "high"): {"0": 0.24, "1": 0.28},
+    }
+    rows, more = fatigue_of(tired, WHACAMOLE)
+    assert {row.condition: row.mean for row in rows} == pytest.approx(
+        {"low": 0.21, "medium": 0.20, "high": 0.26}
+    )
+    assert [each.contrast for each in more] == ["high - low", "high - medium"]
+    assert more[0].mean == pytest.approx(0.05)
+    assert more[0].effect == pytest.approx(0.05 / (0.02 / np.sqrt(2.0)))
+    assert fatigue_of({}, WHACAMOLE) == ([], [])

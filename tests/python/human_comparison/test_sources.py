@@ -1,0 +1,334 @@
+"""Where rounds come from, and what cannot be used."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+from itertools import product
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pandas
+import pytest
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.cli.main import main
+from sim2vr_harness.games.registry import behaviour_of
+from sim2vr_harness.human_comparison import sources
+from sim2vr_harness.human_comparison.sources import Plays, read_folders, read_people, read_user
+from sim2vr_harness.studies.config import parse_study
+from sim2vr_harness.studies.data import StudyData
+from sim2vr_harness.studies.players import players_of
+
+WHACAMOLE = behaviour_of("whacamole")
+ROUND = Path(__file__).parents[3] / "data" / "whacamole_round"
+"""A round of six seconds, hard, seven hits."""
+HARD = ("constrained", "hard")
+
+
+def logged(folder: Path, *, earlier_s: float = 0.0, title: str = "condition hard") -> Path:
+    """A copy of the round, its hits earlier by so much."""
+    folder.mkdir(parents=True)
+    states = (ROUND / "states.csv").read_text()
+    (folder / "states.csv").write_text(states.replace("condition hard", title, 1))
+    lines = (ROUND / "events.csv").read_text().splitlines()
+    moved = [
+        re.sub(r"^[^,]+", lambda time: f"{float(time[0]) - earlier_s:.5f}", line)
+        if "target_hit" in line
+        else line
+        for line in lines
+    ]
+    (folder / "events.csv").write_text("\n".join(moved) + "\n")
+    return folder
+
+
+def evaluation(folder: Path, persons: dict[int | None, float]) -> Path:
+    """Results of an evaluation with a round per person; who is None has none."""
+    rows = []
+    for i, (person, earlier_s) in enumerate(persons.items()):
+        logged(folder / "logs" / f"hard_seed{i}", earlier_s=earlier_s)
+        row: dict[str, Any] = {"log_folder": f"logs/hard_seed{i}", "max_fatigued": 0.1 + 0.1 * i}
+        rows.append(row if person is None else {**row, "person": person})
+    (folder / "results.json").write_text(json.dumps({"hard": {"rounds": rows}}))
+    return folder
+
+
+@pytest.fixture
+def people(tmp_path: Path) -> Path:
+    for i, name in enumerate("abc"):
+        logged(tmp_path / "people" / name / "round", earlier_s=0.01 * i)
+    return tmp_path / "people"
+
+
+def plays(tmp_path: Path) -> Plays:
+    return Plays(out=tmp_path / "rounds", episodes=2, seed=5)
+
+
+def test_people_with_logs_of_ours_are_the_folders_above_the_rounds(people: Path) -> None:
+    source = read_people([people], WHACAMOLE)
+    assert [person.name for person in source.persons[HARD]] == ["a", "b", "c"]
+    times = [person.values["tth_median"] for person in source.persons[HARD]]
+    assert times[0] - times[2] == pytest.approx(0.02, abs=1e-4)
+    assert source.persons[HARD][0].values["hits"] == 7
+
+
+def test_rounds_of_an_evaluation_belong_to_its_persons(tmp_path: Path) -> None:
+    folder = evaluation(tmp_path / "step_1", {0: 0.0, 1: 0.05})
+    source = read_user(str(folder), WHACAMOLE, plays(tmp_path))
+    assert [(person.name, person.rounds) for person in source.persons[HARD]] == [("0", 1), ("1", 1)]
+    assert source.fatigue[HARD] == pytest.approx({"0": 0.1, "1": 0.2})
+    alone = read_user(str(evaluation(tmp_path / "one", {None: 0.0})), WHACAMOLE, plays(tmp_path))
+    assert [person.name for person in alone.persons[HARD]] == ["one"]
+
+
+def test_rounds_without_results_are_of_one(tmp_path: Path) -> None:
+    logged(tmp_path / "user" / "x")
+    logged(tmp_path / "user" / "y")
+    source = read_user(str(tmp_path / "user"), WHACAMOLE, plays(tmp_path))
+    ((person,),) = source.persons.values()
+    assert (person.name, person.rounds) == ("user", 2)
+    (tmp_path / "user" / "y" / "person.json").write_text('{"index": 3}')
+    source = read_user(str(tmp_path / "user"), WHACAMOLE, plays(tmp_path))
+    assert [person.name for person in source.persons[HARD]] == ["3", "user"]
+
+
+def test_a_user_plays_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    played = []
+
+    def evaluate(user: str, request: Any, on_progress: Any) -> None:
+        played.append(request)
+        shutil.rmtree(request.out, ignore_errors=True)
+        evaluation(request.out, {None: 0.0})
+
+    monkeypatch.setattr(sources, "evaluate", evaluate)
+    how = plays(tmp_path)
+    for _ in range(2):
+        source = read_user("whacamole_unconstrained", WHACAMOLE, how)
+        assert source.name == "whacamole_unconstrained"
+    assert len(played) == 1
+    endings = {name.rpartition("-")[2] for name in played[0].conditions}
+    assert (endings, len(played[0].conditions)) == ({"unconstrained"}, 5)
+    assert (played[0].episodes, played[0].seed, played[0].log) == (2, 5, True)
+    again = Plays(out=how.out, episodes=3, seed=5, persons=4)
+    read_user("whacamole_unconstrained", WHACAMOLE, again)
+    assert (played[-1].episodes, played[-1].people) == (3, 4)
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda path: path / "none", r"--people: got '.*none', expected a folder that exists"),
+        (lambda path: path, r"--people: got '.*', expected a folder with states.csv"),
+        (
+            lambda path: logged(path / "a" / "r", title="condition expert").parents[1],
+            r"PATH: got '.*' with conditions \['expert'\], expected rounds of whacamole: easy,",
+        ),
+        (
+            lambda path: logged(path / "a" / "r").parents[1],
+            r"--people: got one person \(a\), expected at least two",
+        ),
+    ],
+)
+def test_people_that_cannot_be_used(tmp_path: Path, make: Any, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_people([make(tmp_path)], WHACAMOLE)
+
+
+def test_logs_that_lack_what_is_measured(tmp_path: Path) -> None:
+    place = logged(tmp_path / "a" / "r")
+    events = (place / "events.csv").read_text()
+    (place / "events.csv").write_text(
+        "\n".join(line for line in events.splitlines() if "plane" not in line)
+    )
+    with pytest.raises(InputError, match="got none, expected the pose of the targets' plane"):
+        read_user(str(tmp_path / "a"), WHACAMOLE, plays(tmp_path))
+    (place / "events.csv").write_text(
+        "\n".join(line for line in events.splitlines() if "target_" not in line)
+    )
+    with pytest.raises(InputError, match="no target, expected targets that come up"):
+        read_user(str(tmp_path / "a"), WHACAMOLE, plays(tmp_path))
+    states = (place / "states.csv").read_text()
+    (place / "states.csv").write_text(states.replace("marker", "pointer"))
+    with pytest.raises(InputError, match=r"poses of \['pointer'\], expected columns marker_pos_x"):
+        read_user(str(tmp_path / "a"), WHACAMOLE, plays(tmp_path))
+
+
+def test_an_evaluation_without_logs(tmp_path: Path) -> None:
+    folder = evaluation(tmp_path / "e", {None: 0.0})
+    shutil.rmtree(folder / "logs")
+    with pytest.raises(InputError, match="which has rounds without, expected logs of every round"):
+        read_user(str(folder), WHACAMOLE, plays(tmp_path))
+
+
+def test_a_user_of_another_game_is_refused(tmp_path: Path) -> None:
+    message = "'beats_first_lazy', who plays beats, expected a user of whacamole"
+    with pytest.raises(InputError, match=message):
+        read_user("beats_first_lazy", WHACAMOLE, plays(tmp_path))
+
+
+def test_the_command(tmp_path: Path, people: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    user = evaluation(tmp_path / "user", {0: 0.0, 1: 0.3})
+    out = tmp_path / "out"
+    with pytest.raises(SystemExit) as ended:
+        main(["compare", str(user), "--people", str(people), "--out", str(out), "--every"])
+    assert not ended.value.code
+    shown = capsys.readouterr().out
+    assert "tth_median" in shown
+    found = json.loads((out / "comparison.json").read_text())
+    (row,) = [r for r in found["users"]["user"]["measures"] if r["measure"] == "hits"]
+    assert (row["value"], row["people_mean"], row["inside"], row["persons"]) == (7.0, 7.0, 1.0, 2)
+    total = found["users"]["user"]["total"]
+    rows = list(csv.DictReader((out / "measures.csv").read_text().splitlines()))
+    assert len(rows) == total["cells"]
+    inside = sum(float(r["inside"]) for r in rows) / len(rows)
+    assert inside == pytest.approx(total["inside"])
+    assert found["left_out"]["constrained"]["persons"].keys() == {"a", "b", "c"}
+    for name in ("overview.png", "time_to_hit.png"):
+        assert (out / name).stat().st_size > 10_000
+    assert not (out / "latency.png").exists(), "no condition with one target at a time"
+
+
+def test_a_user_may_play_by_the_rules_of_any_group(
+    tmp_path: Path,
+    people: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Whatever it was trained with: the conditions that the group's people are compared in."""
+    asked: list[Plays] = []
+
+    def read(user: str, behaviour: Any, how: Plays, **also: Any) -> Any:
+        asked.append(how)
+        raise InputError("USER", "a user who is asked for nothing more", "none")
+
+    monkeypatch.setattr("sim2vr_harness.human_comparison.sources.read_user", read)
+
+    def compare(*options: str) -> str:
+        user = ["compare", "whacamole_people", "--people", str(people), "--out", str(tmp_path)]
+        with pytest.raises(SystemExit) as ended:
+            main([*user, *options])
+        assert ended.value.code
+        return " ".join(capsys.readouterr().err.split())
+
+    compare("--group", "unconstrained")
+    names = ("easy", "medium", "hard", "low", "high")
+    assert asked[-1].conditions == [f"{name}-unconstrained" for name in names]
+    compare("--group", "constrained", "--group", "unconstrained")
+    assert asked[-1].conditions == [*names, *(f"{name}-unconstrained" for name in names)]
+    count = len(asked)
+    assert "did you mean 'unconstrained'?" in compare("--group", "unconstraind")
+    assert "one of the two" in compare("--group", "constrained", "--condition", "easy")
+    assert "none for pointing" in compare("--game", "pointing", "--group", "constrained")
+    assert len(asked) == count
+
+
+def test_a_study_s_users_are_put_beside_people(
+    tmp_path: Path,
+    people: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """Cells that differ in the condition alone are one user's."""
+    factors = {
+        "left_out": {"key": "env.frames_per_step", "levels": {"nothing": 5, "rate": 1}},
+        "condition": {"key": "condition", "levels": ["easy", "hard"]},
+    }
+    tree = {"name": "parts", "fixed": {"user": "x"}, "factors": factors, "logs": True}
+    cells, root = [], tmp_path / "study"
+    for i, (part, condition) in enumerate(product(("nothing", "rate"), ("easy", "hard"))):
+        title = f"condition {condition}"
+        place = logged(root / f"cells/{i}/logs/r", earlier_s=0.1 * (i // 2), title=title)
+        summary = {"rounds": [{"log_folder": str(place.relative_to(root / f"cells/{i}"))}]}
+        (root / f"cells/{i}/results.json").write_text(json.dumps({condition: summary}))
+        cells.append({"factor_left_out": part, "factor_condition": condition})
+        cells[-1]["folder"] = f"cells/{i}"
+    data = StudyData(root, parse_study(tree), {})
+    data.__dict__["cells"] = pandas.DataFrame(cells)
+    assert players_of(data) == {
+        "nothing": [root / "cells/0", root / "cells/1"],
+        "rate": [root / "cells/2", root / "cells/3"],
+    }
+    ran = []
+
+    def run_study(file: Path, out: Path, **how: Any) -> Any:
+        ran.append((file, out))
+        return SimpleNamespace(data=data)
+
+    monkeypatch.setattr("sim2vr_harness.studies.run_study", run_study)
+    file = tmp_path / "parts.yaml"
+    file.write_text(json.dumps(tree))
+    out = tmp_path / "out"
+    command = ["compare", str(file), "--people", str(people), "--out", str(out), "--no-figures"]
+    with pytest.raises(SystemExit) as ended:
+        main(command)
+    assert not ended.value.code
+    assert ran == [(file, out / "studies" / "parts")]
+    assert "Side by side, constrained" in capsys.readouterr().out
+    users = json.loads((out / "comparison.json").read_text())["users"]
+    times = {
+        name: next(row["value"] for row in user["measures"] if row["measure"] == "tth_median")
+        for name, user in users.items()
+    }
+    assert times["nothing"] - times["rate"] == pytest.approx(0.1, abs=1e-4)
+    rows = list(csv.DictReader((out / "users.csv").read_text().splitlines()))
+    assert [row["user"] for row in rows] == ["nothing", "rate"]
+    assert (
+        float(rows[0]["hit_rate, hard"])
+        == users["nothing"]["persons"]["constrained hard"][0]["hit_rate"]
+    )
+    file.write_text(json.dumps(tree | {"logs": False}))
+    with pytest.raises(SystemExit):
+        main(command)
+    assert "got false, expected true: what is compared" in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_condition_is_in_one_cell_of_a_user(tmp_path: Path) -> None:
+    folders = [evaluation(tmp_path / name, {None: 0.0}) for name in "ab"]
+    assert read_folders("u", folders[:1], WHACAMOLE).persons[HARD][0].rounds == 1
+    with pytest.raises(InputError, match="'u', who played constrained hard in several cells"):
+        read_folders("u", folders, WHACAMOLE)
+
+
+def test_users_are_called_as_they_are_told_to_be(
+    tmp_path: Path, people: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    users = [str(evaluation(tmp_path / name, {None: 0.0})) for name in ("late=r", "b")]
+    where = ["--people", str(people), "--out", str(tmp_path / "out"), "--no-figures"]
+    with pytest.raises(SystemExit) as ended:
+        main(["compare", users[0], f"ours, before={users[1]}", *where])
+    assert not ended.value.code
+    found = json.loads((tmp_path / "out" / "comparison.json").read_text())["users"]
+    assert [*found] == ["late=r", "ours, before"]  # the first is a folder of that name
+    for given, said in (
+        ([f"={users[1]}"], "NAME=USER with both of them"),
+        ([f"a={users[0]}", f"a={users[1]}"], "the name 'a' twice"),
+        ([users[1], f"a={users[1]}"], "a user once"),
+        ([f"a={users[1]}", users[1]], "a user once"),
+    ):
+        capsys.readouterr()
+        with pytest.raises(SystemExit) as ended:
+            main(["compare", *given, *where])
+        assert ended.value.code
+        assert said in " ".join(capsys.readouterr().err.split())
+
+
+def test_people_are_needed(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["compare", str(evaluation(tmp_path / "e", {None: 0.0})), "--out", str(tmp_path)])
+    assert "--people: got none, expected a folder of people's" in " ".join(
+        capsys.readouterr().err.split()
+    )
+
+
+def test_users_and_people_must_have_met(
+    tmp_path: Path, people: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    logged(tmp_path / "user" / "r", title="condition easy")
+    with pytest.raises(SystemExit) as ended:
+        main(["compare", str(tmp_path / "user"), "--people", str(people), "--out", str(tmp_path)])
+    assert ended.value.code
+    message = "'user', who played constrained easy, expected a condition of people's: constrained"
+    assert message in " ".join(capsys.readouterr().err.split())

@@ -1,0 +1,114 @@
+"""Who waits in vain: one hand and four cells, by hand."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+import torch
+
+from sim2vr_harness.policies.hierarchical.action_selection import best_choices, lose_patience
+from sim2vr_harness.policies.hierarchical.primitives import MOVES, Choice, Mover
+
+CELLS = torch.tensor([[0.4, 0.0, 1.0], [0.4, 0.03, 1.0], [0.4, 0.1, 1.0], [2.0, 0.0, 1.0]])
+MOVER = cast(Mover, SimpleNamespace(layer=SimpleNamespace(step_s=0.05)))
+
+
+def waiting(at: int, short_m: float) -> Choice:
+    """A hand that goes for a cell, and is told to be so far before it."""
+    choice = Choice(1, 1)
+    choice.move[:] = MOVES.index("touch")
+    choice.seen[0, 0] = CELLS[at]
+    choice.place[0, 0] = CELLS[at] - torch.tensor([short_m, 0.0, 0.0])
+    return choice
+
+
+def left_alone(
+    choice: Choice,
+    speed: float,
+    decisions: int,
+    hold: int = 1,
+    shaken_m: float = 0.0,
+    start: tuple[float, float, float] = (0.0, 0.0, 0.0),
+) -> list[list[int]]:
+    """Cells that are not gone for, of each decision, by a hand that moves at a speed in m/s."""
+    places = CELLS.T.reshape(1, 3, 1, 4)
+    something: Any = torch.ones(1, 4, dtype=torch.bool)
+    found = []
+    for number in range(decisions):
+        moved = [speed * 0.05 * hold * number, 0.0, shaken_m * (-1.0) ** number]
+        tip = torch.tensor([[start]]) + torch.tensor(moved)
+        there = lose_patience(choice, tip, something, places, hold, MOVER)
+        found.append(torch.nonzero(~there[0, 0]).flatten().tolist())
+    return found
+
+
+def test_what_was_waited_at_for_a_second_is_left_alone_for_a_while() -> None:
+    """Nothing for a second, 20 steps from the first on; for 0.3 s what is within 4 cm.
+
+    Then it counts anew; who comes back to it leaves it, and what is within 8 cm, for 0.6 s, and
+    then what is within 16 cm for 1.2 s.
+    """
+    found = left_alone(waiting(0, 0.07), 0.0, 85)
+    assert found[:20] == [[]] * 20
+    assert found[20:26] == [[0, 1]] * 6
+    assert found[26:40] == [[]] * 14
+    assert found[40:52] == [[0, 1]] * 12
+    assert found[52:60] == [[]] * 8
+    assert found[60:80] == [[0, 1, 2]] * 20
+    # Still for another second meanwhile, the fourth time: 32 cm, 2.4 s.
+    assert found[80:] == [[0, 1, 2]] * 5
+
+
+def test_who_waits_elsewhere_leaves_that_for_a_short_time() -> None:
+    choice = waiting(0, 0.07)
+    left_alone(choice, 0.0, 41)
+    assert choice.vain.item() == 1
+    choice.seen[0, 0] = torch.tensor([0.4, -0.16, 1.0])
+    left_alone(choice, 0.0, 20)
+    assert choice.vain.item() == 0
+    assert choice.leaving.item() == 6
+
+
+def test_who_is_where_it_wants_to_be_leaves_that_for_a_short_time_only() -> None:
+    found = left_alone(waiting(0, 0.0), 0.0, 66, start=(0.37, 0.0, 1.0))  # 3 cm from it
+    assert [len(cells) for cells in found] == [0] * 20 + ([2] * 6 + [0] * 14) * 2 + [2] * 6
+
+
+def test_a_hand_that_is_shaken_waits_too() -> None:
+    """By 2 cm with every step, 0.4 m/s."""
+    assert left_alone(waiting(0, 0.07), 0.0, 21, shaken_m=0.01)[20] == [0, 1]
+
+
+def test_a_decision_of_five_steps_counts_five() -> None:
+    found = left_alone(waiting(2, 0.0), 0.0, 7, hold=5)
+    assert found == [[], [], [], [], [2], [2], []]
+
+
+@pytest.mark.parametrize(
+    ("choice", "speed"),
+    [
+        pytest.param(waiting(0, 0.0), 0.2, id="moves"),
+        pytest.param(waiting(3, 1.4), 0.0, id="what it waits for is to come"),
+        pytest.param(Choice(1, 1), 0.0, id="rests"),
+    ],
+)
+def test_others_are_patient(choice: Choice, speed: float) -> None:
+    assert left_alone(choice, speed, 60) == [[]] * 60
+
+
+def test_the_next_best_is_done_instead() -> None:
+    values = torch.zeros(1, 1, 4 * len(MOVES) + 1)
+    values[0, 0, :3] = torch.tensor([3.0, 2.0, 1.0])
+    all_there = torch.ones(1, 4, dtype=torch.bool)
+    assert best_choices(values, all_there).item() == 0
+    assert best_choices(values, torch.tensor([[[False, False, True, True]]])).item() == 2
+
+
+def test_a_new_round_begins_patiently() -> None:
+    choice = waiting(0, 0.0)
+    left_alone(choice, 0.0, 22)
+    choice.forget(torch.tensor([0]).numpy())
+    assert choice.move.item() == -1
+    assert left_alone(choice, 0.0, 1) == [[]]

@@ -1,0 +1,59 @@
+"""Places of what is seen, by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import torch
+
+from sim2vr_harness.policies.hierarchical.action_selection import best_choices
+from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX, FAR_M, Sight, rotation
+from sim2vr_harness.policies.hierarchical.primitives import MOVES
+
+
+def test_the_middle_of_the_picture_is_straight_ahead() -> None:
+    sight = Sight(80, 120)
+    assert (sight.rows, sight.columns, sight.cells) == (20, 30, 600)
+    depth = torch.full((1, 80, 120), 255, dtype=torch.uint8)
+    depth[0, 40, 60] = 25  # just right of and below the axis
+    place = sight.places(depth, torch.tensor([[1.0, 2.0, 3.0]]), torch.eye(3)[None])
+    far = 25.5 * FAR_M / 255.0
+    got = place[0, :, 40 // CELL_PX, 60 // CELL_PX].tolist()
+    # 90 degrees from top to bottom: half a pixel beside the axis is 0.5 / 40 of the distance.
+    assert got == pytest.approx([1.0 + far, 2.0 - far * 0.5 / 40.0, 3.0 - far * 0.5 / 40.0])
+
+
+def test_the_upper_left_corner_is_up_and_left_of_a_turned_head() -> None:
+    sight = Sight(80, 120)
+    depth = torch.full((1, 80, 120), 50, dtype=torch.uint8)
+    half = np.sqrt(0.5)
+    turned = rotation(np.array([[half, 0.0, 0.0, half]]))  # a quarter turn to the left
+    place = sight.places(depth, torch.zeros(1, 3), turned)[0, :, 0, 0]
+    far = 50.5 * FAR_M / 255.0
+    # Of equal depths the pixel next to the cell's middle: row 1, column 1.
+    up, left = (40 - 1.5) / 40.0 * far, (60 - 1.5) / 40.0 * far
+    assert place.tolist() == pytest.approx([-left, far, up], abs=1e-5)
+
+
+def test_a_cell_is_where_its_nearest_pixel_is() -> None:
+    sight = Sight(80, 120)
+    depth = torch.full((1, 80, 120), 200, dtype=torch.uint8)
+    depth[0, 7, 11] = 10
+    place = sight.places(depth, torch.zeros(1, 3), torch.eye(3)[None])
+    assert float(place[0, 0, 1, 2]) == pytest.approx(10.5 * FAR_M / 255.0)
+    assert float(place[0, 0, 1, 3]) == pytest.approx(200.5 * FAR_M / 255.0)
+
+
+def test_only_what_is_there_is_chosen() -> None:
+    """Two cells of a picture of 4 x 8 pixels; the last choice is to rest."""
+    sight = Sight(4, 8)
+    depth = torch.full((3, 4, 8), 255, dtype=torch.uint8)
+    depth[0, 3, 7] = 254  # one pixel, 9.98 m away
+    depth[1] = 100
+    something = sight.something(depth)
+    assert something.tolist() == [[False, True], [True, True], [False, False]]
+    values = torch.zeros(3, 1, len(MOVES) * sight.cells + 1)
+    values[:, 0, 2 * 3] = 2.0  # move 3 in the left cell
+    values[:, 0, 2 * 5 + 1] = 1.0  # move 5 in the right cell
+    chosen = best_choices(values, something)[:, 0].tolist()
+    assert chosen == [2 * 5 + 1, 2 * 3, 2 * len(MOVES)]

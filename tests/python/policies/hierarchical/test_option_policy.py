@@ -1,0 +1,191 @@
+"""Users who decide and leave the doing to their motor layer."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.evaluation.packing import pack_measured
+from sim2vr_harness.evaluation.playing import load_user_policy
+from sim2vr_harness.policies.hierarchical.action_selection import Chooser
+from sim2vr_harness.policies.hierarchical.action_value_map import PlaceValues
+from sim2vr_harness.policies.hierarchical.depth_grid import Sight
+from sim2vr_harness.policies.hierarchical.frame_history import PastPictures
+from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
+from sim2vr_harness.policies.hierarchical.option_policy import DecidingUser, require_senses
+from sim2vr_harness.policies.hierarchical.primitives import Choice, Mover
+from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
+from sim2vr_harness.policies.store import find_user
+from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.training.option_q_learning.stage import _best_hold
+from sim2vr_harness.training.ppo.fine_tune import adapting
+from sim2vr_harness.training.run.trainer import train
+
+pytest.importorskip("sim2vr_harness._app_runtime")
+
+CONFIGS = Path(__file__).resolve().parents[4] / "configs"
+USERS, HELD = 3, 4
+
+
+def config(*changes: str) -> TrainingConfig:
+    given = (
+        "env.app.game=whacamole",
+        "env.app.options.condition=medium",
+        "env.cores=1",
+        "skills.user=decider",
+        f"skills.looking.decide_steps={HELD}",
+    )
+    return load_config(CONFIGS / "skills.yaml", [*given, *changes])
+
+
+def opinionated(sight: Sight) -> PlaceValues:
+    """Values that differ: those of a new network are all 0."""
+    torch.manual_seed(4)
+    net = PlaceValues(sight, 1, width=config().skills.looking.width)
+    torch.nn.init.normal_(net.leave.weight)
+    return net
+
+
+def test_it_does_what_the_stage_does_that_made_it() -> None:
+    """Senses tell it what the stage reads from simulation and app; a decision is seen through."""
+    settings = config()
+    simulation = Simulation(settings.env, USERS)
+    layer = motor_layer_for(simulation.body, 0.05)
+    tool = torch.tensor([[[0.083, -0.01, 0.002], [0.06, -0.01, 0.002]]])
+    mover = Mover(layer, tool, reachable_poses(layer, settings.seed))
+    chooser = Chooser(simulation, mover, PastPictures(simulation))
+    net = opinionated(chooser.sight)
+    user = DecidingUser(settings)
+    user.learned(layer, net, tool, HELD)
+    simulation.reset(seeds=[5, 6, 7])
+    choice, intended = Choice(USERS, 1), [user.begin() for _ in range(USERS)]
+    moves = []
+    for step in range(3 * HELD):
+        if step % HELD == 0:
+            scene = chooser.scene()
+            places = chooser.places(scene)
+            with torch.inference_mode():
+                chosen = chooser.best(chooser.values(net, scene, places), scene).numpy()
+            chooser.choose(choice, chosen, places)
+            moves.append(chosen[:, 0].copy())
+        wanted = chooser.actions(choice)
+        observation = simulation.observation()
+        for i in range(USERS):
+            own = {key: value[i] for key, value in observation.items()}
+            np.testing.assert_allclose(user.act(own, intended[i]), wanted[i], atol=2e-3)
+        simulation.step(wanted)
+    assert len({*np.concatenate(moves).tolist()}) > 1  # they did decide different things
+    simulation.close()
+
+
+class Obedient:
+    """Earns the more, the longer a decision is seen through."""
+
+    class simulation:
+        class config:
+            action_frequency_hz = 20.0
+
+    class config:
+        decide_steps = 4
+
+    def earned(self, hold: int, steps: int) -> float:
+        assert steps == 200
+        return float(hold if hold < 5 else -1)
+
+
+def test_a_decision_is_seen_through_for_as_long_as_it_pays() -> None:
+    said: list[str] = []
+
+    class Listener:
+        say = said.append
+
+    assert _best_hold(Obedient(), Listener()) == 4  # type: ignore[arg-type]
+    assert "1.00 for 1, 3.00 for 3, 4.00 for 4, -1.00 for 5. The user's: 4." in said[0]
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A whole run, very small."""
+    folder = tmp_path_factory.mktemp("runs") / "decider"
+    small = config(
+        "skills.looking.users=3",
+        "skills.looking.user_steps=240",
+        "skills.looking.try_steps=90",
+        "skills.looking.explore_steps=100",
+        "skills.looking.batch_size=8",
+        "skills.baseline_seconds=0.2",
+        "env.app.options.round_seconds=2",
+    )
+    result = train(small, folder)
+    assert not result.interrupted
+    assert result.step == 240
+    return folder
+
+
+def test_it_plays_at_the_end_of_a_run_alike_alone_and_beside_others(run: Path) -> None:
+    found: list[Any] = [
+        evaluate(run, Request(episodes=3, batch=batch, steps=False, out=run / f"by{batch}"))
+        for batch in (1, 3)
+    ]
+    alone, beside = (each.summaries["medium"]["rounds"] for each in found)
+    assert [row["return"] for row in alone] == [row["return"] for row in beside]
+
+
+def test_it_remembers_what_it_decided_between_steps(run: Path) -> None:
+    user = load_user_policy(run)
+    # How long this one sees a decision through was found out, and may be a single step.
+    user._player._policy.hold.fill_(HELD)  # type: ignore[operator, union-attr]
+    env = user.make_env()
+    observation, _ = env.reset(seed=3)
+    state = None
+    decided = []
+    for step in range(2 * HELD):
+        action, state = user.predict(observation, state, np.array([step == 0]))
+        assert state is not None
+        again, other = user.predict(observation, state)  # a step later: its own memory
+        assert other is not state
+        assert again.shape == action.shape
+        decided.append((int(state[0].choice.move[0, 0]), state[0].choice.place[0, 0].tolist()))
+        observation, *_ = env.step(action)
+    env.close()
+    assert decided[1:HELD] == [decided[0]] * (HELD - 1)
+    assert decided[HELD:] == [decided[HELD]] * HELD
+    assert state is not None
+    assert state[0].left == 0
+
+
+def test_it_is_packed_with_its_hands(run: Path, tmp_path: Path) -> None:
+    card = pack_measured(
+        run, "tiny", tmp_path / "tiny", conditions=["medium"], episodes=2, details={}
+    )
+    assert card["steps"] == 240
+    packed = find_user(tmp_path / "tiny")
+    assert packed.config.decides
+    observation, _ = load_user_policy(run).make_env().reset(seed=3)
+    one, other = (
+        load_user_policy(each).predict(observation)[0] for each in (run, tmp_path / "tiny")
+    )
+    np.testing.assert_allclose(one, other, atol=0.05)  # weights are rounded
+
+
+def test_what_it_cannot_decide_by_is_named(run: Path) -> None:
+    for change, field in (
+        ("env.vision.channels=[green,depth]", "env.vision"),
+        ("env.user.head=reflex", "env.user.head"),
+        ("env.senses=[{sense: vision}, {sense: proprioception}]", "env.senses"),
+        (
+            "env.senses=[{sense: vision, history_s: 0.2}, {sense: proprioception, delay_ms: 50}]",
+            "env.senses",
+        ),
+    ):
+        with pytest.raises(InputError, match=field.replace(".", r"\.")):
+            require_senses(config(change).env)
+    with pytest.raises(InputError, match="from senses to muscles"):
+        adapting(find_user(run), str(run))

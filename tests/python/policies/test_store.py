@@ -1,0 +1,194 @@
+"""Trained users, packed: what they weigh, what they remember, and where they cannot play."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from types import SimpleNamespace
+
+import pytest
+import torch
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.cli.main import main
+from sim2vr_harness.client import describe_game
+from sim2vr_harness.envs.contract import contract, contract_hash, differences
+from sim2vr_harness.envs.simulation import observation_space_of
+from sim2vr_harness.evaluation import packing
+from sim2vr_harness.evaluation.evaluate import Request
+from sim2vr_harness.evaluation.packing import pack_measured
+from sim2vr_harness.policies import store as trained_users
+from sim2vr_harness.policies.player import new_policy
+from sim2vr_harness.policies.store import find_user, list_cards, open_packed
+from sim2vr_harness.runs.config import load_config
+from sim2vr_harness.runs.run_folder import RunFolder
+
+CONFIG = load_config(
+    "whacamole_constrained", ["env.app.options.round_seconds=1.0", "evaluation.conditions=[easy]"]
+)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run whose checkpoint holds known weights and nothing else."""
+    folder = RunFolder(tmp_path_factory.mktemp("runs") / "run")
+    folder.create(CONFIG)
+    folder.checkpoint_file(7).write_bytes(b"")
+    folder.note(
+        stage_seconds={"teacher": 600.0, "student": 90.0},
+        sessions=[
+            {"started": "2026-01-01T10:00:00+00:00", "cores": 2, "device": "cpu"},
+            {
+                "started": "2026-01-01T11:00:00+00:00",
+                "ended": "2026-01-01T11:03:00+00:00",
+                "cores": 4,
+                "device": "cpu",
+            },
+        ],
+    )
+    return folder.path
+
+
+@pytest.fixture(scope="module")
+def packed(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    torch.manual_seed(3)
+
+    def load(path: Path, policy: torch.nn.Module) -> int:
+        for parameter in policy.parameters():
+            parameter.data.uniform_(-0.02, 0.02)
+        return 7
+
+    folder = tmp_path_factory.mktemp("users") / "tester"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trained_users, "load_policy_weights", load)
+        details = {"recipe": "none"}
+        pack_measured(run, "tester", folder, conditions=None, episodes=2, details=details)
+    return folder
+
+
+def test_a_packed_user_plays_and_its_card_says_how(packed: Path) -> None:
+    card = json.loads((packed / "card.json").read_text())
+    assert (card["name"], card["steps"], card["recipe"]) == ("tester", 7, "none")
+    assert card["minutes"] == 14.5
+    assert card["stage_minutes"] == {"teacher": 10.0, "student": 1.5, "from pixels": 3.0}
+    assert (card["seeds"], card["machine"]) == ([1], "4 processor cores, cpu")
+    assert card["results"]["easy"]["episodes"] == 2
+    assert card["results"]["easy"]["effort"] > 0
+    assert card["contract_hash"] == contract_hash(contract(CONFIG.env))
+    user = find_user(packed)
+    assert user.config == CONFIG
+    policy = new_policy(user, observation_space_of(CONFIG.env))
+    assert user.load(policy) == 7
+    weights = torch.load(packed / "policy.pt", weights_only=True)
+    for key, value in policy.state_dict().items():
+        stored = weights[key.replace("pi_features", "features").replace("vf_features", "features")]
+        assert stored.dtype == torch.float16
+        assert torch.equal(value, stored.float())
+    assert (packed / "policy.pt").stat().st_size < 4e6
+
+
+def test_of_several_seeds_the_middle_one_is_packed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    runs = []
+    for seed in (1, 2, 3):
+        folder = RunFolder(tmp_path / f"run{seed}")
+        folder.create(CONFIG.model_copy(update={"seed": seed}))
+        folder.checkpoint_file(7).write_bytes(b"")
+        folder.note(sessions=[])
+        runs.append(str(folder.path))
+    other = RunFolder(tmp_path / "other")
+    other.create(CONFIG.model_copy(update={"seed": 4, "total_timesteps": 99}))
+    other.checkpoint_file(7).write_bytes(b"")
+
+    def measure(folder: Path, request: Request) -> SimpleNamespace:
+        rate = {1: 0.9, 2: 0.7, 3: 0.8}[int(folder.name)]
+        row = {"hits": 100 * rate, "hit_rate": rate, "cell_hit_rates": [rate] * 9, "episodes": 2}
+        return SimpleNamespace(summaries={"easy": row}, facts=describe_game("whacamole"))
+
+    monkeypatch.setattr(trained_users, "load_policy_weights", lambda path, policy: 7)
+    monkeypatch.setattr(packing, "evaluate", measure)
+    seeds = [f"--other-seed={run}" for run in runs[1:]]
+    arguments = ["users", "pack", runs[0], "tester", "--out", str(tmp_path), *seeds]
+    with pytest.raises(SystemExit) as ended:
+        main(arguments)
+    assert ended.value.code == 0
+    printed = capsys.readouterr().out
+    assert "Seed 3 of 1, 2, 3:" in printed
+    assert re.search(r"easy +0.80 +80 +2 +0.70-0.90", printed)
+    assert open_packed(tmp_path / "tester").config.seed == 3
+    card = json.loads((tmp_path / "tester" / "card.json").read_text())
+    assert (card["seed"], card["seeds"]) == (3, [1, 2, 3])
+    assert [card["seed_results"][str(k)]["easy"]["hit_rate"] for k in (1, 2, 3)] == [0.9, 0.7, 0.8]
+    for wrong, message in ((runs[0], "seed 1 twice"), (str(other.path), "total_timesteps: 99")):
+        with pytest.raises(SystemExit) as ended:
+            main([*arguments, f"--other-seed={wrong}"])
+        assert ended.value.code == 2
+        assert message in capsys.readouterr().err
+
+
+def test_shipped_users_are_listed_and_found(
+    packed: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(trained_users, "_shipped_dir", lambda: packed.parent)
+    assert [card["name"] for card in list_cards()] == ["tester"]
+    with pytest.raises(SystemExit):
+        main(["users", "list"])
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "recipe none; 7 user steps from pixels; 14 minutes in all; 4 processor cores" in printed
+    contract_text = f"environment contract {contract_hash(contract(CONFIG.env))}"
+    assert f"seed 1; {contract_text}" in printed
+    user = find_user("pretrained:tester")
+    assert user.evaluation_dir == Path("evaluation") / "tester"
+    with pytest.raises(InputError, match=r"pretrained:tester \(did you mean 'pretrained:tester'"):
+        find_user("pretrained:testr")
+
+
+def test_another_environment_is_refused_and_what_differs_is_named(packed: Path) -> None:
+    user = open_packed(packed)
+    other = CONFIG.env.model_copy(
+        update={"vision": CONFIG.env.vision.model_copy(update={"width": 60, "height": 40})}
+    )
+    with pytest.raises(InputError) as refused:
+        trained_users.require_contract(user, other)
+    text = str(refused.value)
+    assert "image [60, 40]" in text
+    assert "image [120, 80]" in text
+    assert "muscles" not in text
+    card = json.loads((packed / "card.json").read_text())
+    card["contract"]["muscles"].pop()
+    with pytest.raises(InputError, match="muscles"):
+        trained_users.require_contract(
+            trained_users.TrainedUser(user.source, user.config, card, packed, user.load),
+            CONFIG.env,
+        )
+
+
+def test_a_contract_is_about_what_a_policy_relies_on() -> None:
+    one = contract(CONFIG.env)
+    assert one["observation"] == {
+        "proprioception": [[56], "float32"],
+        "stateful_information": [[1], "float32"],
+        "vision": [[2, 80, 120], "uint8"],
+    }
+    assert len(one["muscles"]) == 32
+    effort = load_config("whacamole_constrained", ["env.user.effort.weight=0.5"])
+    assert contract(effort.env) == one
+    slower = load_config("whacamole_constrained", ["env.frames_per_step=5"])
+    assert differences(contract(slower.env), one) == [("frames_per_step", 5, 1)]
+    assert contract_hash(contract(slower.env)) != contract_hash(one)
+
+
+def test_damaged_packages(packed: Path, tmp_path: Path) -> None:
+    for name in ("card.json", "config.yaml"):
+        (tmp_path / name).write_bytes((packed / name).read_bytes())
+    (tmp_path / "policy.pt").write_bytes(b"no weights")
+    user = open_packed(tmp_path)
+    with pytest.raises(InputError, match="expected weights of this network"):
+        user.load(new_policy(user, observation_space_of(CONFIG.env)))
+    (tmp_path / "card.json").write_text("{")
+    with pytest.raises(
+        InputError, match=r"card\.json, line 1: got text that is not JSON \(.*card of a"
+    ):
+        open_packed(tmp_path)

@@ -1,0 +1,223 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import yaml
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.runs.config import (TrainingConfig, apply_overrides, first_difference, load_config, parse_config, to_yaml)
+from sim2vr_harness.training.ppo.ppo import LearningRate
+from sim2vr_harness.runs.migration import renamed
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+
+
+@pytest.mark.parametrize("adaptive", [False, True])
+@pytest.mark.parametrize("group", ["constrained", "unconstrained"])
+def test_shipped_configurations_are_the_reference(group: str, adaptive: bool) -> None:
+    name = f"whacamole_{'adaptive_' if adaptive else ''}{group}"
+    config = load_config(CONFIGS / f"{name}.yaml")
+    assert config.name == name
+    condition = {"constrained": "random", "unconstrained": "random-unconstrained"}[group]
+    assert config.env.app.options == {"condition": condition, "adaptive": adaptive}
+    ppo = config.ppo
+    assert (ppo.n_envs, ppo.n_steps, ppo.batch_size, ppo.n_epochs) == (10, 4000, 1000, 10)
+    assert (ppo.gamma, ppo.gae_lambda, ppo.clip_range, ppo.target_kl) == (0.99, 0.95, 0.2, 1.0)
+    assert (ppo.ent_coef, ppo.vf_coef, ppo.max_grad_norm) == (0.0, 0.5, 0.5)
+    rate = ppo.learning_rate
+    assert (rate.initial, rate.final, rate.constant_fraction) == (5e-5, 1e-7, 0.2)
+    assert config.total_timesteps == 100_000_000
+    assert config.env.user.effort.weight == 0.1
+    # Written out or left out, these are the defaults.
+    ignored = ("name", "env", "evaluation")
+    assert first_difference(config, TrainingConfig(), ignore=ignored) is None
+
+
+@pytest.mark.parametrize("group", ["constrained", "unconstrained", "adaptive_constrained"])
+def test_the_fast_recipe_s_users_live_in_the_reference_s_environment(group: str) -> None:
+    fast = load_config(f"whacamole_{group}_distill")
+    reference = load_config(f"whacamole_{group}")
+    assert fast.recipe == "distill"
+    options = {"adaptive": False} | fast.env.app.options
+    app = fast.env.app.model_copy(update={"options": options})
+    assert fast.env.model_copy(update={"app": app}) == reference.env
+    assert fast.evaluation.conditions == reference.evaluation.conditions
+    assert fast.teacher.conditions == reference.evaluation.conditions
+    stuck = {"unconstrained": 0.5}.get(group, 0.0)
+    assert fast.teacher.imagined.game["stuck_cost"] == stuck
+    assert fast.teacher.imagined.game["failing_value"] == 1.0
+
+
+def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
+    people = load_config("whacamole_people")
+    other, pointing = load_config("whacamole_people_unconstrained"), load_config("pointing_people")
+    app = {"options": {"condition": "random-easy-medium-unconstrained"}}
+    assert other.env.app == people.env.app.model_copy(update=app)
+    ending = "-unconstrained"
+    for stage in ("teacher", "evaluation"):
+        own = getattr(people, stage).conditions
+        assert getattr(other, stage).conditions == tuple(name + ending for name in own)
+    sizes = ("users", "body_width", "updates", "window_steps", "change_cost")
+    for size in sizes:
+        assert getattr(other.teacher.imagined, size) == getattr(people.teacher.imagined, size)
+    assert other.ppo == people.ppo
+    # Who is learned from longer, and tells numbers too, was tried without the rule only.
+    more = {"frames": 600_000, "numbers_weight": 0.5}
+    assert other.student == people.student.model_copy(update=more)
+    assert other.env.model_copy(update={"app": people.env.app}) == people.env
+    # Who points has the published wrist still; light hands were made to strike with.
+    hands = people.env.user.model_copy(update={"person": pointing.env.user.person})
+    there = {"app": people.env.app, "vision": people.env.vision}
+    heavy = people.env.model_copy(update={"user": hands})
+    assert pointing.env.model_copy(update=there) == heavy
+    assert pointing.recipe == "distill"
+
+
+def test_written_configuration_reads_back_the_same() -> None:
+    config = load_config("whacamole_adaptive_unconstrained", ["seed=7", "ppo.n_envs=5"])
+    assert parse_config(yaml.safe_load(to_yaml(config))) == config
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("ppo.n_stepz=3", r"^ppo\.n_stepz: got an unknown key, .*did you mean 'ppo\.n_steps'\?"),
+        ("n_steps=3", r"^n_steps: got an unknown key, .*did you mean 'ppo\.n_steps'\?"),
+        ("sead=3", r"^sead: got an unknown key, .*did you mean 'seed'\?"),
+        ("env.user.name=foo", r"^env\.user\.name: .*did you mean 'env\.user\.model'\?"),
+        (
+            "ppo.learning_rate=x",
+            r"^ppo\.learning_rate: got 'x', expected a number, or initial, fin",
+        ),
+        (
+            "ppo.learning_rate.initial=.nan",
+            r"^ppo\.learning_rate\.initial: got nan, expected a fin",
+        ),
+        ("ppo.gamma=.inf", r"^ppo\.gamma: got inf, expected"),
+        ("env.app.options.x=.nan", r"^env\.app\.options\.x: got nan, expected"),
+        ("ppo.n_envs=100000000", r"^ppo\.n_envs: got 100000000, expected less than or equal to"),
+        ("env.app.gam=x", r"^env\.app\.gam: .*did you mean 'env\.app\.game'\?"),
+        ("ppo.n_steps=abc", r"^ppo\.n_steps: got 'abc', expected a whole number$"),
+        ("ppo.gamma=1.5", r"^ppo\.gamma: got 1\.5, expected less than or equal to 1"),
+        ("ppo=3", r"^ppo: got 3, expected a mapping"),
+        ("ppo.batch_size=7", r"^ppo\.batch_size: got 7, expected a divisor of .* 40000"),
+        ("ppo.n_steps=2.5", r"^ppo\.n_steps: got 2.5, expected a whole number$"),
+        ("ppo.gamma=x", r"^ppo\.gamma: got 'x', expected a number$"),
+        ("policy.scale_proprioception=x", r"_proprioception: got 'x', expected true or false$"),
+        ("policy.net_arch=[1,x]", r"^policy\.net_arch\.1: got 'x', expected a whole number$"),
+        (
+            "policy.vision_precision=half",
+            r"^policy\.vision_precision: got 'half', expected 'float32'",
+        ),
+        ("env.vision.channels=[green,x]", r"^env\.vision\.channels\.1: got 'x', expected 'red'"),
+        ("env.user.effort.model=neurl", r"^env\.user\.effort\.model: got 'neurl', expected"),
+        ("name", r"^--set: got 'name', expected key=value"),
+        ("name.x=1", r"^--set name\.x: got a key inside name"),
+        ("seed=[", r"^--set: got 'seed=\[', expected a value written as in YAML"),
+    ],
+)
+def test_bad_overrides_name_the_key(override: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_config("whacamole_constrained", [override])
+
+
+def test_overrides_are_typed_and_leave_the_file_alone() -> None:
+    tree = {"ppo": {"n_envs": 2}}
+    changed = apply_overrides(
+        tree, ["ppo.learning_rate.initial=1e-4", "env.app.options.condition=easy", "seed=4"]
+    )
+    assert tree == {"ppo": {"n_envs": 2}}
+    config = parse_config(changed | {"ppo": changed["ppo"] | {"batch_size": 100}})
+    assert config.ppo.learning_rate.initial == 1e-4
+    assert config.env.app.options["condition"] == "easy"
+    assert config.seed == 4
+
+
+def test_missing_and_unreadable_files(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"^CONFIG: got 'nope\.yaml', .*whacamole_constrained"):
+        load_config("nope.yaml")
+    file = tmp_path / "a.yaml"
+    file.write_text("a: [1")
+    with pytest.raises(InputError, match=r"a\.yaml, line 1: got text that is not YAML \(expected"):
+        load_config(file)
+    file.write_text("- 1")
+    with pytest.raises(
+        InputError, match=r"a\.yaml: got YAML of \[1\], expected a configuration in YAML, a mapping"
+    ):
+        load_config(file)
+    file.write_text("# nothing yet\n")
+    with pytest.raises(InputError, match=r"a\.yaml: got an empty file, expected a configuration"):
+        load_config(file)
+    bomb = "\n".join(f"a{k}: &a{k} [{', '.join([f'*a{k - 1}'] * 9)}]" for k in range(1, 10))
+    file.write_text(f"a0: &a0 [x]\n{bomb}\nname: *a9\n")
+    with pytest.raises(InputError, match=r"a\.yaml, line 6: got more than 20,000 values"):
+        load_config(file)
+
+
+def test_first_difference_names_the_key() -> None:
+    one = load_config("whacamole_constrained")
+    other = load_config("whacamole_constrained", ["ppo.learning_rate.final=0.0"])
+    assert first_difference(one, other) == ("ppo.learning_rate.final", 1e-7, 0.0)
+    assert first_difference(one, other, ignore=["ppo"]) is None
+
+
+def test_a_plain_number_is_a_constant_rate() -> None:
+    rate = load_config("whacamole_constrained", ["ppo.learning_rate=0.0003"]).ppo.learning_rate
+    assert (rate.initial, rate.final) == (3e-4, 3e-4)
+    assert [LearningRate(rate)(left) for left in (1.0, 0.5, 0.0)] == [3e-4] * 3
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        (
+            "overlap=1",
+            r"^teacher\.imagined\.game\.overlap: got an unknown key, .*game\.overlap_m'\?",
+        ),
+        (
+            "speed_mps=0",
+            r"^teacher\.imagined\.game\.speed_mps: got 0, expected greater than or equal",
+        ),
+    ],
+)
+def test_settings_of_a_game_s_twin_are_checked(override: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        load_config("whacamole_constrained_distill", [f"teacher.imagined.game.{override}"])
+
+
+def test_recorded_configurations_are_read_with_today_s_keys() -> None:
+    recorded = {
+        "recipe": "distill",
+        "env": {"threads": 2},
+        "ppo": {"value_warmup_iterations": 3},
+        "teacher": {
+            "coarse_physics_s": 0.005,
+            "imagination": {"cycles": 12, "stuck_cost": 0.5},
+            "ppo": {
+                "critic_first_iterations": 4,
+                "reward_scale": 0.3,
+                "net_arch": [16],
+                "learning_rate": 3e-4,
+                "mean_penalty": 1e-3,
+            },
+            "aids": {
+                "near_starts": {"start": 0.5, "end": 0.3, "from_step": 0, "to_step": 9},
+                "near_start_m": 0.1,
+                "progress": {"start": 0.0, "end": 0.0},
+            },
+        },
+    }
+    with pytest.raises(InputError, match="unknown key"):
+        parse_config(recorded)
+    config = parse_config(renamed(recorded))
+    assert config.env.cores == 2
+    assert config.ppo.critic_first_updates == 3
+    teacher = config.teacher
+    assert (teacher.imagined.cycles, teacher.imagined.game["stuck_cost"]) == (12, 0.5)
+    assert (teacher.ppo.critic_first_updates, teacher.reward_scale) == (4, 0.3)
+    assert teacher.policy.net_arch == (16,)
+    assert teacher.ppo.learning_rate.initial == 3e-4
+    assert (teacher.curriculum.near_starts, teacher.curriculum.near_start_m) == (0.3, 0.1)
+    assert renamed(recorded["env"]) == {"threads": 2}, "only where the key is"
+    assert "imagination" in recorded["teacher"], "the recorded one is left as it is"  # type: ignore[operator]

@@ -1,0 +1,256 @@
+"""Programs that a run's configuration names are started only if this user has said so."""
+
+from __future__ import annotations
+
+import json
+import os
+import stat
+from pathlib import Path
+from typing import Any
+
+import pytest
+from fake_simulation import FakeSimulation
+
+from sim2vr_harness.cli.main import main
+from sim2vr_harness.envs.config import AppConfig
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.evaluation.playing import UserPolicy
+from sim2vr_harness.runs.run_folder import RunFolder
+from sim2vr_harness.runs.trust import named_app, remember, require_trust, state_folder
+
+
+@pytest.fixture(autouse=True)
+def stranger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A user of this machine who has never trusted anything."""
+    home = tmp_path / "home"
+    home.mkdir()
+    monkeypatch.setenv("XDG_STATE_HOME", str(home))
+    monkeypatch.setattr("sim2vr_harness.runs.trust._told", [])
+    return home
+
+
+@pytest.fixture(autouse=True)
+def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The programs that commands would have started; everything plays on the stand-in."""
+    import sim2vr_harness.envs.simulation as module
+
+    programs: list[str] = []
+
+    class Simulation(FakeSimulation):
+        def __init__(self, config: Any = None, n: int = 1, **how: Any) -> None:
+            programs.append(config.app.executable or config.app.connect or "our own")
+            super().__init__(config, n, **how)
+
+    monkeypatch.setattr(module, "Simulation", Simulation)
+    return programs
+
+
+SETTINGS = (
+    *("policy.net_arch=[16]", "policy.vision_features=8", "policy.proprioception_features=8"),
+    *("ppo.n_envs=3", "ppo.n_steps=20", "ppo.batch_size=15", "ppo.n_epochs=1"),
+    *("total_timesteps=120", "evaluation.episodes_after_training=0", "evaluation.episodes=1"),
+)
+
+
+def call(capsys: Any, *arguments: str) -> tuple[int, str]:
+    with pytest.raises(SystemExit) as ended:
+        main(list(arguments))
+    return int(ended.value.code or 0), capsys.readouterr().err
+
+
+@pytest.fixture
+def received(tmp_path: Path, capsys: Any, started: list[str]) -> Path:
+    """A run that somebody else has trained here: it names a program."""
+    folder = tmp_path / "received"
+    settings = [part for setting in SETTINGS for part in ("--set", setting)]
+    train = ("train", "whacamole_constrained", *settings, "--out", str(folder))
+    assert call(capsys, *train, "--timesteps", "60")[0] == 0
+    config = folder / "config.yaml"
+    text = config.read_text().replace("transport: in_process", "transport: protocol1")
+    text = text.replace("executable: null", f"executable: {folder}/app.x86_64")
+    config.write_text(text.replace("arguments: []", "arguments: [-run, 'a b']"))
+    started.clear()
+    return folder
+
+
+def test_every_command_asks_before_it_starts_what_a_run_names(
+    received: Path, capsys: Any, started: list[str], tmp_path: Path
+) -> None:
+    copy = tmp_path / "mine.yaml"
+    copy.write_text((received / "config.yaml").read_text())
+    link = tmp_path / "link"
+    link.symlink_to(received)
+    out = ("--out", str(tmp_path / "out"))
+    for command in (
+        ("evaluate", str(received)),
+        ("evaluate", str(link)),
+        ("evaluate", str(received / "checkpoints/step_000000060.zip")),
+        ("evaluate", str(received), "--set", "env.app.arguments=[-other]"),
+        ("evaluate", str(received), "--set", "env.user.noise.constant=white"),
+        ("train", "--resume", str(received)),
+        ("train", "--resume", "--out", str(received)),
+        ("train", "--resume", str(received), "--set", "env.app.arguments=[]"),
+        ("train", str(received / "config.yaml"), *out),
+        ("train", str(copy), *out),
+        ("bench", str(copy), "--scene", "train"),
+        ("snapshot", "--run", str(received), *out),
+        ("users", "pack", str(received), "name", *out),
+    ):
+        status, err = call(capsys, *command)
+        assert status == 2, command
+        assert f"error: env.app.executable: got '{received}/app" in err.replace('"', "'"), err
+        assert "--trust-app, if you know where it comes from, or --app with the same path" in err
+        assert err.count("\n") == 1
+    assert started == []
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(InputError, match="a program that you have not started before"):
+        UserPolicy(received)
+
+
+def test_naming_it_or_trusting_it_starts_it(
+    received: Path, capsys: Any, started: list[str], tmp_path: Path
+) -> None:
+    program = f"{received}/app.x86_64"
+    same = ("--app", program, "--app-arg=-run", "--app-arg=a b")
+    assert call(capsys, "evaluate", str(received), *same, "--condition", "medium")[0] == 0
+    assert call(capsys, "evaluate", str(received), "--condition", "medium", "--trust-app")[0] == 0
+    assert set(started) == {program}
+    # A program that came with the run is asked for every time: a new process knows nothing of it.
+    assert not any(state_folder().parent.parent.rglob("*.json"))
+
+
+def test_what_was_trained_with_is_remembered_outside_of_the_run(
+    capsys: Any, started: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    program, folder = tmp_path / "build/app.x86_64", tmp_path / "run"
+    settings = [part for setting in SETTINGS for part in ("--set", setting)]
+    train = ("train", "whacamole_constrained", *settings, "--out", str(folder))
+    assert call(capsys, *train, "--timesteps", "60", "--app", str(program))[0] == 0
+    monkeypatch.setattr("sim2vr_harness.runs.trust._told", [])  # another process
+    assert call(capsys, "evaluate", str(folder), "--condition", "medium")[0] == 0
+    assert call(capsys, "train", "--resume", str(folder))[0] == 0
+    assert set(started) == {str(program)}
+    # The same program with other arguments is another thing.
+    config = folder / "config.yaml"
+    config.write_text(config.read_text().replace("arguments: []", "arguments: [--erase, /]"))
+    status, err = call(capsys, "evaluate", str(folder))
+    assert status == 2
+    assert f'got "{program} --erase /"' in err.replace("'", '"')
+
+
+def app(**settings: Any) -> AppConfig:
+    return AppConfig(transport="protocol1", **settings)
+
+
+def test_what_counts_as_the_same_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    run = tmp_path / "run"
+    run.mkdir()
+    (tmp_path / "app").write_text("")
+    program = str(tmp_path / "app")
+    remember(app(executable=program, arguments=("-a",)), run)
+    monkeypatch.setattr("sim2vr_harness.runs.trust._told", [])
+    monkeypatch.chdir(tmp_path)
+    for fine in ({"executable": program}, {"executable": "./app"}, {"executable": "run/../app"}):
+        require_trust(app(**fine, arguments=("-a",)), run)
+    # Arguments of the command line are its own business, but not the file's with its program.
+    require_trust(app(executable=program, arguments=("-b",)), run, named={"arguments"})
+    (tmp_path / "link").symlink_to(program)
+    for other in (
+        {"executable": program},
+        {"executable": program, "arguments": ("-a", "-b")},
+        {"executable": "link", "arguments": ("-a",)},  # some programs go by their name
+        {"executable": "/bin/sh", "arguments": ("-a",)},
+        {"connect": "localhost:5555"},
+    ):
+        with pytest.raises(InputError, match="--trust-app"):
+            require_trust(app(**other), run)
+    with pytest.raises(InputError, match="--trust-app"):
+        require_trust(app(executable="/bin/sh", arguments=("-a",)), run, named={"executable"})
+    # A trusted path that leads elsewhere by now.
+    (tmp_path / "app").unlink()
+    (tmp_path / "app").symlink_to("/bin/sh")
+    with pytest.raises(InputError, match="--trust-app"):
+        require_trust(app(executable=program, arguments=("-a",)), run)
+
+
+def test_an_address_is_asked_for_as_well(tmp_path: Path) -> None:
+    here = app(connect="elsewhere.example:5555")
+    with pytest.raises(
+        InputError,
+        match=r"^env\.app\.connect: got 'elsewhere\.example:5555' in .*--connect with the same",
+    ):
+        require_trust(here, tmp_path)
+    require_trust(here, tmp_path, named=named_app(["env.app.connect=elsewhere.example:5555"]))
+    require_trust(here, tmp_path, trust=True)
+    require_trust(here, tmp_path)
+
+
+def test_control_characters_of_a_program_are_escaped(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as refused:
+        require_trust(app(executable="/tmp/x\x1b[2J\nerror: fine"), tmp_path)
+    assert "\n" not in str(refused.value)
+    assert "\x1b" not in str(refused.value)
+
+
+@pytest.mark.parametrize("mode", [0o777, 0o770])
+def test_trust_that_others_could_have_written_does_not_count(
+    stranger: Path, mode: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    remember(app(executable="/opt/app"), tmp_path)
+    monkeypatch.setattr("sim2vr_harness.runs.trust._told", [])
+    place = stranger / "sim2vr/trusted_apps"
+    assert stat.S_IMODE(place.stat().st_mode) == 0o700
+    require_trust(app(executable="/opt/app"), tmp_path)
+    place.chmod(mode)
+    with pytest.raises(InputError, match="--trust-app"):
+        require_trust(app(executable="/opt/app"), tmp_path)
+
+
+def test_what_is_remembered_can_be_read_and_damaged_files_are_nothing(
+    stranger: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    remember(app(executable="/opt/app", arguments=("-x",)), tmp_path)
+    (file,) = (stranger / "sim2vr/trusted_apps").iterdir()
+    entry = json.loads(file.read_text())
+    assert entry == {
+        "executable": "/opt/app",
+        "real": os.path.realpath("/opt/app"),
+        "arguments": ["-x"],
+        "connect": None,
+    }
+    for damaged in ("", "[]", "{", '"x"', "\xff"):
+        file.write_bytes(damaged.encode("latin-1"))
+        monkeypatch.setattr("sim2vr_harness.runs.trust._told", [])
+        with pytest.raises(InputError, match="--trust-app"):
+            require_trust(app(executable="/opt/app", arguments=("-x",)), tmp_path)
+
+
+@pytest.mark.parametrize("place", ["", "relative/state", "/proc/nowhere"])
+def test_odd_places_for_the_state(
+    place: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", place)
+    monkeypatch.setenv("HOME", str(tmp_path / "nobody"))
+    monkeypatch.chdir(tmp_path)
+    remember(app(executable="/opt/app"), tmp_path)
+    require_trust(app(executable="/opt/app"), tmp_path)  # of this process at least
+    assert not (tmp_path / "relative").exists()
+
+
+def test_what_a_command_line_names() -> None:
+    assert named_app(["ppo.n_envs=2", "env.app.executable=x"]) == {"executable"}
+    assert named_app(["env.app={executable: x, arguments: [y]}"]) == {"executable", "arguments"}
+    assert named_app(["env={app: {connect: 'h:1'}}", "name=x"]) == {"connect"}
+    assert named_app(["env.app.game=x"], {"executable": "y"}) == {"game", "executable"}
+    assert named_app(["env=3"]) == set()
+
+
+def test_runs_without_an_app_of_their_own_are_never_asked(
+    capsys: Any, started: list[str], tmp_path: Path
+) -> None:
+    settings = [part for setting in SETTINGS for part in ("--set", setting)]
+    train = ("train", "whacamole_constrained", *settings, "--out", str(tmp_path / "run"))
+    assert call(capsys, *train, "--timesteps", "60")[0] == 0
+    assert call(capsys, "evaluate", str(tmp_path / "run"), "--condition", "medium")[0] == 0
+    assert RunFolder(tmp_path / "run").exists
+    assert set(started) == {"our own"}

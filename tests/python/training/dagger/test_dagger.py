@@ -1,0 +1,272 @@
+"""A student who imitates: on a stand-in whose best action shows in the observation."""
+
+from __future__ import annotations
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tiny_distill
+import torch
+from fake_simulation import FakeSimulation
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.policies.visual_actor_critic import UserPolicy
+from sim2vr_harness.runs.attention_config import GlimpseConfig
+from sim2vr_harness.runs.checkpoint import read_tensors, write_tensors
+from sim2vr_harness.runs.config import PolicyConfig
+from sim2vr_harness.runs.dagger_config import StudentConfig
+from sim2vr_harness.training.dagger import stage as student_stage
+from sim2vr_harness.training.dagger.dagger import Student
+
+CONFIG = StudentConfig(
+    n_envs=8,
+    frames=8 * 8 * 30,
+    rollout_steps=8,
+    batch_size=64,
+    teacher_rounds=1,
+    learning_rate=3e-3,
+    stagger_steps=8,
+)
+
+
+class HomingGuide:
+    """Pushes back to the middle; the fact is whether the first picture element is bright."""
+
+    glance_columns: tuple[tuple[int, ...], ...] = ()
+
+    def actions(self, simulation: FakeSimulation) -> np.ndarray:
+        return (-0.7 * simulation.place).astype(np.float32)
+
+    def facts(self, simulation: FakeSimulation) -> np.ndarray:
+        return (simulation.place[:, :1] > 0).astype(np.float32)
+
+    def numbers(self, simulation: FakeSimulation) -> np.ndarray:
+        return (2.0 * simulation.place[:, 1:]).astype(np.float32)
+
+    def glances(self, simulation: FakeSimulation) -> np.ndarray:
+        return np.zeros((simulation.n, 0, 3), np.float32)
+
+
+class GazingGuide(HomingGuide):
+    """Says that the thing is in the upper left of the picture, and always alike."""
+
+    glance_columns: tuple[tuple[int, ...], ...] = ((1,),)
+
+    def glances(self, simulation: FakeSimulation) -> np.ndarray:
+        return np.tile(np.array([-1.0, 0.5, 1.0], np.float32), (simulation.n, 1, 1))
+
+    def numbers(self, simulation: FakeSimulation) -> np.ndarray:
+        told = super().numbers(simulation)
+        told[:, 1] = 1.5
+        return told
+
+
+class IdleGuide(HomingGuide):
+    """Of any game's users, who should do nothing."""
+
+    def actions(self, simulation: Any) -> np.ndarray:
+        return np.zeros((simulation.n, *simulation.action_space.shape), np.float32)
+
+    def facts(self, simulation: Any) -> np.ndarray:
+        return np.zeros((simulation.n, 0), np.float32)
+
+    def numbers(self, simulation: Any) -> np.ndarray:
+        return np.zeros((simulation.n, 0), np.float32)
+
+
+def make(
+    folder: Path,
+    config: StudentConfig = CONFIG,
+    seed: int = 1,
+    guide: HomingGuide | None = None,
+    device: str = "cpu",
+    **policy_settings: Any,
+) -> Student:
+    simulation = FakeSimulation(n=config.n_envs)
+    torch.manual_seed(seed)
+    sizes = PolicyConfig(vision_channels=(4,), vision_features=8, net_arch=(32,), **policy_settings)
+    policy = UserPolicy(
+        simulation.observation_space, simulation.action_space, lambda _: 0.0, config=sizes
+    )
+    folder.mkdir(exist_ok=True)
+    policy.to(device)
+    return Student(config, policy, simulation, guide or HomingGuide(), folder, seed=seed)
+
+
+def test_the_student_learns_what_the_teacher_would_do(tmp_path: Path) -> None:
+    student = make(tmp_path)
+    rows = []
+    while not student.finished:
+        rows.append(student.step())
+    assert student.store.count == CONFIG.frames
+    assert rows[0].teacher_share == 1.0
+    assert rows[1].teacher_share == pytest.approx(0.6, abs=0.2)
+    assert rows[-1].teacher_share < 0.2
+    assert rows[-1].imitation_error < 0.3 * rows[0].imitation_error
+    assert rows[-1].imitation_error < 0.08
+    simulation = FakeSimulation(n=50)
+    simulation.reset(seeds=range(50))
+    wanted = HomingGuide().actions(simulation)
+    error = np.sqrt(((student.act(simulation.observation()) - wanted) ** 2).mean())
+    assert error < 0.1
+    # Episodes count only where nobody helped.
+    assert 0 < rows[-1].episodes < CONFIG.frames / 6
+    assert rows[-1].means["ep_Points_mean"] > 0
+
+
+def test_what_the_teacher_knows_is_told_too(tmp_path: Path) -> None:
+    student = make(tmp_path, CONFIG.model_copy(update={"numbers_weight": 1.0}))
+    rows = []
+    while not student.finished:
+        rows.append(student.step())
+    # The mean is 0, so that this is what is left of the variance.
+    assert rows[-1].numbers_error < 0.1 * rows[0].numbers_error
+    assert rows[-1].imitation_error < 0.3 * rows[0].imitation_error
+
+
+@pytest.mark.parametrize("kept", [None, 2], ids=["all frames", "the last rounds"])
+def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path, kept: int | None) -> None:
+    each = CONFIG.n_envs * CONFIG.rollout_steps
+    few = {"kept_frames": kept * each, "checkpoint_rounds": 1} if kept else {}
+    config = CONFIG.model_copy(update=few)
+    whole = make(tmp_path / "whole", config)
+    for _ in range(6):
+        last = whole.step()
+    parts = make(tmp_path / "parts", config)
+    for _ in range(3):
+        parts.step()
+    state = parts.snapshot()
+    parts.step()  # lost: its frames are in the file, and are written over
+    resumed = make(tmp_path / "parts", config, seed=1)
+    resumed.load_snapshot(state)
+    assert resumed.round == 3
+    for _ in range(3):
+        again = resumed.step()
+    assert again.imitation_error == last.imitation_error
+    assert again.means == last.means
+    for key, value in whole.policy.state_dict().items():
+        assert torch.equal(value, resumed.policy.state_dict()[key]), key
+    with pytest.raises(ValueError, match="got format 9, expected 4"):
+        make(tmp_path / "new").load_snapshot({"header": '{"format": 9}'})
+
+
+def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> None:
+    glimpses = GlimpseConfig(count=1, vision_pixels=8, features=8)
+    config = CONFIG.model_copy(update={"numbers_weight": 0.5})
+
+    def student(name: str) -> Student:
+        return make(tmp_path / name, config, guide=GazingGuide(), glimpses=glimpses)
+
+    whole, rows = student("whole"), []
+    for _ in range(12):
+        rows.append(whole.step())
+    assert rows[-1].glances_error < 0.2 * rows[0].glances_error
+    assert rows[-1].reading_error < 0.2 * rows[0].reading_error
+    extractor: Any = whole.policy.features_extractor
+    where = extractor.glimpses.where(torch.from_numpy(whole.simulation.observation()["vision"]))
+    cell = where[:, 0, 0].argmax(1)
+    assert (cell == 0).all()  # 16 x 24 pixels are two rows of three
+    looked = where[torch.arange(whole.n), 0, 1:, cell].detach()
+    # A pixel is 0.125; the pictures are noise.
+    assert (looked - torch.tensor([-1.0, 0.5])).abs().mean() < 0.15
+
+    parts = student("parts")
+    for _ in range(6):
+        parts.step()
+    resumed = student("parts")
+    resumed.load_snapshot(parts.snapshot())
+    for _ in range(6):
+        again = resumed.step()
+    assert again == dataclasses.replace(
+        rows[-1], collect_seconds=again.collect_seconds, learn_seconds=again.learn_seconds
+    )
+    for key, value in whole.policy.state_dict().items():
+        assert torch.equal(value, resumed.policy.state_dict()[key]), key
+
+
+def test_heads_depend_on_the_seed_alone(tmp_path: Path) -> None:
+    glimpses = GlimpseConfig(count=1, vision_pixels=8, features=8)
+    config = CONFIG.model_copy(update={"numbers_weight": 0.5})
+    one = make(tmp_path / "one", config, guide=GazingGuide(), glimpses=glimpses)
+    torch.manual_seed(99)
+    (tmp_path / "other").mkdir()
+    other = Student(config, one.policy, one.simulation, GazingGuide(), tmp_path / "other", seed=1)
+    for head in ("heads", "tell", "read"):
+        for key, value in one.snapshot()[head].items():
+            assert torch.equal(value, other.snapshot()[head][key]), (head, key)
+
+
+def test_only_students_learn_where_to_look(tmp_path: Path) -> None:
+    glimpses = GlimpseConfig(count=1, vision_pixels=8, features=8)
+    student = make(tmp_path, guide=GazingGuide(), glimpses=glimpses)
+    fixed = [key for key, p in student.policy.named_parameters() if not p.requires_grad]
+    assert not fixed
+    policy = UserPolicy(
+        student.simulation.observation_space,
+        student.simulation.action_space,
+        lambda _: 1e-4,
+        config=PolicyConfig(glimpses=glimpses),
+    )
+    fixed = [key for key, p in policy.named_parameters() if not p.requires_grad]
+    assert fixed
+    assert all("glimpses.locator" in key or "glimpses.grid" in key for key in fixed)
+
+
+def test_more_glimpses_than_things_are_refused(tmp_path: Path) -> None:
+    glimpses = GlimpseConfig(count=2, vision_pixels=8, features=8)
+    with pytest.raises(InputError) as error:
+        make(tmp_path, guide=GazingGuide(), glimpses=glimpses)
+    assert str(error.value).startswith("policy.glimpses.count: got 2, expected at most 1")
+
+
+def test_labels_are_clipped_to_what_the_student_can_do(tmp_path: Path) -> None:
+    student = make(tmp_path)
+    student.guide.actions = lambda simulation: np.full((simulation.n, 3), 5.0, np.float32)  # type: ignore[method-assign]
+    student.step()
+    assert float(student.store.rows(np.arange(8))["label"].max()) == 1.0
+
+
+def test_all_phases_of_a_round_are_seen_from_the_start(tmp_path: Path) -> None:
+    student = make(tmp_path)
+    student.step()
+    first = student.store.rows(np.arange(8, 64))["stateful_information"].numpy().ravel()
+    # Without the cuts all users would have the same phase, so 7 values at most.
+    phases = [len(np.unique(first[k : k + 8])) for k in range(0, 56, 8)]
+    assert max(phases) >= 3
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")
+def test_a_student_learns_on_a_gpu_and_goes_on_there(tmp_path: Path) -> None:
+    config = CONFIG.model_copy(update={"numbers_weight": 1.0, "image_noise": 1.0})
+    student = make(tmp_path / "whole", config, device="cuda")
+    rows = [student.step() for _ in range(3)]
+    file = tmp_path / "state.pt"
+    write_tensors(file, student.snapshot())
+    rows += [student.step() for _ in range(12)]
+    assert all(weight.is_cuda for weight in student.policy.parameters())
+    assert rows[-1].imitation_error < 0.5 * rows[0].imitation_error
+    again = make(tmp_path / "whole", config, seed=5, device="cuda")
+    again.load_snapshot(read_tensors(file, "a student"))
+    assert again.store.count == 3 * config.n_envs * config.rollout_steps
+    assert np.isfinite(again.step().imitation_error)
+
+
+@pytest.mark.parametrize("device", ["cpu", "auto"])
+def test_a_student_learns_on_the_device_that_is_asked_for(
+    device: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = []
+
+    def get_device(name: str) -> torch.device:
+        asked.append(name)
+        return torch.device("cpu")
+
+    monkeypatch.setattr(student_stage, "get_device", get_device)
+    config = tiny_distill.config(f"device={device}", "policy.scale_proprioception=false")
+    stage = student_stage.StudentStage(config, tmp_path, lambda simulation: IdleGuide())
+    stage.open()
+    stage.close()
+    assert asked == [device]

@@ -1,0 +1,306 @@
+"""Imagined rollouts: do the imagined body and game do what the true ones do?"""
+
+from __future__ import annotations
+
+import copy
+import math
+from dataclasses import replace
+from typing import Any
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+from true_users import motion_of
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.envs.config import AppConfig, EnvConfig, NoiseConfig, UserConfig
+from sim2vr_harness.envs.privileged import OBSERVATION
+from sim2vr_harness.games.whacamole.settings import Relaxation
+from sim2vr_harness.games.whacamole.twin import FIELDS
+from sim2vr_harness.policies.state_actor_critic import new_teacher
+from sim2vr_harness.runs.config import apply_overrides
+from sim2vr_harness.runs.teacher_config import TeacherConfig
+from sim2vr_harness.training.imagined import ImaginedRollouts
+from sim2vr_harness.training.model_based.stage import describe
+from sim2vr_harness.training.model_based.trainer import CycleReport
+from sim2vr_harness.training.teacher.env import TeacherSimulation
+from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
+from sim2vr_harness.world_models.body_dynamics import fit_body
+from sim2vr_harness.world_models.motor_noise import ImaginedNoise
+from sim2vr_harness.world_models.transitions import Experience, Motion
+
+pytest.importorskip("sim2vr_harness._app_runtime")
+
+ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), cores=1)
+SMALL = (
+    *("ppo.n_envs=16", "ppo.n_steps=10", "ppo.batch_size=20", "policy.net_arch=[16]"),
+    *("curriculum.starts_per_cell=2", "evaluate_rounds=0", "total_timesteps=160"),
+    *("imagined.cycles=3", "imagined.first_play_steps=30", "imagined.play_steps=10"),
+    *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),
+    *("imagined.users=12", "imagined.updates=3", "imagined.critic_first_updates=1"),
+    *("imagined.body_width=16", "imagined.critic_width=16"),
+)
+SOFT = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0)
+
+
+@pytest.fixture(scope="module")
+def rollouts() -> ImaginedRollouts:
+    """After its first cycle, in which users of the true game moved about at random."""
+    made = new_rollouts()
+    made.step()
+    return made
+
+
+def new_rollouts(*overrides: str, env: EnvConfig = ENV) -> ImaginedRollouts:
+    settings = TeacherConfig.model_validate(apply_overrides({}, [*SMALL, *overrides]))
+    simulation = TeacherSimulation(env, settings, seed=4)
+    policy = new_teacher(
+        simulation.observation_space, simulation.action_space, settings.policy, seed=1
+    )
+    return ImaginedRollouts(settings.imagined, policy, simulation, seed=4)
+
+
+def experience(rollouts: ImaginedRollouts) -> Experience:
+    return rollouts._seen[0]
+
+
+# --- the body ----------------------------------------------------------------------------------
+
+
+def test_the_chain_places_the_hand_as_mujoco_does(rollouts: ImaginedRollouts) -> None:
+    user = rollouts.simulation.simulation.body
+    data = mujoco.MjData(user.physics_model)
+    low, high = user.joint_ranges.T
+    angles = np.random.default_rng(1).uniform(low, high, (20, 7))
+    places = rollouts.body.places(torch.tensor(angles, dtype=torch.float32), torch.zeros(20, 0))
+    places = places[:, 0].numpy()
+    for each, place in zip(angles, places, strict=True):
+        data.qpos[:] = user.coupled_qpos(each)
+        mujoco.mj_kinematics(user.physics_model, data)
+        site = data.site(rollouts.simulation.game.devices[0])
+        np.testing.assert_allclose(place[:3, 3], site.xpos, atol=2e-6)
+        np.testing.assert_allclose(place[:3, :3].ravel(), site.xmat, atol=5e-6)
+
+
+def test_the_hammer_is_where_the_game_says(rollouts: ImaginedRollouts) -> None:
+    steps = experience(rollouts)
+    marker, axes = rollouts.game.hammer(
+        rollouts.body.places(steps.after.angles, steps.after.persons)
+    )
+    said = {name: steps.fields[:, i] for i, name in enumerate(FIELDS)}
+    where = torch.stack([said[f"hammer.{axis}_m"] for axis in "xyz"], 1)
+    face = torch.stack([said[f"hammer.face_{axis}"] for axis in "xyz"], 1)
+    # Dependent joints lag behind their couplings a little, which are soft.
+    assert (marker - where).norm(dim=1).median() < 5e-4
+    assert (-axes[:, 0] - face).norm(dim=1).median() < 5e-3
+    spin = torch.linalg.det(axes)
+    torch.testing.assert_close(spin, torch.ones_like(spin), atol=0.02, rtol=0.0)
+
+
+def test_a_body_learns_what_users_did() -> None:
+    """After ten seconds of 16 users the hand's place after a step is known to a third."""
+    made = new_rollouts("imagined.first_play_steps=200", "imagined.body_width=64")
+    made.step()
+    fit = fit_body(made.body, experience(made), minibatches=400, learning_rate=4e-3)
+    assert fit["moved_m"] > 0.03
+    assert fit["place_m"] < fit["moved_m"] / 3.0
+    assert fit["drives"] < 0.03
+    assert (made.body.error > 0.0).all()
+    made.simulation.close()
+
+
+# --- users in a game ---------------------------------------------------------------------------
+
+
+def test_the_twin_observes_what_the_true_game_says(rollouts: ImaginedRollouts) -> None:
+    """The same moment, in both: every number that a teacher observes."""
+    sim = rollouts.simulation
+    users, game = rollouts.imagine(16)
+    game.hammer.fixed = rollouts.game.hammer.fixed
+    sim.explore(5.0)
+    sim.reset(seeds=list(range(16)))
+    sim.explore(None)
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        result = sim.step(0.3 * rng.standard_normal((16, 32)))
+        ended = np.flatnonzero(result.terminated | result.truncated)
+        if len(ended):
+            sim.reset([int(i) for i in ended])
+    true_users = sim.simulation.users
+    motion = motion_of(true_users, rollouts.body.drives)
+    columns = [sim.senses.names.index(name) for name in FIELDS]
+    fields = torch.tensor(sim.senses.values()[:, columns], dtype=torch.float32)
+    everyone = torch.arange(16)
+    users.start(everyone, motion)
+    game.start(everyone, users.place, fields, torch.full((16,), -1))
+    life = np.stack([sim.senses.field(f"cell{c}.life_s") for c in range(9)], 1)
+    there = np.stack([sim.senses.field(f"cell{c}.present") for c in range(9)], 1)
+    ages = np.where(there > 0, np.round((1.098 - life) / 0.05), -1)
+    game._age = torch.tensor(ages, dtype=torch.long)
+    names = [*users.names, *game.names]
+    seen = torch.cat([users.observe(), game.observe(users.place)], 1)
+    imagined = seen[:, [names.index(name) for name in sim.senses.observed_names]].numpy()
+    true = sim.observation()[OBSERVATION]
+    assert there.sum() > 10
+    for i, name in enumerate(sim.senses.observed_names):
+        # Where couplings yield, the hammer is turned by some hundredths.
+        tolerance = 0.04 if name.startswith("hammer") else 0.01
+        np.testing.assert_allclose(imagined[:, i], true[:, i], atol=tolerance, err_msg=name)
+    overlap = np.stack([sim.senses.field(f"cell{c}.overlap") for c in range(9)], 1)
+    assert ((overlap == 0) | (there > 0)).all()
+
+
+def test_the_reward_s_gradient_is_that_of_finite_differences(rollouts: ImaginedRollouts) -> None:
+    steps = experience(rollouts).rows(torch.arange(0, 60, 10))
+    places = rollouts.body.places(steps.after.angles, steps.after.persons)
+
+    def total(actions: torch.Tensor) -> torch.Tensor:
+        users, game = rollouts.imagine(6)
+        game.hammer.fixed = rollouts.game.hammer.fixed
+        users.start(torch.arange(6), steps.after)
+        game.start(torch.arange(6), places, steps.fields, torch.tensor([4, 4, 1, 3, 5, 7]))
+        worth = torch.zeros(())
+        for change in actions:
+            users.step(change, error_share=0.0)
+            reward = game.play(users.places(1), SOFT)
+            worth = worth + (reward - sum(users.costs())).sum()
+        return worth
+
+    generator = torch.Generator().manual_seed(1)
+    actions = 0.05 * torch.randn(4, 6, 32, generator=generator)
+    actions.requires_grad_(True)
+    total(actions).backward()
+    direction = torch.randn(4, 6, 32, generator=generator)
+    with torch.no_grad():
+        h = 2e-3
+        slope = (total(actions + h * direction) - total(actions - h * direction)) / (2.0 * h)
+    assert actions.grad is not None
+    expected = float((actions.grad * direction).sum())
+    assert abs(expected) > 1e-3
+    assert float(slope) == pytest.approx(expected, rel=0.05)
+
+
+def test_the_hammer_is_seen_where_a_user_goes_on(rollouts: ImaginedRollouts) -> None:
+    users, game = rollouts.imagine(2)
+    game.hammer.fixed = rollouts.game.hammer.fixed
+    columns = [game.names.index(f"hammer.{axis}_m") for axis in "xyz"]
+    game.observe(users.place)
+    begin = experience(rollouts).rows(torch.tensor([3, 50]))
+    users.start(torch.arange(2), begin.after)
+    where = rollouts.body.places(begin.after.angles, begin.after.persons)
+    game.start(torch.arange(2), where, begin.fields, torch.full((2,), -1))
+    torch.testing.assert_close(
+        game.observe(users.place)[:, columns], game.hammer(where)[0], atol=1e-6, rtol=0.0
+    )
+
+
+def test_what_a_motion_costs_by_hand(rollouts: ImaginedRollouts) -> None:
+    users, _ = rollouts.imagine(2)
+    low, high = rollouts.simulation.simulation.body.joint_ranges.T
+    angles = torch.tensor(np.stack([(low + high) / 2.0] * 2), dtype=torch.float32)
+    angles[1, 0] = float(high[0] + 0.1 * (high[0] - low[0]))  # 0.2 of half its range beyond
+    speeds, act = torch.zeros(2, 7), torch.zeros(2, 32)
+    speeds[1, 3], act[1, 0] = -25.0, 0.8  # 10 rad/s beyond what is wild
+    users.start(torch.arange(2), Motion(angles, speeds, act, torch.zeros(2, 0)))
+    costs = torch.stack(users.costs())
+    assert costs[:, 0].tolist() == [0.0, 0.0, 0.0]
+    expected = [0.1 * 0.8**2 / 32, 0.5 * 0.2, 0.02 * 10.0]
+    torch.testing.assert_close(costs[:, 1], torch.tensor(expected), atol=1e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("colour", ["white", "red"])
+def test_imagined_motor_noise_is_as_large_as_the_users(colour: Any) -> None:
+    """Of 0.3: 0.103 of it for each muscle apart, 0.02 for all alike; red adds up."""
+    settings = MotorNoiseSettings(signal_dependent=colour, constant=colour)
+    settings = replace(settings, constant_level=0.02)  # so that nothing is cut off
+    n, steps = 4000, 2
+    imagined_noise, true = ImaginedNoise(settings, n, 3), MotorNoise(settings, n, 3)
+    control = torch.full((n, 3), 0.3, requires_grad=True)
+    torch.manual_seed(1)
+    for _ in range(steps):
+        noised = imagined_noise.apply(control)
+        noisy = true.apply(np.full((n, 3), 0.3), range(n))
+    often = steps if colour == "red" else 1
+    shared = often * 0.02**2
+    expected = np.full((3, 3), shared) + np.eye(3) * often * (0.103 * 0.3) ** 2
+    for got in (noised.detach().numpy(), noisy):
+        np.testing.assert_allclose(np.cov(got.T), expected, atol=0.08 * expected[0, 0])
+        np.testing.assert_allclose(got.mean(0), 0.3, atol=0.003)
+    (noised.sum() / n).backward()
+    assert control.grad is not None
+    assert float(control.grad.sum()) == pytest.approx(3.0, abs=0.01)  # more control is more
+    imagined_noise.forget(torch.arange(n))
+    assert not any(float(value.abs().max()) for value in imagined_noise.state().values())
+
+
+def test_users_with_motor_noise_are_imagined_with_it() -> None:
+    """Imagined users have the noise of the true ones, and the body model knows it is there."""
+    noise = NoiseConfig(signal_dependent="white", constant="red")
+    env = ENV.model_copy(update={"user": UserConfig(noise=noise)})
+    made = new_rollouts(env=env)
+    report = made.step()
+    quiet = new_rollouts()
+    assert report.place_error_m != quiet.step().place_error_m
+    controls, without = experience(made).control, experience(quiet).control
+    assert controls.shape == without.shape
+    assert not torch.equal(controls, without)
+    state = copy.deepcopy(made.state())
+    after = made.step()
+    again = new_rollouts(env=env)
+    again.load_state(state)
+    assert again.step() == after
+    assert float(made.users.state()["constant_red"].abs().max()) > 0.0
+    for each in (made, again, quiet):
+        each.simulation.close()
+
+
+# --- learning ----------------------------------------------------------------------------------
+
+
+def test_imagined_rollouts_move_the_actor_alone(rollouts: ImaginedRollouts) -> None:
+    before = {key: value.clone() for key, value in rollouts.policy.state_dict().items()}
+    rollouts.step()
+    after = rollouts.policy.state_dict()
+    moved = {key for key in before if not torch.equal(before[key], after[key])}
+    assert "action_net.weight" in moved
+    assert all("policy_net" in key or key.startswith("action_net") for key in moved)
+
+
+def test_the_cycle_that_played_best_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = new_rollouts("imagined.cycles=3", "imagined.keep_best=true")
+    play, rates = made._collector.play, iter([math.nan, 0.2, 0.6, 0.1])
+
+    def told(*args: Any, **kwargs: Any) -> Any:
+        steps, _ = play(*args, **kwargs)
+        return steps, (next(rates), math.nan)
+
+    monkeypatch.setattr(made._collector, "play", told)
+    after = []
+    for _ in range(3):
+        made.step()
+        after.append({k: v.clone() for k, v in made.policy.state_dict().items()})
+    # What plays in a cycle was learned in the one before it.
+    for name, value in after[1].items():
+        torch.testing.assert_close(after[2][name], value, rtol=0.0, atol=0.0)
+    assert any(not torch.equal(after[0][name], after[1][name]) for name in after[1])
+    assert made.state()["best"][0] == 0.6
+    made.simulation.close()
+
+
+def test_only_what_the_twin_knows_may_be_observed() -> None:
+    with pytest.raises(InputError, match=r"teacher.hidden_fields.*qacc.*imagined.cycles: 0"):
+        new_rollouts('hidden_fields=["aid.*"]')
+
+
+def test_a_twin_that_cannot_be_used_says_so() -> None:
+    with pytest.raises(InputError, match=r"teacher.imagined: .*action_frequency_hz: got 50"):
+        new_rollouts(env=ENV.model_copy(update={"action_frequency_hz": 50}))
+
+
+def test_a_condition_without_targets_has_no_rate() -> None:
+    report = CycleReport(7, 64, 2, (float("nan"), 0.25), (0.5, 0.5), 0.1, 0.0098)
+    assert describe(report, 40) == (
+        "Cycle 7/40: success rates 0.50, 0.50 in imagined rollouts (worst cell 0.10), -, 0.25 in "
+        "the app; body model error 9.8 mm in a step"
+    )

@@ -1,0 +1,303 @@
+"""The recipe ``skills`` on a running app, small."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.policies.hierarchical import motor_store as shipped
+from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_store import (
+    load_motor_layer,
+    motor_layer_for,
+    save_motor_layer,
+    shipped_layers,
+)
+from sim2vr_harness.policies.hierarchical.primitives import MOVES, Choice, Mover
+from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools
+from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
+from sim2vr_harness.runs.option_config import LookingConfig, MotorPracticeConfig
+from sim2vr_harness.training.motor_control.practice import MotorPractice
+from sim2vr_harness.training.option_q_learning.q_learning import Looker
+from sim2vr_harness.users import UserBatch, list_bodies, load_body
+
+pytest.importorskip("sim2vr_harness._app_runtime")
+
+STEP_S = 0.05
+
+
+@pytest.fixture(scope="module")
+def layer() -> MotorLayer:
+    return motor_layer_for(load_body("mobl_arms_wrist"), STEP_S)
+
+
+@pytest.mark.parametrize("body", list_bodies())
+def test_a_shipped_layer_brings_hands_to_places_and_stops_there(body: str) -> None:
+    """Places before the shoulders, m; one arm reached 0.01 when it was made, two 0.02 to 0.05."""
+    if body == "myoarm_r":
+        pytest.importorskip("myo_sim", reason="needs myo-sim: pip install 'sim2vr-harness[myo]'")
+    layer = motor_layer_for(load_body(body), STEP_S)
+    hands = len(layer.hands)
+    right = torch.tensor([[0.44, -0.2, 1.1], [0.44, -0.4, 1.0], [0.3, -0.2, 0.9]])
+    places = torch.stack([right, right * torch.tensor([1.0, -1.0, 1.0])], 1)[:, :hands]
+    bodies = UserBatch(layer.body, 3, threads=1, effort="zero")
+    bodies.reset(range(3), [np.random.default_rng(i) for i in range(3)])
+    choice = Choice(3, hands)
+    choice.move[:] = MOVES.index("touch")
+    choice.place = places
+    mover = Mover(layer, torch.zeros(hands, 2, 3), reachable_poses(layer, 1))
+    for _ in range(40):
+        angles, speeds, _ = layer.motion(bodies)
+        head = torch.from_numpy(bodies.device_poses("headset")[0]).float()
+        goals = mover.goals(choice, head, *layer.places(angles, speeds))
+        bodies.step(layer.act(bodies, goals))
+    angles, speeds, _ = layer.motion(bodies)
+    found = layer.places(angles, speeds)[0][..., :3, 3]
+    for number, hand in enumerate(layer.hands):
+        true = torch.from_numpy(bodies.device_poses(hand)[0]).float()
+        assert torch.allclose(found[:, number], true, atol=1e-3)  # the chain is the body's
+    away = places - head[:, None]
+    away = away / away.norm(dim=-1, keepdim=True)
+    off = (found - (places + 0.015 * away)).norm(dim=-1)  # a touch goes 15 mm deeper
+    assert float(off.max()) < (0.04 if hands == 1 else 0.06), off
+
+
+def test_a_push_goes_through_its_place_away_from_the_head(layer: MotorLayer) -> None:
+    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    choice = Choice(1, 1)
+    choice.move[:] = MOVES.index("push")
+    choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
+    place = torch.eye(4)[None, None].clone()
+    place[0, 0, :3, 3] = torch.tensor([0.08, 0.0, 1.2])  # farther than a run-up
+    head = torch.tensor([[0.0, 0.0, 1.2]])
+    goals = mover.goals(choice, head, place, place)
+    assert goals.velocity[0, 0].tolist() == pytest.approx([2.5, 0.0, 0.0])
+    assert goals.left_s[0, 0].item() == pytest.approx(0.42 / 1.2)
+    choice.move[:] = MOVES.index("up right")
+    choice.place[0, 0] = torch.tensor([0.2, -0.3, 1.5])  # 0.42 m to go, up to the right
+    swung = mover.goals(choice, head, place, place).velocity[0, 0]
+    half = 2.0 * 0.5**0.5
+    assert swung.tolist() == pytest.approx([0.0, -half, half])  # y is to the left
+
+
+def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorLayer) -> None:
+    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    choice = Choice(1, 1)
+    choice.move[:] = MOVES.index("push")
+    choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
+    head, near = torch.tensor([[0.0, 0.0, 1.2]]), torch.eye(4)[None, None].clone()
+    near[0, 0, :3, 3] = torch.tensor([0.45, 0.0, 1.2])
+    still = mover.goals(choice, head, near, near)
+    assert still.place[0, 0].tolist() == pytest.approx([0.5 - 1.25 * 0.4, 0.0, 1.2])
+    assert not still.velocity.any()
+    soon = near.clone()
+    soon[0, 0, 0, 3] += 2.0 * MOMENT_S  # 2 m/s towards it
+    fast = mover.goals(choice, head, near, soon)
+    assert fast.place[0, 0].tolist() == pytest.approx([0.5, 0.0, 1.2])
+    assert fast.velocity[0, 0, 0].item() == pytest.approx(2.5)
+
+
+def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorLayer) -> None:
+    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    near, touches = torch.tensor([[0.4, -0.25, 1.1]]), torch.zeros(1, dtype=torch.bool)
+    assert torch.equal(mover.within_reach(0, near, touches), near)
+    far = mover.within_reach(0, torch.tensor([[3.0, -0.25, 1.1]]), touches)[0]
+    assert far[0] < 1.0
+    assert far[1:].tolist() == pytest.approx([-0.25, 1.1], abs=0.12)
+
+
+def test_a_blade_swings_with_its_middle_and_touches_with_its_tip(layer: MotorLayer) -> None:
+    """Visible from 0.1 to 1 m before the hand, three quarters' middle is at 0.625 m."""
+    blade = Tool(np.outer(np.linspace(0.1, 1.0, 901), [1.0, 0.0, 0.0]))
+    assert blade.middle == pytest.approx([0.625, 0.0, 0.0], abs=1e-3)
+    assert blade.tip == pytest.approx([0.978, 0.0, 0.0], abs=1e-3)
+    tool = torch.tensor(np.array([[blade.tip, blade.middle]]), dtype=torch.float32)
+    mover = Mover(layer, tool, reachable_poses(layer, 1))
+    choice, place = Choice(2, 1), torch.eye(4).repeat(2, 1, 1, 1)
+    choice.move[:, 0] = torch.tensor([MOVES.index("touch"), MOVES.index("up")])
+    goals = mover.goals(choice, torch.zeros(2, 3), place, place)
+    assert goals.tip[:, 0, 0].tolist() == pytest.approx([0.978, 0.625], abs=1e-3)
+    # Farther than the middle gets, within the tip's reach: who swings waits nearer.
+    swings = torch.tensor([False, True])
+    there = torch.tensor([[1.0, 0.0, 0.0]]).expand(2, 3) * 1.55 + torch.tensor([0.0, -0.2, 1.1])
+    touched, swung = mover.within_reach(0, there, swings)
+    assert touched[0] > swung[0] + 0.1
+
+
+def env(game: str) -> EnvConfig:
+    channels = ("red", "green", "blue", "depth")
+    return EnvConfig(app=AppConfig(game=game), vision=VisionConfig(channels=channels), cores=1)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_the_hammer_is_found_in_the_hand(layer: MotorLayer, seed: int) -> None:
+    """A tenth of the pictures show it. Places: shared facts, whacamole.md, 5."""
+    simulation = Simulation(env("whacamole"), 32)
+    (tool,) = find_tools(simulation, layer, reachable_poses(layer, 1), seed=seed)
+    simulation.close()
+    head, face = np.array([0.054, -0.009, 0.039]), np.array([0.083, -0.010, 0.002])
+    assert np.linalg.norm(tool.tip - 0.5 * (head + face)) < 0.04
+    assert len(tool.points) > 10
+
+
+def test_an_empty_hand_holds_nothing(layer: MotorLayer) -> None:
+    simulation = Simulation(env("sample"), 32)
+    (tool,) = find_tools(simulation, layer, reachable_poses(layer, 1), seed=1)
+    simulation.close()
+    assert not tool.tip.any()
+
+
+SMALL = LookingConfig(
+    users=3, user_steps=240, try_steps=90, explore_steps=100, batch_size=8, decide_steps=3
+)
+
+
+def looker(layer: MotorLayer, folder: Path, cores: int = 1) -> Looker:
+    folder.mkdir(exist_ok=True)
+    config = env("sample").model_copy(update={"cores": cores})
+    simulation = Simulation(config, SMALL.users)
+    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    return Looker(SMALL, simulation, mover, folder / "pictures.bin", seed=2)
+
+
+def test_looking_goes_on_from_a_state_to_the_bit(layer: MotorLayer, tmp_path: Path) -> None:
+    whole = looker(layer, tmp_path / "whole")
+    while not whole.finished:
+        last = whole.step()
+    parts = looker(layer, tmp_path / "parts")
+    for _ in range(15):
+        parts.step()
+    state = parts.state()
+    parts.step()  # lost
+    again = looker(layer, tmp_path / "parts")
+    again.load_state(state)
+    while not again.finished:
+        report = again.step()
+    assert report == last
+    for name, values in whole.net.state_dict().items():
+        assert torch.equal(values, again.net.state_dict()[name]), name
+    assert whole.explore == pytest.approx(SMALL.explore_last, abs=0.1) or whole.explore < 0.9
+    for one in (whole, parts, again):
+        one.simulation.close()
+
+
+def test_timing_an_update_changes_nothing(layer: MotorLayer, tmp_path: Path) -> None:
+    timed, other = looker(layer, tmp_path / "timed"), looker(layer, tmp_path / "other")
+    while not timed.finished:
+        other.step()
+        report = timed.step()
+        if timed.config.ahead < report.step // (SMALL.users * SMALL.decide_steps):
+            assert timed.update_seconds() > 0.0
+    for name, values in timed.net.state_dict().items():
+        assert torch.equal(values, other.net.state_dict()[name]), name
+    for one in (timed, other):
+        one.simulation.close()
+
+
+def test_learning_beside_playing_is_learning_before_it(layer: MotorLayer, tmp_path: Path) -> None:
+    alone, beside = (looker(layer, tmp_path / f"{cores}", cores) for cores in (1, 2))
+    while not alone.finished:
+        one, other = asdict(alone.step()), asdict(beside.step())
+        np.testing.assert_equal(one, other)  # losses are not numbers at first
+    for name, values in alone.net.state_dict().items():
+        assert torch.equal(values, beside.net.state_dict()[name]), name
+    for one in (alone, beside):
+        one.simulation.close()
+
+
+def test_tries_and_steps_grow_smaller_in_the_end(layer: MotorLayer, tmp_path: Path) -> None:
+    """Half-way through the last half: tries fall to 1 - .75 / 2 of .08, and rates alike."""
+    one = looker(layer, tmp_path / "settling")
+    one.step_count = 120
+    assert one.explore == pytest.approx(0.9 - 0.3 * 0.82)
+    one.step_count = 180
+    assert one.explore == pytest.approx((0.9 - 0.9 * 0.82) * 0.625)
+    one.step_count = 240
+    assert one.explore == pytest.approx(0.08 * 0.25)
+    one.simulation.close()
+
+
+TINY = MotorPracticeConfig(
+    cycles=2,
+    bodies=4,
+    first_play_steps=12,
+    play_steps=6,
+    first_fit_minibatches=20,
+    fit_minibatches=20,
+    body_width=16,
+    width=16,
+    users=8,
+    updates=3,
+    window_steps=4,
+)
+
+
+def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
+    body = load_body("mobl_arms_wrist")
+    whole = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)
+    reports = [whole.step(), whole.step()]
+    assert reports[0].in_words(2).startswith("Cycle 1/2: moved at random, ")
+    assert reports[1].in_words(2).startswith("Cycle 2/2: arrives ")
+    parts = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)
+    assert parts.step() == reports[0]
+    again = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)
+    again.load_state(parts.state())
+    assert again.step() == reports[1]
+    for name, values in whole.layer.weights().items():
+        assert torch.equal(values, again.layer.weights()[name]), name
+    save_motor_layer(tmp_path / "layer.pt", whole.layer, body=body.name)
+    read = load_motor_layer(tmp_path / "layer.pt", body, STEP_S)
+    for name, values in whole.layer.weights().items():
+        assert torch.equal(values, read.weights()[name]), name
+    with pytest.raises(InputError, match="user steps differ"):
+        load_motor_layer(tmp_path / "layer.pt", body, 0.1)
+    other = load_body("mobl_arms_bimanual_motor")
+    with pytest.raises(InputError, match="joints differ"):
+        load_motor_layer(tmp_path / "layer.pt", other, STEP_S)
+
+
+def test_practice_goes_on_from_a_layer() -> None:
+    body = load_body("mobl_arms_wrist")
+    first = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)
+    first.step()
+    known = {name: values.clone() for name, values in first.layer.weights().items()}
+    config = TINY.model_copy(update={"updates": 12})  # layers stay as they are for 20
+    more = MotorPractice(config, body, STEP_S, threads=1, seed=4, begin=first.layer)
+    for name, values in more.layer.weights().items():
+        assert torch.equal(values, known[name]), name
+    more.step()
+    more.step()
+    # What it learned is in units of what was met in its own first cycle.
+    assert torch.equal(more.layer.mean, known["mean"])
+    assert torch.equal(more.layer.std, known["std"])
+    assert torch.equal(first.layer.net[0].weight, known["net.0.weight"])
+    assert not torch.equal(more.layer.net[0].weight, known["net.0.weight"])
+
+
+def test_a_body_without_a_layer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(InputError, match=r"none for the body 'mobl_arms_wrist' in steps of 0\.1 s"):
+        motor_layer_for(load_body("mobl_arms_wrist"), 0.1)
+    others = [file for file in shipped_layers() if "motor" in file.stem]
+    monkeypatch.setattr(shipped, "shipped_layers", lambda: others)
+    expected = r"none for the body 'mobl_arms_wrist' .* \(mobl_arms_bimanual_motor\)"
+    with pytest.raises(InputError, match=expected):
+        motor_layer_for(load_body("mobl_arms_wrist"), STEP_S)
+
+
+def test_every_body_of_the_package_has_a_layer() -> None:
+    layers = {file.stem.removesuffix("_following") for file in shipped_layers()}
+    assert layers == set(list_bodies())
+
+
+def test_a_body_may_have_a_layer_of_its_own_for_following(layer: MotorLayer) -> None:
+    follower = motor_layer_for(layer.body, STEP_S, following=True)
+    assert not torch.equal(follower.net[0].weight, layer.net[0].weight)
+    assert follower.header() == layer.header()

@@ -1,0 +1,310 @@
+"""What is quick must compute what Stable-Baselines3 and plain torch compute."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from fake_simulation import FakeSimulation
+from stable_baselines3.common.buffers import DictRolloutBuffer
+from stable_baselines3.common.logger import Logger
+from test_policy import batch, make, reference_forward
+from test_trainer import assert_same_learner, rows_without_times, run, tiny
+from torch import Tensor, nn
+
+from sim2vr_harness.base.torch_threads import torch_threads
+from sim2vr_harness.policies.sharding import in_shards
+from sim2vr_harness.policies.visual_actor_critic import UserPolicy
+from sim2vr_harness.training.ppo.ppo import ppo
+from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
+
+
+class PlainEncoder(nn.Module):
+    """The vision encoder as the reference writes it; the weights are another's."""
+
+    def __init__(self, encoder: Any) -> None:
+        super().__init__()
+        self.convolutions = encoder.convolutions.to(memory_format=torch.contiguous_format)
+        self.linear = encoder.linear
+
+    def forward(self, image: Tensor) -> Tensor:
+        scaled = (image.to(self.linear[0].weight.dtype) / 255.0 - 0.5) * 2.0
+        return self.linear(self.convolutions(scaled).flatten(1))
+
+
+class Whole(UserPolicy):
+    """Takes batches as a whole."""
+
+    in_shards = False
+
+
+def make_plain(policy: UserPolicy) -> UserPolicy:
+    """Take all that is ours out of a policy: layout, folding, shards, fused Adam."""
+    encoders: Any = policy.features_extractor.encoders
+    encoders["vision"] = PlainEncoder(encoders["vision"])
+    policy.__class__ = Whole
+    settings = policy.optimizer.defaults | {"fused": None}
+    policy.optimizer = torch.optim.Adam(policy.parameters(), settings["lr"], eps=settings["eps"])
+    return policy
+
+
+def spread(policy: UserPolicy) -> UserPolicy:
+    """Make the actions depend on the image: initially they are all but zero."""
+    with torch.no_grad():
+        policy.action_net.weight.mul_(50.0)
+    return policy
+
+
+def ppo_loss(mean: Tensor, values: Tensor, log_std: Tensor) -> Tensor:
+    """PPO's loss of a minibatch with some actions and advantages, every third sample clipped."""
+    generator = torch.Generator().manual_seed(7)
+    actions = torch.randn(mean.shape, generator=generator).to(mean.dtype)
+    advantages = torch.randn(len(mean), generator=generator).to(mean.dtype)
+    normal = torch.distributions.Normal(mean, log_std.exp())
+    log_prob = normal.log_prob(actions).sum(1)
+    ratio = torch.exp(log_prob - log_prob.detach() + 0.3 * advantages)
+    policy_loss = -torch.min(advantages * ratio, advantages * ratio.clamp(0.8, 1.2)).mean()
+    value_loss = (values.flatten() - advantages).square().mean()
+    return policy_loss + 0.5 * value_loss - 0.01 * normal.entropy().sum(1).mean()
+
+
+def minibatch(policy: UserPolicy, size: int) -> dict[str, Tensor]:
+    """The policy's outputs, PPO's loss and its gradients, by name."""
+    mean, values = policy._mean_and_value(batch(size))
+    loss = ppo_loss(mean, values, policy.log_std)
+    policy.zero_grad()
+    loss.backward()
+    found = {"mean": mean, "values": values, "loss": loss}
+    return {key: value.detach() for key, value in found.items()} | gradients(policy)
+
+
+def gradients(policy: UserPolicy) -> dict[str, Tensor]:
+    return {f"gradient of {name}": p.grad for name, p in policy.named_parameters()}
+
+
+def exact_minibatch(policy: UserPolicy, size: int) -> dict[str, Tensor]:
+    """The same in float64, by the network that the test of the forward pass writes by hand."""
+    weights = {name: p.detach().double().requires_grad_() for name, p in policy.named_parameters()}
+    mean, values = reference_forward(weights, batch(size))
+    loss = ppo_loss(mean, values, weights["log_std"])
+    loss.backward()
+    found = {"mean": mean.detach(), "values": values.detach(), "loss": loss.detach()}
+    return found | {f"gradient of {name}": value.grad for name, value in weights.items()}
+
+
+def errors(found: dict[str, Tensor], exact: dict[str, Tensor]) -> dict[str, float]:
+    """Largest error of each, relative to the largest value."""
+    assert found.keys() == exact.keys()
+    return {
+        name: float((found[name].double() - exact[name]).abs().max() / exact[name].abs().max())
+        for name in found
+    }
+
+
+@pytest.mark.parametrize("workers", [1, 3])
+def test_losses_and_gradients_are_as_exact_as_plain_torch(workers: int) -> None:
+    policy = spread(make())
+    policy.workers = workers
+    size = 200  # in three shards of 67, 67 and 66
+    exact = exact_minibatch(policy, size)
+    for found in (minibatch(policy, size), minibatch(make_plain(policy), size)):
+        for name, error in errors(found, exact).items():
+            # Of the million numbers before a LeakyReLU a few change their sign with the rounding,
+            # and with it their derivative, 1 or 0.01, in either way of computing.
+            kinks = "convolutions" in name
+            assert error < (1e-2 if kinks else 3e-6), (name, error)
+            cosine = nn.functional.cosine_similarity(
+                found[name].flatten().double(), exact[name].flatten(), 0
+            )
+            assert cosine > (1 - 1e-5 if kinks else 1 - 1e-10), name
+
+
+def test_bfloat16_stays_near() -> None:
+    policy = spread(make(vision_precision="bfloat16"))
+    policy.workers = 3
+    assert all(p.dtype == torch.float32 for p in policy.parameters())
+    exact = exact_minibatch(policy, 200)
+    found = minibatch(policy, 200)
+    wrong = errors(found, exact)
+    # 8 significant bits: up to 0.4 % per number, less where 256 features are summed.
+    assert wrong["loss"] < 0.005
+    assert wrong["mean"] < 0.01
+    assert wrong["values"] < 0.02
+    for name, gradient in gradients(policy).items():
+        ours, true = gradient.flatten().double(), exact[name].flatten()
+        assert nn.functional.cosine_similarity(ours, true, 0) > 0.98, name
+        assert 0.9 < ours.norm() / true.norm() < 1.1, name
+
+
+def test_bytes_are_exact_in_bfloat16() -> None:
+    levels = torch.arange(256, dtype=torch.uint8)
+    centred = levels.to(torch.bfloat16).sub_(127.5)
+    assert torch.equal(centred.double(), torch.arange(256).double() - 127.5)
+
+
+@pytest.mark.parametrize("size", [4, 100])  # features or weights are brought into order
+def test_the_layout_of_the_image_does_not_matter(size: int) -> None:
+    policy, observation = make(), batch(size)
+    policy.workers = 2
+    turned = dict(observation)
+    turned["vision"] = observation["vision"].contiguous(memory_format=torch.channels_last)
+    with torch.no_grad():
+        expected, found = policy.predict_values(observation), policy.predict_values(turned)
+        assert torch.equal(expected, found)
+        rows = policy.predict_values({key: value[:4] for key, value in turned.items()})
+        np.testing.assert_allclose(rows, expected[:4], atol=1e-5)
+
+
+# --- shards --------------------------------------------------------------------------------------
+
+
+def test_shards_see_every_row_once_and_in_order() -> None:
+    rows = torch.arange(500.0)
+    weight = torch.tensor(2.0, requires_grad=True)
+    seen: list[int] = []
+
+    def network(shard: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
+        seen.append(len(shard["x"]))
+        return shard["x"] * weight, shard["x"] + weight
+
+    product, total = in_shards(network, (weight,), {"x": rows}, workers=2)
+    assert sorted(seen) == [125, 125, 125, 125]
+    assert torch.equal(product, 2 * rows)
+    assert torch.equal(total, rows + 2)
+    (product.sum() + 3 * total.sum()).backward()
+    assert weight.grad is not None
+    assert weight.grad.item() == 499 * 500 / 2 + 3 * 500
+    with torch.no_grad():
+        seen.clear()
+        product, _ = in_shards(network, (weight,), {"x": rows}, workers=2)
+        assert not product.requires_grad
+        assert torch.equal(product, 2 * rows)
+        assert sorted(seen) == [20] + 15 * [32]
+
+
+def test_an_error_in_a_shard_is_raised() -> None:
+    def network(shard: dict[str, Tensor]) -> tuple[Tensor]:
+        raise ValueError(f"bad row in {len(shard['x'])}")
+
+    with pytest.raises(ValueError, match="bad row in 32"):
+        in_shards(network, (), {"x": torch.zeros(100)}, workers=2)
+
+
+def test_the_number_of_threads_does_not_change_a_bit() -> None:
+    found = []
+    for threads in (1, 2, 3):
+        with torch_threads(threads):
+            policy = spread(make())
+            assert policy.workers == threads
+            with torch_threads(1):  # as in PPO.train
+                found.append(minibatch(policy, 300))
+            with torch.no_grad():
+                found[-1]["acting"] = policy.action_mean(batch(70))
+                found[-1]["alone"] = policy.action_mean(batch(1))
+    for other in found[1:]:
+        assert all(torch.equal(value, other[name]) for name, value in found[0].items())
+
+
+def test_frozen_encoders_get_no_gradient() -> None:
+    policy = make()
+    policy.workers = 2
+    policy.features_extractor.requires_grad_(False)
+    values, _, _ = policy.evaluate_actions(batch(100), torch.zeros((100, 32)))
+    values.sum().backward()
+    assert policy.value_net.weight.grad is not None
+    assert all(p.grad is None for p in policy.features_extractor.parameters())
+
+
+# --- whole trainings -----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def two_threads() -> Iterator[None]:
+    with torch_threads(2):
+        yield
+
+
+BIG = {"n_envs": 40, "n_steps": 10, "batch_size": 200, "n_epochs": 3,
+       "learning_rate": {"initial": 1e-3, "final": 1e-5}}  # fmt: skip
+"""Two shards in every step and in every minibatch."""
+
+
+def learn(plain: bool, monkeypatch: pytest.MonkeyPatch, iterations: int) -> dict[str, Tensor]:
+    config = tiny(ppo=BIG)
+    env = SimulationVecEnv(FakeSimulation(config.env, 40))
+    with monkeypatch.context() as patch:
+        if plain:
+            patch.setattr(ppo, "FrameRolloutBuffer", DictRolloutBuffer)
+        model = ppo.build(config, env)
+    policy = model.policy
+    assert isinstance(policy, UserPolicy)
+    assert policy.in_shards
+    if plain:
+        make_plain(policy)
+        assert not policy.in_shards
+        assert type(model.rollout_buffer) is DictRolloutBuffer
+    model.set_logger(Logger(folder=None, output_formats=[]))
+    model.learn(iterations * 400)
+    return {key: value.clone() for key, value in model.policy.state_dict().items()}
+
+
+def test_a_training_ends_where_plain_stable_baselines3_does(
+    two_threads: None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = learn(False, monkeypatch, 0)
+    ours, plain = learn(False, monkeypatch, 3), learn(True, monkeypatch, 3)
+    assert ours.keys() == plain.keys()
+    moved = max(float((ours[key] - start[key]).abs().max()) for key in ours)
+    assert moved > 2e-3, "18 steps of Adam at up to 1e-3"
+    for key in ours:
+        np.testing.assert_allclose(ours[key], plain[key], atol=1e-5, err_msg=key)
+
+
+def test_a_training_has_the_same_bits_for_any_number_of_threads(tmp_path: Path) -> None:
+    config = tiny(ppo=BIG)
+    results = []
+    for threads in (1, 2, 3):
+        with torch_threads(threads):
+            results.append(run(tmp_path / str(threads), 2 * 400, config))
+    for other in results[1:]:
+        assert_same_learner(results[0].checkpoint, other.checkpoint)
+        rows = rows_without_times(other.folder.path)
+        assert rows_without_times(results[0].folder.path) == rows
+
+
+def test_a_critic_learns_at_a_rate_of_its_own() -> None:
+    rates = {"learning_rate": {"initial": 1e-3, "final": 1e-3}, "critic_learning_rate_factor": 5.0}
+    config = tiny(ppo=BIG | rates)
+    model = ppo.build(config, SimulationVecEnv(FakeSimulation(config.env, 40)))
+    model.set_logger(Logger(folder=None, output_formats=[]))
+    before = {key: value.clone() for key, value in model.policy.state_dict().items()}
+    model.learn(400)
+    moved = {
+        key: float((value - before[key]).abs().max())
+        for key, value in model.policy.state_dict().items()
+    }
+    # Adam's first steps are near the rate itself; there are 2 minibatches in 3 epochs.
+    critic = {key for key in moved if "critic" in key or key.startswith("value_net")}
+    assert 3e-3 < max(moved[key] for key in moved.keys() - critic) < 6.5e-3
+    assert 15e-3 < max(moved[key] for key in critic) < 32e-3
+
+
+@pytest.mark.parametrize("precision", ["float32", "bfloat16"])
+@pytest.mark.parametrize("factor", [1.0, 5.0])
+def test_resuming_is_exact_in_shards(
+    tmp_path: Path, two_threads: None, precision: str, factor: float
+) -> None:
+    policy = {"net_arch": [16], "vision_features": 8, "proprioception_features": 8}
+    config = tiny(
+        ppo=BIG | {"critic_learning_rate_factor": factor},
+        policy=policy | {"vision_precision": precision},
+    )
+    whole = run(tmp_path / "whole", 3 * 400, config)
+    run(tmp_path / "parts", 400, config)
+    parts = run(tmp_path / "parts", 3 * 400, config, resume=True)
+    assert_same_learner(whole.checkpoint, parts.checkpoint)
+    assert rows_without_times(tmp_path / "whole") == rows_without_times(tmp_path / "parts")

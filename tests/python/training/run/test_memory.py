@@ -1,0 +1,11 @@
+from __future__ import annotations
+
+import platform
+
+from sim2vr_harness.training.run.memory import keep_freed_memory
+
+
+def test_only_glibc_is_asked(monkeypatch) -> None:
+    assert keep_freed_memory() is (platform.libc_ver()[0] == "glibc")
+    monkeypatch.setattr(platform, "libc_ver", lambda: ("", ""))
+    assert keep_freed_memory() is False

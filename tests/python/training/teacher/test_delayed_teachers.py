@@ -1,0 +1,363 @@
+"""Teachers of users whose senses are late and whose bodies differ: true and imagined."""
+
+from __future__ import annotations
+
+import copy
+from contextlib import closing
+from dataclasses import replace
+
+import mujoco
+import numpy as np
+import pytest
+import torch
+
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
+from sim2vr_harness.envs.privileged import OBSERVATION, Lag, PrivilegedSenses
+from sim2vr_harness.envs.simulation import Simulation
+from sim2vr_harness.policies.state_actor_critic import new_teacher
+from sim2vr_harness.runs.config import apply_overrides
+from sim2vr_harness.runs.teacher_config import TeacherConfig
+from sim2vr_harness.training.imagined import ImaginedRollouts
+from sim2vr_harness.training.teacher.env import TeacherSimulation
+from sim2vr_harness.users.kinematics.forward_torch import Chains
+from sim2vr_harness.world_models.person_features import ImaginedPersons
+
+pytest.importorskip("sim2vr_harness._app_runtime")
+
+SENSES = (
+    {"sense": "vision", "delay_ms": 200},
+    {"sense": "proprioception", "delay_ms": 150},
+    {"sense": "actions", "stack_s": 0.1},
+)
+WHO_REMEMBERS = (
+    {"sense": "vision", "delay_ms": 200},
+    {"sense": "proprioception", "delay_ms": 100},
+    {"sense": "actions", "stack_s": 0.1},
+)
+SMALL = (
+    *("ppo.n_envs=6", "ppo.n_steps=10", "ppo.batch_size=20", "policy.net_arch=[16]"),
+    *("curriculum.near_starts=0", "evaluate_rounds=0", "total_timesteps=60"),
+    *("imagined.cycles=2", "imagined.first_play_steps=30", "imagined.play_steps=10"),
+    *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),
+    *("imagined.users=8", "imagined.updates=2", "imagined.critic_first_updates=0"),
+    *("imagined.body_width=16", "imagined.critic_width=16", "imagined.near_starts=0"),
+)
+
+
+def env(**user: object) -> EnvConfig:
+    return EnvConfig.model_validate(
+        {
+            "app": AppConfig(options={"condition": "random"}),
+            "cores": 1,
+            "frames_per_step": 5,
+            "senses": SENSES,
+            "user": user,
+        }
+    )
+
+
+def teachers(n: int = 3, *overrides: str, **user: object) -> TeacherSimulation:
+    settings = TeacherConfig.model_validate(apply_overrides({}, [*SMALL, *overrides]))
+    return TeacherSimulation(env(**user), settings, 3, n=n)
+
+
+def rollouts(*overrides: str, **user: object) -> ImaginedRollouts:
+    simulation = teachers(6, *overrides, **user)
+    policy = new_teacher(
+        simulation.observation_space, simulation.action_space, simulation.teacher.policy, seed=1
+    )
+    return ImaginedRollouts(simulation.teacher.imagined, policy, simulation, seed=4)
+
+
+@pytest.mark.parametrize(
+    ("senses", "lag"),
+    [
+        ((), Lag(0, 0, 0)),
+        (SENSES, Lag(4, 3, 2)),
+        (WHO_REMEMBERS, Lag(4, 0, 0)),
+        (({"sense": "vision", "delay_ms": 110}, {"sense": "actions"}), Lag(3, 0, 0)),
+        (({"sense": "proprioception", "delay_ms": 100},), Lag(0, 2, 0)),
+        (({"sense": "vision", "delay_ms": "person"},), Lag(2, 0, 0)),
+    ],
+)
+def test_how_late_a_teacher_knows(senses: tuple, lag: Lag) -> None:
+    given = {"senses": senses} if senses else {}
+    assert Lag.of(EnvConfig.model_validate({**given, "user": {"people": {}}})) == lag
+
+
+def test_a_teacher_knows_the_past_and_what_it_has_done_since() -> None:
+    with closing(teachers()) as sim:
+        names = sim.senses.observed_names
+        assert sim.observation_space[OBSERVATION].shape == (len(names),)
+        seen, felt = names.index("hammer.x_m"), names.index("felt hammer.x_m")
+        angle = names.index("elbow_flexion qpos")
+        done = names.index(f"{sim.simulation.actions.names[0]}, 1 back")
+        sim.reset(seeds=[1, 2, 3])
+        joint = sim.simulation.proprioception.names.index("elbow_flexion qpos")
+
+        def present() -> tuple[np.ndarray, np.ndarray]:
+            body = sim.simulation.proprioception.observe(sim.simulation.users)
+            return sim.senses.field("hammer.x_m"), body[:, joint]
+
+        rng, history, actions = np.random.default_rng(1), [present()], [np.zeros((3, 32))]
+        for step in range(1, 6):
+            actions.append(rng.uniform(-1.0, 1.0, (3, 32)))
+            sim.step(actions[-1])
+            history.append(present())
+            known = sim.observation()[OBSERVATION]
+            np.testing.assert_array_equal(known[:, seen], history[max(0, step - 4)][0])
+            np.testing.assert_array_equal(sim.senses.seen("hammer.x_m"), known[:, seen])
+            np.testing.assert_array_equal(known[:, felt], history[max(0, step - 3)][0])
+            np.testing.assert_array_equal(known[:, angle], history[max(0, step - 3)][1])
+            np.testing.assert_allclose(known[:, done], actions[-1][:, 0], atol=1e-7)
+            np.testing.assert_allclose(known[:, done + 32], actions[-2][:, 0], atol=1e-7)
+        state, known = sim.save_state(), sim.observation()[OBSERVATION]
+        sim.reset([0, 1])
+        fresh = sim.observation()[OBSERVATION]
+        assert not fresh[:2, done:].any()
+        assert fresh[2, done:].any()
+        sim.load_state(state)
+        np.testing.assert_array_equal(sim.observation()[OBSERVATION], known)
+
+
+@pytest.mark.parametrize(
+    ("vision", "recognition_steps"), [(130, 0), (110, 0), (200, 0), (130, 2), ("person", 0)]
+)
+def test_who_labels_a_picture_knows_what_it_shows(vision: object, recognition_steps: int) -> None:
+    """Pictures are drawn in frames of 0.01 s, users act every 0.05 s: time tells how old one is."""
+    users = {"people": {"visual_delay_s": 0.18}} if vision == "person" else {}
+    settings = EnvConfig.model_validate(
+        env(**users).model_dump()
+        | {"senses": [{"sense": "vision", "delay_ms": vision}, {"sense": "proprioception"}]}
+    )
+    with closing(Simulation(settings, 4)) as sim:
+        senses = PrivilegedSenses(sim, [], lag=Lag.of(settings, recognition_steps))
+        told = senses.observed_names.index("round.elapsed_s")
+        sim.reset(seeds=[1, 2, 3, 4])
+        for _ in range(20):
+            sim.step(np.zeros((4, 32)))
+        age_s = senses.field("round.elapsed_s") - senses.seen("round.elapsed_s")
+        np.testing.assert_array_equal(senses.observe()[:, told], senses.seen("round.elapsed_s"))
+        if vision == "person":
+            delays = np.array([person.visual_delay_s for person in sim.users.persons])
+            expected = np.ceil(delays / 0.01 - 1e-6) * 0.01
+            assert len(np.unique(expected)) > 1
+        else:
+            expected = np.full(4, vision / 1000.0)
+        np.testing.assert_allclose(age_s, expected + 0.05 * recognition_steps, atol=1e-5)
+        # A saved user goes on with what it knew.
+        state = sim.save_state()
+        sim.step(np.zeros((4, 32)))
+        after = senses.observe()
+        sim.load_state(state)
+        sim.step(np.zeros((4, 32)))
+        np.testing.assert_array_equal(senses.observe(), after)
+
+
+def test_teachers_recognise_so_many_steps_after_a_picture_shows_it() -> None:
+    with closing(teachers(3, "recognition_steps=2")) as sim:
+        assert sim.senses.layout.lag == Lag(6, 3, 2, 2)
+    with pytest.raises(ValueError, match="recognition_steps: got 1 with knows_present, expected 0"):
+        TeacherConfig(knows_present=True, recognition_steps=1)
+
+
+def test_a_teacher_may_know_the_present_of_users_who_sense_late() -> None:
+    made = rollouts("knows_present=true")
+    with closing(made.simulation) as sim:
+        made.step()
+        names = sim.senses.observed_names
+        assert not any(name.startswith(("felt", "user")) or "back" in name for name in names)
+        sim.reset(seeds=list(range(6)))
+        for _ in range(3):
+            sim.step(np.full((6, 32), 0.3))
+        known = sim.observation()[OBSERVATION][:, names.index("hammer.x_m")]
+        np.testing.assert_array_equal(known, sim.senses.field("hammer.x_m"))
+        seen = made.senses.observe()[:, names.index("hammer.x_m")]
+        assert torch.equal(seen, made.game.hammer(made.users.place)[0][:, 0])
+
+
+def test_imagined_users_know_as_late_as_true_ones() -> None:
+    """Moments by hand: what was four user steps ago is seen, what was three ago is felt."""
+    made = rollouts()
+    with closing(made.simulation):
+        made.step()
+        senses, users = made.senses, made.users
+        names = made.simulation.senses.observed_names
+        everyone = torch.arange(users.n)
+        made._restart(everyone)
+        x = [made.game.hammer(users.place)[0][:, 0]]
+        acted = torch.linspace(-1.0, 1.0, users.n * users.actions).reshape(users.n, -1)
+        for k in range(4):
+            made.advance(acted / (k + 1), 0.0, error_share=0.0)
+            x.append(made.game.hammer(users.place)[0][:, 0])
+        known, now = senses.observe(), senses.present()
+        seen, felt = names.index("hammer.x_m"), names.index("felt hammer.x_m")
+        assert torch.equal(known[:, seen], x[0])
+        assert torch.equal(known[:, felt], x[1])
+        assert torch.equal(now[:, seen], x[4])
+        assert torch.equal(known[:, -64:-32], acted / 4)
+        assert torch.equal(known[:, -32:], acted / 3)
+        made._restart(everyone[:2])
+        again = senses.observe()
+        assert not again[:2, -64:].any()
+        assert torch.equal(again[2:], known[2:])
+
+
+def test_a_lag_that_grows_is_whole_user_steps() -> None:
+    lag = Lag(game=4, body=2, actions=4)
+    grown = [lag.reached(cycle / 4) for cycle in range(5)]
+    assert [(each.game, each.body) for each in grown] == [(0, 0), (1, 0), (2, 1), (3, 2), (4, 2)]
+    assert {each.actions for each in grown} == {4}
+
+
+def test_senses_become_late_in_the_true_and_in_the_imagined_game() -> None:
+    """After a cycle of the present, over two more: none, none, half and all of four user steps."""
+    made = rollouts(
+        "imagined.cycles=4", "imagined.present_cycles=1", "imagined.growing_lag_cycles=2"
+    )
+    with closing(made.simulation):
+        seen = made.simulation.senses.observed_names.index("hammer.x_m")
+        for late in (0, 0, 2, 4):
+            made.step()
+            made.simulation.reset(seeds=list(range(6)))
+            history = [made.simulation.senses.field("hammer.x_m")]
+            for _ in range(4):
+                made.simulation.step(np.full((6, 32), 0.2))
+                history.append(made.simulation.senses.field("hammer.x_m"))
+            known = made.simulation.observation()[OBSERVATION][:, seen]
+            np.testing.assert_array_equal(known, history[-1 - late])
+            assert made.senses._layout.lag == made.simulation.senses.layout.lag
+
+
+def test_the_present_ends_at_once_where_no_lag_grows() -> None:
+    made = rollouts("imagined.cycles=2", "imagined.present_cycles=1", "imagined.keep_best=true")
+    with closing(made.simulation):
+        for game in (0, 4):
+            assert made._best is None  # what is done in the present is no merit
+            made.step()
+            assert made.senses._layout.lag.game == game
+    assert made._best is not None
+
+
+def test_noise_grows_to_what_it_is() -> None:
+    """Constant noise of .2 on all muscles alike: none, half and all of it in the first cycles."""
+    noise = {"constant": "white", "constant_level": 0.2}
+    made = rollouts("imagined.cycles=4", "imagined.growing_noise_cycles=2", noise=noise)
+    with closing(made.simulation):
+        for share in (0.0, 0.5, 1.0, 1.0):
+            made.step()
+            assert made.users.noise_share == share
+            drives = torch.full_like(made.users.motion.drives, 0.5)
+            made.users.motion = replace(made.users.motion, drives=drives)
+            still = torch.zeros(made.users.n, made.users.actions)
+            shifts = []
+            for _ in range(50):
+                before = made.users.motion
+                made.users.step(still, error_share=0.0)
+                shifts.append(made.users._control[:, made.users._muscles][:, 0] - 0.5)
+                made.users.motion = before
+            assert float(torch.cat(shifts).std()) == pytest.approx(0.2 * share, rel=0.15)
+
+
+def test_effort_and_carrying_grow_to_what_they_cost() -> None:
+    """Nothing, half and all of it in the first cycles; limits of joints cost as ever."""
+    made = rollouts(
+        "imagined.cycles=4",
+        "imagined.effort=2",
+        "imagined.carry_cost=0.5",
+        "imagined.growing_cost_cycles=2",
+        "imagined.keep_best=true",
+    )
+    with closing(made.simulation):
+        users = made.users
+        for share in (0.0, 0.5, 1.0, 1.0):
+            if share < 1.0:
+                assert made._best is None  # what is done for less is no merit
+            made.step()
+            drives = torch.full_like(users.motion.drives, 0.5)
+            beyond = users.motion.angles.clone()
+            beyond[:, 0] += 10.0
+            users.motion = replace(users.motion, drives=drives, angles=beyond)
+            users._carried = torch.full((users.n,), 4.0)
+            effort, limits, _ = users.costs()
+            # 2 by the mean square of .5; 0.5 times 4 m^2/s^2.
+            assert effort.tolist() == pytest.approx([2.0 * 0.25 * share] * users.n)
+            users._carried = torch.zeros(users.n)
+            ways = limits - users.costs()[1]
+            assert ways.tolist() == pytest.approx([2.0 * share] * users.n, rel=1e-4)
+            assert users.costs()[1].min() > 1.0
+    assert made._best is not None
+
+
+def test_a_tool_on_its_way_through_a_step_is_where_the_true_one_is() -> None:
+    """Five app frames a step: the cubic between the ends against MuJoCo's own substeps."""
+    made = rollouts()
+    with closing(made.simulation):
+        made.step()
+        sim = made.simulation.simulation
+        made.simulation.reset(seeds=list(range(6)))
+        rng = np.random.default_rng(2)
+        joints, dofs = sim.body.qpos_independent, sim.body.qvel_independent
+        worst, moved = 0.0, 0.0
+        for _ in range(8):
+            before = (sim.users.qpos[:, joints], sim.users.qvel[:, dofs])
+            made.simulation.step(rng.uniform(-0.6, 0.6, (6, 32)))
+            after = (sim.users.qpos[:, joints], sim.users.qvel[:, dofs])
+            ends = [
+                type(made.users.motion)(
+                    *(torch.tensor(v, dtype=torch.float32) for v in end),
+                    torch.zeros(6, 32),
+                    torch.zeros(6, 0),
+                )
+                for end in (before, after)
+            ]
+            made.users.n = 6
+            made.users._before, made.users.motion = ends
+            places = made.users.places(5)[:, :, 0, :3, 3].numpy()
+            for k in range(5):
+                true = sim.users.device_poses("controller_right", k)[0]
+                worst = max(worst, float(np.abs(places[:, k] - true).max()))
+            moved = max(moved, float(np.abs(places[:, -1] - places[:, 0]).max()))
+        assert moved > 0.05
+        assert worst < 0.008
+
+
+PEOPLE = {"people": {"seed": 1}}
+
+
+def test_chains_of_people_place_devices_as_their_own_bodies_do() -> None:
+    with closing(teachers(6, **PEOPLE)) as sim:
+        sim.reset(seeds=list(range(6)))
+        users = sim.simulation.users
+        persons = ImaginedPersons(sim.simulation)
+        devices = ("controller_right", "headset")
+        chains = Chains(sim.simulation.body, devices, persons.references)
+        who = torch.tensor(persons.of(sim.simulation), dtype=torch.float32)
+        assert who.shape == (6, persons.count)
+        low, high = sim.simulation.body.joint_ranges.T
+        angles = np.random.default_rng(1).uniform(low, high, (6, 7))
+        places = chains(torch.tensor(angles, dtype=torch.float32), persons.sizes(who)).numpy()
+        apart = []
+        for i, each in enumerate(angles):
+            body = users.who.body(i)
+            data = mujoco.MjData(body.physics_model)
+            data.qpos[:] = body.coupled_qpos(each)
+            mujoco.mj_kinematics(body.physics_model, data)
+            for device, place in zip(devices, places[i], strict=True):
+                np.testing.assert_allclose(place[:3, 3], data.site(device).xpos, atol=5e-6)
+                np.testing.assert_allclose(place[:3, :3].ravel(), data.site(device).xmat, atol=1e-5)
+            apart.append(places[i, 1, 2, 3])
+        assert np.ptp(apart) > 0.02  # heads at different heights
+
+
+def test_people_are_told_to_teachers_and_go_on_exactly() -> None:
+    made, other = rollouts(**PEOPLE), rollouts(**PEOPLE)
+    with closing(made.simulation), closing(other.simulation):
+        names = made.simulation.senses.observed_names
+        assert "person stature_m" in names
+        made.step()
+        column = made.senses.observe()[:, names.index("person stature_m")]
+        assert len(column.unique()) > 1
+        other.load_state(copy.deepcopy(made.state()))
+        assert made.step() == other.step()
+        assert torch.equal(made.senses.observe(), other.senses.observe())

@@ -11,25 +11,37 @@ import pytest
 PACKAGE = Path(__file__).parents[2] / "python" / "sim2vr_harness"
 NAME = "sim2vr_harness"
 
+_ENVIRONMENTS = ("base", "client", "users", "perception", "games", "envs")
+_POLICIES = (*_ENVIRONMENTS, "runs", "world_models", "policies")
+_EVALUATION = (*_POLICIES, "figures", "statistics", "evaluation")
+_TOP = (*_EVALUATION, "human_comparison", "training")
+
 BELOW: dict[str, tuple[str, ...]] = {
-    "client": (),
-    "users": ("client",),
-    "perception": ("client", "users"),
-    "games": ("client",),
-    "envs": ("client", "users", "perception"),
-    "training": ("client", "users", "perception", "games", "envs"),
-    "evaluation": ("client", "users", "perception", "games", "envs", "training"),
-    "studies": ("client", "users", "perception", "games", "envs", "training", "evaluation"),
-    "tools": ("client", "users", "perception", "games", "envs", "training", "evaluation"),
-    "bench": ("client", "users", "perception", "games", "envs", "training"),
+    "base": (),
+    "statistics": (),
+    "client": ("base",),
+    "users": ("base", "client"),
+    "games": ("base", "client"),
+    "figures": ("base", "client"),
+    "perception": ("base", "client", "users"),
+    "envs": ("base", "client", "users", "perception"),
+    "world_models": _ENVIRONMENTS,
+    "runs": _ENVIRONMENTS,
+    "policies": (*_ENVIRONMENTS, "runs", "world_models"),
+    "training": _POLICIES,
+    "evaluation": (*_POLICIES, "figures", "statistics"),
+    "human_comparison": _EVALUATION,
+    "studies": _TOP,
+    "tools": _TOP,
+    "bench": (*_POLICIES, "training"),
 }
 """What each room may import beside itself; ``cli`` may import all, and nothing imports it."""
 
 ALONE = {
-    "stable_baselines3": {"training"},
+    "stable_baselines3": {"policies", "training"},
     "zmq": {"client"},
     "ray": {"studies"},
-    "plotly": {"studies", "tools"},
+    "plotly": {"figures", "studies", "tools"},
     "viser": {"tools"},
     "rerun": {"tools"},
 }

@@ -1,9 +1,9 @@
 """Gives every reader of the Python half files that are damaged on purpose.
 
 Whatever is in a file, a reader ends with its content or with one sentence
-(``sim2vr_harness.base.errors.InputError`` or another ``ValueError``), within seconds. Inputs are valid
-files whose bytes, tokens, lines and numbers are changed by a random generator; the same seed makes
-the same inputs.
+(``base.errors.InputError`` or another ``ValueError``), within seconds. Inputs are valid files whose
+bytes, tokens, lines and numbers are changed by a random generator; the same seed makes the same
+inputs.
 
     .venv/bin/python tools/attack/fuzz_files.py --seconds 600
     .venv/bin/python tools/attack/fuzz_files.py --seconds 60 --target yaml --seed 7

@@ -1,8 +1,8 @@
 """Reading what people, earlier sessions and other machines have written, and writing it.
 
 The one place where YAML, JSON, tensors and arrays are decoded. Every reader is bounded in size and
-in time, and ends either with the content or with an :class:`~sim2vr_harness.base.errors.InputError` of
-one sentence: the file, what was found and what was expected.
+in time, and ends either with the content or with an :class:`InputError` of one sentence: the file,
+what was found and what was expected.
 """
 
 from __future__ import annotations
@@ -97,8 +97,7 @@ def read_yaml(path: Path_, expected: str) -> Any:
     """Return what a YAML file holds: mappings with text as keys, lists and plain values.
 
     Raises:
-        InputError: as :func:`read_text`, or as :func:`~sim2vr_harness.base.bounded_yaml.parse_yaml`, or
-            it is empty.
+        InputError: as :func:`read_text` and ``bounded_yaml.parse_yaml``, or it is empty.
     """
     from sim2vr_harness.base.bounded_yaml import parse_yaml
 

@@ -30,7 +30,7 @@ APP_VARIABLE = "SIM2VR_APP"
 SHADER_VARIABLE = "SIM2VR_SHADER_DIR"
 """Environment variable naming the folder to load GLSL shaders from."""
 
-_PACKAGE = Path(__file__).resolve().parent
+_PACKAGE = Path(__file__).resolve().parents[1]
 
 
 def _package_dirs() -> Iterator[Path]:

@@ -17,9 +17,9 @@ from sim2vr_harness.client import AppClient, DevicePoses, frame_time_ns
 from sim2vr_harness.envs.app_group import app_group
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.runs.config import TrainingConfig
-from sim2vr_harness.training.measuring import silent_logger
-from sim2vr_harness.training.ppo.ppo import ppo
+from sim2vr_harness.training.ppo import ppo
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
+from sim2vr_harness.training.run.loggers import silent_logger
 from sim2vr_harness.training.run.memory import keep_freed_memory
 from sim2vr_harness.users.actuation import Actuation
 

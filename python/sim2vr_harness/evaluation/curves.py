@@ -13,8 +13,7 @@ from sim2vr_harness.base.files import file_name, naming, read_json
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.policies.store import TrainedUser, find_user, is_packed
-from sim2vr_harness.runs.run_folder import RunFolder, read_rows, write_atomically
-from sim2vr_harness.training.run.episode_stats import metric_key
+from sim2vr_harness.runs.run_folder import RunFolder, metric_key, read_rows, write_atomically
 
 __all__ = ["curve", "pack_curves", "plot"]
 

@@ -27,8 +27,9 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.evaluation.metrics import summarise
 from sim2vr_harness.evaluation.results import Results
-from sim2vr_harness.evaluation.rollouts import Act, jobs_for, play
+from sim2vr_harness.evaluation.rollouts import jobs_for, play
 from sim2vr_harness.evaluation.video import RoundFilmer
+from sim2vr_harness.policies.protocol import Act
 from sim2vr_harness.users.kinematics.reach_controller import Reacher
 
 __all__ = ["USERS", "Look", "act_of", "look"]

@@ -4,28 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import Condition, GameFacts, OptionValue
+from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result
-from sim2vr_harness.training.ppo.vec_env import SimulationLike
+from sim2vr_harness.policies.protocol import Act, Remembering
 
-__all__ = ["Act", "Job", "Remembering", "Watcher", "jobs_for", "play"]
-
-Act = Callable[[dict[str, NDArray], np.random.Generator | None], NDArray[np.float32]]
-"""One user's observation and random numbers (None: deterministic) -> action, (A,)."""
-
-
-@runtime_checkable
-class Remembering(Protocol):
-    """A policy that may remember something of a round."""
-
-    def for_a_round(self) -> Act:
-        """Return what a user does in a round that begins."""
+__all__ = ["Job", "Watcher", "jobs_for", "play"]
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from sim2vr_harness.envs.config import body_of
-from sim2vr_harness.evaluation.rollouts import Act
 from sim2vr_harness.policies.hierarchical.option_policy import DecidingUser, Intention
+from sim2vr_harness.policies.protocol import Act
 from sim2vr_harness.policies.store import TrainedUser
 from sim2vr_harness.policies.visual_actor_critic import UserPolicy
 

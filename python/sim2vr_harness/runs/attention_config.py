@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.base.settings import Settings, Width
+from sim2vr_harness.envs.config import EnvConfig
 
 __all__ = ["GlimpseConfig", "check_glimpses"]
 

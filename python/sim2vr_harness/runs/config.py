@@ -15,16 +15,16 @@ import yaml
 from pydantic import Field
 
 from sim2vr_harness.base import paths
-from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.base.bounded_yaml import MOST_DEPTH, parse_yaml
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_yaml
+from sim2vr_harness.base.settings import MOST_STEPS, Settings, Width, first_problem, model_at
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.games import imagined_settings
-from sim2vr_harness.base.bounded_yaml import MOST_DEPTH, parse_yaml
-from sim2vr_harness.base.settings import (MOST_STEPS, Settings, Width, first_problem, model_at)
 from sim2vr_harness.runs.attention_config import GlimpseConfig, check_glimpses
-from sim2vr_harness.runs.ppo_config import LearningRateConfig, PPOConfig
-from sim2vr_harness.runs.option_config import SkillsConfig
 from sim2vr_harness.runs.dagger_config import StudentConfig
+from sim2vr_harness.runs.option_config import SkillsConfig
+from sim2vr_harness.runs.ppo_config import LearningRateConfig, PPOConfig
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.users.bodies import is_file
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pydantic import Field
 
+from sim2vr_harness.base.settings import Chance, Factor, LearningRate, Norm, Settings, Weight
 from sim2vr_harness.client.base import OptionValue
-from sim2vr_harness.base.settings import (Chance, Factor, LearningRate, Norm, Settings, Weight)
 from sim2vr_harness.runs.ppo_config import MOST_BATCH, MOST_USERS
 
 __all__ = ["StudentConfig"]

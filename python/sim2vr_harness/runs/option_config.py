@@ -6,7 +6,15 @@ from typing import Literal
 
 from pydantic import Field
 
-from sim2vr_harness.base.settings import (MOST_STEPS, Chance, LearningRate, Norm, Settings, Weight, Width)
+from sim2vr_harness.base.settings import (
+    MOST_STEPS,
+    Chance,
+    LearningRate,
+    Norm,
+    Settings,
+    Weight,
+    Width,
+)
 from sim2vr_harness.runs.ppo_config import MOST_USERS
 
 __all__ = ["LookingConfig", "MotorPracticeConfig", "SkillsConfig"]

@@ -6,7 +6,14 @@ from typing import Any, Self
 
 from pydantic import Field, field_validator, model_validator
 
-from sim2vr_harness.base.settings import (MOST_STEPS, Factor, Norm, Settings, Weight, check_whole_minibatches)
+from sim2vr_harness.base.settings import (
+    MOST_STEPS,
+    Factor,
+    Norm,
+    Settings,
+    Weight,
+    check_whole_minibatches,
+)
 
 __all__ = ["MOST_BATCH", "MOST_USERS", "LearningRateConfig", "PPOConfig"]
 

@@ -31,9 +31,16 @@ from typing import Any
 from sim2vr_harness import __version__
 from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.files import file_name, naming, read_json
-from sim2vr_harness.runs.config import (TrainingConfig, apply_overrides, parse_config, read_mapping, to_yaml)
 from sim2vr_harness.base.file_lock import is_temporary, temporary_of
+from sim2vr_harness.base.files import file_name, naming, read_json
+from sim2vr_harness.client import Measure
+from sim2vr_harness.runs.config import (
+    TrainingConfig,
+    apply_overrides,
+    parse_config,
+    read_mapping,
+    to_yaml,
+)
 from sim2vr_harness.runs.migration import renamed
 
 __all__ = [
@@ -42,6 +49,7 @@ __all__ = [
     "append_row",
     "checkpoints_in",
     "keep_rows",
+    "metric_key",
     "read_rows",
     "step_of",
     "versions",
@@ -331,3 +339,8 @@ class RunFolder:
     def drop_metrics_after(self, step: int) -> None:
         """Forget rows of steps that a resumed run will take again."""
         keep_rows(self.metrics_file, lambda row: row.get("step", 0) <= step)
+
+
+def metric_key(measure: Measure) -> str:
+    """Return the column of a game's measure in a run's progress, per episode."""
+    return f"ep_{measure.name}" if measure.rate_with else f"ep_{measure.log_key}_mean"

@@ -6,8 +6,17 @@ from typing import Literal, Self
 
 from pydantic import Field, model_validator
 
+from sim2vr_harness.base.settings import (
+    MOST_STEPS,
+    Chance,
+    Factor,
+    LearningRate,
+    Norm,
+    Settings,
+    Weight,
+    Width,
+)
 from sim2vr_harness.client.base import OptionValue
-from sim2vr_harness.base.settings import (MOST_STEPS, Chance, Factor, LearningRate, Norm, Settings, Weight, Width)
 from sim2vr_harness.runs.ppo_config import MOST_BATCH, MOST_USERS, LearningRateConfig, PPOConfig
 
 __all__ = [

@@ -18,9 +18,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client.tasks import names_code
 from sim2vr_harness.envs.config import AppConfig
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.run_folder import write_atomically
 

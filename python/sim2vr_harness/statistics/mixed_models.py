@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
-
-from sim2vr_harness.studies.data import factor_column
 
 __all__ = ["mixed_model"]
 
 
 def mixed_model(
-    episodes: Any, measure: str, factors: Sequence[str], levels: Sequence[Sequence[str]]
+    episodes: Any, measure: str, factors: Mapping[str, str], levels: Sequence[Sequence[str]]
 ) -> dict[str, Any]:
     """Fit measure ~ factors and their interactions + (1 | unit) by REML.
 
@@ -21,7 +19,7 @@ def mixed_model(
     Args:
         episodes: A row per round, with ``unit``.
         measure: The dependent variable.
-        factors: Categorical predictors.
+        factors: Categorical predictors: name and column of ``episodes``.
         levels: Of each, in order; the first is what the others are compared with.
 
     Returns:
@@ -41,9 +39,9 @@ def mixed_model(
         {"value": table[measure].to_numpy(float), "unit": table["unit"].to_numpy()}
     )
     terms = []
-    for number, (name, own) in enumerate(zip(factors, levels, strict=True)):
-        present = [label for label in own if label in set(table[factor_column(name)])]
-        frame[f"f{number}"] = pd.Categorical(table[factor_column(name)], categories=present)
+    for number, (column, own) in enumerate(zip(factors.values(), levels, strict=True)):
+        present = [label for label in own if label in set(table[column])]
+        frame[f"f{number}"] = pd.Categorical(table[column], categories=present)
         if len(present) > 1:
             terms.append(f"C(f{number})")
     formula = f"value ~ {' * '.join(terms) or '1'}"
@@ -56,7 +54,7 @@ def mixed_model(
     intervals = fit.conf_int()
     effects = [
         {
-            "name": _plain(name, factors),
+            "name": _plain(name, list(factors)),
             "estimate": float(fit.fe_params[name]),
             "error": float(fit.bse_fe[name]),
             "z": float(fit.tvalues[name]),

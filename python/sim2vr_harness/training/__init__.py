@@ -1,4 +1,4 @@
-"""Learning to play with Stable-Baselines3; the only room that imports it.
+"""Training of simulated users: one folder per algorithm.
 
 For users of the library::
 
@@ -6,18 +6,12 @@ For users of the library::
 
     train(load_config("whacamole_constrained_distill"), "runs/mine", report=print)
 
-- :mod:`.config`, :mod:`.ppo_config`, :mod:`.teacher_config`, :mod:`.student_config`: the validated
-  configuration (no torch needed); :mod:`.retired`: keys that recorded ones may still have
-- :mod:`.trainer`: one training session; :mod:`.stages`: what a stage of a run is, and what runs
-  them; :mod:`.recipes`: which stages a run is made of
-- :mod:`.ppo_stage`, :mod:`.teacher_stage`, :mod:`.student_stage`, :mod:`.imagined`: the stages
-- :mod:`.policy`, :mod:`.teacher_policy`: the reference's network, and that of teachers
-- :mod:`.vec_env`, :mod:`.buffer`, :mod:`.ppo`: the pieces PPO runs on
-- :mod:`.checkpoint`, :mod:`.run_folder`: what is kept of a run, and exact resumption;
-  :mod:`.finite`, :mod:`.locking`, :mod:`.interrupts`: what is kept, who writes, what may stop it
-- :mod:`.trust`: programs that files name are started only if the user has said so
-- :mod:`.trained_users`: whom others can let play
-- :mod:`.measuring`: what the benchmark needs of Stable-Baselines3
+- :mod:`.run`: one training session, its stages, progress and loggers
+- :mod:`.model_based`, :mod:`.teacher`, :mod:`.dagger`, :mod:`.ppo`: the stages of ``distill``
+- :mod:`.motor_control`, :mod:`.option_q_learning`: the stages of ``skills``
+
+Configurations and run folders are in :mod:`sim2vr_harness.runs`, networks and trained users in
+:mod:`sim2vr_harness.policies`.
 """
 
 from __future__ import annotations
@@ -48,16 +42,16 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Report": "stages",
-    "SimulationVecEnv": "vec_env",
-    "TrainResult": "trainer",
-    "TrainedUser": "trained_users",
-    "TrainingConfig": "config",
-    "find_user": "trained_users",
-    "list_cards": "trained_users",
-    "load_config": "config",
-    "parse_config": "config",
-    "train": "trainer",
+    "Report": "training.run.stage",
+    "SimulationVecEnv": "training.ppo.vec_env",
+    "TrainResult": "training.run.trainer",
+    "TrainedUser": "policies.store",
+    "TrainingConfig": "runs.config",
+    "find_user": "policies.store",
+    "list_cards": "policies.store",
+    "load_config": "runs.config",
+    "parse_config": "runs.config",
+    "train": "training.run.trainer",
 }
 
 settle_torch()
@@ -67,4 +61,4 @@ def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for: configurations are read without torch."""
     if name not in _HOMES:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    return getattr(import_module(f"sim2vr_harness.{_HOMES[name]}"), name)

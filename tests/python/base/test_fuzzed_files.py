@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).parents[2] / "tools" / "attack"))
+sys.path.insert(0, str(Path(__file__).parents[3] / "tools" / "attack"))
 
 import fuzz_files
 

@@ -12,7 +12,7 @@ from sim2vr_harness.games.registry import behaviour_of
 from sim2vr_harness.human_comparison.comparing import left_out, total
 from sim2vr_harness.human_comparison.sources import Source, read_people
 
-SHARED = Path(os.environ.get("SIM2VR_SHARED", Path(__file__).parents[5] / "shared"))
+SHARED = Path(os.environ.get("SIM2VR_SHARED", Path(__file__).parents[4] / "shared"))
 ROUNDS = SHARED / "data" / "human_rounds"
 WHACAMOLE = behaviour_of("whacamole")
 

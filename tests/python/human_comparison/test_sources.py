@@ -24,7 +24,7 @@ from sim2vr_harness.studies.data import StudyData
 from sim2vr_harness.studies.players import players_of
 
 WHACAMOLE = behaviour_of("whacamole")
-ROUND = Path(__file__).parents[3] / "data" / "whacamole_round"
+ROUND = Path(__file__).parents[2] / "data" / "whacamole_round"
 """A round of six seconds, hard, seven hits."""
 HARD = ("constrained", "hard")
 

@@ -6,9 +6,16 @@ import pytest
 import yaml
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.runs.config import (TrainingConfig, apply_overrides, first_difference, load_config, parse_config, to_yaml)
-from sim2vr_harness.training.ppo.ppo import LearningRate
+from sim2vr_harness.runs.config import (
+    TrainingConfig,
+    apply_overrides,
+    first_difference,
+    load_config,
+    parse_config,
+    to_yaml,
+)
 from sim2vr_harness.runs.migration import renamed
+from sim2vr_harness.training.ppo.ppo import LearningRate
 
 CONFIGS = Path(__file__).parents[3] / "configs"
 

@@ -21,13 +21,13 @@ from rich.console import Console
 from test_trainer import ITERATION, assert_same_learner, rows_without_times, run, tiny
 
 from sim2vr_harness.base.errors import InputError, UnusableFile
-from sim2vr_harness.runs import checkpoint
-from sim2vr_harness.training.run import trainer
+from sim2vr_harness.base.file_lock import sole_training, sweep
 from sim2vr_harness.base.finite import NotFinite, first_not_finite
 from sim2vr_harness.base.signals import interrupts_deferred, interrupts_ignored
-from sim2vr_harness.base.file_lock import sole_training, sweep
-from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.policies.store import find_user
+from sim2vr_harness.runs import checkpoint
+from sim2vr_harness.runs.run_folder import RunFolder
+from sim2vr_harness.training.run import trainer
 
 NAN = float("nan")
 

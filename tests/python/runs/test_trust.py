@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from fake_simulation import FakeSimulation
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.envs.config import AppConfig
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.evaluation.playing import UserPolicy
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.runs.trust import named_app, remember, require_trust, state_folder

@@ -11,7 +11,7 @@ import numpy as np
 from sim2vr_harness.statistics import significance
 from sim2vr_harness.statistics.mixed_models import mixed_model
 from sim2vr_harness.studies.config import ComparisonConfig
-from sim2vr_harness.studies.data import StudyData
+from sim2vr_harness.studies.data import StudyData, factor_column
 from sim2vr_harness.studies.statistics.units import (
     independent,
     other_factors,
@@ -239,7 +239,9 @@ def _mixed(data: StudyData, comparison: ComparisonConfig, measure: str) -> dict[
     if n < 5:
         found["note"] = f"n = {n} units: their variance, and with it every p, is a rough estimate"
     try:
-        return found | mixed_model(rows, measure, factors, levels)
+        return found | mixed_model(
+            rows, measure, {name: factor_column(name) for name in factors}, levels
+        )
     except ValueError as error:
         return found | {"refused": str(error)}
 

@@ -21,10 +21,9 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.visual_actor_critic import UserPolicy
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.runs.config import TrainingConfig
-from sim2vr_harness.runs.run_folder import append_row, keep_rows
+from sim2vr_harness.runs.run_folder import append_row, keep_rows, metric_key
 from sim2vr_harness.training.dagger.dagger import Guide, Student, StudentProgress
 from sim2vr_harness.training.dagger.dataset import PICTURE_FILES
-from sim2vr_harness.training.run.episode_stats import metric_key
 from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.stage import Callbacks
 

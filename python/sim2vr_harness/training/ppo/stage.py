@@ -11,13 +11,13 @@ from stable_baselines3.common.logger import Logger
 from torch import nn
 
 from sim2vr_harness.base.finite import NotFinite
-from sim2vr_harness.runs import checkpoint
+from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.runs.config import CheckpointConfig
 from sim2vr_harness.runs.ppo_config import PPOConfig
 from sim2vr_harness.runs.run_folder import RunFolder
-from sim2vr_harness.training.ppo.ppo import ppo
+from sim2vr_harness.training.ppo import checkpoint, ppo
 from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes
-from sim2vr_harness.training.ppo.vec_env import SimulationLike, SimulationVecEnv
+from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 from sim2vr_harness.training.run.callbacks import CheckpointCallback, ProgressCallback
 from sim2vr_harness.training.run.progress import Progress
 from sim2vr_harness.training.run.stage import Callbacks

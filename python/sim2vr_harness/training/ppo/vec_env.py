@@ -5,54 +5,20 @@ from __future__ import annotations
 import json
 import time
 from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.checks import checked_options, checked_seeds, checked_users
 from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.envs.protocols import SimulationLike
 
-__all__ = ["SimulationLike", "SimulationVecEnv"]
+__all__ = ["SimulationVecEnv"]
 
 _SUMS = ("game_reward", "effort_cost")
-
-
-class SimulationLike(Protocol):
-    """What the adapter needs of :class:`sim2vr_harness.envs.simulation.Simulation`."""
-
-    n: int
-    observation_space: spaces.Dict
-
-    @property
-    def action_space(self) -> spaces.Box[Any]:
-        """Box(-1, 1, (A,))."""
-
-    def reset(
-        self,
-        ids: Sequence[int] | None = None,
-        seeds: Sequence[int | None] | None = None,
-        options: Any = None,
-    ) -> list[dict[str, Any]]:
-        """Start new episodes."""
-
-    def observation(self) -> dict[str, NDArray]:
-        """Return fresh arrays (N, ...)."""
-
-    def step(self, actions: NDArray) -> Any:
-        """Advance every user by one step; returns a ``StepBatch``."""
-
-    def save_state(self) -> bytes:
-        """Return the exact state."""
-
-    def load_state(self, state: bytes) -> list[int]:
-        """Continue from :meth:`save_state`; returns the users whose rounds had to start anew."""
-
-    def close(self) -> None:
-        """Free everything."""
 
 
 def _alike(options: Sequence[Mapping[str, Any]]) -> list[list[int]]:

@@ -13,8 +13,8 @@ from gymnasium import spaces
 from stable_baselines3.common.callbacks import BaseCallback
 
 from sim2vr_harness.base.finite import NotFinite
-from sim2vr_harness.runs import checkpoint
 from sim2vr_harness.runs.run_folder import RunFolder
+from sim2vr_harness.training.ppo import checkpoint
 from sim2vr_harness.training.ppo.ppo import PPO
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 from sim2vr_harness.training.run.progress import Phase, Progress

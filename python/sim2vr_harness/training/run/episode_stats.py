@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from sim2vr_harness.client import GameFacts, Measure
+from sim2vr_harness.client import GameFacts
+from sim2vr_harness.runs.run_folder import metric_key
 
-__all__ = ["episode_means", "metric_key"]
+__all__ = ["episode_means"]
 
 
 def episode_means(episodes: list[dict[str, Any]], facts: GameFacts) -> dict[str, float]:
     """Return the means of finished episodes' values, keyed as :func:`metric_key` says.
 
     Args:
-        episodes: ``info["episode"]`` of :class:`~sim2vr_harness.training.ppo.vec_env.SimulationVecEnv`.
+        episodes: ``info["episode"]`` of ``SimulationVecEnv``.
         facts: What the game publishes: its shares, such as a hit rate, are ratios of means.
     """
     if not episodes:
@@ -45,8 +46,3 @@ def episode_means(episodes: list[dict[str, Any]], facts: GameFacts) -> dict[str,
         if share is not None:
             means[metric_key(measure)] = share
     return means
-
-
-def metric_key(measure: Measure) -> str:
-    """Where :func:`episode_means` puts a measure of the game."""
-    return f"ep_{measure.name}" if measure.rate_with else f"ep_{measure.log_key}_mean"

@@ -16,7 +16,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row
 
-__all__ = ["make_logger", "require_wandb"]
+__all__ = ["make_logger", "require_wandb", "silent_logger"]
 
 
 def _numbers(values: Mapping[str, Any]) -> dict[str, float]:
@@ -131,3 +131,8 @@ def make_logger(config: TrainingConfig, folder: RunFolder, start_step: int) -> L
     if config.wandb.enabled:
         writers.append(WeightsAndBiases(config, folder))
     return Logger(folder=str(folder.path), output_formats=writers)
+
+
+def silent_logger() -> Logger:
+    """Return a logger that writes nothing."""
+    return Logger(folder=None, output_formats=[])

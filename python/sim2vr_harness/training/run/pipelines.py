@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
+from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder
@@ -15,10 +16,9 @@ from sim2vr_harness.training.dagger.expert import TeacherGuide
 from sim2vr_harness.training.dagger.stage import StudentStage
 from sim2vr_harness.training.model_based.stage import ImaginedStage
 from sim2vr_harness.training.option_q_learning.stage import LookingStage, MotorStage, needs_practice
+from sim2vr_harness.training.ppo import ppo
 from sim2vr_harness.training.ppo.fine_tune import user_to_adapt
-from sim2vr_harness.training.ppo.ppo import ppo
 from sim2vr_harness.training.ppo.stage import PPOStage
-from sim2vr_harness.training.ppo.vec_env import SimulationLike
 from sim2vr_harness.training.run.loggers import make_logger
 from sim2vr_harness.training.run.stage import Stage
 from sim2vr_harness.training.teacher.stage import TeacherStage

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sim2vr_harness.client import GameFacts
-from sim2vr_harness.training.run.episode_stats import metric_key
+from sim2vr_harness.runs.run_folder import metric_key
 
 __all__ = ["Phase", "Progress", "StageDisplay", "View", "duration"]
 

@@ -17,11 +17,11 @@ from sim2vr_harness.base.cores import torch_budget
 from sim2vr_harness.base.errors import InputError, UnusableFile
 from sim2vr_harness.base.file_lock import sole_training
 from sim2vr_harness.base.torch_threads import torch_threads
+from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.runs.checkpoint import require_readable
 from sim2vr_harness.runs.config import TrainingConfig, first_difference
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.runs.trust import remember
-from sim2vr_harness.training.ppo.vec_env import SimulationLike
 from sim2vr_harness.training.run.loggers import require_wandb
 from sim2vr_harness.training.run.memory import keep_freed_memory, require_memory
 from sim2vr_harness.training.run.pipelines import MakeSimulation, Run, stages_of

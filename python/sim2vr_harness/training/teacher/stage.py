@@ -13,7 +13,7 @@ from torch import nn
 from sim2vr_harness.policies.state_actor_critic import TeacherPolicy
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows, read_rows
-from sim2vr_harness.training.ppo.ppo import ppo
+from sim2vr_harness.training.ppo import ppo
 from sim2vr_harness.training.ppo.stage import PPOStage
 from sim2vr_harness.training.run.loggers import JsonLines
 from sim2vr_harness.training.run.stage import Callbacks

@@ -21,9 +21,8 @@ from sim2vr_harness.games.whacamole.twin import FIELDS
 from sim2vr_harness.policies.state_actor_critic import new_teacher
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
-from sim2vr_harness.training.imagined import ImaginedRollouts
 from sim2vr_harness.training.model_based.stage import describe
-from sim2vr_harness.training.model_based.trainer import CycleReport
+from sim2vr_harness.training.model_based.trainer import CycleReport, ImaginedRollouts
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.world_models.body_dynamics import fit_body

@@ -19,7 +19,7 @@ from torch import Tensor, nn
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.policies.sharding import in_shards
 from sim2vr_harness.policies.visual_actor_critic import UserPolicy
-from sim2vr_harness.training.ppo.ppo import ppo
+from sim2vr_harness.training.ppo import ppo
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 
 

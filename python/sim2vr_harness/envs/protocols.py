@@ -1,0 +1,45 @@
+"""Interfaces between simulations and the code that steps them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any, Protocol
+
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+__all__ = ["SimulationLike"]
+
+
+class SimulationLike(Protocol):
+    """The part of :class:`sim2vr_harness.envs.simulation.Simulation` that learners use."""
+
+    n: int
+    observation_space: spaces.Dict
+
+    @property
+    def action_space(self) -> spaces.Box[Any]:
+        """Box(-1, 1, (A,))."""
+
+    def reset(
+        self,
+        ids: Sequence[int] | None = None,
+        seeds: Sequence[int | None] | None = None,
+        options: Any = None,
+    ) -> list[dict[str, Any]]:
+        """Start new episodes."""
+
+    def observation(self) -> dict[str, NDArray]:
+        """Return fresh arrays (N, ...)."""
+
+    def step(self, actions: NDArray) -> Any:
+        """Advance every user by one step; returns a ``StepBatch``."""
+
+    def save_state(self) -> bytes:
+        """Return the exact state."""
+
+    def load_state(self, state: bytes) -> list[int]:
+        """Continue from :meth:`save_state`; returns the users whose rounds had to start anew."""
+
+    def close(self) -> None:
+        """Free everything."""

@@ -9,7 +9,7 @@ import pytest
 from pydantic import BaseModel
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.games.whacamole.settings import TwinSettings
+from sim2vr_harness.games.whacamole.settings import GameModelSettings
 from sim2vr_harness.runs.config import TrainingConfig, parse_config
 from sim2vr_harness.studies.config import StudyConfig
 from sim2vr_harness.users import Physique
@@ -19,7 +19,7 @@ MODELS: tuple[type[BaseModel], ...] = (
     TrainingConfig,
     BodyDescription,
     Physique,
-    TwinSettings,
+    GameModelSettings,
     StudyConfig,
 )
 LOW, HIGH = {"minimum", "exclusiveMinimum"}, {"maximum", "exclusiveMaximum"}

@@ -36,7 +36,7 @@ from sim2vr_harness.cli.errors import report
 from sim2vr_harness.cli.main import app
 from sim2vr_harness.evaluation.curves import plot
 from sim2vr_harness.evaluation.replay.recordings import read_recordings
-from sim2vr_harness.evaluation.results import Results
+from sim2vr_harness.evaluation.results import EvaluationResults
 from sim2vr_harness.policies.store import open_packed
 from sim2vr_harness.runs.config import defaults, load_config, to_yaml
 from sim2vr_harness.runs.run_folder import RunFolder
@@ -170,7 +170,7 @@ class Targets:
         open_packed(self._file("user/card.json", content).parent)
 
     def _results(self, content: bytes) -> None:
-        Results(self._file("results/results.json", content).parent)
+        EvaluationResults(self._file("results/results.json", content).parent)
 
     @staticmethod
     def _curve_rows() -> list[bytes]:

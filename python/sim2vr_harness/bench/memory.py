@@ -11,7 +11,7 @@ import sys
 from collections.abc import Callable, Sequence
 
 from sim2vr_harness.bench.processes import peak_memory_mb
-from sim2vr_harness.bench.rows import Row
+from sim2vr_harness.bench.rows import BenchRow
 from sim2vr_harness.bench.scene import IN_PROCESS
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.runs.config import TrainingConfig
@@ -26,7 +26,7 @@ def memory_rows(
     numbers: Sequence[int],
     threads: int,
     on_stage: Callable[[str], None] = lambda stage: None,
-) -> list[Row]:
+) -> list[BenchRow]:
     """Peak memory of processes that hold N users each, and what one more user adds.
 
     Args:
@@ -43,7 +43,7 @@ def memory_rows(
     Raises:
         RuntimeError: a process failed.
     """
-    rows: list[Row] = []
+    rows: list[BenchRow] = []
     before: tuple[int, float] | None = None
     for n in sorted(set(numbers)):
         on_stage(f"memory, N={n}")
@@ -53,7 +53,7 @@ def memory_rows(
             extra["memory_mb_per_user"] = round((peak_mb - before[1]) / (n - before[0]), 3)
         before = (n, peak_mb)
         rows.append(
-            Row("memory", IN_PROCESS, n, threads, unit="MB", memory_mb=peak_mb, extra=extra)
+            BenchRow("memory", IN_PROCESS, n, threads, unit="MB", memory_mb=peak_mb, extra=extra)
         )
     return rows
 

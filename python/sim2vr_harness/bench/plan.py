@@ -13,7 +13,7 @@ from sim2vr_harness.bench.senses import sense_variants
 from sim2vr_harness.client import list_transports
 from sim2vr_harness.runs.config import TrainingConfig
 
-__all__ = ["NAMES", "USUAL", "Plan", "specs", "transports"]
+__all__ = ["NAMES", "USUAL", "BenchPlan", "specs", "transports"]
 
 USUAL = ("physics", "render", "env", "train")
 NAMES = (*USUAL, "senses", "bodies", "memory")
@@ -37,7 +37,7 @@ def transports(page: bool = False) -> tuple[str, ...]:
     return (IN_PROCESS, *(name for name in names if name != IN_PROCESS))
 
 
-class Plan:
+class BenchPlan:
     """What to measure; lists are written with commas.
 
     Args:
@@ -101,7 +101,7 @@ def _numbers(option: str, given: str) -> list[int]:
     return list(dict.fromkeys(numbers))
 
 
-def specs(plan: Plan) -> list[Spec]:
+def specs(plan: BenchPlan) -> list[Spec]:
     """The scenes to take turns, in order; ``memory`` is none of them."""
     found: list[Spec] = []
     for n in plan.n:
@@ -111,7 +111,7 @@ def specs(plan: Plan) -> list[Spec]:
     return list({(s.scene, s.n, s.threads, s.transport, s.variant): s for s in found}.values())
 
 
-def _specs(plan: Plan, name: str, n: int, threads: int) -> list[Spec]:
+def _specs(plan: BenchPlan, name: str, n: int, threads: int) -> list[Spec]:
     if name == "memory":
         return []
     if name == "physics":

@@ -20,11 +20,11 @@ from sim2vr_harness.client import gl_renderer
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import git_commit, versions
 
-__all__ = ["Row", "append_rows", "circumstances"]
+__all__ = ["BenchRow", "append_rows", "circumstances"]
 
 
 @dataclass(frozen=True)
-class Row:
+class BenchRow:
     """One scene with one number of users and threads.
 
     Attributes:

@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.bench.memory import memory_rows
-from sim2vr_harness.bench.plan import Plan, specs
+from sim2vr_harness.bench.plan import BenchPlan, specs
 from sim2vr_harness.bench.processes import peak_memory_mb
-from sim2vr_harness.bench.rows import Row, circumstances
-from sim2vr_harness.bench.scene import IN_PROCESS, Scene, Spec
+from sim2vr_harness.bench.rows import BenchRow, circumstances
+from sim2vr_harness.bench.scene import IN_PROCESS, BenchScene, Spec
 from sim2vr_harness.bench.scenes import open_scene
 from sim2vr_harness.bench.turns import Turn, in_turns, paired_ratio
 
@@ -22,7 +22,9 @@ __all__ = ["check_hashes", "run"]
 MEMORY_N = (16, 144)
 
 
-def run(plan: Plan, on_stage: Callable[[str], None] = lambda stage: None) -> list[dict[str, Any]]:
+def run(
+    plan: BenchPlan, on_stage: Callable[[str], None] = lambda stage: None
+) -> list[dict[str, Any]]:
     """Measures everything and returns the JSON rows.
 
     All scenes are set up first and then take turns.
@@ -38,9 +40,9 @@ def run(plan: Plan, on_stage: Callable[[str], None] = lambda stage: None) -> lis
     chosen = specs(plan)
     drawing = any(spec.scene != "physics" for spec in chosen)
     common = circumstances(plan.config, plan.seconds, drawing=drawing)
-    rows: list[Row] = []
+    rows: list[BenchRow] = []
     with ExitStack() as stack:
-        scenes: dict[str, Scene] = {}
+        scenes: dict[str, BenchScene] = {}
         for spec in chosen:
             on_stage(f"{_name(spec)}: setting up")
             scene = scenes[_name(spec)] = open_scene(spec)
@@ -56,11 +58,11 @@ def run(plan: Plan, on_stage: Callable[[str], None] = lambda stage: None) -> lis
 
 
 def _name(spec: Spec) -> str:
-    return Row(spec.scene, spec.transport, spec.n, spec.threads, spec.variant).name
+    return BenchRow(spec.scene, spec.transport, spec.n, spec.threads, spec.variant).name
 
 
-def _row(spec: Spec, scene: Scene, turns: list[Turn]) -> Row:
-    return Row(
+def _row(spec: Spec, scene: BenchScene, turns: list[Turn]) -> BenchRow:
+    return BenchRow(
         scene=spec.scene,
         transport=spec.transport,
         n=spec.n,
@@ -79,12 +81,12 @@ def _row(spec: Spec, scene: Scene, turns: list[Turn]) -> Row:
     )
 
 
-def check_hashes(rows: Sequence[Row]) -> None:
+def check_hashes(rows: Sequence[BenchRow]) -> None:
     """Raises RuntimeError where users that must play alike did not.
 
     Those of one scene with the same N: neither threads nor transport may matter.
     """
-    seen: dict[tuple[str, int, str], Row] = {}
+    seen: dict[tuple[str, int, str], BenchRow] = {}
     for row in rows:
         if row.state_hash is None:
             continue
@@ -96,7 +98,7 @@ def check_hashes(rows: Sequence[Row]) -> None:
             )
 
 
-def _ratios(row: Row, rows: Sequence[Row]) -> dict[str, float]:
+def _ratios(row: BenchRow, rows: Sequence[BenchRow]) -> dict[str, float]:
     """The row's rate divided by others' that it should be seen next to."""
     ratios = {}
     for other in rows:
@@ -107,7 +109,7 @@ def _ratios(row: Row, rows: Sequence[Row]) -> dict[str, float]:
     return ratios
 
 
-def _compared_with(row: Row, other: Row) -> str | None:
+def _compared_with(row: BenchRow, other: BenchRow) -> str | None:
     """What the other row is to this one of an env, or None."""
     if row.scene != "env" or other is row or row.n != other.n:
         return None

@@ -27,7 +27,7 @@ __all__ = [
     "IN_PROCESS",
     "SHORT_ROUND_SECONDS",
     "WARM_UP_STEPS",
-    "Scene",
+    "BenchScene",
     "Spec",
     "actions",
     "body_states",
@@ -78,7 +78,7 @@ class Spec:
         return config.model_copy(update={"app": AppConfig(**settings), "cores": self.threads})
 
 
-class Scene(ABC):
+class BenchScene(ABC):
     """Something to measure: :meth:`step` moves all users on by one step.
 
     Args:

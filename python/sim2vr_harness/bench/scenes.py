@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.bench import scene as shared
 from sim2vr_harness.bench.processes import cpu_seconds
-from sim2vr_harness.bench.scene import Scene, Spec, actions, digest
+from sim2vr_harness.bench.scene import BenchScene, Spec, actions, digest
 from sim2vr_harness.bench.turns import Turn
 from sim2vr_harness.client import AppClient, DevicePoses, frame_time_ns
 from sim2vr_harness.envs.app_group import app_group
@@ -26,7 +26,7 @@ from sim2vr_harness.users.actuation import Actuation
 __all__ = ["EnvScene", "PhysicsScene", "RenderScene", "TrainScene", "open_scene", "short_iteration"]
 
 
-class PhysicsScene(Scene):
+class PhysicsScene(BenchScene):
     """MuJoCo's own Batch: the user's model, its physics steps per user step, random actions.
 
     The floor below which no environment of such users can come.
@@ -59,7 +59,7 @@ class PhysicsScene(Scene):
         self._steps += 1
 
 
-class RenderScene(Scene):
+class RenderScene(BenchScene):
     """Apps whose player's head and hand circle; a frame per step, with the headset image drawn.
 
     With ``env.app.renderer=null`` it is the game alone.
@@ -134,7 +134,7 @@ def _looking_up(pitch_deg: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.stack([-np.sin(half), zero, zero, np.cos(half)], axis=1)
 
 
-class EnvScene(Scene):
+class EnvScene(BenchScene):
     """Users in their apps as a learner gets them: vector environment, autoreset, observations."""
 
     def __init__(self, spec: Spec) -> None:
@@ -165,7 +165,7 @@ class EnvScene(Scene):
         self._steps += 1
 
 
-class TrainScene(Scene):
+class TrainScene(BenchScene):
     """Training iterations that are short; the update's number of epochs is the configuration's.
 
     A turn is one whole iteration, however long it takes, and its rate is that of rollout and update
@@ -236,12 +236,12 @@ _SCENES: dict[str, type[Any]] = {
 }
 
 
-def open_scene(spec: Spec) -> Scene:
+def open_scene(spec: Spec) -> BenchScene:
     """Makes a scene and plays its warm-up.
 
     Raises:
         ValueError: a setting that cannot be used.
         RuntimeError: an app or its renderer cannot be started.
     """
-    scene: Scene = _SCENES[spec.scene](spec)
+    scene: BenchScene = _SCENES[spec.scene](spec)
     return scene

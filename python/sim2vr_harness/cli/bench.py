@@ -62,7 +62,7 @@ def bench(
     ] = False,
 ) -> None:
     """Measure how fast this machine simulates, draws and learns."""
-    from sim2vr_harness.bench.plan import Plan
+    from sim2vr_harness.bench.plan import BenchPlan
     from sim2vr_harness.bench.report import print_rows
     from sim2vr_harness.bench.rows import append_rows
     from sim2vr_harness.bench.run import run as measure
@@ -72,7 +72,7 @@ def bench(
     settings = load_config(config, set_ or []) if config else defaults(set_ or [])
     source = Path(config or "the defaults")
     require_trust(settings.env.app, source, named=named_app(set_ or []), trust=trust_app)
-    plan = Plan(
+    plan = BenchPlan(
         settings,
         scene,
         n=n,

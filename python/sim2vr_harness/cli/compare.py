@@ -101,7 +101,7 @@ def compare(
     from sim2vr_harness.games.registry import aimed_games, behaviour_of, behaviours
     from sim2vr_harness.human_comparison.figures import draw
     from sim2vr_harness.human_comparison.files import as_json, write_csv, write_json
-    from sim2vr_harness.human_comparison.report import Report
+    from sim2vr_harness.human_comparison.report import ComparisonReport
     from sim2vr_harness.human_comparison.sources import Plays, game_of, read_people, read_user
     from sim2vr_harness.human_comparison.tables import report_tables
 
@@ -144,7 +144,7 @@ def compare(
     read = [(user, source) for user in users for source in sources[user]]
     names = _names([(user, source.name) for user, source in read], told)
     compared = [replace(source, name=name) for (_, source), name in zip(read, names, strict=True)]
-    report = Report(behaviour, measured_people, compared)
+    report = ComparisonReport(behaviour, measured_people, compared)
     files = [write_json(report, out / "comparison.json"), *write_csv(report, out)]
     if figures:
         files += draw(report, out)

@@ -10,8 +10,8 @@ import typer
 from sim2vr_harness.cli.options import JsonOption, print_json, readable_file, writable_file
 
 if TYPE_CHECKING:
-    from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
-    from sim2vr_harness.training.motor_control.practice import MotorPractice
+    from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+    from sim2vr_harness.training.motor_control.practice import MotorTraining
     from sim2vr_harness.users import Body
 
 __all__ = ["app"]
@@ -53,7 +53,7 @@ def practise(
     from sim2vr_harness.base.signals import sigterm_interrupts
     from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, save_motor_layer
     from sim2vr_harness.runs.config import apply_overrides, parse_config
-    from sim2vr_harness.training.motor_control.practice import MotorPractice
+    from sim2vr_harness.training.motor_control.practice import MotorTraining
 
     changes = [f"skills.practice.{change}" for change in set_ or ()]
     config = parse_config(apply_overrides({}, changes)).skills.practice
@@ -61,7 +61,7 @@ def practise(
     if begin is not None:
         first = load_motor_layer(begin, of, step_s)
         config = config.model_copy(update={"width": first.width})
-    practice = MotorPractice(config, of, step_s, seed=seed, begin=first)
+    practice = MotorTraining(config, of, step_s, seed=seed, begin=first)
     begun = out.with_name(out.name + ".part")
     try:
         with sigterm_interrupts():
@@ -77,7 +77,7 @@ def practise(
     return 0
 
 
-def _cycles(practice: MotorPractice, begun: Path) -> dict[str, Any]:
+def _cycles(practice: MotorTraining, begun: Path) -> dict[str, Any]:
     from dataclasses import asdict
 
     from sim2vr_harness.cli.progress import Share
@@ -154,7 +154,7 @@ def _body(name: str) -> Body:
     return load_body(name)
 
 
-def _layer(body: Body, file: Path | None, step_s: float) -> MotorLayer:
+def _layer(body: Body, file: Path | None, step_s: float) -> MotorPolicy:
     from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, motor_layer_for
 
     return motor_layer_for(body, step_s) if file is None else load_motor_layer(file, body, step_s)

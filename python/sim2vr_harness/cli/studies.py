@@ -14,7 +14,7 @@ from rich.text import Text
 
 if TYPE_CHECKING:
     from sim2vr_harness.studies import StudyData
-    from sim2vr_harness.studies.runner import Progress
+    from sim2vr_harness.studies.runner import StudyProgress
 
 __all__ = ["Shown", "comparison_table"]
 
@@ -31,7 +31,7 @@ class Shown:
     def __exit__(self, *exception: object) -> None:
         pass
 
-    def show(self, progress: Progress) -> None:
+    def show(self, progress: StudyProgress) -> None:
         """Say how far the study is."""
         if not progress.label and not progress.done:
             return

@@ -107,11 +107,11 @@ def track(
     from sim2vr_harness.cli.progress import Share
     from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
     from sim2vr_harness.tools.track.files import film, write
-    from sim2vr_harness.tools.track.tracking import Settings, track
+    from sim2vr_harness.tools.track.tracking import TrackingSettings, track
     from sim2vr_harness.tools.users import environment_of
 
     right, up, ahead = _three("--offset", offset)
-    settings = Settings(
+    settings = TrackingSettings(
         passes=_between("--passes", passes, 1, _MOST_PASSES),
         refined=refine,
         yaw=_yaw(yaw),

@@ -98,8 +98,8 @@ def watch(
         return
     from contextlib import closing
 
-    from sim2vr_harness.tools.watch.browser import Theatre
+    from sim2vr_harness.tools.watch.browser import Viewer
 
-    with closing(Theatre(show, host, port)) as theatre:
+    with closing(Viewer(show, host, port)) as theatre:
         typer.echo(f"{show.title}: {theatre.address} (Ctrl-C ends)")
         theatre.run()

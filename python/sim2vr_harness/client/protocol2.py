@@ -39,8 +39,8 @@ from sim2vr_harness.client.protocol2_wire import (
     REPLY,
     VERSION,
     Names,
-    Results,
     Status,
+    StepResults,
     Type,
     error_of,
 )
@@ -277,7 +277,7 @@ class Protocol2Connection:
 
     def _take_results(self, frames: Sequence[bytes], flags: int, apps: Sequence[int]) -> None:
         try:
-            results = Results.decode(frames, apps, self._names)
+            results = StepResults.decode(frames, apps, self._names)
             self._take_images(results.images, flags, apps)
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
             raise self._malformed(f"a reply to frames: {error!r}") from error

@@ -24,7 +24,17 @@ from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, P
 from sim2vr_harness.client.poses import input_rows, pose_rows, tracked_devices
 from sim2vr_harness.client.scene import AppScene, SceneMesh, SceneObject
 
-__all__ = ["HEADER", "MAGIC", "REPLY", "VERSION", "Names", "Results", "Status", "Type", "error_of"]
+__all__ = [
+    "HEADER",
+    "MAGIC",
+    "REPLY",
+    "VERSION",
+    "Names",
+    "Status",
+    "StepResults",
+    "Type",
+    "error_of",
+]
 
 MAGIC = b"S2VR"
 VERSION = 3
@@ -155,7 +165,7 @@ class Names:
 
 
 @dataclass(frozen=True)
-class Results:
+class StepResults:
     """The reply to a reset or step.
 
     Attributes:
@@ -167,7 +177,7 @@ class Results:
     images: bytes
 
     @classmethod
-    def decode(cls, frames: Sequence[bytes], apps: Sequence[int], names: Names) -> Results:
+    def decode(cls, frames: Sequence[bytes], apps: Sequence[int], names: Names) -> StepResults:
         """Read the frames after the header.
 
         Args:

@@ -22,9 +22,9 @@ from sim2vr_harness.perception.registry import SenseConfig, check_list
 from sim2vr_harness.users import (
     Body,
     EffortName,
-    People,
     PeopleSettings,
     Physique,
+    Population,
     ResetOptions,
     effort_options,
     load_body,
@@ -165,13 +165,13 @@ class UserConfig(Settings):
         return {"model": value} if isinstance(value, str) else value
 
 
-def people_of(config: UserConfig) -> People | None:
+def people_of(config: UserConfig) -> Population | None:
     """The people that users are, None if they are all average.
 
     Raises:
         ValueError: ``person`` sets what people differ in.
     """
-    return None if config.people is None else People(config.people, config.person)
+    return None if config.people is None else Population(config.people, config.person)
 
 
 def body_of(config: UserConfig) -> Body:

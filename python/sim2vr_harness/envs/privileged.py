@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.perception import Moment
+from sim2vr_harness.perception import StepContext
 from sim2vr_harness.perception.sense import float_space
 from sim2vr_harness.perception.wrappers import Ring
 from sim2vr_harness.users import FEATURES, PeopleSettings
@@ -296,10 +296,10 @@ class _Memory:
         for ring in self._rings.values():
             ring.forget(ids)
 
-    def glimpse(self, moment: Moment, substep: int) -> None:
+    def glimpse(self, moment: StepContext, substep: int) -> None:
         """Nothing: whole user steps are remembered."""
 
-    def take(self, moment: Moment, ids: NDArray[np.int64] | None) -> None:
+    def take(self, moment: StepContext, ids: NDArray[np.int64] | None) -> None:
         rows = slice(None) if ids is None else ids
         now = self._now()
         self._moments.push(now[rows], ids)

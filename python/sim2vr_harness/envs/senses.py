@@ -15,10 +15,10 @@ from sim2vr_harness.envs.app_group import AppGroup
 from sim2vr_harness.envs.config import EnvConfig, people_of
 from sim2vr_harness.perception import (
     Foveation,
-    Moment,
     OwnDelays,
     Perception,
     Proprioception,
+    StepContext,
     Surroundings,
     make_sense,
 )
@@ -137,7 +137,7 @@ class Senses:
         for capability in perception.needs:
             for app in group.apps:
                 require_capability(app.capabilities, capability)
-        self._moment = Moment(
+        self._moment = StepContext(
             users=users,
             pictures=group.pictures,
             time_feature=np.zeros(users.n, dtype=np.float32),

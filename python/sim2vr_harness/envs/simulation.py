@@ -36,7 +36,7 @@ from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
 from sim2vr_harness.envs.states import packed, unpacked
 from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.perception import Delayed, Proprioception, Sense
-from sim2vr_harness.users import Body, People, Person, Physique
+from sim2vr_harness.users import Body, Person, Physique, Population
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.bodies import DEVICES
 from sim2vr_harness.users.noise import MotorNoiseSettings
@@ -181,8 +181,8 @@ class Simulation:
                 (a user never seeded starts from entropy).
             options: game options for these users from this round on.
             postures: K postures to start in (see `UserBatch.reset`); None draws all of them.
-            persons: K numbers of people (`People.number`) whom the users are to be; None: whoever
-                the episode's seed says.
+            persons: K persons of the population (`Population.number`), one for each user; None: drawn
+                by the episode's seed.
 
         Returns:
             K info dictionaries with ``seed`` (of the app's round) and ``log``; where users are
@@ -246,7 +246,7 @@ class Simulation:
             for seed, number in zip(round_seeds, given, strict=True)
         ]
 
-    def _both_hands(self, group: AppGroup, people: People) -> MirroredGroup:
+    def _both_hands(self, group: AppGroup, people: Population) -> MirroredGroup:
         """The apps of people some of whom play with the other hand.
 
         Raises:

@@ -16,7 +16,7 @@ from sim2vr_harness.envs.games import game_facts, with_condition
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.scene_images import BodyPainter, Painter, Picture, score_text
 from sim2vr_harness.evaluation.video import Film
-from sim2vr_harness.policies.player import Player
+from sim2vr_harness.policies.player import PolicyRunner
 from sim2vr_harness.policies.store import find_user, require_contract
 
 __all__ = ["film_side_by_side"]
@@ -62,7 +62,7 @@ class _Seat:
             if "views" not in self._users.apps[0].capabilities:
                 got = f"{str(run)!r}, whose app draws no views"
                 raise InputError("RUN", got, "users of an app that does")
-            self._act = Player(
+            self._act = PolicyRunner(
                 user, self._users.observation_space, self._users.action_space
             ).for_a_round()
             painter = BodyPainter(self._users, *_VIEW, fast=True)

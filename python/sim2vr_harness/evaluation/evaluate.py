@@ -20,12 +20,12 @@ from sim2vr_harness.evaluation.data.folder import EvaluationData
 from sim2vr_harness.evaluation.data.recording import DataRecorder
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
-from sim2vr_harness.evaluation.results import Results
+from sim2vr_harness.evaluation.results import EvaluationResults
 from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
 from sim2vr_harness.evaluation.round_logs import RoundLogs
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
 from sim2vr_harness.evaluation.video import RoundFilmer
-from sim2vr_harness.policies.player import Player
+from sim2vr_harness.policies.player import PolicyRunner
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.users import PeopleSettings, effort_weight
@@ -195,7 +195,7 @@ def evaluate(
         "app": dict(request.app),
         **({} if request.people is None else {"people": request.people}),
     }
-    results = Results(out)
+    results = EvaluationResults(out)
     new = unpractised(config, env, names)
     weight = effort_weight(env.user.effort.model, env.user.effort.weight)
     log_root = out / ("logs" if request.log else _PASSING_LOGS)
@@ -206,8 +206,8 @@ def evaluate(
     recorder = DataRecorder(out, facts, env, moments=request.steps)
     watchers: list[Watcher] = [*recorder.watchers, *(each for each in (logs, filmer) if each)]
 
-    def make_act(users: Any) -> Player:
-        player = Player(user, users.observation_space, users.action_space)
+    def make_act(users: Any) -> PolicyRunner:
+        player = PolicyRunner(user, users.observation_space, users.action_space)
         settings["trained_steps"] = player.step
         if not request.overwrite:
             results.require_room(names, settings)

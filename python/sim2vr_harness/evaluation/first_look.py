@@ -26,13 +26,13 @@ from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.evaluation.metrics import summarise
-from sim2vr_harness.evaluation.results import Results
+from sim2vr_harness.evaluation.results import EvaluationResults
 from sim2vr_harness.evaluation.rollouts import jobs_for, play
 from sim2vr_harness.evaluation.video import RoundFilmer
 from sim2vr_harness.policies.protocol import Act
-from sim2vr_harness.users.kinematics.reach_controller import Reacher
+from sim2vr_harness.users.kinematics.reach_controller import ReachController
 
-__all__ = ["USERS", "Look", "act_of", "look"]
+__all__ = ["USERS", "BaselineRun", "act_of", "look"]
 
 USERS = ("still", "random", "reach NAME")
 """Who can play without having learned anything."""
@@ -75,7 +75,7 @@ def _reaching(name: str, simulation: Any, gaps_m: list[float] | None) -> Act:
     ]
     if not worn:
         raise InputError("--user", f"'reach {name}' without a controller", "a body that wears one")
-    reacher = Reacher(simulation.body, worn[0])
+    reacher = ReachController(simulation.body, worn[0])
     if not isinstance(_page_of(simulation), WebXRApp):
         raise InputError("--user", f"'reach {name}'", "--page with it: other apps name no objects")
     actions = simulation.action_space.shape[0]
@@ -98,7 +98,7 @@ def _page_of(simulation: Any) -> Any:
 
 
 @dataclass(frozen=True)
-class Look:
+class BaselineRun:
     """What a first look found.
 
     Attributes:
@@ -126,7 +126,7 @@ def look(
     batch: int = 2,
     on_progress: Callable[[float], None] = lambda share: None,
     simulation: Callable[..., Any] | None = None,
-) -> Look:
+) -> BaselineRun:
     """Let somebody play who has learned nothing, measure it, and check the app's task against it.
 
     Args:
@@ -196,7 +196,7 @@ def look(
     summaries = {condition.name: summary}
     files = list(filmer.files) if filmer is not None else []
     if out is not None:
-        results = Results(out)
+        results = EvaluationResults(out)
         if not overwrite:
             results.require_room(list(summaries), settings)
         files.insert(0, results.add(summaries, overwrite=overwrite))
@@ -204,7 +204,7 @@ def look(
     problems = [f"the task: {one}" for one in wrong]
     if gaps_m and facts.score and summary.get(facts.score) == 0:
         problems.append(_reached_for_nothing(user, min(gaps_m), facts.score))
-    return Look(summaries, facts, files, problems)
+    return BaselineRun(summaries, facts, files, problems)
 
 
 def _reached_for_nothing(user: str, gap_m: float, score: str) -> str:

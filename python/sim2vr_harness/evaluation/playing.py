@@ -16,7 +16,7 @@ from sim2vr_harness.envs.simulation import observation_space_of
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request
 from sim2vr_harness.evaluation.evaluate import evaluate as measure
-from sim2vr_harness.policies.player import Player
+from sim2vr_harness.policies.player import PolicyRunner
 from sim2vr_harness.policies.store import find_user, require_contract
 
 __all__ = ["UserPolicy", "evaluate", "load_user_policy"]
@@ -39,7 +39,7 @@ class UserPolicy:
         self.config: EnvConfig = evaluation_env(self._user.config, source=run, trust_app=trust_app)
         """The environment that it was trained in, ready for an evaluation."""
         self.observation_space = observation_space_of(self.config)
-        self._player = Player(self._user, self.observation_space)
+        self._player = PolicyRunner(self._user, self.observation_space)
         self._rng = np.random.default_rng()
 
     def make_env(

@@ -11,7 +11,7 @@ from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_json
 from sim2vr_harness.runs.run_folder import write_atomically
 
-__all__ = ["Results"]
+__all__ = ["EvaluationResults"]
 
 _WHO = ("user", "trained_steps")
 _HOW = ("episodes", "seed", "deterministic", "overrides", "app")
@@ -29,7 +29,7 @@ _WORDS = {
 }
 
 
-class Results:
+class EvaluationResults:
     """``results.json`` of a folder: condition -> what was measured of one user.
 
     Args:

@@ -17,7 +17,7 @@ from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.games import game_facts, with_condition, with_game, with_task
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.scene_images import BodyPainter, compose, score_text
-from sim2vr_harness.policies.player import Player
+from sim2vr_harness.policies.player import PolicyRunner
 from sim2vr_harness.policies.store import find_user, require_contract
 
 __all__ = ["parse_size", "snapshot"]
@@ -101,7 +101,7 @@ def snapshot(
         users.reset(seeds=[seed])
         act: Callable[..., Any] = partial(_gentle, users.action_space.shape[0])
         if user is not None:
-            act = Player(user, users.observation_space, users.action_space).for_a_round()
+            act = PolicyRunner(user, users.observation_space, users.action_space).for_a_round()
         log, total, moves = _play(users, act, seconds, seed)
         pictures = _draw(users, size)
         text = score_text(facts, log, len(moves) / users.config.action_frequency_hz, total)

@@ -19,14 +19,14 @@ from sim2vr_harness.base.files import read_text, read_yaml
 from sim2vr_harness.base.settings import Settings, first_problem
 from sim2vr_harness.games.registry import room_of
 
-__all__ = ["People", "Published", "PublishedTest", "PublishedValues", "published_of"]
+__all__ = ["Published", "PublishedPeople", "PublishedTest", "PublishedValues", "published_of"]
 
 _EXPECTED = "what is published of a game"
 _SAME_S = 2.0
 """Rounds end with a frame, and people's logs begin before."""
 
 
-class People(Settings):
+class PublishedPeople(Settings):
     """People's own rounds."""
 
     title: str
@@ -67,7 +67,7 @@ class PublishedTest(Settings):
 class Published(Settings):
     """Everything that a game's room knows of others."""
 
-    people: People | None = None
+    people: PublishedPeople | None = None
     values: tuple[PublishedValues, ...] = ()
     tests: tuple[PublishedTest, ...] = ()
     per_round: tuple[str, ...] = ()

@@ -29,8 +29,8 @@ _ROOMS = {
     "pointing": "sim2vr_harness.games.pointing",
     "whacamole": "sim2vr_harness.games.whacamole",
 }
-"""Name of the game -> its package: ``game.GAME`` is the resident, ``settings.TwinSettings`` what
-may be set of it. A new game is one line."""
+"""Name of the game -> its package: ``game.GAME`` is the game, ``settings.GameModelSettings`` the
+settings of its differentiable model. A new game is one line."""
 
 _MEASURED = {"whacamole": "sim2vr_harness.games.whacamole"}
 """Name of the game -> its package, whose ``behaviour.BEHAVIOUR`` describes how players' behaviour
@@ -62,7 +62,7 @@ def imagined_settings(name: str) -> type[Settings] | None:
     """Return what may be set of a game's twin, without loading torch; None if it has none."""
     if name not in _ROOMS:
         return None
-    settings: type[Settings] = import_module(f"{_ROOMS[name]}.settings").TwinSettings
+    settings: type[Settings] = import_module(f"{_ROOMS[name]}.settings").GameModelSettings
     return settings
 
 

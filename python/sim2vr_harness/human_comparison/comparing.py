@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2vr_harness.games.behaviour import Behaviour
-from sim2vr_harness.human_comparison.measures import FAMILIES, Measure, measures_in
-from sim2vr_harness.human_comparison.persons import Cell, Person
+from sim2vr_harness.human_comparison.measures import FAMILIES, BehaviourMeasure, measures_in
+from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson
 from sim2vr_harness.statistics.distances import (
     distance,
     inside,
@@ -18,16 +18,25 @@ from sim2vr_harness.statistics.distances import (
     wasserstein_ratio,
 )
 
-__all__ = ["CELL_RATES", "Compared", "Row", "SampleRow", "Total", "compare", "left_out", "total"]
+__all__ = [
+    "CELL_RATES",
+    "Compared",
+    "ComparisonRow",
+    "SampleRow",
+    "Total",
+    "compare",
+    "left_out",
+    "total",
+]
 
 CELL_RATES = "cell_hit_rates"
 """The measure that is a number per cell: its share inside is that of the cells."""
 
-People = Mapping[Cell, Sequence[Person]]
+People = Mapping[Cell, Sequence[RecordedPerson]]
 
 
 @dataclass(frozen=True)
-class Row:
+class ComparisonRow:
     """A measure of a user in a condition, beside people's.
 
     Attributes:
@@ -49,7 +58,7 @@ class Row:
 
     group: str
     condition: str
-    measure: Measure
+    measure: BehaviourMeasure
     value: float
     spread: float | None
     persons: int
@@ -109,7 +118,7 @@ class Compared:
 
     name: str
     persons: People
-    rows: tuple[Row, ...]
+    rows: tuple[ComparisonRow, ...]
     samples: tuple[SampleRow, ...]
 
     @property
@@ -139,8 +148,11 @@ def compare(name: str, user: People, people: People, behaviour: Behaviour) -> Co
 
 
 def _rows(
-    cell: Cell, user: Sequence[Person], people: Sequence[Person], behaviour: Behaviour
-) -> Iterable[Row]:
+    cell: Cell,
+    user: Sequence[RecordedPerson],
+    people: Sequence[RecordedPerson],
+    behaviour: Behaviour,
+) -> Iterable[ComparisonRow]:
     for measure in measures_in(behaviour, *cell):
         own = [x.values[measure.name] for x in user if measure.name in x.values]
         theirs = [x.values[measure.name] for x in people if measure.name in x.values]
@@ -151,7 +163,7 @@ def _rows(
             share = _cells_inside(user, people)
         else:
             share = float(inside(value, theirs))
-        yield Row(
+        yield ComparisonRow(
             *cell,
             measure,
             value=value,
@@ -170,7 +182,7 @@ def _rows(
         )
 
 
-def _cells_inside(user: Sequence[Person], people: Sequence[Person]) -> float:
+def _cells_inside(user: Sequence[RecordedPerson], people: Sequence[RecordedPerson]) -> float:
     """Share of the cells whose hit rate is inside people's range of that cell."""
     own = np.array([x.cell_rates for x in user])
     theirs = np.array([x.cell_rates for x in people])
@@ -181,7 +193,10 @@ def _cells_inside(user: Sequence[Person], people: Sequence[Person]) -> float:
 
 
 def _samples(
-    cell: Cell, user: Sequence[Person], people: Sequence[Person], behaviour: Behaviour
+    cell: Cell,
+    user: Sequence[RecordedPerson],
+    people: Sequence[RecordedPerson],
+    behaviour: Behaviour,
 ) -> Iterable[SampleRow]:
     names = [m.sample for m in measures_in(behaviour, *cell) if m.sample is not None]
     for name in dict.fromkeys(names):
@@ -200,7 +215,7 @@ def _samples(
         )
 
 
-def total(rows: Sequence[Row]) -> Total | None:
+def total(rows: Sequence[ComparisonRow]) -> Total | None:
     """What rows come to, every one weighted alike; None of none."""
     if not rows:
         return None
@@ -231,7 +246,7 @@ def left_out(people: People, behaviour: Behaviour) -> dict[str, dict[str, Compar
     return found
 
 
-def by_family(rows: Sequence[Row]) -> dict[str, Total]:
+def by_family(rows: Sequence[ComparisonRow]) -> dict[str, Total]:
     """Family -> what its rows come to."""
     parts = {f: total([row for row in rows if row.measure.family == f]) for f in FAMILIES}
     return {family: part for family, part in parts.items() if part is not None}

@@ -11,7 +11,7 @@ import numpy as np
 from scipy import stats
 
 from sim2vr_harness.games.behaviour import Behaviour
-from sim2vr_harness.human_comparison.persons import Cell, Person
+from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson
 from sim2vr_harness.statistics.effect_sizes import CONFIDENCE, wilcoxon_effect
 
 __all__ = [
@@ -108,8 +108,8 @@ class FatigueDifference:
 
 
 def contrasts(
-    user: Mapping[Cell, Sequence[Person]],
-    people: Mapping[Cell, Sequence[Person]],
+    user: Mapping[Cell, Sequence[RecordedPerson]],
+    people: Mapping[Cell, Sequence[RecordedPerson]],
     behaviour: Behaviour,
 ) -> list[ContrastRow]:
     """Differences between conditions, person by person."""
@@ -145,8 +145,8 @@ def contrasts(
 
 
 def group_contrasts(
-    user: Mapping[Cell, Sequence[Person]],
-    people: Mapping[Cell, Sequence[Person]],
+    user: Mapping[Cell, Sequence[RecordedPerson]],
+    people: Mapping[Cell, Sequence[RecordedPerson]],
     behaviour: Behaviour,
 ) -> list[ContrastRow]:
     """Differences between groups of people in a condition (Welch's interval)."""
@@ -218,13 +218,13 @@ def fatigue_of(
     return rows, differences
 
 
-def _numbers(persons: Sequence[Person], measure: str) -> list[float]:
+def _numbers(persons: Sequence[RecordedPerson], measure: str) -> list[float]:
     found = [{**person.values, **person.further}.get(measure) for person in persons]
     return [value for value in found if value is not None]
 
 
 def _differences(
-    who: Mapping[Cell, Sequence[Person]], pair: tuple[Cell, Cell], measure: str
+    who: Mapping[Cell, Sequence[RecordedPerson]], pair: tuple[Cell, Cell], measure: str
 ) -> list[float]:
     one, other = (
         {person.name: {**person.values, **person.further} for person in who.get(cell, ())}

@@ -10,9 +10,9 @@ import numpy as np
 
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.human_comparison.measures import MEASURES
-from sim2vr_harness.human_comparison.persons import Cell, Person
+from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson
 from sim2vr_harness.human_comparison.reaction import Effect
-from sim2vr_harness.human_comparison.report import Report
+from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.human_comparison.sources import Source
 
 __all__ = ["draw"]
@@ -22,7 +22,7 @@ _PEOPLE = "0.55"
 _DPI = 110
 
 
-def draw(report: Report, folder: Path) -> list[Path]:
+def draw(report: ComparisonReport, folder: Path) -> list[Path]:
     """Write ``latency.png``, ``time_to_hit.png`` and ``overview.png``; those that have content."""
     folder.mkdir(parents=True, exist_ok=True)
     files = []
@@ -50,7 +50,7 @@ def _figure(rows: int, columns: int, width: float, height: float) -> tuple[Any, 
     return figure, figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
 
 
-def _drawn(report: Report, cell: Cell) -> list[tuple[Source, str]]:
+def _drawn(report: ComparisonReport, cell: Cell) -> list[tuple[Source, str]]:
     """Users who have played in a condition, with their colours."""
     return [
         (user, _COLOURS[i % len(_COLOURS)])
@@ -59,7 +59,7 @@ def _drawn(report: Report, cell: Cell) -> list[tuple[Source, str]]:
     ]
 
 
-def _cells(report: Report) -> list[Cell]:
+def _cells(report: ComparisonReport) -> list[Cell]:
     """Conditions that people and a user have played, in the order of the tables."""
     return [
         (group, condition)
@@ -69,7 +69,7 @@ def _cells(report: Report) -> list[Cell]:
     ]
 
 
-def _latency(report: Report) -> Any:
+def _latency(report: ComparisonReport) -> Any:
     cells = [cell for cell in _cells(report) if cell[1] in report.behaviour.one_target]
     if not cells:
         return None
@@ -99,12 +99,12 @@ def _latency(report: Report) -> Any:
     return figure
 
 
-def _curves(persons: Sequence[Person]) -> list[Any]:
+def _curves(persons: Sequence[RecordedPerson]) -> list[Any]:
     found = [person.effect.curve() for person in persons if person.effect is not None]
     return [curve for curve in found if curve is not None]
 
 
-def _time_to_hit(report: Report) -> Any:
+def _time_to_hit(report: ComparisonReport) -> Any:
     cells = _cells(report)
     if not cells:
         return None
@@ -135,14 +135,14 @@ def _time_to_hit(report: Report) -> Any:
     return figure
 
 
-def _steps(axis: Any, person: Person, colour: str, width: float, label: str | None) -> None:
+def _steps(axis: Any, person: RecordedPerson, colour: str, width: float, label: str | None) -> None:
     times = np.sort(person.samples.get("tth", np.zeros(0)))
     if len(times):
         share = np.arange(1, len(times) + 1) / len(times)
         axis.step(times, share, where="post", color=colour, linewidth=width, label=label)
 
 
-def _overview(report: Report) -> Any:
+def _overview(report: ComparisonReport) -> Any:
     """A square per measure and condition: inside people's range, or how far outside."""
     from matplotlib.colors import ListedColormap
 

@@ -14,20 +14,20 @@ import numpy as np
 
 from sim2vr_harness.human_comparison.comparing import (
     Compared,
-    Row,
+    ComparisonRow,
     SampleRow,
     Total,
     by_family,
     total,
 )
 from sim2vr_harness.human_comparison.contrasts import ContrastRow
-from sim2vr_harness.human_comparison.report import Report
+from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.runs.run_folder import write_atomically
 
 __all__ = ["as_json", "write_csv", "write_json"]
 
 
-def as_json(report: Report) -> dict[str, Any]:
+def as_json(report: ComparisonReport) -> dict[str, Any]:
     """Everything that was found, ready for JSON."""
     return {
         "game": report.behaviour.game,
@@ -57,20 +57,20 @@ def as_json(report: Report) -> dict[str, Any]:
     }
 
 
-def _in_a_row(report: Report, compared: Compared, group: str) -> dict[str, Any]:
+def _in_a_row(report: ComparisonReport, compared: Compared, group: str) -> dict[str, Any]:
     rows = [row for row in compared.rows if row.group == group]
     values = {(row.condition, row.measure.name): row.value for row in rows}
     first = {f"{name}, {c}": values.get((c, name)) for c, name in report.behaviour.headlines}
     return {"user": compared.name, "group": group, **asdict(_of(rows)), **first}
 
 
-def _of(rows: Sequence[Row]) -> Total:
+def _of(rows: Sequence[ComparisonRow]) -> Total:
     found = total(rows)
     assert found is not None  # a group is one of rows
     return found
 
 
-def _user(report: Report, index: int, compared: Compared) -> dict[str, Any]:
+def _user(report: ComparisonReport, index: int, compared: Compared) -> dict[str, Any]:
     source = report.users[index]
     tired, more = report.fatigue(source)
     return {
@@ -110,7 +110,7 @@ def _total(found: Total | None) -> dict[str, Any] | None:
     return None if found is None else asdict(found)
 
 
-def _row(row: Row) -> dict[str, Any]:
+def _row(row: ComparisonRow) -> dict[str, Any]:
     content = {key: value for key, value in vars(row).items() if key != "measure"}
     return {
         "measure": row.measure.name,
@@ -136,13 +136,13 @@ def _mean_distance(each: Sequence[Compared]) -> float:
     return float(np.mean([found.distance for c in each if (found := total(c.rows)) is not None]))
 
 
-def write_json(report: Report, file: Path) -> Path:
+def write_json(report: ComparisonReport, file: Path) -> Path:
     """Write everything that was found."""
     write_atomically(file, (json.dumps(as_json(report), indent=1) + "\n").encode())
     return file
 
 
-def write_csv(report: Report, folder: Path) -> list[Path]:
+def write_csv(report: ComparisonReport, folder: Path) -> list[Path]:
     """Write measures, samples, contrasts and goals as CSV, a row per user and number.
 
     ``users.csv`` has a row per user and group, with what is shown first.

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import stats
 
 from sim2vr_harness.games.behaviour import Behaviour, Bounds, Goals, Ratings
-from sim2vr_harness.human_comparison.comparing import Compared, Row, Total
+from sim2vr_harness.human_comparison.comparing import Compared, ComparisonRow, Total
 from sim2vr_harness.human_comparison.contrasts import ContrastRow, FatigueDifference
 from sim2vr_harness.statistics.effect_sizes import CONFIDENCE, effect_interval
 
@@ -114,7 +114,9 @@ def sign_rows(name: str, contrasts: Sequence[ContrastRow]) -> list[GoalRow]:
     ]
 
 
-def _single(name: str, group: str, rows: Sequence[Row], goals: Goals) -> Iterator[GoalRow]:
+def _single(
+    name: str, group: str, rows: Sequence[ComparisonRow], goals: Goals
+) -> Iterator[GoalRow]:
     by_name = {(row.condition, row.measure.name): row for row in rows}
     for goal in goals.measures:
         row = by_name.get((goal.condition, goal.measure))
@@ -141,7 +143,7 @@ def _single(name: str, group: str, rows: Sequence[Row], goals: Goals) -> Iterato
         )
 
 
-def _rates(name: str, group: str, rows: Sequence[Row], rate: str) -> Iterator[GoalRow]:
+def _rates(name: str, group: str, rows: Sequence[ComparisonRow], rate: str) -> Iterator[GoalRow]:
     own = [row for row in rows if row.measure.name == rate]
     if not own:
         return

@@ -18,7 +18,7 @@ from sim2vr_harness.human_comparison.measures import measures_in
 from sim2vr_harness.human_comparison.reaction import Effect, effect_of, effects, reaction
 from sim2vr_harness.human_comparison.rounds import PlayedRound
 
-__all__ = ["Cell", "Person", "RoundMeasures", "measure_round", "persons_of"]
+__all__ = ["Cell", "RecordedPerson", "RoundMeasures", "measure_round", "persons_of"]
 
 FloatArray = NDArray[np.float64]
 Cell = tuple[str, str]
@@ -50,7 +50,7 @@ class RoundMeasures:
 
 
 @dataclass(frozen=True)
-class Person:
+class RecordedPerson:
     """What one person does in a condition: the mean over its rounds.
 
     Attributes:
@@ -123,7 +123,7 @@ def measure_round(played: PlayedRound, behaviour: Behaviour) -> RoundMeasures:
 
 def persons_of(
     rounds: Iterable[RoundMeasures], behaviour: Behaviour
-) -> dict[Cell, tuple[Person, ...]]:
+) -> dict[Cell, tuple[RecordedPerson, ...]]:
     """Group rounds by condition and person; persons by name."""
     sorted_: dict[Cell, dict[str, list[RoundMeasures]]] = {}
     for each in rounds:
@@ -134,7 +134,7 @@ def persons_of(
     }
 
 
-def _person(name: str, rounds: Sequence[RoundMeasures], behaviour: Behaviour) -> Person:
+def _person(name: str, rounds: Sequence[RoundMeasures], behaviour: Behaviour) -> RecordedPerson:
     keys = dict.fromkeys(key for each in rounds for key in each.values)
     values = {
         key: float(np.mean([each.values[key] for each in rounds if key in each.values]))
@@ -156,7 +156,7 @@ def _person(name: str, rounds: Sequence[RoundMeasures], behaviour: Behaviour) ->
         values["cell_hit_rates"] = float(np.nanmean(rates))
         values["worst_cell"] = float(np.nanmin(rates))
     chosen = {measure.name for measure in measures_in(behaviour, *rounds[0].cell)}
-    return Person(
+    return RecordedPerson(
         name=name,
         values={key: value for key, value in values.items() if key in chosen},
         samples=samples,

@@ -8,7 +8,14 @@ from functools import cached_property
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.games.behaviour import Behaviour
-from sim2vr_harness.human_comparison.comparing import Compared, Row, Total, compare, left_out, total
+from sim2vr_harness.human_comparison.comparing import (
+    Compared,
+    ComparisonRow,
+    Total,
+    compare,
+    left_out,
+    total,
+)
 from sim2vr_harness.human_comparison.contrasts import (
     ContrastRow,
     Fatigue,
@@ -20,11 +27,11 @@ from sim2vr_harness.human_comparison.contrasts import (
 from sim2vr_harness.human_comparison.goals import GoalRow, goal_rows, inside_row, sign_rows
 from sim2vr_harness.human_comparison.sources import Source
 
-__all__ = ["Report"]
+__all__ = ["ComparisonReport"]
 
 
 @dataclass(frozen=True)
-class Report:
+class ComparisonReport:
     """Users beside people.
 
     Attributes:
@@ -63,7 +70,7 @@ class Report:
             return None
         return total(self.rows())
 
-    def rows(self) -> list[Row]:
+    def rows(self) -> list[ComparisonRow]:
         """Those of all users."""
         return [row for each in self.compared for row in each.rows]
 

@@ -19,7 +19,7 @@ from sim2vr_harness.evaluation.replay.recordings import Recording, read_recordin
 from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.human_comparison.persons import (
     Cell,
-    Person,
+    RecordedPerson,
     RoundMeasures,
     measure_round,
     persons_of,
@@ -58,7 +58,7 @@ class Source:
     """
 
     name: str
-    persons: Mapping[Cell, Sequence[Person]]
+    persons: Mapping[Cell, Sequence[RecordedPerson]]
     fatigue: Mapping[Cell, Mapping[str, float]] = field(default_factory=dict)
 
 
@@ -190,7 +190,7 @@ def read_folders(name: str, folders: Sequence[Path], behaviour: Behaviour) -> So
     Raises:
         InputError: A folder has no rounds of the game, or two have the same condition.
     """
-    persons: dict[Cell, Sequence[Person]] = {}
+    persons: dict[Cell, Sequence[RecordedPerson]] = {}
     fatigue: dict[Cell, Mapping[str, float]] = {}
     for folder in folders:
         own = _of_folder(folder, behaviour, name)

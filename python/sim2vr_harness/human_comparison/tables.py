@@ -9,18 +9,24 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from sim2vr_harness.human_comparison.comparing import Compared, Row, Total, by_family, total
+from sim2vr_harness.human_comparison.comparing import (
+    Compared,
+    ComparisonRow,
+    Total,
+    by_family,
+    total,
+)
 from sim2vr_harness.human_comparison.contrasts import COMPARED, ContrastRow
 from sim2vr_harness.human_comparison.files import as_json
 from sim2vr_harness.human_comparison.goals import GoalRow
-from sim2vr_harness.human_comparison.report import Report
+from sim2vr_harness.human_comparison.report import ComparisonReport
 
 __all__ = ["report_tables"]
 
 _WORST = 12
 
 
-def report_tables(report: Report, *, every: bool = False) -> RenderableType:
+def report_tables(report: ComparisonReport, *, every: bool = False) -> RenderableType:
     """Return what a comparison comes to.
 
     Args:
@@ -39,7 +45,7 @@ def report_tables(report: Report, *, every: bool = False) -> RenderableType:
     return Group(*parts)
 
 
-def _totals(report: Report) -> Table:
+def _totals(report: ComparisonReport) -> Table:
     table = Table(
         title="Inside people's range, distance", box=box.SIMPLE_HEAD, title_justify="left"
     )
@@ -66,7 +72,7 @@ def _totals(report: Report) -> Table:
     return table
 
 
-def _side_by_side(report: Report) -> Iterator[RenderableType]:
+def _side_by_side(report: ComparisonReport) -> Iterator[RenderableType]:
     """What is shown first of every user, a column each."""
     for group in report.behaviour.groups:
         users = [each for each in report.compared if group in each.groups]
@@ -98,11 +104,11 @@ def _side_by_side(report: Report) -> Iterator[RenderableType]:
         yield table
 
 
-def _value(row: Row | None) -> str:
+def _value(row: ComparisonRow | None) -> str:
     return "" if row is None else f"{row.value:.3g}" + ("" if row.inside == 1.0 else "*")
 
 
-def _goals(report: Report) -> Iterator[RenderableType]:
+def _goals(report: ComparisonReport) -> Iterator[RenderableType]:
     """What is asked of users: a plus for what is so, a minus for what is not."""
     found: dict[tuple[str, str], list[GoalRow]] = {}
     for row in report.goals:
@@ -146,7 +152,7 @@ def _add(table: Table, name: str, group: str, found: Total | None, *, dim: bool 
     )
 
 
-def _headlines(report: Report, compared: Compared) -> RenderableType:
+def _headlines(report: ComparisonReport, compared: Compared) -> RenderableType:
     wanted = report.behaviour.headlines
     rows = {(row.group, row.condition, row.measure.name): row for row in compared.rows}
     found = [
@@ -155,18 +161,18 @@ def _headlines(report: Report, compared: Compared) -> RenderableType:
     return _table(f"{compared.name}: first of all", found)
 
 
-def _farthest(compared: Compared) -> list[Row]:
+def _farthest(compared: Compared) -> list[ComparisonRow]:
     away = sorted(compared.rows, key=lambda row: -row.distance)
     return away[:_WORST]
 
 
-def _rows(compared: Compared, chosen: Sequence[Row] | None) -> RenderableType:
+def _rows(compared: Compared, chosen: Sequence[ComparisonRow] | None) -> RenderableType:
     if chosen is None:
         return _table(f"{compared.name}: every measure", compared.rows)
     return _table(f"{compared.name}: farthest from people", chosen)
 
 
-def _table(title: str, rows: Sequence[Row]) -> Table:
+def _table(title: str, rows: Sequence[ComparisonRow]) -> Table:
     """A row per measure and condition; a star marks what is outside people's range."""
     table = Table(title=title, box=box.SIMPLE_HEAD, title_justify="left")
     several = len({row.group for row in rows}) > 1
@@ -189,7 +195,7 @@ def _table(title: str, rows: Sequence[Row]) -> Table:
     return table
 
 
-def _fatigue(report: Report, index: int) -> Iterator[RenderableType]:
+def _fatigue(report: ComparisonReport, index: int) -> Iterator[RenderableType]:
     tired, more = report.fatigue(report.users[index])
     if not tired:
         return
@@ -214,7 +220,7 @@ def _fatigue(report: Report, index: int) -> Iterator[RenderableType]:
             yield Text(f"{count} people, {group} ({ratings.scale}, medians): {text}")
 
 
-def _contrasts(report: Report) -> Iterator[RenderableType]:
+def _contrasts(report: ComparisonReport) -> Iterator[RenderableType]:
     found: dict[str, list[ContrastRow]] = {}
     for user in report.users:
         for row in report.contrasts(user):

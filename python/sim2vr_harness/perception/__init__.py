@@ -14,7 +14,7 @@ from sim2vr_harness.perception.registry import (
     check_list,
     make_sense,
 )
-from sim2vr_harness.perception.sense import Moment, Sense, Sensed
+from sim2vr_harness.perception.sense import Sense, Sensed, StepContext
 from sim2vr_harness.perception.senses import Perception
 from sim2vr_harness.perception.vision import CHANNELS, channel_indices, pick_channels
 from sim2vr_harness.perception.wrappers import Delayed, History, Noisy, OwnDelays, Stacked
@@ -26,7 +26,6 @@ __all__ = [
     "Delayed",
     "Foveation",
     "History",
-    "Moment",
     "Noisy",
     "OwnDelays",
     "Perception",
@@ -36,6 +35,7 @@ __all__ = [
     "SenseKind",
     "Sensed",
     "Stacked",
+    "StepContext",
     "Surroundings",
     "channel_indices",
     "check_list",

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.perception.sense import IntArray, Moment, Sensed, float_space, restore
+from sim2vr_harness.perception.sense import IntArray, Sensed, StepContext, float_space, restore
 
 __all__ = ["Haptics"]
 
@@ -40,7 +40,7 @@ class Haptics(Sensed):
         self._amplitude[ids] = 0.0
         self._end_s[ids] = self._felt_s[ids] = -np.inf
 
-    def _felt(self, moment: Moment, ids: IntArray | None) -> NDArray[Any]:
+    def _felt(self, moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
         rows = np.arange(self.n) if ids is None else ids
         going_on = self._end_s[rows] > self._felt_s[rows, None] + _ROUNDING_S
         strongest = np.where(going_on, self._amplitude[rows], 0.0)

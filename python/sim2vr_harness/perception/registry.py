@@ -15,7 +15,14 @@ from sim2vr_harness.base.settings import Settings, Weight
 from sim2vr_harness.perception.foveation import Foveation
 from sim2vr_harness.perception.haptics import Haptics
 from sim2vr_harness.perception.proprioception import Proprioception
-from sim2vr_harness.perception.sense import IntArray, Moment, Sense, Sensed, float_space, rows_of
+from sim2vr_harness.perception.sense import (
+    IntArray,
+    Sense,
+    Sensed,
+    StepContext,
+    float_space,
+    rows_of,
+)
 from sim2vr_harness.perception.sound import Hearing
 from sim2vr_harness.perception.vision import fovea, vision
 from sim2vr_harness.perception.wrappers import Delayed, History, Noisy, OwnDelays, Stacked
@@ -156,14 +163,14 @@ def _pictures(around: Surroundings) -> dict[str, Any]:
 def _proprioception(name: str, around: Surroundings) -> Sense:
     sense = around.proprioception
 
-    def look(moment: Moment, ids: IntArray | None) -> NDArray[np.float32]:
+    def look(moment: StepContext, ids: IntArray | None) -> NDArray[np.float32]:
         return sense.observe(moment.users)[rows_of(ids)]
 
     return Sensed(name, sense.observation_space, around.n, look)
 
 
 def _time(name: str, around: Surroundings) -> Sense:
-    def look(moment: Moment, ids: IntArray | None) -> NDArray[np.float32]:
+    def look(moment: StepContext, ids: IntArray | None) -> NDArray[np.float32]:
         return np.clip(moment.time_feature[rows_of(ids)], -1.0, 1.0)[:, None]
 
     return Sensed(name, float_space(-1.0, 1.0, 1), around.n, look)
@@ -173,7 +180,7 @@ def _fingers(name: str, around: Surroundings) -> Sense:
     if not around.inputs:
         raise ValueError("senses: got 'fingers', expected user.inputs for them to work")
 
-    def look(moment: Moment, ids: IntArray | None) -> NDArray[Any]:
+    def look(moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
         return moment.inputs[rows_of(ids)]
 
     return Sensed(name, float_space(-1.0, 1.0, len(around.inputs)), around.n, look)
@@ -183,14 +190,14 @@ def _gaze(name: str, around: Surroundings) -> Sense:
     if not around.gaze_range_deg:
         raise ValueError("senses: got 'gaze', expected vision.foveation with gaze: moves")
 
-    def look(moment: Moment, ids: IntArray | None) -> NDArray[Any]:
+    def look(moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
         return moment.gaze_deg[rows_of(ids)] / around.gaze_range_deg
 
     return Sensed(name, float_space(-1.0, 1.0, 2), around.n, look)
 
 
 def _actions(name: str, around: Surroundings) -> Sense:
-    def look(moment: Moment, ids: IntArray | None) -> NDArray[Any]:
+    def look(moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
         return moment.actions[rows_of(ids)]
 
     return Sensed(name, float_space(-1.0, 1.0, around.actions), around.n, look)
@@ -208,14 +215,14 @@ def _head(name: str, around: Surroundings) -> Sense:
     if not around.head_moves:
         raise ValueError("senses: got 'head', expected user.head: reflex for it to move")
 
-    def look(moment: Moment, ids: IntArray | None) -> NDArray[Any]:
+    def look(moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
         return np.clip(moment.users.head_offsets[rows_of(ids)] / _HEAD_UNITS, -10.0, 10.0)
 
     return Sensed(name, float_space(-10.0, 10.0, 5), around.n, look)
 
 
 def _person(name: str, around: Surroundings) -> Sense:
-    def look(moment: Moment, ids: IntArray | None) -> NDArray[np.float32]:
+    def look(moment: StepContext, ids: IntArray | None) -> NDArray[np.float32]:
         return moment.users.person_features[rows_of(ids)]
 
     limit = float(np.finfo(np.float32).max)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.users.batch import UserBatch
 
-__all__ = ["Moment", "Pulse", "Sense", "Sensed", "Sound", "float_space", "rows_of"]
+__all__ = ["Pulse", "Sense", "Sensed", "Sound", "StepContext", "float_space", "rows_of"]
 
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
@@ -55,7 +55,7 @@ class Sound(Protocol):
 
 
 @dataclass
-class Moment:
+class StepContext:
     """What there is to sense for N users, at the end of a user step or at a pause within it.
 
     Within a step the bodies are those of that moment, and what comes from the apps is what their
@@ -122,10 +122,10 @@ class Sense(Protocol):
             seeds: (K,) of their rounds, 32 bits; what is drawn here depends on them alone.
         """
 
-    def glimpse(self, moment: Moment, substep: int) -> None:
+    def glimpse(self, moment: StepContext, substep: int) -> None:
         """Looks at the end of a substep; nothing is taken in before :meth:`take`."""
 
-    def take(self, moment: Moment, ids: IntArray | None) -> None:
+    def take(self, moment: StepContext, ids: IntArray | None) -> None:
         """Takes in the end of a step or a reset, for these users or, None, for all."""
 
     def observe(self) -> NDArray[Any]:
@@ -142,7 +142,7 @@ class Sense(Protocol):
         """
 
 
-Look = Callable[[Moment, IntArray | None], NDArray[Any]]
+Look = Callable[[StepContext, IntArray | None], NDArray[Any]]
 
 
 class Sensed:
@@ -179,10 +179,10 @@ class Sensed:
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
         """See :class:`Sense`; there is no past."""
 
-    def glimpse(self, moment: Moment, substep: int) -> None:
+    def glimpse(self, moment: StepContext, substep: int) -> None:
         """See :class:`Sense`; never asked for."""
 
-    def take(self, moment: Moment, ids: IntArray | None) -> None:
+    def take(self, moment: StepContext, ids: IntArray | None) -> None:
         """See :class:`Sense`."""
         self._values[rows_of(ids)] = self._look(moment, ids)
 

@@ -8,7 +8,7 @@ from typing import Any
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from sim2vr_harness.perception.sense import IntArray, Moment, Sense
+from sim2vr_harness.perception.sense import IntArray, Sense, StepContext
 from sim2vr_harness.perception.wrappers import Delayed
 
 __all__ = ["Perception"]
@@ -62,7 +62,7 @@ class Perception:
         """Capabilities that the apps need -> the sense that stays still without."""
         return {sense.needs: sense.name for sense in self.senses if sense.needs is not None}
 
-    def pauses(self, moment: Moment) -> dict[int, Callable[[], None]]:
+    def pauses(self, moment: StepContext) -> dict[int, Callable[[], None]]:
         """For every substep at which something is to be sensed, what to call there."""
         paused: dict[int, list[Sense]] = {}
         for sense in self.senses:
@@ -83,7 +83,7 @@ class Perception:
         for sense in self._all:
             sense.reset(ids, seeds)
 
-    def take(self, moment: Moment, ids: IntArray | None) -> None:
+    def take(self, moment: StepContext, ids: IntArray | None) -> None:
         """Takes in the end of a step or a reset; see :meth:`Sense.take`."""
         for sense in self._all:
             sense.take(moment, ids)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from sim2vr_harness.perception.sense import IntArray, Moment, Sensed, Sound, float_space
+from sim2vr_harness.perception.sense import IntArray, Sensed, Sound, StepContext, float_space
 
 __all__ = ["LOUDEST", "Hearing", "ear_gains"]
 
@@ -71,7 +71,7 @@ class Hearing(Sensed):
         space = float_space(0.0, LOUDEST, 2)
         super().__init__(name, space, n, self._heard, needs="sounds")
 
-    def _heard(self, moment: Moment, ids: IntArray | None) -> NDArray[Any]:
+    def _heard(self, moment: StepContext, ids: IntArray | None) -> NDArray[Any]:
         rows = np.arange(self.n) if ids is None else ids
         loudness = np.zeros((len(rows), 2))
         if moment.sounds:

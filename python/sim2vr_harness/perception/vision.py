@@ -10,7 +10,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from sim2vr_harness.perception.foveation import Foveation
-from sim2vr_harness.perception.sense import IntArray, Moment, Sensed, rows_of
+from sim2vr_harness.perception.sense import IntArray, Sensed, StepContext, rows_of
 
 __all__ = ["CHANNELS", "channel_indices", "fovea", "pick_channels", "vision"]
 
@@ -57,7 +57,7 @@ def vision(
     """
     channel_indices(channels)
 
-    def look(moment: Moment, ids: IntArray | None) -> UInt8Array:
+    def look(moment: StepContext, ids: IntArray | None) -> UInt8Array:
         pictures = moment.pictures[rows_of(ids)][..., zoom // 2 :: zoom, zoom // 2 :: zoom]
         if foveation is None:
             return pictures
@@ -100,7 +100,7 @@ def fovea(
         raise ValueError("senses: got 'fovea', expected vision.zoom: 3 or 5 for more to be seen")
     top, left = (zoom - 1) * height // 2, (zoom - 1) * width // 2
 
-    def look(moment: Moment, ids: IntArray | None) -> UInt8Array:
+    def look(moment: StepContext, ids: IntArray | None) -> UInt8Array:
         pictures = moment.pictures[rows_of(ids)]
         return pictures[..., top : top + height, left : left + width]
 

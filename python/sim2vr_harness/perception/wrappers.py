@@ -15,7 +15,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from scipy.special import ndtri
 
-from sim2vr_harness.perception.sense import IntArray, Moment, Sense, restore, rows_of
+from sim2vr_harness.perception.sense import IntArray, Sense, StepContext, restore, rows_of
 
 __all__ = ["Delayed", "History", "Noisy", "OwnDelays", "Ring", "Stacked"]
 
@@ -41,7 +41,7 @@ class _Wrapper:
         """See :class:`Sense`."""
         self.sense.reset(ids, seeds)
 
-    def glimpse(self, moment: Moment, substep: int) -> None:
+    def glimpse(self, moment: StepContext, substep: int) -> None:
         """See :class:`Sense`."""
         self.sense.glimpse(moment, substep)
 
@@ -227,7 +227,7 @@ class Delayed(_Wrapper):
             plan = delay_plan(delay, self._substeps, max(self._grid, 1))
             self._ring.back[i], self._substep[i] = plan
 
-    def glimpse(self, moment: Moment, substep: int) -> None:
+    def glimpse(self, moment: StepContext, substep: int) -> None:
         """See :class:`Sense`."""
         if (self._substep == substep).all():
             self.sense.take(moment, None)
@@ -237,7 +237,7 @@ class Delayed(_Wrapper):
         self.sense.take(moment, ids)
         self._glimpsed[ids] = self.sense.observe()[ids]
 
-    def take(self, moment: Moment, ids: IntArray | None) -> None:
+    def take(self, moment: StepContext, ids: IntArray | None) -> None:
         """See :class:`Sense`."""
         if not self.pauses:
             self.sense.take(moment, ids)
@@ -324,7 +324,7 @@ class Noisy(_Wrapper):
         for i, seed in zip(ids.tolist(), seeds.tolist(), strict=True):
             self._streams[i] = np.random.default_rng([seed, word])
 
-    def take(self, moment: Moment, ids: IntArray | None) -> None:
+    def take(self, moment: StepContext, ids: IntArray | None) -> None:
         """See :class:`Sense`."""
         self.sense.take(moment, ids)
         clean = self.sense.observe()
@@ -368,7 +368,7 @@ class _Remembering(_Wrapper):
         super().reset(ids, seeds)
         self._ring.forget(ids)
 
-    def take(self, moment: Moment, ids: IntArray | None) -> None:
+    def take(self, moment: StepContext, ids: IntArray | None) -> None:
         """See :class:`Sense`."""
         self.sense.take(moment, ids)
         self._ring.push(self.sense.observe()[rows_of(ids)], ids)

@@ -17,9 +17,9 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from sim2vr_harness.policies.conv import cast, centred, channels_last, convolutions, convolved
-from sim2vr_harness.runs.attention_config import GlimpseConfig
+from sim2vr_harness.runs.attention_config import AttentionCropConfig
 
-__all__ = ["Glimpses"]
+__all__ = ["AttentionCrops"]
 
 _CELL = 8
 """Pixels of the wide picture that a cell of the locator's grid is wide and high."""
@@ -27,7 +27,7 @@ _LOCATOR = (8, 16, 24, 32)
 _ENCODER = (16, 32, 48)
 
 
-class Glimpses(nn.Module):
+class AttentionCrops(nn.Module):
     """Where to look, and what is there.
 
     Places are in units of the wide picture's half height from its middle, right and up: at a
@@ -42,7 +42,7 @@ class Glimpses(nn.Module):
     def __init__(
         self,
         shapes: Mapping[str, Sequence[int]],
-        config: GlimpseConfig,
+        config: AttentionCropConfig,
         dtype: torch.dtype = torch.float32,
     ) -> None:
         super().__init__()
@@ -142,7 +142,7 @@ class Glimpses(nn.Module):
 
 
 def _places(told: Tensor, cell: Tensor) -> Tensor:
-    """(B, G, 2) the places that cells (B, G) say, of what :meth:`Glimpses.where` said."""
+    """(B, G, 2) the places that cells (B, G) say, of what :meth:`AttentionCrops.where` said."""
     return told[:, :, 1:].gather(3, cell[..., None, None].expand(-1, -1, 2, 1))[..., 0]
 
 

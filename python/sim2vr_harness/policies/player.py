@@ -10,29 +10,31 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from sim2vr_harness.envs.config import body_of
-from sim2vr_harness.policies.hierarchical.option_policy import DecidingUser, Intention
+from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, Intention
 from sim2vr_harness.policies.protocol import Act
 from sim2vr_harness.policies.store import TrainedUser
-from sim2vr_harness.policies.visual_actor_critic import UserPolicy
+from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 
-__all__ = ["Player", "new_policy"]
+__all__ = ["PolicyRunner", "new_policy"]
 
 
 def new_policy(
     user: TrainedUser, observation_space: spaces.Dict, action_space: spaces.Box | None = None
-) -> UserPolicy | DecidingUser:
+) -> VisualActorCritic | HierarchicalPolicy:
     """A network as the user's, with weights that mean nothing yet; on the CPU."""
     # The weights drawn here are replaced at once; a training's random numbers are not touched.
     with torch.random.fork_rng(devices=[]):
         if user.config.decides:
-            return DecidingUser(user.config)
+            return HierarchicalPolicy(user.config)
         if action_space is None:
             size = body_of(user.config.env.user).action_size
             action_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
-        return UserPolicy(observation_space, action_space, lambda _: 0.0, config=user.config.policy)
+        return VisualActorCritic(
+            observation_space, action_space, lambda _: 0.0, config=user.config.policy
+        )
 
 
-class Player:
+class PolicyRunner:
     """The policy of a trained user, on the CPU.
 
     Each body is asked for by itself: what a round's user does must not depend, not even in the
@@ -64,7 +66,7 @@ class Player:
 
     def begin(self) -> Intention | None:
         """What a user intends whose round begins; None of one who remembers nothing."""
-        return self._policy.begin() if isinstance(self._policy, DecidingUser) else None
+        return self._policy.begin() if isinstance(self._policy, HierarchicalPolicy) else None
 
     def act(
         self,
@@ -81,7 +83,7 @@ class Player:
             intention: Of :meth:`begin`, of this user's round; changed here. None of who remembers
                 nothing.
         """
-        if isinstance(self._policy, DecidingUser):
+        if isinstance(self._policy, HierarchicalPolicy):
             assert intention is not None
             return self._policy.act(observation, intention)
         batch = {key: torch.from_numpy(value[None]) for key, value in observation.items()}

@@ -23,13 +23,13 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from sim2vr_harness.base.torch_threads import torch_threads
-from sim2vr_harness.policies.attention_crops import Glimpses
+from sim2vr_harness.policies.attention_crops import AttentionCrops
 from sim2vr_harness.policies.conv import cast, centred, channels_last, convolutions, convolved
 from sim2vr_harness.policies.sb3_base import StagePolicy
 from sim2vr_harness.policies.sharding import in_shards
 from sim2vr_harness.runs.config import PolicyConfig
 
-__all__ = ["UserFeatures", "UserPolicy", "policy_arguments"]
+__all__ = ["UserFeatures", "VisualActorCritic", "policy_arguments"]
 
 PROPRIOCEPTION = "proprioception"
 
@@ -133,7 +133,7 @@ class UserFeatures(BaseFeaturesExtractor):
         glimpses = None
         if config.glimpses is not None:
             shapes = {key: observation_space[key].shape or () for key in images}
-            glimpses = Glimpses(shapes, config.glimpses, dtype)
+            glimpses = AttentionCrops(shapes, config.glimpses, dtype)
         looked = 0 if glimpses is None else glimpses.outputs
         super().__init__(observation_space, features_dim=sum(sizes.values()) + looked)
         encoders: dict[str, nn.Module] = {}
@@ -166,7 +166,7 @@ class UserFeatures(BaseFeaturesExtractor):
         return self.look(observations)[0]
 
     def look(self, observations: dict[str, Tensor]) -> tuple[Tensor, Tensor | None]:
-        """Encode as :meth:`forward` does, and say where was looked (:meth:`Glimpses.where`)."""
+        """Encode as :meth:`forward` does; also return the places of the attention crops."""
         parts, where = [], None
         if self.glimpses is not None:
             where = self.glimpses.where(observations["vision"])
@@ -205,7 +205,7 @@ def _hidden_layers(inputs: int, widths: Sequence[int]) -> nn.Sequential:
     return nn.Sequential(*layers)
 
 
-class UserPolicy(StagePolicy):
+class VisualActorCritic(StagePolicy):
     """Actor and critic of a simulated user; see the module's description.
 
     Args:
@@ -367,5 +367,5 @@ class UserPolicy(StagePolicy):
 
 
 def policy_arguments(config: PolicyConfig) -> dict[str, Any]:
-    """Return the ``policy_kwargs`` with which PPO builds a :class:`UserPolicy`."""
+    """Return the ``policy_kwargs`` with which PPO builds a :class:`VisualActorCritic`."""
     return {"config": config}

@@ -7,10 +7,10 @@ from pydantic import Field
 from sim2vr_harness.base.settings import Settings, Width
 from sim2vr_harness.envs.config import EnvConfig
 
-__all__ = ["GlimpseConfig", "check_glimpses"]
+__all__ = ["AttentionCropConfig", "check_attention"]
 
 
-class GlimpseConfig(Settings):
+class AttentionCropConfig(Settings):
     """Cut-outs of ``vision``, and of ``fovea`` where there is one, encoded on their own."""
 
     count: int = Field(default=1, ge=1, le=64)
@@ -25,7 +25,7 @@ class GlimpseConfig(Settings):
     """Of each glimpse."""
 
 
-def check_glimpses(glimpses: GlimpseConfig, recipe: str, env: EnvConfig) -> None:
+def check_attention(glimpses: AttentionCropConfig, recipe: str, env: EnvConfig) -> None:
     """Raise ValueError unless users of this environment can learn where to look."""
     if recipe not in ("distill", "adapt"):
         raise ValueError(

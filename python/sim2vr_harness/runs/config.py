@@ -21,7 +21,7 @@ from sim2vr_harness.base.files import file_name, read_yaml
 from sim2vr_harness.base.settings import MOST_STEPS, Settings, Width, first_problem, model_at
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.games import imagined_settings
-from sim2vr_harness.runs.attention_config import GlimpseConfig, check_glimpses
+from sim2vr_harness.runs.attention_config import AttentionCropConfig, check_attention
 from sim2vr_harness.runs.dagger_config import StudentConfig
 from sim2vr_harness.runs.option_config import SkillsConfig
 from sim2vr_harness.runs.ppo_config import LearningRateConfig, PPOConfig
@@ -65,7 +65,7 @@ class PolicyConfig(Settings):
     scale_proprioception: bool = False
     """True: proprioception is standardised with numbers kept beside the weights, which
     ``UserPolicy.fit_scaling`` sets; False: taken as it is, as in the reference."""
-    glimpses: GlimpseConfig | None = None
+    glimpses: AttentionCropConfig | None = None
     """Cut-outs around what is worth looking at; the recipe ``distill`` teaches where that is."""
 
 
@@ -148,7 +148,7 @@ class TrainingConfig(Settings):
     @pydantic.model_validator(mode="after")
     def _clear_glimpses(self) -> Self:
         if self.policy.glimpses is not None:
-            check_glimpses(self.policy.glimpses, self.recipe, self.env)
+            check_attention(self.policy.glimpses, self.recipe, self.env)
         return self
 
 

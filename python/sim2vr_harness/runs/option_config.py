@@ -17,10 +17,10 @@ from sim2vr_harness.base.settings import (
 )
 from sim2vr_harness.runs.ppo_config import MOST_USERS
 
-__all__ = ["LookingConfig", "MotorPracticeConfig", "SkillsConfig"]
+__all__ = ["MotorTrainingConfig", "QLearningConfig", "SkillsConfig"]
 
 
-class MotorPracticeConfig(Settings):
+class MotorTrainingConfig(Settings):
     """Practice of a body's motor layer: hands that come where they are told to, when and how."""
 
     cycles: int = Field(default=20, ge=1, le=100_000)
@@ -63,7 +63,7 @@ class MotorPracticeConfig(Settings):
     """See ``teacher.imagined``."""
 
 
-class LookingConfig(Settings):
+class QLearningConfig(Settings):
     """How a user with a motor layer finds out what is worth doing with what it sees."""
 
     users: int = Field(default=32, ge=1, le=MOST_USERS)
@@ -105,7 +105,7 @@ class SkillsConfig(Settings):
     motor: str | None = None
     """File of the motor layer; None: the one that ships for the body, or, where none does, one that
     the run makes first."""
-    practice: MotorPracticeConfig = MotorPracticeConfig()
-    looking: LookingConfig = LookingConfig()
+    practice: MotorTrainingConfig = MotorTrainingConfig()
+    looking: QLearningConfig = QLearningConfig()
     baseline_seconds: float = Field(default=6.0, ge=0.0, le=1e6)
     """For how long somebody sits still, and then moves at random, to compare with."""

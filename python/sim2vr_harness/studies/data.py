@@ -29,7 +29,7 @@ from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.studies.config import StudyConfig, parse_study
 from sim2vr_harness.studies.jobs import CELLS, TRAININGS, CellTask
-from sim2vr_harness.studies.plan import Plan
+from sim2vr_harness.studies.plan import StudyPlan
 from sim2vr_harness.studies.search.searching import Found
 from sim2vr_harness.studies.search.table import trials_table
 
@@ -46,7 +46,7 @@ def factor_column(name: str) -> str:
     return f"factor_{column_name(name)}"
 
 
-def write_data(plan: Plan, root: Path, found: Found | None = None) -> None:
+def write_data(plan: StudyPlan, root: Path, found: Found | None = None) -> None:
     """Write the study's tables from its cells, all of which are done.
 
     Args:
@@ -101,7 +101,7 @@ def _told(measure: Measure) -> dict[str, Any]:
     return told | ({"grid": list(measure.grid)} if measure.grid else {})
 
 
-def _cells_table(plan: Plan) -> pa.Table:
+def _cells_table(plan: StudyPlan) -> pa.Table:
     rows, columns = [], [_CELL]
     columns += [
         Column(factor_column(name), "text", "", f"Level of the factor {name}")

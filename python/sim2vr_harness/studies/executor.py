@@ -11,11 +11,11 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.studies.jobs import TRAININGS, CellTask, Task, is_done
 from sim2vr_harness.studies.pool import Done, Pool
 
-__all__ = ["Doing", "Progress"]
+__all__ = ["Executor", "StudyProgress"]
 
 
 @dataclass(frozen=True)
-class Progress:
+class StudyProgress:
     """How far a study is.
 
     Attributes:
@@ -31,7 +31,7 @@ class Progress:
     error: str | None = None
 
 
-class Doing:
+class Executor:
     """A study that is being done; its workers begin when something is left to do.
 
     Args:
@@ -44,7 +44,7 @@ class Doing:
         self,
         root: Path,
         make_pool: Callable[[Path, int], Pool],
-        on_progress: Callable[[Progress], None],
+        on_progress: Callable[[StudyProgress], None],
     ) -> None:
         self.root = root
         self._make_pool, self._on_progress = make_pool, on_progress
@@ -56,7 +56,7 @@ class Doing:
         self.found = 0
         """Tasks that were done already."""
 
-    def __enter__(self) -> Doing:
+    def __enter__(self) -> Executor:
         return self
 
     def __exit__(
@@ -101,7 +101,7 @@ class Doing:
             )
 
     def _tell(self, label: str = "", error: str | None = None) -> None:
-        self._on_progress(Progress(self.played + self.found, self._total, label, error))
+        self._on_progress(StudyProgress(self.played + self.found, self._total, label, error))
 
     def _work(self, pool: Pool, left: list[Task]) -> list[Done]:
         waiting = [task for task in left if self._waits(task)]

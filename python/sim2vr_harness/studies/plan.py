@@ -14,13 +14,13 @@ from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.studies.cells import Cell, cells_of, content_hash
 from sim2vr_harness.studies.config import StudyConfig
 from sim2vr_harness.studies.jobs import CellTask, Limits, TrainingTask
-from sim2vr_harness.studies.policy_selection import FORMAT, Users, Where, player_of
+from sim2vr_harness.studies.policy_selection import FORMAT, SelectionSource, Users, player_of
 
-__all__ = ["Plan", "plan_of"]
+__all__ = ["StudyPlan", "plan_of"]
 
 
 @dataclass(frozen=True)
-class Plan:
+class StudyPlan:
     """Everything that a study needs.
 
     Attributes:
@@ -47,7 +47,7 @@ def plan_of(
     users: Users | None = None,
     limits: Limits | None = None,
     may_diverge: bool = False,
-) -> Plan:
+) -> StudyPlan:
     """Work out what is to be done, and check all of it.
 
     Args:
@@ -60,7 +60,7 @@ def plan_of(
     Raises:
         InputError: A user, configuration, key, option, condition or measure that cannot be used.
     """
-    where = Where(folder, users or Users(), limits, may_diverge)
+    where = SelectionSource(folder, users or Users(), limits, may_diverge)
     found = [_Resolved.of(study, cell, where) for cell in cells_of(study)]
     facts = found[0].facts
     for one in found:
@@ -77,7 +77,7 @@ def plan_of(
         if name not in names:
             raise unknown_name("measures", name, names)
     trainings = {one.training.key: one.training for one in found if one.training is not None}
-    return Plan(
+    return StudyPlan(
         study,
         tuple(one.cell for one in found),
         tuple(one.task for one in found),
@@ -95,7 +95,7 @@ class _Resolved:
     facts: GameFacts
 
     @classmethod
-    def of(cls, study: StudyConfig, cell: Cell, where: Where) -> _Resolved:
+    def of(cls, study: StudyConfig, cell: Cell, where: SelectionSource) -> _Resolved:
         try:
             return cls._of(study, cell, where)
         except InputError as error:
@@ -103,7 +103,7 @@ class _Resolved:
             raise InputError(field, error.got, error.expected) from error
 
     @classmethod
-    def _of(cls, study: StudyConfig, cell: Cell, where: Where) -> _Resolved:
+    def _of(cls, study: StudyConfig, cell: Cell, where: SelectionSource) -> _Resolved:
         player = player_of(study.name, cell, where)
         training = player.training
         _check_options(player.env, player.facts, player.condition)

@@ -23,7 +23,7 @@ from sim2vr_harness.studies.cells import Cell, content_hash
 from sim2vr_harness.studies.jobs import Limits, TrainingTask
 from sim2vr_harness.training.ppo.fine_tune import adapting
 
-__all__ = ["FORMAT", "Player", "Users", "Where", "player_of"]
+__all__ = ["FORMAT", "SelectedPolicy", "SelectionSource", "Users", "player_of"]
 
 FORMAT = 2
 """Of what a cell's folder holds; another one makes all cells anew."""
@@ -45,7 +45,7 @@ class Users:
 
 
 @dataclass(frozen=True)
-class Where:
+class SelectionSource:
     """What all cells of a plan have in common; see :func:`.plan_of`."""
 
     folder: Path | None
@@ -55,7 +55,7 @@ class Where:
 
 
 @dataclass(frozen=True)
-class Player:
+class SelectedPolicy:
     """Who plays a cell, and where.
 
     Attributes:
@@ -75,7 +75,7 @@ class Player:
     identity: Mapping[str, Any]
 
 
-def player_of(study: str, cell: Cell, where: Where) -> Player:
+def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
     """Work out who plays a cell of a study of this name.
 
     Raises:
@@ -103,7 +103,7 @@ def player_of(study: str, cell: Cell, where: Where) -> Player:
     identity = {"user": Path(user).name, "weights": weights}
     steps = _steps(settings.get("adapt", 0))
     if steps == 0:
-        return Player(
+        return SelectedPolicy(
             user, None, env, facts, condition, identity | {"config": to_yaml(known.config)}
         )
     there = with_options(env, dict(facts.condition(condition).options))
@@ -116,9 +116,9 @@ def _trained(
     study: str,
     cell: Cell,
     config: TrainingConfig,
-    where: Where,
+    where: SelectionSource,
     adapts: tuple[str, Mapping[str, Any]] | None = None,
-) -> Player:
+) -> SelectedPolicy:
     """One that the study trains, of nothing or of a user of this name and identity."""
     config = config.model_copy(update={"name": study})
     # How often something is saved or measured changes no weight, nor does where a user lies.
@@ -135,7 +135,7 @@ def _trained(
     env = _env(config, cell, "config")
     facts = game_facts(env.app)
     condition = _condition(facts, config, cell.settings.get("condition"))
-    return Player(None, task, env, facts, condition, {"training": key})
+    return SelectedPolicy(None, task, env, facts, condition, {"training": key})
 
 
 def _env(config: TrainingConfig, cell: Cell, source: str) -> EnvConfig:

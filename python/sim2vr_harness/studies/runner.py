@@ -19,14 +19,14 @@ from sim2vr_harness.base.signals import sigterm_interrupts
 from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.studies.config import StudyConfig, load_study, parse_study
 from sim2vr_harness.studies.data import STUDY_FILE, StudyData, read_study, write_data
-from sim2vr_harness.studies.executor import Doing, Progress
+from sim2vr_harness.studies.executor import Executor, StudyProgress
 from sim2vr_harness.studies.jobs import CELLS, Task
-from sim2vr_harness.studies.plan import Plan, plan_of
+from sim2vr_harness.studies.plan import StudyPlan, plan_of
 from sim2vr_harness.studies.pool import Here, Pool, Processes
 from sim2vr_harness.studies.search.searching import search
 from sim2vr_harness.studies.worker import clear_away
 
-__all__ = ["Progress", "StudyResult", "run_study"]
+__all__ = ["StudyProgress", "StudyResult", "run_study"]
 
 _STATISTICS = ("scipy", "statsmodels")
 """What works the statistics out."""
@@ -54,7 +54,7 @@ def run_study(
     jobs: int | None = None,
     ray: str | None = None,
     storage: str | None = None,
-    on_progress: Callable[[Progress], None] = lambda progress: None,
+    on_progress: Callable[[StudyProgress], None] = lambda progress: None,
     make_pool: Callable[[Path, int], Pool] | None = None,
 ) -> StudyResult:
     """Run a study, or go on with it: what is done is not done again.
@@ -92,7 +92,7 @@ def run_study(
     with sole_training(root, root / ".lock", "study"), sigterm_interrupts():
         clear_away(root)
         make = make_pool or partial(_pool, jobs=jobs, ray=ray, storage=storage)
-        with Doing(root, make, on_progress) as doing:
+        with Executor(root, make, on_progress) as doing:
             if study.optimise is None:
                 assert plan is not None
                 tasks: list[Task] = [*plan.trainings, *plan.tasks]
@@ -140,7 +140,7 @@ def _require_own(root: Path, study: StudyConfig) -> None:
         raise InputError("--out", f"{str(root)!r}, which has other files", "a folder of its own")
 
 
-def _compare(plan: Plan, root: Path) -> None:
+def _compare(plan: StudyPlan, root: Path) -> None:
     from sim2vr_harness.studies.statistics import compare_all, summaries
 
     data = read_study(root)

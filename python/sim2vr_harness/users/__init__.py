@@ -4,10 +4,10 @@ from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.bodies import (
     ActuatorGroup,
     Body,
+    BodyPlan,
     Coupling,
     EffortInputs,
     Physique,
-    Plan,
     ResetOptions,
     ResetRule,
     SpecBody,
@@ -32,10 +32,10 @@ from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.users.people import (
     AVERAGE,
     FEATURES,
-    People,
     PeopleSettings,
     Person,
     Persons,
+    Population,
 )
 
 __all__ = [
@@ -43,6 +43,7 @@ __all__ = [
     "FEATURES",
     "ActuatorGroup",
     "Body",
+    "BodyPlan",
     "ConsumedEndurance",
     "Coupling",
     "CumulativeFatigue3CCr",
@@ -53,12 +54,11 @@ __all__ = [
     "MotorNoiseSettings",
     "MuscleState",
     "Neural",
-    "People",
     "PeopleSettings",
     "Person",
     "Persons",
     "Physique",
-    "Plan",
+    "Population",
     "ResetOptions",
     "ResetRule",
     "SpecBody",

@@ -19,7 +19,7 @@ from sim2vr_harness.users.checks import checked_action, checked_ids
 from sim2vr_harness.users.effort import EffortModel, make_effort
 from sim2vr_harness.users.head_reflex import HeadMotion, HeadReflex, moved_head
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
-from sim2vr_harness.users.people import People, Person, Persons
+from sim2vr_harness.users.people import Person, Persons, Population
 from sim2vr_harness.users.physics import Physics
 from sim2vr_harness.users.worn_devices import WornDevices
 
@@ -77,7 +77,7 @@ class UserBatch:
         effort_params: Mapping[str, Any] | None = None,
         noise: MotorNoiseSettings | None = None,
         substeps: int = 25,
-        people: People | None = None,
+        people: Population | None = None,
         cut: Callable[[Physique], Body] | None = None,
         head: HeadMotion = "fixed",
     ) -> None:

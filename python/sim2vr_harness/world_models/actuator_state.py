@@ -17,13 +17,13 @@ from sim2vr_harness.users import Body, UserBatch
 from sim2vr_harness.users.bodies.rules import RULES, Direct, Motor, Muscle
 from sim2vr_harness.world_models.gradient_clipping import within
 
-__all__ = ["REST_ACT", "Drives"]
+__all__ = ["REST_ACT", "ActuatorState"]
 
 REST_ACT = 0.15
 """Activations of a body at rest: its arms neither hang nor cramp."""
 
 
-class Drives:
+class ActuatorState:
     """The A actuators of a body in the order of its actions, each by the rule of its group.
 
     Args:

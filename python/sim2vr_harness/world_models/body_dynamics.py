@@ -16,10 +16,10 @@ from torch import Tensor, nn
 
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward_torch import Chains
-from sim2vr_harness.world_models.actuator_state import Drives
-from sim2vr_harness.world_models.joint_groups import Limb, limbs_of
+from sim2vr_harness.world_models.actuator_state import ActuatorState
+from sim2vr_harness.world_models.joint_groups import JointGroup, limbs_of
 from sim2vr_harness.world_models.person_features import ImaginedPersons
-from sim2vr_harness.world_models.transitions import Experience, Motion
+from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
 __all__ = ["BodyModel", "fit_body", "mlp"]
 
@@ -82,7 +82,7 @@ class _Acceleration(nn.Module):
     def __init__(
         self,
         user: Body,
-        limbs: Sequence[Limb],
+        limbs: Sequence[JointGroup],
         step_s: float,
         width: int,
         persons: ImaginedPersons | None,
@@ -118,7 +118,7 @@ class _Acceleration(nn.Module):
     def _of_drives(self, values: Tensor) -> Tensor:
         return values[:, self.drive_columns].reshape(-1, self._drives)
 
-    def scale_by(self, steps: Experience) -> None:
+    def scale_by(self, steps: TransitionStore) -> None:
         """Take the units of inputs and outputs from what happened."""
         q, v, after_q, after_v = (
             self._of_joints(values)
@@ -224,7 +224,7 @@ class BodyModel(nn.Module):
     ) -> None:
         super().__init__()
         self.devices = tuple(devices)
-        self.drives = Drives(user)
+        self.drives = ActuatorState(user)
         self.activation = _Activation()
         groups = limbs_of(user)
         self.accelerations = nn.ModuleList(
@@ -244,7 +244,7 @@ class BodyModel(nn.Module):
     def _each(self) -> list[_Acceleration]:
         return [each for each in self.accelerations if isinstance(each, _Acceleration)]
 
-    def scale_by(self, steps: Experience) -> None:
+    def scale_by(self, steps: TransitionStore) -> None:
         """Take the units of inputs and outputs from what happened."""
         for each in self._each():
             each.scale_by(steps)
@@ -261,7 +261,7 @@ class BodyModel(nn.Module):
         activation = self.activation.parameters() if len(self.drives.muscles) else ()
         return [*activation, *self.accelerations.parameters()]
 
-    def loss(self, steps: Experience) -> Tensor:
+    def loss(self, steps: TransitionStore) -> Tensor:
         """What is fitted: errors of the motion after steps."""
         wanted = steps.after
         motion = [each.loss(steps.before, wanted) for each in self._each()]
@@ -316,7 +316,7 @@ class BodyModel(nn.Module):
 
 def fit_body(
     body: BodyModel,
-    steps: Experience,
+    steps: TransitionStore,
     *,
     minibatches: int,
     learning_rate: float,
@@ -365,7 +365,7 @@ def fit_body(
     return _measure(body, test)
 
 
-def _measure(body: BodyModel, test: Experience) -> dict[str, float]:
+def _measure(body: BodyModel, test: TransitionStore) -> dict[str, float]:
     with torch.no_grad():
         predicted = body(test.before, test.control)
         wrong = predicted.speeds - test.after.speeds

@@ -10,7 +10,7 @@ from torch import Tensor
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.bodies.spec_body import muscle_peak_force
 from sim2vr_harness.users.effort import EffortModel, MuscleState, Neural, Zero
-from sim2vr_harness.world_models.actuator_state import Drives
+from sim2vr_harness.world_models.actuator_state import ActuatorState
 
 __all__ = ["Effort", "imagined_effort", "volume_shares"]
 
@@ -35,7 +35,7 @@ def volume_shares(body: Body) -> Tensor:
 
 
 def imagined_effort(
-    model: EffortModel, drives: Drives, otherwise: float, shares: Tensor | None = None
+    model: EffortModel, drives: ActuatorState, otherwise: float, shares: Tensor | None = None
 ) -> Effort:
     """Return a user's own cost of effort, exactly if it is a function of the present alone.
 

@@ -16,14 +16,14 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.users import Body
 
-__all__ = ["Limb", "limbs_of"]
+__all__ = ["JointGroup", "limbs_of"]
 
 _TRIALS, _ALIKE = 4, 0.1
 """States in which limbs are compared, and how far their accelerations may differ, as a share."""
 
 
 @dataclass(frozen=True)
-class Limb:
+class JointGroup:
     """Independent joints that are moved together, and all that they depend on.
 
     Attributes:
@@ -39,12 +39,12 @@ class Limb:
     base: tuple[int, ...] = ()
 
 
-def limbs_of(body: Body) -> list[list[Limb]]:
+def limbs_of(body: Body) -> list[list[JointGroup]]:
     """Return the limbs of a body, what carries before what is carried.
 
     They are in groups of those that are nearly alike.
     """
-    groups: list[list[Limb]] = []
+    groups: list[list[JointGroup]] = []
     for limb in [part for whole in _apart(body) for part in _divided(body, whole)]:
         for group in groups:
             if _alike(body, group[0], limb):
@@ -55,7 +55,7 @@ def limbs_of(body: Body) -> list[list[Limb]]:
     return groups
 
 
-def _apart(body: Body, without: tuple[int, ...] = ()) -> list[Limb]:
+def _apart(body: Body, without: tuple[int, ...] = ()) -> list[JointGroup]:
     """Return what moves by itself if the joints ``without`` stand still, those left out."""
     model = body.physics_model
     root = list(range(model.njnt))
@@ -89,12 +89,12 @@ def _apart(body: Body, without: tuple[int, ...] = ()) -> list[Limb]:
             limbs.setdefault(find(_joint_id(body, number)), []).append(number)
     works_on = [find(joints[0]) if joints else -1 for joints in pulled]
     return [
-        Limb(tuple(joints), tuple(a for a, limb in enumerate(works_on) if limb == which))
+        JointGroup(tuple(joints), tuple(a for a, limb in enumerate(works_on) if limb == which))
         for which, joints in limbs.items()
     ]
 
 
-def _divided(body: Body, whole: Limb) -> list[Limb]:
+def _divided(body: Body, whole: JointGroup) -> list[JointGroup]:
     """Divide a limb where it branches: what carries the branches, and each of them.
 
     A limb without branches, or with an actuator or a coupling from what carries to what is carried,
@@ -108,7 +108,7 @@ def _divided(body: Body, whole: Limb) -> list[Limb]:
         return [whole]
     carried = tuple(joint for branch in branches for joint in branch.joints)
     return [
-        Limb(stem, whole.actuators, seen=carried),
+        JointGroup(stem, whole.actuators, seen=carried),
         *(replace(branch, seen=stem, base=stem) for branch in branches),
     ]
 
@@ -179,7 +179,7 @@ def _pulled(body: Body) -> list[list[int]]:
     return [sorted({int(joint_of[dof]) for dof in np.flatnonzero(pulls[i])}) for i in ids]
 
 
-def _alike(body: Body, one: Limb, other: Limb) -> bool:
+def _alike(body: Body, one: JointGroup, other: JointGroup) -> bool:
     """Whether two limbs, on nothing that moves, accelerate nearly alike in the same states."""
     if (len(one.joints), len(one.actuators)) != (len(other.joints), len(other.actuators)):
         return False

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.users import FEATURES, Body, People, Person
+from sim2vr_harness.users import FEATURES, Body, Person, Population
 
 __all__ = ["ImaginedPersons"]
 
@@ -34,7 +34,7 @@ class ImaginedPersons:
     """
 
     def __init__(self, simulation: Simulation) -> None:
-        self._people: People | None = simulation.people
+        self._people: Population | None = simulation.people
         self.names = tuple(f"person {name}" for name in FEATURES) if self._people else ()
         """What :meth:`features` gives, by the names of a teacher's observation."""
         self.count = len(FEATURES) + _SIZES + _FACTORS if self._people else 0

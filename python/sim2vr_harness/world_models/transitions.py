@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-__all__ = ["Experience", "Motion"]
+__all__ = ["Motion", "TransitionStore"]
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Experience:
+class TransitionStore:
     """User steps that were taken, K of them.
 
     Attributes:
@@ -66,18 +66,20 @@ class Experience:
         ]
 
     @staticmethod
-    def of(tensors: Sequence[Tensor]) -> Experience:
+    def of(tensors: Sequence[Tensor]) -> TransitionStore:
         """Of what :meth:`tensors` gave."""
         q, v, drives, control, after_q, after_v, after_drives, persons, fields = tensors
         before = Motion(q, v, drives, persons)
-        return Experience(before, control, Motion(after_q, after_v, after_drives, persons), fields)
+        return TransitionStore(
+            before, control, Motion(after_q, after_v, after_drives, persons), fields
+        )
 
-    def rows(self, ids: Tensor) -> Experience:
+    def rows(self, ids: Tensor) -> TransitionStore:
         """Some of the steps."""
-        return Experience.of([values[ids] for values in self.tensors()])
+        return TransitionStore.of([values[ids] for values in self.tensors()])
 
     @staticmethod
-    def joined(parts: Sequence[Experience]) -> Experience:
+    def joined(parts: Sequence[TransitionStore]) -> TransitionStore:
         """All steps of all parts."""
         columns = zip(*(part.tensors() for part in parts), strict=True)
-        return Experience.of([torch.cat(column) for column in columns])
+        return TransitionStore.of([torch.cat(column) for column in columns])

@@ -11,7 +11,7 @@ from torch import Tensor, nn
 
 from sim2vr_harness.world_models.body_dynamics import mlp
 
-__all__ = ["Critic"]
+__all__ = ["ValueFunction"]
 
 _PASSES, _BATCH = 4, 2048
 _FOLLOW = 0.05
@@ -20,7 +20,7 @@ _SCALE = 10.0
 """Of values, beside the nets' outputs."""
 
 
-class Critic:
+class ValueFunction:
     """A critic that learns by TD(lambda), and a slow copy of it that windows end with.
 
     Args:

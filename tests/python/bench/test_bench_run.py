@@ -11,7 +11,7 @@ import pytest
 from sim2vr_harness.bench import plan as plans
 from sim2vr_harness.bench import scene
 from sim2vr_harness.bench.memory import memory_rows
-from sim2vr_harness.bench.rows import Row
+from sim2vr_harness.bench.rows import BenchRow
 from sim2vr_harness.bench.run import check_hashes
 from sim2vr_harness.bench.turns import Turn, in_turns, paired_ratio, spread, timed_turn
 from sim2vr_harness.cli.main import main
@@ -137,7 +137,9 @@ def test_a_plan_knows_every_transport_and_the_threads_of_the_configuration() -> 
     ways = plans.transports()
     assert ways[0] == "in_process"
     assert {"protocol1", "protocol2"} <= set(ways)
-    plan = plans.Plan(parse_config({"env": {"cores": 3}}), ["all"], n="8,2,8", transport=["all"])
+    plan = plans.BenchPlan(
+        parse_config({"env": {"cores": 3}}), ["all"], n="8,2,8", transport=["all"]
+    )
     chosen = [spec for spec in plans.specs(plan) if not spec.variant]  # those are of senses
     found = [(spec.scene, spec.transport, spec.n, spec.threads) for spec in chosen]
     expected = [("physics", None), *(("render", way) for way in ways)]
@@ -147,16 +149,16 @@ def test_a_plan_knows_every_transport_and_the_threads_of_the_configuration() -> 
 
 def test_rows_that_must_play_alike_are_compared() -> None:
     rows = [
-        Row("env", "in_process", 2, 1, state_hash="a"),
-        Row("env", "protocol1", 2, 1, state_hash="b"),
+        BenchRow("env", "in_process", 2, 1, state_hash="a"),
+        BenchRow("env", "protocol1", 2, 1, state_hash="b"),
     ]
     with pytest.raises(
         RuntimeError, match=r"hash a in 'env, in_process, N=2, .*', b in 'env, prot"
     ):
         check_hashes(rows)
     others = [
-        Row("env", "in_process", 3, 1, state_hash="b"),
-        Row("physics", None, 2, 1, state_hash="c"),
+        BenchRow("env", "in_process", 3, 1, state_hash="b"),
+        BenchRow("physics", None, 2, 1, state_hash="c"),
     ]
     check_hashes([rows[0], *others])
 

@@ -14,7 +14,7 @@ import pytest
 
 from sim2vr_harness.bench import scene as shared
 from sim2vr_harness.bench.bodies import body_variants
-from sim2vr_harness.bench.plan import Plan, specs, transports
+from sim2vr_harness.bench.plan import BenchPlan, specs, transports
 from sim2vr_harness.bench.scene import Spec
 from sim2vr_harness.bench.scenes import EnvScene, PhysicsScene, open_scene, short_iteration
 from sim2vr_harness.bench.senses import sense_variants
@@ -62,7 +62,7 @@ def test_transports_do_not_matter(config: TrainingConfig, name: Any) -> None:
 def test_a_page_is_the_same_twice(config: TrainingConfig) -> None:
     app = AppConfig(transport="webxr", page=str(PAGES / "touch.html"))
     page = config.model_copy(update={"env": config.env.model_copy(update={"app": app})})
-    assert Plan(page, ["render"]).transports == ["webxr"]
+    assert BenchPlan(page, ["render"]).transports == ["webxr"]
     found = {hashes(Spec("render", page, 1, 1, "webxr")) for _ in range(2)}
     assert len(found) == 1
 
@@ -134,7 +134,7 @@ def test_bodies_of_beats(monkeypatch: pytest.MonkeyPatch) -> None:
     state, _ = hashes(Spec("env", chosen, 2, 1))
     assert state is not None
     assert state != hashes(Spec("env", variants["mobl_arms_bimanual_motor"], 2, 1))[0]
-    specs_made = specs(Plan(beats, ["bodies"], n="4", threads="1"))
+    specs_made = specs(BenchPlan(beats, ["bodies"], n="4", threads="1"))
     assert [(spec.scene, spec.variant) for spec in specs_made] == [
         (scene, variant) for variant in variants for scene in ("physics", "env")
     ]

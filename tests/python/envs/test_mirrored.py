@@ -17,7 +17,7 @@ from sim2vr_harness.evaluation.replay.recordings import read_recordings
 from sim2vr_harness.evaluation.replay.replayer import replay
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.training.run import trainer
-from sim2vr_harness.users import People, PeopleSettings
+from sim2vr_harness.users import PeopleSettings, Population
 
 ALIKE = {"vary": ["head_movement"], "spread": 0.0}
 """Nobody differs from the body, but for the hand."""
@@ -83,10 +83,10 @@ def test_a_left_hander_senses_what_a_right_hander_does_in_the_mirror_image() -> 
 
 
 def test_a_crowd_of_both_hands(tmp_path: Path) -> None:
-    people = People(PeopleSettings(left_handed=0.5))
+    people = Population(PeopleSettings(left_handed=0.5))
     hands = [people.number(k).handedness for k in range(40)]
     assert 8 <= hands.count("left") <= 32
-    plain = People(PeopleSettings())
+    plain = Population(PeopleSettings())
     assert [people.number(k).stature_m for k in range(5)] == [
         plain.number(k).stature_m for k in range(5)
     ]

@@ -9,7 +9,7 @@ import pytest
 
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation
 from sim2vr_harness.envs.contract import contract
-from sim2vr_harness.users import FEATURES, People, PeopleSettings
+from sim2vr_harness.users import FEATURES, PeopleSettings, Population
 
 SENSES = [
     {"sense": "vision", "delay_ms": "person"},
@@ -41,7 +41,7 @@ def test_every_episode_is_somebody_s_whatever_the_batch() -> None:
     (alone,) = one.reset(seeds=[2])
     assert alone == started[1]
     assert len({info["person"]["index"] for info in started}) == 3
-    people = People(PeopleSettings())
+    people = Population(PeopleSettings())
     assert three.users.persons[1] == people.number(alone["person"]["index"])
     np.testing.assert_array_equal(
         three.person_features, [one.features for one in three.users.persons]
@@ -61,7 +61,7 @@ def test_every_episode_is_somebody_s_whatever_the_batch() -> None:
 def test_a_simulation_goes_on_with_the_same_people() -> None:
     one, other = Simulation(config(), 2), Simulation(config(), 2)
     one.reset(seeds=[1, 2], persons=[7, None])
-    assert one.users.persons[0] == People(PeopleSettings()).number(7)
+    assert one.users.persons[0] == Population(PeopleSettings()).number(7)
     other.reset(seeds=[5, 6])
     for step in range(3):
         one.step(actions(step, 2))

@@ -7,7 +7,7 @@ from typing import Any
 
 from fake_simulation import FakeSimulation
 
-from sim2vr_harness.users import People
+from sim2vr_harness.users import Population
 
 
 class FakePeople(FakeSimulation):
@@ -15,7 +15,7 @@ class FakePeople(FakeSimulation):
 
     def __init__(self, config: Any = None, n: int = 1, *, log_dir: Path | None = None) -> None:
         super().__init__(config, n, log_dir=log_dir)
-        self.people = People(config.user.people)
+        self.people = Population(config.user.people)
         self.rounds = 0
 
     def reset(self, ids=None, seeds=None, options=None, persons=None):  # type: ignore[no-untyped-def]

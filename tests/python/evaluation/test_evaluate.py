@@ -18,7 +18,7 @@ from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
 from sim2vr_harness.evaluation.rollouts import Job, jobs_for, play
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
-from sim2vr_harness.policies.player import Player
+from sim2vr_harness.policies.player import PolicyRunner
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder
@@ -365,7 +365,7 @@ def test_pages_and_strangers_programs_are_not_asked_for_logs() -> None:
 def test_player_is_the_mean_plus_its_own_noise(trained: Path) -> None:
     simulation = FakeSimulation(n=2)
     simulation.reset(seeds=[1, 2])
-    player = Player(find_user(trained), simulation.observation_space, simulation.action_space)
+    player = PolicyRunner(find_user(trained), simulation.observation_space, simulation.action_space)
     own = {key: value[1] for key, value in simulation.observation().items()}
     mean = player.act(own, None)
     assert mean.dtype == np.float32

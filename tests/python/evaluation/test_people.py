@@ -17,13 +17,13 @@ from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
 from sim2vr_harness.evaluation.rollouts import jobs_for
 from sim2vr_harness.evaluation.tables import results_table
-from sim2vr_harness.users import People, PeopleSettings
+from sim2vr_harness.users import PeopleSettings, Population
 
 WHACAMOLE = describe_game("whacamole")
 
 
 def result(points: float, person: int | None, episode: int = 0) -> RoundResult:
-    fields = None if person is None else People(PeopleSettings()).number(person).as_dict()
+    fields = None if person is None else Population(PeopleSettings()).number(person).as_dict()
     return round_result(
         WHACAMOLE,
         condition="medium",
@@ -68,7 +68,7 @@ def test_people_of_a_seed_play(trained: Path, tmp_path: Path) -> None:
     assert [row["person"] for row in rows] == [0, 0, 1, 1, 2, 2]
     # Longer rounds are those of higher numbers: each was played by whom the row says.
     assert [row["steps"] for row in rows] == [6, 6, 7, 7, 8, 8]
-    everybody = People(PeopleSettings(seed=7))
+    everybody = Population(PeopleSettings(seed=7))
     for row in rows:
         person = everybody.number(row["person"]).as_dict()
         assert row["person_fields"] == {key: person[key] for key in person if key != "index"}

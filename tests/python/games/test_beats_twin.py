@@ -12,7 +12,7 @@ import torch
 from sim2vr_harness.games import imagined_game, imagined_settings
 from sim2vr_harness.games.beats.levels import Levels, made_of
 from sim2vr_harness.games.beats.sabers import Blades, distances
-from sim2vr_harness.games.beats.settings import Relaxation, TwinSettings
+from sim2vr_harness.games.beats.settings import GameModelSettings, Relaxation
 from sim2vr_harness.games.beats.twin import EVENTS, FIELDS, ImaginedBeats, points
 
 STEP_S = 0.05
@@ -34,9 +34,11 @@ def level(*boxes: dict[str, Any], **more: Any) -> dict[str, Any]:
     return made | {"boxes": list(boxes)} | more
 
 
-def rounds(n: int, *levels: dict[str, Any], settings: TwinSettings | None = None) -> ImaginedBeats:
+def rounds(
+    n: int, *levels: dict[str, Any], settings: GameModelSettings | None = None
+) -> ImaginedBeats:
     known = Levels.joined([made_of(each, 0) for each in levels], least=3)
-    return ImaginedBeats(n, known, 1, settings or TwinSettings(), step_s=STEP_S, seed=1)
+    return ImaginedBeats(n, known, 1, settings or GameModelSettings(), step_s=STEP_S, seed=1)
 
 
 def at(vector: Any) -> torch.Tensor:
@@ -190,7 +192,7 @@ def test_hazards_have_a_cost_of_their_own_from_the_start() -> None:
     for hazard in ({"mines": [mine]}, {"walls": [wall]}):
         costs = []
         for cost in (0.0, 200.0):
-            settings = TwinSettings(early_error_cost=1.0, hazard_cost=cost)
+            settings = GameModelSettings(early_error_cost=1.0, hazard_cost=cost)
             game = rounds(1, level(**hazard), settings=settings)
             begun(game, placed(AWAY, AWAY), 1.95)
             held = placed(AWAY, (0.2, -0.3, 0.3))
@@ -206,7 +208,7 @@ def test_a_head_in_a_wall_pays_by_its_depth_in_every_step() -> None:
     for down, cost in ((0.0, 53.0), (0.1, 33.0), (0.25, 3.0), (0.27, 0.0)):
         paid = []
         for wall_cost in (0.0, 20.0):
-            game = rounds(1, level(walls=[wall]), settings=TwinSettings(wall_cost=wall_cost))
+            game = rounds(1, level(walls=[wall]), settings=GameModelSettings(wall_cost=wall_cost))
             place = placed(AWAY, AWAY, head=(0.0, 1.2 - down, 0.1))
             begun(game, place, 2.1)
             paid.append([float(game.play(place, SOFT)) for _ in range(2)])
@@ -235,8 +237,8 @@ def test_a_stroke_is_drawn_back_and_goes_through_the_box() -> None:
     assert reward(0.6, 0.0, 0.4) == 0.0
     # The other hand's box: its own blade is 3 m to the right, half a metre costs 20 points.
     assert reward(0.1, 0.0, 0.3, hand=LEFT) < -80.0
-    assert TwinSettings(stroke_reward=20.0).relaxation(0.4).stroke == pytest.approx(10.0)
-    assert TwinSettings(stroke_reward=20.0).relaxation(0.9).stroke == 0.0
+    assert GameModelSettings(stroke_reward=20.0).relaxation(0.4).stroke == pytest.approx(10.0)
+    assert GameModelSettings(stroke_reward=20.0).relaxation(0.9).stroke == 0.0
 
 
 def test_a_level_that_is_over_is_followed_by_another() -> None:
@@ -247,7 +249,9 @@ def test_a_level_that_is_over_is_followed_by_another() -> None:
 
 
 def test_busy_rounds_begin_before_a_box() -> None:
-    game = rounds(50, level(box(4.0, 2.0, RIGHT, DOWN)), settings=TwinSettings(busy_starts=1.0))
+    game = rounds(
+        50, level(box(4.0, 2.0, RIGHT, DOWN)), settings=GameModelSettings(busy_starts=1.0)
+    )
     place = placed(AWAY, AWAY).expand(50, -1, -1, -1)
     game.start(torch.arange(50), place, torch.zeros(50, len(FIELDS)), torch.arange(50))
     assert float(game.lane.time_s.min()) >= 3.0
@@ -311,7 +315,9 @@ def test_who_looks_away_pays_by_the_square_of_the_angle(degrees: float, share: f
     place[:, 2, :2, :2] = torch.tensor([[cos, -sin], [sin, cos]])  # to the left
     worth = []
     for cost in (0.0, 10.0):
-        game = rounds(1, level(box(2.0, 2.0, RIGHT, DOWN)), settings=TwinSettings(look_cost=cost))
+        game = rounds(
+            1, level(box(2.0, 2.0, RIGHT, DOWN)), settings=GameModelSettings(look_cost=cost)
+        )
         begun(game, place, 0.5)
         worth.append(float(game.play(place, SOFT)))
     # Twice 1 - cos is 5 % less than the square at 45 degrees.

@@ -11,8 +11,8 @@ from true_users import worn_by
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.games.imagined import ImaginedCondition
-from sim2vr_harness.games.pointing.rules import Task
-from sim2vr_harness.games.pointing.settings import TwinSettings
+from sim2vr_harness.games.pointing.rules import PointingTask
+from sim2vr_harness.games.pointing.settings import GameModelSettings
 from sim2vr_harness.games.pointing.twin import FIELDS, ImaginedPointing
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
@@ -48,7 +48,7 @@ def played() -> dict[str, Any]:
     """Users who begin near targets and move about at random, in the true game and in the twin."""
     sim = users_of(OPTIONS)
     conditions = [sim.describe(0)]
-    game = ImaginedPointing(N, conditions, TwinSettings(), frame_s=STEP_S, seed=1)
+    game = ImaginedPointing(N, conditions, GameModelSettings(), frame_s=STEP_S, seed=1)
     sim.reset(seeds=list(range(N)))
     sim._limit[:] = STEPS + 1  # no round is cut
     columns = [sim.senses.names.index(name) for name in FIELDS]
@@ -122,8 +122,8 @@ def test_the_defaults_are_the_games() -> None:
     """Every block's first target, its width, and the one after it, by the twin's table."""
     sim = users_of({}, n=2)
     condition: ImaginedCondition = sim.describe(0)
-    task = Task.of({})
-    assert Task.of(condition.options) == task
+    task = PointingTask.of({})
+    assert PointingTask.of(condition.options) == task
     column = sim.senses.names.index
     places = [
         [column(f"{what}_{axis}_m") for axis in "xyz"] for what in ("target.place", "next.place")

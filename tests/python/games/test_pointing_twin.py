@@ -9,8 +9,8 @@ import torch
 
 from sim2vr_harness.games import imagined_game, imagined_settings
 from sim2vr_harness.games.imagined import ImaginedCondition
-from sim2vr_harness.games.pointing.rules import Task, distance_reward
-from sim2vr_harness.games.pointing.settings import Relaxation, TwinSettings
+from sim2vr_harness.games.pointing.rules import PointingTask, distance_reward
+from sim2vr_harness.games.pointing.settings import GameModelSettings, Relaxation
 from sim2vr_harness.games.pointing.stylus import Stylus
 from sim2vr_harness.games.pointing.twin import FIELDS, ImaginedPointing
 
@@ -47,7 +47,9 @@ def shifted(tip: Any, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> tuple[f
 def begun(place: torch.Tensor, *conditions: ImaginedCondition) -> ImaginedPointing:
     """Rounds at the first target of a block, with armed styluses."""
     n = len(place)
-    game = ImaginedPointing(n, conditions or [condition()], TwinSettings(), frame_s=STEP_S, seed=1)
+    game = ImaginedPointing(
+        n, conditions or [condition()], GameModelSettings(), frame_s=STEP_S, seed=1
+    )
     fields = torch.zeros(n, len(FIELDS))
     fields[:, :3] = torch.tensor(CENTER)
     fields[:, FIELDS.index("tip.armed")] = 1.0
@@ -78,11 +80,11 @@ def test_what_a_log_says() -> None:
 
 
 def test_targets_by_hand() -> None:
-    task = Task.of(ONE)
+    task = PointingTask.of(ONE)
     assert [task.target_of(trial) for trial in range(4)] == [0, 2, 1, 0]
     expected = torch.tensor([[0.0, 0.173205, 0.0], [-0.15, -0.0866025, 0.0]])
     torch.testing.assert_close(task.centers()[0, :2], expected, atol=1e-5, rtol=0.0)
-    nine = Task.of({})
+    nine = PointingTask.of({})
     assert [nine.target_of(trial) for trial in range(10)] == [0, 5, 1, 6, 2, 7, 3, 8, 4, 0]
     assert len(nine.blocks) == 9
 
@@ -252,7 +254,7 @@ def test_the_stylus_is_found() -> None:
 def test_conditions_with_other_blocks_are_refused() -> None:
     conditions = [condition(), condition(**(ONE | {"widths_m": [0.05]}))]
     with pytest.raises(ValueError, match="conditions: got different blocks"):
-        ImaginedPointing(1, conditions, TwinSettings(), frame_s=STEP_S, seed=1)
+        ImaginedPointing(1, conditions, GameModelSettings(), frame_s=STEP_S, seed=1)
 
 
 def test_rounds_know_their_condition_by_the_plane() -> None:

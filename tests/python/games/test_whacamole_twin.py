@@ -10,7 +10,7 @@ from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.games import imagined_game, imagined_games, imagined_settings
 from sim2vr_harness.games.whacamole.hammer import points
 from sim2vr_harness.games.whacamole.rules import AREA_M, BEHIND, FRAME_S, STRIKE, UP, area_of
-from sim2vr_harness.games.whacamole.settings import Relaxation, TwinSettings
+from sim2vr_harness.games.whacamole.settings import GameModelSettings, Relaxation
 from sim2vr_harness.games.whacamole.twin import FIELDS, ImaginedWhacAMole
 
 SOFT = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0)
@@ -20,10 +20,10 @@ CONDITIONS = [RULES | {name: float(name == each) for name in PLACEMENTS} for eac
 
 
 def resting_game(
-    n: int, settings: TwinSettings | None = None, frames: int = 1
+    n: int, settings: GameModelSettings | None = None, frames: int = 1
 ) -> tuple[ImaginedWhacAMole, torch.Tensor]:
     """N rounds, the conditions in turn, and the places of controllers that stay there."""
-    settings = TwinSettings(single_targets=0.0) if settings is None else settings
+    settings = GameModelSettings(single_targets=0.0) if settings is None else settings
     game = ImaginedWhacAMole(
         n, CONDITIONS, settings, step_s=0.05, seed=2, gamma=0.96, frames=frames
     )
@@ -57,7 +57,7 @@ def test_what_a_log_says_by_cell() -> None:
 
 def test_another_duration_of_a_step_is_refused() -> None:
     with pytest.raises(ValueError, match="action_frequency_hz: got 40, expected 20"):
-        ImaginedWhacAMole(1, CONDITIONS, TwinSettings(), step_s=0.025, seed=1, gamma=0.96)
+        ImaginedWhacAMole(1, CONDITIONS, GameModelSettings(), step_s=0.025, seed=1, gamma=0.96)
 
 
 def test_the_area_is_where_options_put_it() -> None:
@@ -76,7 +76,7 @@ def test_the_area_is_where_options_put_it() -> None:
     options = [{"area_height_m": 0.1}, {}, {"area_distance_m": 0.2}]
     both = [
         ImaginedWhacAMole(
-            3, CONDITIONS, TwinSettings(), step_s=0.05, seed=2, gamma=0.96, options=given
+            3, CONDITIONS, GameModelSettings(), step_s=0.05, seed=2, gamma=0.96, options=given
         )
         for given in (None, options)
     ]
@@ -87,7 +87,7 @@ def test_the_area_is_where_options_put_it() -> None:
 
 
 def test_targets_live_as_long_and_come_as_often_as_in_the_game() -> None:
-    game, place = resting_game(60, TwinSettings(single_targets=0.5))
+    game, place = resting_game(60, GameModelSettings(single_targets=0.5))
     game._age[:] = -1
     most_single = most = 0
     births: dict[tuple[int, int], int] = {}
@@ -112,7 +112,7 @@ def test_targets_live_as_long_and_come_as_often_as_in_the_game() -> None:
 
 
 def game_at_a_target(
-    settings: TwinSettings | None = None, frames: int = 1
+    settings: GameModelSettings | None = None, frames: int = 1
 ) -> tuple[ImaginedWhacAMole, torch.Tensor]:
     """Four users whose hammers are in the middle target of the middle placement.
 
@@ -150,7 +150,7 @@ def test_only_coming_in_fast_enough_is_a_hit() -> None:
 
 
 def test_hits_stay_as_soft_as_it_is_asked_for() -> None:
-    settings = TwinSettings(last_overlap_m=0.011, last_speed_mps=0.2, last_near_reward=1.0)
+    settings = GameModelSettings(last_overlap_m=0.011, last_speed_mps=0.2, last_near_reward=1.0)
     half_way, end = settings.relaxation(0.25), settings.relaxation(0.5)
     assert (end.overlap_m, end.speed_mps, end.near) == (0.011, 0.2, 1.0)
     # Half way from 0.015, 0.3 and 3.
@@ -164,14 +164,14 @@ def test_hits_may_be_looked_for_once_a_step() -> None:
     game filters it; 0.36 m/s over the step of 50 ms. The rule asks for 0.8. At the end of a step of
     a steady 0.9 m/s the game's filter has come to (1 - 1/32) of it."""
     for whole, hits in ((False, True), (True, False)):
-        game, place = game_at_a_target(TwinSettings(whole_steps=whole), frames=5)
+        game, place = game_at_a_target(GameModelSettings(whole_steps=whole), frames=5)
         assert game.frames == (1 if whole else 5)
         there, _ = points(*game.hammer(place))
         game._root, game._velocity = there - torch.tensor([0.0, 0.0, 0.018]), torch.zeros(4, 3)
         game._age[:, 4], game._inside[:] = 5, False
         game.play(place[:, None].expand(-1, game.frames, -1, -1, -1), SOFT)
         assert game._hit[:, 4].tolist() == 4 * [hits]
-    game, place = game_at_a_target(TwinSettings(whole_steps=True), frames=5)
+    game, place = game_at_a_target(GameModelSettings(whole_steps=True), frames=5)
     there, _ = points(*game.hammer(place))
     game._root, game._velocity = there - torch.tensor([0.0, 0.0, 0.9 * FRAME_S]), torch.zeros(4, 3)
     game.play(place[:, None], SOFT)
@@ -227,16 +227,16 @@ def test_a_stroke_starts_in_front_of_a_cell_and_is_in_it_when_it_is_due() -> Non
     for run_up_m, off in ((0.1, [0.0, 0.0609, 0.03, 0.1]), (0.3, [0.0, 0.0703, 0.03, 0.2813])):
         rewards = []
         for stroke in (0.0, 2.0):
-            game, place = game_at_a_target(TwinSettings(run_up_m=run_up_m))
+            game, place = game_at_a_target(GameModelSettings(run_up_m=run_up_m))
             # 0.6, 0.55, 0.65 and 0.7 s after the step; the next stroke is at 1.0 s.
             game._age[:, 4] = torch.tensor([11, 10, 12, 13])
             soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0, stroke=stroke)
             rewards.append(game.play(place[:, None], soft))
         expected = 2.0 * (1.0 - torch.tensor(off) / 0.3)
         torch.testing.assert_close(rewards[1] - rewards[0], expected, atol=2e-3, rtol=0.0)
-    shown = TwinSettings(stroke_reward=2.0)
+    shown = GameModelSettings(stroke_reward=2.0)
     assert [shown.relaxation(done).stroke for done in (0.25, 0.5)] == pytest.approx([1.0, 0.0])
-    longer = TwinSettings(stroke_reward=2.0, stroke_until=0.8)
+    longer = GameModelSettings(stroke_reward=2.0, stroke_until=0.8)
     assert [longer.relaxation(done).stroke for done in (0.4, 0.8)] == pytest.approx([1.0, 0.0])
 
 
@@ -276,7 +276,7 @@ def test_going_towards_targets_that_cannot_have_been_seen_costs() -> None:
             rewards.append(game.play(place[:, None], soft))
         expected = -2.0 * 1.5 * going * torch.tensor([0.0, 1.0, 1.0, 0.865])
         torch.testing.assert_close(rewards[1] - rewards[0], expected, atol=0.02, rtol=0.0)
-    settings = TwinSettings(blind_cost=2.0)
+    settings = GameModelSettings(blind_cost=2.0)
     shares = [settings.relaxation(done).blind for done in (0.0, 0.25, 0.5, 1.0)]
     assert shares == pytest.approx([0.0, 1.0, 2.0, 2.0])
 
@@ -300,7 +300,7 @@ def test_hits_may_be_worth_more_in_the_middle() -> None:
 
 
 def test_a_learner_aims_before_it_aims_at_the_middle() -> None:
-    settings = TwinSettings(centre_share=0.6)
+    settings = GameModelSettings(centre_share=0.6)
     shares = [settings.relaxation(done).centre for done in (0.0, 0.25, 0.5, 1.0)]
     assert shares == pytest.approx([0.0, 0.3, 0.6, 0.6])
 
@@ -315,7 +315,7 @@ def test_a_hit_may_be_worth_the_same_whenever_it_comes() -> None:
     for age in (6, 18):
         rewards = []
         for patience in (0.0, 0.816):
-            game, place = game_at_a_target(TwinSettings(patience_per_s=patience))
+            game, place = game_at_a_target(GameModelSettings(patience_per_s=patience))
             game._age[:, 4] = age - 1
             soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0)
             rewards.append(game.play(place[:, None], soft)[0])
@@ -327,7 +327,7 @@ def test_a_hit_may_be_worth_the_same_whenever_it_comes() -> None:
 def test_what_a_hit_is_worth_is_a_setting() -> None:
     rewards = []
     for worth in (10.0, 30.0):
-        game, place = game_at_a_target(TwinSettings(hit_reward=worth))
+        game, place = game_at_a_target(GameModelSettings(hit_reward=worth))
         soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0)
         rewards.append(float(game.play(place[:, None], soft)[0]))
     assert rewards == pytest.approx([10.0, 30.0], rel=1e-5)
@@ -344,7 +344,7 @@ def test_what_a_hit_takes_away_is_a_later_one(until_s: float, later: tuple[float
     1.0609 times as much. From frame 4 it is best to wait until .4 s (frame 8), and
     after that not at all; or from any frame to the end (frame 21), after which there is nothing.
     """
-    game, _ = resting_game(3, TwinSettings(patience_per_s=2.0, patience_until_s=until_s))
+    game, _ = resting_game(3, GameModelSettings(patience_per_s=2.0, patience_until_s=until_s))
     game._earned[1] = 14.0
     game.counts[:, 1, 4] = torch.tensor([18.0, 2.0])
     game.adapt()  # a half is believed
@@ -358,7 +358,7 @@ def test_who_counts_what_comes_later_less_has_less_to_wait_for() -> None:
 
     exp(2 * .2 s) = 1.492 times as much with nothing taken off, 1.165 with .94 a step.
     """
-    settings = TwinSettings(patience_per_s=2.0, patience_until_s=0.4)
+    settings = GameModelSettings(patience_per_s=2.0, patience_until_s=0.4)
     for gamma, worth in ((1.0, 1.492), (0.94, 1.165)):
         game = ImaginedWhacAMole(3, CONDITIONS, settings, step_s=0.05, seed=2, gamma=gamma)
         game._earned[1] = 1.0
@@ -388,7 +388,7 @@ def test_what_a_hit_takes_away_counts_against_its_gradient_alone() -> None:
     for share, gradient in zip((0.5, 1.0), gradients[1:], strict=True):
         torch.testing.assert_close(gradient[0], (1.0 - 0.6 * share) * gradients[0][0])
         torch.testing.assert_close(gradient[1:], gradients[0][1:])
-    settings = TwinSettings(foregone_share=0.8)
+    settings = GameModelSettings(foregone_share=0.8)
     shares = [settings.relaxation(done).foregone for done in (0.0, 0.25, 0.5, 1.0)]
     assert shares == pytest.approx([0.0, 0.4, 0.8, 0.8])
 
@@ -424,7 +424,7 @@ def test_hits_may_be_worth_more_where_the_face_goes_first() -> None:
             assert bool(game._hit[0, 4]) == (float(rewards[-1]) > 1.0)
         worth.append(float(rewards[1] / rewards[0]))
     assert worth == pytest.approx([1.0, 0.875, 0.75], abs=1e-4)
-    settings = TwinSettings(face_share=0.6)
+    settings = GameModelSettings(face_share=0.6)
     shares = [settings.relaxation(done).face for done in (0.0, 0.25, 0.5, 1.0)]
     assert shares == pytest.approx([0.0, 0.3, 0.6, 0.6])
 
@@ -438,7 +438,7 @@ def test_hits_may_be_worth_more_where_what_hits_is_fast() -> None:
     for speed, worth in ((1.5, 0.75), (3.0, 1.0), (6.0, 1.0), (-1.0, 0.5)):
         rewards = []
         for share in (0.0, 0.5):
-            game, place = game_at_a_target(TwinSettings(impact_share=share))
+            game, place = game_at_a_target(GameModelSettings(impact_share=share))
             face = points(*game.hammer(place))[1]
             game._face = face - 0.05 * speed * game._strike[game.condition]
             rewards.append(game.play(place[:, None], soft)[0])
@@ -472,7 +472,7 @@ def test_missed_cells_come_up_more_often_and_are_worth_more() -> None:
 
 
 def test_rewards_are_soft_at_first_and_nearly_the_game_s_from_the_middle_on() -> None:
-    settings = TwinSettings()
+    settings = GameModelSettings()
     first, quarter, half = (settings.relaxation(done) for done in (0.0, 0.25, 0.5))
     assert (first.overlap_m, first.speed_mps, first.near, first.distance) == (0.015, 0.3, 3.0, 7.0)
     assert (half.overlap_m, half.speed_mps, half.near, half.distance) == (0.004, 0.08, 0.2, 1.0)

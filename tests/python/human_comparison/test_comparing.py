@@ -11,7 +11,7 @@ from made_rounds import strikes
 from sim2vr_harness.games.registry import behaviour_of
 from sim2vr_harness.human_comparison.comparing import compare, left_out, total
 from sim2vr_harness.human_comparison.contrasts import contrasts, fatigue_of, group_contrasts
-from sim2vr_harness.human_comparison.persons import Person, measure_round, persons_of
+from sim2vr_harness.human_comparison.persons import RecordedPerson, measure_round, persons_of
 
 WHACAMOLE = behaviour_of("whacamole")
 EASY = ("constrained", "easy")
@@ -81,8 +81,10 @@ def test_shares_of_cells_count_as_shares() -> None:
     assert total(compared.rows).cells == len(compared.rows)
 
 
-def person(name: str, **values: float) -> Person:
-    return Person(name, values, {}, np.zeros(9), None, 1, {"misses": values.get("misses", 0.0)})
+def person(name: str, **values: float) -> RecordedPerson:
+    return RecordedPerson(
+        name, values, {}, np.zeros(9), None, 1, {"misses": values.get("misses", 0.0)}
+    )
 
 
 def test_differences_are_person_by_person() -> None:

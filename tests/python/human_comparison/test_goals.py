@@ -15,8 +15,8 @@ from sim2vr_harness.games.registry import behaviour_of
 from sim2vr_harness.human_comparison.contrasts import fatigue_of
 from sim2vr_harness.human_comparison.files import as_json
 from sim2vr_harness.human_comparison.goals import GoalRow
-from sim2vr_harness.human_comparison.persons import Cell, Person, measure_round, persons_of
-from sim2vr_harness.human_comparison.report import Report
+from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson, measure_round, persons_of
+from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.human_comparison.sources import Source
 from sim2vr_harness.human_comparison.tables import report_tables
 from sim2vr_harness.statistics.effect_sizes import effect_interval, wilcoxon_effect
@@ -25,7 +25,7 @@ WHACAMOLE = behaviour_of("whacamole")
 EASY = ("constrained", "easy")
 
 
-def played(onsets: dict[str, float]) -> dict[Cell, tuple[Person, ...]]:
+def played(onsets: dict[str, float]) -> dict[Cell, tuple[RecordedPerson, ...]]:
     """A round each, struck so long after the spawn."""
     rounds = [
         measure_round(replace(strikes(onset_s=onset, seed=i), person=name), WHACAMOLE)
@@ -34,18 +34,20 @@ def played(onsets: dict[str, float]) -> dict[Cell, tuple[Person, ...]]:
     return persons_of(rounds, WHACAMOLE)
 
 
-def made(cells: dict[Cell, dict[str, dict[str, float]]]) -> dict[Cell, tuple[Person, ...]]:
+def made(cells: dict[Cell, dict[str, dict[str, float]]]) -> dict[Cell, tuple[RecordedPerson, ...]]:
     """Condition -> person -> numbers, as if measured."""
     return {
         cell: tuple(
-            Person(name, values, {}, np.zeros(9), None, 1, {"misses": values.get("misses", 0.0)})
+            RecordedPerson(
+                name, values, {}, np.zeros(9), None, 1, {"misses": values.get("misses", 0.0)}
+            )
             for name, values in persons.items()
         )
         for cell, persons in cells.items()
     }
 
 
-def rows_of(report: Report) -> dict[tuple[str, str], GoalRow]:
+def rows_of(report: ComparisonReport) -> dict[tuple[str, str], GoalRow]:
     return {(row.group, row.what): row for row in report.goals}
 
 
@@ -55,7 +57,7 @@ PEOPLE = Source("people", played({"p": 0.2, "q": 0.25, "r": 0.3}))
 def test_who_waits_for_targets_and_who_does_not() -> None:
     late = Source("late", played({"0": 0.2, "1": 0.25}))
     early = Source("early", played({"0": 0.0}))
-    rows = rows_of(Report(WHACAMOLE, PEOPLE, [late]))
+    rows = rows_of(ComparisonReport(WHACAMOLE, PEOPLE, [late]))
     latency = rows["constrained", "vm_latency, easy (s)"]
     # The place shows 20 ms before the onset, at 10 % of the peak of straight lines on 20 Hz.
     assert latency.value == pytest.approx(0.205, abs=1e-6)
@@ -65,7 +67,7 @@ def test_who_waits_for_targets_and_who_does_not() -> None:
     assert (latency.people_low, latency.people_high) == (pytest.approx(0.18), pytest.approx(0.28))
     strikes_ = rows["constrained", "strike_early, easy"]
     assert (strikes_.value, strikes_.bar_met, strikes_.aim_met) == (0.0, True, True)
-    rows = rows_of(Report(WHACAMOLE, PEOPLE, [early]))
+    rows = rows_of(ComparisonReport(WHACAMOLE, PEOPLE, [early]))
     assert rows["constrained", "vm_latency, easy (s)"].bar_met is False
     strikes_ = rows["constrained", "strike_early, easy"]
     assert (strikes_.value, strikes_.bar_met, strikes_.aim_met) == (1.0, False, False)
@@ -73,7 +75,9 @@ def test_who_waits_for_targets_and_who_does_not() -> None:
 
 def test_one_person_out_of_range_misses_the_aim_and_not_the_bar() -> None:
     user = Source("user", played({"0": 0.15, "1": 0.3}))
-    latency = rows_of(Report(WHACAMOLE, PEOPLE, [user]))["constrained", "vm_latency, easy (s)"]
+    latency = rows_of(ComparisonReport(WHACAMOLE, PEOPLE, [user]))[
+        "constrained", "vm_latency, easy (s)"
+    ]
     assert latency.value == pytest.approx(0.205, abs=1e-6)
     assert (latency.bar_met, latency.aim_met) == (True, False)
 
@@ -88,13 +92,13 @@ def test_cells_and_differences_are_counted_over_both_rules() -> None:
         {("constrained", c): {"u": {"hits": 71.0 if c == "easy" else 60.0}} for g, c in cells}
     )
     other = made({("unconstrained", c): {"u": {"hits": hits[c] + 1.0}} for g, c in cells})
-    report = Report(WHACAMOLE, Source("people", people), [Source("a", constrained)])
+    report = ComparisonReport(WHACAMOLE, Source("people", people), [Source("a", constrained)])
     rows = rows_of(report)
     assert rows["", "inside people's range, of 2 cells"].value == 0.5
     assert rows["", "inside people's range, of 2 cells"].bar_met is False
     # Hits and misses, medium - easy: hits fall where people's rise; misses are 0 for both.
     assert rows["", "people's sign, of 2 differences"].value == 0.5
-    report = Report(
+    report = ComparisonReport(
         WHACAMOLE, Source("people", people), [Source("a", constrained), Source("b", other)]
     )
     rows = rows_of(report)
@@ -113,7 +117,9 @@ def test_rates_of_every_condition_and_their_spread() -> None:
     wide = {str(i): {"hit_rate": 0.9 + (0.1 if i % 2 else -0.1)} for i in range(12)}
     narrow = {str(i): {"hit_rate": 0.7 + (0.01 if i % 2 else -0.01)} for i in range(12)}
     own = {("constrained", "easy"): wide, ("constrained", "hard"): narrow}
-    rows = rows_of(Report(WHACAMOLE, Source("people", made(cells)), [Source("u", made(own))]))
+    rows = rows_of(
+        ComparisonReport(WHACAMOLE, Source("people", made(cells)), [Source("u", made(own))])
+    )
     inside = rows["constrained", "hit_rate in range, of 2 conditions"]
     assert (inside.value, inside.bar_met) == (0.5, False)
     spread = rows["constrained", "its spread as people's, of 2 conditions"]
@@ -145,7 +151,7 @@ def test_the_high_area_tires_most() -> None:
     cells = {("constrained", c): {n: {"hits": 1.0} for n in "pqr"} for c in ("low", "high")}
     user = {cell: {str(i): {"hits": 1.0} for i in range(4)} for cell in cells}
     source = Source("u", made(user), own)
-    report = Report(WHACAMOLE, Source("people", made(cells)), [source])
+    report = ComparisonReport(WHACAMOLE, Source("people", made(cells)), [source])
     rows = [row for row in report.goals if "fatigue" in row.what or "effect" in row.what]
     assert [row.what for row in rows] == [
         "fatigue, high - low",

@@ -111,12 +111,12 @@ def test_published_simulated_users_do_not_wait_for_the_target() -> None:
 
 def test_the_published_simulated_users_do_not_pass_for_people(people: Source) -> None:
     """Their numbers beside the bars; facts "How people play": value, and what is asked of it."""
-    from sim2vr_harness.human_comparison.report import Report
+    from sim2vr_harness.human_comparison.report import ComparisonReport
     from sim2vr_harness.human_comparison.sources import Plays, read_user
 
     folder = SHARED / "data" / "simulated_rounds"
     source = read_user(str(folder), WHACAMOLE, Plays(out=Path("unused")))
-    rows = {row.what: row for row in Report(WHACAMOLE, people, [source]).goals}
+    rows = {row.what: row for row in ComparisonReport(WHACAMOLE, people, [source]).goals}
     for what, value, bar_met in (
         ("vm_latency, easy (s)", 0.0265, False),
         ("strike_early, easy", 1.0, False),

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sim2vr_harness.perception import Moment, Perception, Sense, Sensed
+from sim2vr_harness.perception import Perception, Sense, Sensed, StepContext
 from sim2vr_harness.perception.sense import float_space
 
 SUBSTEPS, TIMESTEP_S = 25, 0.002
@@ -31,7 +31,7 @@ class World:
     def __init__(self, n: int, *senses: Sense, pictures: tuple[int, ...] = (1, 2, 2)) -> None:
         self.users: Any = FakeUsers(n)
         self.heads = np.tile([0.0, 0, 0, 0, 0, 0, 1], (n, 1))
-        self.moment = Moment(
+        self.moment = StepContext(
             users=self.users,
             pictures=np.zeros((n, *pictures), np.uint8),
             time_feature=np.zeros(n, np.float32),

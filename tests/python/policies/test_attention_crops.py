@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.policies.attention_crops import Glimpses, _cut_out
-from sim2vr_harness.runs.attention_config import GlimpseConfig
+from sim2vr_harness.policies.attention_crops import AttentionCrops, _cut_out
+from sim2vr_harness.runs.attention_config import AttentionCropConfig
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.training.dagger.expert import seen_at
 
@@ -16,9 +16,9 @@ SHAPES = {"vision": (2, 80, 120), "fovea": (2, 80, 120)}
 """Cells of 8 pixels: 10 rows of 15; the half height is 40 pixels, the place 1."""
 
 
-def unlearned() -> Glimpses:
+def unlearned() -> AttentionCrops:
     """One whose locator says the same of all cells."""
-    made = Glimpses(SHAPES, GlimpseConfig(count=1))
+    made = AttentionCrops(SHAPES, AttentionCropConfig(count=1))
     with torch.no_grad():
         for weights in made.grid.parameters():
             weights.zero_()
@@ -77,8 +77,8 @@ def test_it_learns_to_look_at_a_square_and_to_read_it_anywhere(precision: str) -
     torch.manual_seed(1)
     rng = np.random.default_rng(1)
     shapes = {"vision": (1, 40, 56)}
-    config = GlimpseConfig(count=1, vision_pixels=12, features=16)
-    made = Glimpses(shapes, config, getattr(torch, precision))
+    config = AttentionCropConfig(count=1, vision_pixels=12, features=16)
+    made = AttentionCrops(shapes, config, getattr(torch, precision))
     read = torch.nn.Linear(made.outputs, 1)
     made.teach(True)
     optimizer = torch.optim.Adam([*made.parameters(), *read.parameters()], lr=3e-3)

@@ -13,7 +13,7 @@ import torch
 from gymnasium import spaces
 from torch.nn import functional as F
 
-from sim2vr_harness.policies.visual_actor_critic import UserPolicy
+from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.runs.config import PolicyConfig
 
 SPACE = spaces.Dict(
@@ -26,9 +26,9 @@ SPACE = spaces.Dict(
 ACTIONS = spaces.Box(-1, 1, (32,), np.float32)
 
 
-def make(**settings: object) -> UserPolicy:
+def make(**settings: object) -> VisualActorCritic:
     torch.manual_seed(3)
-    return UserPolicy(SPACE, ACTIONS, lambda _: 5e-5, config=PolicyConfig(**settings))
+    return VisualActorCritic(SPACE, ACTIONS, lambda _: 5e-5, config=PolicyConfig(**settings))
 
 
 def batch(size: int) -> dict[str, torch.Tensor]:
@@ -153,7 +153,7 @@ def test_a_stacked_image_and_other_keys_fit() -> None:
             "proprioception": spaces.Box(-1, 1, (7,), np.float32),
         }
     )
-    policy = UserPolicy(space, ACTIONS, lambda _: 1e-4)
+    policy = VisualActorCritic(space, ACTIONS, lambda _: 1e-4)
     assert policy.features_dim == 256 + 128
     actions, _, _ = policy(
         {"vision": torch.zeros((1, 4, 16, 24), dtype=torch.uint8), "proprioception":
@@ -209,7 +209,7 @@ def test_any_picture_has_an_encoder_and_any_other_sense_is_taken_as_it_is() -> N
             "proprioception": spaces.Box(-np.inf, np.inf, (112,), np.float32),  # with its history
         }
     )
-    policy = UserPolicy(space, ACTIONS, lambda _: 5e-5, config=PolicyConfig())
+    policy = VisualActorCritic(space, ACTIONS, lambda _: 5e-5, config=PolicyConfig())
     assert list(policy.features_extractor.encoders) == [
         "sight",
         "proprioception",
@@ -225,11 +225,11 @@ def test_any_picture_has_an_encoder_and_any_other_sense_is_taken_as_it_is() -> N
         other = policy.action_mean({**seen, "sight": 255 - seen["sight"]})
     assert (one != other).any()
     blind = spaces.Dict({"proprioception": space["proprioception"]})
-    assert not UserPolicy(blind, ACTIONS, lambda _: 5e-5).in_shards
+    assert not VisualActorCritic(blind, ACTIONS, lambda _: 5e-5).in_shards
 
 
 @pytest.mark.parametrize("how", [copy.deepcopy, lambda policy: pickle.loads(pickle.dumps(policy))])
-def test_policies_can_be_copied(how: Callable[[UserPolicy], UserPolicy]) -> None:
+def test_policies_can_be_copied(how: Callable[[VisualActorCritic], VisualActorCritic]) -> None:
     policy = make(scale_proprioception=True)
     policy.fit_scaling(np.full(56, 0.5), np.full(56, 2.0))
     other = how(policy)

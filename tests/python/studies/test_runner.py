@@ -18,7 +18,7 @@ from sim2vr_harness.studies import StudyConfig, read_study, run_study
 from sim2vr_harness.studies import worker as work
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.pool import Here
-from sim2vr_harness.studies.runner import Progress
+from sim2vr_harness.studies.runner import StudyProgress
 
 
 @pytest.fixture
@@ -64,7 +64,7 @@ def content(folder: Path) -> dict[str, bytes]:
 def test_cells_become_tables_with_the_factors(
     trained: Path, quick: list[str], tmp_path: Path
 ) -> None:
-    told: list[Progress] = []
+    told: list[StudyProgress] = []
     found = run_study(study(trained), tmp_path / "out", jobs=1, on_progress=told.append)
     assert quick == ["easy", "easy", "hard", "hard"]
     assert [(one.done, one.total) for one in told] == [(k, 4) for k in range(5)]

@@ -23,7 +23,7 @@ from sim2vr_harness.tools.reach.targets import (
     logged_targets,
     tool_point,
 )
-from sim2vr_harness.users import Body, Plan, SpecBody, load_body
+from sim2vr_harness.users import Body, BodyPlan, SpecBody, load_body
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
 UPPER, LOWER, BENT = 0.30, 0.25, 2.0 * np.pi / 3.0
@@ -50,7 +50,7 @@ def ball_arm() -> Body:
               </body>
             </worldbody></mujoco>""")
 
-    return SpecBody(Plan("ball_arm", (), (), ("grip",), 0.002), build)
+    return SpecBody(BodyPlan("ball_arm", (), (), ("grip",), 0.002), build)
 
 
 @pytest.fixture(scope="module")

@@ -19,8 +19,8 @@ from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.config import body_of
 from sim2vr_harness.evaluation.data import read_data
 from sim2vr_harness.evaluation.replay.recordings import Event
-from sim2vr_harness.policies.hierarchical.motor_goals import Goals
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.tools.track.files import write
 from sim2vr_harness.tools.track.iterative_learning import Correction
@@ -29,11 +29,11 @@ from sim2vr_harness.tools.track.paths import RecordedPath, first_of_play, read_p
 from sim2vr_harness.tools.track.postures import REACHED_M, beyond_reach_m, posture_at
 from sim2vr_harness.tools.track.registration import estimated_stature_m, place
 from sim2vr_harness.tools.track.summary import facts_of, hand_rows, outcome_rows
-from sim2vr_harness.tools.track.tracking import Settings, Tracked, track
+from sim2vr_harness.tools.track.tracking import Tracked, TrackingSettings, track
 from sim2vr_harness.tools.track.tracking_controller import WARM_UP_S, Followed, wanted_of
 from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.users import Body, UserBatch
-from sim2vr_harness.users.kinematics.reach_controller import Reacher
+from sim2vr_harness.users.kinematics.reach_controller import ReachController
 
 HEADER = (
     "time_s,headset_x,headset_y,headset_z,controller_right_x,controller_right_y,controller_right_z"
@@ -42,14 +42,14 @@ HEADSET = ["headset_x", "headset_y", "headset_z"]
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
-class StandIn(MotorLayer):
+class StandIn(MotorPolicy):
     """A layer that needs no training: the hand is pulled to its goal by the body's mechanics."""
 
     def __init__(self, body: Body, step_s: float) -> None:
         super().__init__(body, step_s, width=8)
-        self._reacher = Reacher(body)
+        self._reacher = ReachController(body)
 
-    def act(self, users: UserBatch, goals: Goals) -> NDArray[np.float32]:
+    def act(self, users: UserBatch, goals: MotorGoals) -> NDArray[np.float32]:
         goal = goals.place[0, 0].double().numpy() + np.array([0.0, 0.0, 0.01])
         action = self._reacher.action(users.qpos[0], users.qvel[0], users.act[0], goal)
         return np.asarray(action[None], dtype=np.float32)
@@ -75,7 +75,7 @@ def circle(seconds: float, round_s: float = 3.0, radius_m: float = 0.05) -> str:
 def tracked(tmp_path_factory: pytest.TempPathFactory) -> Tracked:
     file = csv_file(tmp_path_factory.mktemp("circle"), circle(2.0))
     env = environment_of("mobl_arms_wrist")
-    return track(read_paths(file)[0], env, StandIn, Settings(passes=2, refined=False))
+    return track(read_paths(file)[0], env, StandIn, TrackingSettings(passes=2, refined=False))
 
 
 # --- files ---------------------------------------------------------------------------------------
@@ -326,12 +326,12 @@ def test_muscles_that_are_planned_do_better_with_less(tmp_path: Path) -> None:
     path = read_paths(csv_file(tmp_path, circle(0.8, 0.4, 0.11)))[0]
     layer_for = partial(motor_layer_for, following=True)
 
-    def follow(cores: int, settings: Settings) -> Followed:
+    def follow(cores: int, settings: TrackingSettings) -> Followed:
         env = environment_of("mobl_arms_wrist", overrides=[f"env.cores={cores}"])
         return track(path, env, layer_for, settings).followed
 
-    alone = follow(1, Settings(passes=1, refined=False))
-    planned, again = (follow(cores, Settings(passes=1)) for cores in (1, 2))
+    alone = follow(1, TrackingSettings(passes=1, refined=False))
+    planned, again = (follow(cores, TrackingSettings(passes=1)) for cores in (1, 2))
     before, after = planned.passes
     assert before == alone.passes[0]
     assert after.median_m < 0.3 * before.median_m
@@ -356,7 +356,7 @@ def test_hands_that_are_planned_point_as_asked(tmp_path: Path) -> None:
     apart = []
     for pointed in (False, True):
         env = environment_of("mobl_arms_wrist")
-        followed = track(path, env, layer_for, Settings(passes=1, pointed=pointed)).followed
+        followed = track(path, env, layer_for, TrackingSettings(passes=1, pointed=pointed)).followed
         _, turns = followed.sampled["controller_right"]
         w, x, y, z = turns[-1]  # forward is x in MuJoCo's world, and right is -y
         ahead, left = 1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z)
@@ -425,7 +425,7 @@ def test_strokes_that_are_cut_short_are_said(tracked: Tracked) -> None:
 def test_somebody_else_s_size(tmp_path: Path) -> None:
     path = read_paths(csv_file(tmp_path, circle(0.3)))[0]
     env = environment_of("mobl_arms_wrist")
-    found = track(path, env, StandIn, Settings(passes=1, refined=False, stature_m=1.5))
+    found = track(path, env, StandIn, TrackingSettings(passes=1, refined=False, stature_m=1.5))
     assert found.stature_m == 1.5 and not found.estimated
     # The body's own headset is at 1.170 m, that of its 1.70 m.
     assert found.placement.at_m[2] == pytest.approx(1.170 * 1.5 / 1.7, abs=2e-3)

@@ -10,7 +10,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import lsq_linear
 
-from sim2vr_harness.tools.track.linearisation import Moment, Nudges, motion_of
+from sim2vr_harness.tools.track.linearisation import DynamicsState, Perturbations, motion_of
 from sim2vr_harness.tools.track.trajectory_optimisation import (
     _DONE,
     Refinement,
@@ -18,7 +18,7 @@ from sim2vr_harness.tools.track.trajectory_optimisation import (
     least_within,
 )
 from sim2vr_harness.users import UserBatch, load_body
-from sim2vr_harness.world_models.actuator_state import Drives
+from sim2vr_harness.world_models.actuator_state import ActuatorState
 
 FloatArray = NDArray[np.float64]
 
@@ -72,9 +72,9 @@ def test_a_response_foretells_a_step(name: str) -> None:
     body = one.body
     one.reset([0], [np.random.default_rng(1)], [body.joint_ranges.mean(1)])
     swinging(one)
-    at, drives = Moment.of(one).row(0), Drives(body)
+    at, drives = DynamicsState.of(one).row(0), ActuatorState(body)
     shares = drives.shares(drives.of(one), np.full((1, drives.count), 0.05))[0]
-    response = Nudges(make, hand).response(at, shares, 0)
+    response = Perturbations(make, hand).response(at, shares, 0)
     joints, size = len(body.independent_joints), len(response.by_motion)
     rng = np.random.default_rng(2)
     turned, faster = rng.normal(0.0, 2e-3, (20, joints)), rng.normal(0.0, 0.05, (20, joints))
@@ -90,7 +90,7 @@ def test_a_response_foretells_a_step(name: str) -> None:
     changed.put(tried)
     controls = np.concatenate([shares[None], shares + more])
     tried.step(drives.actions(drives.of(tried), controls))
-    after = motion_of(Moment.of(tried), tried)
+    after = motion_of(DynamicsState.of(tried), tried)
     moved, places = after[1:] - after[0], hand(tried, 0)[1:] - hand(tried, 0)[0]
 
     beside = np.concatenate([turned, faster, pulled], 1)
@@ -108,13 +108,16 @@ def test_a_response_serves_for_other_activations() -> None:
     one = make(1)
     one.reset([0], [np.random.default_rng(1)], [one.body.joint_ranges.mean(1)])
     swinging(one)
-    at, drives = Moment.of(one).row(0), Drives(one.body)
+    at, drives = DynamicsState.of(one).row(0), ActuatorState(one.body)
     rng = np.random.default_rng(4)
     other = replace(at, act=rng.uniform(0.0, 1.0, at.act.shape))
     first, then = rng.uniform(0.0, 1.0, (2, drives.count))
-    known = Nudges(make, hand)
+    known = Perturbations(make, hand)
     before = known.response(at, first, 0)
-    served, measured = known.response(other, then, 0), Nudges(make, hand).response(other, then, 0)
+    served, measured = (
+        known.response(other, then, 0),
+        Perturbations(make, hand).response(other, then, 0),
+    )
     for part in ("by_motion", "by_control", "error_by_control"):
         found, true = getattr(served, part), getattr(measured, part)
         apart = np.linalg.norm(found - true)
@@ -126,7 +129,7 @@ def test_a_response_serves_for_other_activations() -> None:
 def test_actions_lead_to_the_controls_that_are_asked_for(name: str) -> None:
     body = load_body(name)
     bodies = UserBatch(body, 50, threads=1, effort="neural")
-    drives = Drives(body)
+    drives = ActuatorState(body)
     rng = np.random.default_rng(3)
     asked = drives.shares(drives.of(bodies), rng.uniform(-1.0, 1.0, (50, drives.count)))
     bodies.step(drives.actions(drives.of(bodies), asked))
@@ -143,7 +146,7 @@ def held_arm(steps: int) -> tuple[UserBatch, FloatArray, Refinement]:
     """An arm that all muscles hold alike, its hand's place, and who plans that it stays there."""
     make = many()
     users = make(1)
-    drives = Drives(users.body)
+    drives = ActuatorState(users.body)
 
     def stay(bodies: UserBatch, step: int) -> FloatArray:
         return drives.actions(drives.of(bodies), np.full((bodies.n, drives.count), HELD))
@@ -175,7 +178,7 @@ def test_a_plan_that_has_gone_wrong_is_made_afresh(monkeypatch: pytest.MonkeyPat
     users, _, refinement = held_arm(60)
     held = np.full((1, users.action_size), HELD)
     monkeypatch.setattr(Refinement, "_planned", lambda self, plan, step: plan)
-    plan = refinement._best(Moment.of(users).row(0), 0)
+    plan = refinement._best(DynamicsState.of(users).row(0), 0)
     np.testing.assert_allclose(plan.shares, np.repeat(held, 40, 0))
     for worse in (False, True):
         plan.shares[_DONE:] = np.arange(users.action_size) < 8 if worse else 0.36

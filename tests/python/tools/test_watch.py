@@ -19,7 +19,7 @@ from sim2vr_harness.client.frames import pose_to_mujoco
 from sim2vr_harness.tools.watch import browser
 from sim2vr_harness.tools.watch import selection as choosing
 from sim2vr_harness.tools.watch.browser import middle_of
-from sim2vr_harness.tools.watch.frames import Hands, Moment, Show, recorded_show
+from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame, recorded_show
 from sim2vr_harness.tools.watch.playback import Playback
 from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
 from sim2vr_harness.users import Body, load_body
@@ -35,18 +35,18 @@ def ball(number: int, color: list[float], x: float = 0.0) -> SceneObject:
     return SceneObject(number, f"Ball {number}", 0, 0, pose, np.array([1.0, 2.0, 3.0]), rgba, False)
 
 
-def moment(k: int, *objects: SceneObject, **more: Any) -> Moment:
+def moment(k: int, *objects: SceneObject, **more: Any) -> ViewerFrame:
     picture = np.zeros((4, 6, 3), np.uint8)
-    return Moment(k / 20.0, AppScene(objects, (SHEET,)), picture, f"Hits {k}", **more)
+    return ViewerFrame(k / 20.0, AppScene(objects, (SHEET,)), picture, f"Hits {k}", **more)
 
 
-def show_of(count: int, made: list[int]) -> Show:
-    def moments() -> Iterator[Moment]:
+def show_of(count: int, made: list[int]) -> Playlist:
+    def moments() -> Iterator[ViewerFrame]:
         for k in range(1, count + 1):
             made.append(k)
             yield moment(k)
 
-    return Show("a round", 20.0, moments)
+    return Playlist("a round", 20.0, moments)
 
 
 def test_pause_step_speed_and_scrub() -> None:
@@ -108,7 +108,7 @@ class FakeScene:
 
 def test_objects_come_move_change_colour_and_go() -> None:
     scene = FakeScene()
-    stage = browser.Stage(scene, show_of(1, []))
+    stage = browser.ViewerStage(scene, show_of(1, []))
     stage.draw(moment(1, ball(7, [0, 1, 0, 1]), ball(8, [1, 1, 1, 0.25])))
     one, other = scene.handles["/app/7_0"], scene.handles["/app/8_0"]
     # Right 0, up 1, ahead 0.5 is ahead 0.5, left 0, up 1 in MuJoCo's world.
@@ -144,7 +144,7 @@ def test_the_body_stands_as_in_mujoco_and_muscles_have_colours(body: Body) -> No
     tendon = body.model.tendon("DELT1_tendon").id
     assert lengths[red].sum() == pytest.approx(data.ten_length[tendon])
     scene = FakeScene()
-    stage = browser.Stage(scene, Show("s", 20.0, lambda: iter(()), body))
+    stage = browser.ViewerStage(scene, Playlist("s", 20.0, lambda: iter(()), body))
     stage.draw(moment(1, qpos=qpos, activations=act))
     hands = [handle for name, handle in scene.handles.items() if name.startswith("/body/hand_")]
     for handle in hands:

@@ -16,8 +16,8 @@ from PIL import Image
 
 from chromium import Page
 from sim2vr_harness.client import AppScene, SceneMesh, SceneObject
-from sim2vr_harness.tools.watch.browser import Theatre
-from sim2vr_harness.tools.watch.frames import Moment, Show
+from sim2vr_harness.tools.watch.browser import Viewer
+from sim2vr_harness.tools.watch.frames import Playlist, ViewerFrame
 from webxr_pages import NEEDS_BROWSER
 
 pytest.importorskip("viser")
@@ -33,18 +33,18 @@ PRESS = """(() => { [...document.querySelectorAll('button')]
   .find(button => button.textContent.trim() === '%s').click(); })()"""
 
 
-def show() -> Show:
+def show() -> Playlist:
     """A red sheet of 2 x 2 m that faces the player, for longer than any test."""
 
-    def moments() -> Iterator[Moment]:
+    def moments() -> Iterator[ViewerFrame]:
         pose = np.array([0.0, 1.0, 1.0, 0.0, 0.0, 0.0, 1.0])
         red = np.array([1.0, 0.0, 0.0, 1.0], np.float32)
         sheet = SceneObject(1, "Sheet", 0, 0, pose, np.ones(3), red, False)
         for k in range(1, 100_001):
             picture = np.full((40, 60, 3), 128, np.uint8)
-            yield Moment(k / 20.0, AppScene((sheet,), (SHEET,)), picture, f"Hits {k}")
+            yield ViewerFrame(k / 20.0, AppScene((sheet,), (SHEET,)), picture, f"Hits {k}")
 
-    return Show("a sheet", 20.0, moments)
+    return Playlist("a sheet", 20.0, moments)
 
 
 def free_port() -> int:
@@ -72,7 +72,7 @@ def red_share(page: Page, file: Path) -> float:
 
 def test_the_scene_is_drawn_and_the_buttons_work(tmp_path: Path) -> None:
     over = threading.Event()
-    theatre = Theatre(show(), port=free_port())
+    theatre = Viewer(show(), port=free_port())
     runner = threading.Thread(target=theatre.run, args=(over.is_set,))
     runner.start()
     try:

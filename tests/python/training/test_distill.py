@@ -13,7 +13,7 @@ from tiny_distill import config, train, weights
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.dagger.dagger import Student
-from sim2vr_harness.training.dagger.expert import TeacherGuide
+from sim2vr_harness.training.dagger.expert import TeacherExpert
 from sim2vr_harness.training.run.stage import Report
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -115,7 +115,7 @@ def test_a_guide_says_what_muscles_shall_do_and_which_cells_have_targets(whole: 
     settings = config()
     checkpoint = RunFolder(whole / "teacher").latest_checkpoint()
     with_pictures = Simulation(settings.env, 2)
-    guide = TeacherGuide(checkpoint, settings.teacher, with_pictures)
+    guide = TeacherExpert(checkpoint, settings.teacher, with_pictures)
     with_pictures.reset(seeds=[1, 2])
     seen = set()
     for _ in range(30):

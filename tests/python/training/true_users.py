@@ -8,11 +8,11 @@ import torch
 
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.users import UserBatch
-from sim2vr_harness.world_models.actuator_state import Drives
+from sim2vr_harness.world_models.actuator_state import ActuatorState
 from sim2vr_harness.world_models.transitions import Motion
 
 
-def motion_of(users: UserBatch, drives: Drives) -> Motion:
+def motion_of(users: UserBatch, drives: ActuatorState) -> Motion:
     """The users' joints and actuators; all are average."""
     joints, dofs = users.body.qpos_independent, users.body.qvel_independent
     parts = (users.qpos[:, joints], users.qvel[:, dofs], drives.of(users))

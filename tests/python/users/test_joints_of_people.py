@@ -13,7 +13,7 @@ from sim2vr_harness.envs.config import body_of
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import Body, Physique, load_body
 from sim2vr_harness.users.bodies.options import JointOptions
-from sim2vr_harness.users.people import People, PeopleSettings
+from sim2vr_harness.users.people import PeopleSettings, Population
 
 CONFIGS = Path(__file__).resolve().parents[3] / "configs"
 WRIST = ("flexion", "deviation", "pro_sup")
@@ -104,7 +104,7 @@ def test_left_handers_and_people_keep_them() -> None:
     physique = Physique(joints={"flexion": LOOSE})
     left = load_body("mobl_arms_wrist", person=physique.model_copy(update={"handedness": "left"}))
     assert passive(left, "flexion") == (0.0, 0.03, 2.0)
-    people = People(PeopleSettings(), physique)
+    people = Population(PeopleSettings(), physique)
     somebody = load_body("mobl_arms_wrist", person=people.physique(people.number(3)))
     assert passive(somebody, "flexion") == (0.0, 0.03, 2.0)
 

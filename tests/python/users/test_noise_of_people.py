@@ -11,7 +11,7 @@ import torch
 from numpy.typing import NDArray
 
 from sim2vr_harness.envs.simulation import motor_noise
-from sim2vr_harness.policies.hierarchical.motor_goals import Goals
+from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import MotorNoiseSettings, UserBatch, load_body
@@ -53,7 +53,7 @@ class Reaches:
         places = np.stack([first, first + 0.2 * way / np.linalg.norm(way)])
         users = self.users()
         self.begin(users, posture)
-        goals, actions = Goals.none(USERS, 1), []
+        goals, actions = MotorGoals.none(USERS, 1), []
         goals.active[:] = 1.0
         for step in range(SETTLE + MOVE):
             moves = step >= SETTLE

@@ -12,10 +12,10 @@ from sim2vr_harness.users import (
     FEATURES,
     Body,
     MotorNoiseSettings,
-    People,
     PeopleSettings,
     Person,
     Physique,
+    Population,
     UserBatch,
     load_body,
 )
@@ -27,7 +27,7 @@ def cut(physique: Physique) -> Body:
     return load_body("mobl_arms_wrist", person=physique, appearance=False)
 
 
-def users(n: int, people: People, **settings: object) -> UserBatch:
+def users(n: int, people: Population, **settings: object) -> UserBatch:
     return UserBatch(BODY, n, threads=1, people=people, cut=cut, **settings)  # type: ignore[arg-type]
 
 
@@ -38,15 +38,15 @@ def start(batch: UserBatch, persons: list[Person], seed: int = 3) -> None:
 
 @pytest.fixture(scope="module")
 def crowd() -> list[Person]:
-    return [People(PeopleSettings()).number(k) for k in range(2000)]
+    return [Population(PeopleSettings()).number(k) for k in range(2000)]
 
 
 def test_a_number_is_one_person_whatever_else_varies() -> None:
-    people = People(PeopleSettings(seed=4))
-    assert people.number(7) == People(PeopleSettings(seed=4)).sample(4, 7)
+    people = Population(PeopleSettings(seed=4))
+    assert people.number(7) == Population(PeopleSettings(seed=4)).sample(4, 7)
     assert people.number(7) != people.number(8)
     assert people.number(7) != people.sample(5, 7)
-    strong = People(PeopleSettings(seed=4, vary=("strength",))).number(7)
+    strong = Population(PeopleSettings(seed=4, vary=("strength",))).number(7)
     assert strong == dataclasses.replace(AVERAGE, index=7, strength=people.number(7).strength)
 
 
@@ -77,28 +77,28 @@ def test_features_are_about_minus_one_to_one(crowd: list[Person]) -> None:
 
 
 def test_spread_and_means_can_be_set() -> None:
-    alike = People(PeopleSettings(spread=0.0, visual_delay_s=0.15))
+    alike = Population(PeopleSettings(spread=0.0, visual_delay_s=0.15))
     assert dataclasses.replace(alike.number(1), index=2) == alike.number(2)
     assert alike.number(1).visual_delay_s == pytest.approx(0.15)
-    wide = People(PeopleSettings(spread=2.0))
-    near = People(PeopleSettings())
+    wide = Population(PeopleSettings(spread=2.0))
+    near = Population(PeopleSettings())
     assert wide.number(3).stature_m - 1.692 == pytest.approx(
         2.0 * (near.number(3).stature_m - 1.692)
     )
     assert near.longest("visual_delay_s") == pytest.approx(0.11)
-    quick = People(PeopleSettings(spread=2.0, visual_delay_s=0.0))
+    quick = Population(PeopleSettings(spread=2.0, visual_delay_s=0.0))
     assert {quick.number(k).visual_delay_s for k in range(50)} <= {0.0, 0.01, 0.02, 0.03}
     assert min(quick.number(k).visual_delay_s for k in range(50)) == 0.0
-    few = People(PeopleSettings(count=3))
+    few = Population(PeopleSettings(count=3))
     assert {few.of_episode(seed).index for seed in range(40)} == {0, 1, 2}
     with pytest.raises(ValueError, match="person: got 3, expected 0 to 2"):
         few.number(3)
     with pytest.raises(ValueError, match=r"people.vary: got 'stature_m', which user.person sets"):
-        People(PeopleSettings(), Physique(stature_m=1.8))
+        Population(PeopleSettings(), Physique(stature_m=1.8))
 
 
 def test_a_body_of_its_own() -> None:
-    people = People(PeopleSettings())
+    people = Population(PeopleSettings())
     small, tall = (dataclasses.replace(AVERAGE, stature_m=s) for s in (1.53, 1.87))
     long = dataclasses.replace(AVERAGE, forearm_factor=1.1)
     batch = users(4, people)
@@ -118,11 +118,11 @@ def test_a_body_of_its_own() -> None:
 
 
 def test_own_bodies_move_as_batches_of_their_own() -> None:
-    person = People(PeopleSettings()).number(5)
-    physique = People(PeopleSettings()).physique(person)
+    person = Population(PeopleSettings()).number(5)
+    physique = Population(PeopleSettings()).physique(person)
     alone = UserBatch(cut(physique), 1, threads=1, effort="zero")
-    mixed = users(3, People(PeopleSettings()), effort="zero")
-    start(mixed, [People(PeopleSettings()).number(k) for k in (1, 5, 9)])
+    mixed = users(3, Population(PeopleSettings()), effort="zero")
+    start(mixed, [Population(PeopleSettings()).number(k) for k in (1, 5, 9)])
     alone.reset([0], [np.random.default_rng(3)])
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (6, 32))
     for action in actions:
@@ -133,7 +133,7 @@ def test_own_bodies_move_as_batches_of_their_own() -> None:
 
 
 def test_strength_noise_and_effort_act() -> None:
-    people = People(PeopleSettings(vary=("strength", "motor_noise", "effort_weight")))
+    people = Population(PeopleSettings(vary=("strength", "motor_noise", "effort_weight")))
     weak = dataclasses.replace(AVERAGE, strength=0.5)
     keen = dataclasses.replace(AVERAGE, effort_weight=0.25)
     batch = users(3, people)
@@ -157,7 +157,7 @@ def test_strength_noise_and_effort_act() -> None:
 
 
 def test_strength_counts_as_a_share_in_consumed_endurance() -> None:
-    people = People(PeopleSettings(vary=("strength",)))
+    people = Population(PeopleSettings(vary=("strength",)))
     weak = dataclasses.replace(AVERAGE, strength=0.5)
     batch = users(2, people, effort="consumed_endurance")
     start(batch, [AVERAGE, weak])
@@ -166,7 +166,7 @@ def test_strength_counts_as_a_share_in_consumed_endurance() -> None:
 
 
 def test_a_restored_user_is_the_same_person() -> None:
-    people = People(PeopleSettings())
+    people = Population(PeopleSettings())
     one, other = users(2, people), users(1, people)
     start(one, [people.number(2), people.number(3)])
     one.step(np.full((2, 32), 0.1))
@@ -182,7 +182,7 @@ def test_a_restored_user_is_the_same_person() -> None:
 
 def test_average_people_are_today_s_users_to_the_bit() -> None:
     today = UserBatch(BODY, 1, threads=1, noise=MotorNoiseSettings())
-    people = People(PeopleSettings(vary=()))
+    people = Population(PeopleSettings(vary=()))
     same = users(1, people, noise=MotorNoiseSettings())
     today.reset([0], [np.random.default_rng(3)])
     start(same, [people.number(0)])

@@ -11,7 +11,7 @@ import pytest
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from sim2vr_harness.users import load_body
-from sim2vr_harness.users.kinematics.reach_controller import Reacher
+from sim2vr_harness.users.kinematics.reach_controller import ReachController
 
 
 @pytest.mark.parametrize("goal_m", [(0.12, 0.85, 0.42), (0.3, 1.0, 0.35)])
@@ -21,7 +21,7 @@ def test_the_hand_comes_within_5_cm_in_two_seconds(goal_m: tuple[float, ...]) ->
     with closing(Simulation(env, 1)) as simulation:
         simulation.reset(seeds=[1])
         users, goal = simulation.users, position_to_mujoco(goal_m)
-        reacher = Reacher(simulation.body)
+        reacher = ReachController(simulation.body)
         gaps = []
         for _ in range(40):
             action = reacher.action(users.qpos[0], users.qvel[0], users.act[0], goal)
@@ -35,13 +35,13 @@ def test_the_hand_comes_within_5_cm_in_two_seconds(goal_m: tuple[float, ...]) ->
 
 def test_who_cannot_reach() -> None:
     with pytest.raises(ValueError, match=r"device: got 'controller_left', expected one of headset"):
-        Reacher(load_body("mobl_arms_wrist"), "controller_left")
+        ReachController(load_body("mobl_arms_wrist"), "controller_left")
 
 
 def test_the_least_activations_hold_a_posture() -> None:
     """With them what stood still hardly accelerates; without, the arm falls."""
     body = load_body("mobl_arms_wrist")
-    reacher = Reacher(body)
+    reacher = ReachController(body)
     model, data = body.physics_model, mujoco.MjData(body.physics_model)
     posture = np.zeros(len(body.independent_joints))
     posture[body.independent_joints.index("elbow_flexion")] = np.pi / 2.0

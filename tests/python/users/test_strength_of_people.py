@@ -11,7 +11,7 @@ import pytest
 from python.users.references import coupling_jacobian, moment_arms
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.users import Body, load_body
-from sim2vr_harness.users.people import People, PeopleSettings
+from sim2vr_harness.users.people import PeopleSettings, Population
 
 CONFIGS = Path(__file__).resolve().parents[3] / "configs"
 FORWARDS = {"elv_angle": 90.0, "shoulder_elv": 90.0}
@@ -34,7 +34,7 @@ def lift_and_weight(body: Body) -> tuple[float, float]:
 
 
 def margins(settings: PeopleSettings) -> list[float]:
-    people = People(settings)
+    people = Population(settings)
     found = []
     for number in range(PERSONS):
         physique = people.physique(people.sample(7, number))

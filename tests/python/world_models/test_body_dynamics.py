@@ -12,13 +12,13 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.users import Body, UserBatch, load_body
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.users.noise import MotorNoiseSettings
-from sim2vr_harness.world_models.actuator_state import Drives
+from sim2vr_harness.world_models.actuator_state import ActuatorState
 from sim2vr_harness.world_models.body_dynamics import BodyModel, fit_body
 from sim2vr_harness.world_models.effort import imagined_effort, volume_shares
 from sim2vr_harness.world_models.gradient_clipping import limited, within
 from sim2vr_harness.world_models.joint_groups import limbs_of
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
-from sim2vr_harness.world_models.transitions import Experience, Motion
+from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
 MOTORS, MUSCLES, WRIST = "mobl_arms_bimanual_motor", "mobl_arms_bimanual", "mobl_arms_wrist"
 BODIES = ((WRIST, False), (MOTORS, False), (MOTORS, True), (MUSCLES, True))
@@ -31,7 +31,7 @@ def body_of(name: str, torso: bool) -> Body:
 @pytest.mark.parametrize(("name", "torso"), BODIES)
 def test_actions_do_to_drives_what_they_do_to_the_true_ones(name: str, torso: bool) -> None:
     users = UserBatch(body_of(name, torso), 4, threads=1, effort="neural")
-    drives = Drives(users.body)
+    drives = ActuatorState(users.body)
     assert drives.count == users.action_size
     assert len(drives.muscles) + len(drives.motors) == drives.count
     rng = np.random.default_rng(1)
@@ -47,7 +47,7 @@ def test_actions_do_to_drives_what_they_do_to_the_true_ones(name: str, torso: bo
 
 def test_a_motor_s_target_by_hand() -> None:
     """m <- 0.1 m + 0.9 clip(m + a, 0, 1): 0.5 and 0.2 make 0.68; beyond the range 0.95."""
-    drives = Drives(load_body(MOTORS))
+    drives = ActuatorState(load_body(MOTORS))
     actions = torch.zeros(1, 14)
     actions[0, :2] = torch.tensor([0.2, 3.0])
     control = drives.control(torch.full((1, 14), 0.5), actions)
@@ -144,7 +144,7 @@ def test_the_chains_place_all_devices_as_mujoco_does(name: str, torso: bool) -> 
 @pytest.mark.parametrize("effort", ["neural", "muscle_state", "zero"])
 def test_efforts_of_the_present_alone_are_the_true_ones(effort: str) -> None:
     users = UserBatch(load_body(MUSCLES), 3, threads=1, effort=effort)
-    drives = Drives(users.body)
+    drives = ActuatorState(users.body)
     imagined = imagined_effort(users.effort, drives, otherwise=9.0)
     users.step(np.random.default_rng(2).uniform(-0.5, 0.5, (3, drives.count)))
     after = torch.tensor(drives.of(users), dtype=torch.float32)
@@ -154,7 +154,7 @@ def test_efforts_of_the_present_alone_are_the_true_ones(effort: str) -> None:
 
 def test_an_effort_that_remembers_is_the_mean_square_of_activations() -> None:
     users = UserBatch(load_body(WRIST), 1, threads=1)
-    cost = imagined_effort(users.effort, Drives(users.body), otherwise=0.5)
+    cost = imagined_effort(users.effort, ActuatorState(users.body), otherwise=0.5)
     act = torch.zeros(1, 32)
     act[0, 0] = 0.8
     assert float(cost(act, act)) == pytest.approx(0.5 * 0.8**2 / 32)
@@ -173,7 +173,7 @@ def test_muscles_may_count_by_their_volume() -> None:
     deltoid, extensor = muscles.index("DELT2"), muscles.index("ECRB")
     assert float(shares[deltoid] / shares[extensor]) == pytest.approx(7.876, abs=0.01)
     users = UserBatch(body, 1, threads=1)
-    cost = imagined_effort(users.effort, Drives(body), otherwise=0.5, shares=shares)
+    cost = imagined_effort(users.effort, ActuatorState(body), otherwise=0.5, shares=shares)
     act = torch.zeros(1, model.nu)
     act[0, extensor] = 0.8
     assert float(cost(act, act)) == pytest.approx(0.5 * 0.8**2 / 32 * float(shares[extensor]))
@@ -198,7 +198,7 @@ def test_gradients_lead_back_into_a_range_but_not_out_of_it() -> None:
 
 def test_aims_beyond_a_motor_s_range_by_hand() -> None:
     """0.9 + 0.3 is 0.2 too much, 0.1 - 0.4 is 0.3 too little: 0.04 + 0.09."""
-    drives = Drives(load_body(MOTORS))
+    drives = ActuatorState(load_body(MOTORS))
     at, actions = torch.full((1, 14), 0.5), torch.zeros(1, 14)
     at[0, :2], actions[0, :2] = torch.tensor([0.9, 0.1]), torch.tensor([0.3, -0.4])
     assert float(drives.beyond(at, actions)) == pytest.approx(0.13)
@@ -300,8 +300,8 @@ def test_two_arms_learn_what_motors_did() -> None:
         before = motion_of(users, body.drives)
         users.step(0.1 * rng.standard_normal((8, 14)))
         after = motion_of(users, body.drives)
-        rows.append(Experience(before, after.drives, after, torch.zeros(8, 0)))
-    steps = Experience.joined(rows)
+        rows.append(TransitionStore(before, after.drives, after, torch.zeros(8, 0)))
+    steps = TransitionStore.joined(rows)
     body.scale_by(steps)
     fit = fit_body(body, steps, minibatches=250, learning_rate=4e-3, batch_size=512)
     assert fit["drives"] == pytest.approx(0.0, abs=1e-6)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import torch
 
-from sim2vr_harness.world_models.value_function import Critic
+from sim2vr_harness.world_models.value_function import ValueFunction
 
 
 def test_both_critics_learn_the_values_of_a_world_that_stands_still() -> None:
@@ -14,7 +14,7 @@ def test_both_critics_learn_the_values_of_a_world_that_stands_still() -> None:
     """
     torch.manual_seed(3)
     mean, std = torch.zeros(2), torch.ones(2)
-    critic = Critic(
+    critic = ValueFunction(
         2,
         32,
         lambda observation: (observation - mean) / std,

@@ -5,10 +5,10 @@ from __future__ import annotations
 import pytest
 import torch
 
-from sim2vr_harness.world_models.weight_average import Average
+from sim2vr_harness.world_models.weight_average import WeightAverage
 
 
-def updated(average: Average, weight: torch.Tensor, values: list[float]) -> None:
+def updated(average: WeightAverage, weight: torch.Tensor, values: list[float]) -> None:
     for value in values:
         weight.fill_(value)
         average.add()
@@ -17,7 +17,7 @@ def updated(average: Average, weight: torch.Tensor, values: list[float]) -> None
 def test_the_first_weights_count_alike_and_later_ones_more() -> None:
     """(2 + 4) / 2 = 3, then by a half: (3 + 8) / 2 = 5.5, (5.5 + 0) / 2 = 2.75."""
     weight = torch.tensor([9.0])
-    average = Average([weight], 2)
+    average = WeightAverage([weight], 2)
     updated(average, weight, [2.0, 4.0, 8.0, 0.0])
     with average.in_place():
         assert weight.item() == 2.75
@@ -28,7 +28,7 @@ def test_the_first_weights_count_alike_and_later_ones_more() -> None:
 
 def test_without_updates_weights_are_as_they_are() -> None:
     weight = torch.tensor([9.0])
-    average = Average([weight], 0)
+    average = WeightAverage([weight], 0)
     updated(average, weight, [2.0, 4.0])
     with average.in_place():
         assert weight.item() == 4.0
@@ -40,11 +40,11 @@ def test_without_updates_weights_are_as_they_are() -> None:
 def test_goes_on_from_its_state(updates: int) -> None:
     values = [1.0, 5.0, 2.0, 7.0, 3.0]
     whole, stopped = torch.tensor([0.0]), torch.tensor([0.0])
-    average = Average([whole], updates)
+    average = WeightAverage([whole], updates)
     updated(average, whole, values)
-    first = Average([stopped], updates)
+    first = WeightAverage([stopped], updates)
     updated(first, stopped, values[:2])
-    second = Average([stopped], updates)
+    second = WeightAverage([stopped], updates)
     second.load_state(first.state())
     updated(second, stopped, values[2:])
     average.settle()

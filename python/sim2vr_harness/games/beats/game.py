@@ -11,7 +11,7 @@ from sim2vr_harness.client import describe_game
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.games.beats.levels import Levels, game_level, made_of
 from sim2vr_harness.games.beats.rules import TOLD_MINES
-from sim2vr_harness.games.beats.settings import TwinSettings
+from sim2vr_harness.games.beats.settings import GameModelSettings
 from sim2vr_harness.games.beats.twin import FIELDS, ImaginedBeats
 from sim2vr_harness.games.imagined import ImaginedCondition
 
@@ -22,7 +22,7 @@ class Beats:
     """See :class:`~sim2vr_harness.games.imagined.ImaginedGame`."""
 
     name = "beats"
-    settings = TwinSettings
+    settings = GameModelSettings
     devices = ("controller_left", "controller_right", "headset")
     fields = FIELDS
     cells = 1
@@ -50,7 +50,7 @@ class Beats:
         self,
         n: int,
         conditions: Sequence[ImaginedCondition],
-        settings: TwinSettings,
+        settings: GameModelSettings,
         *,
         step_s: float,
         frames: int,

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from sim2vr_harness.base.settings import Chance, Settings, Weight
 
-__all__ = ["Relaxation", "TwinSettings"]
+__all__ = ["GameModelSettings", "Relaxation"]
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Relaxation:
     stroke: float = 0.0
 
 
-class TwinSettings(Settings):
+class GameModelSettings(Settings):
     """How soft cuts are, and which levels are played."""
 
     levels: int = Field(default=64, ge=1, le=100_000)

@@ -43,7 +43,7 @@ from sim2vr_harness.games.beats.sabers import (
     swing,
     velocities,
 )
-from sim2vr_harness.games.beats.settings import Relaxation, TwinSettings
+from sim2vr_harness.games.beats.settings import GameModelSettings, Relaxation
 
 __all__ = ["FIELDS", "ImaginedBeats"]
 
@@ -100,7 +100,7 @@ class ImaginedBeats:
         n: int,
         levels: Levels,
         conditions: int,
-        settings: TwinSettings,
+        settings: GameModelSettings,
         *,
         step_s: float,
         seed: int,

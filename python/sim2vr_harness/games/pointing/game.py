@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.client import describe_game
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.games.imagined import ImaginedCondition
-from sim2vr_harness.games.pointing.settings import TwinSettings
+from sim2vr_harness.games.pointing.settings import GameModelSettings
 from sim2vr_harness.games.pointing.twin import FIELDS, ImaginedPointing
 
 __all__ = ["GAME", "Pointing"]
@@ -20,7 +20,7 @@ class Pointing:
     """See :class:`~sim2vr_harness.games.imagined.ImaginedGame`."""
 
     name = "pointing"
-    settings = TwinSettings
+    settings = GameModelSettings
     devices = ("controller_right", "headset")
     fields = FIELDS
     cells = 1
@@ -49,7 +49,7 @@ class Pointing:
         self,
         n: int,
         conditions: Sequence[ImaginedCondition],
-        settings: TwinSettings,
+        settings: GameModelSettings,
         *,
         step_s: float,
         frames: int,

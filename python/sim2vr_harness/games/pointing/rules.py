@@ -13,7 +13,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-__all__ = ["HIT_REWARD", "TAP_START_M", "TIME_TOLERANCE_S", "Task", "distance_reward"]
+__all__ = ["HIT_REWARD", "TAP_START_M", "TIME_TOLERANCE_S", "PointingTask", "distance_reward"]
 
 HIT_REWARD = 10.0
 TAP_START_M = 0.05
@@ -28,7 +28,7 @@ def distance_reward(distance: Tensor) -> Tensor:
 
 
 @dataclass(frozen=True)
-class Task:
+class PointingTask:
     """What the options of a round say of its blocks.
 
     Attributes:
@@ -48,7 +48,7 @@ class Task:
     distance_weight: float = 1.0
 
     @classmethod
-    def of(cls, options: Mapping[str, Any]) -> Task:
+    def of(cls, options: Mapping[str, Any]) -> PointingTask:
         """The task of a round's options; those that are missing have the game's defaults."""
         distances = options.get("distances_m", (0.10, 0.18, 0.32))
         widths = options.get("widths_m", (0.02, 0.03, 0.045))

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from sim2vr_harness.base.settings import Chance, Settings, Weight
 
-__all__ = ["Relaxation", "TwinSettings"]
+__all__ = ["GameModelSettings", "Relaxation"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Relaxation:
     behind: float
 
 
-class TwinSettings(Settings):
+class GameModelSettings(Settings):
     """How soft taps are, and which blocks come up."""
 
     failing_blocks: Chance = 0.5

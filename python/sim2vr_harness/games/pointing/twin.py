@@ -18,10 +18,10 @@ from sim2vr_harness.games.pointing.rules import (
     HIT_REWARD,
     TAP_START_M,
     TIME_TOLERANCE_S,
-    Task,
+    PointingTask,
     distance_reward,
 )
-from sim2vr_harness.games.pointing.settings import Relaxation, TwinSettings
+from sim2vr_harness.games.pointing.settings import GameModelSettings, Relaxation
 from sim2vr_harness.games.pointing.stylus import Stylus, head_of
 
 __all__ = ["FIELDS", "ImaginedPointing"]
@@ -58,7 +58,7 @@ class ImaginedPointing:
         self,
         n: int,
         conditions: Sequence[ImaginedCondition],
-        settings: TwinSettings,
+        settings: GameModelSettings,
         *,
         frame_s: float,
         seed: int,
@@ -67,7 +67,7 @@ class ImaginedPointing:
         self.n, self.settings, self.stylus, self._frame_s = n, settings, Stylus(), frame_s
         self.frames = frames
         self.generator = torch.Generator().manual_seed(seed)
-        tasks = [Task.of(condition.options) for condition in conditions]
+        tasks = [PointingTask.of(condition.options) for condition in conditions]
         if len(set(tasks)) != 1:
             raise ValueError("conditions: got different blocks, expected the same in all of them")
         self.task = tasks[0]

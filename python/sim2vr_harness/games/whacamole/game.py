@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.games.imagined import ImaginedCondition
 from sim2vr_harness.games.whacamole.rules import CELLS
-from sim2vr_harness.games.whacamole.settings import TwinSettings
+from sim2vr_harness.games.whacamole.settings import GameModelSettings
 from sim2vr_harness.games.whacamole.twin import FIELDS, ImaginedWhacAMole
 
 __all__ = ["GAME", "WhacAMole"]
@@ -20,7 +20,7 @@ class WhacAMole:
     """See :class:`~sim2vr_harness.games.imagined.ImaginedGame`."""
 
     name = "whacamole"
-    settings = TwinSettings
+    settings = GameModelSettings
     devices = ("controller_right", "headset")
     fields = FIELDS
     cells = CELLS
@@ -55,7 +55,7 @@ class WhacAMole:
         self,
         n: int,
         conditions: Sequence[ImaginedCondition],
-        settings: TwinSettings,
+        settings: GameModelSettings,
         *,
         step_s: float,
         frames: int,

@@ -9,7 +9,7 @@ from pydantic import Field
 from sim2vr_harness.base.settings import Chance, Settings, Weight
 from sim2vr_harness.games.whacamole.rules import LIFE_S
 
-__all__ = ["Relaxation", "TwinSettings"]
+__all__ = ["GameModelSettings", "Relaxation"]
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class Relaxation:
     foregone: float = 0.0
 
 
-class TwinSettings(Settings):
+class GameModelSettings(Settings):
     """How soft hits are, and which cells come up."""
 
     single_targets: Chance = 0.4

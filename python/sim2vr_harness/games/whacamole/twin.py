@@ -31,7 +31,7 @@ from sim2vr_harness.games.whacamole.rules import (
     VOLUME_BEHIND_M,
     area_of,
 )
-from sim2vr_harness.games.whacamole.settings import Relaxation, TwinSettings
+from sim2vr_harness.games.whacamole.settings import GameModelSettings, Relaxation
 
 __all__ = ["FIELDS", "ImaginedWhacAMole"]
 
@@ -80,7 +80,7 @@ class ImaginedWhacAMole:
         self,
         n: int,
         conditions: Sequence[Mapping[str, float]],
-        settings: TwinSettings,
+        settings: GameModelSettings,
         *,
         step_s: float,
         seed: int,

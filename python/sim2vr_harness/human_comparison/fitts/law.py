@@ -16,11 +16,11 @@ from sim2vr_harness.human_comparison.fitts.movements import Block, Movement, blo
 from sim2vr_harness.human_comparison.fitts.submovements import submovements
 from sim2vr_harness.human_comparison.fitts.taps import Tap, read_taps
 
-__all__ = ["Difficulty", "FittsResult", "Line", "fit_line", "measure_user", "rounds_below"]
+__all__ = ["Difficulty", "FittedLine", "FittsResult", "fit_line", "measure_user", "rounds_below"]
 
 
 @dataclass(frozen=True)
-class Line:
+class FittedLine:
     """MT = a + b ID by least squares.
 
     Attributes:
@@ -36,7 +36,7 @@ class Line:
     points: int
 
 
-def fit_line(bits: Sequence[float], times_s: Sequence[float]) -> Line | None:
+def fit_line(bits: Sequence[float], times_s: Sequence[float]) -> FittedLine | None:
     """Fit movement times by indices of difficulty; None below three different indices."""
     if len(set(bits)) < 3:
         return None
@@ -44,7 +44,7 @@ def fit_line(bits: Sequence[float], times_s: Sequence[float]) -> Line | None:
     b, a = np.polyfit(x, y, 1)
     rest, total = np.sum((y - a - b * x) ** 2), np.sum((y - y.mean()) ** 2)
     r2 = 1.0 - rest / total if total > 0.0 else 0.0
-    return Line(float(a), float(b), float(r2), len(x))
+    return FittedLine(float(a), float(b), float(r2), len(x))
 
 
 @dataclass(frozen=True)
@@ -99,8 +99,8 @@ class FittsResult:
     timeouts: int
     difficulties: tuple[Difficulty, ...]
     throughput_bps: float
-    line: Line | None
-    effective_line: Line | None
+    line: FittedLine | None
+    effective_line: FittedLine | None
     error_rate: float
 
     def as_dict(self) -> dict[str, Any]:

@@ -13,8 +13,8 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.human_comparison.fitts.law import (
     Difficulty,
+    FittedLine,
     FittsResult,
-    Line,
     fit_line,
     measure_user,
     rounds_below,
@@ -27,7 +27,14 @@ from sim2vr_harness.human_comparison.sources import (
     trained_user,
 )
 
-__all__ = ["NUMBERS", "Aimed", "AimedUser", "Spread", "read_aimed_people", "read_aimed_user"]
+__all__ = [
+    "NUMBERS",
+    "AimedMovements",
+    "AimedUser",
+    "Spread",
+    "read_aimed_people",
+    "read_aimed_user",
+]
 
 
 @dataclass(frozen=True)
@@ -87,7 +94,7 @@ def _pieces(one: FittsResult) -> float | None:
 
 
 @dataclass(frozen=True)
-class Aimed:
+class AimedMovements:
     """One distance and width, over persons.
 
     Attributes:
@@ -124,7 +131,7 @@ class AimedUser:
     persons: tuple[FittsResult, ...]
 
     @cached_property
-    def difficulties(self) -> tuple[Aimed, ...]:
+    def difficulties(self) -> tuple[AimedMovements, ...]:
         """In the order of their indices."""
         found: dict[tuple[float, float], list[Difficulty]] = {}
         for person in self.persons:
@@ -134,7 +141,7 @@ class AimedUser:
         return tuple(sorted(rows, key=lambda row: row.bits))
 
     @cached_property
-    def line(self) -> Line | None:
+    def line(self) -> FittedLine | None:
         """Of the means over persons, as studies report it."""
         rows = self.difficulties
         return fit_line([row.bits for row in rows], [row.movement_time_s.mean for row in rows])
@@ -144,13 +151,13 @@ class AimedUser:
         return Spread.of(NUMBERS[name][1](person) for person in self.persons)
 
 
-def _aimed(own: Sequence[Difficulty]) -> Aimed:
+def _aimed(own: Sequence[Difficulty]) -> AimedMovements:
     """What persons did at one distance and width."""
 
     def spread(key: str) -> Spread:
         return _known(Spread.of(getattr(one, key) for one in own))
 
-    return Aimed(
+    return AimedMovements(
         distance_m=own[0].distance_m,
         width_m=own[0].width_m,
         bits=own[0].bits,

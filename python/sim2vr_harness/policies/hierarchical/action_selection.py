@@ -10,12 +10,17 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from sim2vr_harness.policies.hierarchical.action_value_map import PlaceValues
-from sim2vr_harness.policies.hierarchical.depth_grid import Sight, rotation
-from sim2vr_harness.policies.hierarchical.frame_history import PastPictures
-from sim2vr_harness.policies.hierarchical.primitives import MOVES, Choice, Mover, is_swing
+from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
+from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid, rotation
+from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
+from sim2vr_harness.policies.hierarchical.primitives import (
+    MOVES,
+    OptionChoice,
+    PrimitiveController,
+    is_swing,
+)
 
-__all__ = ["Chooser", "Scene", "best_choices", "choose", "lose_patience"]
+__all__ = ["ActionSelector", "OptionScene", "best_choices", "choose", "mask_unreached"]
 
 _STILL_M, _PATIENCE_S = 0.05, 1.0
 """Hands that come no farther than that in so long wait for something that does not come. (Speeds
@@ -30,7 +35,7 @@ again, up to so many times. (Who has come where it wants to be may have reasons 
 
 
 @dataclass
-class Scene:
+class OptionScene:
     """What N users see and where they are, at a decision.
 
     Attributes:
@@ -48,7 +53,7 @@ class Scene:
     velocities: NDArray[np.float32]
 
 
-class Chooser:
+class ActionSelector:
     """N users who see places and do something with them.
 
     Args:
@@ -57,38 +62,38 @@ class Chooser:
         past: what they see.
     """
 
-    def __init__(self, simulation: Any, mover: Mover, past: PastPictures) -> None:
+    def __init__(self, simulation: Any, mover: PrimitiveController, past: FrameHistory) -> None:
         self._simulation, self.mover, self._past = simulation, mover, past
         vision = simulation.config.vision
-        self.sight = Sight(vision.height, vision.width)
+        self.sight = DepthGrid(vision.height, vision.width)
 
     def _head(self) -> NDArray[np.float32]:
         head: NDArray[np.float32] = self._simulation.users.device_poses("headset")[0].astype("f4")
         return head
 
-    def scene(self) -> Scene:
+    def scene(self) -> OptionScene:
         """Return what the users see now."""
         turned = rotation(self._simulation.users.device_poses("headset")[1])
         layer = self.mover.layer
         with torch.inference_mode():
             angles, speeds, _ = layer.motion(self._simulation.users)
             moving = [each.numpy() for each in self.mover.tips(*layer.places(angles, speeds))]
-        return Scene(self._past.observe(), self._head(), turned.flatten(1).numpy(), *moving)
+        return OptionScene(self._past.observe(), self._head(), turned.flatten(1).numpy(), *moving)
 
-    def places(self, scene: Scene) -> Tensor:
+    def places(self, scene: OptionScene) -> Tensor:
         """(N, 3, rows, columns) of what is seen, world, m."""
         depth = torch.from_numpy(scene.pictures[:, 3])
         head, turned = torch.from_numpy(scene.head), torch.from_numpy(scene.turned)
         return self.sight.places(depth, head, turned.reshape(-1, 3, 3))
 
-    def values(self, net: PlaceValues, scene: Scene, places: Tensor) -> Tensor:
+    def values(self, net: ActionValueMap, scene: OptionScene, places: Tensor) -> Tensor:
         """(N, H, choices) what a network says that choices are worth."""
         known = (scene.head, scene.tips, scene.velocities)
         parts = (torch.from_numpy(part) for part in known)
         values: Tensor = net(torch.from_numpy(scene.pictures), places, *parts)
         return values
 
-    def choose_best(self, net: PlaceValues, choice: Choice, hold: int = 0) -> None:
+    def choose_best(self, net: ActionValueMap, choice: OptionChoice, hold: int = 0) -> None:
         """Put into effect what a network says is worth most now, for everybody.
 
         Args:
@@ -102,23 +107,23 @@ class Chooser:
         with torch.inference_mode():
             values, something = self.values(net, scene, places), self.something(scene)
             if hold:
-                something = lose_patience(
+                something = mask_unreached(
                     choice, torch.from_numpy(scene.tips), something, places, hold, self.mover
                 )
             chosen = best_choices(values, something).numpy()
         self.choose(choice, chosen, places)
 
-    def something(self, scene: Scene) -> Tensor:
+    def something(self, scene: OptionScene) -> Tensor:
         """(N, cells) whether anything is seen in a cell."""
         return self.sight.something(torch.from_numpy(scene.pictures[:, 3]))
 
-    def best(self, values: Tensor, scene: Scene) -> Tensor:
+    def best(self, values: Tensor, scene: OptionScene) -> Tensor:
         """(N, H) choices that are worth most, see :func:`best_choices`."""
         return best_choices(values, self.something(scene))
 
     def choose(
         self,
-        choice: Choice,
+        choice: OptionChoice,
         chosen: NDArray[np.int64],
         places: Tensor,
         changed: NDArray[np.bool_] | None = None,
@@ -126,7 +131,7 @@ class Chooser:
         """Put choices into effect, see :func:`choose`."""
         choose(choice, chosen, places, self.mover, changed)
 
-    def actions(self, choice: Choice) -> NDArray[np.float32]:
+    def actions(self, choice: OptionChoice) -> NDArray[np.float32]:
         """(N, A) what the bodies do now for a choice."""
         layer = self.mover.layer
         with torch.inference_mode():
@@ -148,13 +153,13 @@ def best_choices(values: Tensor, something: Tensor) -> Tensor:
     return values.masked_fill(~there, -torch.inf).argmax(-1)
 
 
-def lose_patience(
-    choice: Choice,
+def mask_unreached(
+    choice: OptionChoice,
     tips: Tensor,
     something: Tensor,
     places: Tensor,
     hold: int,
-    mover: Mover,
+    mover: PrimitiveController,
 ) -> Tensor:
     """(N, H, cells) whether anything is in a cell that a hand has not just waited at in vain.
 
@@ -190,10 +195,10 @@ def lose_patience(
 
 
 def choose(
-    choice: Choice,
+    choice: OptionChoice,
     chosen: NDArray[np.int64],
     places: Tensor,
-    mover: Mover,
+    mover: PrimitiveController,
     changed: NDArray[np.bool_] | None = None,
 ) -> None:
     """Put choices into effect.

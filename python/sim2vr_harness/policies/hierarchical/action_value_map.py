@@ -6,17 +6,17 @@ import torch
 from torch import Tensor, nn
 from torch.nn import functional
 
-from sim2vr_harness.policies.hierarchical.depth_grid import Sight
+from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.primitives import MOVES
 
-__all__ = ["PlaceValues"]
+__all__ = ["ActionValueMap"]
 
 _UNIT_M, _FAR_UNIT_M = 0.4, 2.0
 """What places are told in: within reach finely, farther away, where things come from, coarsely."""
 _UNIT_MPS = 2.0
 
 
-class PlaceValues(nn.Module):
+class ActionValueMap(nn.Module):
     """Values of moves by cell of the picture, and of resting; hands' values add up.
 
     Convolutions know what is where in the picture; each cell also knows where in the world it is,
@@ -29,7 +29,7 @@ class PlaceValues(nn.Module):
         width: channels.
     """
 
-    def __init__(self, sight: Sight, hands: int, *, width: int = 32) -> None:
+    def __init__(self, sight: DepthGrid, hands: int, *, width: int = 32) -> None:
         super().__init__()
         self.sight, self.hands = sight, hands
         self.stem = nn.Sequential(

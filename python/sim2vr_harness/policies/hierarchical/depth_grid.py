@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-__all__ = ["CELL_PX", "FAR_M", "Sight", "rotation"]
+__all__ = ["CELL_PX", "FAR_M", "DepthGrid", "rotation"]
 
 CELL_PX = 4
 """Width and height of a cell, pixels."""
@@ -17,7 +17,7 @@ _NOTHING = 255
 """Depth of a pixel that shows nothing, or something farther away."""
 
 
-class Sight:
+class DepthGrid:
     """Geometry of pictures of H x W pixels with 90 degrees from top to bottom.
 
     Args:

@@ -9,16 +9,16 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from sim2vr_harness.perception import Moment
+from sim2vr_harness.perception import StepContext
 from sim2vr_harness.perception.wrappers import Ring
 
-__all__ = ["BEFORE_S", "PastPictures"]
+__all__ = ["BEFORE_S", "FrameHistory"]
 
 BEFORE_S = 0.2
 """How far apart the two pictures are that are looked at, s."""
 
 
-class PastPictures:
+class FrameHistory:
     """Colour and depth as the apps drew them; a ``Sense`` that watches N users.
 
     Args:
@@ -43,10 +43,10 @@ class PastPictures:
         """Let these users' next picture be their whole past."""
         self._ring.forget(ids)
 
-    def glimpse(self, moment: Moment, substep: int) -> None:
+    def glimpse(self, moment: StepContext, substep: int) -> None:
         """Nothing: pictures are drawn at the ends of user steps."""
 
-    def take(self, moment: Moment, ids: NDArray[np.int64] | None) -> None:
+    def take(self, moment: StepContext, ids: NDArray[np.int64] | None) -> None:
         """Take in what has just been drawn."""
         rows = range(len(self._apps)) if ids is None else ids
         if len(rows):

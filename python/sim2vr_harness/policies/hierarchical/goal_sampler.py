@@ -7,9 +7,9 @@ from collections.abc import Mapping
 import torch
 from torch import Tensor
 
-from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, Goals, describe, tips
+from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, MotorGoals, describe, tips
 
-__all__ = ["LEAD_STEPS", "Exercises", "off_goal"]
+__all__ = ["LEAD_STEPS", "GoalSampler", "off_goal"]
 
 LEAD_STEPS = 2
 """User steps by which a path's goal runs ahead of where the hand shall be now."""
@@ -53,7 +53,7 @@ _FORGET, _HARDEST = 0.1, 4.0
 _USUAL_M = 0.04
 
 
-class Exercises:
+class GoalSampler:
     """Goals of B users' H hands, drawn anew whenever their time is over.
 
     Args:
@@ -74,7 +74,7 @@ class Exercises:
         self.tools = True
         """Whether points of tools are to come to places, or the hands themselves."""
         self.generator = torch.Generator().manual_seed(seed)
-        self.goals = Goals.none(n, self.hands)
+        self.goals = MotorGoals.none(n, self.hands)
         shape = (n, self.hands)
         self._kind = torch.zeros(shape, dtype=torch.long)
         self._clock_s = torch.zeros(shape)
@@ -158,7 +158,7 @@ class Exercises:
         waves, begin = self._paths(count)
         pointed = self._rand(count, 1) < 0.25
         axis = torch.where(pointed, pose[:, :3, 0], torch.zeros(()))
-        goals = Goals(
+        goals = MotorGoals(
             tip=tip[:, None],
             place=there[:, None],
             velocity=velocity[:, None],

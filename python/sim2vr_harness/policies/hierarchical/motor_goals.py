@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-__all__ = ["GOAL_SIZE", "MOMENT_S", "Goals", "describe", "tips"]
+__all__ = ["GOAL_SIZE", "MOMENT_S", "MotorGoals", "describe", "tips"]
 
 GOAL_SIZE = 22
 """Numbers that a hand's goal has in an observation."""
@@ -23,7 +23,7 @@ MOMENT_S = 0.005
 
 
 @dataclass
-class Goals:
+class MotorGoals:
     """Goals of B users' H hands.
 
     Attributes:
@@ -43,20 +43,20 @@ class Goals:
     active: Tensor
 
     @staticmethod
-    def none(users: int, hands: int) -> Goals:
+    def none(users: int, hands: int) -> MotorGoals:
         """Hands that have nothing to do."""
 
         def zeros() -> Tensor:
             return torch.zeros(users, hands, 3)
 
         plain = torch.zeros(users, hands)
-        return Goals(zeros(), zeros(), zeros(), plain, zeros(), plain.clone())
+        return MotorGoals(zeros(), zeros(), zeros(), plain, zeros(), plain.clone())
 
     def tensors(self) -> dict[str, Tensor]:
         """Everything, by name."""
         return dict(vars(self))
 
-    def put(self, users: Tensor, hand: Tensor, new: Goals) -> None:
+    def put(self, users: Tensor, hand: Tensor, new: MotorGoals) -> None:
         """Replace the goals of K hands by K goals, (K, 1, ...)."""
         for name, values in new.tensors().items():
             changed = getattr(self, name).clone()
@@ -70,7 +70,7 @@ def tips(place: Tensor, tip: Tensor) -> Tensor:
     return at
 
 
-def describe(goals: Goals, place: Tensor, soon: Tensor) -> Tensor:
+def describe(goals: MotorGoals, place: Tensor, soon: Tensor) -> Tensor:
     """(B, H, GOAL_SIZE) what a motor layer knows of its goals.
 
     Args:

@@ -10,18 +10,23 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from sim2vr_harness.policies.hierarchical.motor_goals import GOAL_SIZE, MOMENT_S, Goals, describe
+from sim2vr_harness.policies.hierarchical.motor_goals import (
+    GOAL_SIZE,
+    MOMENT_S,
+    MotorGoals,
+    describe,
+)
 from sim2vr_harness.users import Body, UserBatch, held
 from sim2vr_harness.users.kinematics.forward_torch import Chains
-from sim2vr_harness.world_models.actuator_state import Drives
+from sim2vr_harness.world_models.actuator_state import ActuatorState
 from sim2vr_harness.world_models.body_dynamics import mlp
 
-__all__ = ["MotorLayer"]
+__all__ = ["MotorPolicy"]
 
 _CLIP = 8.0
 
 
-class MotorLayer(nn.Module):
+class MotorPolicy(nn.Module):
     """A policy that brings hands where they are told to.
 
     Args:
@@ -37,7 +42,7 @@ class MotorLayer(nn.Module):
         super().__init__()
         self.body, self.step_s, self.hands = body, step_s, held(body.devices)
         self.width = width
-        self.drives = Drives(body)
+        self.drives = ActuatorState(body)
         self.chains = Chains(body, self.hands)
         low, high = torch.tensor(body.joint_ranges.T.copy(), dtype=torch.float32)
         self._low, self._span = low, high - low
@@ -85,14 +90,17 @@ class MotorLayer(nn.Module):
         angles, speeds, drives = (torch.from_numpy(np.asarray(p)).float() for p in parts)
         return angles, speeds, drives
 
-    def act(self, users: UserBatch, goals: Goals) -> NDArray[np.float32]:
+    def act(self, users: UserBatch, goals: MotorGoals) -> NDArray[np.float32]:
         """(B, A) what the bodies shall do now, in [-1, 1]."""
         with torch.inference_mode():
             motion = self.motion(users)
             return self.decide(motion, self.places(*motion[:2]), goals)
 
     def decide(
-        self, motion: tuple[Tensor, Tensor, Tensor], placed: tuple[Tensor, Tensor], goals: Goals
+        self,
+        motion: tuple[Tensor, Tensor, Tensor],
+        placed: tuple[Tensor, Tensor],
+        goals: MotorGoals,
     ) -> NDArray[np.float32]:
         """(B, A) the same, for what :meth:`motion` and :meth:`places` have said already."""
         with torch.inference_mode():

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError, UnusableFile
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.runs.checkpoint import DAMAGE, in_words, read_tensors, write_tensors
 from sim2vr_harness.users import Body
 
@@ -16,7 +16,7 @@ __all__ = ["load_motor_layer", "motor_layer_for", "save_motor_layer", "shipped_l
 _FOLDER = Path(__file__).resolve().parents[2] / "motor_layers"
 
 
-def save_motor_layer(file: Path, layer: MotorLayer, **known: Any) -> None:
+def save_motor_layer(file: Path, layer: MotorPolicy, **known: Any) -> None:
     """Write a layer, and what is known of it."""
     header = json.dumps(layer.header() | known)
     write_tensors(file, {"header": header, "weights": dict(layer.weights())})
@@ -35,7 +35,7 @@ def _header(file: Path) -> tuple[dict[str, Any], dict[str, Any]]:
         raise UnusableFile(file, in_words(error), "a motor layer") from error
 
 
-def load_motor_layer(file: Path, body: Body, step_s: float) -> MotorLayer:
+def load_motor_layer(file: Path, body: Body, step_s: float) -> MotorPolicy:
     """Read a layer for a body.
 
     Raises:
@@ -43,7 +43,7 @@ def load_motor_layer(file: Path, body: Body, step_s: float) -> MotorLayer:
         UnusableFile: it cannot be read.
     """
     header, weights = _header(file)
-    layer = MotorLayer(body, step_s, width=header["width"])
+    layer = MotorPolicy(body, step_s, width=header["width"])
     differs = _difference(header, layer.header())
     if differs:
         raise InputError(str(file), f"a motor layer whose {differs}", "one that was made for it")
@@ -58,7 +58,7 @@ def _difference(header: dict[str, Any], wanted: dict[str, Any]) -> str | None:
     return None
 
 
-def motor_layer_for(body: Body, step_s: float, *, following: bool = False) -> MotorLayer:
+def motor_layer_for(body: Body, step_s: float, *, following: bool = False) -> MotorPolicy:
     """Return the layer that ships for a body.
 
     Args:

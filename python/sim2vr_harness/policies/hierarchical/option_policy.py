@@ -22,13 +22,13 @@ from sim2vr_harness.perception.proprioception import Proprioception
 from sim2vr_harness.policies.hierarchical.action_selection import (
     best_choices,
     choose,
-    lose_patience,
+    mask_unreached,
 )
-from sim2vr_harness.policies.hierarchical.action_value_map import PlaceValues
-from sim2vr_harness.policies.hierarchical.depth_grid import Sight
+from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
+from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.frame_history import BEFORE_S
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
-from sim2vr_harness.policies.hierarchical.primitives import Choice, Mover
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.users import Body, held
 from sim2vr_harness.users.kinematics.forward_torch import Chains
@@ -36,7 +36,7 @@ from sim2vr_harness.users.kinematics.forward_torch import Chains
 if TYPE_CHECKING:
     from sim2vr_harness.runs.config import TrainingConfig
 
-__all__ = ["DecidingUser", "Intention", "require_senses"]
+__all__ = ["HierarchicalPolicy", "Intention", "require_senses"]
 
 _QUIET = -20.0
 """Logarithm of the deviation of actions: what is decided is done."""
@@ -51,7 +51,7 @@ class Intention:
         left: user steps for which it is seen through still.
     """
 
-    choice: Choice
+    choice: OptionChoice
     left: int = 0
 
 
@@ -82,14 +82,14 @@ def require_senses(env: EnvConfig) -> None:
         raise InputError("env.senses", "another proprioception", wanted)
 
 
-class DecidingUser(nn.Module):
+class HierarchicalPolicy(nn.Module):
     """What is worth doing, and the hands that do it, from what a user senses.
 
     Args:
         config: of the run; its senses as :func:`require_senses` has them.
     """
 
-    layer: MotorLayer
+    layer: MotorPolicy
     tool: Tensor
     hold: Tensor
     """(1,) user steps for which a decision is seen through."""
@@ -101,25 +101,25 @@ class DecidingUser(nn.Module):
         env, skills = config.env, config.skills
         body = body_of(env.user)
         hands = held(body.devices)
-        layer = MotorLayer(body, 1.0 / env.action_frequency_hz, width=skills.practice.width)
+        layer = MotorPolicy(body, 1.0 / env.action_frequency_hz, width=skills.practice.width)
         # Not as parts: where the joints are follows from the body, and is no weight.
         object.__setattr__(self, "layer", layer.requires_grad_(False))
         self.motor = layer.net
         self.register_buffer("motor_mean", layer.mean)
         self.register_buffer("motor_std", layer.std)
         vision = env.vision
-        self.values = PlaceValues(
-            Sight(vision.height, vision.width), len(hands), width=skills.looking.width
+        self.values = ActionValueMap(
+            DepthGrid(vision.height, vision.width), len(hands), width=skills.looking.width
         )
         self.register_buffer("tool", torch.zeros(len(hands), 2, 3))
         self.register_buffer("hold", torch.ones(1))
         self.register_buffer("log_std", torch.full((1,), _QUIET), persistent=False)
         object.__setattr__(self, "_head", Chains(body, ("headset",)))
         self._poses = reachable_poses(layer, config.seed)
-        self._mover: Mover | None = None
+        self._mover: PrimitiveController | None = None
         self._read = _Read(body, layer)
 
-    def learned(self, layer: MotorLayer, values: PlaceValues, tool: Tensor, hold: int) -> None:
+    def learned(self, layer: MotorPolicy, values: ActionValueMap, tool: Tensor, hold: int) -> None:
         """Take over what was learned."""
         self.layer.take(layer.weights())
         self.values.load_state_dict(values.state_dict())
@@ -129,13 +129,13 @@ class DecidingUser(nn.Module):
 
     def begin(self) -> Intention:
         """Return what a user intends whose round begins: nothing yet."""
-        return Intention(Choice(1, len(self.layer.hands)))
+        return Intention(OptionChoice(1, len(self.layer.hands)))
 
     @property
-    def mover(self) -> Mover:
+    def mover(self) -> PrimitiveController:
         """Turns decisions into goals; made of the weights when it is first needed."""
         if self._mover is None:
-            self._mover = Mover(self.layer, self.tool, self._poses)
+            self._mover = PrimitiveController(self.layer, self.tool, self._poses)
         return self._mover
 
     def act(
@@ -161,7 +161,7 @@ class DecidingUser(nn.Module):
     def _decide(
         self,
         picture: NDArray[np.uint8],
-        choice: Choice,
+        choice: OptionChoice,
         head: Tensor,
         placed: tuple[Tensor, Tensor],
     ) -> None:
@@ -170,7 +170,7 @@ class DecidingUser(nn.Module):
         moving = self.mover.tips(*placed)
         values = self.values(pictures, places, head[:, :3, 3], *moving)
         something = self.values.sight.something(pictures[:, 3])
-        something = lose_patience(choice, moving[0], something, places, int(self.hold), self.mover)
+        something = mask_unreached(choice, moving[0], something, places, int(self.hold), self.mover)
         chosen = best_choices(values, something).numpy()
         choose(choice, chosen, places, self.mover)
 
@@ -186,7 +186,7 @@ class _Read:
         InputError: the body does not feel one of its joints.
     """
 
-    def __init__(self, body: Body, layer: MotorLayer) -> None:
+    def __init__(self, body: Body, layer: MotorPolicy) -> None:
         where = {name: column for column, name in enumerate(Proprioception(body).names)}
         joints = body.independent_joints
         missing = [name for name in joints if f"{name} qpos" not in where]

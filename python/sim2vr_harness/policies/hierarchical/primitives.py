@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
-from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, Goals, tips
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, MotorGoals, tips
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 
-__all__ = ["MOVES", "Choice", "Mover", "is_swing"]
+__all__ = ["MOVES", "OptionChoice", "PrimitiveController", "is_swing"]
 
 _DIAGONAL = 0.5**0.5
 _SIDEWAYS = {
@@ -74,7 +74,7 @@ class _Reach:
         return np.where(reached, wanted, self._points[instead])
 
 
-class Choice:
+class OptionChoice:
     """What N users' H hands do: a move and a place each.
 
     Attributes:
@@ -105,7 +105,7 @@ class Choice:
         self.left[users] = self.at[users] = torch.inf
 
 
-class Mover:
+class PrimitiveController:
     """Turns moves into goals of a motor layer, in every user step anew.
 
     Args:
@@ -115,7 +115,7 @@ class Mover:
         poses: (P, H, 4, 4) places that the devices can be at.
     """
 
-    def __init__(self, layer: MotorLayer, tool: Tensor, poses: Tensor) -> None:
+    def __init__(self, layer: MotorPolicy, tool: Tensor, poses: Tensor) -> None:
         self.layer, self.tool = layer, tool
         self._reach = [
             [_Reach(_at(poses, tool[:, which])[:, hand]) for which in range(2)]
@@ -149,7 +149,7 @@ class Mover:
         now = _at(place, self.tool[:, 0])
         return now, (_at(soon, self.tool[:, 0]) - now) / MOMENT_S
 
-    def goals(self, choice: Choice, head: Tensor, place: Tensor, soon: Tensor) -> Goals:
+    def goals(self, choice: OptionChoice, head: Tensor, place: Tensor, soon: Tensor) -> MotorGoals:
         """Return the goals of this user step.
 
         Args:
@@ -159,7 +159,7 @@ class Mover:
             soon: the same ``MOMENT_S`` later.
         """
         n, hands = choice.move.shape
-        goals = Goals.none(n, hands)
+        goals = MotorGoals.none(n, hands)
         goals.tip = torch.where(
             is_swing(choice.move)[..., None], self.tool[:, 1], self.tool[:, 0]
         ).clone()
@@ -188,7 +188,7 @@ class Mover:
         return goals
 
     @staticmethod
-    def _run_up(goals: Goals, now: Tensor, velocity: Tensor) -> None:
+    def _run_up(goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:
         """Send hands back that are about to go through their place too slowly.
 
         Args:

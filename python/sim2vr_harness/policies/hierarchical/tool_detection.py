@@ -18,10 +18,10 @@ from scipy.spatial import KDTree
 from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M, rotation
-from sim2vr_harness.policies.hierarchical.goal_sampler import Exercises
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 
-__all__ = ["Look", "Tool", "find_tools", "tools_in"]
+__all__ = ["Tool", "ToolView", "find_tools", "tools_in"]
 
 _EVERY, _LOOKS, _PICTURES = 3, 30, 960
 """Users look every so many user steps, so often, and oftener where they are so few that there would
@@ -96,7 +96,7 @@ class Tool:
             self.middle = np.asarray(points[far > _HANDLE * far.max()].mean(0))
 
 
-def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) -> list[Tool]:
+def find_tools(simulation: Any, layer: MotorPolicy, poses: Tensor, *, seed: int) -> list[Tool]:
     """Return what each hand holds, of users who move their hands about for some seconds.
 
     The users' present rounds are lost.
@@ -109,7 +109,7 @@ def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) 
     """
     n = simulation.n
     simulation.reset(seeds=[seed + i for i in range(n)])
-    exercises = Exercises(poses, n, layer.step_s, seed)
+    exercises = GoalSampler(poses, n, layer.step_s, seed)
     exercises.tools = False
     exercises.start(torch.arange(n), _placed(simulation, layer)[0])
     looks = []
@@ -124,7 +124,7 @@ def find_tools(simulation: Any, layer: MotorLayer, poses: Tensor, *, seed: int) 
 
 
 @dataclass(frozen=True)
-class Look:
+class ToolView:
     """A picture of each user.
 
     Attributes:
@@ -142,23 +142,23 @@ class Look:
         return self.far[user], self.cameras[user]
 
 
-def tools_in(looks: Sequence[Look]) -> list[Tool]:
+def tools_in(looks: Sequence[ToolView]) -> list[Tool]:
     """Return what each hand holds, told by pictures taken while hands and heads move about."""
     users, hands = looks[0].places.shape[:2]
     stands = np.stack([_stands([look.of(i) for look in looks]) for i in range(users)], 1)
     return [_found(looks, stands, hand) for hand in range(hands)]
 
 
-def _look(simulation: Any, places: Tensor) -> Look:
+def _look(simulation: Any, places: Tensor) -> ToolView:
     depth = np.stack([np.asarray(app.image)[..., 3] for app in simulation.apps])
     head, quaternion = simulation.users.device_poses("headset")
     cameras = np.tile(np.eye(4), (len(head), 1, 1))
     cameras[:, :3, :3], cameras[:, :3, 3] = rotation(quaternion).numpy(), head
     far = (depth.astype(np.float32) + 0.5) * (FAR_M / 255.0)
-    return Look(far, cameras, places.numpy().astype(np.float64))
+    return ToolView(far, cameras, places.numpy().astype(np.float64))
 
 
-def _placed(simulation: Any, layer: MotorLayer) -> tuple[Tensor, Tensor]:
+def _placed(simulation: Any, layer: MotorPolicy) -> tuple[Tensor, Tensor]:
     angles, speeds, _ = layer.motion(simulation.users)
     with torch.inference_mode():
         return layer.places(angles, speeds)
@@ -186,7 +186,7 @@ def _stands(
     return np.isin(np.stack(blocks), standing)
 
 
-def _found(looks: Sequence[Look], stands: NDArray[np.bool_], hand: int) -> Tool:
+def _found(looks: Sequence[ToolView], stands: NDArray[np.bool_], hand: int) -> Tool:
     hits = np.zeros(_VOXELS.side**3)
     pictures = 0
     views = []

@@ -1,5 +1,5 @@
 """Reports of evaluations and studies: one HTML file that opens offline, and figures for papers."""
 
-from sim2vr_harness.studies.report.write import PAGE, Report, write_report
+from sim2vr_harness.studies.report.write import PAGE, StudyReport, write_report
 
-__all__ = ["PAGE", "Report", "write_report"]
+__all__ = ["PAGE", "StudyReport", "write_report"]

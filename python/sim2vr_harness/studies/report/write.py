@@ -26,14 +26,14 @@ from sim2vr_harness.studies.report.sentences import sentences_of
 from sim2vr_harness.studies.report.source import read_source
 from sim2vr_harness.studies.report.strategy import figures_of_strategy
 
-__all__ = ["PAGE", "Report", "write_report"]
+__all__ = ["PAGE", "StudyReport", "write_report"]
 
 PAGE = "report.html"
 """In the folder of the evaluation or study."""
 
 
 @dataclass(frozen=True)
-class Report:
+class StudyReport:
     """What was written.
 
     Attributes:
@@ -47,7 +47,7 @@ class Report:
 
 def write_report(
     folder: str | Path, out: str | Path | None = None, *, stills: bool = True
-) -> Report:
+) -> StudyReport:
     """Write the report of an evaluation or a study.
 
     Args:
@@ -88,4 +88,4 @@ def write_report(
     )
     write_atomically(page, page_of(content).encode())
     drawn = write_stills(figures, page.with_name(f"{page.stem}_figures")) if stills else []
-    return Report(page, tuple(drawn))
+    return StudyReport(page, tuple(drawn))

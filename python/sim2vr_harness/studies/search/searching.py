@@ -18,10 +18,10 @@ from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.runs.config import TrainingConfig, parse_config
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.studies.config import StudyConfig
-from sim2vr_harness.studies.executor import Doing
+from sim2vr_harness.studies.executor import Executor
 from sim2vr_harness.studies.factors import FactorConfig
 from sim2vr_harness.studies.jobs import CELLS, TRAININGS, CellTask, TrainingTask
-from sim2vr_harness.studies.plan import Plan, plan_of
+from sim2vr_harness.studies.plan import StudyPlan, plan_of
 from sim2vr_harness.studies.policy_selection import Users
 from sim2vr_harness.studies.search.config import OptimiseConfig, Value
 from sim2vr_harness.studies.search.optimiser import Optimiser
@@ -47,12 +47,14 @@ class Found:
     """
 
     search: OptimiseConfig
-    plan: Plan
+    plan: StudyPlan
     trials: tuple[Trial, ...]
     sampler: str
 
 
-def search(study: StudyConfig, wanted: OptimiseConfig, folder: Path | None, doing: Doing) -> Found:
+def search(
+    study: StudyConfig, wanted: OptimiseConfig, folder: Path | None, doing: Executor
+) -> Found:
     """Search; what is done of it already is not done again.
 
     Args:
@@ -70,13 +72,13 @@ def search(study: StudyConfig, wanted: OptimiseConfig, folder: Path | None, doin
 
 class _Search:
     def __init__(
-        self, study: StudyConfig, wanted: OptimiseConfig, folder: Path | None, doing: Doing
+        self, study: StudyConfig, wanted: OptimiseConfig, folder: Path | None, doing: Executor
     ) -> None:
         self._study, self._wanted, self._folder, self._doing = study, wanted, folder, doing
         self._users = Users()
         self._optimiser = Optimiser(wanted, study.seed)
         self._trials: list[Trial] = []
-        self._plans: list[Plan] = []
+        self._plans: list[StudyPlan] = []
 
     def run(self) -> Found:
         wanted = self._wanted
@@ -143,7 +145,7 @@ class _Search:
 
     # --- a batch ---------------------------------------------------------------------------------
 
-    def _plan(self, factor: str, levels: Mapping[str, Any], **more: Any) -> Plan:
+    def _plan(self, factor: str, levels: Mapping[str, Any], **more: Any) -> StudyPlan:
         return plan_of(
             self._as_study(factor, levels), folder=self._folder, users=self._users, **more
         )
@@ -223,7 +225,7 @@ class _Search:
 
     # --- all of it -------------------------------------------------------------------------------
 
-    def _whole(self) -> Plan:
+    def _whole(self) -> StudyPlan:
         cells = tuple(cell for plan in self._plans for cell in plan.cells)
         first = self._plans[0]
         study = self._as_study(
@@ -238,7 +240,7 @@ class _Search:
         trainings = {task.key: task for plan in self._plans for task in plan.trainings}
         measures = [*self._wanted.measures]
         measures += [name for name in first.measures if name not in measures]
-        return Plan(
+        return StudyPlan(
             study,
             cells,
             tuple(task for plan in self._plans for task in plan.tasks),

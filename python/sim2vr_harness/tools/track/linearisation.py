@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from sim2vr_harness.users import UserBatch
-from sim2vr_harness.world_models.actuator_state import Drives
+from sim2vr_harness.world_models.actuator_state import ActuatorState
 
-__all__ = ["Moment", "Nudges", "Response", "motion_of"]
+__all__ = ["DynamicsState", "Perturbations", "Response", "motion_of"]
 
 FloatArray = NDArray[np.float64]
 
@@ -25,7 +25,7 @@ _SLIGHT = 1e-5
 
 
 @dataclass(frozen=True)
-class Moment:
+class DynamicsState:
     """Where bodies are; N of them, or none of the leading axes for one.
 
     Attributes:
@@ -40,26 +40,26 @@ class Moment:
     act: FloatArray
     motor: FloatArray
 
-    def times(self, n: int) -> Moment:
+    def times(self, n: int) -> DynamicsState:
         """The same for n bodies."""
         parts = (self.qpos, self.qvel, self.act, self.motor)
-        return Moment(*(np.repeat(part[None], n, 0) for part in parts))
+        return DynamicsState(*(np.repeat(part[None], n, 0) for part in parts))
 
-    def row(self, i: int) -> Moment:
+    def row(self, i: int) -> DynamicsState:
         """That of body i."""
-        return Moment(self.qpos[i], self.qvel[i], self.act[i], self.motor[i])
+        return DynamicsState(self.qpos[i], self.qvel[i], self.act[i], self.motor[i])
 
     def put(self, bodies: UserBatch) -> None:
         """Put N bodies there."""
         bodies.set_motion(self.qpos, self.qvel, self.act, self.motor)
 
     @staticmethod
-    def of(bodies: UserBatch) -> Moment:
+    def of(bodies: UserBatch) -> DynamicsState:
         """Where N bodies are now."""
-        return Moment(bodies.qpos, bodies.qvel, bodies.act, bodies.motor)
+        return DynamicsState(bodies.qpos, bodies.qvel, bodies.act, bodies.motor)
 
 
-def motion_of(moment: Moment, bodies: UserBatch) -> FloatArray:
+def motion_of(moment: DynamicsState, bodies: UserBatch) -> FloatArray:
     """(..., 2 J + M) angles and speeds of the independent joints, and activations."""
     body = bodies.body
     angles = moment.qpos[..., body.qpos_independent]
@@ -100,7 +100,7 @@ class _Measured:
     errors: FloatArray
 
 
-class Nudges:
+class Perturbations:
     """Finite differences of whole user steps.
 
     What an activation does, and what a muscle's control does, differ only by when in the step the
@@ -119,7 +119,7 @@ class Nudges:
     ) -> None:
         one = many(1)
         body = one.body
-        self._drives = Drives(body)
+        self._drives = ActuatorState(body)
         self._joints = len(body.independent_joints)
         self._bodies = many(1 + 2 * self._joints + self._drives.count)
         self._misses = misses
@@ -128,7 +128,7 @@ class Nudges:
         self._known: dict[int, _Measured] = {}
 
     def response(
-        self, moment: Moment, shares: FloatArray, step: int, nearness: float = 1.0
+        self, moment: DynamicsState, shares: FloatArray, step: int, nearness: float = 1.0
     ) -> Response:
         """What a step from somewhere with (A,) controls, shares of their ranges, responds.
 
@@ -152,7 +152,7 @@ class Nudges:
         self._known = {known: found for known, found in self._known.items() if known >= step}
 
     def _measured(
-        self, moment: Moment, shares: FloatArray, step: int
+        self, moment: DynamicsState, shares: FloatArray, step: int
     ) -> tuple[FloatArray, FloatArray]:
         bodies, j, muscles = self._bodies, self._joints, self._drives.muscles
         at, controls = moment.times(bodies.n), np.repeat(shares[None], bodies.n, 0)
@@ -167,7 +167,7 @@ class Nudges:
         at.act[first + muscles, np.arange(len(muscles))] += nudges[muscles]
         at.put(bodies)
         bodies.step(self._drives.actions(self._drives.of(bodies), controls))
-        after, missed = motion_of(Moment.of(bodies), bodies), self._misses(bodies, step)
+        after, missed = motion_of(DynamicsState.of(bodies), bodies), self._misses(bodies, step)
         sizes = np.concatenate([np.full(j, _ANGLE), np.full(j, _SPEED), nudges])[:, None]
         moved, errors = (after[1:] - after[0]) / sizes, (missed[1:] - missed[0]) / sizes
         broken = bodies.diverged[1:] | bodies.diverged[0]
@@ -175,7 +175,7 @@ class Nudges:
         return moved, errors
 
     def _shared_out(
-        self, moment: Moment, shares: FloatArray, moved: FloatArray, errors: FloatArray
+        self, moment: DynamicsState, shares: FloatArray, moved: FloatArray, errors: FloatArray
     ) -> Response:
         j, muscles = self._joints, self._drives.muscles
         size, count = 2 * j + len(muscles), self._drives.count
@@ -210,7 +210,7 @@ class Nudges:
 class _Muscles:
     """MuJoCo's activation dynamics over a step (its documentation, "Muscle actuators")."""
 
-    def __init__(self, one: UserBatch, drives: Drives) -> None:
+    def __init__(self, one: UserBatch, drives: ActuatorState) -> None:
         model = one.body.physics_model
         names = one.body.action_names
         ids = np.array([model.actuator(names[i]).id for i in drives.muscles], dtype=np.int64)

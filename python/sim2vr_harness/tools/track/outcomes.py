@@ -15,13 +15,13 @@ from sim2vr_harness.tools.track.paths import first_of_play
 from sim2vr_harness.tools.track.registration import Placement
 from sim2vr_harness.tools.track.tracking_controller import Followed
 
-__all__ = ["Outcome", "outcome_of", "outcomes", "played_by_body"]
+__all__ = ["TrackingOutcome", "outcome_of", "outcomes", "played_by_body"]
 
 FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class TrackingOutcome:
     """How a round of Whac-A-Mole went.
 
     Attributes:
@@ -43,7 +43,9 @@ class Outcome:
         return self.hits / over if over else None
 
 
-def outcomes(recording: Recording, placement: Placement, followed: Followed) -> dict[str, Outcome]:
+def outcomes(
+    recording: Recording, placement: Placement, followed: Followed
+) -> dict[str, TrackingOutcome]:
     """Return how the round went by who held the hammer.
 
     ``person``: as recorded. ``tracked``: the body's hand, turned as the person's was. ``tracked
@@ -63,10 +65,10 @@ def outcomes(recording: Recording, placement: Placement, followed: Followed) -> 
     return found
 
 
-def outcome_of(events: Iterable[Event]) -> Outcome:
+def outcome_of(events: Iterable[Event]) -> TrackingOutcome:
     """Count what happened to the targets."""
     kinds = [event.kind for event in events]
-    return Outcome(*(kinds.count(kind) for kind in ("spawn", "hit", "miss", "contact")))
+    return TrackingOutcome(*(kinds.count(kind) for kind in ("spawn", "hit", "miss", "contact")))
 
 
 def played_by_body(

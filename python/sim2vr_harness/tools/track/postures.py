@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 from sim2vr_harness.users.kinematics.inverse import solve
@@ -25,7 +25,7 @@ _AXIS_WEIGHT = 4.0
 
 
 def posture_at(
-    layer: MotorLayer,
+    layer: MotorPolicy,
     places: FloatArray,
     axes: FloatArray,
     followed: NDArray[np.bool_],

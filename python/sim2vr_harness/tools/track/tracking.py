@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import EnvConfig, body_of
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
-from sim2vr_harness.tools.track.outcomes import Outcome, outcomes
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.tools.track.outcomes import TrackingOutcome, outcomes
 from sim2vr_harness.tools.track.paths import RecordedPath
 from sim2vr_harness.tools.track.postures import REACHED_M, beyond_reach_m
 from sim2vr_harness.tools.track.registration import (
@@ -25,14 +25,14 @@ from sim2vr_harness.tools.track.registration import (
 from sim2vr_harness.tools.track.tracking_controller import Followed, follow, wanted_of
 from sim2vr_harness.users import Body, UserBatch
 
-__all__ = ["HandError", "MuscleLoad", "Settings", "Tracked", "track"]
+__all__ = ["HandError", "MuscleLoad", "Tracked", "TrackingSettings", "track"]
 
 FloatArray = NDArray[np.float64]
 _PERCENT = 0.95
 
 
 @dataclass(frozen=True)
-class Settings:
+class TrackingSettings:
     """How a recording is followed.
 
     Attributes:
@@ -130,8 +130,8 @@ class Tracked:
     beyond_m: FloatArray
     hands: tuple[HandError, ...]
     muscles: tuple[MuscleLoad, ...]
-    outcomes: dict[str, Outcome]
-    settings: Settings
+    outcomes: dict[str, TrackingOutcome]
+    settings: TrackingSettings
 
     @property
     def fatigued(self) -> float | None:
@@ -171,8 +171,8 @@ class Tracked:
 def track(
     path: RecordedPath,
     env: EnvConfig,
-    layer_for: Callable[[Body, float], MotorLayer],
-    settings: Settings,
+    layer_for: Callable[[Body, float], MotorPolicy],
+    settings: TrackingSettings,
     *,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Tracked:
@@ -248,7 +248,7 @@ def track(
 
 
 def _cut(
-    path: RecordedPath, env: EnvConfig, settings: Settings
+    path: RecordedPath, env: EnvConfig, settings: TrackingSettings
 ) -> tuple[EnvConfig, float | None, bool]:
     """The environment with the person's body, its stature, and whether that is an estimate."""
     own = env.user.person.stature_m

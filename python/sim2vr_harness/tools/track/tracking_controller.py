@@ -14,8 +14,8 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.evaluation.data.columns import Column
 from sim2vr_harness.evaluation.data.steps import BodySource
 from sim2vr_harness.policies.hierarchical.goal_sampler import LEAD_STEPS
-from sim2vr_harness.policies.hierarchical.motor_goals import Goals
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_goals import MotorGoals
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.tools.track.iterative_learning import Correction
 from sim2vr_harness.tools.track.paths import RecordedPath
 from sim2vr_harness.tools.track.postures import posture_at
@@ -176,7 +176,7 @@ def wanted_of(
 
 def follow(
     users: UserBatch,
-    layer: MotorLayer,
+    layer: MotorPolicy,
     wanted: Wanted,
     *,
     passes: int,
@@ -253,7 +253,7 @@ class _Went:
 
 def _one_pass(
     users: UserBatch,
-    layer: MotorLayer,
+    layer: MotorPolicy,
     wanted: Wanted,
     shift: FloatArray,
     start: FloatArray,
@@ -320,11 +320,11 @@ def _one_pass(
 
 
 def _actions(
-    layer: MotorLayer, users: UserBatch, wanted: Wanted, shift: FloatArray, step: int
+    layer: MotorPolicy, users: UserBatch, wanted: Wanted, shift: FloatArray, step: int
 ) -> FloatArray:
     """(N, A) the layer's, whose hands shall be somewhere ``LEAD_STEPS`` steps from now."""
     row, shape = step + LEAD_STEPS, (users.n, len(wanted.hands))
-    goals = Goals.none(*shape)
+    goals = MotorGoals.none(*shape)
     goals.place = _for_each(wanted.places[row] + shift[row], users.n)
     goals.velocity = _for_each(wanted.velocities[row], users.n)
     goals.left_s = torch.full(shape, LEAD_STEPS * layer.step_s)

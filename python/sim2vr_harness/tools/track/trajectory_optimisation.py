@@ -17,9 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.tools.track.linearisation import Moment, Nudges, Response, motion_of
+from sim2vr_harness.tools.track.linearisation import (
+    DynamicsState,
+    Perturbations,
+    Response,
+    motion_of,
+)
 from sim2vr_harness.users import Body, UserBatch
-from sim2vr_harness.world_models.actuator_state import Drives
+from sim2vr_harness.world_models.actuator_state import ActuatorState
 
 __all__ = ["AHEAD", "Refinement", "least_within"]
 
@@ -71,7 +76,7 @@ class _Plan:
         feedback: (K, A, X) change of controls by what the motion is beside the plan's.
     """
 
-    moments: list[Moment]
+    moments: list[DynamicsState]
     motions: FloatArray
     shares: FloatArray
     missed: FloatArray
@@ -132,9 +137,9 @@ class Refinement:
         steps: int,
     ) -> None:
         self._act, self._misses, self._steps = act, misses, steps
-        self._nudges = Nudges(many, misses)
+        self._nudges = Perturbations(many, misses)
         self._one, self._tried = many(1), many(len(_CAUTIONS) * len(_SIZES))
-        self._drives, self._costs = Drives(self._one.body), _Costs(self._one.body)
+        self._drives, self._costs = ActuatorState(self._one.body), _Costs(self._one.body)
         self._plan: _Plan | None = None
         self._first = 0
         self._caution = _CAUTION_M2
@@ -142,14 +147,14 @@ class Refinement:
     def action(self, users: UserBatch, step: int) -> FloatArray:
         """(1, A) actions of the one body that follows, in a step."""
         if self._plan is None or step >= self._first + _DONE:
-            self._plan = self._best(Moment.of(users).row(0), step)
+            self._plan = self._best(DynamicsState.of(users).row(0), step)
             self._first = step
         k, plan = step - self._first, self._plan
-        beside = motion_of(Moment.of(users), users) - plan.motions[k]
+        beside = motion_of(DynamicsState.of(users), users) - plan.motions[k]
         shares = plan.shares[k] + beside @ plan.feedback[k].T
         return self._drives.actions(self._drives.of(users), shares)
 
-    def _best(self, start: Moment, step: int) -> _Plan:
+    def _best(self, start: DynamicsState, step: int) -> _Plan:
         """The plan of the steps from one on: of what is left of the last, or afresh if lost."""
         old = self._plan
         self._nudges.forget_before(step)
@@ -184,7 +189,7 @@ class Refinement:
                 nearness = _NEARER
         return plan
 
-    def _begun(self, start: Moment, step: int, old: _Plan | None) -> _Plan:
+    def _begun(self, start: DynamicsState, step: int, old: _Plan | None) -> _Plan:
         """What is left of the plan before, and then what the motor layer does."""
         bodies = self._one
         left = 0 if old is None else len(old.shares) - _DONE
@@ -192,7 +197,7 @@ class Refinement:
         def shares(k: int) -> FloatArray:
             now = self._drives.of(bodies)
             if old is not None and k < left:
-                beside = motion_of(Moment.of(bodies), bodies) - old.motions[_DONE + k]
+                beside = motion_of(DynamicsState.of(bodies), bodies) - old.motions[_DONE + k]
                 return old.shares[_DONE + k] + beside @ old.feedback[_DONE + k].T
             return self._drives.shares(now, self._act(bodies, step + k))
 
@@ -209,7 +214,7 @@ class Refinement:
         feedback = np.repeat([change[1] for change in changes], len(_SIZES), 0)
 
         def shares(k: int) -> FloatArray:
-            beside = motion_of(Moment.of(bodies), bodies) - plan.motions[k]
+            beside = motion_of(DynamicsState.of(bodies), bodies) - plan.motions[k]
             return plan.shares[k] + steps[:, k] + np.einsum("nax,nx->na", feedback[:, k], beside)
 
         plans = self._rolled(bodies, plan.moments[0], step, len(plan.shares), shares)
@@ -220,17 +225,17 @@ class Refinement:
     def _rolled(
         self,
         bodies: UserBatch,
-        start: Moment,
+        start: DynamicsState,
         step: int,
         count: int,
         shares: Callable[[int], FloatArray],
     ) -> list[_Plan]:
         """What N bodies do who begin alike, with (N, A) controls of every step."""
         start.times(bodies.n).put(bodies)
-        moments, controls, missed = [Moment.of(bodies)], [], []
+        moments, controls, missed = [DynamicsState.of(bodies)], [], []
         for k in range(count):
             bodies.step(self._drives.actions(self._drives.of(bodies), shares(k)))
-            moments.append(Moment.of(bodies))
+            moments.append(DynamicsState.of(bodies))
             controls.append(self._drives.controls(bodies))
             missed.append(self._misses(bodies, step + k))
         errors, done = np.stack(missed, 1), np.stack(controls, 1)

@@ -17,11 +17,11 @@ from sim2vr_harness.client.frames import (
     pose_to_app,
     pose_to_mujoco,
 )
-from sim2vr_harness.tools.watch.frames import Hands, Moment, Show
+from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame
 from sim2vr_harness.tools.watch.playback import SPEEDS, Playback
 from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
 
-__all__ = ["Stage", "Theatre"]
+__all__ = ["Viewer", "ViewerStage"]
 
 _LAST_EVENTS = 8
 _LIGHTEST = 0.995
@@ -48,7 +48,7 @@ _TURNS: tuple[tuple[str, str, tuple[float, float, float]], ...] = (
 _TURN_RAD = np.radians(5.0)
 
 
-class Stage:
+class ViewerStage:
     """Body and objects of a show in viser's scene, MuJoCo's world.
 
     Args:
@@ -56,7 +56,7 @@ class Stage:
         show: whose body.
     """
 
-    def __init__(self, scene: Any, show: Show) -> None:
+    def __init__(self, scene: Any, show: Playlist) -> None:
         self._scene, self._show = scene, show
         self._objects: dict[tuple[int, int], tuple[int, Any]] = {}
         self._poser: Poser | None = None
@@ -77,13 +77,13 @@ class Stage:
                 )
                 self._parts.append((shape.part, handle))
 
-    def draw(self, moment: Moment) -> None:
+    def draw(self, moment: ViewerFrame) -> None:
         """Show a moment."""
         if self._poser is not None and moment.qpos is not None:
             self._draw_body(self._poser, moment)
         self._draw_objects(moment)
 
-    def _draw_body(self, poser: Poser, moment: Moment) -> None:
+    def _draw_body(self, poser: Poser, moment: ViewerFrame) -> None:
         assert moment.qpos is not None
         activations = np.zeros(0) if moment.activations is None else moment.activations
         posture = poser.pose(moment.qpos, activations)
@@ -99,7 +99,7 @@ class Stage:
         else:
             self._muscles.points, self._muscles.colors = points, posture.colors
 
-    def _draw_objects(self, moment: Moment) -> None:
+    def _draw_objects(self, moment: ViewerFrame) -> None:
         seen: dict[int, int] = {}
         shown = set()
         for one in moment.scene.drawn(player=self._show.body is None):
@@ -125,7 +125,7 @@ class Stage:
             if key not in shown:
                 handle.visible = False
 
-    def _new_object(self, moment: Moment, key: tuple[int, int], number: int) -> Any:
+    def _new_object(self, moment: ViewerFrame, key: tuple[int, int], number: int) -> Any:
         vertices, triangles = moment.scene.meshes[number].in_mujoco()
         return self._scene.add_mesh_simple(
             f"/app/{key[0]}_{key[1]}",
@@ -135,7 +135,7 @@ class Stage:
         )
 
 
-class Theatre:
+class Viewer:
     """A server that shows a show to whoever opens its address.
 
     Args:
@@ -147,7 +147,7 @@ class Theatre:
         InputError: viser is not installed, or ``host`` is no address of this machine.
     """
 
-    def __init__(self, show: Show, host: str = "127.0.0.1", port: int = 8080) -> None:
+    def __init__(self, show: Playlist, host: str = "127.0.0.1", port: int = 8080) -> None:
         viser = needed("viser", "watch", "watch")
         _require_own(host)
         self._show, self.playback = show, Playback(show)
@@ -159,7 +159,7 @@ class Theatre:
         self._server.initial_camera.position = tuple((place + _BESIDE_M).tolist())
         self._server.initial_camera.look_at = tuple(place.tolist())
         self._seen = False
-        self._stage = Stage(self._server.scene, show)
+        self._stage = ViewerStage(self._server.scene, show)
         self._wanted: list[Callable[[], bool]] = []
         self._bars: dict[str, tuple[Any, Any]] = {}
         self._sliding = False
@@ -274,7 +274,7 @@ class Theatre:
             self._slider.value = min(moment.time_s, self._slider.max)
             self._sliding = False
 
-    def _draw_bars(self, moment: Moment) -> None:
+    def _draw_bars(self, moment: ViewerFrame) -> None:
         self._bar_folder.visible = bool(moment.bars)
         for name, share in moment.bars.items():
             if name not in self._bars:
@@ -309,7 +309,7 @@ class Theatre:
         self._server.stop()
 
 
-def middle_of(moment: Moment, otherwise: NDArray[np.float64]) -> NDArray[np.float64]:
+def middle_of(moment: ViewerFrame, otherwise: NDArray[np.float64]) -> NDArray[np.float64]:
     """Where the things of a moment are, MuJoCo's world: people sit and stand anywhere."""
     places = []
     for one in moment.scene.drawn(player=True):

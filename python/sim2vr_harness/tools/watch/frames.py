@@ -27,11 +27,11 @@ from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.evaluation.first_look import act_of
 from sim2vr_harness.evaluation.replay.recordings import GAME, read_recordings
 from sim2vr_harness.evaluation.replay.replayer import replay
-from sim2vr_harness.policies.player import Player
+from sim2vr_harness.policies.player import PolicyRunner
 from sim2vr_harness.policies.store import TrainedUser
 from sim2vr_harness.users import Body
 
-__all__ = ["Moment", "Show", "person_show", "recorded_show", "user_show"]
+__all__ = ["Playlist", "ViewerFrame", "person_show", "recorded_show", "user_show"]
 
 HEADSET_SIZE = (240, 160)
 """Of the headset's picture, pixels."""
@@ -40,7 +40,7 @@ _RECORDED_HZ = 20.0
 
 
 @dataclass(frozen=True)
-class Moment:
+class ViewerFrame:
     """What there is to see.
 
     Attributes:
@@ -67,7 +67,7 @@ class Moment:
 
 
 @dataclass
-class Show:
+class Playlist:
     """A source of moments, made when they are asked for.
 
     Attributes:
@@ -80,7 +80,7 @@ class Show:
 
     title: str
     frequency_hz: float
-    moments: Callable[[], Iterator[Moment]]
+    moments: Callable[[], Iterator[ViewerFrame]]
     body: Body | None = None
     hands: Hands | None = None
 
@@ -145,7 +145,7 @@ def user_show(
     deterministic: bool = False,
     untrained: str | None = None,
     simulation: Callable[..., Any] | None = None,
-) -> Show:
+) -> Playlist:
     """Return a round of a user.
 
     Args:
@@ -168,12 +168,12 @@ def user_show(
     first = make(env, 1)
     body: Body = first.body
 
-    def moments() -> Iterator[Moment]:
+    def moments() -> Iterator[ViewerFrame]:
         with closing(first if not used else make(env, 1)) as users:
             used.append(True)
             act = _gentle(users.action_space.shape[0])
             if user is not None:
-                act = Player(user, users.observation_space, users.action_space).for_a_round()
+                act = PolicyRunner(user, users.observation_space, users.action_space).for_a_round()
             elif untrained is not None:
                 act = act_of(untrained, users)
             mean = deterministic and user is not None
@@ -181,12 +181,12 @@ def user_show(
 
     used: list[bool] = []
     condition = facts.condition_of(env.app.options)
-    return Show(f"{name}: {facts.name} {condition}", env.action_frequency_hz, moments, body)
+    return Playlist(f"{name}: {facts.name} {condition}", env.action_frequency_hz, moments, body)
 
 
 def _played(
     users: Any, act: Callable[..., Any], facts: GameFacts, seed: int, deterministic: bool
-) -> Iterator[Moment]:
+) -> Iterator[ViewerFrame]:
     rng = np.random.default_rng([seed, 1])
     counters, steps, total, most = _Counters(facts), 0, 0.0, 1e-9
     users.reset(seeds=[seed])
@@ -213,7 +213,7 @@ def _played(
         if np.isfinite(fatigued):
             bars["Fatigued motor units"] = fatigued
         numbers = {"reward": float(outcome.reward[0]), "effort": info["effort_cost"], **log}
-        yield Moment(
+        yield ViewerFrame(
             time_s,
             scene,
             headset,
@@ -235,7 +235,7 @@ def _gentle(actions: int) -> Callable[..., Any]:
     return act
 
 
-def recorded_show(path: Path) -> Show:
+def recorded_show(path: Path) -> Playlist:
     """Return a recorded round, played again by its poses: head and hands, no body.
 
     Raises:
@@ -248,8 +248,8 @@ def recorded_show(path: Path) -> Show:
     recording = recordings[0]
     facts = describe_game(GAME)
 
-    def moments() -> Iterator[Moment]:
-        found: list[Moment] = []
+    def moments() -> Iterator[ViewerFrame]:
+        found: list[ViewerFrame] = []
         counters = _Counters(facts)
 
         def watch(app: AppClient, timing: Any, frame: int, reply: AppReply) -> None:
@@ -258,15 +258,15 @@ def recorded_show(path: Path) -> Show:
                 return
             text, events = counters.told(reply.log, time_s)
             scene, headset = _look(app)
-            found.append(Moment(time_s, scene, headset, text, events, numbers=dict(reply.log)))
+            found.append(ViewerFrame(time_s, scene, headset, text, events, numbers=dict(reply.log)))
 
         replay(recording, renderer="automatic", watch=watch)
         yield from found
 
-    return Show(f"{recording.name}: {recording.condition}", _RECORDED_HZ, moments)
+    return Playlist(f"{recording.name}: {recording.condition}", _RECORDED_HZ, moments)
 
 
-def person_show(env: EnvConfig, *, seed: int = 1) -> Show:
+def person_show(env: EnvConfig, *, seed: int = 1) -> Playlist:
     """Return a round that a person plays, whose head and hands a viewer moves.
 
     Args:
@@ -285,7 +285,7 @@ def person_show(env: EnvConfig, *, seed: int = 1) -> Show:
     hands = Hands(poses)
     rate = env.action_frequency_hz
 
-    def moments() -> Iterator[Moment]:
+    def moments() -> Iterator[ViewerFrame]:
         counters, frame = _Counters(facts), 0
         with InProcessApp(env.app.game, env.app.options) as app:
             reply = app.reset(seed, hands.devices())
@@ -294,7 +294,9 @@ def person_show(env: EnvConfig, *, seed: int = 1) -> Show:
                 reply = app.step(frame_time_ns(frame, rate), hands.devices())
                 text, events = counters.told(reply.log, frame / rate)
                 scene, headset = _look(app)
-                yield Moment(frame / rate, scene, headset, text, events, numbers=dict(reply.log))
+                yield ViewerFrame(
+                    frame / rate, scene, headset, text, events, numbers=dict(reply.log)
+                )
 
     condition = facts.condition_of(env.app.options)
-    return Show(f"You play {facts.name} {condition}".strip(), rate, moments, hands=hands)
+    return Playlist(f"You play {facts.name} {condition}".strip(), rate, moments, hands=hands)

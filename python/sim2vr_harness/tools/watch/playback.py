@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from sim2vr_harness.tools.watch.frames import Moment, Show
+from sim2vr_harness.tools.watch.frames import Playlist, ViewerFrame
 
 __all__ = ["SPEEDS", "Playback"]
 
@@ -25,15 +25,15 @@ class Playback:
         over: whether the last one was made.
     """
 
-    def __init__(self, show: Show) -> None:
+    def __init__(self, show: Playlist) -> None:
         self._show = show
-        self._source: Iterator[Moment] | None = None
+        self._source: Iterator[ViewerFrame] | None = None
         self._due = 0.0
-        self.moments: list[Moment] = []
+        self.moments: list[ViewerFrame] = []
         self.at, self.playing, self.speed, self.over = -1, True, 1.0, False
 
     @property
-    def now(self) -> Moment | None:
+    def now(self) -> ViewerFrame | None:
         """The moment that is shown."""
         return self.moments[self.at] if self.at >= 0 else None
 

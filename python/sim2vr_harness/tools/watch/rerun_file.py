@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.base.optional import needed
-from sim2vr_harness.tools.watch.frames import Moment, Show
+from sim2vr_harness.tools.watch.frames import Playlist, ViewerFrame
 from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
 
 __all__ = ["write_rerun"]
 
 
 def write_rerun(
-    show: Show, file: Path, *, on_progress: Callable[[float], None] = lambda time_s: None
+    show: Playlist, file: Path, *, on_progress: Callable[[float], None] = lambda time_s: None
 ) -> Path:
     """Play a show to its end and write what there was to see, by game time.
 
@@ -58,7 +58,7 @@ def write_rerun(
     return file
 
 
-def _log_body(rerun: Any, stream: Any, poser: Poser, moment: Moment) -> None:
+def _log_body(rerun: Any, stream: Any, poser: Poser, moment: ViewerFrame) -> None:
     if moment.qpos is None:
         return
     activations = np.zeros(0) if moment.activations is None else moment.activations
@@ -79,7 +79,7 @@ class _Objects:
         self._known: dict[str, dict[str, Any]] = {}
         """Of what is there now."""
 
-    def log(self, moment: Moment, player: bool) -> None:
+    def log(self, moment: ViewerFrame, player: bool) -> None:
         """Write those of a moment, and clear those that are gone."""
         rerun, stream = self._rerun, self._stream
         counts: dict[str, int] = {}

@@ -10,7 +10,7 @@ from sim2vr_harness.envs.games import with_task
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.tools.users import environment_of
-from sim2vr_harness.tools.watch.frames import Show, person_show, recorded_show, user_show
+from sim2vr_harness.tools.watch.frames import Playlist, person_show, recorded_show, user_show
 
 __all__ = ["choose"]
 
@@ -28,7 +28,7 @@ def choose(
     trust_app: bool = False,
     page: Sequence[str] = (),
     untrained: str | None = None,
-) -> Show:
+) -> Playlist:
     """Return what is meant.
 
     Args:

@@ -27,14 +27,14 @@ from torch import Tensor, nn
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import GameFacts
-from sim2vr_harness.policies.attention_crops import Glimpses
+from sim2vr_harness.policies.attention_crops import AttentionCrops
 from sim2vr_harness.policies.sharding import in_shards
-from sim2vr_harness.policies.visual_actor_critic import UserPolicy
+from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.runs.dagger_config import StudentConfig
 from sim2vr_harness.training.dagger.dataset import FrameStore
 from sim2vr_harness.training.run.episode_stats import episode_means
 
-__all__ = ["Guide", "Student", "StudentProgress"]
+__all__ = ["Expert", "Student", "StudentProgress"]
 
 STATE_FORMAT = 4
 _COLLECTED = 0.4
@@ -43,7 +43,7 @@ _TARGETS = ("label", "facts", "numbers", "glances")
 """What a stored frame holds beside the observation."""
 
 
-class Guide(Protocol):
+class Expert(Protocol):
     """Who knows what the student should do, from more than the student sees."""
 
     glance_columns: tuple[tuple[int, ...], ...]
@@ -80,7 +80,7 @@ class StudentProgress:
         facts_error: mean cross entropy of the facts, 0 without any.
         numbers_error: mean squared error of what the teacher knows of the game, 0 where the student
             does not learn to tell it.
-        glances_error: of where the student looks, see ``Glimpses.loss``; 0 without glimpses.
+        glances_error: of where the student looks, see ``AttentionCrops.loss``; 0 without glimpses.
         reading_error: mean squared error of what is told of a thing from the glimpse of it alone.
         teacher_share: share of users on whom the teacher acted.
         episodes: episodes that ended, on which the student alone acted.
@@ -118,9 +118,9 @@ class Student:
     def __init__(
         self,
         config: StudentConfig,
-        policy: UserPolicy,
+        policy: VisualActorCritic,
         simulation: Any,
-        guide: Guide,
+        guide: Expert,
         folder: Path,
         *,
         seed: int,
@@ -140,7 +140,7 @@ class Student:
             width = extractor.picture_features
             self._heads = nn.Linear(width, self._facts).to(self._device) if self._facts else None
             self._tell = self._telling(policy)
-            self._glimpses: Glimpses | None = extractor.glimpses
+            self._glimpses: AttentionCrops | None = extractor.glimpses
             self._looked_at = self._looking()
             self._read = self._reading()
         mlp: Any = policy.mlp_extractor
@@ -186,7 +186,7 @@ class Student:
         heads = {"heads": self._heads, "tell": self._tell, "read": self._read}
         return {name: head for name, head in heads.items() if head is not None}
 
-    def _telling(self, policy: UserPolicy) -> nn.Linear | None:
+    def _telling(self, policy: VisualActorCritic) -> nn.Linear | None:
         """The head that tells what the teacher knows, from all of the student's features."""
         if self.config.numbers_weight == 0.0:
             return None

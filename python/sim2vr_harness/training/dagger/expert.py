@@ -17,7 +17,7 @@ from sim2vr_harness.policies.state_actor_critic import load_teacher
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher.env import game_of, privileged_senses
 
-__all__ = ["TeacherGuide", "proprioception_scale", "seen_at"]
+__all__ = ["TeacherExpert", "proprioception_scale", "seen_at"]
 
 _FARTHEST = 3.0
 """Deviations from the mean at which numbers are cut."""
@@ -28,7 +28,7 @@ SCALE_STEPS, SCALE_EVERY = 120, 4
 """User steps in which the teacher shows what a body goes through."""
 
 
-class TeacherGuide:
+class TeacherExpert:
     """See :class:`~sim2vr_harness.training.dagger.dagger.Guide`.
 
     Args:

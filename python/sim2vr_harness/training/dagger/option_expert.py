@@ -7,18 +7,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.policies.hierarchical.action_selection import Chooser
-from sim2vr_harness.policies.hierarchical.action_value_map import PlaceValues
-from sim2vr_harness.policies.hierarchical.frame_history import PastPictures
-from sim2vr_harness.policies.hierarchical.primitives import MOVES, Choice, Mover
+from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector
+from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
+from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
+from sim2vr_harness.policies.hierarchical.primitives import MOVES, OptionChoice, PrimitiveController
 from sim2vr_harness.training.dagger.expert import proprioception_scale
 
-__all__ = ["SkillGuide"]
+__all__ = ["OptionExpert"]
 
 _UNIT_M = 0.4
 
 
-class SkillGuide:
+class OptionExpert:
     """See :class:`~sim2vr_harness.training.dagger.dagger.Guide`.
 
     It remembers nothing but the pictures: the choice is made anew in every user step, so that what
@@ -32,13 +32,13 @@ class SkillGuide:
     """
 
     def __init__(
-        self, net: PlaceValues, mover: Mover, simulation: Any, late_steps: int = 0
+        self, net: ActionValueMap, mover: PrimitiveController, simulation: Any, late_steps: int = 0
     ) -> None:
         self._net, self._chooser = (
             net,
-            Chooser(simulation, mover, PastPictures(simulation, late_steps)),
+            ActionSelector(simulation, mover, FrameHistory(simulation, late_steps)),
         )
-        self._choice = Choice(simulation.n, len(mover.tool))
+        self._choice = OptionChoice(simulation.n, len(mover.tool))
         self._size = simulation.action_space.shape[0]
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:

@@ -18,11 +18,11 @@ from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.config import with_options
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.envs.simulation import Simulation
-from sim2vr_harness.policies.visual_actor_critic import UserPolicy
+from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import append_row, keep_rows, metric_key
-from sim2vr_harness.training.dagger.dagger import Guide, Student, StudentProgress
+from sim2vr_harness.training.dagger.dagger import Expert, Student, StudentProgress
 from sim2vr_harness.training.dagger.dataset import PICTURE_FILES
 from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.stage import Callbacks
@@ -45,7 +45,7 @@ class StudentStage:
     title = "a student learns to do the same from what the user sees."
 
     def __init__(
-        self, config: TrainingConfig, folder: Path, guide: Callable[[Simulation], Guide]
+        self, config: TrainingConfig, folder: Path, guide: Callable[[Simulation], Expert]
     ) -> None:
         self._config, self.folder, self._guide = config, folder, guide
         self.total = float(config.student.frames)
@@ -180,10 +180,10 @@ def _show(callbacks: Callbacks, view: Callable[[], View], share: float) -> None:
     callbacks.show(view)
 
 
-def _new_policy(config: TrainingConfig, simulation: Simulation, guide: Guide) -> UserPolicy:
+def _new_policy(config: TrainingConfig, simulation: Simulation, guide: Expert) -> VisualActorCritic:
     with torch.random.fork_rng(devices=[]):
         torch.manual_seed(config.seed)
-        policy = UserPolicy(
+        policy = VisualActorCritic(
             simulation.observation_space,
             simulation.action_space,
             lambda _: 0.0,

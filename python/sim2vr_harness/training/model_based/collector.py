@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from sim2vr_harness.policies.state_actor_critic import TeacherPolicy
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
 from sim2vr_harness.training.teacher.env import TeacherSimulation
-from sim2vr_harness.world_models.actuator_state import Drives
+from sim2vr_harness.world_models.actuator_state import ActuatorState
 from sim2vr_harness.world_models.person_features import ImaginedPersons
-from sim2vr_harness.world_models.transitions import Experience
+from sim2vr_harness.world_models.transitions import TransitionStore
 
 __all__ = ["Collector"]
 
@@ -49,12 +49,12 @@ class Collector:
         self.rng = np.random.default_rng([seed, 91])
         self.started = False
         self._seed = seed
-        self._drives = Drives(simulation.simulation.body)
+        self._drives = ActuatorState(simulation.simulation.body)
         self._persons = persons
 
     def play(
         self, steps: int, *, wildly: bool, on_progress: Callable[[float], None]
-    ) -> tuple[Experience, tuple[float, ...]]:
+    ) -> tuple[TransitionStore, tuple[float, ...]]:
         """Take user steps with everybody.
 
         Args:
@@ -105,7 +105,7 @@ class Collector:
             torch.tensor(np.concatenate(column), dtype=torch.float32)
             for column in zip(*rows, strict=True)
         ]
-        return Experience.of(parts), counts.rates(known=not wildly)
+        return TransitionStore.of(parts), counts.rates(known=not wildly)
 
     def _begin(self, wildly: bool) -> None:
         sim = self.simulation

@@ -23,9 +23,9 @@ from sim2vr_harness.world_models.gradient_clipping import limited
 from sim2vr_harness.world_models.observation import ImaginedSenses
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
-from sim2vr_harness.world_models.transitions import Experience
-from sim2vr_harness.world_models.value_function import Critic
-from sim2vr_harness.world_models.weight_average import Average
+from sim2vr_harness.world_models.transitions import TransitionStore
+from sim2vr_harness.world_models.value_function import ValueFunction
+from sim2vr_harness.world_models.weight_average import WeightAverage
 
 __all__ = ["CycleReport", "ImaginedRollouts"]
 
@@ -110,7 +110,7 @@ class ImaginedRollouts:
         self.senses = self.imagined_senses(self.users, self.game)
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(self._torch_seed + 1)
-            self._critic = Critic(
+            self._critic = ValueFunction(
                 self.senses.size,
                 config.critic_width,
                 lambda observation: policy.normaliser({OBSERVATION: observation}),
@@ -127,9 +127,9 @@ class ImaginedRollouts:
         self._critic_first_updates = max(
             config.critic_first_updates, config.updates if learned else 0
         )
-        self._average = Average(self._actor, config.average_updates)
-        self._seen: list[Experience] = []
-        self._pool: Experience | None = None
+        self._average = WeightAverage(self._actor, config.average_updates)
+        self._seen: list[TransitionStore] = []
+        self._pool: TransitionStore | None = None
         self._near: dict[tuple[int, int], Tensor] = {}
         self._torch_state: Tensor | None = None
         self._best: tuple[float, dict[str, Tensor]] | None = None
@@ -291,22 +291,22 @@ class ImaginedRollouts:
             return 0.0
         return 1.0 if cycles == 0 else min(1.0, since / cycles)
 
-    def _to_learn(self) -> Experience:
+    def _to_learn(self) -> TransitionStore:
         """User steps to fit the body to: of the beginning, of all cycles, of the last ones."""
         first, later = self._seen[0], self._seen[1:]
         if not later:
             return first
-        rest, last = Experience.joined(later), Experience.joined(later[-3:])
+        rest, last = TransitionStore.joined(later), TransitionStore.joined(later[-3:])
         count = self.config.fit_minibatches * 300
-        return Experience.joined([self._some(part, count) for part in (first, rest, last)])
+        return TransitionStore.joined([self._some(part, count) for part in (first, rest, last)])
 
     @staticmethod
-    def _some(steps: Experience, count: int) -> Experience:
+    def _some(steps: TransitionStore, count: int) -> TransitionStore:
         return steps.rows(torch.randint(len(steps), (count,)))
 
     # --- where imagined rollouts begin -------------------------------------------------------
 
-    def _place(self, steps: Experience) -> Tensor:
+    def _place(self, steps: TransitionStore) -> Tensor:
         """(K, D, 4, 4) where the devices were after user steps."""
         with torch.no_grad():
             place: Tensor = self.body.places(steps.after.angles, steps.after.persons)
@@ -314,9 +314,9 @@ class ImaginedRollouts:
 
     def _choose_pool(self) -> None:
         """States to begin from: of the last cycles, and of the first, which are everywhere."""
-        recent = Experience.joined(self._seen[1:][-8:] or self._seen[:1])
+        recent = TransitionStore.joined(self._seen[1:][-8:] or self._seen[:1])
         first = self._some(self._seen[0], len(recent) // 2)
-        self._pool = Experience.joined([recent, first])
+        self._pool = TransitionStore.joined([recent, first])
         condition = self.game.condition_of(self._pool.fields)
         distance, cell = self.game.nearest(self._place(self._pool), condition)
         close = distance < self.config.near_m
@@ -481,6 +481,6 @@ class ImaginedRollouts:
         self.game.load_state(state["game"])
         self.senses.load_state(state["senses"])
         self._best = None if state["best"] is None else (state["best"][0], state["best"][1])
-        self._seen = [Experience.of(tensors) for tensors in state["seen"]]
+        self._seen = [TransitionStore.of(tensors) for tensors in state["seen"]]
         self.users.rest_as(self._seen[0].before.drives)
         self.simulation.load_state(state["simulation"].numpy().tobytes())

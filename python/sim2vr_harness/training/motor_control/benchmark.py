@@ -14,14 +14,20 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from sim2vr_harness.policies.hierarchical.goal_sampler import LEAD_STEPS
-from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, Goals, tips
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, MotorGoals, tips
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.workspace import INSIDE, reachable_poses
 from sim2vr_harness.users import UserBatch
-from sim2vr_harness.users.kinematics.reach_controller import Reacher
+from sim2vr_harness.users.kinematics.reach_controller import ReachController
 from sim2vr_harness.users.noise import MotorNoiseSettings
 
-__all__ = ["FITTS_DISTANCES_M", "FITTS_TIMES_S", "Aimed", "MotorMeasures", "measure_layer"]
+__all__ = [
+    "FITTS_DISTANCES_M",
+    "FITTS_TIMES_S",
+    "BenchmarkMovements",
+    "MotorMeasures",
+    "measure_layer",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -44,7 +50,7 @@ _OF_NORMAL = 4.133
 
 
 @dataclass(frozen=True)
-class Aimed:
+class BenchmarkMovements:
     """Goals that K hands were given from a place at which they were, and what became of them.
 
     Attributes:
@@ -91,9 +97,9 @@ class MotorMeasures:
         aimed: hands that went a distance of FITTS_DISTANCES_M in a time of FITTS_TIMES_S, by both.
     """
 
-    reaches: dict[float, Aimed]
-    strikes: Aimed
-    aimed: dict[tuple[float, float], Aimed]
+    reaches: dict[float, BenchmarkMovements]
+    strikes: BenchmarkMovements
+    aimed: dict[tuple[float, float], BenchmarkMovements]
 
     def fitts(self) -> dict[str, float]:
         """Movement time by effective index of difficulty: a (s), b (s/bit), r2, throughput.
@@ -151,7 +157,7 @@ def _two(name: str, values: FloatArray) -> dict[str, float]:
 
 
 def measure_layer(
-    layer: MotorLayer,
+    layer: MotorPolicy,
     *,
     noise: MotorNoiseSettings | None = None,
     bodies: int = 256,
@@ -173,7 +179,7 @@ def measure_layer(
     total = len(_TOOLS_M) + 1 + len(FITTS_DISTANCES_M) * len(FITTS_TIMES_S)
     done = 0
 
-    def over(aimed: Aimed) -> Aimed:
+    def over(aimed: BenchmarkMovements) -> BenchmarkMovements:
         nonlocal done
         done += 1
         on_progress(done / total)
@@ -194,7 +200,7 @@ class _Course:
 
     def __init__(
         self,
-        layer: MotorLayer,
+        layer: MotorPolicy,
         noise: MotorNoiseSettings | None,
         bodies: int,
         threads: int,
@@ -210,9 +216,9 @@ class _Course:
         poses = reachable_poses(layer, seed)[:, self._hand]
         self._poses = poses[poses[:, 0, 3] > _FRONT_M]
         muscles = bool(layer.drives.muscles.size)
-        self._reacher = Reacher(layer.body, layer.hands[self._hand]) if muscles else None
+        self._reacher = ReachController(layer.body, layer.hands[self._hand]) if muscles else None
 
-    def reach(self, tool_m: float) -> Aimed:
+    def reach(self, tool_m: float) -> BenchmarkMovements:
         """To places anywhere, and stay."""
         tip = self._tip(tool_m)
         goal = self._anywhere(tip)
@@ -221,7 +227,7 @@ class _Course:
         time_s = np.maximum(_LEAST_S, far / _USUAL_MPS)
         return self._go(tip, goal, np.zeros_like(goal), time_s, holds=True)
 
-    def strike(self) -> Aimed:
+    def strike(self) -> BenchmarkMovements:
         """Through places nearby."""
         tip = self._tip(0.0)
         start = self._settle(tip)
@@ -231,7 +237,7 @@ class _Course:
         velocity = self._rng.uniform(*_STRIKE_MPS, (self._n, 1)) * way
         return self._go(tip, goal, velocity, np.full(self._n, _STRIKE_S), holds=False)
 
-    def aim(self, distance_m: float, time_s: float) -> Aimed:
+    def aim(self, distance_m: float, time_s: float) -> BenchmarkMovements:
         """To places at a distance, in a time."""
         tip = self._tip(0.0)
         start = self._settle(tip)
@@ -283,7 +289,7 @@ class _Course:
     def _step(
         self, tip: Tensor, goal: FloatArray, velocity: FloatArray, left_s: FloatArray
     ) -> None:
-        goals = Goals.none(self._n, len(self._layer.hands))
+        goals = MotorGoals.none(self._n, len(self._layer.hands))
         hand = self._hand
         goals.tip[:, hand] = tip[:, 0]
         goals.place[:, hand] = torch.from_numpy(goal).float()
@@ -300,7 +306,7 @@ class _Course:
         time_s: FloatArray,
         *,
         holds: bool,
-    ) -> Aimed:
+    ) -> BenchmarkMovements:
         step_s = self._layer.step_s
         start = self._tips(tip)[0]
         lasts = np.maximum(1, np.round(time_s / step_s)).astype(int)
@@ -322,7 +328,9 @@ class _Course:
                 counted[stays] += 1.0
         effort = efforts / np.where(counted > 0, counted, np.nan)
         least = self._least() if holds else np.full(self._n, np.nan)
-        return Aimed(start, goal, velocity, lasts * step_s, end, end_velocity, held, effort, least)
+        return BenchmarkMovements(
+            start, goal, velocity, lasts * step_s, end, end_velocity, held, effort, least
+        )
 
     def _effort(self) -> FloatArray:
         drives = self._layer.drives

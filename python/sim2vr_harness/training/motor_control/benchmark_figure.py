@@ -9,7 +9,7 @@ import numpy as np
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
-from sim2vr_harness.training.motor_control.benchmark import Aimed, MotorMeasures
+from sim2vr_harness.training.motor_control.benchmark import BenchmarkMovements, MotorMeasures
 
 __all__ = ["draw_measures"]
 
@@ -49,7 +49,9 @@ def draw_measures(measures: MotorMeasures, title: str, out: Path) -> Path:
     return out
 
 
-def _places(figure: Any, axes: Any, aimed: Aimed, over: int, error_m: Any, title: str) -> None:
+def _places(
+    figure: Any, axes: Any, aimed: BenchmarkMovements, over: int, error_m: Any, title: str
+) -> None:
     """Goals by how far to the left they are and by another axis of the world, 0 or 2."""
     dots = axes.scatter(
         aimed.goal[:, 1], aimed.goal[:, over], c=1000 * error_m, s=14, vmin=0.0, vmax=_WORST_MM
@@ -60,7 +62,7 @@ def _places(figure: Any, axes: Any, aimed: Aimed, over: int, error_m: Any, title
     axes.invert_xaxis()
 
 
-def _strikes(axes: Any, aimed: Aimed) -> None:
+def _strikes(axes: Any, aimed: BenchmarkMovements) -> None:
     asked = np.linalg.norm(aimed.velocity, axis=1)
     along = (aimed.end_velocity * aimed.velocity).sum(1) / asked
     axes.plot([0.0, asked.max()], [0.0, asked.max()], color="#888888", linewidth=0.8)
@@ -85,7 +87,7 @@ def _fitts(axes: Any, measures: MotorMeasures) -> None:
     )
 
 
-def _effort(axes: Any, aimed: Aimed) -> None:
+def _effort(axes: Any, aimed: BenchmarkMovements) -> None:
     known = ~np.isnan(aimed.least_effort)
     axes.set(title="Holding still", xlabel="Least possible", ylabel="Mean square of drives")
     if not known.any():

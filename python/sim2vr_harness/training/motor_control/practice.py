@@ -12,23 +12,23 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from sim2vr_harness.policies.hierarchical.goal_sampler import Exercises
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.workspace import INSIDE, reachable_poses
-from sim2vr_harness.runs.option_config import MotorPracticeConfig
+from sim2vr_harness.runs.option_config import MotorTrainingConfig
 from sim2vr_harness.users import Body, UserBatch
 from sim2vr_harness.users.noise import MotorNoiseSettings
 from sim2vr_harness.world_models.body_dynamics import BodyModel, fit_body
 from sim2vr_harness.world_models.effort import Effort
 from sim2vr_harness.world_models.gradient_clipping import limited
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
-from sim2vr_harness.world_models.transitions import Experience
-from sim2vr_harness.world_models.value_function import Critic
+from sim2vr_harness.world_models.transitions import TransitionStore
+from sim2vr_harness.world_models.value_function import ValueFunction
 
-__all__ = ["PRACTICE", "MotorCycle", "MotorPractice"]
+__all__ = ["PRACTICE", "MotorTraining", "MotorTrainingCycle"]
 
 PRACTICE = "the state of a motor layer's practice"
-"""What a file of :meth:`MotorPractice.state` is called in errors."""
+"""What a file of :meth:`MotorTraining.state` is called in errors."""
 
 STATE_FORMAT = 2
 _WILD_SIZE = (0.05, 0.7)
@@ -41,7 +41,7 @@ _CRITIC_LEARNING_RATE, _LAMBDA = 1e-3, 0.9
 
 
 @dataclass(frozen=True)
-class MotorCycle:
+class MotorTrainingCycle:
     """What a cycle was like; medians, over the simulated bodies in MuJoCo.
 
     In the first one bodies move at random: nothing is asked of their hands, and errors are 0.
@@ -74,7 +74,7 @@ class MotorCycle:
         )
 
 
-class MotorPractice:
+class MotorTraining:
     """Teaches a body's hands to come where they are told.
 
     Args:
@@ -90,14 +90,14 @@ class MotorPractice:
 
     def __init__(
         self,
-        config: MotorPracticeConfig,
+        config: MotorTrainingConfig,
         body: Body,
         step_s: float,
         *,
         noise: MotorNoiseSettings | None = None,
         threads: int = 0,
         seed: int = 1,
-        begin: MotorLayer | None = None,
+        begin: MotorPolicy | None = None,
     ) -> None:
         self.config, self._user, self._step_s = config, body, step_s
         self._begun = begin is not None
@@ -116,7 +116,7 @@ class MotorPractice:
 
     def _make(self, body: Body, noise: MotorNoiseSettings | None, seed: int) -> None:
         config, step_s = self.config, self._step_s
-        self.layer = MotorLayer(body, step_s, width=config.width)
+        self.layer = MotorPolicy(body, step_s, width=config.width)
         self.model = BodyModel(body, self.layer.hands, step_s, width=config.body_width)
         self.users = ImaginedUsers(
             body,
@@ -129,10 +129,10 @@ class MotorPractice:
         )
         poses = reachable_poses(self.layer, seed)
         strikes = config.strikes
-        self.exercises = Exercises(poses, config.users, step_s, seed + 5, strikes=strikes)
-        self._played = Exercises(poses, config.bodies, step_s, seed + 6, strikes=strikes)
+        self.exercises = GoalSampler(poses, config.users, step_s, seed + 5, strikes=strikes)
+        self._played = GoalSampler(poses, config.bodies, step_s, seed + 6, strikes=strikes)
         """Goals of the simulated bodies."""
-        self._critic = Critic(
+        self._critic = ValueFunction(
             self.layer.size,
             config.width,
             self.layer.normalised,
@@ -143,8 +143,8 @@ class MotorPractice:
         self._optimizer = torch.optim.Adam(
             self.layer.net.parameters(), lr=config.learning_rate, betas=(0.8, 0.97)
         )
-        self._seen: list[Experience] = []
-        self._pool: Experience | None = None
+        self._seen: list[TransitionStore] = []
+        self._pool: TransitionStore | None = None
         self._age = np.zeros(config.bodies, dtype=np.int64)
 
     def _effort(self) -> Effort:
@@ -174,7 +174,7 @@ class MotorPractice:
 
     def step(
         self, on_progress: Callable[[str, float], None] = lambda doing, share: None
-    ) -> MotorCycle:
+    ) -> MotorTrainingCycle:
         """Let bodies move, fit the model, and learn from imagined rollouts."""
         with torch.random.fork_rng(devices=[]):
             torch.set_rng_state(self._torch_state)
@@ -182,7 +182,7 @@ class MotorPractice:
             self._torch_state = torch.get_rng_state()
         return report
 
-    def _cycle(self, on_progress: Callable[[str, float], None]) -> MotorCycle:
+    def _cycle(self, on_progress: Callable[[str, float], None]) -> MotorTrainingCycle:
         config, first = self.config, self.cycle == 0
         self._played.clear()
         steps = config.first_play_steps if first else config.play_steps
@@ -199,9 +199,9 @@ class MotorPractice:
             learning_rate=4e-3 if first else 1.5e-3,
             on_progress=lambda share: on_progress("fitting the body model", 0.2 + 0.2 * share),
         )
-        recent = Experience.joined(self._seen[1:][-8:] or self._seen[:1])
+        recent = TransitionStore.joined(self._seen[1:][-8:] or self._seen[:1])
         early = self._seen[0].rows(torch.randint(len(self._seen[0]), (len(recent) // 3,)))
-        self._pool = Experience.joined([recent, early])
+        self._pool = TransitionStore.joined([recent, early])
         if first and not self._begun:
             self._fit_statistics()
         for update in range(config.updates):
@@ -209,11 +209,11 @@ class MotorPractice:
             self._update()
         self.cycle += 1
         measured = self._played.measured()
-        return MotorCycle(self.cycle, **measured, model_m=fit["place_m"])
+        return MotorTrainingCycle(self.cycle, **measured, model_m=fit["place_m"])
 
     def _play(
         self, steps: int, *, wildly: bool, on_progress: Callable[[str, float], None]
-    ) -> Experience:
+    ) -> TransitionStore:
         bodies, layer, config = self.bodies, self.layer, self.config
         n = config.bodies
         self._begin(np.arange(n))
@@ -247,7 +247,7 @@ class MotorPractice:
             if len(over):
                 self._begin(over)
                 rest[over] = layer.drives.rest(layer.drives.of(bodies))[over]
-        return Experience.of([torch.cat(column) for column in zip(*rows, strict=True)])
+        return TransitionStore.of([torch.cat(column) for column in zip(*rows, strict=True)])
 
     def _begin(self, ids: NDArray[np.int64]) -> None:
         """Start bodies anew, in any posture."""
@@ -260,13 +260,13 @@ class MotorPractice:
             angles, speeds, _ = self.layer.motion(self.bodies)
             self._played.start(rows, self.layer.places(angles[rows], speeds[rows])[0])
 
-    def _to_learn(self) -> Experience:
+    def _to_learn(self) -> TransitionStore:
         first, later = self._seen[0], self._seen[1:]
         if not later:
             return first
         count = self.config.fit_minibatches * 300
-        parts = (first, Experience.joined(later), Experience.joined(later[-3:]))
-        return Experience.joined([p.rows(torch.randint(len(p), (count,))) for p in parts])
+        parts = (first, TransitionStore.joined(later), TransitionStore.joined(later[-3:]))
+        return TransitionStore.joined([p.rows(torch.randint(len(p), (count,))) for p in parts])
 
     # --- learning ----------------------------------------------------------------------------
 
@@ -379,4 +379,4 @@ class MotorPractice:
         self.users.rest = state["rest"]
         self.exercises.load_state(state["exercises"])
         self._played.load_state(state["played"])
-        self._seen = [Experience.of(tensors) for tensors in state["seen"]]
+        self._seen = [TransitionStore.of(tensors) for tensors in state["seen"]]

@@ -25,14 +25,14 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from sim2vr_harness.base.cores import budget
-from sim2vr_harness.policies.hierarchical.action_selection import Chooser, Scene
-from sim2vr_harness.policies.hierarchical.action_value_map import PlaceValues
+from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector, OptionScene
+from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX
-from sim2vr_harness.policies.hierarchical.frame_history import PastPictures
-from sim2vr_harness.policies.hierarchical.primitives import MOVES, Choice, Mover
-from sim2vr_harness.runs.option_config import LookingConfig
+from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
+from sim2vr_harness.policies.hierarchical.primitives import MOVES, OptionChoice, PrimitiveController
+from sim2vr_harness.runs.option_config import QLearningConfig
 
-__all__ = ["Looker", "LookingReport", "Scene"]
+__all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
 
 STATE_FORMAT = 2
 _TRY_STEPS = (4, 14)
@@ -52,7 +52,7 @@ _SCENE = ("head", "turned", "tips", "velocities")
 
 
 @dataclass(frozen=True)
-class LookingReport:
+class QLearningReport:
     """How far it is.
 
     Attributes:
@@ -98,7 +98,7 @@ class _Memory:
         }
         self.count = 0
 
-    def append(self, scene: Scene, chosen: NDArray[np.int64]) -> None:
+    def append(self, scene: OptionScene, chosen: NDArray[np.int64]) -> None:
         """A decision; what came of it is told by :meth:`outcome`."""
         row = self.count
         self.pictures[row] = scene.pictures
@@ -112,11 +112,11 @@ class _Memory:
         self.known["reward"][self.count - 1] = reward
         self.known["over"][self.count - 1] = over
 
-    def scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> Scene:
+    def scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:
         """What was seen."""
         known = self.known
         pictures = np.asarray(self.pictures[rows, users])
-        return Scene(pictures, *(known[name][rows, users] for name in _SCENE))
+        return OptionScene(pictures, *(known[name][rows, users] for name in _SCENE))
 
     def state(self) -> dict[str, Tensor]:
         """All but the pictures, which are made sure to be in the file."""
@@ -133,7 +133,7 @@ class _Memory:
             values[:count] = state[name].numpy()
 
 
-class Looker:
+class OptionQLearning:
     """Learns values of places and moves while N users try.
 
     Args:
@@ -145,16 +145,22 @@ class Looker:
     """
 
     def __init__(
-        self, config: LookingConfig, simulation: Any, mover: Mover, pictures: Path, *, seed: int
+        self,
+        config: QLearningConfig,
+        simulation: Any,
+        mover: PrimitiveController,
+        pictures: Path,
+        *,
+        seed: int,
     ) -> None:
         self.config, self.simulation, self.mover = config, simulation, mover
         self.n: int = simulation.n
         self.hands = len(mover.tool)
         vision = simulation.config.vision
-        self._chooser = Chooser(simulation, mover, PastPictures(simulation))
+        self._chooser = ActionSelector(simulation, mover, FrameHistory(simulation))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.net = PlaceValues(self._chooser.sight, self.hands, width=config.width)
+            self.net = ActionValueMap(self._chooser.sight, self.hands, width=config.width)
         self._slow = copy.deepcopy(self.net).requires_grad_(False)
         self._optimizer = torch.optim.Adam(self.net.parameters(), config.learning_rate, fused=True)
         self.rng = np.random.default_rng([seed, 55])
@@ -166,7 +172,7 @@ class Looker:
         self._memory = _Memory(pictures, length, self.n, self.hands, picture)
         seeds = np.random.SeedSequence([seed, 56]).generate_state(self.n, np.uint32)
         simulation.reset(seeds=[int(value) for value in seeds])
-        self._choice = Choice(self.n, self.hands)
+        self._choice = OptionChoice(self.n, self.hands)
         self._trying = np.zeros((self.n, self.hands), np.int64)
         """User steps for which a random try is still seen through."""
         self._tried = np.zeros((self.n, self.hands), np.int64)
@@ -176,7 +182,7 @@ class Looker:
 
     # --- deciding ----------------------------------------------------------------------------
 
-    def _decide(self, scene: Scene, explore: float) -> NDArray[np.int64]:
+    def _decide(self, scene: OptionScene, explore: float) -> NDArray[np.int64]:
         """(N, H) what everybody chooses; cells and moves in one number, the last one rests."""
         places = self._chooser.places(scene)
         with torch.inference_mode():
@@ -206,7 +212,7 @@ class Looker:
         return int(move) * self._chooser.sight.cells + cell
 
     def _curiosity(
-        self, scene: Scene, places: Tensor, users: NDArray[np.int64]
+        self, scene: OptionScene, places: Tensor, users: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         """(K, cells) how much K users try: what is within reach, what has a rare colour."""
         if not len(users):
@@ -225,12 +231,12 @@ class Looker:
             1, keepdims=True
         )
 
-    def _note_colours(self, scene: Scene) -> None:
+    def _note_colours(self, scene: OptionScene) -> None:
         """Count what colours there are; what was seen long ago counts less."""
         self._colours *= 0.999
         np.add.at(self._colours, self._colours_of(scene).ravel(), 1.0 / self.n)
 
-    def _colours_of(self, scene: Scene) -> NDArray[np.int64]:
+    def _colours_of(self, scene: OptionScene) -> NDArray[np.int64]:
         """(N, cells) number of the colour in the middle of each cell."""
         half = CELL_PX // 2
         rows, columns = self._chooser.sight.rows, self._chooser.sight.columns
@@ -262,7 +268,7 @@ class Looker:
         """Whether all user steps are taken."""
         return self.step_count >= self.config.user_steps
 
-    def step(self) -> LookingReport:
+    def step(self) -> QLearningReport:
         """Decide, see it through, and learn."""
         explore = self.explore
         scene = self._chooser.scene()
@@ -278,7 +284,7 @@ class Looker:
         self._memory.outcome(reward, over)
         step_s = 1.0 / self.simulation.config.action_frequency_hz
         self._rewards.append(float(reward.mean()) * 60.0 / (self.config.decide_steps * step_s))
-        return LookingReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
+        return QLearningReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
 
     def _play_and_learn(self, updates: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
         """See the present choice through, and learn from the ones before it meanwhile.
@@ -336,7 +342,7 @@ class Looker:
         simulation = self.simulation
         seeds = np.random.SeedSequence([self.step_count, 59]).generate_state(self.n, np.uint32)
         simulation.reset(seeds=[int(value) for value in seeds])
-        self._choice = Choice(self.n, self.hands)
+        self._choice = OptionChoice(self.n, self.hands)
         self._trying[:] = 0
         total = 0.0
         for step in range(steps):

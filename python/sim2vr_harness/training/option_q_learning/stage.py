@@ -19,28 +19,28 @@ from sim2vr_harness.base.finite import require_finite
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.simulation import Simulation, motor_noise
-from sim2vr_harness.policies.hierarchical.action_value_map import PlaceValues
-from sim2vr_harness.policies.hierarchical.depth_grid import Sight
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
+from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
     load_motor_layer,
     motor_layer_for,
     save_motor_layer,
 )
-from sim2vr_harness.policies.hierarchical.option_policy import DecidingUser, require_senses
-from sim2vr_harness.policies.hierarchical.primitives import Mover
+from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, require_senses
+from sim2vr_harness.policies.hierarchical.primitives import PrimitiveController
 from sim2vr_harness.policies.hierarchical.tool_detection import find_tools
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import append_row, keep_rows
-from sim2vr_harness.training.dagger.option_expert import SkillGuide
-from sim2vr_harness.training.motor_control.practice import PRACTICE, MotorPractice
-from sim2vr_harness.training.option_q_learning.q_learning import Looker
+from sim2vr_harness.training.dagger.option_expert import OptionExpert
+from sim2vr_harness.training.motor_control.practice import PRACTICE, MotorTraining
+from sim2vr_harness.training.option_q_learning.q_learning import OptionQLearning
 from sim2vr_harness.training.run.progress import View, duration
 from sim2vr_harness.training.run.stage import Callbacks
 
-__all__ = ["LookingStage", "MotorStage", "needs_practice"]
+__all__ = ["MotorStage", "QLearningStage", "needs_practice"]
 
 _STATE, _LAYER, _LOG, _PICTURES, _VALUES = (
     "state.pt",
@@ -85,7 +85,7 @@ class MotorStage:
     def __init__(self, config: TrainingConfig, folder: Path) -> None:
         self._config, self.folder = config, folder
         self.total = float(config.skills.practice.cycles)
-        self._practice: MotorPractice | None = None
+        self._practice: MotorTraining | None = None
         self._state: dict[str, Any] | None = None
         self._cycles_saved = 0
 
@@ -113,7 +113,7 @@ class MotorStage:
         """See the protocol."""
         config = self._config
         env = config.env
-        self._practice = MotorPractice(
+        self._practice = MotorTraining(
             config.skills.practice,
             body_of(env.user),
             1.0 / env.action_frequency_hz,
@@ -171,7 +171,7 @@ class MotorStage:
         self._practice = self._state = None
 
 
-class LookingStage:
+class QLearningStage:
     """See :class:`~sim2vr_harness.training.run.stage.Stage`.
 
     Args:
@@ -194,7 +194,7 @@ class LookingStage:
         self._config, self.folder, self._motor, self._user = config, folder, motor, user
         self.total = float(config.skills.looking.user_steps)
         self._simulation: Simulation | None = None
-        self._looker: Looker | None = None
+        self._looker: OptionQLearning | None = None
         self._state: dict[str, Any] | None = None
         self._steps_saved = 0
 
@@ -214,7 +214,7 @@ class LookingStage:
         done = self._steps_saved
         return f"{done:,} of {self.total:,.0f} user steps" if done else ""
 
-    def _layer(self) -> MotorLayer:
+    def _layer(self) -> MotorPolicy:
         env, given = self._config.env, self._config.skills.motor
         body, step_s = body_of(env.user), 1.0 / env.action_frequency_hz
         if given is not None:
@@ -223,17 +223,17 @@ class LookingStage:
             return load_motor_layer(self._motor.layer_file, body, step_s)
         return motor_layer_for(body, step_s)
 
-    def guide(self, simulation: Simulation) -> SkillGuide:
+    def guide(self, simulation: Simulation) -> OptionExpert:
         """Return a teacher of a student, once the stage is over."""
         state = read_tensors(self.folder / _VALUES, "what is worth doing")
         layer = self._layer()
         tool: Tensor = state["tool"]
-        mover = Mover(layer, tool, reachable_poses(layer, self._config.seed))
+        mover = PrimitiveController(layer, tool, reachable_poses(layer, self._config.seed))
         vision = self._config.env.vision
         config = self._config.skills.looking
-        net = PlaceValues(Sight(vision.height, vision.width), len(tool), width=config.width)
+        net = ActionValueMap(DepthGrid(vision.height, vision.width), len(tool), width=config.width)
         net.load_state_dict(state["values"])
-        return SkillGuide(net, mover, simulation)
+        return OptionExpert(net, mover, simulation)
 
     def open(self) -> None:
         """See the protocol."""
@@ -255,10 +255,10 @@ class LookingStage:
         poses = reachable_poses(layer, seed)
         with torch_threads(1):
             tool, before, rate = self._prepared(simulation, layer, poses, callbacks)
-            looker = self._looker = Looker(
+            looker = self._looker = OptionQLearning(
                 self._config.skills.looking,
                 simulation,
-                Mover(layer, tool, poses),
+                PrimitiveController(layer, tool, poses),
                 self.folder / _PICTURES,
                 seed=seed,
             )
@@ -278,15 +278,15 @@ class LookingStage:
         self.tidy()
 
     def _decider(
-        self, layer: MotorLayer, net: PlaceValues, tool: Tensor, hold: int
-    ) -> DecidingUser:
+        self, layer: MotorPolicy, net: ActionValueMap, tool: Tensor, hold: int
+    ) -> HierarchicalPolicy:
         """The user that this stage has made."""
-        user = DecidingUser(self._config)
+        user = HierarchicalPolicy(self._config)
         user.learned(layer, net, tool, hold)
         return user
 
     def _prepared(
-        self, simulation: Simulation, layer: MotorLayer, poses: Tensor, callbacks: Callbacks
+        self, simulation: Simulation, layer: MotorPolicy, poses: Tensor, callbacks: Callbacks
     ) -> tuple[Tensor, dict[str, float], float]:
         """What is in the hands, what is earned by who does nothing, and user steps a second.
 
@@ -321,7 +321,7 @@ class LookingStage:
 
     def _learn(
         self,
-        looker: Looker,
+        looker: OptionQLearning,
         callbacks: Callbacks,
         log: Path,
         before: Mapping[str, float],
@@ -359,7 +359,7 @@ class LookingStage:
                 _warn(report.reward, before, looker, callbacks)
         callbacks.say("Looking: " + doing)
 
-    def _remember(self, looker: Looker) -> None:
+    def _remember(self, looker: OptionQLearning) -> None:
         state = looker.state()
         file = self.folder / _STATE
         learned = {"values": state["net"], "optimizer": state["optimizer"]}
@@ -394,7 +394,7 @@ def _seeing(env: EnvConfig) -> EnvConfig:
     return env.model_copy(update={"vision": vision})
 
 
-def _best_hold(looker: Looker, callbacks: Callbacks) -> int:
+def _best_hold(looker: OptionQLearning, callbacks: Callbacks) -> int:
     """For how many user steps it pays to see decisions through."""
     steps = max(1, round(_HOLD_S * looker.simulation.config.action_frequency_hz))
     holds = sorted({*_HOLDS, looker.config.decide_steps})
@@ -428,7 +428,9 @@ def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> 
     return total * 60.0 / seconds
 
 
-def _expected(config: TrainingConfig, looker: Looker, decision_s: float, rate: float) -> str:
+def _expected(
+    config: TrainingConfig, looker: OptionQLearning, decision_s: float, rate: float
+) -> str:
     """One line: how long a run will take.
 
     Args:
@@ -452,7 +454,9 @@ def _expected(config: TrainingConfig, looker: Looker, decision_s: float, rate: f
     return f"{line}, {student} for the student and {alone} of PPO."
 
 
-def _warn(reward: float, before: Mapping[str, float], looker: Looker, callbacks: Callbacks) -> None:
+def _warn(
+    reward: float, before: Mapping[str, float], looker: OptionQLearning, callbacks: Callbacks
+) -> None:
     """Say so where nothing is learned, and what to look at."""
     best = max(before.values())
     if reward > best + 0.05 * abs(best):

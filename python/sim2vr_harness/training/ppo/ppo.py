@@ -13,7 +13,7 @@ import torch
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.policies.sb3_base import StagePolicy
-from sim2vr_harness.policies.visual_actor_critic import UserPolicy, policy_arguments
+from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic, policy_arguments
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.ppo_config import LearningRateConfig, PPOConfig
 from sim2vr_harness.training.ppo.rollout_buffer import FrameRolloutBuffer
@@ -197,7 +197,7 @@ def build(config: TrainingConfig, env: SimulationVecEnv) -> PPO:
     return new_learner(
         config.ppo,
         env,
-        UserPolicy,
+        VisualActorCritic,
         policy_arguments(config.policy),
         total_timesteps=config.total_timesteps,
         seed=config.seed,

@@ -19,7 +19,7 @@ from sim2vr_harness.training.ppo import checkpoint, ppo
 from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 from sim2vr_harness.training.run.callbacks import CheckpointCallback, ProgressCallback
-from sim2vr_harness.training.run.progress import Progress
+from sim2vr_harness.training.run.progress import TrainingProgress
 from sim2vr_harness.training.run.stage import Callbacks
 
 __all__ = ["PPOStage"]
@@ -101,7 +101,7 @@ class PPOStage:
         logger = self._make_logger(start)
         model.set_logger(logger)
         size = self.config.steps_per_iteration
-        progress = Progress(
+        progress = TrainingProgress(
             step=start,
             start_step=start,
             stop_step=self.stop,
@@ -165,7 +165,7 @@ class PPOStage:
     def tidy(self) -> None:
         """See the protocol; checkpoints are kept."""
 
-    def _greet(self, callbacks: Callbacks, progress: Progress) -> None:
+    def _greet(self, callbacks: Callbacks, progress: TrainingProgress) -> None:
         model, env = self._model, self._env
         assert model is not None
         assert env is not None
@@ -196,5 +196,5 @@ class PPOStage:
         )
 
 
-def _note(progress: Progress, file: Any) -> None:
+def _note(progress: TrainingProgress, file: Any) -> None:
     progress.note = f"Saved {file}"

@@ -17,7 +17,7 @@ from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.ppo import checkpoint
 from sim2vr_harness.training.ppo.ppo import PPO
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
-from sim2vr_harness.training.run.progress import Phase, Progress
+from sim2vr_harness.training.run.progress import Phase, TrainingProgress
 from sim2vr_harness.training.run.stage import Callbacks
 
 __all__ = ["CheckpointCallback", "ProgressCallback"]
@@ -107,7 +107,7 @@ class CheckpointCallback(BaseCallback):
 
 
 class ProgressCallback(BaseCallback):
-    """Keeps a :class:`Progress` up to date, during the update as well, and passes rows on.
+    """Keeps a :class:`TrainingProgress` up to date, during the update as well, and passes rows on.
 
     Args:
         progress: The numbers to keep.
@@ -116,7 +116,7 @@ class ProgressCallback(BaseCallback):
 
     model: PPO
 
-    def __init__(self, progress: Progress, callbacks: Callbacks) -> None:
+    def __init__(self, progress: TrainingProgress, callbacks: Callbacks) -> None:
         super().__init__()
         self._progress, self._callbacks = progress, callbacks
         self._hook: Any = None

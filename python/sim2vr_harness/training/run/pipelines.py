@@ -11,11 +11,15 @@ from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder
-from sim2vr_harness.training.dagger.dagger import Guide
-from sim2vr_harness.training.dagger.expert import TeacherGuide
+from sim2vr_harness.training.dagger.dagger import Expert
+from sim2vr_harness.training.dagger.expert import TeacherExpert
 from sim2vr_harness.training.dagger.stage import StudentStage
 from sim2vr_harness.training.model_based.stage import ImaginedStage
-from sim2vr_harness.training.option_q_learning.stage import LookingStage, MotorStage, needs_practice
+from sim2vr_harness.training.option_q_learning.stage import (
+    MotorStage,
+    QLearningStage,
+    needs_practice,
+)
 from sim2vr_harness.training.ppo import ppo
 from sim2vr_harness.training.ppo.fine_tune import user_to_adapt
 from sim2vr_harness.training.ppo.stage import PPOStage
@@ -87,8 +91,8 @@ def _distill(run: Run) -> list[Stage]:
     begin = _with(imagined.weights) if practised else lambda policy: None
     teacher = TeacherStage(config, path / "teacher", begin)
 
-    def guide(simulation: Simulation) -> Guide:
-        return TeacherGuide(teacher.folder.latest_checkpoint(), config.teacher, simulation)
+    def guide(simulation: Simulation) -> Expert:
+        return TeacherExpert(teacher.folder.latest_checkpoint(), config.teacher, simulation)
 
     student = StudentStage(config, path / StudentStage.name, guide)
     title = "the student goes on by itself: PPO from what the user senses."
@@ -106,7 +110,7 @@ def _skills(run: Run) -> list[Stage]:
     motor = MotorStage(config, path / MotorStage.name) if needs_practice(config) else None
     steps = config.skills.looking.user_steps
     user = run.folder.checkpoint_file(steps) if config.decides else None
-    looking = LookingStage(config, path / LookingStage.name, motor, user)
+    looking = QLearningStage(config, path / QLearningStage.name, motor, user)
     if config.decides:
         return [looking] if motor is None else [motor, looking]
     student = StudentStage(config, path / StudentStage.name, looking.guide)

@@ -17,7 +17,7 @@ from rich.text import Text
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.runs.run_folder import metric_key
 
-__all__ = ["Phase", "Progress", "StageDisplay", "View", "duration"]
+__all__ = ["Phase", "StageDisplay", "TrainingProgress", "View", "duration"]
 
 PLAIN_INTERVAL_S = 15.0
 
@@ -48,7 +48,7 @@ class Phase:
 
 
 @dataclass
-class Progress:
+class TrainingProgress:
     """The numbers of a stage that plays and learns by turns.
 
     Attributes:

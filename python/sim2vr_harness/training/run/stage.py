@@ -18,7 +18,7 @@ from sim2vr_harness.base.signals import interrupts_ignored, sigterm_interrupts
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.run.progress import StageDisplay, View
 
-__all__ = ["Callbacks", "Outcome", "Report", "Stage", "StageStopped", "run_stages"]
+__all__ = ["Callbacks", "Report", "Stage", "StageOutcome", "StageStopped", "run_stages"]
 
 
 class StageStopped(Exception):
@@ -157,7 +157,7 @@ class Callbacks:
 
 
 @dataclass
-class Outcome:
+class StageOutcome:
     """How a session ended.
 
     Attributes:
@@ -188,7 +188,7 @@ def run_stages(
     opened: Stage | None = None,
     report: Callable[[Report], None] | None = None,
     stop: Callable[[], bool] | None = None,
-) -> Outcome:
+) -> StageOutcome:
     """Run what is left of a run's stages, one after the other.
 
     Args:
@@ -202,7 +202,7 @@ def run_stages(
     Returns:
         How it ended. An error passes through, after the stage has saved.
     """
-    outcome = Outcome()
+    outcome = StageOutcome()
     for stage in stages:
         if stage.finished:
             stage.tidy()

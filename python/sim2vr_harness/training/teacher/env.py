@@ -19,7 +19,7 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.games import ImaginedCondition, ImaginedGame, imagined_game, imagined_games
 from sim2vr_harness.runs.teacher_config import TeacherConfig
-from sim2vr_harness.training.teacher.initial_states import StartPostures, find_start_postures
+from sim2vr_harness.training.teacher.initial_states import InitialStates, find_start_postures
 
 __all__ = ["TeacherSimulation", "blind_env", "game_of", "privileged_senses"]
 
@@ -118,7 +118,7 @@ class TeacherSimulation:
         self._limit = np.ones(self.n, dtype=np.int64)
         self.fail_rates = np.ones((len(self.conditions), self.game.cells))
         """Running averages of the fail rates in training, by condition and cell."""
-        self.postures: StartPostures | None = None
+        self.postures: InitialStates | None = None
         curriculum = config.curriculum
         if curriculum.near_starts > 0.0 and self.game.start_fields is not None:
             self.postures = find_start_postures(

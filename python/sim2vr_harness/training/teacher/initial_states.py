@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.games import ImaginedGame
 
-__all__ = ["StartPostures", "find_start_postures", "joint_box"]
+__all__ = ["InitialStates", "find_start_postures", "joint_box"]
 
 FloatArray = NDArray[np.float64]
 
@@ -19,7 +19,7 @@ _SPREAD = 0.25
 """Standard deviation of a changed posture, as a share of the joints' ranges."""
 
 
-class StartPostures:
+class InitialStates:
     """Postures by condition and cell.
 
     Args:
@@ -66,7 +66,7 @@ def find_start_postures(
     per_cell: int,
     seed: int,
     most_rounds: int = 400,
-) -> StartPostures:
+) -> InitialStates:
     """Look for postures that hold the tool where an action may begin, by asking the game.
 
     Half of the postures tried are drawn from the box of joint angles, half are neighbours of those
@@ -109,7 +109,7 @@ def find_start_postures(
             if len(kept) == game.cells and all(len(k) == per_cell for k in kept.values()):
                 break
         found[condition] = {cell: np.array(postures) for cell, postures in sorted(kept.items())}
-    return StartPostures(found)
+    return InitialStates(found)
 
 
 def _candidates(

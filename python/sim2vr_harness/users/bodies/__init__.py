@@ -15,16 +15,16 @@ from sim2vr_harness.users.bodies.body import (
 )
 from sim2vr_harness.users.bodies.options import Physique, ResetOptions
 from sim2vr_harness.users.bodies.registry import is_file, list_bodies, load_body
-from sim2vr_harness.users.bodies.spec_body import Plan, SpecBody
+from sim2vr_harness.users.bodies.spec_body import BodyPlan, SpecBody
 
 __all__ = [
     "DEVICES",
     "ActuatorGroup",
     "Body",
+    "BodyPlan",
     "Coupling",
     "EffortInputs",
     "Physique",
-    "Plan",
     "ResetOptions",
     "ResetRule",
     "SpecBody",

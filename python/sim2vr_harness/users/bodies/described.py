@@ -34,7 +34,7 @@ from sim2vr_harness.users.bodies.meshes import compose
 from sim2vr_harness.users.bodies.options import LEAST_STEP_S, MOST_STEP_S, BodyOptions
 from sim2vr_harness.users.bodies.person import Anatomy, Segment
 from sim2vr_harness.users.bodies.rules import usual_rule
-from sim2vr_harness.users.bodies.spec_body import MEAN_IPD_M, Plan
+from sim2vr_harness.users.bodies.spec_body import MEAN_IPD_M, BodyPlan
 from sim2vr_harness.users.bodies.tables import load_device_rows
 from sim2vr_harness.users.bodies.tailored import tailored_body
 from sim2vr_harness.users.name_errors import unknown_name
@@ -122,7 +122,7 @@ class _Described:
                 f"{LEAST_STEP_S:g} to {MOST_STEP_S:g} (s)"
             )
         used = [name for group in self._groups for name in group.actuators]
-        plan = Plan(
+        plan = BodyPlan(
             name=description.name or self._file.stem,
             devices=self._devices,
             actuator_groups=self._groups,

@@ -13,7 +13,7 @@ from sim2vr_harness.users.bodies.body import ActuatorGroup, Body, EffortInputs
 from sim2vr_harness.users.bodies.both_arms import both_arms
 from sim2vr_harness.users.bodies.options import BodyOptions
 from sim2vr_harness.users.bodies.person import Anatomy, Segment
-from sim2vr_harness.users.bodies.spec_body import Plan
+from sim2vr_harness.users.bodies.spec_body import BodyPlan
 from sim2vr_harness.users.bodies.table_spec import build_spec
 from sim2vr_harness.users.bodies.tables import (
     DeviceRow,
@@ -53,7 +53,7 @@ def table_body(options: BodyOptions) -> Body:
         return spec
 
     own_step: float = settings["timestep_s"]
-    plan = Plan(
+    plan = BodyPlan(
         name=options.name,
         devices=worn,
         actuator_groups=_groups(tables),
@@ -80,7 +80,7 @@ def _tables(name: str) -> tuple[ModelTables, dict[str, DeviceRow]]:
     return tables, {**known, left.name: left}
 
 
-def _upright(plan: Plan, looking_down_deg: float) -> Plan:
+def _upright(plan: BodyPlan, looking_down_deg: float) -> BodyPlan:
     """Has the trunk begin upright and stay so, until its motors are told otherwise."""
     posture = {**plan.reset_rule.posture, NOD: math.radians(looking_down_deg)}
     return replace(

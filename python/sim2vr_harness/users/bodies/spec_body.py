@@ -30,7 +30,7 @@ _SCALAR = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
 
 
 @dataclass(frozen=True)
-class Plan:
+class BodyPlan:
     """What the parts of a body are for; fields as in `Body`.
 
     Attributes:
@@ -66,7 +66,7 @@ class SpecBody:
     """
 
     def __init__(
-        self, plan: Plan, build: Callable[[bool], mujoco.MjSpec], appearance: bool = True
+        self, plan: BodyPlan, build: Callable[[bool], mujoco.MjSpec], appearance: bool = True
     ) -> None:
         self.name = plan.name
         self.devices = plan.devices
@@ -105,7 +105,7 @@ class SpecBody:
         spec.option.timestep = self.timestep
         return spec
 
-    def _check(self, plan: Plan) -> None:
+    def _check(self, plan: BodyPlan) -> None:
         model = self.physics_model
         joints = _names(model, "joint", model.njnt)
         actuators = _names(model, "actuator", model.nu)

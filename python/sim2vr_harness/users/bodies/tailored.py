@@ -12,12 +12,12 @@ from sim2vr_harness.users.bodies.mirror import mirror, swapped
 from sim2vr_harness.users.bodies.options import BodyOptions, ResetOptions
 from sim2vr_harness.users.bodies.person import Anatomy, change_joints, resize, strengthen
 from sim2vr_harness.users.bodies.rules import Motor
-from sim2vr_harness.users.bodies.spec_body import Plan, SpecBody
+from sim2vr_harness.users.bodies.spec_body import BodyPlan, SpecBody
 from sim2vr_harness.users.name_errors import unknown_name
 
 
 def tailored_body(
-    plan: Plan,
+    plan: BodyPlan,
     build: Callable[[bool], mujoco.MjSpec],
     options: BodyOptions,
     anatomy: Anatomy,
@@ -58,7 +58,7 @@ def tailored_body(
     return SpecBody(plan, made, options.appearance)
 
 
-def _beginning(plan: Plan, reset: ResetOptions) -> ResetRule:
+def _beginning(plan: BodyPlan, reset: ResetOptions) -> ResetRule:
     """The body's own way to begin, changed by what `reset` sets; joints left out stay."""
     rule = plan.reset_rule
     if reset.posture is not None and reset.posture not in plan.postures:
@@ -79,7 +79,7 @@ def _beginning(plan: Plan, reset: ResetOptions) -> ResetRule:
     return rule
 
 
-def _own_hand(plan: Plan) -> str:
+def _own_hand(plan: BodyPlan) -> str:
     """The hand that a body plays with: the right one, if it wears a controller there."""
     only_left = "controller_left" in plan.devices and "controller_right" not in plan.devices
     return "left" if only_left else "right"

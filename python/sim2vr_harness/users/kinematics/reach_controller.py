@@ -17,7 +17,7 @@ from scipy.optimize import lsq_linear
 from sim2vr_harness.users.actuation import Actuation
 from sim2vr_harness.users.bodies.body import Body
 
-__all__ = ["Reacher"]
+__all__ = ["ReachController"]
 
 FloatArray = NDArray[np.float64]
 
@@ -31,7 +31,7 @@ _EASE = 0.3
 """Weight of activations beside torques, N m: of muscles that pull against each other, less."""
 
 
-class Reacher:
+class ReachController:
     """Says what the muscles of a body have to do for a device to come to a place.
 
     Args:

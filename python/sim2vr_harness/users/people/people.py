@@ -53,7 +53,7 @@ class PeopleSettings(Settings):
         return names
 
 
-class People:
+class Population:
     """Draws persons.
 
     Args:

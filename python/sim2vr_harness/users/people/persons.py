@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.bodies.options import Physique
-from sim2vr_harness.users.people.people import People
+from sim2vr_harness.users.people.people import Population
 from sim2vr_harness.users.people.person import AVERAGE, FEATURES, Person
 
 FloatArray = NDArray[np.float64]
@@ -41,7 +41,7 @@ class Persons:
         self,
         body: Body,
         batch: Batch,
-        people: People | None = None,
+        people: Population | None = None,
         cut: Callable[[Physique], Body] | None = None,
     ) -> None:
         n = batch.nsim

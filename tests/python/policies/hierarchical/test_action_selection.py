@@ -8,16 +8,16 @@ from typing import Any, cast
 import pytest
 import torch
 
-from sim2vr_harness.policies.hierarchical.action_selection import best_choices, lose_patience
-from sim2vr_harness.policies.hierarchical.primitives import MOVES, Choice, Mover
+from sim2vr_harness.policies.hierarchical.action_selection import best_choices, mask_unreached
+from sim2vr_harness.policies.hierarchical.primitives import MOVES, OptionChoice, PrimitiveController
 
 CELLS = torch.tensor([[0.4, 0.0, 1.0], [0.4, 0.03, 1.0], [0.4, 0.1, 1.0], [2.0, 0.0, 1.0]])
-MOVER = cast(Mover, SimpleNamespace(layer=SimpleNamespace(step_s=0.05)))
+MOVER = cast(PrimitiveController, SimpleNamespace(layer=SimpleNamespace(step_s=0.05)))
 
 
-def waiting(at: int, short_m: float) -> Choice:
+def waiting(at: int, short_m: float) -> OptionChoice:
     """A hand that goes for a cell, and is told to be so far before it."""
-    choice = Choice(1, 1)
+    choice = OptionChoice(1, 1)
     choice.move[:] = MOVES.index("touch")
     choice.seen[0, 0] = CELLS[at]
     choice.place[0, 0] = CELLS[at] - torch.tensor([short_m, 0.0, 0.0])
@@ -25,7 +25,7 @@ def waiting(at: int, short_m: float) -> Choice:
 
 
 def left_alone(
-    choice: Choice,
+    choice: OptionChoice,
     speed: float,
     decisions: int,
     hold: int = 1,
@@ -39,7 +39,7 @@ def left_alone(
     for number in range(decisions):
         moved = [speed * 0.05 * hold * number, 0.0, shaken_m * (-1.0) ** number]
         tip = torch.tensor([[start]]) + torch.tensor(moved)
-        there = lose_patience(choice, tip, something, places, hold, MOVER)
+        there = mask_unreached(choice, tip, something, places, hold, MOVER)
         found.append(torch.nonzero(~there[0, 0]).flatten().tolist())
     return found
 
@@ -91,10 +91,10 @@ def test_a_decision_of_five_steps_counts_five() -> None:
     [
         pytest.param(waiting(0, 0.0), 0.2, id="moves"),
         pytest.param(waiting(3, 1.4), 0.0, id="what it waits for is to come"),
-        pytest.param(Choice(1, 1), 0.0, id="rests"),
+        pytest.param(OptionChoice(1, 1), 0.0, id="rests"),
     ],
 )
-def test_others_are_patient(choice: Choice, speed: float) -> None:
+def test_others_are_patient(choice: OptionChoice, speed: float) -> None:
     assert left_alone(choice, speed, 60) == [[]] * 60
 
 

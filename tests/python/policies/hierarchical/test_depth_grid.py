@@ -7,12 +7,12 @@ import pytest
 import torch
 
 from sim2vr_harness.policies.hierarchical.action_selection import best_choices
-from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX, FAR_M, Sight, rotation
+from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX, FAR_M, DepthGrid, rotation
 from sim2vr_harness.policies.hierarchical.primitives import MOVES
 
 
 def test_the_middle_of_the_picture_is_straight_ahead() -> None:
-    sight = Sight(80, 120)
+    sight = DepthGrid(80, 120)
     assert (sight.rows, sight.columns, sight.cells) == (20, 30, 600)
     depth = torch.full((1, 80, 120), 255, dtype=torch.uint8)
     depth[0, 40, 60] = 25  # just right of and below the axis
@@ -24,7 +24,7 @@ def test_the_middle_of_the_picture_is_straight_ahead() -> None:
 
 
 def test_the_upper_left_corner_is_up_and_left_of_a_turned_head() -> None:
-    sight = Sight(80, 120)
+    sight = DepthGrid(80, 120)
     depth = torch.full((1, 80, 120), 50, dtype=torch.uint8)
     half = np.sqrt(0.5)
     turned = rotation(np.array([[half, 0.0, 0.0, half]]))  # a quarter turn to the left
@@ -36,7 +36,7 @@ def test_the_upper_left_corner_is_up_and_left_of_a_turned_head() -> None:
 
 
 def test_a_cell_is_where_its_nearest_pixel_is() -> None:
-    sight = Sight(80, 120)
+    sight = DepthGrid(80, 120)
     depth = torch.full((1, 80, 120), 200, dtype=torch.uint8)
     depth[0, 7, 11] = 10
     place = sight.places(depth, torch.zeros(1, 3), torch.eye(3)[None])
@@ -46,7 +46,7 @@ def test_a_cell_is_where_its_nearest_pixel_is() -> None:
 
 def test_only_what_is_there_is_chosen() -> None:
     """Two cells of a picture of 4 x 8 pixels; the last choice is to rest."""
-    sight = Sight(4, 8)
+    sight = DepthGrid(4, 8)
     depth = torch.full((3, 4, 8), 255, dtype=torch.uint8)
     depth[0, 3, 7] = 254  # one pixel, 9.98 m away
     depth[1] = 100

@@ -7,11 +7,11 @@ import math
 import pytest
 import torch
 
-from sim2vr_harness.policies.hierarchical.goal_sampler import LEAD_STEPS, Exercises, off_goal
+from sim2vr_harness.policies.hierarchical.goal_sampler import LEAD_STEPS, GoalSampler, off_goal
 from sim2vr_harness.policies.hierarchical.motor_goals import (
     GOAL_SIZE,
     MOMENT_S,
-    Goals,
+    MotorGoals,
     describe,
     tips,
 )
@@ -35,7 +35,7 @@ def test_the_tip_of_a_tool_goes_where_the_device_points() -> None:
 def test_a_goal_is_told_as_way_velocities_and_time() -> None:
     now = turned_left((0.0, 0.0, 1.0))
     soon = turned_left((0.0, 0.01, 1.0))  # 2 m/s to the left
-    goals = Goals.none(1, 1)
+    goals = MotorGoals.none(1, 1)
     goals.place[:] = torch.tensor([0.3, 0.0, 1.0])
     goals.velocity[:] = torch.tensor([1.5, 0.0, 0.0])
     goals.left_s[:] = 0.5
@@ -62,7 +62,7 @@ def poses() -> torch.Tensor:
 
 
 def test_a_hand_that_is_where_it_shall_be_earns_most() -> None:
-    exercises = Exercises(poses(), 64, 0.05, seed=1)
+    exercises = GoalSampler(poses(), 64, 0.05, seed=1)
     exercises.tools = False
     start = poses()[:64]
     exercises.start(torch.arange(64), start)
@@ -70,7 +70,7 @@ def test_a_hand_that_is_where_it_shall_be_earns_most() -> None:
     worth_there, worth_away = 0.0, 0.0
     for _ in range(40):
         goals = exercises.goals
-        other = Exercises(poses(), 64, 0.05, seed=1)
+        other = GoalSampler(poses(), 64, 0.05, seed=1)
         other.load_state(exercises.state())
         # Paths run ahead: where the hand shall be now is what was shown LEAD_STEPS ago.
         arrives = (goals.left_s <= 0.051) & (goals.left_s > 0.0)
@@ -90,7 +90,7 @@ def test_a_hand_that_is_where_it_shall_be_earns_most() -> None:
 
 
 def test_a_path_is_shown_ahead_of_time_with_its_velocity() -> None:
-    exercises = Exercises(poses(), 256, 0.05, seed=2)
+    exercises = GoalSampler(poses(), 256, 0.05, seed=2)
     exercises.tools = False
     start = poses()[:256]
     exercises.start(torch.arange(256), start)
@@ -110,7 +110,7 @@ def test_a_path_is_shown_ahead_of_time_with_its_velocity() -> None:
 
 
 def test_exercises_go_on_from_a_state_to_the_bit() -> None:
-    one, other = (Exercises(poses(), 16, 0.05, seed=seed) for seed in (4, 5))
+    one, other = (GoalSampler(poses(), 16, 0.05, seed=seed) for seed in (4, 5))
     start = poses()[:16]
     one.start(torch.arange(16), start)
     one.step(start, start)

@@ -14,13 +14,13 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.packing import pack_measured
 from sim2vr_harness.evaluation.playing import load_user_policy
-from sim2vr_harness.policies.hierarchical.action_selection import Chooser
-from sim2vr_harness.policies.hierarchical.action_value_map import PlaceValues
-from sim2vr_harness.policies.hierarchical.depth_grid import Sight
-from sim2vr_harness.policies.hierarchical.frame_history import PastPictures
+from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector
+from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
+from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
+from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
-from sim2vr_harness.policies.hierarchical.option_policy import DecidingUser, require_senses
-from sim2vr_harness.policies.hierarchical.primitives import Choice, Mover
+from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, require_senses
+from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config
@@ -45,10 +45,10 @@ def config(*changes: str) -> TrainingConfig:
     return load_config(CONFIGS / "skills.yaml", [*given, *changes])
 
 
-def opinionated(sight: Sight) -> PlaceValues:
+def opinionated(sight: DepthGrid) -> ActionValueMap:
     """Values that differ: those of a new network are all 0."""
     torch.manual_seed(4)
-    net = PlaceValues(sight, 1, width=config().skills.looking.width)
+    net = ActionValueMap(sight, 1, width=config().skills.looking.width)
     torch.nn.init.normal_(net.leave.weight)
     return net
 
@@ -59,13 +59,13 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
     simulation = Simulation(settings.env, USERS)
     layer = motor_layer_for(simulation.body, 0.05)
     tool = torch.tensor([[[0.083, -0.01, 0.002], [0.06, -0.01, 0.002]]])
-    mover = Mover(layer, tool, reachable_poses(layer, settings.seed))
-    chooser = Chooser(simulation, mover, PastPictures(simulation))
+    mover = PrimitiveController(layer, tool, reachable_poses(layer, settings.seed))
+    chooser = ActionSelector(simulation, mover, FrameHistory(simulation))
     net = opinionated(chooser.sight)
-    user = DecidingUser(settings)
+    user = HierarchicalPolicy(settings)
     user.learned(layer, net, tool, HELD)
     simulation.reset(seeds=[5, 6, 7])
-    choice, intended = Choice(USERS, 1), [user.begin() for _ in range(USERS)]
+    choice, intended = OptionChoice(USERS, 1), [user.begin() for _ in range(USERS)]
     moves = []
     for step in range(3 * HELD):
         if step % HELD == 0:

@@ -8,13 +8,13 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M
-from sim2vr_harness.policies.hierarchical.tool_detection import Look, tools_in
+from sim2vr_harness.policies.hierarchical.tool_detection import ToolView, tools_in
 
 HEIGHT, WIDTH = 80, 120
 WALL_M = 0.6
 
 
-def looks_at(wall: bool, stick_m: float, users: int = 8, number: int = 60) -> list[Look]:
+def looks_at(wall: bool, stick_m: float, users: int = 8, number: int = 60) -> list[ToolView]:
     """Pictures of users whose hand moves about with a stick 2 cm thick along its x axis, before a
     wall if there is one."""
     random = np.random.default_rng(1)
@@ -30,7 +30,7 @@ def looks_at(wall: bool, stick_m: float, users: int = 8, number: int = 60) -> li
             draw(far[i], cameras[i], places[i], wall, stick_m)
         level = np.floor(far * 255.0 / FAR_M)
         depth = ((level + 0.5) * FAR_M / 255.0).astype(np.float32)
-        taken.append(Look(depth, cameras, places[:, None]))
+        taken.append(ToolView(depth, cameras, places[:, None]))
     return taken
 
 

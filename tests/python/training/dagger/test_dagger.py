@@ -13,8 +13,8 @@ import torch
 from fake_simulation import FakeSimulation
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.policies.visual_actor_critic import UserPolicy
-from sim2vr_harness.runs.attention_config import GlimpseConfig
+from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
+from sim2vr_harness.runs.attention_config import AttentionCropConfig
 from sim2vr_harness.runs.checkpoint import read_tensors, write_tensors
 from sim2vr_harness.runs.config import PolicyConfig
 from sim2vr_harness.runs.dagger_config import StudentConfig
@@ -88,7 +88,7 @@ def make(
     simulation = FakeSimulation(n=config.n_envs)
     torch.manual_seed(seed)
     sizes = PolicyConfig(vision_channels=(4,), vision_features=8, net_arch=(32,), **policy_settings)
-    policy = UserPolicy(
+    policy = VisualActorCritic(
         simulation.observation_space, simulation.action_space, lambda _: 0.0, config=sizes
     )
     folder.mkdir(exist_ok=True)
@@ -154,7 +154,7 @@ def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path, kept: int | None
 
 
 def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> None:
-    glimpses = GlimpseConfig(count=1, vision_pixels=8, features=8)
+    glimpses = AttentionCropConfig(count=1, vision_pixels=8, features=8)
     config = CONFIG.model_copy(update={"numbers_weight": 0.5})
 
     def student(name: str) -> Student:
@@ -188,7 +188,7 @@ def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> Non
 
 
 def test_heads_depend_on_the_seed_alone(tmp_path: Path) -> None:
-    glimpses = GlimpseConfig(count=1, vision_pixels=8, features=8)
+    glimpses = AttentionCropConfig(count=1, vision_pixels=8, features=8)
     config = CONFIG.model_copy(update={"numbers_weight": 0.5})
     one = make(tmp_path / "one", config, guide=GazingGuide(), glimpses=glimpses)
     torch.manual_seed(99)
@@ -200,11 +200,11 @@ def test_heads_depend_on_the_seed_alone(tmp_path: Path) -> None:
 
 
 def test_only_students_learn_where_to_look(tmp_path: Path) -> None:
-    glimpses = GlimpseConfig(count=1, vision_pixels=8, features=8)
+    glimpses = AttentionCropConfig(count=1, vision_pixels=8, features=8)
     student = make(tmp_path, guide=GazingGuide(), glimpses=glimpses)
     fixed = [key for key, p in student.policy.named_parameters() if not p.requires_grad]
     assert not fixed
-    policy = UserPolicy(
+    policy = VisualActorCritic(
         student.simulation.observation_space,
         student.simulation.action_space,
         lambda _: 1e-4,
@@ -216,7 +216,7 @@ def test_only_students_learn_where_to_look(tmp_path: Path) -> None:
 
 
 def test_more_glimpses_than_things_are_refused(tmp_path: Path) -> None:
-    glimpses = GlimpseConfig(count=2, vision_pixels=8, features=8)
+    glimpses = AttentionCropConfig(count=2, vision_pixels=8, features=8)
     with pytest.raises(InputError) as error:
         make(tmp_path, guide=GazingGuide(), glimpses=glimpses)
     assert str(error.value).startswith("policy.glimpses.count: got 2, expected at most 1")

@@ -27,7 +27,7 @@ from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.world_models.body_dynamics import fit_body
 from sim2vr_harness.world_models.motor_noise import ImaginedNoise
-from sim2vr_harness.world_models.transitions import Experience, Motion
+from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 
@@ -60,7 +60,7 @@ def new_rollouts(*overrides: str, env: EnvConfig = ENV) -> ImaginedRollouts:
     return ImaginedRollouts(settings.imagined, policy, simulation, seed=4)
 
 
-def experience(rollouts: ImaginedRollouts) -> Experience:
+def experience(rollouts: ImaginedRollouts) -> TransitionStore:
     return rollouts._seen[0]
 
 

@@ -7,13 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
-from sim2vr_harness.training.motor_control.benchmark import Aimed, MotorMeasures, measure_layer
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.training.motor_control.benchmark import (
+    BenchmarkMovements,
+    MotorMeasures,
+    measure_layer,
+)
 from sim2vr_harness.training.motor_control.benchmark_figure import draw_measures
 from sim2vr_harness.users import load_body
 
 
-def aimed(distance_m: float, time_s: float, spread_m: float, count: int = 400) -> Aimed:
+def aimed(
+    distance_m: float, time_s: float, spread_m: float, count: int = 400
+) -> BenchmarkMovements:
     """Hands that go ahead, and end as far on average, with such a standard deviation."""
     ends = np.zeros((count, 3))
     ends[:, 0] = distance_m + spread_m * np.where(np.arange(count) % 2, 1.0, -1.0)
@@ -22,7 +28,7 @@ def aimed(distance_m: float, time_s: float, spread_m: float, count: int = 400) -
     nothing = np.full(count, np.nan)
     still = np.zeros((count, 3))
     times = np.full(count, time_s)
-    return Aimed(still, goal, still, times, ends, still, nothing, nothing, nothing)
+    return BenchmarkMovements(still, goal, still, times, ends, still, nothing, nothing, nothing)
 
 
 def test_difficulties_are_iso_9241_s() -> None:
@@ -45,12 +51,12 @@ def test_difficulties_are_iso_9241_s() -> None:
 def test_errors_are_those_of_end_points_and_velocities() -> None:
     one = aimed(0.2, 0.4, 0.03, count=4)
     np.testing.assert_allclose(one.error_m, np.hypot(0.03, 0.01))
-    asked = Aimed(**{**vars(one), "velocity": np.tile([3.0, 0.0, 0.0], (4, 1))})
+    asked = BenchmarkMovements(**{**vars(one), "velocity": np.tile([3.0, 0.0, 0.0], (4, 1))})
     np.testing.assert_allclose(asked.speed_error_mps, 3.0)
 
 
 def test_a_layer_that_has_learned_nothing_is_measured_and_drawn(tmp_path: Path) -> None:
-    layer = MotorLayer(load_body("mobl_arms_wrist"), 0.05, width=8).requires_grad_(False)
+    layer = MotorPolicy(load_body("mobl_arms_wrist"), 0.05, width=8).requires_grad_(False)
     first, again = (measure_layer(layer, bodies=16, threads=1, seed=2) for _ in range(2))
     numbers = first.summary()
     assert numbers == again.summary()

@@ -14,19 +14,19 @@ from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.hierarchical import motor_store as shipped
 from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S
-from sim2vr_harness.policies.hierarchical.motor_policy import MotorLayer
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
     load_motor_layer,
     motor_layer_for,
     save_motor_layer,
     shipped_layers,
 )
-from sim2vr_harness.policies.hierarchical.primitives import MOVES, Choice, Mover
+from sim2vr_harness.policies.hierarchical.primitives import MOVES, OptionChoice, PrimitiveController
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
-from sim2vr_harness.runs.option_config import LookingConfig, MotorPracticeConfig
-from sim2vr_harness.training.motor_control.practice import MotorPractice
-from sim2vr_harness.training.option_q_learning.q_learning import Looker
+from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConfig
+from sim2vr_harness.training.motor_control.practice import MotorTraining
+from sim2vr_harness.training.option_q_learning.q_learning import OptionQLearning
 from sim2vr_harness.users import UserBatch, list_bodies, load_body
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -35,7 +35,7 @@ STEP_S = 0.05
 
 
 @pytest.fixture(scope="module")
-def layer() -> MotorLayer:
+def layer() -> MotorPolicy:
     return motor_layer_for(load_body("mobl_arms_wrist"), STEP_S)
 
 
@@ -50,10 +50,10 @@ def test_a_shipped_layer_brings_hands_to_places_and_stops_there(body: str) -> No
     places = torch.stack([right, right * torch.tensor([1.0, -1.0, 1.0])], 1)[:, :hands]
     bodies = UserBatch(layer.body, 3, threads=1, effort="zero")
     bodies.reset(range(3), [np.random.default_rng(i) for i in range(3)])
-    choice = Choice(3, hands)
+    choice = OptionChoice(3, hands)
     choice.move[:] = MOVES.index("touch")
     choice.place = places
-    mover = Mover(layer, torch.zeros(hands, 2, 3), reachable_poses(layer, 1))
+    mover = PrimitiveController(layer, torch.zeros(hands, 2, 3), reachable_poses(layer, 1))
     for _ in range(40):
         angles, speeds, _ = layer.motion(bodies)
         head = torch.from_numpy(bodies.device_poses("headset")[0]).float()
@@ -70,9 +70,9 @@ def test_a_shipped_layer_brings_hands_to_places_and_stops_there(body: str) -> No
     assert float(off.max()) < (0.04 if hands == 1 else 0.06), off
 
 
-def test_a_push_goes_through_its_place_away_from_the_head(layer: MotorLayer) -> None:
-    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
-    choice = Choice(1, 1)
+def test_a_push_goes_through_its_place_away_from_the_head(layer: MotorPolicy) -> None:
+    mover = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    choice = OptionChoice(1, 1)
     choice.move[:] = MOVES.index("push")
     choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
     place = torch.eye(4)[None, None].clone()
@@ -88,9 +88,9 @@ def test_a_push_goes_through_its_place_away_from_the_head(layer: MotorLayer) -> 
     assert swung.tolist() == pytest.approx([0.0, -half, half])  # y is to the left
 
 
-def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorLayer) -> None:
-    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
-    choice = Choice(1, 1)
+def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorPolicy) -> None:
+    mover = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    choice = OptionChoice(1, 1)
     choice.move[:] = MOVES.index("push")
     choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
     head, near = torch.tensor([[0.0, 0.0, 1.2]]), torch.eye(4)[None, None].clone()
@@ -105,8 +105,8 @@ def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorLayer) ->
     assert fast.velocity[0, 0, 0].item() == pytest.approx(2.5)
 
 
-def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorLayer) -> None:
-    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorPolicy) -> None:
+    mover = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
     near, touches = torch.tensor([[0.4, -0.25, 1.1]]), torch.zeros(1, dtype=torch.bool)
     assert torch.equal(mover.within_reach(0, near, touches), near)
     far = mover.within_reach(0, torch.tensor([[3.0, -0.25, 1.1]]), touches)[0]
@@ -114,14 +114,14 @@ def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorLayer) -> 
     assert far[1:].tolist() == pytest.approx([-0.25, 1.1], abs=0.12)
 
 
-def test_a_blade_swings_with_its_middle_and_touches_with_its_tip(layer: MotorLayer) -> None:
+def test_a_blade_swings_with_its_middle_and_touches_with_its_tip(layer: MotorPolicy) -> None:
     """Visible from 0.1 to 1 m before the hand, three quarters' middle is at 0.625 m."""
     blade = Tool(np.outer(np.linspace(0.1, 1.0, 901), [1.0, 0.0, 0.0]))
     assert blade.middle == pytest.approx([0.625, 0.0, 0.0], abs=1e-3)
     assert blade.tip == pytest.approx([0.978, 0.0, 0.0], abs=1e-3)
     tool = torch.tensor(np.array([[blade.tip, blade.middle]]), dtype=torch.float32)
-    mover = Mover(layer, tool, reachable_poses(layer, 1))
-    choice, place = Choice(2, 1), torch.eye(4).repeat(2, 1, 1, 1)
+    mover = PrimitiveController(layer, tool, reachable_poses(layer, 1))
+    choice, place = OptionChoice(2, 1), torch.eye(4).repeat(2, 1, 1, 1)
     choice.move[:, 0] = torch.tensor([MOVES.index("touch"), MOVES.index("up")])
     goals = mover.goals(choice, torch.zeros(2, 3), place, place)
     assert goals.tip[:, 0, 0].tolist() == pytest.approx([0.978, 0.625], abs=1e-3)
@@ -138,7 +138,7 @@ def env(game: str) -> EnvConfig:
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
-def test_the_hammer_is_found_in_the_hand(layer: MotorLayer, seed: int) -> None:
+def test_the_hammer_is_found_in_the_hand(layer: MotorPolicy, seed: int) -> None:
     """A tenth of the pictures show it. Places: shared facts, whacamole.md, 5."""
     simulation = Simulation(env("whacamole"), 32)
     (tool,) = find_tools(simulation, layer, reachable_poses(layer, 1), seed=seed)
@@ -148,27 +148,27 @@ def test_the_hammer_is_found_in_the_hand(layer: MotorLayer, seed: int) -> None:
     assert len(tool.points) > 10
 
 
-def test_an_empty_hand_holds_nothing(layer: MotorLayer) -> None:
+def test_an_empty_hand_holds_nothing(layer: MotorPolicy) -> None:
     simulation = Simulation(env("sample"), 32)
     (tool,) = find_tools(simulation, layer, reachable_poses(layer, 1), seed=1)
     simulation.close()
     assert not tool.tip.any()
 
 
-SMALL = LookingConfig(
+SMALL = QLearningConfig(
     users=3, user_steps=240, try_steps=90, explore_steps=100, batch_size=8, decide_steps=3
 )
 
 
-def looker(layer: MotorLayer, folder: Path, cores: int = 1) -> Looker:
+def looker(layer: MotorPolicy, folder: Path, cores: int = 1) -> OptionQLearning:
     folder.mkdir(exist_ok=True)
     config = env("sample").model_copy(update={"cores": cores})
     simulation = Simulation(config, SMALL.users)
-    mover = Mover(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
-    return Looker(SMALL, simulation, mover, folder / "pictures.bin", seed=2)
+    mover = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    return OptionQLearning(SMALL, simulation, mover, folder / "pictures.bin", seed=2)
 
 
-def test_looking_goes_on_from_a_state_to_the_bit(layer: MotorLayer, tmp_path: Path) -> None:
+def test_looking_goes_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path: Path) -> None:
     whole = looker(layer, tmp_path / "whole")
     while not whole.finished:
         last = whole.step()
@@ -189,7 +189,7 @@ def test_looking_goes_on_from_a_state_to_the_bit(layer: MotorLayer, tmp_path: Pa
         one.simulation.close()
 
 
-def test_timing_an_update_changes_nothing(layer: MotorLayer, tmp_path: Path) -> None:
+def test_timing_an_update_changes_nothing(layer: MotorPolicy, tmp_path: Path) -> None:
     timed, other = looker(layer, tmp_path / "timed"), looker(layer, tmp_path / "other")
     while not timed.finished:
         other.step()
@@ -202,7 +202,7 @@ def test_timing_an_update_changes_nothing(layer: MotorLayer, tmp_path: Path) -> 
         one.simulation.close()
 
 
-def test_learning_beside_playing_is_learning_before_it(layer: MotorLayer, tmp_path: Path) -> None:
+def test_learning_beside_playing_is_learning_before_it(layer: MotorPolicy, tmp_path: Path) -> None:
     alone, beside = (looker(layer, tmp_path / f"{cores}", cores) for cores in (1, 2))
     while not alone.finished:
         one, other = asdict(alone.step()), asdict(beside.step())
@@ -213,7 +213,7 @@ def test_learning_beside_playing_is_learning_before_it(layer: MotorLayer, tmp_pa
         one.simulation.close()
 
 
-def test_tries_and_steps_grow_smaller_in_the_end(layer: MotorLayer, tmp_path: Path) -> None:
+def test_tries_and_steps_grow_smaller_in_the_end(layer: MotorPolicy, tmp_path: Path) -> None:
     """Half-way through the last half: tries fall to 1 - .75 / 2 of .08, and rates alike."""
     one = looker(layer, tmp_path / "settling")
     one.step_count = 120
@@ -225,7 +225,7 @@ def test_tries_and_steps_grow_smaller_in_the_end(layer: MotorLayer, tmp_path: Pa
     one.simulation.close()
 
 
-TINY = MotorPracticeConfig(
+TINY = MotorTrainingConfig(
     cycles=2,
     bodies=4,
     first_play_steps=12,
@@ -242,13 +242,13 @@ TINY = MotorPracticeConfig(
 
 def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
     body = load_body("mobl_arms_wrist")
-    whole = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)
+    whole = MotorTraining(TINY, body, STEP_S, threads=1, seed=3)
     reports = [whole.step(), whole.step()]
     assert reports[0].in_words(2).startswith("Cycle 1/2: moved at random, ")
     assert reports[1].in_words(2).startswith("Cycle 2/2: arrives ")
-    parts = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)
+    parts = MotorTraining(TINY, body, STEP_S, threads=1, seed=3)
     assert parts.step() == reports[0]
-    again = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)
+    again = MotorTraining(TINY, body, STEP_S, threads=1, seed=3)
     again.load_state(parts.state())
     assert again.step() == reports[1]
     for name, values in whole.layer.weights().items():
@@ -266,11 +266,11 @@ def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
 
 def test_practice_goes_on_from_a_layer() -> None:
     body = load_body("mobl_arms_wrist")
-    first = MotorPractice(TINY, body, STEP_S, threads=1, seed=3)
+    first = MotorTraining(TINY, body, STEP_S, threads=1, seed=3)
     first.step()
     known = {name: values.clone() for name, values in first.layer.weights().items()}
     config = TINY.model_copy(update={"updates": 12})  # layers stay as they are for 20
-    more = MotorPractice(config, body, STEP_S, threads=1, seed=4, begin=first.layer)
+    more = MotorTraining(config, body, STEP_S, threads=1, seed=4, begin=first.layer)
     for name, values in more.layer.weights().items():
         assert torch.equal(values, known[name]), name
     more.step()
@@ -297,7 +297,7 @@ def test_every_body_of_the_package_has_a_layer() -> None:
     assert layers == set(list_bodies())
 
 
-def test_a_body_may_have_a_layer_of_its_own_for_following(layer: MotorLayer) -> None:
+def test_a_body_may_have_a_layer_of_its_own_for_following(layer: MotorPolicy) -> None:
     follower = motor_layer_for(layer.body, STEP_S, following=True)
     assert not torch.equal(follower.net[0].weight, layer.net[0].weight)
     assert follower.header() == layer.header()

@@ -18,7 +18,7 @@ from torch import Tensor, nn
 
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.policies.sharding import in_shards
-from sim2vr_harness.policies.visual_actor_critic import UserPolicy
+from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.training.ppo import ppo
 from sim2vr_harness.training.ppo.vec_env import SimulationVecEnv
 
@@ -36,13 +36,13 @@ class PlainEncoder(nn.Module):
         return self.linear(self.convolutions(scaled).flatten(1))
 
 
-class Whole(UserPolicy):
+class Whole(VisualActorCritic):
     """Takes batches as a whole."""
 
     in_shards = False
 
 
-def make_plain(policy: UserPolicy) -> UserPolicy:
+def make_plain(policy: VisualActorCritic) -> VisualActorCritic:
     """Take all that is ours out of a policy: layout, folding, shards, fused Adam."""
     encoders: Any = policy.features_extractor.encoders
     encoders["vision"] = PlainEncoder(encoders["vision"])
@@ -52,7 +52,7 @@ def make_plain(policy: UserPolicy) -> UserPolicy:
     return policy
 
 
-def spread(policy: UserPolicy) -> UserPolicy:
+def spread(policy: VisualActorCritic) -> VisualActorCritic:
     """Make the actions depend on the image: initially they are all but zero."""
     with torch.no_grad():
         policy.action_net.weight.mul_(50.0)
@@ -72,7 +72,7 @@ def ppo_loss(mean: Tensor, values: Tensor, log_std: Tensor) -> Tensor:
     return policy_loss + 0.5 * value_loss - 0.01 * normal.entropy().sum(1).mean()
 
 
-def minibatch(policy: UserPolicy, size: int) -> dict[str, Tensor]:
+def minibatch(policy: VisualActorCritic, size: int) -> dict[str, Tensor]:
     """The policy's outputs, PPO's loss and its gradients, by name."""
     mean, values = policy._mean_and_value(batch(size))
     loss = ppo_loss(mean, values, policy.log_std)
@@ -82,11 +82,11 @@ def minibatch(policy: UserPolicy, size: int) -> dict[str, Tensor]:
     return {key: value.detach() for key, value in found.items()} | gradients(policy)
 
 
-def gradients(policy: UserPolicy) -> dict[str, Tensor]:
+def gradients(policy: VisualActorCritic) -> dict[str, Tensor]:
     return {f"gradient of {name}": p.grad for name, p in policy.named_parameters()}
 
 
-def exact_minibatch(policy: UserPolicy, size: int) -> dict[str, Tensor]:
+def exact_minibatch(policy: VisualActorCritic, size: int) -> dict[str, Tensor]:
     """The same in float64, by the network that the test of the forward pass writes by hand."""
     weights = {name: p.detach().double().requires_grad_() for name, p in policy.named_parameters()}
     mean, values = reference_forward(weights, batch(size))
@@ -241,7 +241,7 @@ def learn(plain: bool, monkeypatch: pytest.MonkeyPatch, iterations: int) -> dict
             patch.setattr(ppo, "FrameRolloutBuffer", DictRolloutBuffer)
         model = ppo.build(config, env)
     policy = model.policy
-    assert isinstance(policy, UserPolicy)
+    assert isinstance(policy, VisualActorCritic)
     assert policy.in_shards
     if plain:
         make_plain(policy)

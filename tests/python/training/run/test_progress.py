@@ -7,7 +7,13 @@ import pytest
 from rich.console import Console
 
 from sim2vr_harness.client import describe_game
-from sim2vr_harness.training.run.progress import Phase, Progress, StageDisplay, View, duration
+from sim2vr_harness.training.run.progress import (
+    Phase,
+    StageDisplay,
+    TrainingProgress,
+    View,
+    duration,
+)
 
 
 @pytest.mark.parametrize(
@@ -18,8 +24,10 @@ def test_durations(seconds: float | None, text: str) -> None:
     assert duration(seconds) == text
 
 
-def progress() -> Progress:
-    return Progress(step=0, start_step=0, stop_step=400, iteration_steps=100, minibatches=10)
+def progress() -> TrainingProgress:
+    return TrainingProgress(
+        step=0, start_step=0, stop_step=400, iteration_steps=100, minibatches=10
+    )
 
 
 def test_rates_and_time_left() -> None:

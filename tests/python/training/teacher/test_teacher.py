@@ -22,7 +22,7 @@ from sim2vr_harness.runs.teacher_config import TeacherConfig, TeacherPolicyConfi
 from sim2vr_harness.training.run.stage import run_stages
 from sim2vr_harness.training.teacher.env import TeacherSimulation, blind_env
 from sim2vr_harness.training.teacher.evaluation import _score, describe, evaluate_teacher
-from sim2vr_harness.training.teacher.initial_states import StartPostures
+from sim2vr_harness.training.teacher.initial_states import InitialStates
 from sim2vr_harness.training.teacher.stage import TeacherStage
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -101,7 +101,7 @@ def test_true_starts_are_the_reference_s() -> None:
 
 def test_postures_are_drawn_by_the_cells_weights() -> None:
     one, two = np.full((3, 7), 1.0), np.full((2, 7), 2.0)
-    postures = StartPostures({"medium": {1: one, 4: two, 5: np.zeros((0, 7))}, "low": {}})
+    postures = InitialStates({"medium": {1: one, 4: two, 5: np.zeros((0, 7))}, "low": {}})
     assert postures.counts("medium") == {1: 3, 4: 2, 5: 0}
     weights = np.zeros(9)
     weights[[1, 4, 5]] = [0.25, 0.75, 5.0]

@@ -121,7 +121,7 @@ class Targets:
         """Name -> valid files, and what reads one."""
         config = to_yaml(defaults()).encode()
         shipped = [path.read_bytes() for path in sorted((paths.share_dir() / "configs").glob("*"))]
-        bodies = Path(files.__file__).parent / "users" / "data" / "described"
+        bodies = Path(files.__file__).parents[1] / "users" / "data" / "described"
         described = [path.read_bytes() for path in sorted(bodies.glob("*.yaml"))]
         users = sorted(paths.trained_users_dir().glob("whacamole_constrained/card.json"))
         card = users[0].read_bytes()

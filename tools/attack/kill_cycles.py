@@ -24,7 +24,7 @@ from pathlib import Path
 TRAINING = """
 import sys
 from pathlib import Path
-from sim2vr_harness.training import trainer
+from sim2vr_harness.training.run import trainer
 from sim2vr_harness.runs.config import load_config
 trainer.train(load_config("whacamole_constrained", sys.argv[2:]), Path(sys.argv[1]))
 """

@@ -181,8 +181,7 @@ class Simulation:
                 (a user never seeded starts from entropy).
             options: game options for these users from this round on.
             postures: K postures to start in (see `UserBatch.reset`); None draws all of them.
-            persons: K persons of the population (`Population.number`), one for each user; None: drawn
-                by the episode's seed.
+            persons: K persons of the population (`Population.number`); None: drawn by the seed.
 
         Returns:
             K info dictionaries with ``seed`` (of the app's round) and ``log``; where users are

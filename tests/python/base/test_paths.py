@@ -108,7 +108,7 @@ def test_a_missing_app_says_where_it_looked_and_what_to_run(installed):
 
 def test_the_console_script_becomes_the_app(installed):
     code = (
-        "import sys\nfrom pathlib import Path\nfrom sim2vr_harness import paths\n"
+        "import sys\nfrom pathlib import Path\nfrom sim2vr_harness.base import paths\n"
         "sys.argv = ['sim2vr-app']\npaths.exec_app()"
     )
     environment = {**os.environ, paths.APP_VARIABLE: str(installed / "bin/sim2vr-app")}

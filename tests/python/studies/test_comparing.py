@@ -182,7 +182,7 @@ def test_a_mixed_model_by_hand() -> None:
     hard = table["factor_difficulty"] == "hard"
     noise = rng.normal(0.0, 1.0, len(table))
     table["coins"] = 10.0 - 3.0 * hard + person[table["unit"]] + noise
-    found = mixed_model(table, "coins", ["difficulty"], [["easy", "hard"]])
+    found = mixed_model(table, "coins", {"difficulty": "factor_difficulty"}, [["easy", "hard"]])
     intercept, slope = found["effects"]
     easy_mean, hard_mean = table.groupby("factor_difficulty")["coins"].mean()
     assert intercept["estimate"] == pytest.approx(easy_mean, abs=1e-6)

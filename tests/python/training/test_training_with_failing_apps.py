@@ -181,7 +181,7 @@ TRAINING = """
 import signal, sys
 from pathlib import Path
 signal.signal(signal.SIGINT, signal.default_int_handler)  # a background job ignores it
-from sim2vr_harness.training import trainer
+from sim2vr_harness.training.run import trainer
 from sim2vr_harness.runs.checkpoint import require_readable
 from sim2vr_harness.runs.config import load_config
 trainer.train(load_config("whacamole_constrained", sys.argv[2:]), Path(sys.argv[1]))

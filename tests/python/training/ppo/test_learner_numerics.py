@@ -12,7 +12,7 @@ import torch
 from fake_simulation import FakeSimulation
 from stable_baselines3.common.buffers import DictRolloutBuffer
 from stable_baselines3.common.logger import Logger
-from test_policy import batch, make, reference_forward
+from test_visual_actor_critic import batch, make, reference_forward
 from test_trainer import assert_same_learner, rows_without_times, run, tiny
 from torch import Tensor, nn
 

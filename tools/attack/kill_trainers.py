@@ -156,7 +156,7 @@ def leaves(content: Any, name: str) -> Iterator[tuple[str, Any]]:
         for index, value in enumerate(content):
             yield from leaves(value, f"{name}[{index}]")
     elif isinstance(content, torch.Tensor):
-        yield name, (tuple(content.shape), str(content.dtype), content.numpy().tobytes())
+        yield name, (tuple(content.shape), str(content.dtype), content.cpu().numpy().tobytes())
     elif isinstance(content, np.ndarray):
         yield name, (content.shape, str(content.dtype), content.tobytes())
     else:

@@ -15,6 +15,7 @@ import typer
 
 from sim2vr_harness import __version__
 from sim2vr_harness.base.cores import settle_torch
+from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.cli import (
     bench,
     chart,
@@ -105,6 +106,7 @@ def doctor(json: JsonOption = False) -> int:
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line and exit."""
     settle_torch()  # before anything loads torch
+    set_notice(partial(typer.echo, err=True))
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):  # names of files need not be UTF-8
             stream.reconfigure(errors="backslashreplace")

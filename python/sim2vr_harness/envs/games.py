@@ -9,7 +9,7 @@ from sim2vr_harness.client import GameFacts, describe_game, facts_of_outside, li
 from sim2vr_harness.client.tasks import load_task, names_code, task_facts
 from sim2vr_harness.envs.apps import facts_told, judged, knows_options
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, with_options
-from sim2vr_harness.users import Body, list_bodies, load_body
+from sim2vr_harness.users import Body, installed_bodies, load_body
 
 __all__ = ["game_facts", "with_condition", "with_game", "with_hand", "with_task"]
 
@@ -91,7 +91,7 @@ def _body_wearing(devices: tuple[str, ...], usual: str) -> str:
     if set(devices) <= set(load_body(usual).devices):
         return usual
     able = {}
-    for name in list_bodies():
+    for name in installed_bodies():
         body = load_body(name)
         if body.muscles and set(devices) <= set(body.devices):
             able[name] = len(body.muscles)

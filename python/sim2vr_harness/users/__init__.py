@@ -12,6 +12,7 @@ from sim2vr_harness.users.bodies import (
     ResetRule,
     SpecBody,
     held,
+    installed_bodies,
     list_bodies,
     load_body,
 )
@@ -67,6 +68,7 @@ __all__ = [
     "effort_options",
     "effort_weight",
     "held",
+    "installed_bodies",
     "list_bodies",
     "list_efforts",
     "load_body",

@@ -7,12 +7,15 @@ import shutil
 from pathlib import Path
 from typing import Any
 
-import imageio_ffmpeg
 import numpy as np
 import pytest
 
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.client import DevicePoses, InProcessApp
+
+imageio_ffmpeg = pytest.importorskip(
+    "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
+)
 
 FIXTURE = Path(__file__).resolve().parents[2] / "data" / "whacamole_round"
 KEYS = {

@@ -5,7 +5,6 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import imageio_ffmpeg
 import numpy as np
 import pytest
 from fake_body import FakeBody
@@ -14,6 +13,10 @@ from fake_simulation import FakeSimulation
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.evaluation import comparison_video as side_by_side
 from sim2vr_harness.evaluation.comparison_video import film_side_by_side
+
+imageio_ffmpeg = pytest.importorskip(
+    "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
+)
 
 
 @pytest.fixture(autouse=True)

@@ -7,7 +7,6 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
-import imageio_ffmpeg
 import numpy as np
 import pytest
 from fake_body import FakeBody
@@ -26,6 +25,10 @@ from sim2vr_harness.evaluation.metrics import round_result
 from sim2vr_harness.evaluation.rollouts import Job
 from sim2vr_harness.evaluation.snapshot import parse_size, snapshot
 from sim2vr_harness.evaluation.tables import results_table
+
+imageio_ffmpeg = pytest.importorskip(
+    "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
+)
 
 WHACAMOLE = describe_game("whacamole")
 

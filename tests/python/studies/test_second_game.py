@@ -4,9 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from imageio_ffmpeg import count_frames_and_secs
+import pytest
 
 import sim2vr_harness
+
+imageio_ffmpeg = pytest.importorskip(
+    "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
+)
 
 
 def test_a_study_of_beats(tmp_path: Path) -> None:
@@ -37,7 +41,7 @@ def test_a_study_of_beats(tmp_path: Path) -> None:
     assert data.events["log_kind"].tolist() == ["left box"] * 2, "the first one has come"
     assert data.events["outcome"].isna().all(), "and is under way"
     films = sorted(tmp_path.glob("cells/*/first_0.mp4"))
-    assert [count_frames_and_secs(str(film))[0] for film in films] == [4, 4]
+    assert [imageio_ffmpeg.count_frames_and_secs(str(film))[0] for film in films] == [4, 4]
     # Two users, one of each kind.
     (result,) = data.statistics["results"]
     assert result["n"] == [1, 1] and result["p"] is None

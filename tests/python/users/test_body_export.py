@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+import time
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +10,10 @@ import numpy as np
 import pytest
 
 from python.users.bodies import OWN_ARM
+from sim2vr_harness.base import notices
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.users import Physique, load_body
+from sim2vr_harness.users.bodies import registry
 from sim2vr_harness.users.bodies.export import export_body
 
 
@@ -80,3 +83,27 @@ def test_errors_of_the_command(
     assert end.value.code == 2
     said = capsys.readouterr().err
     assert re.search(message, said), said
+
+
+def test_loading_that_takes_long_is_noticed_once_by_the_command_alone(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def slow(*arguments: Any) -> Any:
+        time.sleep(0.3)
+        return described_body(*arguments)
+
+    described_body = registry.described_body
+    monkeypatch.setattr(registry, "described_body", slow)
+    monkeypatch.setattr(notices, "SLOW_S", 0.1)
+    monkeypatch.setattr(notices, "_notice", None)
+    load_body(OWN_ARM)
+    assert capsys.readouterr().err == ""
+    with pytest.raises(SystemExit):
+        main(["users", "export", str(OWN_ARM), str(tmp_path / "body.xml")])
+    lines = capsys.readouterr().err.splitlines()
+    assert len(lines) == 1
+    assert lines[0].startswith(f"Loading the body {OWN_ARM}")
+    monkeypatch.setattr(notices, "SLOW_S", 5.0)
+    with pytest.raises(SystemExit):
+        main(["users", "export", str(OWN_ARM), str(tmp_path / "body.xml")])
+    assert capsys.readouterr().err == ""

@@ -1,10 +1,12 @@
 from __future__ import annotations
 
+import sys
+
 import mujoco
 import numpy as np
 import pytest
 
-from sim2vr_harness.users import Body, list_bodies, load_body
+from sim2vr_harness.users import Body, installed_bodies, list_bodies, load_body
 from sim2vr_harness.users.appearance import colour_muscles
 from sim2vr_harness.users.bodies.tables import load_device_rows, load_model_tables
 
@@ -151,3 +153,11 @@ def test_muscle_colours(user: Body) -> None:
     assert relaxed[2] > 0.6 > 0.3 > relaxed[0]  # blue
     with pytest.raises(ValueError, match=r"activations: got shape \(3,\), expected \(32,\)"):
         colour_muscles(model, user.muscles, np.zeros(3))
+
+
+def test_a_body_of_a_missing_package_is_listed_but_not_installed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Games for two hands choose among the installed ones."""
+    monkeypatch.setitem(sys.modules, "myo_sim", None)
+    assert set(list_bodies()) - set(installed_bodies()) == {"myoarm_r"}

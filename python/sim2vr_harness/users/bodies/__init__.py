@@ -14,7 +14,7 @@ from sim2vr_harness.users.bodies.body import (
     held,
 )
 from sim2vr_harness.users.bodies.options import Physique, ResetOptions
-from sim2vr_harness.users.bodies.registry import is_file, list_bodies, load_body
+from sim2vr_harness.users.bodies.registry import installed_bodies, is_file, list_bodies, load_body
 from sim2vr_harness.users.bodies.spec_body import BodyPlan, SpecBody
 
 __all__ = [
@@ -29,6 +29,7 @@ __all__ = [
     "ResetRule",
     "SpecBody",
     "held",
+    "installed_bodies",
     "is_file",
     "list_bodies",
     "load_body",

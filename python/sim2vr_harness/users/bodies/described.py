@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import fnmatch
-import importlib
 import math
-import warnings
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from importlib import resources
@@ -29,10 +27,12 @@ from sim2vr_harness.users.bodies.description import (
     read_description,
 )
 from sim2vr_harness.users.bodies.devices import attach_device
-from sim2vr_harness.users.bodies.locking import lock_joints
+from sim2vr_harness.users.bodies.locking import Lock, lock_joints
 from sim2vr_harness.users.bodies.meshes import compose
 from sim2vr_harness.users.bodies.options import LEAST_STEP_S, MOST_STEP_S, BodyOptions
 from sim2vr_harness.users.bodies.person import Anatomy, Segment
+from sim2vr_harness.users.bodies.posture import StillLegs, idle_actuators, still_legs
+from sim2vr_harness.users.bodies.reading import check_finite, compiled, read_model
 from sim2vr_harness.users.bodies.rules import usual_rule
 from sim2vr_harness.users.bodies.spec_body import MEAN_IPD_M, BodyPlan
 from sim2vr_harness.users.bodies.tables import load_device_rows
@@ -41,8 +41,6 @@ from sim2vr_harness.users.name_errors import unknown_name
 
 DESCRIPTIONS = Path(str(resources.files("sim2vr_harness.users").joinpath("data", "described")))
 """Folder of the descriptions that ship with the package."""
-
-_EXTRAS = {"myo_sim": "pip install 'sim2vr-harness[myo]'"}
 
 
 def described_body(file: Path, options: BodyOptions) -> Body:
@@ -79,8 +77,9 @@ class _Described:
         self._file = file
         self._description = description
         self._options = options
-        self._source = _load(description, file)
-        model = _compiled(self._source)
+        self._source = read_model(description, file)
+        model = compiled(self._source)
+        check_finite(model)
         self._own_step = float(model.opt.timestep)
         self._parts = _Parts(
             *(
@@ -93,8 +92,9 @@ class _Described:
                 )
             )
         )
+        self._legs = self._still_legs(model)
         self._groups = self._actuator_groups(model)
-        self._locked = self._locked_joints()
+        self._locked = self._locked_joints(model)
         self._devices = self._worn()
         for name in self._devices:
             self._check_device(name)
@@ -164,24 +164,34 @@ class _Described:
 
     def _actuator_groups(self, model: mujoco.MjModel) -> tuple[ActuatorGroup, ...]:
         wanted = self._description.actuators
+        idle = idle_actuators(model, self._legs.locks, self._parts.actuators) if self._legs else ()
         groups: list[ActuatorGroup] = []
         for group in wanted or (ActuatorsDescription(names=("*",)),):
             for name in _found("actuators", group.names, self._parts.actuators):
+                if name in idle:
+                    continue
                 rule = group.rule or usual_rule(model, model.actuator(name).id)
                 if groups and groups[-1].rule == rule:
                     groups[-1] = ActuatorGroup(rule, (*groups[-1].actuators, name))
                 else:
                     groups.append(ActuatorGroup(rule, (name,)))
         if not groups:
-            raise ValueError("actuators: got none in the model, expected at least one")
+            raise ValueError(
+                "actuators: got none in the model that moves a joint, expected at least one"
+            )
         return tuple(groups)
 
-    def _locked_joints(self) -> dict[str, float]:
-        locked: dict[str, float] = {}
+    def _still_legs(self, model: mujoco.MjModel) -> StillLegs | None:
+        posture, yaw = self._description.posture, math.radians(self._description.place.yaw_deg)
+        left = np.array([math.sin(yaw), math.cos(yaw), 0.0])  # turned by yaw it is along y
+        return still_legs(model, posture, left) if posture else None
+
+    def _locked_joints(self, model: mujoco.MjModel) -> dict[str, Lock]:
+        locked: dict[str, Lock] = dict(self._legs.locks) if self._legs else {}
         for pattern, angle in self._description.locked_joints.items():
             for name in _found("locked_joints", [pattern], self._parts.joints):
                 locked[name] = angle
-        model, joint = _compiled(self._source), int(mujoco.mjtTrn.mjTRN_JOINT)
+        joint = int(mujoco.mjtTrn.mjTRN_JOINT)
         for name in (name for group in self._groups for name in group.actuators):
             actuator = model.actuator(name)
             moved = model.joint(int(actuator.trnid[0])).name if actuator.trntype == joint else None
@@ -231,9 +241,11 @@ class _Described:
         place = self._description.place
         half = math.radians(place.yaw_deg) / 2.0
         whole = np.array(place.pos_m), np.array([math.cos(half), 0.0, 0.0, math.sin(half)])
-        if not (any(place.pos_m) or place.yaw_deg):
+        if not (any(place.pos_m) or place.yaw_deg or self._legs):
             return
-        model = _compiled(spec)
+        model = compiled(spec)
+        if self._legs:
+            model.body_pos[model.body(self._legs.root).id, 2] -= self._legs.lowered_m
         for poses, holders in (
             ((model.body_pos, model.body_quat), model.body_parentid),
             ((model.site_pos, model.site_quat), model.site_bodyid),
@@ -247,7 +259,7 @@ class _Described:
 
     def _attach(self, spec: mujoco.MjSpec) -> None:
         rows = load_device_rows()
-        model = _compiled(spec)
+        model = compiled(spec)
         for name in self._devices:
             device = self._description.devices[name]  # type: ignore[index]
             pose = np.array(device.pos_m), _unit(device.quat_wxyz)
@@ -262,55 +274,6 @@ class _Described:
                 down = np.array([math.cos(half), 0.0, math.sin(half), 0.0])
                 pose = compose(pose, (np.zeros(3), down))
             attach_device(parent, rows[name], pose[0].tolist(), pose[1].tolist(), device.weight)
-
-
-def _load(description: BodyDescription, file: Path) -> mujoco.MjSpec:
-    """Reads the MJCF, from a file or from a package."""
-    package = description.package
-    if package is None:
-        path = file.parent / str(description.mjcf)
-        return _from_file(path)
-    try:
-        module = importlib.import_module(package)
-    except ImportError as error:
-        hint = _EXTRAS.get(package, f"install the package that has {package!r}")
-        raise ValueError(
-            f"package: got {package!r}, which is not installed; expected it to be: {hint}"
-        ) from error
-    if description.mjcf is not None:
-        return _from_file(Path(str(resources.files(package).joinpath(description.mjcf))))
-    if not hasattr(module, "load_spec"):
-        raise ValueError(
-            f"model: got {description.model!r} of {package!r}, which has no load_spec(name); "
-            "expected 'mjcf' with a file of the package"
-        )
-    # Packages attach specifications to each other; MuJoCo warns of that, too, on the standard
-    # error stream and in a file beside the caller.
-    said = mujoco.get_mju_user_warning()
-    mujoco.set_mju_user_warning(lambda text: None)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return module.load_spec(description.model)
-    except ValueError as error:
-        raise ValueError(f"model: got {description.model!r}; {package}: {error}") from error
-    finally:
-        mujoco.set_mju_user_warning(said)
-
-
-def _from_file(path: Path) -> mujoco.MjSpec:
-    if not path.is_file():
-        raise ValueError(f"mjcf: got {str(path)!r}, which is not there, expected an MJCF file")
-    try:
-        return mujoco.MjSpec.from_file(str(path))
-    except ValueError as error:
-        raise ValueError(f"mjcf: got {str(path)!r}, which MuJoCo cannot read: {error}") from error
-
-
-def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
-    with warnings.catch_warnings():  # about saving specifications that were attached to others
-        warnings.simplefilter("ignore", UserWarning)
-        return spec.compile()
 
 
 def _dress(spec: mujoco.MjSpec, devices: tuple[str, ...]) -> None:

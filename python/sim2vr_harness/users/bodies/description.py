@@ -12,6 +12,7 @@ from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_yaml
 from sim2vr_harness.base.settings import Settings, first_problem
 from sim2vr_harness.users.bodies.options import ActivationRange, Angle, PhysicsStep
+from sim2vr_harness.users.bodies.posture import Posture
 
 Metres = Annotated[float, Field(ge=-100.0, le=100.0)]
 Share = Annotated[float, Field(ge=-1.001, le=1.001)]
@@ -118,14 +119,20 @@ class BodyDescription(Settings):
     """Python package with the model, such as ``myo_sim``."""
     model: str | None = None
     """The model's name, for a package that offers ``load_spec(name)``."""
+    folders: tuple[str, ...] = ()
+    """Folders, relative to this file, where files that the MJCF names may lie; its own always is
+    one, and so is the package's."""
     contacts: bool = True
     """False: bodies pass through each other and everything else."""
     timestep_s: PhysicsStep | None = None
     """Physics step; None takes the model's own."""
     place: PlaceDescription = PlaceDescription()
     devices: dict[Literal["headset", "controller_right", "controller_left"], DeviceDescription]
+    posture: Posture | None = None
+    """Of a body with legs: root and legs are locked in it, actuators that move nothing else go."""
     locked_joints: dict[str, Angle] = Field(default_factory=dict)
-    """Joints (or patterns) that do not move, and their angles (rad; slides m)."""
+    """Joints (or patterns) that do not move, and their angles (rad; slides m); 0 locks free joints
+    and balls where they are."""
     actuators: tuple[ActuatorsDescription, ...] | None = Field(default=None, min_length=1)
     """None: all there are. Those left out are taken away; at least one stays."""
     observed_joints: Names | None = None

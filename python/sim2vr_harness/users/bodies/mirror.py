@@ -135,7 +135,8 @@ def _refuse_what_cannot_be_mirrored(model: mujoco.MjModel) -> None:
         if model.jnt_type[joint] not in (_SLIDE, _HINGE):
             raise ValueError(
                 f"person.handedness: got a body with the joint {model.joint(joint).name!r}, which "
-                "is neither a hinge nor a slide; expected hinges and slides, or that it is locked"
+                "is neither a hinge nor a slide; expected hinges and slides, or the joint under "
+                "locked_joints"
             )
     for i in range(model.neq):
         if model.eq_type[i] not in (int(mujoco.mjtEq.mjEQ_JOINT), int(mujoco.mjtEq.mjEQ_TENDON)):

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from importlib.util import find_spec
 from pathlib import Path
 
+from sim2vr_harness.base.notices import noticed
 from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.bodies.described import DESCRIPTIONS, described_body
+from sim2vr_harness.users.bodies.description import read_description
 from sim2vr_harness.users.bodies.from_tables import table_body
 from sim2vr_harness.users.bodies.options import BodyOptions, Physique, ResetOptions
 from sim2vr_harness.users.name_errors import unknown_name
@@ -21,6 +24,20 @@ _TABLES: dict[str, Callable[[BodyOptions], Body]] = {
 def list_bodies() -> tuple[str, ...]:
     """Returns the names that `load_body` accepts; it also takes a YAML file."""
     return tuple(sorted({*_TABLES, *(file.stem for file in DESCRIPTIONS.glob("*.yaml"))}))
+
+
+def installed_bodies() -> tuple[str, ...]:
+    """Return those of `list_bodies` whose model is there: some need a package of others."""
+    needed = {
+        name: read_description(DESCRIPTIONS / f"{name}.yaml").package
+        for name in list_bodies()
+        if name not in _TABLES
+    }
+    return tuple(
+        name
+        for name in list_bodies()
+        if (package := needed.get(name)) is None or find_spec(package) is not None
+    )
 
 
 def load_body(
@@ -67,11 +84,11 @@ def load_body(
     )
     if options.name in _TABLES:
         return _TABLES[options.name](options)
-    if is_file(name):
-        return described_body(Path(name), options)
-    if options.name in list_bodies():
-        return described_body(DESCRIPTIONS / f"{options.name}.yaml", options)
-    raise ValueError(unknown_name("user model", options.name, list_bodies()))
+    if not is_file(name) and options.name not in list_bodies():
+        raise ValueError(unknown_name("user model", options.name, list_bodies()))
+    file = Path(name) if is_file(name) else DESCRIPTIONS / f"{options.name}.yaml"
+    with noticed(f"Loading the body {options.name}; one with 400 muscles takes half a minute."):
+        return described_body(file, options)
 
 
 def is_file(name: str | Path) -> bool:

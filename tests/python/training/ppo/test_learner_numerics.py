@@ -12,8 +12,8 @@ import torch
 from fake_simulation import FakeSimulation
 from stable_baselines3.common.buffers import DictRolloutBuffer
 from stable_baselines3.common.logger import Logger
-from test_visual_actor_critic import batch, make, reference_forward
 from test_trainer import assert_same_learner, rows_without_times, run, tiny
+from test_visual_actor_critic import batch, make, reference_forward
 from torch import Tensor, nn
 
 from sim2vr_harness.base.torch_threads import torch_threads

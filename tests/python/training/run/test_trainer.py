@@ -35,6 +35,7 @@ ITERATION = 60  # 3 users x 20 steps
 def tiny(**changes: Any) -> TrainingConfig:
     tree = {
         "total_timesteps": 600,
+        "device": "cpu",
         "policy": {"net_arch": [16], "vision_features": 8, "proprioception_features": 8},
         "ppo": {
             "n_envs": 3,

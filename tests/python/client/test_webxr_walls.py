@@ -11,7 +11,8 @@ from typing import Any
 
 import pytest
 
-from sim2vr_harness.client import AppRefused, WebXRApp
+from sim2vr_harness.client import AppRefused, WebXRApp, frame_time_ns
+from sim2vr_harness.client.webxr import browser as browser_module
 from sim2vr_harness.client.webxr import page as page_module
 from sim2vr_harness.client.webxr.files import HOST, PageFiles
 from webxr_pages import NEEDS_BROWSER, hands, open_page, page_with
@@ -104,7 +105,7 @@ def test_addresses_lead_below_their_folders_only(tmp_path: Path) -> None:
     ):
         assert files.answer(url).status == 404
     assert files.answer("https://cdn.example.com/other/e.mjs").status == 0
-    assert files.refused == ["https://cdn.example.com/other/e.mjs"]
+    assert list(files.refused) == ["https://cdn.example.com/other/e.mjs"]
 
 
 @pytest.fixture
@@ -260,3 +261,77 @@ def test_a_page_with_frames_within_is_played(tmp_path: Path) -> None:
     with open_page(page_with(tmp_path, script)) as app:
         for _ in range(2):
             app.reset(1, hands(0))
+
+
+SANDBOXED = """import { Boxes, button } from './boxes.js';
+const app = window.app = {};
+const frame = document.createElement('iframe');
+frame.sandbox = 'allow-scripts allow-popups allow-forms';
+frame.srcdoc = `<script>
+const found = [];
+for (const name of ['WebSocket', 'RTCPeerConnection', 'WebTransport', 'SharedWorker']) {
+  try { new window[name]('wss://127.0.0.1:9'); } catch (error) { found.push(error.name); }
+}
+found.push(open('about:blank') === null ? 'null' : 'made', navigator.hardwareConcurrency);
+parent.postMessage(found.join(' '), '*');
+<\\/script>`;
+app.told = new Promise((resolve) => addEventListener('message', ({ data }) => resolve(data)));
+document.body.append(frame);
+const boxes = new Boxes();
+button('Enter VR', () => boxes.enter(() => {}));
+"""
+
+
+@NEEDS_BROWSER
+def test_a_sandboxed_frame_has_every_wall(tmp_path: Path) -> None:
+    with open_page(page_with(tmp_path, SANDBOXED)) as app:
+        app.reset(1, hands(0))
+        told = app._page._evaluate("app.told").split()
+    assert told == ["NotSupportedError"] * 4 + ["null", "4"]
+
+
+WINDOWS = """import { Boxes, button } from './boxes.js';
+const frame = document.createElement('iframe');
+frame.srcdoc = '<a href=boxes.js target=_blank></a><form target=_blank></form>';
+await new Promise((resolve) => { frame.onload = resolve; document.body.append(frame); });
+const within = frame.contentDocument;
+const link = document.body.appendChild(document.createElement('a'));
+Object.assign(link, { href: 'boxes.js', target: '_blank', rel: 'noopener' });
+const open = () => {
+  window.open('about:blank');
+  window.open('boxes.js', '_blank', 'noopener');
+  frame.contentWindow.open('about:blank');
+  link.click();
+  within.querySelector('a').click();
+  within.querySelector('form').submit();
+};
+const boxes = new Boxes();
+let left = 1000;
+const storm = () => { for (let k = 0; k < 250 && left > 0; k++, left--) open(); };
+button('Enter VR', () => boxes.enter(storm));
+"""
+
+
+@NEEDS_BROWSER
+@pytest.mark.parametrize("known", [True, False], ids=["refused", "closed"])
+def test_a_storm_of_windows_opens_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, known: bool
+) -> None:
+    script = WINDOWS
+    if not known:  # A browser that does not know the flag: its windows are closed again.
+        flags = tuple(one for one in browser_module._ALWAYS if "new-web-contents" not in one)
+        monkeypatch.setattr(browser_module, "_ALWAYS", flags)
+        script = WINDOWS.replace("1000", "20")
+    with open_page(page_with(tmp_path, script)) as app:
+        app.reset(1, hands(0))
+        for step in range(1, 6):
+            assert not app.step(frame_time_ns(step, 20), hands(step)).finished
+        deadline = time.monotonic() + 20.0
+        while _windows(app) > 1 and not known and time.monotonic() < deadline:
+            time.sleep(0.05)
+        assert _windows(app) == 1
+
+
+def _windows(app: WebXRApp) -> int:
+    targets = app._browser.request("Target.getTargets", 30.0)["targetInfos"]
+    return sum(one["type"] == "page" for one in targets)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import base64
 from collections.abc import Mapping
 from typing import Any
 
@@ -16,7 +15,7 @@ from sim2vr_harness.client.base import (
     ThirdPersonView,
     UInt8Array,
 )
-from sim2vr_harness.client.devices import DevicePoses, HapticPulse
+from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported
 from sim2vr_harness.client.poses import (
     DEVICES,
@@ -71,6 +70,7 @@ class WebXRApp:
         self._playing = False
         self._last_ns = 0
         self._awaited: int | None = None
+        self._valued = False
         shape = (wanted.height, wanted.width, 4)
         self._image: UInt8Array = np.zeros((2, *shape) if wanted.eyes == 2 else shape, np.uint8)
         self._renderer: str | None = None
@@ -178,20 +178,20 @@ class WebXRApp:
         if self._awaited is None:
             raise AppError("finish_step: no step was started; call start_step first")
         number, self._awaited = self._awaited, None
-        told = self._page.finish_step(number)
-        if told["picture"]:
-            self._take_picture(base64.b64decode(told["picture"]))
-        self._playing = not told["ended"]
+        reply = self._page.finish_step(number, bool(self._wanted.values))
+        if reply.picture is not None:
+            self._take_picture(reply.picture)
+        self._playing = not reply.ended
+        for name, why in reply.lacking.items():
+            raise self._without_value(name, why)
+        self._valued = True
         return AppReply(
             reward=0.0,
-            finished=bool(told["ended"]),
+            finished=reply.ended,
             time_feature=0.0,
             log={},
-            haptics=tuple(
-                HapticPulse(hand, float(amplitude), 0.0, float(duration_s))
-                for hand, amplitude, duration_s in told["haptics"]
-            ),
-            values=self._values(told["values"]),
+            haptics=reply.haptics,
+            values=reply.values,
         )
 
     def _frames(self, times: Int64Array, poses: DevicePoses, drawn: int) -> list[Any]:
@@ -226,17 +226,15 @@ class WebXRApp:
         both = np.frombuffer(content, np.uint8).reshape(wanted.height, wanted.eyes, wanted.width, 4)
         self._image[...] = both.swapaxes(0, 1) if wanted.eyes == 2 else both[:, 0]
 
-    def _values(self, told: list[Any]) -> dict[str, Any]:
-        values = {}
-        for name, value, *error in told:
-            if error:
-                expression = self._wanted.values[name]
-                raise AppRefused(
-                    f"task: got the expression {expression!r}, of which {self._files.name} says: "
-                    f"{error[0]}; expected one that the page has a value for in every step"
-                )
-            values[name] = tuple(value) if isinstance(value, list) else value
-        return values
+    def _without_value(self, name: str, why: str) -> Exception:
+        """The error for an expression without a value: the task's at first, then the page's."""
+        expression = self._wanted.values[name]
+        if self._valued:
+            return self._page.died(f"has no value of {expression!r} any more: {why}")
+        return AppRefused(
+            f"task: got the expression {expression!r}, of which {self._files.name} says: {why}; "
+            "expected one that the page has a value for in every step"
+        )
 
     def locate(self, name: str) -> tuple[float, float, float]:
         """Return where an object of the page is now, x y z in m, app frame; moves nothing.
@@ -248,8 +246,7 @@ class WebXRApp:
             AppRefused: there is none of that name; names those that there are.
         """
         self._require_open()
-        x, y, z = self._page.locate(name)
-        return float(x), float(y), float(z)
+        return self._page.locate(name)
 
     # --- what a page cannot do -----------------------------------------------------------------
 

@@ -49,7 +49,7 @@ _ALWAYS = (
     "--disable-breakpad",
     "--disable-crash-reporter",
     "--disable-hang-monitor",
-    "--disable-popup-blocking",
+    "--block-new-web-contents",  # no window but the page's own
     "--disable-background-timer-throttling",
     "--disable-renderer-backgrounding",
     "--disable-backgrounding-occluded-windows",

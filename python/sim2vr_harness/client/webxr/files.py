@@ -10,6 +10,7 @@ from pathlib import Path
 from urllib.parse import quote, unquote, urlsplit
 
 from sim2vr_harness.client.errors import AppRefused
+from sim2vr_harness.client.webxr.limits import Kept
 
 __all__ = ["HOST", "Answer", "PageFiles"]
 
@@ -67,9 +68,9 @@ class PageFiles:
         self.name = page
         self.url = page if "://" in page else self._url_of_file(Path(page).expanduser())
         self.origin = "{0.scheme}://{0.netloc}".format(urlsplit(self.url))
-        self.missing: list[str] = []
+        self.missing = Kept()
         """Addresses below a mapped one, without a file."""
-        self.refused: list[str] = []
+        self.refused = Kept()
         """Addresses that are mapped nowhere."""
         if self.answer(self.url).status != 200:
             raise AppRefused(
@@ -98,15 +99,28 @@ class PageFiles:
             return Answer(200)
         best = max((one for one in self._folders if plain.startswith(one)), key=len, default=None)
         if best is None:
-            self.refused.append(url)
+            self.refused.add(url)
             return Answer(0)
         place, rest = self._folders[best], unquote(plain[len(best) :])
+        found = _content(place, rest)
+        if found is None:
+            if not plain.endswith("/favicon.ico"):  # the browser looks for it by itself
+                self.missing.add(url)
+            return Answer(404, b"no such file")
+        file, content = found
+        mime = _TYPES.get(file.suffix.lower()) or mimetypes.guess_type(file.name)[0]
+        return Answer(200, content, mime or "application/octet-stream")
+
+
+def _content(place: Path, rest: str) -> tuple[Path, bytes] | None:
+    """Return a file and its bytes; None where the address means none that can be read."""
+    try:
         file = _below(place, rest) if place.is_dir() else (None if rest else place)
         if file is None or file.stat().st_size > MOST_BYTES:
-            self.missing.append(url)
-            return Answer(404, b"no such file")
-        mime = _TYPES.get(file.suffix.lower()) or mimetypes.guess_type(file.name)[0]
-        return Answer(200, file.read_bytes(), mime or "application/octet-stream")
+            return None
+        return file, file.read_bytes()
+    except OSError:  # a name that is too long, a file that may not be read
+        return None
 
 
 def _below(folder: Path, path: str) -> Path | None:

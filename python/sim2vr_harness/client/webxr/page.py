@@ -4,16 +4,26 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import Any, NamedTuple, TypeVar
 from urllib.parse import urlencode
 
 from sim2vr_harness.client.base import OptionValue
-from sim2vr_harness.client.errors import AppDied, AppRefused
+from sim2vr_harness.client.errors import AppDied, AppRefused, ProtocolError
+from sim2vr_harness.client.webxr import limits
 from sim2vr_harness.client.webxr.browser import Browser, read_script
 from sim2vr_harness.client.webxr.files import PageFiles
+from sim2vr_harness.client.webxr.limits import Kept
 from sim2vr_harness.client.webxr.pipe import RefusedRequest
+from sim2vr_harness.client.webxr.replies import (
+    BadReply,
+    StepReply,
+    failure_in,
+    place_in,
+    step_reply,
+    text_in,
+)
 
 __all__ = [
     "PROFILES",
@@ -24,6 +34,8 @@ __all__ = [
     "open_tab",
 ]
 
+T = TypeVar("T")
+
 PROFILES = ("oculus-touch", "generic-trigger")
 SCRIPT_ERRORS = ("fail", "ignore")
 
@@ -31,6 +43,7 @@ _CLEAN_EVERY = 4
 """How many documents may be left behind; a browser by itself keeps dozens, 200 MB of them."""
 
 _SCRIPTS = (
+    "own.js",
     "clock.js",
     "loads.js",
     "spaces.js",
@@ -74,17 +87,22 @@ class Page:
     ) -> None:
         self.files = files
         self._tools = browser.tools
+        self._values = tuple(values)
+        self._picture_bytes = settings["width"] * settings["height"] * settings["eyes"] * 4
         self._enter, self._ignore_errors = enter, ignore_errors
         self._timeout_s, self._start_timeout_s = timeout_s, start_timeout_s
-        self._errors: list[str] = []
-        self._complaints: list[str] = []
+        self._errors = Kept()
+        self._complaints = Kept()
         self._left: str | None = None
         self._loaded = self._crashed = False
         self._seed_script: str | None = None
         self._loads = 0
         self._loading: str | None = None
-        self._session = open_tab(browser, start_timeout_s)
+        self._tab = open_tab(browser, start_timeout_s)
+        self._group = browser.process.pid
+        self._tools.watch(self._check_memory)
         self._listen()
+        browser.request("Target.setDiscoverTargets", start_timeout_s, discover=True)
         for method in ("Page.enable", "Runtime.enable", "Inspector.enable"):
             self._ask(method)
         self._ask("Fetch.enable", patterns=[{"urlPattern": "*"}])
@@ -92,6 +110,7 @@ class Page:
 
     def _listen(self) -> None:
         on = self._tools.on
+        on("Target.targetCreated", self._close_other_window)
         on("Fetch.requestPaused", self._answer)
         on("Page.loadEventFired", self._note_loaded)
         on("Page.frameNavigated", self._note_navigation)
@@ -123,6 +142,13 @@ class Page:
             body=base64.b64encode(answer.content).decode(),
         )
 
+    def _close_other_window(self, event: Mapping[str, Any]) -> None:
+        """Close a window that the page got in spite of the browser's flag (not all know it)."""
+        target = event["targetInfo"]
+        ours = target.get("browserContextId") == self._tab.context
+        if ours and target["type"] == "page" and target["targetId"] != self._tab.target:
+            self._tools.send("Target.closeTarget", {"targetId": target["targetId"]}, answered=False)
+
     def _note_loaded(self, event: Mapping[str, Any]) -> None:
         self._loaded = True
 
@@ -135,15 +161,23 @@ class Page:
         self._tell("Page.handleJavaScriptDialog", accept=True)
 
     def _note_error(self, event: Mapping[str, Any]) -> None:
-        self._errors.append(_words_of(event["exceptionDetails"]))
+        self._errors.add(_words_of(event["exceptionDetails"]))
 
     def _note_complaint(self, event: Mapping[str, Any]) -> None:
         if event["type"] in ("error", "warning", "assert"):
             words = [str(one.get("value", one.get("description", ""))) for one in event["args"]]
-            self._complaints.append(" ".join(words).partition("\n")[0][:200])
+            self._complaints.add(" ".join(words).partition("\n")[0])
 
     def _note_crash(self, event: Mapping[str, Any]) -> None:
         self._crashed = True
+
+    def _check_memory(self) -> None:
+        used = limits.memory_of_group(self._group)
+        if used > limits.MOST_MEMORY_BYTES:
+            raise self.died(
+                f"takes {used >> 20} MB of memory with its browser, expected at most "
+                f"{limits.MOST_MEMORY_BYTES >> 20} MB"
+            )
 
     # --- rounds --------------------------------------------------------------------------------
 
@@ -180,8 +214,8 @@ class Page:
             lambda: self._loaded or self._crashed, f"loading {self._name}", self._start_timeout_s
         )
         selector = json.dumps(self._enter)
-        failure = self._evaluate(f"__sim2vr.enter({selector})", self._start_timeout_s)
-        self._check_loading(failure)
+        answer = self._evaluate(f"__sim2vr.enter({selector})", self._start_timeout_s)
+        self._check_loading(self._checked(failure_in, answer))
         self._evaluate("__sim2vr.begin()")
         self._loading = None
 
@@ -193,7 +227,7 @@ class Page:
         """
         source = f"(__sim2vr.seed({seed}), Promise.resolve({expression}).then(() => null))"
         try:
-            self._evaluate(source)
+            self._run(source)
         except RefusedRequest as error:
             raise AppRefused(
                 f"task.reset: got {expression!r}, which {self._name} answers with {error}, "
@@ -212,37 +246,40 @@ class Page:
         expression = f"__sim2vr.step({json.dumps(frames)},{'true' if with_values else 'false'})"
         return self._start(expression)
 
-    def finish_step(self, number: int) -> dict[str, Any]:
-        """Return what the frames brought: ``haptics``, ``ended``, ``values``, ``picture``.
+    def finish_step(self, number: int, with_values: bool) -> StepReply:
+        """Return what the frames brought.
+
+        Args:
+            number: from :meth:`start_step`.
+            with_values: as given there.
 
         Raises:
             AppDied, AppTimeout: the page cannot go on.
+            ProtocolError: the answer is another thing.
         """
         try:
-            told = self._finish(number, self._timeout_s)
+            answer = self._finish(number, self._timeout_s)
         except RefusedRequest as error:
             self._check_playing()
-            raise self._died(str(error)) from error
-        if not isinstance(told, str):
-            self._check_playing()
-            raise self._died("answered a step with something else")
-        reply: dict[str, Any] = json.loads(told)
-        if reply["failure"]:
-            raise self._died(reply["failure"][1])
+            raise self.died(str(error)) from error
         self._check_playing()
+        names = self._values if with_values else ()
+        reply = self._checked(step_reply, answer, names, self._picture_bytes)
+        if reply.failure is not None:
+            raise self.died(reply.failure)
         return reply
 
-    def locate(self, name: str) -> list[float]:
+    def locate(self, name: str) -> tuple[float, float, float]:
         """Return the place of a named object; see :meth:`WebXRApp.locate`."""
         try:
-            found: list[float] = self._evaluate(f"__sim2vr.locate({json.dumps(name)})")
+            answer = self._run(f"__sim2vr.locate({json.dumps(name)})")
         except RefusedRequest as error:
             raise self._refused(str(error).removeprefix("Error: ")) from error
-        return found
+        return self._checked(place_in, f"the place of {name!r}", answer)
 
     def describe_renderer(self) -> str:
         """Return the name of what draws in this browser."""
-        return str(self._evaluate(_RENDERER))
+        return self._checked(text_in, "the renderer", self._evaluate(_RENDERER))
 
     # --- what goes wrong -----------------------------------------------------------------------
 
@@ -250,54 +287,71 @@ class Page:
     def _name(self) -> str:
         return self.files.name
 
-    def _check_loading(self, failure: Sequence[str] | None) -> None:
+    def _check_loading(self, failure: str | None) -> None:
         if self.files.refused:
             raise self._refused(
-                f"asks for {self.files.refused[0]}, which app.map maps to no folder (to an empty "
-                "one if the page can do without)"
+                f"asks for {self.files.refused.first}, which app.map maps to no folder (to an "
+                "empty one if the page can do without)"
             )
         if self._errors and (failure or not self._ignore_errors):
-            raise self._refused(f"script error: {self._errors[0]}")
+            raise self._refused(f"script error: {self._errors.first}")
         if failure:
-            raise self._refused(failure[1] + self._hints())
+            raise self._refused(failure + self._hints())
 
     def _check_playing(self) -> None:
         if self._crashed:
-            raise self._died("its tab crashed")
+            raise self.died("its tab crashed")
         if self._left is not None:
-            raise self._died(f"went to another address, {self._left}")
+            raise self.died(f"went to another address, {self._left}")
         if self.files.refused:
-            raise self._died(f"asks for {self.files.refused[0]}, which app.map maps to no folder")
+            raise self.died(f"asks for {self.files.refused.first}, which app.map maps to no folder")
         if self._errors and not self._ignore_errors:
-            raise self._died(f"script error: {self._errors[0]}")
+            raise self.died(f"script error: {self._errors.first}")
 
     def _hints(self) -> str:
-        missing = [url for url in self.files.missing if not url.endswith("/favicon.ico")]
         words = []
-        if missing:
-            words.append(f"not found: {missing[0]}")
+        if missing := self.files.missing:
+            others = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
+            words.append(f"not found: {missing.first}{others}")
         if self._complaints:
-            words.append(f"it says: {self._complaints[-1]}")
+            words.append(f"it says: {self._complaints.last}")
         return f" ({'; '.join(words)})" if words else ""
 
     def _refused(self, what: str) -> AppRefused:
         return AppRefused(f"{self._name}: {what}")
 
-    def _died(self, what: str) -> Exception:
+    def died(self, what: str) -> Exception:
+        """Return the error of a page that cannot go on; nothing more is asked of it."""
         return self._tools.give_up(AppDied(f"{self._name}: {what}"))
+
+    def _checked(self, decode: Callable[..., T], *answer: Any) -> T:
+        """A page's answer as ``decode`` has it.
+
+        Raises:
+            ProtocolError: it is another thing.
+        """
+        try:
+            return decode(*answer)
+        except BadReply as error:
+            raise self._tools.give_up(
+                ProtocolError(f"{self._name}: answered with another thing: {error}")
+            ) from error
 
     # --- requests ------------------------------------------------------------------------------
 
     def _ask(self, method: str, *, timeout_s: float | None = None, **parameters: Any) -> Any:
         wait_s = timeout_s or self._timeout_s
-        return self._tools.request(method, parameters, self._session, timeout_s=wait_s)
+        try:
+            return self._tools.request(method, parameters, self._tab.session, timeout_s=wait_s)
+        except RefusedRequest as error:
+            raise self.died(f"its browser refused {error}") from error
 
     def _tell(self, method: str, **parameters: Any) -> None:
-        self._tools.send(method, parameters, self._session, answered=False)
+        self._tools.send(method, parameters, self._tab.session, answered=False)
 
     def _start(self, expression: str) -> int:
         parameters = {"expression": expression, "awaitPromise": True, "returnByValue": True}
-        return self._tools.send("Runtime.evaluate", parameters, self._session)
+        return self._tools.send("Runtime.evaluate", parameters, self._tab.session)
 
     def _finish(self, number: int, timeout_s: float) -> Any:
         """The value of an expression.
@@ -309,19 +363,35 @@ class Page:
             found = self._tools.receive(number, self._name, timeout_s)
         except RefusedRequest as error:  # the document is gone
             self._check_playing()
-            raise self._died(f"left its document ({error})") from error
+            raise self.died(f"left its document ({error})") from error
         if self._crashed:
-            raise self._died("its tab crashed")
+            raise self.died("its tab crashed")
         if "exceptionDetails" in found:
             raise RefusedRequest(_words_of(found["exceptionDetails"]))
         return found["result"].get("value")
 
+    def _run(self, expression: str) -> Any:
+        """The value of an expression that may throw; raises RefusedRequest if it does."""
+        return self._finish(self._start(expression), self._timeout_s)
+
     def _evaluate(self, expression: str, timeout_s: float | None = None) -> Any:
-        return self._finish(self._start(expression), timeout_s or self._timeout_s)
+        """The value of an expression that throws only where a page has broken what it uses."""
+        try:
+            return self._finish(self._start(expression), timeout_s or self._timeout_s)
+        except RefusedRequest as error:
+            raise self.died(str(error)) from error
 
 
-def open_tab(browser: Browser, timeout_s: float) -> str:
-    """Open an empty tab that stores and downloads nothing; returns how to address it.
+class Tab(NamedTuple):
+    """A tab of a browser: its session, its target and the context that keeps it from others."""
+
+    session: str
+    target: str
+    context: str
+
+
+def open_tab(browser: Browser, timeout_s: float) -> Tab:
+    """Open an empty tab that stores and downloads nothing.
 
     Args:
         browser: in which.
@@ -339,7 +409,7 @@ def open_tab(browser: Browser, timeout_s: float) -> str:
                 "Target.closeTarget", timeout_s, targetId=other["targetId"]
             )  # with which it started
     attached = ask("Target.attachToTarget", timeout_s, targetId=target["targetId"], flatten=True)
-    return str(attached["sessionId"])
+    return Tab(attached["sessionId"], target["targetId"], context)
 
 
 def describe_browser(program: str, timeout_s: float = 30.0) -> str:
@@ -350,7 +420,7 @@ def describe_browser(program: str, timeout_s: float = 30.0) -> str:
     """
     browser = Browser(program, timeout_s)
     try:
-        tab = open_tab(browser, timeout_s)
+        tab = open_tab(browser, timeout_s).session
         asked = {"expression": _RENDERER, "returnByValue": True}
         told = browser.tools.request("Runtime.evaluate", asked, tab, timeout_s=timeout_s)
         return f"{browser.version}, {told['result'].get('value', 'no WebGL 2')}"
@@ -378,7 +448,7 @@ def _bundle(settings: PageSettings, values: Mapping[str, str]) -> str:
     return (
         f"{{ if (window === window.top) {{ const sim = {{ settings: {json.dumps(settings)} }};\n"
         "Object.defineProperty(window, '__sim2vr', { value: sim });\n"
-        f"{parts}\n{reads}\n}} }}\n{read_script('walls.js')}"
+        f"{{ {parts}\n}}\n{reads}\n}} }}\n{read_script('walls.js')}"
     )
 
 

@@ -55,10 +55,16 @@ class DevTools:
         self._awaited: set[int] = set()
         self._handlers: dict[str, Handler] = {}
         self._failure: str | None = None
+        self._watch: Callable[[], None] | None = None
+        self._watched_s = 0.0
 
     def on(self, event: str, handler: Handler) -> None:
         """Have ``handler`` called with the parameters of every event of that name."""
         self._handlers[event] = handler
+
+    def watch(self, look: Callable[[], None]) -> None:
+        """Have ``look`` called now and then while replies are waited for; it may raise."""
+        self._watch = look
 
     def send(
         self,
@@ -135,7 +141,11 @@ class DevTools:
         """Take in what is there, or wait for it a little."""
         if self._failure is not None:
             raise AppDied(f"{self.process} was given up: {self._failure}")
-        left = deadline - time.monotonic()
+        now = time.monotonic()
+        if self._watch is not None and now - self._watched_s >= _SLICE_S:
+            self._watched_s = now
+            self._watch()
+        left = deadline - now
         if left <= 0.0:
             raise self.give_up(
                 AppTimeout(f"{self.process} gave no answer to {doing} within {timeout_s:g} s")
@@ -182,7 +192,7 @@ class DevTools:
     def _handle(self, message: bytes) -> None:
         try:
             content = json.loads(message)
-        except ValueError as error:
+        except (ValueError, RecursionError) as error:
             raise self.give_up(
                 ProtocolError(f"{self.process} sent {message[:60]!r}, expected JSON")
             ) from error

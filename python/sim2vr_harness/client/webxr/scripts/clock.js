@@ -7,7 +7,9 @@
   const RealDate = Date;
   const channel = new MessageChannel();
   const waiting = [];
-  channel.port1.onmessage = () => waiting.shift()();
+  channel.port1.onmessage = () => shift(waiting)();
+
+  const report = window.reportError;
 
   let now = 0; // ms since the document began
   let lastId = 0;
@@ -16,17 +18,18 @@
 
   // Lets everything run that is due by now in truth: promises' reactions, events of loads.
   sim.turn = () => new Promise((resolve) => {
-    waiting.push(resolve);
-    channel.port2.postMessage(0);
+    push(waiting, resolve);
+    post(channel.port2, 0);
   });
   sim.now = () => now;
-  sim.call = (callback, ...args) => {
+  const call = (callback, args) => {
     try {
-      callback(...args);
+      Reflect.apply(callback, undefined, args);
     } catch (error) {
-      reportError(error); // as the browser would: the page's own handlers, then the harness
+      report(error); // as the browser would: the page's own handlers, then the harness
     }
   };
+  sim.call = (callback, ...args) => call(callback, args);
 
   const addTimer = (callback, delay, args, repeats) => {
     const wait = Math.max(1, Number(delay) || 0);
@@ -38,12 +41,12 @@
   const next = (until) => {
     let found = 0;
     let due = until;
-    for (const [id, timer] of timers) {
+    timers.forEach((timer, id) => {
       if (timer.due < due || (timer.due === due && (found === 0 || id < found))) {
         found = id;
         due = timer.due;
       }
-    }
+    });
     return found;
   };
   // Runs timers in the order in which they are due, up to a time, ms.
@@ -53,7 +56,7 @@
       now = Math.max(now, timer.due);
       if (timer.every) timer.due += timer.every;
       else timers.delete(id);
-      sim.call(timer.callback, ...timer.args);
+      call(timer.callback, timer.args);
       await sim.turn();
       await sim.loaded();
     }
@@ -62,7 +65,7 @@
   sim.runFrames = () => {
     const due = frames;
     frames = new Map();
-    for (const callback of due.values()) sim.call(callback, now);
+    due.forEach((callback) => call(callback, [now]));
   };
 
   const define = (object, name, value) =>
@@ -104,7 +107,7 @@
   };
   sim.seed = (seed) => { state = seed | 0; };
   sim.seed(sim.settings.seed);
-  define(Math, 'random', () => (draw() * 2 ** 21 + (draw() >>> 11)) / 2 ** 53);
+  define(window.Math, 'random', () => (draw() * 2 ** 21 + (draw() >>> 11)) / 2 ** 53);
   define(Crypto.prototype, 'getRandomValues', (array) => {
     const bytes = new Uint8Array(array.buffer, array.byteOffset, array.byteLength);
     for (let k = 0; k < bytes.length; k++) bytes[k] = draw() & 255;

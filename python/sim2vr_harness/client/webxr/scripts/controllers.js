@@ -32,7 +32,9 @@
     }
     pulse(value, duration) {
       const amplitude = Math.min(1, Math.max(0, Number(value) || 0));
-      sim.haptics.push([this._hand, amplitude, Math.max(0, Number(duration) || 0) / 1e3]);
+      const wished_ms = Number(duration);
+      const lasting_ms = Number.isFinite(wished_ms) ? Math.max(0, wished_ms) : 0;
+      push(sim.haptics, [this._hand, amplitude, lasting_ms / 1e3]);
       return Promise.resolve(true);
     }
     playEffect(_type, { duration = 0, strongMagnitude = 0, weakMagnitude = 0 } = {}) {
@@ -47,7 +49,7 @@
       this.index = -1;
       this.connected = true;
       this.mapping = 'xr-standard';
-      this.axes = Array(axes).fill(0);
+      this.axes = Array.from({ length: axes }, () => 0);
       this.buttons = Array.from({ length: buttons }, () => new GamepadButton());
       this.vibrationActuator = new GamepadHapticActuator(hand);
       this.hapticActuators = [this.vibrationActuator];
@@ -83,11 +85,11 @@
         axes[3] = 0 - at('stickY'); // WebXR: down is positive
       }
       const events = [];
-      for (const [k, name] of [[0, 'select'], [1, 'squeeze']]) {
+      forEach(['select', 'squeeze'], (name, k) => {
         const is = buttons[k]?.pressed ?? false;
-        if (is && !before[k]) events.push(`${name}start`);
-        if (!is && before[k]) events.push(name, `${name}end`);
-      }
+        if (is && !before[k]) push(events, `${name}start`);
+        if (!is && before[k]) push(events, name, `${name}end`);
+      });
       return events;
     }
   }

@@ -9,7 +9,7 @@
     if (pending > 0) return;
     const woken = waiting;
     waiting = [];
-    for (const wake of woken) wake();
+    forEach(woken, (wake) => wake());
   };
   const track = (promise) => {
     if (!promise || typeof promise.then !== 'function') return promise;
@@ -20,7 +20,7 @@
   // Resolves when nothing is under way any more; what came may begin further loads.
   sim.loaded = async () => {
     while (pending > 0) {
-      await new Promise((resolve) => waiting.push(resolve));
+      await new Promise((resolve) => push(waiting, resolve));
       await sim.turn();
       await sim.turn();
     }
@@ -30,7 +30,7 @@
     for (const name of names) {
       const real = object?.[name];
       if (typeof real !== 'function') continue;
-      object[name] = function (...args) { return track(real.apply(this, args)); };
+      object[name] = function (...args) { return track(Reflect.apply(real, this, args)); };
     }
   };
   wrap(window, 'fetch', 'createImageBitmap');
@@ -70,7 +70,7 @@
     for (const name of names) {
       const real = object[name];
       object[name] = function (...args) {
-        const target = real.apply(this, args);
+        const target = Reflect.apply(real, this, args);
         until(target, events);
         return target;
       };
@@ -89,13 +89,13 @@
   const send = XMLHttpRequest.prototype.send;
   XMLHttpRequest.prototype.send = function (...args) {
     until(this, ['loadend']);
-    return send.apply(this, args);
+    return Reflect.apply(send, this, args);
   };
   for (const name of ['readAsArrayBuffer', 'readAsText', 'readAsDataURL', 'readAsBinaryString']) {
     const real = FileReader.prototype[name];
     FileReader.prototype[name] = function (...args) {
       until(this, ['loadend']);
-      return real.apply(this, args);
+      return Reflect.apply(real, this, args);
     };
   }
   const source = Object.getOwnPropertyDescriptor(HTMLImageElement.prototype, 'src');
@@ -126,7 +126,7 @@
         if (this.isConnected) {
           for (const node of nodes) if (asks(node)) until(node, ['load', 'error']);
         }
-        return real.apply(this, nodes);
+        return Reflect.apply(real, this, nodes);
       };
     }
   };

@@ -27,14 +27,14 @@
 
   // Runs work between looking up and setting back what the page may rely on.
   const undisturbed = (gl, work) => {
-    const texture = [0, 1].map((unit) => {
+    const texture = map([0, 1], (unit) => {
       gl.activeTexture(gl.TEXTURE0 + unit);
       return [gl.getParameter(gl.TEXTURE_BINDING_2D), gl.getParameter(gl.SAMPLER_BINDING)];
     });
     work();
-    texture.forEach(([map, sampler], unit) => {
+    forEach(texture, ({ 0: bound2d, 1: sampler }, unit) => {
       gl.activeTexture(gl.TEXTURE0 + unit);
-      gl.bindTexture(gl.TEXTURE_2D, map);
+      gl.bindTexture(gl.TEXTURE_2D, bound2d);
       gl.bindSampler(unit, sampler);
     });
   };
@@ -57,7 +57,7 @@
   const { colorMask, depthMask, pixelStorei } = proto;
   proto.colorMask = function (...mask) {
     settingsOf(this).color = mask;
-    colorMask.apply(this, mask);
+    Reflect.apply(colorMask, this, mask);
   };
   proto.depthMask = function (on) {
     settingsOf(this).depth = on;
@@ -76,18 +76,18 @@
     const pack = gl.getParameter(gl.PIXEL_PACK_BUFFER_BINDING);
     const viewport = gl.getParameter(gl.VIEWPORT);
     const { color, depth, packing } = settingsOf(gl);
-    const on = SWITCHES.map((name) => gl.isEnabled(gl[name]));
-    const packed = Object.keys(PACKING).filter((name) => packing[name] !== PACKING[name]);
-    SWITCHES.forEach((name, k) => on[k] && gl.disable(gl[name]));
-    for (const name of packed) pixelStorei.call(gl, Number(name), PACKING[name]);
+    const on = map(SWITCHES, (name) => gl.isEnabled(gl[name]));
+    const packed = filter(Object.keys(PACKING), (name) => packing[name] !== PACKING[name]);
+    forEach(SWITCHES, (name, k) => on[k] && gl.disable(gl[name]));
+    forEach(packed, (name) => Reflect.apply(pixelStorei, gl, [Number(name), PACKING[name]]));
     colorMask.call(gl, true, true, true, true);
     depthMask.call(gl, true);
     undisturbed(gl, work);
-    SWITCHES.forEach((name, k) => on[k] && gl.enable(gl[name]));
-    for (const name of packed) pixelStorei.call(gl, Number(name), packing[name]);
-    colorMask.apply(gl, color);
+    forEach(SWITCHES, (name, k) => on[k] && gl.enable(gl[name]));
+    forEach(packed, (name) => Reflect.apply(pixelStorei, gl, [Number(name), packing[name]]));
+    Reflect.apply(colorMask, gl, color);
     depthMask.call(gl, depth);
-    gl.viewport(...viewport);
+    Reflect.apply(gl.viewport, gl, viewport);
     gl.bindBuffer(gl.PIXEL_PACK_BUFFER, pack);
     gl.bindVertexArray(vertices);
     gl.useProgram(program);
@@ -143,7 +143,8 @@
     }
 
     _make(gl) {
-      const [w, h] = [this.framebufferWidth, this.framebufferHeight];
+      const w = this.framebufferWidth;
+      const h = this.framebufferHeight;
       keepingState(gl, () => {
         this._program = compiled(gl);
         this._empty = gl.createVertexArray();
@@ -169,7 +170,8 @@
     // the framebuffer clear, as WebXR has it when a frame begins.
     _read(near, far) {
       const gl = this._gl;
-      const [w, h] = [this.framebufferWidth, this.framebufferHeight];
+      const w = this.framebufferWidth;
+      const h = this.framebufferHeight;
       if (gl.isContextLost()) {
         sim.fail('lost', 'lost its WebGL context');
         return this._pixels;
@@ -178,12 +180,12 @@
         realBind.call(gl, gl.FRAMEBUFFER, this._seen);
         gl.useProgram(this._program);
         gl.bindVertexArray(this._empty);
-        [this._color, this._depth].forEach((texture, unit) => {
+        forEach([this._color, this._depth], (texture, unit) => {
           gl.activeTexture(gl.TEXTURE0 + unit);
           gl.bindTexture(gl.TEXTURE_2D, texture);
           gl.bindSampler(unit, null);
         });
-        this._uniforms ??= Object.fromEntries(['color', 'depth', 'planes', 'farthest', 'top'].map(
+        this._uniforms ??= Object.fromEntries(map(['color', 'depth', 'planes', 'farthest', 'top'],
           (name) => [name, gl.getUniformLocation(this._program, name)]));
         gl.uniform1i(this._uniforms.color, 0);
         gl.uniform1i(this._uniforms.depth, 1);
@@ -220,7 +222,7 @@
     'clearBufferfi', 'blitFramebuffer',
   ]) {
     const original = real[name] = proto[name];
-    proto[name] = function (...args) { if (!unseen(this)) original.apply(this, args); };
+    proto[name] = function (...args) { if (!unseen(this)) Reflect.apply(original, this, args); };
   }
   // A page that draws elsewhere, with more samples, and copies its picture copies the depth, too.
   const copied = new WeakMap(); // context -> whether the depths are of a kind

@@ -47,7 +47,8 @@
     }
     _locate(space, base) {
       if (!this._active) throw new DOMException('the frame is over', 'InvalidStateError');
-      const [where, origin] = [space._where(this._state), base._where(this._state)];
+      const where = space._where(this._state);
+      const origin = base._where(this._state);
       return where && origin && compose(inverse(origin), where);
     }
     getPose(space, base) {
@@ -59,14 +60,14 @@
       const head = this._locate(this.session._viewer, base);
       if (!head) return null;
       const { eyes, ipd_m: ipd } = sim.settings;
-      const views = EYES[eyes].map((_, k) => {
+      const views = map(EYES[eyes], (_, k) => {
         const offset = { p: [eyes === 1 ? 0 : (k - 0.5) * ipd, 0, 0], q: IDENTITY.q };
         return new XRView(k, compose(head, offset), this.session);
       });
       return new XRViewerPose(head, views);
     }
     fillPoses(spaces, base, transforms) {
-      return spaces.every((space, k) => {
+      return every(spaces, (space, k) => {
         const pose = this._locate(space, base);
         if (pose) transforms.set(XRRigidTransform._of(pose).matrix, 16 * k);
         return Boolean(pose);
@@ -74,11 +75,12 @@
     }
   }
 
+  const dispatch = EventTarget.prototype.dispatchEvent;
   // Events that also have an on... attribute.
   const fire = (target, event) => {
     const handler = target[`on${event.type}`];
-    if (typeof handler === 'function') sim.call(handler.bind(target), event);
-    target.dispatchEvent(event);
+    if (typeof handler === 'function') sim.call((given) => Reflect.apply(handler, target, [given]), event);
+    Reflect.apply(dispatch, target, [event]);
   };
   const eventOf = (type, members) => Object.assign(new Event(type), members);
 
@@ -109,7 +111,8 @@
       if (changes.layers?.length) {
         throw new DOMException('layers are not there', 'NotSupportedError');
       }
-      const known = Object.entries(changes).filter(([key, value]) => value !== undefined && key !== 'layers');
+      const known = filter(Object.entries(changes),
+        ({ 0: key, 1: value }) => value !== undefined && key !== 'layers');
       this._pending = { ...this._pending, ...Object.fromEntries(known) };
     }
     _settle() {
@@ -118,7 +121,7 @@
       this._pending = null;
     }
     async requestReferenceSpace(type) {
-      if (!this.enabledFeatures.includes(type)) {
+      if (!includes(this.enabledFeatures, type)) {
         throw new DOMException(`no reference space ${type}`, 'NotSupportedError');
       }
       if (type === 'viewer') return new XRReferenceSpace((state) => state.head);
@@ -153,33 +156,34 @@
     // One frame: rows of the devices in the app's frame, null where one is not tracked.
     _frame({ head, hands, inputs, drawn }) {
       this._settle();
-      const [left, right] = hands.map(fromApp);
+      const left = fromApp(hands[0]);
+      const right = fromApp(hands[1]);
       this._eyes_m ??= head[1];
       const state = { head: fromApp(head), left, right, eyes_m: this._eyes_m };
       this._track(state);
-      HANDS.forEach((hand, k) => {
+      forEach(HANDS, (hand, k) => {
         if (!state[hand]) return;
         const source = this._sources[hand];
-        for (const type of source._take(inputs[k])) {
+        forEach(source._take(inputs[k]), (type) => {
           const frame = new XRFrame(this, state, false);
           fire(this, eventOf(type, { frame, inputSource: source }));
           frame._active = false;
-        }
+        });
       });
       const layer = this.renderState.baseLayer;
       const callbacks = this._callbacks;
       if (this._ended || !layer || callbacks.size === 0) return null;
       this._callbacks = new Map();
       const frame = new XRFrame(this, state, true);
-      for (const callback of callbacks.values()) sim.call(callback, sim.now(), frame);
+      callbacks.forEach((callback) => sim.call(callback, sim.now(), frame));
       frame._active = false;
       if (!drawn || this._ended) return null;
       return layer._read(this.renderState.depthNear, this.renderState.depthFar);
     }
     _track(state) {
-      const tracked = HANDS.filter((hand) => state[hand]).map((hand) => this._sources[hand]);
-      const added = tracked.filter((source) => !this.inputSources.includes(source));
-      const removed = this.inputSources.filter((source) => !tracked.includes(source));
+      const tracked = map(filter(HANDS, (hand) => state[hand]), (hand) => this._sources[hand]);
+      const added = filter(tracked, (source) => !includes(this.inputSources, source));
+      const removed = filter(this.inputSources, (source) => !includes(tracked, source));
       if (added.length + removed.length === 0) return;
       this.inputSources = tracked;
       fire(this, eventOf('inputsourceschange', { session: this, added, removed }));
@@ -201,7 +205,7 @@
     }
     async requestSession(mode, { requiredFeatures = [], optionalFeatures = [] } = {}) {
       sim.asked = true;
-      const lacking = requiredFeatures.filter((name) => !FEATURES.includes(name));
+      const lacking = filter(requiredFeatures, (name) => !includes(FEATURES, name));
       if (!supports(mode) || lacking.length) {
         sim.refused = supports(mode) ? `the feature ${lacking[0]}` : `a session of ${mode}`;
         throw new DOMException(`sim2vr has no ${sim.refused}`, 'NotSupportedError');
@@ -210,7 +214,7 @@
         throw new DOMException('there is a session already', 'InvalidStateError');
       }
       const wished = [...requiredFeatures, ...optionalFeatures];
-      const granted = FEATURES.filter((name) => wished.includes(name));
+      const granted = filter(FEATURES, (name) => includes(wished, name));
       sim.session = new XRSession([...new Set(['viewer', 'local', ...granted])]);
       return sim.session;
     }

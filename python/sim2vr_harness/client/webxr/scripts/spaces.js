@@ -27,7 +27,7 @@
     return { p: [-p[0], -p[1], -p[2]], q };
   };
   const IDENTITY = { p: [0, 0, 0], q: [0, 0, 0, 1] };
-  const matrixOf = ({ p, q: [x, y, z, w] }) => new Float32Array([
+  const matrixOf = ({ p, q: { 0: x, 1: y, 2: z, 3: w } }) => new Float32Array([
     1 - 2 * (y * y + z * z), 2 * (x * y + z * w), 2 * (x * z - y * w), 0,
     2 * (x * y - z * w), 1 - 2 * (x * x + z * z), 2 * (y * z + x * w), 0,
     2 * (x * z + y * w), 2 * (y * z - x * w), 1 - 2 * (x * x + y * y), 0,
@@ -37,11 +37,11 @@
   class XRRigidTransform {
     constructor(position = {}, orientation = { w: 1 }) {
       const { x = 0, y = 0, z = 0 } = position ?? {};
-      const q = ['x', 'y', 'z'].map((axis) => orientation?.[axis] ?? 0);
-      q.push(orientation?.w ?? 1);
-      const length = Math.hypot(...q);
+      const q = map(['x', 'y', 'z'], (axis) => orientation?.[axis] ?? 0);
+      push(q, orientation?.w ?? 1);
+      const length = Math.hypot(q[0], q[1], q[2], q[3]);
       if (!(length > 0)) throw new DOMException('orientation of length 0', 'InvalidStateError');
-      this._pose = { p: [x, y, z], q: q.map((part) => part / length) };
+      this._pose = { p: [x, y, z], q: map(q, (part) => part / length) };
     }
     static _of(pose) {
       const made = Object.create(XRRigidTransform.prototype);
@@ -49,11 +49,11 @@
       return made;
     }
     get position() {
-      const [x, y, z] = this._pose.p;
+      const { 0: x, 1: y, 2: z } = this._pose.p;
       return (this._position ??= new DOMPointReadOnly(x, y, z, 1));
     }
     get orientation() {
-      const [x, y, z, w] = this._pose.q;
+      const { 0: x, 1: y, 2: z, 3: w } = this._pose.q;
       return (this._orientation ??= new DOMPointReadOnly(x, y, z, w));
     }
     get matrix() { return (this._matrix ??= matrixOf(this._pose)); }

@@ -7,6 +7,7 @@
   const POSSIBLE = /\b(start|play|begin|enter|go|launch|continue|ok)\b/i;
 
   sim.haptics = [];
+  const { btoa } = window;
   sim.values = new Map();
   sim.drawing = true;
   sim.asked = false;
@@ -14,10 +15,10 @@
   sim.fail = (kind, text) => { sim.failure ??= [kind, text]; };
 
   const base64 = (bytes) => {
-    if (bytes.toBase64) return bytes.toBase64();
+    if (toBase64) return toBase64(bytes);
     let text = '';
     for (let k = 0; k < bytes.length; k += 0x8000) {
-      text += String.fromCharCode(...bytes.subarray(k, k + 0x8000));
+      text += Reflect.apply(String.fromCharCode, String, subarray(bytes, k, k + 0x8000));
     }
     return btoa(text);
   };
@@ -33,8 +34,8 @@
   const listening = new WeakSet();
   const { addEventListener } = EventTarget.prototype;
   EventTarget.prototype.addEventListener = function (type, ...rest) {
-    if (CLICKS.includes(type) && this instanceof Element) listening.add(this);
-    return addEventListener.call(this, type, ...rest);
+    if (includes(CLICKS, type) && this instanceof Element) listening.add(this);
+    return Reflect.apply(addEventListener, this, [type, ...rest]);
   };
   const BUTTONS = 'button, a, input[type=button], input[type=submit], [role=button], [onclick], '
     + '[class*=vr i], [id*=vr i]';
@@ -102,27 +103,36 @@
     return ['enter', `never enters VR; tried to click: ${clicked.join(', ') || 'nothing that looks like it'}`];
   };
 
+  const finite = (value) => {
+    if (Number.isFinite(value)) return value;
+    throw new TypeError(`is ${typeof value === 'number' ? value : typeof value}, expected a finite number`);
+  };
   const plain = (value) => {
-    if (typeof value === 'number' || typeof value === 'boolean' || value === null) return value;
-    if (Array.isArray(value) && value.length === 3 && value.every((one) => typeof one === 'number')) return value;
-    if (value && ['x', 'y', 'z'].every((axis) => typeof value[axis] === 'number')) {
-      return [value.x, value.y, -value.z]; // a vector of the page, right-handed
+    if (typeof value === 'boolean' || value === null) return value;
+    if (typeof value === 'number') return finite(value);
+    if (Array.isArray(value) && value.length === 3) return map([value[0], value[1], value[2]], finite);
+    if (value && every(['x', 'y', 'z'], (axis) => typeof value[axis] === 'number')) {
+      return map([value.x, value.y, -value.z], finite); // a vector of the page, right-handed
     }
     throw new TypeError(`is ${value === undefined ? 'undefined' : typeof value}, expected a number, true or false, or x y z`);
   };
-  const readValues = () => [...sim.values].map(([name, read]) => {
-    try {
-      const value = plain(read(sim.locate));
-      return typeof value === 'number' && !Number.isFinite(value) ? [name, 0, `is ${value}`] : [name, value];
-    } catch (error) {
-      return [name, 0, String(error?.message ?? error).slice(0, 300)];
-    }
-  });
+  const readValues = () => {
+    const found = [];
+    sim.values.forEach((read, name) => {
+      try {
+        push(found, [name, plain(read(sim.locate))]);
+      } catch (error) {
+        push(found, [name, 0, slice(String(error?.message ?? error), 0, 300)]);
+      }
+    });
+    return found;
+  };
 
   // Runs frames: [time_ms, head, [left, right], [inputs left, right], drawn]; times since `sim.base`.
   sim.step = async (frames, withValues) => {
     let picture = null;
-    for (const [time, head, hands, inputs, drawn] of frames) {
+    for (let k = 0; k < frames.length; k++) {
+      const { 0: time, 1: head, 2: hands, 3: inputs, 4: drawn } = frames[k];
       await sim.loaded();
       await sim.runTimers(sim.base + time);
       sim.runFrames();
@@ -135,13 +145,13 @@
     await sim.loaded();
     const haptics = sim.haptics;
     sim.haptics = [];
-    return JSON.stringify({
+    return { // by value: the browser writes it down, no toJSON of the page does
       haptics,
       ended: sim.session._ended,
       failure: sim.failure,
       values: withValues ? readValues() : [],
       picture: picture && base64(picture),
-    });
+    };
   };
   sim.begin = () => {
     sim.base = sim.now() + TICK_MS;

@@ -2,6 +2,14 @@
 // to write. The browser is started without a way out; here it is said to the scripts of the page
 // and of the frames within it.
 {
+  // Each wall is built by itself: a sandboxed frame throws at some, and still gets the others.
+  const wall = (build) => {
+    try {
+      build();
+    } catch {
+      // The window has no such thing, or does not let its own scripts have it.
+    }
+  };
   const refuse = (name) => function () {
     throw new DOMException(`${name} is not there under sim2vr`, 'NotSupportedError');
   };
@@ -9,32 +17,33 @@
     'WebSocket', 'WebSocketStream', 'WebTransport', 'RTCPeerConnection', 'webkitRTCPeerConnection',
     'SharedWorker', 'showSaveFilePicker', 'showOpenFilePicker', 'showDirectoryPicker',
   ]) {
-    if (name in window) {
+    wall(() => {
+      if (!(name in window)) return;
       Object.defineProperty(window, name, { value: refuse(name), configurable: true, writable: true });
-    }
+    });
   }
-  if (navigator.serviceWorker) {
+  wall(() => {
     Object.defineProperty(ServiceWorkerContainer.prototype, 'register', {
       value: async () => refuse('serviceWorker')(),
     });
-  }
-  if (window.StorageManager) {
-    StorageManager.prototype.getDirectory = async () => refuse('getDirectory')();
-  }
+  });
+  wall(() => { StorageManager.prototype.getDirectory = async () => refuse('getDirectory')(); });
   // A round begins without what another has kept; the harness clears what takes time to open.
   if (window === window.top && location.protocol !== 'about:') {
-    localStorage.clear();
-    sessionStorage.clear();
-    window.name = '';
+    wall(() => localStorage.clear());
+    wall(() => sessionStorage.clear());
+    wall(() => { window.name = ''; });
   }
   // What the machine has would make rounds differ.
-  navigator.getGamepads = () => [null, null, null, null];
+  wall(() => { navigator.getGamepads = () => [null, null, null, null]; });
   for (const [name, value] of [['hardwareConcurrency', 4], ['deviceMemory', 4]]) {
-    if (name in navigator) Object.defineProperty(Navigator.prototype, name, { get: () => value });
+    wall(() => {
+      if (name in navigator) Object.defineProperty(Navigator.prototype, name, { get: () => value });
+    });
   }
-  window.open = () => null;
-  window.alert = () => {};
-  window.confirm = () => true;
-  window.prompt = () => null;
-  navigator.sendBeacon = () => false;
+  wall(() => { window.open = () => null; });
+  wall(() => { window.alert = () => {}; });
+  wall(() => { window.confirm = () => true; });
+  wall(() => { window.prompt = () => null; });
+  wall(() => { navigator.sendBeacon = () => false; });
 }

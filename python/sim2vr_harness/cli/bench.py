@@ -71,7 +71,7 @@ def bench(
 
     settings = load_config(config, set_ or []) if config else defaults(set_ or [])
     source = Path(config or "the defaults")
-    require_trust(settings.env.app, source, named=named_app(set_ or []), trust=trust_app)
+    require_trust(settings.env, source, named=named_app(set_ or []), trust=trust_app)
     plan = BenchPlan(
         settings,
         scene,

@@ -140,7 +140,7 @@ def compare(
 
             sources[user] = [read_user(user, behaviour, plays, on_progress=show)]
     for user in studies:
-        sources[user] = _players(user, out, behaviour)
+        sources[user] = _players(user, out, behaviour, plays)
     read = [(user, source) for user in users for source in sources[user]]
     names = _names([(user, source.name) for user, source in read], told)
     compared = [replace(source, name=name) for (_, source), name in zip(read, names, strict=True)]
@@ -222,7 +222,7 @@ def _is_study(user: str) -> bool:
     return (path.suffix in (".yaml", ".yml") and path.is_file()) or (path / "study.json").is_file()
 
 
-def _players(user: str, out: Path, behaviour: Behaviour) -> list[Source]:
+def _players(user: str, out: Path, behaviour: Behaviour, plays: Plays) -> list[Source]:
     """The users of a study, which is run first, or gone on with, if its file is given."""
     from sim2vr_harness.cli.studies import Shown
     from sim2vr_harness.human_comparison.sources import read_folders
@@ -238,7 +238,8 @@ def _players(user: str, out: Path, behaviour: Behaviour) -> list[Source]:
         if not study.logs:
             raise InputError(f"{user}: logs", "false", "true: what is compared is read from logs")
         with Shown() as shown:
-            data = run_study(path, out / "studies" / study.name, on_progress=shown.show).data
+            place = out / "studies" / study.name
+            data = run_study(path, place, trust_app=plays.trust_app, on_progress=shown.show).data
     players = players_of(data)
     return [read_folders(name, folders, behaviour) for name, folders in players.items()]
 

@@ -7,7 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sim2vr_harness.cli.options import JsonOption, print_json, readable_file, writable_file
+from sim2vr_harness.cli.options import (
+    JsonOption,
+    TrustOption,
+    print_json,
+    readable_file,
+    writable_file,
+)
 
 if TYPE_CHECKING:
     from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
@@ -48,6 +54,7 @@ def practise(
         list[str] | None,
         typer.Option("--set", metavar="KEY=VALUE", help="Change the practice: --set cycles=36."),
     ] = None,
+    trust_app: TrustOption = False,
 ) -> int:
     """Practise a body's motor layer; what was stopped goes on where it was."""
     from sim2vr_harness.base.signals import sigterm_interrupts
@@ -57,7 +64,7 @@ def practise(
 
     changes = [f"skills.practice.{change}" for change in set_ or ()]
     config = parse_config(apply_overrides({}, changes)).skills.practice
-    of, first = _body(body), None
+    of, first = _body(body, trust_app), None
     if begin is not None:
         first = load_motor_layer(begin, of, step_s)
         config = config.model_copy(update={"width": first.width})
@@ -119,6 +126,7 @@ def measure(
         typer.Option(metavar="FILE.png", help="Draw it into this file.", callback=writable_file),
     ] = None,
     json: JsonOption = False,
+    trust_app: TrustOption = False,
 ) -> None:
     """Measure a motor layer: end points, speeds, effort, and times by Fitts' law."""
     from sim2vr_harness.cli.progress import Share
@@ -126,7 +134,7 @@ def measure(
     from sim2vr_harness.training.motor_control.benchmark_figure import draw_measures
     from sim2vr_harness.users.noise import MotorNoiseSettings
 
-    found = _layer(_body(body), layer, step_s)
+    found = _layer(_body(body, trust_app), layer, step_s)
     human = MotorNoiseSettings(signal_dependent="white", constant="white")
     with Share("moving") as share:
         measures = measure_layer(
@@ -148,9 +156,11 @@ def measure(
         typer.echo(f"Written: {out}")
 
 
-def _body(name: str) -> Body:
+def _body(name: str, trust_app: bool) -> Body:
+    from sim2vr_harness.runs.trust import require_trusted_body
     from sim2vr_harness.users import load_body
 
+    require_trusted_body(name, name, trust=trust_app)
     return load_body(name)
 
 

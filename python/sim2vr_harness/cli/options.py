@@ -48,7 +48,7 @@ TrustOption = Annotated[
     bool,
     typer.Option(
         "--trust-app",
-        help="Start the app that a file names, though you never have; remembered.",
+        help="Run the program or Python code that a file names; remembered.",
     ),
 ]
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sim2vr_harness.cli.options import writable_folder
+from sim2vr_harness.cli.options import TrustOption, writable_folder
 
 __all__ = ["study"]
 
@@ -42,15 +42,28 @@ def study(
             "such as s3://BUCKET/STUDY.",
         ),
     ] = None,
+    trust_app: TrustOption = False,
 ) -> None:
-    """Play the cells of a study, train or search what it needs, compare, and write the report."""
+    """Play the cells of a study, train or search what it needs, compare, and write the report.
+
+    A study that names a program, a page, an address or Python code starts nothing before you have
+    agreed. --trust-app agrees, for the study and for the users and configurations that it names.
+    """
     from rich.console import Console
 
     from sim2vr_harness.cli.studies import Shown, comparison_table
     from sim2vr_harness.studies import run_study
 
     with Shown() as shown:
-        found = run_study(file, out, jobs=jobs, ray=ray, storage=storage, on_progress=shown.show)
+        found = run_study(
+            file,
+            out,
+            jobs=jobs,
+            ray=ray,
+            storage=storage,
+            trust_app=trust_app,
+            on_progress=shown.show,
+        )
     for table in comparison_table(found.data):
         Console().print(table)
     typer.echo(f"Played: {found.played} of {found.played + found.found} cells and trainings")

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from sim2vr_harness.cli.options import finite, writable_folder
+from sim2vr_harness.cli.options import TrustOption, finite, writable_folder
 
 if TYPE_CHECKING:
     from sim2vr_harness.tools.track.paths import Frame, RecordedPath
@@ -102,6 +102,7 @@ def track(
             help="Change the user: --set env.user.person.strength=.8.",
         ),
     ] = None,
+    trust_app: TrustOption = False,
 ) -> None:
     """Let a body's muscles follow the recorded hands of a person, and say what it costs them."""
     from sim2vr_harness.cli.progress import Share
@@ -123,7 +124,7 @@ def track(
         seed=seed,
         play=play,
     )
-    env = environment_of(user, overrides=set_ or ())
+    env = environment_of(user, overrides=set_ or (), trust_app=trust_app)
     paths = _paths(recordings, frame)
     layer_for = partial(motor_layer_for, following=True)
     done = []

@@ -131,7 +131,7 @@ def train(
         settings = load_config(config, overrides)
     folder = out or Path("runs") / settings.name
     source = Path(from_ or config or folder)
-    require_trust(settings.env.app, source, named=named_app(overrides), trust=trust_app)
+    require_trust(settings.env, source, named=named_app(overrides), trust=trust_app)
     if not resume:
         settings = settings.model_copy(update={"env": with_task(settings.env)})
     result = trainer.train(

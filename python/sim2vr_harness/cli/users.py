@@ -191,6 +191,7 @@ def export(
     torso: Annotated[
         bool, typer.Option("--torso", help="With a trunk and a neck that move.")
     ] = False,
+    trust_app: TrustOption = False,
 ) -> None:
     """Write a body, devices included, as MJCF that MuJoCo loads.
 
@@ -198,6 +199,7 @@ def export(
     MUJOCO_GL=egl or osmesa draws without one.
     """
     from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.runs.trust import require_trusted_body
     from sim2vr_harness.users import Physique, load_body
     from sim2vr_harness.users.bodies.export import export_body
 
@@ -227,6 +229,7 @@ def export(
         )
         expected = str(problem["msg"]).removeprefix("Input should be ")
         raise InputError(f"--{option}", repr(problem["input"]), expected) from error
+    require_trusted_body(name, name, trust=trust_app)
     body = load_body(name, person=person, skull_rotation_deg=skull_rotation_deg, torso=torso)
     for written in export_body(body, file):
         typer.echo(f"Written: {written}")

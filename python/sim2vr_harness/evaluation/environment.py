@@ -21,6 +21,7 @@ def evaluation_env(
     overrides: Sequence[str] = (),
     *,
     source: str | Path = "the configuration",
+    typed: bool = True,
     trust_app: bool = False,
 ) -> EnvConfig:
     """Return the environment to evaluate in: the training's, with the game's evaluation options.
@@ -32,23 +33,25 @@ def evaluation_env(
         app: Settings that replace those of ``env.app``.
         overrides: ``env.key=value``, what else is different.
         source: Where the configuration comes from, for people.
+        typed: Whether this user has typed ``app`` and ``overrides``; those of a file are the file's
+            word.
         trust_app: Whether the app that it names may be started, though this user never has.
 
     Raises:
-        InputError: They do not go together, an override is not of the environment, or the
-            configuration names a program that this user has never started.
+        InputError: They do not go together, an override is not of the environment, or a file names
+            a program that this user has never started.
     """
     for override in overrides:
         if not override.lstrip().startswith("env."):
             raise InputError("--set", repr(override), "env.KEY=VALUE: an evaluation trains nothing")
     tree = config.model_dump()
     tree["env"]["app"] |= app or {}
-    named = named_app(overrides, app)
-    final = parse_config(apply_overrides(tree, overrides)).env.app
+    named = named_app(overrides, app) if typed else ()
+    final = parse_config(apply_overrides(tree, overrides)).env
     require_trust(final, source, named=named, trust=trust_app)
-    playing = parse_config(tree).env.app
+    # Facts of a task come from its code: only that of the app that was asked about may run.
     tree["env"]["app"]["options"] = {
-        **playing.options,
-        **game_facts(playing).evaluation_options,
+        **parse_config(tree).env.app.options,
+        **game_facts(final.app).evaluation_options,
     }
     return parse_config(apply_overrides(tree, overrides)).env

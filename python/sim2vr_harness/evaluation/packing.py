@@ -61,7 +61,7 @@ def pack_measured(
     users = [find_user(each) for each in (run, *other_seeds)]
     _check_seeds(users)
     for each, user in zip((run, *other_seeds), users, strict=True):
-        require_trust(user.config.env.app, each, trust=trust_app)
+        require_trust(user.config.env, each, trust=trust_app)
     with TemporaryDirectory() as scratch:
         cards = {}
         for user in users:

@@ -33,6 +33,7 @@ from sim2vr_harness.runs.checkpoint import (
 from sim2vr_harness.runs.config import TrainingConfig, parse_config, read_mapping, to_yaml
 from sim2vr_harness.runs.migration import renamed
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
+from sim2vr_harness.users.bodies import foreign_package
 
 __all__ = [
     "TrainedUser",
@@ -169,7 +170,8 @@ def open_packed(folder: Path, *, evaluation_dir: Path | None = None) -> TrainedU
         evaluation_dir=evaluation_dir or folder / "evaluation",
         load=partial(_load_packed, folder / _WEIGHTS, steps),
     )
-    require_contract(user, config.env)
+    if foreign_package(config.env.user.model) is None:  # else whoever plays asks first
+        require_contract(user, config.env)
     return user
 
 

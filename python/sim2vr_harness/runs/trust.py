@@ -1,8 +1,9 @@
-"""Programs that a file names are started only if this user has said so.
+"""Programs and Python that a file names run only if this user has said so.
 
-A run's folder, a packed user or a configuration that somebody else has written may name any program
-of this machine, with any arguments, as the app to play in. What this user has named on a command
-line, or trained with, is remembered outside all of these, a file for each in
+A run's folder, a packed user, a study or a configuration that somebody else has written may name
+any program of this machine, with any arguments, as the app to play in; any Python file as its task;
+and a body whose model an installed package makes. What this user has named on a command line, or
+trained with, is remembered outside all of these, a file for each in
 ``$XDG_STATE_HOME/sim2vr/trusted_apps`` (``~/.local/state/...``).
 """
 
@@ -19,12 +20,20 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.client.tasks import names_code
-from sim2vr_harness.envs.config import AppConfig
+from sim2vr_harness.client.tasks import TaskRules, names_code
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.run_folder import write_atomically
+from sim2vr_harness.users.bodies import allow_package, foreign_package, origin_of
 
-__all__ = ["named_app", "remember", "require_trust", "state_folder"]
+__all__ = [
+    "answered",
+    "named_app",
+    "remember",
+    "require_trust",
+    "require_trusted_body",
+    "state_folder",
+]
 
 _KEYS = ("executable", "arguments", "connect", "page", "map", "browser", "task")
 _told: list[dict[str, Any]] = []
@@ -42,12 +51,12 @@ def state_folder() -> Path | None:
 
 
 def require_trust(
-    app: AppConfig, source: str | Path, *, named: Collection[str] = (), trust: bool = False
+    env: EnvConfig, source: str | Path, *, named: Collection[str] = (), trust: bool = False
 ) -> None:
-    """Check that this user knows the program, or the address, that a file names as its app.
+    """Check that this user knows the code that an environment of a file runs or connects to.
 
     Args:
-        app: the app to play in.
+        env: the environment; nothing of it is started, imported or opened here.
         source: the file, or the folder that it is in, for people.
         named: which settings of the app the command line gave itself.
         trust: whether this user says that it is fine (``--trust-app``), which is remembered.
@@ -55,6 +64,46 @@ def require_trust(
     Raises:
         InputError: neither; prints what would be started.
     """
+    _require_app(env.app, source, named, trust)
+    require_trusted_body(env.user.model, source, trust=trust)
+
+
+def require_trusted_body(model: str, source: str | Path, *, trust: bool = False) -> None:
+    """Check that this user knows the Python package that a body's file names.
+
+    Args:
+        model: a body's name or file.
+        source, trust: as of :func:`require_trust`.
+
+    Raises:
+        InputError: it does not, and nothing has been imported.
+    """
+    package = foreign_package(model)
+    if package is None:
+        return
+    entry = {"package": package, "real": os.path.realpath(origin_of(package))}
+    if trust:
+        _note(entry, Path(source), Path(model))
+    elif not _known(entry):
+        raise InputError(
+            "env.user.model",
+            f"the package {package!r} in {model!r}, code that you have not run before",
+            "--trust-app, if you know where it comes from",
+        )
+    allow_package(package)
+
+
+def answered(env: EnvConfig) -> None:
+    """Take over what this user has said of an environment, in a process that works for it.
+
+    Of nothing else: what another file names there is a question again.
+    """
+    _told.append(_entry(env.app))
+    if (package := foreign_package(env.user.model)) is not None:
+        allow_package(package)
+
+
+def _require_app(app: AppConfig, source: str | Path, named: Collection[str], trust: bool) -> None:
     wanted = _entry(app)
     from_file = [key for key in _KEYS if wanted.get(key) and key not in named]
     if not from_file:
@@ -65,7 +114,7 @@ def require_trust(
     # Arguments were trusted together with their program.
     whose = {"executable"} if "arguments" in from_file else set()
     if not _knows(wanted, [key for key in _KEYS if key not in named or key in whose]):
-        raise _unknown(app, source)
+        raise _unknown(app, source, from_file)
 
 
 def named_app(overrides: Sequence[str], app: Mapping[str, Any] | None = None) -> set[str]:
@@ -89,12 +138,17 @@ def remember(app: AppConfig, folder: Path) -> None:
             came with it and is asked for every time.
     """
     entry = _entry(app)
-    if not any(entry.get(key) for key in _KEYS) or _known(entry):
+    if any(entry.get(key) for key in _KEYS):
+        _note(entry, folder)
+
+
+def _note(entry: dict[str, Any], *sources: Path) -> None:
+    """Keep an entry; one of what came along with a source for this process only."""
+    if _known(entry):
         return
     _told.append(entry)
-    place, real = state_folder(), entry["real"]
-    beside = os.path.realpath(folder.parent if folder.is_file() else folder)
-    if place is None or (real and folder.exists() and Path(real).is_relative_to(beside)):
+    place = state_folder()
+    if place is None or any(_lies_in(entry["real"], source) for source in sources):
         return
     name = hashlib.sha256(json.dumps(entry, sort_keys=True).encode()).hexdigest()[:32]
     with suppress(OSError):  # asked again next time
@@ -102,10 +156,20 @@ def remember(app: AppConfig, folder: Path) -> None:
         write_atomically(place / f"{name}.json", (json.dumps(entry, indent=2) + "\n").encode())
 
 
+def _lies_in(real: str | None, source: Path) -> bool:
+    """Whether a program lies in a folder, or beside a file."""
+    if not real or not source.exists():
+        return False
+    return Path(real).is_relative_to(
+        os.path.realpath(source.parent if source.is_file() else source)
+    )
+
+
 def _entry(app: AppConfig) -> dict[str, Any]:
     """What is trusted: the program by its path and by where that leads, and its arguments.
 
-    Of a page its path, what it may load, the browser, and the file of a task in Python.
+    Of a page its path, what it may load, the browser, and its task's rules, which have JavaScript;
+    of any app the file of a task in Python.
     """
     program = None if app.executable is None else os.path.abspath(app.executable)
     entry: dict[str, Any] = {
@@ -123,6 +187,10 @@ def _entry(app: AppConfig) -> dict[str, Any]:
     if isinstance(app.task, str) and names_code(app.task):
         file, _, name = app.task.rpartition(":")
         entry["task"] = f"{os.path.realpath(file)}:{name}"
+    elif app.page is not None and isinstance(app.task, str):
+        entry["task"] = os.path.realpath(app.task)
+    elif app.page is not None and isinstance(app.task, TaskRules):
+        entry["task"] = app.task.model_dump(mode="json", exclude_defaults=True)
     return entry
 
 
@@ -156,13 +224,14 @@ def _own(path: Path) -> bool:
     return found.st_uid == os.getuid() and not stat.S_IMODE(found.st_mode) & 0o022
 
 
-def _unknown(app: AppConfig, source: str | Path) -> InputError:
-    if names_code(app.task):
-        key, what, option = "task", str(app.task), "--task with the same path"
+def _unknown(app: AppConfig, source: str | Path, from_file: Collection[str]) -> InputError:
+    if names_code(app.task) or list(from_file) == ["task"]:
+        what = app.task if isinstance(app.task, str) else "rules with JavaScript of a page"
+        key, option = "task", "--task with the same path"
         doing = "code that you have not run before"
     elif app.page is not None:
         key, what, option = "page", app.page, "--page with the same path"
-        doing = "a page that you have not opened before"
+        doing = "a page, or with a task, that you have not opened before"
     elif app.connect is not None:
         key, what, option = "connect", app.connect, "--connect with the same address"
         doing = "an address that was never connected to by you"

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from sim2vr_harness.envs.config import EnvConfig
 
 __all__ = [
     "CELLS",
@@ -75,6 +78,8 @@ class CellTask:
         training: Key of the training that it waits for.
         condition: Of the game.
         overrides: ``env.key=value``.
+        env: What these make, whose app this user was asked about.
+        trust_app: Whether this user trusts whatever app its files name.
         episodes, seed, people, deterministic, steps, logs: As of an evaluation.
         film_seconds: Of the first round, to be filmed; 0: no film.
     """
@@ -85,6 +90,8 @@ class CellTask:
     training: str | None
     condition: str
     overrides: tuple[str, ...]
+    env: EnvConfig
+    trust_app: bool
     episodes: int
     seed: int
     people: int | None

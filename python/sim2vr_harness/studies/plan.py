@@ -47,6 +47,7 @@ def plan_of(
     users: Users | None = None,
     limits: Limits | None = None,
     may_diverge: bool = False,
+    trust_app: bool = False,
 ) -> StudyPlan:
     """Work out what is to be done, and check all of it.
 
@@ -56,11 +57,14 @@ def plan_of(
         users: Those that were looked up before.
         limits: When its trainings are stopped early.
         may_diverge: Whether its trainings may, see :class:`.TrainingTask`.
+        trust_app: Whether apps that its files name may be started, though this user never has.
 
     Raises:
-        InputError: A user, configuration, key, option, condition or measure that cannot be used.
+        InputError: A user, configuration, key, option, condition or measure that cannot be used, or
+            a program or Python that this user has never run.
     """
-    where = SelectionSource(folder, users or Users(), limits, may_diverge)
+    source = f"the study {study.name}" if folder is None else folder
+    where = SelectionSource(folder, users or Users(), limits, may_diverge, source, trust_app)
     found = [_Resolved.of(study, cell, where) for cell in cells_of(study)]
     facts = found[0].facts
     for one in found:
@@ -114,6 +118,8 @@ class _Resolved:
             training=None if training is None else training.key,
             condition=player.condition,
             overrides=tuple(cell.of("env.")),
+            env=player.env,
+            trust_app=where.trust_app,
             episodes=study.episodes,
             seed=cell.seed,
             people=study.people,

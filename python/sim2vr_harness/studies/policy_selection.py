@@ -19,6 +19,7 @@ from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import name_of
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig, load_config, to_yaml
+from sim2vr_harness.runs.trust import named_app, require_trust
 from sim2vr_harness.studies.cells import Cell, content_hash
 from sim2vr_harness.studies.jobs import Limits, TrainingTask
 from sim2vr_harness.training.ppo.fine_tune import adapting
@@ -46,12 +47,19 @@ class Users:
 
 @dataclass(frozen=True)
 class SelectionSource:
-    """What all cells of a plan have in common; see :func:`.plan_of`."""
+    """What all cells of a plan have in common; see :func:`.plan_of`.
+
+    Attributes:
+        source: The study's file, or its name, for people.
+        trust_app: Whether this user trusts the apps that files name.
+    """
 
     folder: Path | None
     users: Users
     limits: Limits | None
     may_diverge: bool
+    source: str | Path
+    trust_app: bool
 
 
 @dataclass(frozen=True)
@@ -88,15 +96,15 @@ def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
     if "config" in settings:
         if "adapt" in settings:
             raise InputError("adapt", "it together with config", "a trained user: only those go on")
-        config = load_config(_near(str(settings["config"]), where.folder), cell.of("training."))
-        return _trained(study, cell, config, where)
+        file = _near(str(settings["config"]), where.folder)
+        return _trained(study, cell, load_config(file, cell.of("training.")), where, file)
     user = _near(str(settings["user"]), where.folder)
     if "adapt" not in settings and cell.of("training."):
         key = next(key for key in sorted(settings) if key.startswith("training."))
         expected = "config instead of user, or adapt: what is trained already stays otherwise"
         raise InputError(key, "it together with a user", expected)
     known, weights = where.users.find(user)
-    env = _env(known.config, cell, user)
+    env = _env(known.config, cell, user, where)
     require_contract(known, env)
     facts = game_facts(env.app)
     condition = _condition(facts, known.config, settings.get("condition"))
@@ -109,7 +117,7 @@ def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
     there = with_options(env, dict(facts.condition(condition).options))
     wanted = [f"total_timesteps={steps}", *cell.of("training.")]
     config = adapting(known, user, wanted, env=there)
-    return _trained(study, cell, config, where, adapts=(name_of(known), identity))
+    return _trained(study, cell, config, where, user, adapts=(name_of(known), identity))
 
 
 def _trained(
@@ -117,9 +125,13 @@ def _trained(
     cell: Cell,
     config: TrainingConfig,
     where: SelectionSource,
+    source: str,
     adapts: tuple[str, Mapping[str, Any]] | None = None,
 ) -> SelectedPolicy:
     """One that the study trains, of nothing or of a user of this name and identity."""
+    # The training plays there, whatever the cell changes for its own rounds.
+    named = where.source if named_app(cell.of("training.")) else source
+    require_trust(config.env, named, trust=where.trust_app)
     config = config.model_copy(update={"name": study})
     # How often something is saved or measured changes no weight, nor does where a user lies.
     apart = {"name", "evaluation", "wandb", "from_user"}
@@ -132,14 +144,23 @@ def _trained(
     )
     name = None if adapts is None else adapts[0]
     task = TrainingTask(key, to_yaml(config), cell.name, where.limits, where.may_diverge, name)
-    env = _env(config, cell, "config")
+    env = _env(config, cell, named, where)
     facts = game_facts(env.app)
     condition = _condition(facts, config, cell.settings.get("condition"))
     return SelectedPolicy(None, task, env, facts, condition, {"training": key})
 
 
-def _env(config: TrainingConfig, cell: Cell, source: str) -> EnvConfig:
-    return evaluation_env(config, overrides=cell.of("env."), source=source)
+def _env(
+    config: TrainingConfig, cell: Cell, source: str | Path, where: SelectionSource
+) -> EnvConfig:
+    """Return where a cell is played; what a study's file says is not this user's word."""
+    return evaluation_env(
+        config,
+        overrides=cell.of("env."),
+        source=where.source if named_app(cell.of("env.")) else source,
+        typed=False,
+        trust_app=where.trust_app,
+    )
 
 
 def _near(name: str, folder: Path | None) -> str:

@@ -54,6 +54,7 @@ def run_study(
     jobs: int | None = None,
     ray: str | None = None,
     storage: str | None = None,
+    trust_app: bool = False,
     on_progress: Callable[[StudyProgress], None] = lambda progress: None,
     make_pool: Callable[[Path, int], Pool] | None = None,
 ) -> StudyResult:
@@ -65,13 +66,15 @@ def run_study(
         jobs: Cells and trainings side by side; None: one per two cores.
         ray: Address of a Ray cluster that does them instead, or ``auto``.
         storage: With ``ray``: where workers leave results that do not see the study's folder.
+        trust_app: Whether programs and Python that the study, or a user or configuration of it,
+            names may run, though this user never has run them.
         on_progress: Told after every task.
         make_pool: Who does the tasks, given the folder and how many there are at once; None:
             processes of this machine.
 
     Raises:
-        InputError: Something of the study cannot be used (nothing is played then), or cells failed
-            (the others are kept).
+        InputError: Something of the study cannot be used (nothing is played then), it names code
+            that this user has not agreed to run, or cells failed (the others are kept).
     """
     beside = None
     if isinstance(study, (str, Path)):
@@ -84,7 +87,9 @@ def run_study(
     root = Path(out) if out is not None else Path("studies") / study.name
     jobs = _jobs(jobs)
     _require_own(root, study)
-    plan = plan_of(study, folder=beside) if study.optimise is None else None
+    plan = None
+    if study.optimise is None:
+        plan = plan_of(study, folder=beside, trust_app=trust_app)
     if study.comparisons and find_spec("statsmodels") is None:
         expected = "it: pip install 'sim2vr-harness[studies]'"
         raise InputError("comparisons", "no statsmodels in this installation", expected)
@@ -100,7 +105,7 @@ def run_study(
                 doing.do(tasks)
                 found = None
             else:
-                found = search(study, study.optimise, beside, doing)
+                found = search(study, study.optimise, beside, doing, trust_app=trust_app)
                 plan = found.plan
         clear_away(root)  # what machines left that were lost on the way
         write_data(plan, root, found)

@@ -18,6 +18,7 @@ from sim2vr_harness.base.finite import NotFinite
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.runs.config import parse_config
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
+from sim2vr_harness.runs.trust import answered
 from sim2vr_harness.studies.jobs import (
     CELLS,
     TRAININGS,
@@ -59,6 +60,7 @@ def _play(task: CellTask, root: Path, cores: int) -> None:
     if user is None:
         assert task.training is not None
         user = str(root / TRAININGS / task.training)
+    answered(task.env)
     request = Request(
         conditions=[task.condition],
         episodes=task.episodes,
@@ -71,12 +73,14 @@ def _play(task: CellTask, root: Path, cores: int) -> None:
         film_seconds=task.film_seconds,
         out=working,
         overrides=task.overrides,
+        trust_app=task.trust_app,
         cores=cores,
     )
     try:
         evaluate(user, request)
         about = {**asdict(task), "overrides": list(task.overrides)}
         about.pop("cell")  # the study's name for it, which may change
+        del about["env"], about["trust_app"]
         write_atomically(working / mark_of(task), (json.dumps(about, indent=2) + "\n").encode())
         shutil.rmtree(place, ignore_errors=True)
         working.rename(place)
@@ -89,6 +93,7 @@ def _train(task: TrainingTask, root: Path, cores: int) -> None:
 
     place = folder_of(task, root)
     config = parse_config(yaml.safe_load(task.config))
+    answered(config.env)  # when the study was planned
     cored = config.model_copy(update={"env": config.env.model_copy(update={"cores": cores})})
     console = Console(file=io.StringIO())
     folder = RunFolder(place)

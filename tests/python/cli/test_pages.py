@@ -14,7 +14,7 @@ from PIL import Image
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.app_options import app_settings
 from sim2vr_harness.cli.main import main
-from sim2vr_harness.envs import AppConfig
+from sim2vr_harness.envs import AppConfig, EnvConfig
 from sim2vr_harness.envs.config import page_name
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.runs.trust import require_trust
@@ -141,10 +141,10 @@ def test_pages_and_code_of_others_are_asked_for(
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     monkeypatch.setattr("sim2vr_harness.runs.trust._told", [])
     page = {"transport": "webxr", "page": TOUCH}
-    seen = AppConfig(**page, task={"seconds": 5})
+    seen = EnvConfig(app={**page, "task": {"seconds": 5}})
     with pytest.raises(InputError, match=r"env\.app\.page: got .*not opened before, expected --tr"):
         require_trust(seen, "runs/x")
-    coded = AppConfig(**page, task="task.py:T")
+    coded = EnvConfig(app={**page, "task": "task.py:T"})
     with pytest.raises(InputError, match=r"env\.app\.task: got 'task\.py:T' .*code that you have"):
         require_trust(coded, "runs/x", named={"page"})
     require_trust(coded, "runs/x", named={"page", "task"})
@@ -152,6 +152,7 @@ def test_pages_and_code_of_others_are_asked_for(
     require_trust(seen, "runs/y")  # remembered
     with pytest.raises(InputError, match="code that you have not run"):
         require_trust(coded, "runs/x")
-    elsewhere = AppConfig(**page, map={"https://c.de/": str(tmp_path)}, task={"seconds": 5})
+    mapped = {**page, "map": {"https://c.de/": str(tmp_path)}, "task": {"seconds": 5}}
+    elsewhere = EnvConfig(app=mapped)
     with pytest.raises(InputError, match="not opened before"):
         require_trust(elsewhere, "runs/x")

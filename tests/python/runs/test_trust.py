@@ -13,7 +13,7 @@ from fake_simulation import FakeSimulation
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
-from sim2vr_harness.envs.config import AppConfig
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.evaluation.playing import UserPolicy
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.runs.trust import named_app, remember, require_trust, state_folder
@@ -138,8 +138,8 @@ def test_what_was_trained_with_is_remembered_outside_of_the_run(
     assert f'got "{program} --erase /"' in err.replace("'", '"')
 
 
-def app(**settings: Any) -> AppConfig:
-    return AppConfig(transport="protocol1", **settings)
+def app(**settings: Any) -> EnvConfig:
+    return EnvConfig(app=AppConfig(transport="protocol1", **settings))
 
 
 def test_what_counts_as_the_same_program(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -147,7 +147,7 @@ def test_what_counts_as_the_same_program(tmp_path: Path, monkeypatch: pytest.Mon
     run.mkdir()
     (tmp_path / "app").write_text("")
     program = str(tmp_path / "app")
-    remember(app(executable=program, arguments=("-a",)), run)
+    remember(app(executable=program, arguments=("-a",)).app, run)
     monkeypatch.setattr("sim2vr_harness.runs.trust._told", [])
     monkeypatch.chdir(tmp_path)
     for fine in ({"executable": program}, {"executable": "./app"}, {"executable": "run/../app"}):
@@ -196,7 +196,7 @@ def test_control_characters_of_a_program_are_escaped(tmp_path: Path) -> None:
 def test_trust_that_others_could_have_written_does_not_count(
     stranger: Path, mode: int, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    remember(app(executable="/opt/app"), tmp_path)
+    remember(app(executable="/opt/app").app, tmp_path)
     monkeypatch.setattr("sim2vr_harness.runs.trust._told", [])
     place = stranger / "sim2vr/trusted_apps"
     assert stat.S_IMODE(place.stat().st_mode) == 0o700
@@ -209,7 +209,7 @@ def test_trust_that_others_could_have_written_does_not_count(
 def test_what_is_remembered_can_be_read_and_damaged_files_are_nothing(
     stranger: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    remember(app(executable="/opt/app", arguments=("-x",)), tmp_path)
+    remember(app(executable="/opt/app", arguments=("-x",)).app, tmp_path)
     (file,) = (stranger / "sim2vr/trusted_apps").iterdir()
     entry = json.loads(file.read_text())
     assert entry == {
@@ -232,7 +232,7 @@ def test_odd_places_for_the_state(
     monkeypatch.setenv("XDG_STATE_HOME", place)
     monkeypatch.setenv("HOME", str(tmp_path / "nobody"))
     monkeypatch.chdir(tmp_path)
-    remember(app(executable="/opt/app"), tmp_path)
+    remember(app(executable="/opt/app").app, tmp_path)
     require_trust(app(executable="/opt/app"), tmp_path)  # of this process at least
     assert not (tmp_path / "relative").exists()
 

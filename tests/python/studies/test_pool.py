@@ -14,6 +14,7 @@ from pathlib import Path
 import pool_tasks
 import pytest
 
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.studies.jobs import CellTask
 from sim2vr_harness.studies.pool import Processes
 
@@ -26,6 +27,8 @@ def task(key: str, condition: str = "fine") -> CellTask:
         training=None,
         condition=condition,
         overrides=(),
+        env=EnvConfig(),
+        trust_app=False,
         episodes=1,
         seed=1,
         people=None,
@@ -69,6 +72,7 @@ _STUDY = """
 import sys
 import pool_tasks
 from sim2vr_harness.studies import run_study
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.studies.pool import Processes
 
 if __name__ == "__main__":

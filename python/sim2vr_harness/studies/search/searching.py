@@ -53,7 +53,12 @@ class Found:
 
 
 def search(
-    study: StudyConfig, wanted: OptimiseConfig, folder: Path | None, doing: Executor
+    study: StudyConfig,
+    wanted: OptimiseConfig,
+    folder: Path | None,
+    doing: Executor,
+    *,
+    trust_app: bool = False,
 ) -> Found:
     """Search; what is done of it already is not done again.
 
@@ -62,18 +67,25 @@ def search(
         wanted: Its search.
         folder: Where its file is.
         doing: Who does the trials.
+        trust_app: As of :func:`.plan_of`.
 
     Raises:
         InputError: A parameter, measure or limit cannot be used (nothing is played then), or trials
             failed (the others are kept).
     """
-    return _Search(study, wanted, folder, doing).run()
+    return _Search(study, wanted, folder, doing, trust_app).run()
 
 
 class _Search:
     def __init__(
-        self, study: StudyConfig, wanted: OptimiseConfig, folder: Path | None, doing: Executor
+        self,
+        study: StudyConfig,
+        wanted: OptimiseConfig,
+        folder: Path | None,
+        doing: Executor,
+        trust_app: bool,
     ) -> None:
+        self._trust_app = trust_app
         self._study, self._wanted, self._folder, self._doing = study, wanted, folder, doing
         self._users = Users()
         self._optimiser = Optimiser(wanted, study.seed)
@@ -147,7 +159,11 @@ class _Search:
 
     def _plan(self, factor: str, levels: Mapping[str, Any], **more: Any) -> StudyPlan:
         return plan_of(
-            self._as_study(factor, levels), folder=self._folder, users=self._users, **more
+            self._as_study(factor, levels),
+            folder=self._folder,
+            users=self._users,
+            trust_app=self._trust_app,
+            **more,
         )
 
     def _as_study(self, factor: str, levels: Mapping[str, Any]) -> StudyConfig:

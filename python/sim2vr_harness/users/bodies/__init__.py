@@ -14,7 +14,14 @@ from sim2vr_harness.users.bodies.body import (
     held,
 )
 from sim2vr_harness.users.bodies.options import Physique, ResetOptions
-from sim2vr_harness.users.bodies.registry import installed_bodies, is_file, list_bodies, load_body
+from sim2vr_harness.users.bodies.packages import allow_package, origin_of
+from sim2vr_harness.users.bodies.registry import (
+    foreign_package,
+    installed_bodies,
+    is_file,
+    list_bodies,
+    load_body,
+)
 from sim2vr_harness.users.bodies.spec_body import BodyPlan, SpecBody
 
 __all__ = [
@@ -28,9 +35,12 @@ __all__ = [
     "ResetOptions",
     "ResetRule",
     "SpecBody",
+    "allow_package",
+    "foreign_package",
     "held",
     "installed_bodies",
     "is_file",
     "list_bodies",
     "load_body",
+    "origin_of",
 ]

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import importlib
 import itertools
 import warnings
 from collections.abc import Sequence
-from importlib import resources
 from pathlib import Path
 
 import mujoco
@@ -14,8 +12,8 @@ import numpy as np
 
 from sim2vr_harness.users.bodies.description import BodyDescription
 from sim2vr_harness.users.bodies.mjcf import check_mjcf
+from sim2vr_harness.users.bodies.packages import folder_of_package, package_of_models
 
-_EXTRAS = {"myo_sim": "pip install 'sim2vr-harness[myo]'"}
 _KINDS = {
     "body": "bodies",
     "joint": "joints",
@@ -94,16 +92,10 @@ def _read(description: BodyDescription, file: Path) -> mujoco.MjSpec:
     folders = [file.parent / folder for folder in description.folders]
     if package is None:
         return _from_file(file.parent / str(description.mjcf), folders)
-    try:
-        module = importlib.import_module(package)
-    except ImportError as error:
-        hint = _EXTRAS.get(package, f"install the package that has {package!r}")
-        raise ValueError(
-            f"package: got {package!r}, which is not installed; expected it to be: {hint}"
-        ) from error
     if description.mjcf is not None:
-        home = Path(str(resources.files(package)))
+        home = folder_of_package(package)
         return _from_file(home / description.mjcf, [home, *folders])
+    module = package_of_models(package)
     if not hasattr(module, "load_spec"):
         raise ValueError(
             f"model: got {description.model!r} of {package!r}, which has no load_spec(name); "

@@ -12,6 +12,7 @@ from sim2vr_harness.users.bodies.described import DESCRIPTIONS, described_body
 from sim2vr_harness.users.bodies.description import read_description
 from sim2vr_harness.users.bodies.from_tables import table_body
 from sim2vr_harness.users.bodies.options import BodyOptions, Physique, ResetOptions
+from sim2vr_harness.users.bodies.packages import is_known
 from sim2vr_harness.users.name_errors import unknown_name
 
 _TABLES: dict[str, Callable[[BodyOptions], Body]] = {
@@ -89,6 +90,21 @@ def load_body(
     file = Path(name) if is_file(name) else DESCRIPTIONS / f"{options.name}.yaml"
     with noticed(f"Loading the body {options.name}; one with 400 muscles takes half a minute."):
         return described_body(file, options)
+
+
+def foreign_package(name: str | Path) -> str | None:
+    """Return the Python package that loading a body would import and that nobody vouches for.
+
+    None where there is none. A file that cannot be read has none: loading it says what is wrong.
+    """
+    if str(name) in _TABLES or not is_file(name):
+        return None
+    try:
+        description = read_description(Path(name))
+    except ValueError:
+        return None
+    package = description.package if description.model is not None else None
+    return None if package is None or is_known(package) else package
 
 
 def is_file(name: str | Path) -> bool:

@@ -1,0 +1,547 @@
+"""SECURITY.md's table, row by row: a hostile file does nothing before somebody has agreed."""
+
+from __future__ import annotations
+
+import ctypes.util
+import json
+import os
+import pickle
+import re
+import shutil
+import subprocess
+import sys
+import zipfile
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+import yaml
+from fake_simulation import FakeSimulation
+
+from python.users.bodies import OWN_ARM
+from sim2vr_harness.base import paths
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.cli.main import main
+from sim2vr_harness.client.tasks import load_task
+from sim2vr_harness.envs.states import unpacked
+from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.evaluation.playing import UserPolicy
+from sim2vr_harness.studies import load_study, run_study
+from sim2vr_harness.studies import worker as work
+from sim2vr_harness.studies.plan import plan_of
+
+PAGE = Path(__file__).resolve().parents[2] / "SECURITY.md"
+
+
+def table() -> dict[str, str]:
+    """File -> whether it can run code, as the page has it."""
+    rows = re.findall(r"^\| (.+?) \| (yes|no)\b.*\|$", PAGE.read_text(encoding="utf-8"), re.M)
+    assert len(rows) == len(dict(rows))
+    return dict(rows)
+
+
+class Evil:
+    """What runs a command when a pickle is read."""
+
+    def __init__(self, marker: Path) -> None:
+        self._marker = marker
+
+    def __reduce__(self) -> Any:
+        return os.system, (f"touch {self._marker}",)
+
+
+@dataclass
+class Case:
+    """A place for hostile files, and what is done with them."""
+
+    folder: Path
+    marker: Path
+    trained: Path
+    capsys: Any
+    refusals: int = 0
+    agreements: int = 0
+    reads: int = 0
+
+    def program(self) -> Path:
+        """A program that leaves the marker."""
+        file = self.folder / "app.sh"
+        file.write_text(f"#!/bin/sh\ntouch {self.marker}\nexit 1\n")
+        file.chmod(0o755)
+        return file
+
+    def python(self, name: str) -> Path:
+        """A file of Python that leaves the marker when it is imported."""
+        file = self.folder / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        text = f"open({str(self.marker)!r}, 'w').close()\n"
+        text += "from sim2vr_harness.client import Task\nclass Mine(Task):\n    pass\n"
+        file.write_text(text + "def load_spec(name):\n    raise ValueError(name)\n")
+        return file
+
+    def run(self, **env: Any) -> Path:
+        """A run's folder whose configuration has these settings."""
+        place = self.folder / f"run{len(list(self.folder.glob('run*')))}"
+        shutil.copytree(self.trained, place)
+        self.change(place / "config.yaml", **env)
+        return place
+
+    def change(self, file: Path, **env: Any) -> None:
+        tree = yaml.safe_load(file.read_text())
+        for part, values in env.items():
+            tree["env"][part] |= values
+        file.write_text(yaml.safe_dump(tree))
+
+    def study(self, **fixed: Any) -> Path:
+        """A study's file; its cells last half a second."""
+        tree = {
+            "name": f"study{len(list(self.folder.glob('*.study.yaml')))}",
+            "fixed": {"user": "whacamole_constrained", "env.max_episode_seconds": 0.5, **fixed},
+            "factors": {"level": {"key": "condition", "levels": ["easy", "medium"]}},
+            "episodes": 1,
+            "measures": ["hits"],
+        }
+        file = self.folder / f"{tree['name']}.study.yaml"
+        file.write_text(yaml.safe_dump(tree))
+        return file
+
+    def body(self, **source: Any) -> Path:
+        """A body's file with another model."""
+        tree = yaml.safe_load(Path(OWN_ARM).read_text())
+        tree.pop("mjcf")
+        file = self.folder / f"body{len(list(self.folder.glob('body*')))}.yaml"
+        file.write_text(yaml.safe_dump(tree | source))
+        return file
+
+    def _call(self, *command: str | Path) -> tuple[int, str]:
+        with pytest.raises(SystemExit) as ended:
+            main([str(part) for part in command])
+        out, err = self.capsys.readouterr()
+        return int(ended.value.code or 0), out + err
+
+    def refused(self, *command: str | Path, key: str = "env.app.") -> None:
+        """A command asks, and runs nothing."""
+        status, text = self._call(*command)
+        assert status == 2, text
+        assert key in text, text
+        assert "expected --trust-app, if you know where it comes from" in text, text
+        assert not self.marker.exists(), command
+        self.refusals += 1
+
+    def asked(self, call: Callable[[], object]) -> None:
+        """A call of Python asks, and runs nothing."""
+        with pytest.raises(InputError, match="--trust-app"):
+            call()
+        assert not self.marker.exists()
+        self.refusals += 1
+
+    def agreed(self, *command: str | Path) -> None:
+        """With the question answered the code runs: it was hostile."""
+        _, text = self._call(*command, "--trust-app")
+        assert self.marker.exists(), text
+        self.agreements += 1
+
+    def read(self, *command: str | Path) -> None:
+        """A command takes a file, or refuses it, and runs nothing of it."""
+        _, text = self._call(*command)
+        assert "Traceback" not in text
+        assert not self.marker.exists(), command
+        self.reads += 1
+
+    def would(self, act: Callable[[], object]) -> None:
+        """What is in the file leaves the marker if somebody is careless."""
+        act()
+        assert self.marker.exists()
+        self.marker.unlink()
+
+
+def study_file(case: Case) -> None:
+    """Fixed keys, levels, those of trainings and masked ones; command line and Python."""
+    program, task = str(case.program()), f"{case.python('task.py')}:Mine"
+    outside = {"env.app.transport": "protocol1", "env.app.executable": program}
+    file = case.study(**outside)
+    out = case.folder / "out"
+    case.refused("study", file, "--out", out, key="env.app.executable")
+    case.refused("study", case.study(**{"env.app.task": task}), "--out", out, key="env.app.task")
+    page = {"transport": "webxr", "page": str(case.folder), "browser": program}
+    case.refused("study", case.study(**{"env.app": page}), "--out", out, key="env.app.page")
+    package = case.python("evil_study.py").stem
+    body = case.body(package=package, model="arm")
+    case.refused("study", case.study(**{"env.user.model": str(body)}), key="env.user.model")
+    tree = yaml.safe_load(file.read_text())
+    level = {"levels": {"a": {"env.app.task": None}, "b": {"env.app.task": task}}}
+    user = {"user": "whacamole_constrained"}
+    case.asked(lambda: run_study({**tree, "fixed": user, "factors": {"l": level}}, out))
+    case.asked(lambda: run_study(tree, out))
+    case.asked(lambda: run_study(file, out))
+    # What a training plays in is asked about even where its cells play in something else.
+    trains = {
+        "config": "whacamole_constrained",
+        **{f"training.{key}": value for key, value in outside.items()},
+        "env.app.transport": "in_process",
+        "env.app.executable": None,
+    }
+    case.asked(lambda: run_study({**tree, "fixed": trains}, out))
+    search = {
+        "parameters": {"x": {"key": "env.user.noise.constant_level", "low": 0.1, "high": 0.2}},
+        "objectives": {"hits": "max"},
+        "trials": 2,
+    }
+    case.asked(lambda: run_study({**tree, "factors": {}, "optimise": search}, f"{out}2"))
+    assert not out.exists()
+    case.agreed("study", file, "--out", out, "--jobs", "1")
+
+
+def study_folder(case: Case) -> None:
+    """A training that is done, whose folder names another app than the study."""
+    case.program()
+    file = case.study()
+    tree = yaml.safe_load(file.read_text())
+    del tree["fixed"]["user"]
+    tree["fixed"]["config"] = str(case.trained / "config.yaml")
+    file.write_text(yaml.safe_dump(tree))
+    (training,) = plan_of(load_study(file)).trainings
+    root = case.folder / "begun"
+    place = root / "trainings" / training.key
+    shutil.copytree(case.trained, place)
+    app = {"transport": "protocol1", "executable": str(case.program())}
+    case.change(place / "config.yaml", app=app)
+    (place / "trained.json").write_text("{}")
+    (root / "cells").mkdir()
+    case.refused("study", file, "--out", root, "--jobs", "1")
+    case.agreed("study", file, "--out", root, "--jobs", "1")
+
+
+def run_folder(case: Case) -> None:
+    run = case.run(app={"transport": "protocol1", "executable": str(case.program())})
+    out = ("--out", case.folder / "out")
+    case.refused("evaluate", run)
+    case.refused("train", "--resume", run)
+    case.refused("train", "--from", run, *out)
+    case.refused("snapshot", "--run", run, *out)
+    case.refused("film", run, "--out", case.folder / "out.mp4")
+    case.refused("users", "pack", run, "name", *out)
+    case.refused("reach", run, *out)
+    case.refused("rewards", run)
+    case.refused("track", "nowhere", "--user", run, *out)
+    case.refused("study", case.study(user=str(run)), *out)
+    case.asked(lambda: UserPolicy(run))
+    case.asked(lambda: evaluate(run, Request(out=case.folder / "out")))
+    case.agreed("evaluate", run, *out, "--condition", "medium")
+
+
+def packed_user(case: Case) -> None:
+    folder = case.folder / "packed"
+    shutil.copytree(paths.trained_users_dir() / "whacamole_constrained", folder)
+    case.change(
+        folder / "config.yaml", app={"transport": "protocol1", "executable": str(case.program())}
+    )
+    case.refused("evaluate", folder)
+    case.refused("study", case.study(user=str(folder), adapt=100))
+    case.agreed("evaluate", folder, "--out", case.folder / "out", "--condition", "easy")
+
+
+def training_configuration(case: Case) -> None:
+    file = case.folder / "config.yaml"
+    shutil.copy(case.trained / "config.yaml", file)
+    case.change(file, app={"transport": "protocol1", "executable": str(case.program())})
+    case.refused("train", file, "--out", case.folder / "out")
+    case.refused("bench", file)
+    study = yaml.safe_load(case.study().read_text())
+    study["fixed"] = {"config": str(file)}
+    case.asked(lambda: run_study(study, case.folder / "out"))
+    case.agreed("train", file, "--out", case.folder / "out", "--timesteps", "60")
+
+
+def python_task(case: Case) -> None:
+    run = case.run(app={"task": f"{case.python('task.py')}:Mine"})
+    case.refused("evaluate", run, key="env.app.task")
+    case.refused("train", "--resume", run, key="env.app.task")
+    # Another task of this user's own does not let in the file's.
+    (case.folder / "rules.yaml").write_text("seconds: 1\n")
+    rules = case.folder / "rules.yaml"
+    case.read("evaluate", run, "--task", rules, "--out", case.folder / "rules")
+    case.read("evaluate", run, "--set", f"env.app.task={rules}", "--out", case.folder / "set")
+    case.refused("evaluate", run, key="env.app.task")
+    case.agreed("evaluate", run, "--out", case.folder / "out")
+
+
+def page(case: Case) -> None:
+    (case.folder / "index.html").write_text("<script>1</script>")
+    app = {"transport": "webxr", "page": str(case.folder), "browser": str(case.program())}
+    run = case.run(app={**app, "task": {"seconds": 5}})
+    case.refused("evaluate", run, key="env.app.page")
+    case.refused("evaluate", run, "--page", case.folder)  # the browser is the file's
+    mapped = case.run(app={"transport": "webxr", "page": "https://a.b/", "task": {"seconds": 5}})
+    case.change(mapped / "config.yaml", app={"map": {"https://a.b/": str(case.folder)}})
+    case.refused("evaluate", mapped, key="env.app.page")
+    case.agreed("evaluate", run, "--out", case.folder / "out", "--condition", "standard")
+
+
+def rules_of_a_page(case: Case) -> None:
+    page = case.folder / "whacamole"
+    page.mkdir()
+    (page / "index.html").write_text("<script>1</script>")
+    app = {"transport": "webxr", "page": str(page), "browser": str(case.program())}
+    rules = {"seconds": 5, "reward": {"expression": "fetch('/'), 1"}}
+    run = case.run(app={**app, "task": rules})
+    mine = ("--page", page, "--browser", app["browser"], "--condition", "standard")
+    case.refused("evaluate", run, *mine, key="env.app.task")
+    case.agreed("evaluate", run, *mine, "--out", case.folder / "out")
+
+
+def body_file(case: Case) -> None:
+    package = case.python(f"evil_body_{os.getpid()}/__init__.py").parent.name
+    shutil.copy(Path(OWN_ARM).parent / "arm.xml", case.folder / package / "arm.xml")
+    body = case.body(package=package, model="arm")
+    out = ("--out", case.folder / "out")
+    key = "env.user.model"
+    case.read("users", "export", case.body(package=package, mjcf="arm.xml"), case.folder / "b.xml")
+    assert (case.folder / "b.xml").exists(), "files of a package are found without importing it"
+    case.refused("users", "export", body, case.folder / "a.xml", key=key)
+    case.refused("motor", "measure", body, key=key)
+    case.refused("motor", "practise", body, "--out", case.folder / "a.pt", key=key)
+    case.refused("reach", body, *out, key=key)
+    case.refused("track", "nowhere", "--user", body, *out, key=key)
+    case.refused("evaluate", case.run(user={"model": str(body)}), key=key)
+    config = case.folder / "config.yaml"
+    shutil.copy(case.trained / "config.yaml", config)
+    case.change(config, user={"model": str(body)})
+    case.refused("train", config, *out, key=key)
+    packed = case.folder / "packed"
+    shutil.copytree(paths.trained_users_dir() / "whacamole_constrained", packed)
+    case.change(packed / "config.yaml", user={"model": str(body)})
+    case.refused("evaluate", packed, key=key)
+    case.agreed("users", "export", body, case.folder / "a.xml")
+
+
+def task_rules(case: Case) -> None:
+    code = f"__import__('os').system('touch {case.marker}')"
+    case.would(lambda: eval(code))
+    file = case.folder / "task.yaml"
+    file.write_text(yaml.safe_dump({"seconds": 0.2, "reward": {"expression": code}}))
+    load_task(str(file))
+    case.read("evaluate", case.run(), "--task", file, "--out", case.folder / "out")
+    file.write_text(f"!!python/object/apply:os.system ['touch {case.marker}']\n")
+    case.would(lambda: yaml.unsafe_load(file.read_text()))
+    case.read("evaluate", case.run(), "--task", file, "--out", case.folder / "out")
+
+
+def mjcf(case: Case) -> None:
+    source, library = case.folder / "evil.c", case.folder / "mujoco_plugin" / "libevil.so"
+    library.parent.mkdir()
+    source.write_text(
+        "#include <stdio.h>\n__attribute__((constructor)) void f(void) "
+        f'{{ fclose(fopen("{case.marker}", "w")); }}\n'
+    )
+    compiler = shutil.which("cc")
+    if compiler is None or ctypes.util.find_library("c") is None:
+        pytest.skip("needs a C compiler")
+    subprocess.run([compiler, "-shared", "-fPIC", "-o", library, source], check=True)
+    load = f"import ctypes; ctypes.CDLL({str(library)!r})"
+    case.would(lambda: subprocess.run([sys.executable, "-c", load], check=True))
+    text = (Path(OWN_ARM).parent / "arm.xml").read_text()
+    for name in ("evil", str(library), "libevil"):
+        extension = f'<extension><plugin plugin="{name}"/></extension>'
+        (case.folder / "arm.xml").write_text(re.sub(r"(<mujoco[^>]*>)", rf"\1{extension}", text))
+        case.read("users", "export", case.body(mjcf="arm.xml"), case.folder / "out.xml")
+
+
+def weights(case: Case) -> None:
+    evil = pickle.dumps({"format": "sim2vr simulation state 4", "n": 1, "x": Evil(case.marker)})
+    case.would(lambda: pickle.loads(evil))
+    with pytest.raises(ValueError, match="expected plain data"):
+        unpacked(evil, 1, ())
+    saved = BytesIO()
+    torch.save({"weights": Evil(case.marker)}, saved)
+    arrays = BytesIO()
+    np.savez(arrays, header=np.array([Evil(case.marker)], dtype=object))
+    run = case.run()
+    (checkpoint,) = (run / "checkpoints").glob("*.zip")
+    with zipfile.ZipFile(checkpoint) as archive:
+        names = archive.namelist()
+    for member in names:
+        if member == "data":
+            continue  # only Stable-Baselines3 itself reads it
+        shutil.copy(next((case.trained / "checkpoints").glob("*.zip")), checkpoint)
+        with zipfile.ZipFile(checkpoint) as archive:
+            content = {name: archive.read(name) for name in names}
+        content[member] = arrays.getvalue() if "npz" in member else saved.getvalue()
+        with zipfile.ZipFile(checkpoint, "w") as archive:
+            for name, part in content.items():
+                archive.writestr(name, part)
+        case.read("evaluate", run, "--out", case.folder / "out", "--condition", "medium")
+        case.read("train", "--resume", run)
+    packed = case.folder / "packed"
+    shutil.copytree(paths.trained_users_dir() / "whacamole_constrained", packed)
+    (packed / "policy.pt").write_bytes(saved.getvalue())
+    case.read("evaluate", packed, "--out", case.folder / "out", "--condition", "easy")
+    assert not case.marker.exists()
+
+
+def motor_layer(case: Case) -> None:
+    file = case.folder / "layer.pt"
+    torch.save({"weights": Evil(case.marker)}, file)
+    case.would(lambda: torch.load(file, weights_only=False))
+    case.read("motor", "measure", "mobl_arms_wrist", "--layer", file)
+    case.read(
+        *("motor", "practise", "mobl_arms_wrist", "--begin", file, "--out", case.folder / "a.pt")
+    )
+
+
+def recorded_rounds(case: Case) -> None:
+    evil = np.array([Evil(case.marker)], dtype=object)
+    np.savez(case.folder / "a.npz", t=evil, right=evil, head=evil, marker=evil)
+    case.would(lambda: np.load(case.folder / "a.npz", allow_pickle=True)["t"])
+    (case.folder / "a_events.csv").write_text("")
+    round_ = {"file": "a", "condition": "easy", "seed": 1}
+    (case.folder / "manifest.json").write_text(json.dumps({"trials": [round_]}))
+    case.read("replay", case.folder / "a.npz")
+    case.read("replay", case.folder)
+
+
+def beats_map(case: Case) -> None:
+    song = f"$(touch {case.marker})"
+    case.would(lambda: os.system(f"echo {song}"))
+    levels = {"_difficulty": "Easy", "_beatmapFilename": f"`touch {case.marker}`"}
+    sets = [{"_beatmapCharacteristicName": "Standard", "_difficultyBeatmaps": [levels]}]
+    info = {"_version": "2.0.0", "_songName": song, "_songFilename": f"| touch {case.marker}"}
+    info |= {"_beatsPerMinute": 100, "_difficultyBeatmapSets": sets}
+    (case.folder / "map").mkdir()
+    (case.folder / "map" / "Info.dat").write_text(json.dumps(info))
+    case.read("level", case.folder / "map", "--game", "beats")
+
+
+def folders_that_are_read(case: Case) -> None:
+    package = case.python("evil_read.py").stem
+    body = case.body(package=package, model="arm")
+    run = case.run(
+        user={"model": str(body)},
+        app={"transport": "protocol1", "executable": str(case.program())},
+    )
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(work, "evaluate", _on_the_stand_in)
+        found = run_study(case.study(user=str(case.trained)), case.folder / "study", jobs=1)
+    root = found.data.root
+    # Whoever looks for the body that played finds the hostile run.
+    about = json.loads((root / "study.json").read_text().replace(str(case.trained), str(run)))
+    (root / "study.json").write_text(json.dumps(about))
+    (root / "trainings").mkdir(exist_ok=True)
+    shutil.copytree(run, root / "trainings" / "first")
+    case.read("report", root, "--no-figures")
+    assert (root / "report.html").exists()
+    (cell, *_) = sorted((root / "cells").iterdir())
+    case.read("report", cell, "--no-figures")
+    case.read("export", cell, "--out", case.folder / "opensim")
+    case.read("compare", root, "--out", case.folder / "compared")
+    case.read("curves", run, "--out", case.folder / "curves")
+
+
+def _on_the_stand_in(user: str, request: Any) -> Any:
+    return evaluate(user, request, simulation=FakeSimulation)
+
+
+ROWS: dict[str, Callable[[Case], None]] = {
+    "study (`STUDY.yaml`)": study_file,
+    "study folder that you continue": study_folder,
+    "run folder": run_folder,
+    "packed user": packed_user,
+    "training configuration (`CONFIG.yaml`)": training_configuration,
+    "Python task (`FILE.py:CLASS`) that a file names": python_task,
+    "WebXR page, `map` and `browser` that a file names": page,
+    "rules of a page's task that a file names": rules_of_a_page,
+    "body file (`BODY.yaml`)": body_file,
+    "task rules of an app that is no page (`TASK.yaml`)": task_rules,
+    "MJCF model": mjcf,
+    "checkpoint, saved state, packed weights": weights,
+    "motor layer (`LAYER.pt`)": motor_layer,
+    "recorded rounds (`.csv`, `.npz`)": recorded_rounds,
+    "Beats map": beats_map,
+    "folder of an evaluation or a study that is only read (`report`, `export`, `compare`)": (
+        folders_that_are_read
+    ),
+}
+"""First column of the table -> what is tried with such a file."""
+
+
+@pytest.fixture(autouse=True)
+def stranger(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    """A user of this machine who has never agreed to anything."""
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
+    monkeypatch.setattr("sim2vr_harness.runs.trust._told", [])
+    monkeypatch.setattr("sim2vr_harness.users.bodies.packages._allowed", set())
+    yield
+    for name in [name for name in sys.modules if name.startswith("evil_")]:
+        del sys.modules[name]
+
+
+@pytest.mark.parametrize("row", table())
+def test_no_code_runs_before_the_question(
+    row: str, trained: Path, tmp_path: Path, capsys: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "received"
+    folder.mkdir()
+    monkeypatch.syspath_prepend(str(folder))
+    monkeypatch.chdir(tmp_path)
+    case = Case(folder, tmp_path / "marker", trained, capsys)
+    assert row in ROWS, "a row of SECURITY.md without a test"
+    ROWS[row](case)
+    if table()[row] == "yes":
+        assert case.refusals and case.agreements
+    else:
+        assert case.reads and not case.refusals and not case.agreements
+        assert not case.marker.exists()
+
+
+def test_every_test_has_its_row() -> None:
+    assert set(ROWS) == set(table())
+
+
+def wrapper(folder: Path) -> Path:
+    """The runtime's own app, started by somebody's script."""
+    file = folder / "sim2vr-app.sh"
+    app = paths.app_executable()
+    file.write_text(f'#!/bin/sh\necho started >> {folder / "log"}\nexec {app} "$@"\n')
+    file.chmod(0o755)
+    return file
+
+
+def test_workers_of_a_trusted_study_start_its_app(tmp_path: Path) -> None:
+    """Processes get the answer, and a study that is gone on with needs no second one."""
+    outside = {"env.app.transport": "protocol2", "env.app.executable": str(wrapper(tmp_path))}
+    study = {
+        "name": "outside",
+        "fixed": {"user": "whacamole_constrained", "env.max_episode_seconds": 0.5, **outside},
+        "factors": {"level": {"key": "condition", "levels": ["easy", "medium"]}},
+        "episodes": 1,
+        "measures": ["hits"],
+    }
+    out = tmp_path / "out"
+    with pytest.raises(InputError, match=r"env\.app\.executable: .*--trust-app"):
+        run_study(study, out, jobs=2)
+    assert not out.exists()
+    found = run_study(study, out, jobs=2, trust_app=True)
+    assert found.played == 2
+    assert (tmp_path / "log").read_text().count("started") >= 2
+    assert run_study(study, out, jobs=2).played == 0
+    mark = json.loads(next(out.glob("cells/*/cell.json")).read_text())
+    assert "env" not in mark and "trust_app" not in mark
+
+
+def test_a_study_without_an_app_needs_no_question(
+    trained: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(work, "evaluate", _on_the_stand_in)
+    study = {
+        "name": "plain",
+        "fixed": {"user": str(trained)},
+        "factors": {"level": {"key": "condition", "levels": ["easy", "hard"]}},
+        "episodes": 1,
+        "measures": ["hits"],
+    }
+    assert run_study(study, tmp_path / "out", jobs=1).played == 2
+    assert not (tmp_path / "state").exists()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from pathlib import Path
 
-__all__ = ["emptied", "group"]
+__all__ = ["emptied", "gone", "group", "of_type"]
 
 
 def group(pid: int) -> list[int]:
@@ -26,6 +26,25 @@ def emptied(number: int, within_s: float = 10.0) -> bool:
     """Whether all processes of a group are gone; init takes its time to bury the orphans."""
     deadline = time.monotonic() + within_s
     while group(number):
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(0.02)
+    return True
+
+
+def of_type(pid: int, kind: str) -> int:
+    """Process of a browser's group that does one thing: ``renderer``, ``gpu-process``."""
+    for number in group(pid):
+        command = Path(f"/proc/{number}/cmdline").read_bytes().replace(b"\0", b" ")
+        if f"--type={kind}".encode() in command:
+            return number
+    raise AssertionError(f"no {kind} in {group(pid)}")
+
+
+def gone(file: Path, within_s: float = 5.0) -> bool:
+    """Whether a file or folder is gone; the watcher of a killed process takes its time."""
+    deadline = time.monotonic() + within_s
+    while file.exists():
         if time.monotonic() > deadline:
             return False
         time.sleep(0.02)

@@ -6,7 +6,11 @@ are imported when a command runs, so that ``--help`` is quick.
 
 from __future__ import annotations
 
+import signal
 import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import partial
 from io import TextIOWrapper
 from typing import Annotated
@@ -114,7 +118,22 @@ def main(arguments: list[str] | None = None) -> None:
     debug = "--debug" in given
     given = [argument for argument in given if argument != "--debug"] or ["--help"]
     command = partial(app, given, prog_name="sim2vr-harness", standalone_mode=False)
-    sys.exit(report(command, given, debug))
+    with _sigterm_as_ctrl_c():
+        status = report(command, given, debug)
+    sys.exit(status)
+
+
+@contextmanager
+def _sigterm_as_ctrl_c() -> Iterator[None]:
+    """Let every command clean up on SIGTERM; an ignored one stays so."""
+    before = signal.getsignal(signal.SIGTERM)
+    if before is signal.SIG_DFL and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        yield
+    finally:
+        if signal.getsignal(signal.SIGTERM) is signal.default_int_handler:
+            signal.signal(signal.SIGTERM, before)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.client.errors import AppDied, AppRefused, AppTimeout
+from sim2vr_harness.client.temporary import GROUP_FILE, TemporaryFolder
 
 __all__ = ["AppProcess", "log_folder"]
 
@@ -29,8 +30,11 @@ BAD_USAGE = 2
 NOT_STARTED = (126, 127)
 """Exit statuses by which the helper that starts a program says that it could not."""
 
-_MOVED_PIPES = ("sh", "-c", 'exec "$0" "$@" 3<&0 4>&1 0</dev/null 1>&2')
-"""Words before a command that make its standard input and output its descriptors 3 and 4."""
+_NOTED = f'echo $$ >"$0/{GROUP_FILE}"; exec "$@"'
+"""Script before a command that notes the process group in the folder named first."""
+
+_MOVED_PIPES = " 3<&0 4>&1 0</dev/null 1>&2"
+"""End of the script that makes standard input and output the descriptors 3 and 4."""
 
 _POLL_S = 0.01
 _KILL_S = 10.0
@@ -59,10 +63,12 @@ class AppProcess:
     """An executable in a process group of its own, its output in a file.
 
     It is ended, with everything it started, by :meth:`stop` or :meth:`kill`, when this object is
-    forgotten, and when this process ends: in an orderly way by ``atexit``, killed by the kernel
-    (PR_SET_PDEATHSIG). Ctrl-C in the terminal does not reach it.
+    forgotten, and when this process ends: in an orderly way by ``atexit``, after SIGKILL by a
+    watcher (:mod:`~.temporary`), itself also by the kernel (PR_SET_PDEATHSIG). Ctrl-C in the
+    terminal does not reach it.
 
-    The output files are deleted after a clean end and kept after a failure, for people to read.
+    The output files are deleted after a clean end and kept in :func:`log_folder` after a failure,
+    for people to read.
 
     Args:
         command: the executable and its arguments.
@@ -71,7 +77,8 @@ class AppProcess:
         socket: file of the socket that the app listens on, deleted at the end; None: none.
         pipes: descriptors that become the app's 3 (to read from) and 4 (to write to); they stay
             this side's to close.
-        folder: the app's working directory; None: this process's.
+        home: the app's temporary folder and working directory, deleted with it; None: it works in
+            this process's.
 
     Raises:
         AppRefused: the executable is missing or cannot be run.
@@ -85,34 +92,36 @@ class AppProcess:
         extra_logs: Sequence[Path] = (),
         socket: Path | None = None,
         pipes: tuple[int, int] | None = None,
-        folder: str | None = None,
+        home: TemporaryFolder | None = None,
     ) -> None:
         self.command = [os.fspath(part) for part in command]
         self.name = Path(self.command[0]).name
         _check_executable(self.command[0])
-        handle, path = tempfile.mkstemp(prefix=f"{self.name}-", suffix=".log", dir=log_folder())
-        self.log_file = Path(path)
+        log_folder()  # refused now rather than after a failure
+        self._folder = TemporaryFolder() if home is None else home
+        self.log_file = self._folder.path / f"{self.name}.log"
         self._logs = [self.log_file, *extra_logs]
         self._keep_logs = False
         self._socket = socket
+        note = _NOTED if pipes is None else _NOTED + _MOVED_PIPES
+        noting = [*_dying_with_parent(), "sh", "-c", note, str(self._folder.path)]
         try:
-            self._popen = _spawner().start(
-                [*_dying_with_parent(), *([] if pipes is None else _MOVED_PIPES), *self.command],
-                stdin=subprocess.DEVNULL if pipes is None else pipes[0],
-                stdout=handle if pipes is None else pipes[1],
-                stderr=handle,
-                env={**os.environ, **(environment or {})},
-                cwd=folder,
-                start_new_session=True,
-            )
+            with self.log_file.open("xb") as log:
+                self._popen = _spawner().start(
+                    [*noting, *self.command],
+                    stdin=subprocess.DEVNULL if pipes is None else pipes[0],
+                    stdout=log if pipes is None else pipes[1],
+                    stderr=log,
+                    env={**os.environ, **(environment or {})},
+                    cwd=None if home is None else home.path,
+                    start_new_session=True,
+                )
         except OSError as error:
-            self.log_file.unlink()
+            self._folder.remove()
             raise AppRefused(
                 f"executable: got {self.command[0]!r}, which cannot be started "
                 f"({error.strerror}), expected a program for this machine"
             ) from error
-        finally:
-            os.close(handle)
         self._finalizer = weakref.finalize(self, _end_group, self._popen, os.getpid())
 
     @property
@@ -185,7 +194,6 @@ class AppProcess:
             if not running:
                 raise self.death("while it started")
             if time.monotonic() > deadline:
-                self._keep_logs = True
                 raise AppTimeout(
                     f"{self} was not ready within {timeout_s:g} s after its start{self.log_words()}"
                 )
@@ -203,7 +211,6 @@ class AppProcess:
                 f"executable: got {self.command[0]!r}, which cannot be started "
                 f"({self.log_tail(3)}), expected a program for this machine"
             )
-        self._keep_logs = True
         return AppDied(f"{self} {_end_words(status)} {when}{self.log_words()}")
 
     def log_tail(self, lines: int = _TAIL_LINES) -> str:
@@ -213,10 +220,18 @@ class AppProcess:
 
     def log_words(self) -> str:
         """The end of a message: where the log is and, from the next line on, how it ends."""
-        self._keep_logs = True
+        self._keep_log()
         tail = self.log_tail()
         files = " and ".join(str(file) for file in self._logs if file.is_file())
         return f"; its log: {files}\n{tail}" if tail else f"; its log is empty: {files}"
+
+    def _keep_log(self) -> None:
+        """Move the log to where it outlives this process."""
+        self._keep_logs = True
+        if self.log_file.parent == self._folder.path:
+            handle, kept = tempfile.mkstemp(".log", f"{self.name}-", log_folder())
+            os.close(handle)
+            self.log_file = self._logs[0] = self.log_file.replace(kept)
 
     # --- ending ------------------------------------------------------------------------------
 
@@ -243,6 +258,7 @@ class AppProcess:
         if not self._keep_logs:
             for file in self._logs:
                 file.unlink(missing_ok=True)
+        self._folder.remove()
 
 
 def _check_executable(path: str) -> None:

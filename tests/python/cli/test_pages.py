@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import socket
+import subprocess
+import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +16,7 @@ import pytest
 import yaml
 from PIL import Image
 
+from processes import emptied, gone
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.app_options import app_settings
 from sim2vr_harness.cli.main import main
@@ -156,3 +162,41 @@ def test_pages_and_code_of_others_are_asked_for(
     elsewhere = EnvConfig(app=mapped)
     with pytest.raises(InputError, match="not opened before"):
         require_trust(elsewhere, "runs/x")
+
+
+@NEEDS_BROWSER
+@pytest.mark.parametrize("command", ["evaluate", "watch"])
+def test_sigterm_cleans_up_as_ctrl_c_does(command: str, tmp_path: Path) -> None:
+    rules = tmp_path / "task.yaml"
+    rules.write_text("seconds: 5000\n")
+    temporary = tmp_path / "tmp"
+    temporary.mkdir()
+    words = [sys.executable, "-m", "sim2vr_harness.cli.main", command, "--page", TOUCH]
+    words += ["--task", str(rules), "--user", "random"]
+    if command == "evaluate":
+        words += ["--episodes", "1", "--out", str(tmp_path / "out")]
+    else:
+        pytest.importorskip("viser")
+        with socket.socket() as free:
+            free.bind(("127.0.0.1", 0))
+            words += ["--port", str(free.getsockname()[1])]
+    harness = subprocess.Popen(
+        words,
+        env={**os.environ, "TMPDIR": str(temporary)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    deadline = time.monotonic() + 60.0
+    while not list(temporary.glob("sim2vr-*/*/profile/Default")):
+        assert harness.poll() is None, harness.communicate()
+        assert time.monotonic() < deadline
+        time.sleep(0.05)
+    groups = [int(file.read_text()) for file in temporary.glob("sim2vr-*/*/group")]
+    (folder,) = temporary.glob(f"sim2vr-{harness.pid}-*")
+    harness.terminate()
+    _, err = harness.communicate(timeout=20)
+    assert harness.returncode == 130
+    assert "Traceback" not in err
+    assert all(emptied(group, 5.0) for group in groups)
+    assert gone(folder)

@@ -15,6 +15,7 @@ from pathlib import Path
 import pytest
 
 from processes import emptied, group
+from processes import gone as removed
 from sim2vr_harness.client import AppDied, AppProcess, AppRefused, AppTimeout
 
 SLEEPER = 'trap "" TERM\necho ready\nsleep 600 & wait'  # deaf to SIGTERM, with a child of its own
@@ -152,15 +153,15 @@ def test_no_process_is_left_however_its_starter_ends(tmp_path: Path, end: str) -
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
         text=True,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
     )
     assert starter.stdout is not None
     pid = int(starter.stdout.readline())
+    (folder,) = tmp_path.glob(f"sim2vr-{starter.pid}-*")
+    assert list(folder.glob("*/group"))
     if act is not None:
         act(starter.pid)
     starter.communicate(timeout=30)
     assert gone(pid)
-    # Killed without a chance to act, the kernel ends the app itself, but not what the app started.
-    if end not in ("SIGKILL", "SIGTERM"):
-        assert group(pid) == []
-    for left in group(pid):
-        os.kill(left, signal.SIGKILL)
+    assert emptied(pid, 5.0)
+    assert removed(folder)

@@ -6,6 +6,8 @@ import os
 import signal
 import subprocess
 import sys
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -13,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from processes import emptied, group
+from processes import emptied, gone, group, of_type
 from sim2vr_harness.client import AppDied, AppRefused, AppTimeout, frame_time_ns
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
@@ -192,25 +194,64 @@ def test_users_go_on_when_a_browser_is_killed() -> None:
 
 
 @NEEDS_BROWSER
-@pytest.mark.parametrize("ending", ["killed", "exits"])
-def test_no_browser_outlives_the_harness(ending: str) -> None:
+@pytest.mark.parametrize("loading", [False, True])
+def test_a_crashed_tab_is_given_up_at_once(loading: bool, tmp_path: Path) -> None:
+    script = "for (;;);" if loading else ENTERS % "if (frames === 3) for (;;);"
+    with open_page(page_with(tmp_path, script)) as app:
+        pid = app._browser.process.pid
+        if not loading:
+            app.reset(1, hands(0))
+        timer = threading.Timer(2.0, lambda: os.kill(of_type(pid, "renderer"), signal.SIGKILL))
+        timer.start()
+        began = time.monotonic()
+        with pytest.raises(AppDied, match=r"page\.html: its tab crashed") as caught:
+            app.reset(1, hands(0)) if loading else play(app)
+        assert time.monotonic() - began < 10.0
+        assert "\n" not in str(caught.value)
+        timer.join()
+    assert emptied(pid, 5.0)
+
+
+def play(app: Any) -> None:
+    for step in range(1, 6):
+        app.step(frame_time_ns(step, 20), hands(step))
+
+
+ENDINGS = {
+    "exits": None,
+    "SIGKILL": signal.SIGKILL,
+    "SIGTERM": signal.SIGTERM,
+}
+
+
+@NEEDS_BROWSER
+@pytest.mark.parametrize("hung", [False, True])
+@pytest.mark.parametrize("ending", ENDINGS)
+def test_no_browser_outlives_the_harness(ending: str, hung: bool, tmp_path: Path) -> None:
     code = (
         "import sys, time; sys.path.insert(0, 'tests'); import webxr_pages as pages\n"
         "app = pages.open_page(pages.PAGES / 'touch.html'); app.reset(1, pages.hands(0))\n"
-        "print(app._browser.process.pid, app._browser._home, flush=True)\n"
-        + ("time.sleep(600)" if ending == "killed" else "")
+        "print(app._browser.process.pid, app._browser._home, flush=True); sys.stdin.readline()"
     )
-    harness = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    harness = subprocess.Popen(
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        text=True,
+        env={**os.environ, "TMPDIR": str(tmp_path)},
+    )
     assert harness.stdout is not None
     number, home = harness.stdout.readline().split()
-    if ending == "killed":
-        assert group(int(number))
-        harness.kill()
-    harness.wait(20)
-    harness.stdout.close()
-    assert emptied(int(number))
-    if ending == "exits":
-        assert not Path(home).exists()
+    assert len(group(int(number))) > 2
+    assert Path(home, "profile").is_dir()
+    if hung:
+        os.kill(of_type(int(number), "gpu-process"), signal.SIGSTOP)
+    if (by := ENDINGS[ending]) is not None:
+        harness.send_signal(by)
+    harness.communicate("\n", timeout=20)
+    assert emptied(int(number), 5.0)
+    assert gone(Path(home).parent)
+    assert [file for file in tmp_path.rglob("*") if file.is_file()] == []
 
 
 @pytest.mark.parametrize(

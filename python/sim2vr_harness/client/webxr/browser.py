@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
-import weakref
 from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.client.errors import AppDied, AppRefused
 from sim2vr_harness.client.process import AppProcess
+from sim2vr_harness.client.temporary import TemporaryFolder
 from sim2vr_harness.client.webxr.pipe import DevTools
 from sim2vr_harness.client.webxr.renderers import RENDERERS, drawing_by
 
@@ -64,6 +63,9 @@ _ALWAYS = (
     "--force-device-scale-factor=1",
 )
 
+_STOP_S = 1.0
+"""How long a browser may take to end by itself; it has nothing to save."""
+
 _NO_SANDBOX = ("No usable sandbox", "Failed to move to new namespace", "credentials.cc")
 """What Chromium says when it is not allowed the namespaces that its sandbox is made of."""
 
@@ -110,8 +112,8 @@ class Browser:
     """
 
     def __init__(self, program: str, start_timeout_s: float, renderer: str = RENDERERS[0]) -> None:
-        self._home = tempfile.mkdtemp(prefix="sim2vr-browser-")
-        self._clean = weakref.finalize(self, _remove, self._home, os.getpid())
+        folder = TemporaryFolder()
+        self._home = str(folder.path)
         drawing = drawing_by(renderer, program, self._home)
         for name, content in drawing.files.items():
             Path(self._home, name).write_text(content)
@@ -128,12 +130,11 @@ class Browser:
                 [*command, "about:blank"],
                 environment=environment | drawing.environment,
                 pipes=(theirs_in, theirs_out),
-                folder=self._home,
+                home=folder,
             )
         except BaseException:
             for descriptor in (ours_out, ours_in):
                 os.close(descriptor)
-            self._clean()
             raise
         finally:
             os.close(theirs_in)
@@ -164,19 +165,13 @@ class Browser:
         if self.tools.usable:
             self.tools.send("Browser.close", answered=False)
             self.tools.close()
-            self.process.stop()
+            self.process.wait(_STOP_S)
         self.kill()
 
     def kill(self) -> None:
         """End the browser at once; idempotent."""
         self.tools.close()
         self.process.kill()
-        self._clean()
-
-
-def _remove(folder: str, owner: int) -> None:
-    if os.getpid() == owner:  # not in a fork
-        shutil.rmtree(folder, ignore_errors=True)
 
 
 def read_script(name: str) -> str:

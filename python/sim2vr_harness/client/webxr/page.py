@@ -94,7 +94,7 @@ class Page:
         self._errors = Kept()
         self._complaints = Kept()
         self._left: str | None = None
-        self._loaded = self._crashed = False
+        self._loaded = False
         self._seed_script: str | None = None
         self._loads = 0
         self._loading: str | None = None
@@ -103,7 +103,7 @@ class Page:
         self._tools.watch(self._check_memory)
         self._listen()
         browser.request("Target.setDiscoverTargets", start_timeout_s, discover=True)
-        for method in ("Page.enable", "Runtime.enable", "Inspector.enable"):
+        for method in ("Inspector.enable", "Page.enable", "Runtime.enable"):
             self._ask(method)
         self._ask("Fetch.enable", patterns=[{"urlPattern": "*"}])
         self._ask("Page.addScriptToEvaluateOnNewDocument", source=_bundle(settings, values))
@@ -117,7 +117,7 @@ class Page:
         on("Page.javascriptDialogOpening", self._dismiss)
         on("Runtime.exceptionThrown", self._note_error)
         on("Runtime.consoleAPICalled", self._note_complaint)
-        on("Inspector.targetCrashed", self._note_crash)
+        on("Inspector.targetCrashed", self._end)
 
     # --- events --------------------------------------------------------------------------------
 
@@ -168,8 +168,9 @@ class Page:
             words = [str(one.get("value", one.get("description", ""))) for one in event["args"]]
             self._complaints.add(" ".join(words).partition("\n")[0])
 
-    def _note_crash(self, event: Mapping[str, Any]) -> None:
-        self._crashed = True
+    def _end(self, event: Mapping[str, Any]) -> None:
+        """Give up: what is asked of a crashed tab gets no answer."""
+        raise self.died("its tab crashed (its process ended)")
 
     def _check_memory(self) -> None:
         used = limits.memory_of_group(self._group)
@@ -210,9 +211,7 @@ class Page:
         found = self._ask("Page.navigate", url=self._loading, timeout_s=self._start_timeout_s)
         if "errorText" in found:
             raise self._refused(f"cannot be loaded ({found['errorText']})")
-        self._tools.wait_until(
-            lambda: self._loaded or self._crashed, f"loading {self._name}", self._start_timeout_s
-        )
+        self._tools.wait_until(lambda: self._loaded, f"loading {self._name}", self._start_timeout_s)
         selector = json.dumps(self._enter)
         answer = self._evaluate(f"__sim2vr.enter({selector})", self._start_timeout_s)
         self._check_loading(self._checked(failure_in, answer))
@@ -299,8 +298,6 @@ class Page:
             raise self._refused(failure + self._hints())
 
     def _check_playing(self) -> None:
-        if self._crashed:
-            raise self.died("its tab crashed")
         if self._left is not None:
             raise self.died(f"went to another address, {self._left}")
         if self.files.refused:
@@ -364,8 +361,6 @@ class Page:
         except RefusedRequest as error:  # the document is gone
             self._check_playing()
             raise self.died(f"left its document ({error})") from error
-        if self._crashed:
-            raise self.died("its tab crashed")
         if "exceptionDetails" in found:
             raise RefusedRequest(_words_of(found["exceptionDetails"]))
         return found["result"].get("value")

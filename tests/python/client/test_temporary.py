@@ -1,0 +1,103 @@
+"""Temporary folders of apps: what is swept, and what is left alone."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import pytest
+
+from processes import gone
+from sim2vr_harness.client import temporary
+from sim2vr_harness.client.temporary import TemporaryFolder
+
+
+@pytest.fixture
+def place(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A temporary folder of the test's, in which this process has no folder yet."""
+    monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+    monkeypatch.setattr(temporary, "_the_place", None)
+    return tmp_path
+
+
+def named(folder: Path, name: str, lock: bool = True) -> Path:
+    made = folder / name
+    made.mkdir(parents=True)
+    (made / "profile").touch()
+    if lock:
+        (made / "lock").touch()
+    return made
+
+
+def test_a_folder_without_an_owner_is_swept_and_no_other(place: Path) -> None:
+    swept = named(place, "sim2vr-1234567-abcdefgh")
+    theirs = named(place, "theirs")
+    link = place / "sim2vr-1234567-linklink"
+    link.symlink_to(theirs)
+    within = named(place, "sim2vr-1234567-withinit")
+    (within / "out").symlink_to(theirs)
+    lock_elsewhere = named(place, "sim2vr-1234567-locklink", lock=False)
+    (lock_elsewhere / "lock").symlink_to(theirs / "lock")
+    kept = [
+        theirs,
+        lock_elsewhere,
+        named(place, "sim2vr-1234567-unlocked", lock=False),
+        named(place, "sim2vr-app-logs-0"),
+        named(place, "sim2vr-x-abcdefgh"),
+    ]
+    folder = TemporaryFolder()
+    assert folder.path.is_dir()
+    assert not swept.exists() and not within.exists()
+    assert [file for file in kept if not (file / "profile").exists()] == []
+    assert link.is_symlink()
+    folder.remove()
+    assert not folder.path.exists()
+    folder.remove()
+
+
+def test_a_living_process_keeps_its_folder(place: Path) -> None:
+    mine = TemporaryFolder()
+    code = (
+        "from sim2vr_harness.client.temporary import TemporaryFolder\n"
+        "import os; print(TemporaryFolder().path, flush=True)"
+    )
+    other = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "TMPDIR": str(place)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert Path(other.stdout.strip()).parent.parent == place
+    assert mine.path.is_dir()
+
+
+def test_the_folder_goes_when_its_process_is_killed_though_a_fork_lives(place: Path) -> None:
+    code = (
+        "from sim2vr_harness.client.temporary import TemporaryFolder\n"
+        "import os, signal, time; path = TemporaryFolder().path\n"
+        "child = os.fork()\n"
+        "if not child: time.sleep(600)\n"
+        "print(child, path, flush=True); time.sleep(600)"
+    )
+    owner = subprocess.Popen(
+        [sys.executable, "-c", code],
+        env={**os.environ, "TMPDIR": str(place)},
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    assert owner.stdout is not None
+    child, path = owner.stdout.readline().split()
+    owner.stdout.close()
+    folder = Path(path).parent
+    assert folder.is_dir()
+    owner.kill()
+    owner.wait()
+    try:
+        assert gone(folder)
+    finally:
+        os.kill(int(child), signal.SIGKILL)

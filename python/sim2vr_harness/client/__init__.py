@@ -64,10 +64,10 @@ from sim2vr_harness.client.runtime import (
 )
 from sim2vr_harness.client.scene import PLAYER_LAYER, AppScene, SceneMesh, SceneObject
 from sim2vr_harness.client.tasks import (
+    Outcome,
     Task,
     TaskedApp,
     TaskMoment,
-    TaskOutcome,
     TaskRules,
     check_task,
     load_task,
@@ -114,6 +114,7 @@ __all__ = [
     "LoggedItem",
     "Measure",
     "OptionValue",
+    "Outcome",
     "Protocol1App",
     "Protocol2App",
     "Protocol2Connection",
@@ -125,7 +126,6 @@ __all__ = [
     "StartingApp",
     "Task",
     "TaskMoment",
-    "TaskOutcome",
     "TaskRules",
     "TaskedApp",
     "Timeline",

@@ -15,10 +15,10 @@ from sim2vr_harness.client import (
     HapticPulse,
     InProcessApp,
     Measure,
+    Outcome,
     Task,
     TaskedApp,
     TaskMoment,
-    TaskOutcome,
     TaskRules,
     check_task,
     frame_time_ns,
@@ -251,9 +251,9 @@ class _Counting(Task):
     def reset(self, moment: TaskMoment, seed: int) -> None:
         self.steps = 0
 
-    def step(self, moment: TaskMoment) -> TaskOutcome:
+    def step(self, moment: TaskMoment) -> Outcome:
         self.steps += 1
-        return TaskOutcome(1.0, log={"steps": self.steps})
+        return Outcome(1.0, log={"steps": self.steps})
 
 
 def test_the_checker_says_what_is_wrong() -> None:
@@ -278,7 +278,7 @@ def test_the_checker_says_what_is_wrong() -> None:
     assert line.startswith("reset: got other outcomes")
 
     class Raises(_Counting):
-        def step(self, moment: TaskMoment) -> TaskOutcome:
+        def step(self, moment: TaskMoment) -> Outcome:
             raise RuntimeError("no")
 
     (line,) = check_task(Raises(), moments)
@@ -288,8 +288,8 @@ def test_the_checker_says_what_is_wrong() -> None:
         values = {"x": "app.x"}  # noqa: RUF012
         measures = (Measure("steps", "Steps", log_key="paces"),)
 
-        def step(self, moment: TaskMoment) -> TaskOutcome:
-            return TaskOutcome(0.0)
+        def step(self, moment: TaskMoment) -> Outcome:
+            return Outcome(0.0)
 
     found = check_task(Nothing(), moments)
     assert [line.partition(":")[0] for line in found] == ["reward", "measures", "values"]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sim2vr_harness.client import Measure, Task, TaskMoment, TaskOutcome
+from sim2vr_harness.client import Measure, Outcome, Task, TaskMoment
 
 
 class Buttons(Task):
@@ -32,10 +32,10 @@ class Buttons(Task):
         """Begin a round."""
         self.pressed = moment.number("pressed")
 
-    def step(self, moment: TaskMoment) -> TaskOutcome:
+    def step(self, moment: TaskMoment) -> Outcome:
         """Reward a press with 10, and being near the lit button with up to 1 a second."""
         new = moment.number("pressed") - self.pressed
         self.pressed = moment.number("pressed")
         gap_m = float(np.linalg.norm(moment.position("right_controller") - moment.place("lit")))
         near = float(np.exp(-10.0 * gap_m)) * moment.step_s
-        return TaskOutcome(10.0 * new + near, log={"presses": new, "near": near, "gap_m": gap_m})
+        return Outcome(10.0 * new + near, log={"presses": new, "near": near, "gap_m": gap_m})

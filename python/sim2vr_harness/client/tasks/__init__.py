@@ -5,14 +5,14 @@ from sim2vr_harness.client.tasks.check import check_task
 from sim2vr_harness.client.tasks.facts import CONDITION, task_facts
 from sim2vr_harness.client.tasks.loading import load_task, names_code
 from sim2vr_harness.client.tasks.rules import RuleTask, TaskRules
-from sim2vr_harness.client.tasks.task import Task, TaskMoment, TaskOutcome
+from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
 
 __all__ = [
     "CONDITION",
+    "Outcome",
     "RuleTask",
     "Task",
     "TaskMoment",
-    "TaskOutcome",
     "TaskRules",
     "TaskedApp",
     "check_task",

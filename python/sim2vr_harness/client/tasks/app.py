@@ -23,7 +23,7 @@ from sim2vr_harness.client.errors import AppUnsupported
 from sim2vr_harness.client.poses import one_frame
 from sim2vr_harness.client.scene import AppScene
 from sim2vr_harness.client.tasks.loading import FIELD, words_of
-from sim2vr_harness.client.tasks.task import Task, TaskMoment, TaskOutcome
+from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
 
 __all__ = ["TaskedApp"]
 
@@ -88,7 +88,7 @@ class TaskedApp:
             self.task.reset(moment, seed)
         except Exception as error:
             raise self._wrong("reset", words_of(error), "to begin a round") from error
-        return self._reply(reply, moment, TaskOutcome(0.0))
+        return self._reply(reply, moment, Outcome(0.0))
 
     def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
         """See :class:`AppClient`."""
@@ -151,8 +151,8 @@ class TaskedApp:
 
     # --- outcomes ------------------------------------------------------------------------------
 
-    def _checked(self, outcome: Any) -> TaskOutcome:
-        if not isinstance(outcome, TaskOutcome):
+    def _checked(self, outcome: Any) -> Outcome:
+        if not isinstance(outcome, Outcome):
             raise self._wrong("step", type(outcome).__name__, "an Outcome")
         numbers = {"reward": outcome.reward, **outcome.log}
         if outcome.time_feature is not None:
@@ -166,7 +166,7 @@ class TaskedApp:
                 raise self._wrong("step", f"{name}={number!r}", "finite numbers")
         return outcome
 
-    def _reply(self, reply: AppReply, moment: TaskMoment, outcome: TaskOutcome) -> AppReply:
+    def _reply(self, reply: AppReply, moment: TaskMoment, outcome: Outcome) -> AppReply:
         length_s = self.task.round_seconds
         part = outcome.time_feature
         if part is None:

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from sim2vr_harness.client.devices import INPUT_NAMES
 from sim2vr_harness.client.games import Measure
 from sim2vr_harness.client.tasks.loading import words_of
-from sim2vr_harness.client.tasks.task import Task, TaskMoment, TaskOutcome
+from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
 
 __all__ = ["check_task"]
 
@@ -66,9 +66,9 @@ def _in_what_it_says(task: Task) -> list[str]:
 
 def _played(
     task: Task, moments: Sequence[TaskMoment], seed: int
-) -> tuple[list[TaskOutcome], list[str]]:
+) -> tuple[list[Outcome], list[str]]:
     """The outcomes of a round, or what went wrong in it first."""
-    outcomes: list[TaskOutcome] = []
+    outcomes: list[Outcome] = []
     try:
         task.reset(moments[0], seed)
     except Exception as error:
@@ -78,7 +78,7 @@ def _played(
             outcome: object = task.step(moment)
         except Exception as error:
             return outcomes, [f"step {number}: raised {words_of(error)}"]
-        if not isinstance(outcome, TaskOutcome):
+        if not isinstance(outcome, Outcome):
             got = type(outcome).__name__
             return outcomes, [f"step {number}: returned {got}, expected an Outcome"]
         feature = outcome.time_feature
@@ -93,7 +93,7 @@ def _played(
 
 
 def _in_outcomes(
-    task: Task, moments: Sequence[TaskMoment], outcomes: Sequence[TaskOutcome]
+    task: Task, moments: Sequence[TaskMoment], outcomes: Sequence[Outcome]
 ) -> list[str]:
     problems = []
     if not any(outcome.reward for outcome in outcomes):

@@ -13,7 +13,7 @@ from pydantic import Field, field_validator, model_validator
 from sim2vr_harness.base.settings import Settings
 from sim2vr_harness.client.devices import INPUT_NAMES
 from sim2vr_harness.client.games import Measure, RewardTerm
-from sim2vr_harness.client.tasks.task import Task, TaskMoment, TaskOutcome
+from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
 
 __all__ = ["DistanceRule", "RewardRule", "RuleTask", "TaskRules"]
 
@@ -184,7 +184,7 @@ class RuleTask(Task):
             if rule.expression is not None or rule.distance is not None:
                 self._before[rule.label] = _amount(rule, moment)
 
-    def step(self, moment: TaskMoment) -> TaskOutcome:
+    def step(self, moment: TaskMoment) -> Outcome:
         """See :class:`Task`."""
         total = 0.0
         log: dict[str, float] = {}
@@ -195,7 +195,7 @@ class RuleTask(Task):
             self._sums[name] = self._sums.get(name, 0.0) + part
             log |= {name: part, f"{name}Sum": self._sums[name]}
         finished = bool(moment.values.get(_FINISHED))
-        return TaskOutcome(total, finished, log=log)
+        return Outcome(total, finished, log=log)
 
     def _grown(self, rule: RewardRule, moment: TaskMoment) -> float:
         if rule.seconds:

@@ -11,7 +11,7 @@ from sim2vr_harness.client.base import AppValue, Float64Array, UInt8Array
 from sim2vr_harness.client.devices import DevicePoses, HapticPulse, SoundEvent
 from sim2vr_harness.client.games import Measure, RewardTerm
 
-__all__ = ["DEVICES", "Task", "TaskMoment", "TaskOutcome"]
+__all__ = ["DEVICES", "Outcome", "Task", "TaskMoment"]
 
 DEVICES = ("head", "left_controller", "right_controller")
 """What a moment knows the pose of."""
@@ -86,7 +86,7 @@ class TaskMoment:
 
 
 @dataclass(frozen=True)
-class TaskOutcome:
+class Outcome:
     """What a task makes of a user step.
 
     Attributes:
@@ -141,6 +141,6 @@ class Task:
             seed: of the round.
         """
 
-    def step(self, moment: TaskMoment) -> TaskOutcome:
+    def step(self, moment: TaskMoment) -> Outcome:
         """Judge a user step."""
-        return TaskOutcome(0.0)
+        return Outcome(0.0)

@@ -52,6 +52,14 @@ def watch(
     ] = None,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = 8080,
+    shared: Annotated[
+        bool,
+        typer.Option(
+            "--share",
+            help="Open a public tunnel (share.viser.studio): anyone with the printed address, over "
+            "the internet, sees the page and presses its buttons.",
+        ),
+    ] = False,
     page: PageOption = None,
     map_: MapOption = None,
     task: TaskOption = None,
@@ -73,6 +81,8 @@ def watch(
     app = app_settings(page=page, mapped=map_, task=task, browser=browser)
     if run is None and not try_ and not app:
         raise InputError("RUN", "nothing", "a user, a log or a recording; or --try, or --page")
+    if shared and (rerun is not None or host != "127.0.0.1"):
+        raise InputError("--share", "it together with --rerun or --host", "one of them")
     needed(*(("rerun", "rerun", "--rerun") if rerun is not None else ("viser", "watch", "watch")))
 
     from sim2vr_harness.tools.watch.selection import choose
@@ -100,6 +110,8 @@ def watch(
 
     from sim2vr_harness.tools.watch.browser import Viewer
 
-    with closing(Viewer(show, host, port)) as theatre:
+    with closing(Viewer(show, host, port, shared=shared)) as theatre:
         typer.echo(f"{show.title}: {theatre.address} (Ctrl-C ends)")
+        if theatre.public_address is not None:
+            typer.echo(f"Open to anyone with this address: {theatre.public_address}")
         theatre.run()

@@ -17,6 +17,7 @@ from sim2vr_harness.client.frames import (
     pose_to_app,
     pose_to_mujoco,
 )
+from sim2vr_harness.tools.gate import Gate
 from sim2vr_harness.tools.watch.frames import Hands, Playlist, ViewerFrame
 from sim2vr_harness.tools.watch.playback import SPEEDS, Playback
 from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
@@ -24,6 +25,8 @@ from sim2vr_harness.tools.watch.shapes import Poser, body_shapes
 __all__ = ["Viewer", "ViewerStage"]
 
 _LAST_EVENTS = 8
+_MOST_WANTED = 100
+"""Presses that wait for the next moment; more of them are dropped."""
 _LIGHTEST = 0.995
 _SEATED_M, _BESIDE_M = (0.3, -0.05, 0.85), (-1.2, -1.55, 0.75)
 """MuJoCo's world: the middle of what a seated user does, and from where on it is seen."""
@@ -142,16 +145,24 @@ class Viewer:
         show: what to show.
         host: address to listen on; this machine alone by default.
         port: of the server.
+        shared: whether to open a public tunnel to it.
 
     Raises:
-        InputError: viser is not installed, or ``host`` is no address of this machine.
+        InputError: viser is not installed, ``host`` is no address of this machine, or no tunnel
+            could be opened.
     """
 
-    def __init__(self, show: Playlist, host: str = "127.0.0.1", port: int = 8080) -> None:
+    def __init__(
+        self, show: Playlist, host: str = "127.0.0.1", port: int = 8080, *, shared: bool = False
+    ) -> None:
         viser = needed("viser", "watch", "watch")
+        from sim2vr_harness.tools.watch.offers import Offers
+        from sim2vr_harness.tools.watch.server import open_server, share
+
         _require_own(host)
         self._show, self.playback = show, Playback(show)
-        self._server = viser.ViserServer(host=host, port=port, label="sim2vr", verbose=False)
+        self._gate, self._offers = Gate(host), Offers()
+        self._server = open_server(viser, self._gate, self._offers, host, port)
         place = np.array(_SEATED_M)
         if show.body is None and self.playback.step():
             assert self.playback.now is not None
@@ -167,11 +178,12 @@ class Viewer:
         if show.hands is not None:
             self._give_hands(show.hands)
         self.draw()
+        self.public_address = share(self._server, self._gate) if shared else None
 
     @property
     def address(self) -> str:
-        """Where to look."""
-        return f"http://{self._server.get_host()}:{self._server.get_port()}"
+        """Where to look; it holds the token without which the server answers nobody."""
+        return self._gate.address(self._server.get_port())
 
     def _build(self) -> None:
         gui = self._server.gui
@@ -180,21 +192,25 @@ class Viewer:
         gui.set_panel_label(self._show.title[:60])
         self._numbers = gui.add_markdown("Getting ready ...")
         self._image = gui.add_image(np.zeros((160, 240, 3), np.uint8), label="Headset view")
-        pause = gui.add_button_group("Play", ("pause", "step", "again"))
-        speed = gui.add_dropdown("Speed", [f"{s:g}x" for s in SPEEDS], initial_value="1x")
+        presses, speeds = ("pause", "step", "again"), {f"{s:g}x": s for s in SPEEDS}
+        pause = gui.add_button_group("Play", presses)
+        speed = gui.add_dropdown("Speed", list(speeds), initial_value="1x")
         self._slider = gui.add_slider("Time (s)", 0.0, 0.1, 0.05, 0.0)
+        self._offers.choice(pause, presses)
+        self._offers.choice(speed, speeds)
+        self._offers.number(self._slider)
         self._bar_folder = gui.add_folder("Effort and fatigue", visible=False)
         with gui.add_folder("Events"):
             self._events = gui.add_markdown("None yet.")
 
         def hurry(_event: Any) -> None:
-            self.playback.speed = float(speed.value.rstrip("x"))
+            self.playback.speed = speeds[speed.value]
 
         def seek(event: Any) -> None:
             if event.client is None or self._sliding:
                 return  # moved by the play itself
             number = round(self._slider.value * self._show.frequency_hz) - 1
-            self._wanted.append(partial(self._sought, number))
+            self._want(partial(self._sought, number))
 
         pause.on_click(lambda _event: self._ask(pause.value))
         speed.on_update(hurry)
@@ -205,10 +221,15 @@ class Viewer:
             ("enter", "One step", "step"),
         ):
             command = gui.add_command(label, hotkey=key)
+            self._offers.command(command)
             command.on_trigger(lambda _event, what=what: self._ask(what))
 
     def _ask(self, what: str) -> None:
-        self._wanted.append(partial(self._pressed, what))
+        self._want(partial(self._pressed, what))
+
+    def _want(self, doing: Callable[[], bool]) -> None:
+        if len(self._wanted) < _MOST_WANTED:
+            self._wanted.append(doing)
 
     def _pressed(self, what: str) -> bool:
         if what == "pause":
@@ -232,6 +253,7 @@ class Viewer:
             grip = self._server.scene.add_transform_controls(
                 f"/hands/{device}", scale=0.25, position=position, wxyz=quat, depth_test=False
             )
+            self._offers.arrows(grip)
 
             def drag(_event: Any, device: str = device, grip: Any = grip) -> None:
                 hands.poses[device] = pose_to_app(grip.position, grip.wxyz)
@@ -245,6 +267,7 @@ class Viewer:
             return  # by the mouse
         for key, label, way in keys:
             command = self._server.gui.add_command(label, hotkey=key)
+            self._offers.command(command)
 
             def press(_event: Any, way: tuple[float, float, float] = way) -> None:
                 hands.poses[device] = change(hands.poses[device], np.array(way))

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import importlib.util
 import json
+import os
 import sys
 from pathlib import Path
 
@@ -19,7 +20,13 @@ def main(module_file: str, out: str) -> None:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     games = {json.loads(module.game_facts(name))["id"]: name for name in module.list_games()}
-    Path(out).write_text(json.dumps(games, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+    # Written beside and renamed: a reader at the same time finds the old file or the new one.
+    beside = Path(f"{out}.{os.getpid()}.new")
+    try:
+        beside.write_text(json.dumps(games, indent=1, sort_keys=True) + "\n", encoding="utf-8")
+        beside.replace(out)
+    finally:
+        beside.unlink(missing_ok=True)
 
 
 if __name__ == "__main__":

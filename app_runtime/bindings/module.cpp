@@ -3,13 +3,17 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <exception>
+#include <filesystem>
 #include <string>
+#include <utility>
 
 #include "batch_binding.hpp"
 #include "games_binding.hpp"
 #include "sim2vr/core/clock.hpp"
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
+#include "sim2vr/core/text.hpp"
 #include "sim2vr/core/version.hpp"
 #include "sim2vr/render/renderer.hpp"
 #include "sim2vr/runtime/lockstep_app.hpp"
@@ -23,6 +27,21 @@ std::string glRenderer(const std::string& kind) {
       ->description();
 }
 
+/// Makes Python's class of a C++ error. Messages name files, whose names are bytes of any kind:
+/// pybind11's own translators lose every message that is not UTF-8.
+template <class Error>
+void registerError(py::module_& module, const char* name, PyObject* base) {
+  static PyObject* kind = nullptr;
+  kind = py::exception<Error>(module, name, base).release().ptr();
+  py::register_exception_translator([](std::exception_ptr thrown) {
+    try {
+      std::rethrow_exception(std::move(thrown));
+    } catch (const Error& error) {
+      PyErr_SetString(kind, sim2vr::validUtf8(error.what()).c_str());
+    }
+  });
+}
+
 }  // namespace
 
 PYBIND11_MODULE(_app_runtime, module) {
@@ -30,12 +49,13 @@ PYBIND11_MODULE(_app_runtime, module) {
   module.attr("__version__") = std::string(sim2vr::version());
 
   // Later registrations are tried first, so the family goes from general to special.
-  py::register_exception<sim2vr::EngineError>(module, "EngineError", PyExc_RuntimeError);
-  const py::object engine_error = module.attr("EngineError");
-  py::register_exception<sim2vr::StateError>(module, "StateError", engine_error.ptr());
-  py::register_exception<sim2vr::runtime::Unsupported>(module, "Unsupported", engine_error.ptr());
-  py::register_exception<sim2vr::RenderError>(module, "RenderError", engine_error.ptr());
-  py::register_exception<sim2vr::InvalidArgument>(module, "InvalidArgument", PyExc_ValueError);
+  registerError<std::filesystem::filesystem_error>(module, "FileError", PyExc_RuntimeError);
+  registerError<sim2vr::EngineError>(module, "EngineError", PyExc_RuntimeError);
+  PyObject* const engine_error = module.attr("EngineError").ptr();
+  registerError<sim2vr::StateError>(module, "StateError", engine_error);
+  registerError<sim2vr::runtime::Unsupported>(module, "Unsupported", engine_error);
+  registerError<sim2vr::RenderError>(module, "RenderError", engine_error);
+  registerError<sim2vr::InvalidArgument>(module, "InvalidArgument", PyExc_ValueError);
 
   module.def("gl_renderer", &glRenderer, py::arg("kind") = "automatic",
              "Starts a renderer ('automatic', 'egl', 'osmesa', 'null') and returns its "

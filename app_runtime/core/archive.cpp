@@ -1,5 +1,7 @@
 #include "sim2vr/core/archive.hpp"
 
+#include <fmt/format.h>
+
 #include "sim2vr/core/errors.hpp"
 
 namespace sim2vr {
@@ -43,6 +45,12 @@ void Archive::tag(std::string_view name) {
                       "; it is damaged or was made by another game or version");
   }
   offset_ += 1 + name.size();
+}
+
+void Archive::expectIn(Range range, std::string_view name, double value) {
+  if (value >= range.low && value <= range.high) return;
+  throw EngineError(fmt::format("saved state: field '{}': got {}, expected {} to {}", name, value,
+                                range.low, range.high));
 }
 
 void Archive::raw(void* data, std::size_t size) {

@@ -121,8 +121,8 @@ void GameClock::fields(Archive& archive) {
   archive.field("time_ns", time_ns_);
   archive.field("delta_ns", delta_ns_);
   archive.field("caller_time_ns", caller_time_ns_);
-  archive.field("fixed_step", fixed_step_);
-  archive.field("frame_count", frame_count_);
+  archive.field("fixed_step", fixed_step_, {-1e18, 1e18});
+  archive.field("frame_count", frame_count_, {0.0, 1e18});
   if (archive.loading()) checkLoaded();
 }
 

@@ -4,6 +4,7 @@
 #include <cmath>
 
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/text.hpp"
 
 namespace sim2vr {
 namespace {
@@ -22,6 +23,18 @@ std::string describe(const Json& value) {
   if (value.is_object() || value.is_array()) return std::string("an ") + value.type_name();
   const std::string text = value.dump(-1, ' ', true, Json::error_handler_t::replace);
   return text.size() <= kShownCharacters ? text : text.substr(0, kShownCharacters) + "...";
+}
+
+/// Programs of Windows write UTF-16 and Latin-1 as well, which JSON is not.
+void expectUtf8(std::string_view text, const std::string& what) {
+  if (text.starts_with("\xFF\xFE") || text.starts_with("\xFE\xFF")) {
+    refuse(what, "text in UTF-16", "a JSON object in UTF-8");
+  }
+  const std::string valid = validUtf8(text);
+  if (valid == text) return;
+  const auto first = std::mismatch(text.begin(), text.end(), valid.begin(), valid.end()).first;
+  const auto at = static_cast<std::size_t>(first - text.begin());
+  refuse(what, "text that is not UTF-8 at byte " + std::to_string(at), "a JSON object in UTF-8");
 }
 
 /// Before anything is built in memory.
@@ -57,6 +70,7 @@ Json parseJson(std::string_view text, const std::string& what, std::size_t maxim
   try {
     parsed = Json::parse(text);
   } catch (const Json::exception& error) {
+    expectUtf8(text, what);
     refuse(what, "no JSON (NaN and Infinity are none either): " + std::string(error.what()),
            "a JSON object");
   }

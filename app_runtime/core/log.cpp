@@ -45,6 +45,10 @@ void setLogLevel(std::string_view level) {
 
 void setLogFile(const std::filesystem::path& path) {
   std::error_code problem;
+  // Opening a pipe waits for whoever reads it.
+  if (std::filesystem::is_fifo(path, problem)) {
+    throw InvalidArgument("log file", "'" + path.string() + "' (a pipe)", "a file");
+  }
   if (path.has_parent_path()) std::filesystem::create_directories(path.parent_path(), problem);
   try {
     const auto sink =

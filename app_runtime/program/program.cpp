@@ -7,6 +7,7 @@
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
+#include "sim2vr/core/text.hpp"
 #include "sim2vr/games/registry.hpp"
 
 namespace sim2vr::program {
@@ -55,6 +56,11 @@ void openStandardStreams() {
   }
 }
 
+int fail(const std::exception& error, int code) {
+  std::cerr << "sim2vr-app: " << validUtf8(error.what()) << "\n";
+  return code;
+}
+
 // The options that the game's condition of that name stands for.
 nlohmann::json conditionOptions(const Arguments& arguments) {
   const nlohmann::json facts = nlohmann::json::parse(games::gameFactsJson(arguments.game));
@@ -100,14 +106,12 @@ int run(int argc, const char* const* argv) {
   try {
     return runArguments(std::vector<std::string>(argv + (argc > 0 ? 1 : 0), argv + argc));
   } catch (const Finished& finished) {
-    (finished.exitCode() == kSuccess ? std::cout : std::cerr) << finished.what();
+    (finished.exitCode() == kSuccess ? std::cout : std::cerr) << validUtf8(finished.what());
     return finished.exitCode();
   } catch (const std::invalid_argument& error) {
-    std::cerr << "sim2vr-app: " << error.what() << "\n";
-    return kBadUsage;
+    return fail(error, kBadUsage);
   } catch (const std::exception& error) {
-    std::cerr << "sim2vr-app: " << error.what() << "\n";
-    return kFailure;
+    return fail(error, kFailure);
   }
 }
 

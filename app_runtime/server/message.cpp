@@ -1,7 +1,5 @@
 #include "sim2vr/server/message.hpp"
 
-#include <nlohmann/json.hpp>
-
 #include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::server {
@@ -49,12 +47,6 @@ std::vector<std::uint8_t> drawPicture(runtime::LockstepApp& app, const PictureRe
   std::vector<std::uint8_t> pixels(4 * request.size.pixels());
   app.renderView(view, request.size, pixels);
   return pixels;
-}
-
-std::string validUtf8(std::string_view text) {
-  using Json = nlohmann::json;
-  const std::string quoted = Json(text).dump(-1, ' ', false, Json::error_handler_t::replace);
-  return Json::parse(quoted).get<std::string>();
 }
 
 }  // namespace sim2vr::server

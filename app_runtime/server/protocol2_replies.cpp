@@ -2,6 +2,7 @@
 
 #include <nlohmann/json.hpp>
 
+#include "sim2vr/core/text.hpp"
 #include "sim2vr/core/version.hpp"
 #include "sim2vr/server/protocol2.hpp"
 #include "wire.hpp"

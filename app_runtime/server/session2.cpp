@@ -158,7 +158,7 @@ runtime::AppSettings Session2::appSettings(const protocol2::Hello& hello) const 
       throw InvalidArgument("log_dir", "'" + *hello.log_dir + "' from another machine",
                             "none; the server's --log-dir writes logs");
     }
-    settings.log_dir = *hello.log_dir;
+    settings.log_dir = pathFromUri("log_dir", *hello.log_dir);
   }
   TimeSettings& time = settings.time;
   time.fixed_delta_time_s = hello.fixed_delta_time_s.value_or(time.fixed_delta_time_s);

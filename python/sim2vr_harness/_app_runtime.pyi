@@ -6,7 +6,9 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['AppBatch', 'EngineError', 'InvalidArgument', 'RenderError', 'StateError', 'Unsupported', 'frame_time_ns', 'game_facts', 'game_timeline', 'gl_renderer', 'list_games', 'set_log_level']
+__all__: list[str] = ['AppBatch', 'EngineError', 'FileError', 'InvalidArgument', 'RenderError', 'StateError', 'Unsupported', 'frame_time_ns', 'game_facts', 'game_timeline', 'gl_renderer', 'list_games', 'set_log_level']
+class FileError(RuntimeError):
+    pass
 class EngineError(RuntimeError):
     pass
 class StateError(EngineError):

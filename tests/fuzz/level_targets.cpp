@@ -1,8 +1,6 @@
 // The loader of levels.
 #include <algorithm>
 #include <cmath>
-#include <cstdlib>
-#include <iostream>
 #include <map>
 #include <string>
 
@@ -18,12 +16,6 @@ namespace sim2vr::fuzz {
 namespace {
 
 using namespace games::beats;
-
-void require(bool holds, const char* what) {
-  if (holds) return;
-  std::cerr << "contradiction: " << what << "\n";
-  std::abort();
-}
 
 template <class Things>
 void requireTimes(const Things& things, const Level& level) {
@@ -47,7 +39,10 @@ void check(const MapFiles& files) {
     for (const Wall& wall : level.walls) require(wall.duration_s >= 0.0, "a wall");
     require(levelFacts(level).boxes <= level.boxes.size(), "facts");
     require(!timelineJson(level).empty(), "a timeline");
-  } catch (const InvalidArgument&) {
+  } catch (const InvalidArgument& error) {
+    const bool named = error.field().starts_with(files.where()) ||
+                       error.field().starts_with("option 'characteristic'");
+    require(named, "an error names its file or option");
   }
 }
 
@@ -76,7 +71,8 @@ void level(std::string_view input) {
 void levelZip(std::string_view input) {
   try {
     check(*filesOfZip(std::string(input), "zip"));
-  } catch (const InvalidArgument&) {
+  } catch (const InvalidArgument& error) {
+    require(error.field().starts_with("zip"), "an error names its archive");
   }
 }
 

@@ -28,10 +28,10 @@ constexpr std::size_t kMaximumPicturePixels = 64 * 64;
 constexpr std::size_t kMaximumMessages = 20;
 constexpr std::size_t kMessageEnd = 0xFFFF;
 
-void require(bool holds, const char* what) {
-  if (holds) return;
-  std::cerr << "contradiction: " << what << "\n";
-  std::abort();
+/// Errors begin with the field, or the file, before the first colon.
+bool namesField(std::string_view message) {
+  const std::size_t colon = message.find(": ");
+  return colon != std::string_view::npos && colon > 0;
 }
 
 /// Runs something that may refuse its input with the decoders' one error.
@@ -39,7 +39,8 @@ template <class Work>
 void decoding(Work work) {
   try {
     work();
-  } catch (const MalformedMessage&) {
+  } catch (const MalformedMessage& error) {
+    require(namesField(error.what()), "an error names its field");
   }
 }
 
@@ -67,6 +68,12 @@ bool costly(const server::protocol2::Request& request) {
 }
 
 }  // namespace
+
+void require(bool holds, const char* what) {
+  if (holds) return;
+  std::cerr << "contradiction: " << what << "\n";
+  std::abort();
+}
 
 std::vector<std::string_view> takeFrames(std::string_view& input) {
   std::vector<std::string_view> frames;
@@ -134,7 +141,8 @@ void stateLog(std::string_view input) {
   try {
     const rl::StateLog log = rl::parseStateLog(input);
     require(!log.rows.empty(), "a state log");
-  } catch (const InvalidArgument&) {
+  } catch (const InvalidArgument& error) {
+    require(!error.field().empty(), "an error names its field");
   }
 }
 
@@ -177,7 +185,8 @@ void loadAndPlay(const runtime::AppSettings& settings, std::string_view input) {
   runtime::App app(settings, renderer);
   try {
     app.load(std::string(input));
-  } catch (const EngineError&) {
+  } catch (const EngineError& error) {
+    require(std::string_view(error.what()).starts_with("saved state: "), "an error names its file");
     return;
   }
   constexpr double kHead[] = {0.0, 1.17, 0.0, 0.0, 0.0, 0.0, 1.0};

@@ -33,6 +33,9 @@ void level(std::string_view input);
 /// A zipped map.
 void levelZip(std::string_view input);
 
+/// Ends the program unless `holds`.
+void require(bool holds, const char* what);
+
 /// The first message of an input of session2, which is shortened by it.
 std::vector<std::string_view> takeFrames(std::string_view& input);
 /// Of the apps that are fuzzed.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import hashlib
 import importlib.util
+import json
 import re
 import shutil
 import subprocess
@@ -89,3 +90,16 @@ def test_a_wheel_carries_the_licences_of_what_it_carries(tmp_path):
     failed = subprocess.run([sys.executable, tool, made, out], capture_output=True, check=False)
     assert b"got no package with libnobody.so.1" in failed.stderr
     assert failed.returncode and not list(out.iterdir())
+
+
+def test_games_json_is_replaced_whole(tmp_path: Path) -> None:
+    import sim2vr_harness._app_runtime as runtime
+
+    out = tmp_path / "games.json"
+    out.write_text("old")
+    with out.open() as reader:  # as another process that is reading at the same time
+        script = Path(__file__).parents[2] / "cmake" / "write_games.py"
+        subprocess.run([sys.executable, script, runtime.__file__, out], check=True)
+        assert reader.read() == "old"
+    assert json.loads(out.read_text())["Beats"] == "beats"
+    assert list(tmp_path.iterdir()) == [out]

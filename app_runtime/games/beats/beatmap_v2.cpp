@@ -35,7 +35,7 @@ void readNote(const JsonFields& note, Beatmap& beatmap) {
 
 void readObstacle(const JsonFields& obstacle, Beatmap& beatmap) {
   expectFields(obstacle, {"_time", "_lineIndex", "_type", "_duration", "_width"});
-  BeatWall wall{readBeat(obstacle, "_time"), readBeat(obstacle, "_duration"), {}};
+  BeatWall wall{readBeat(obstacle, "_time"), readWallBeats(obstacle, "_duration"), {}};
   const std::int64_t type = obstacle.integer("_type", 0, 0, 2);
   if (type == 2) {
     expectFields(obstacle, {"_lineLayer", "_height"});

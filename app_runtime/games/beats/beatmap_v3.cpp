@@ -36,8 +36,8 @@ void readObjects(const JsonFields& map, Beatmap& beatmap, UnknownFields& unknown
   }
   for (const JsonFields& obstacle : mapObjects(map, "obstacles")) {
     unknown.look(obstacle, "obstacles", {"b", "d", "x", "y", "w", "h"});
-    beatmap.walls.push_back(
-        {readBeat(obstacle, "b"), readBeat(obstacle, "d"), readWall(obstacle, "x", "y", "w", "h")});
+    beatmap.walls.push_back({readBeat(obstacle, "b"), readWallBeats(obstacle, "d"),
+                             readWall(obstacle, "x", "y", "w", "h")});
   }
   for (const JsonFields& chain : mapObjects(map, "burstSliders")) {
     unknown.look(chain, "burstSliders",

@@ -76,7 +76,7 @@ void readObstacles(const JsonFields& map, Beatmap& beatmap, UnknownFields& unkno
     expectNoRotation(obstacle, "r");
     const JsonFields& size = pointed(obstacle, "i", data, "obstaclesData");
     beatmap.walls.push_back(
-        {readBeat(obstacle, "b"), readBeat(size, "d"), readWall(size, "x", "y", "w", "h")});
+        {readBeat(obstacle, "b"), readWallBeats(size, "d"), readWall(size, "x", "y", "w", "h")});
   }
 }
 

@@ -100,9 +100,9 @@ void Env::fillPrivileged(std::span<float> values) const { writePrivileged(round_
 void Env::fields(Archive& archive) {
   RLEnv::fields(archive);
   archive.field("sight", sight_);
-  archive.field("score", score_);
-  archive.field("misses", misses_);
-  archive.field("errors", errors_);
+  archive.field("score", score_, kCounts);
+  archive.field("misses", misses_, kCounts);
+  archive.field("errors", errors_, kQuantities);
 }
 
 }  // namespace sim2vr::games::beats

@@ -7,6 +7,7 @@
 #include "beats/built_in_levels.hpp"
 #include "beats/map_level.hpp"
 #include "sim2vr/core/errors.hpp"
+#include "sim2vr/core/text.hpp"
 
 namespace sim2vr::games::beats {
 namespace {
@@ -38,7 +39,7 @@ void expectMap(const std::string& path) {
 
 LevelSettings readLevelSettings(Options& options) {
   LevelSettings settings;
-  settings.level = options.getString("level", settings.level);
+  settings.level = pathFromUri("option 'level'", options.getString("level", settings.level));
   settings.difficulty = options.getString("difficulty", "");
   settings.characteristic = options.getString("characteristic", "");
   settings.generator = readGenerator(options);

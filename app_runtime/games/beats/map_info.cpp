@@ -58,6 +58,38 @@ double readOffset(const JsonFields& object, const char* name) {
   return object.number(name, 0.0, -100.0, 100.0);
 }
 
+/// How a version of Info.dat names the fields of a difficulty.
+struct EntryFields {
+  const char* difficulty;
+  const char* file;
+  const char* speed;
+  const char* offset;
+  const char* custom;
+  const char* requirements;
+};
+constexpr EntryFields kFields2{
+    "_difficulty", "_beatmapFilename", "_noteJumpMovementSpeed", "_noteJumpStartBeatOffset",
+    "_customData", "_requirements"};
+constexpr EntryFields kFields4{
+    "difficulty", "beatmapDataFilename", "noteJumpMovementSpeed", "noteJumpStartBeatOffset",
+    "customData", "requirements"};
+
+/// The name must be readable; every other problem matters to those alone who play it.
+MapDifficulty readEntry(const JsonFields& entry, const std::string& characteristic,
+                        const EntryFields& fields) {
+  MapDifficulty read{.characteristic = characteristic,
+                     .difficulty = entry.text(fields.difficulty, "")};
+  try {
+    read.file = fileName(entry, fields.file);
+    read.speed_mps = readSpeed(entry, fields.speed);
+    read.offset_beats = readOffset(entry, fields.offset);
+    expectPlainPlaces(entry, fields.custom, fields.requirements);
+  } catch (const InvalidArgument& problem) {
+    read.problem = problem;
+  }
+  return read;
+}
+
 MapInfo readInfo2(const JsonFields& info, UnknownFields& unknown) {
   unknown.look(info, "",
                {"_version", "_songName", "_songSubName", "_songAuthorName", "_levelAuthorName",
@@ -75,12 +107,8 @@ MapInfo readInfo2(const JsonFields& info, UnknownFields& unknown) {
                    {"_difficulty", "_difficultyRank", "_beatmapFilename", "_noteJumpMovementSpeed",
                     "_noteJumpStartBeatOffset", "_beatmapColorSchemeIdx", "_environmentNameIdx"});
       difficulty.expect("_difficulty", "a difficulty such as 'Easy'");
-      expectPlainPlaces(difficulty, "_customData", "_requirements");
-      read.difficulties.push_back({set.text("_beatmapCharacteristicName", ""),
-                                   difficulty.text("_difficulty", ""),
-                                   fileName(difficulty, "_beatmapFilename"),
-                                   readSpeed(difficulty, "_noteJumpMovementSpeed"),
-                                   readOffset(difficulty, "_noteJumpStartBeatOffset")});
+      read.difficulties.push_back(
+          readEntry(difficulty, set.text("_beatmapCharacteristicName", ""), kFields2));
     }
   }
   return read;
@@ -106,12 +134,8 @@ MapInfo readInfo4(const JsonFields& info, UnknownFields& unknown) {
                   "beatmapDataFilename", "lightshowDataFilename"});
     difficulty.expect("characteristic", "a characteristic such as 'Standard'");
     difficulty.expect("difficulty", "a difficulty such as 'Easy'");
-    expectPlainPlaces(difficulty, "customData", "requirements");
-    read.difficulties.push_back({difficulty.text("characteristic", ""),
-                                 difficulty.text("difficulty", ""),
-                                 fileName(difficulty, "beatmapDataFilename"),
-                                 readSpeed(difficulty, "noteJumpMovementSpeed"),
-                                 readOffset(difficulty, "noteJumpStartBeatOffset")});
+    read.difficulties.push_back(
+        readEntry(difficulty, difficulty.text("characteristic", ""), kFields4));
   }
   return read;
 }
@@ -125,6 +149,13 @@ std::vector<std::string> characteristics(const MapInfo& info) {
     }
   }
   return names;
+}
+
+/// Harder ones have higher ranks; names that the game does not have come last.
+std::ptrdiff_t rank(const MapDifficulty& difficulty) {
+  static const std::vector<std::string> kNames{"easy", "normal", "hard", "expert", "expertplus"};
+  const auto found = std::find(kNames.begin(), kNames.end(), folded(difficulty.difficulty));
+  return found == kNames.end() ? -1 : found - kNames.begin();
 }
 
 std::string got(const std::string& name) { return name.empty() ? "none" : "'" + name + "'"; }
@@ -164,20 +195,26 @@ MapInfo readMapInfo(std::string_view text, const std::string& place) {
   return read;
 }
 
-const MapDifficulty& chooseDifficulty(const MapInfo& info, const std::string& characteristic,
-                                      const std::string& difficulty) {
+std::vector<MapDifficulty> matchingDifficulties(const MapInfo& info,
+                                                const std::string& characteristic,
+                                                const std::string& difficulty) {
   const std::string set = chooseCharacteristic(info, characteristic);
   std::vector<std::string> names;
-  const MapDifficulty* last = nullptr;
+  std::vector<MapDifficulty> all;
   for (const MapDifficulty& offered : info.difficulties) {
     if (offered.characteristic != set) continue;
-    if (folded(offered.difficulty) == folded(difficulty)) return offered;
+    if (folded(offered.difficulty) == folded(difficulty)) return {offered};
     names.push_back(offered.difficulty);
-    last = &offered;
+    all.push_back(offered);
   }
-  if (difficulty.empty() && names.size() == 1) return *last;
-  throw InvalidArgument("option 'difficulty'", got(difficulty),
-                        oneOf(names, difficulty) + " (of the characteristic '" + set + "')");
+  if (!difficulty.empty()) {
+    throw InvalidArgument("option 'difficulty'", got(difficulty),
+                          oneOf(names, difficulty) + " (of the characteristic '" + set + "')");
+  }
+  std::stable_sort(all.begin(), all.end(), [](const MapDifficulty& a, const MapDifficulty& b) {
+    return rank(a) > rank(b);
+  });
+  return all;
 }
 
 double jumpSpeed_mps(const MapDifficulty& difficulty) {

@@ -1,9 +1,12 @@
 // Info.dat: what a map offers, and how fast its boxes come.
 #pragma once
 
+#include <optional>
 #include <string>
 #include <string_view>
 #include <vector>
+
+#include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::games::beats {
 
@@ -15,6 +18,8 @@ struct MapDifficulty {
   double speed_mps = 0.0;
   /// Note jump start offset.
   double offset_beats = 0.0;
+  /// Why it cannot be played; thrown when it is chosen.
+  std::optional<InvalidArgument> problem = {};
 };
 
 struct MapInfo {
@@ -28,14 +33,15 @@ struct MapInfo {
 };
 
 /// Reads an Info.dat of version 2 or 4. `place` names it in errors. Throws InvalidArgument naming
-/// file, object and field.
+/// file, object and field; the problem of a single difficulty is kept with that difficulty.
 MapInfo readMapInfo(std::string_view json, const std::string& place);
 
-/// The difficulty that is meant, in any case, "Expert+" or "ExpertPlus". Without a characteristic
-/// "Standard", or else the only one; without a difficulty the only one. Throws InvalidArgument that
-/// lists what the map offers.
-const MapDifficulty& chooseDifficulty(const MapInfo& info, const std::string& characteristic,
-                                      const std::string& difficulty);
+/// The difficulties that are meant: one for a name, in any case, "Expert+" or "ExpertPlus"; without
+/// a name all of the characteristic, the hardest first. Without a characteristic those of
+/// "Standard", or else of the only one. Throws InvalidArgument that lists what the map offers.
+std::vector<MapDifficulty> matchingDifficulties(const MapInfo& info,
+                                                const std::string& characteristic,
+                                                const std::string& difficulty);
 
 /// Speed of approach: the map's own, or the difficulty's usual one where the map says 0.
 double jumpSpeed_mps(const MapDifficulty& difficulty);

@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <filesystem>
+#include <optional>
 
 #include "beats/beatmap.hpp"
 #include "beats/chain.hpp"
@@ -62,14 +63,15 @@ void addTempo(const TempoMap& tempo, Level& level) {
   }
 }
 
-void addChains(const std::vector<Chain>& chains, const TempoMap& tempo, Level& level) {
+void addChains(const std::vector<Chain>& chains, const TempoMap& tempo, const std::string& place,
+               Level& level) {
   std::vector<Box> all;
   for (const Chain& chain : chains) {
     const std::vector<Box> boxes =
         chainBoxes(chain, tempo.seconds(chain.beat), tempo.seconds(chain.tail_beat), level.boxes);
     all.insert(all.end(), boxes.begin(), boxes.end());
     if (all.size() > kMaximumObjects) {
-      throw InvalidArgument("links of chains", "more",
+      throw InvalidArgument(place + ": links of chains", "more",
                             std::to_string(kMaximumObjects) + " at most");
     }
   }
@@ -77,7 +79,8 @@ void addChains(const std::vector<Chain>& chains, const TempoMap& tempo, Level& l
   sortByTime(level.boxes);
 }
 
-void addObjects(const Beatmap& beatmap, const TempoMap& tempo, Level& level) {
+void addObjects(const Beatmap& beatmap, const TempoMap& tempo, const std::string& place,
+                Level& level) {
   for (const auto& [beat, box] : beatmap.boxes) {
     level.boxes.push_back(box);
     level.boxes.back().time_s = tempo.seconds(beat);
@@ -94,7 +97,7 @@ void addObjects(const Beatmap& beatmap, const TempoMap& tempo, Level& level) {
   sortByTime(level.boxes);
   sortByTime(level.mines);
   sortByTime(level.walls);
-  addChains(beatmap.chains, tempo, level);
+  addChains(beatmap.chains, tempo, place, level);
 }
 
 double endOf(const Level& level) {
@@ -109,7 +112,7 @@ Level makeLevel(const Beatmap& beatmap, const TempoMap& tempo, const std::string
                 double song_s) {
   Level level;
   addTempo(tempo, level);
-  addObjects(beatmap, tempo, level);
+  addObjects(beatmap, tempo, place, level);
   level.length_s = std::max(endOf(level), song_s);
   if (level.boxes.empty()) throw InvalidArgument(place, "no boxes", "boxes to cut");
   if (!(level.length_s <= kLongest_s)) {
@@ -128,7 +131,8 @@ TempoMap readTempoMap(const Beatmap& beatmap, const MapInfo& info, Reading& read
   return {info.beats_per_minute, {}};
 }
 
-Level readDifficulty(const MapInfo& info, const MapDifficulty& chosen, Reading& reading) {
+Level readDifficulty(const MapInfo& info, const MapDifficulty& chosen, Reading reading) {
+  if (chosen.problem) throw InvalidArgument(*chosen.problem);
   const std::string place = reading.place(chosen.file);
   const Beatmap beatmap = readBeatmap(reading.read(chosen.file, kInfoFile), place);
   Level level = makeLevel(beatmap, readTempoMap(beatmap, info, reading), place, info.song_s);
@@ -139,9 +143,43 @@ Level readDifficulty(const MapInfo& info, const MapDifficulty& chosen, Reading& 
   return level;
 }
 
+std::string listed(const std::vector<MapDifficulty>& difficulties) {
+  std::vector<std::string> names;
+  for (const MapDifficulty& each : difficulties) names.push_back(each.difficulty);
+  return listChoices(names);
+}
+
+/// The first that can be played; the first one's problem when none can.
+Level readHardest(const MapInfo& info, const std::vector<MapDifficulty>& hardest_first,
+                  const Reading& reading, const std::string& where) {
+  std::optional<InvalidArgument> problem;
+  for (const MapDifficulty& candidate : hardest_first) {
+    try {
+      Level level = readDifficulty(info, candidate, reading);
+      if (hardest_first.size() > 1) {
+        warnOnce(where + ": no difficulty given, '" + candidate.difficulty +
+                 "' is the hardest that can be played of " + listed(hardest_first));
+      }
+      return level;
+    } catch (const InvalidArgument& error) {
+      if (!problem) problem = error;
+    }
+  }
+  throw InvalidArgument(*problem);
+}
+
+MapInfo readInfo(const MapFiles& files, Reading& reading) {
+  if (!files.find(kInfoFile).empty()) {
+    return readMapInfo(reading.read(kInfoFile, ""), reading.place(kInfoFile));
+  }
+  const bool first_version = !files.find("info.json").empty();
+  throw InvalidArgument(
+      files.where(), first_version ? "a map of version 1, with info.json" : "no Info.dat in it",
+      first_version ? "one of version 2, 3 or 4, with Info.dat" : "a map with its Info.dat");
+}
+
 /// A difficulty that no Info.dat lists.
-Level readAlone(const fs::path& path) {
-  const std::string text = readBytes(path, kMaximumMapFileBytes);
+Level readAlone(const fs::path& path, const std::string& text) {
   const Beatmap beatmap = readBeatmap(text, path.string());
   if (beatmap.tempo_changes.empty() || beatmap.tempo_changes.front().beat > 0.0) {
     throw InvalidArgument(path.string(), "a difficulty without tempo",
@@ -156,41 +194,39 @@ Level readAlone(const fs::path& path) {
   return level;
 }
 
-Level loadSingle(const fs::path& path) {
-  const fs::path folder = path.parent_path().empty() ? fs::path(".") : path.parent_path();
-  const auto files = filesOfFolder(folder);
-  if (files->find(kInfoFile).empty()) return readAlone(path);
+fs::path folderOf(const fs::path& file) {
+  return file.parent_path().empty() ? fs::path(".") : file.parent_path();
+}
+
+/// Whether a file of a map has things to play. Info.dat, and files of lights, tempo and music, have
+/// not: who names one of them means the map.
+bool isDifficulty(std::string_view text, const std::string& place) {
+  const nlohmann::json json = parseJson(text, place, kMaximumMapValues);
+  return json.contains("_notes") || json.contains("colorNotes");
+}
+
+Level loadSingle(const fs::path& path, const std::string& text) {
+  const auto files = filesOfFolder(folderOf(path));
+  if (files->find(kInfoFile).empty()) return readAlone(path, text);
   Reading reading(*files);
-  const MapInfo info = readMapInfo(reading.read(kInfoFile, ""), reading.place(kInfoFile));
+  const MapInfo info = readInfo(*files, reading);
   const std::string name = path.filename().string();
   for (const MapDifficulty& listed : info.difficulties) {
     if (files->find(listed.file) == name) return readDifficulty(info, listed, reading);
   }
-  return readAlone(path);
+  return readAlone(path, text);
 }
 
-}  // namespace
-
-Level readMapLevel(const MapFiles& files, const std::string& characteristic,
-                   const std::string& difficulty) {
-  Reading reading(files);
-  if (files.find(kInfoFile).empty()) {
-    throw InvalidArgument(files.where(), "no Info.dat in it", "a map with its Info.dat");
-  }
-  const MapInfo info = readMapInfo(reading.read(kInfoFile, ""), reading.place(kInfoFile));
-  return readDifficulty(info, chooseDifficulty(info, characteristic, difficulty), reading);
-}
-
-Level loadLevel(const std::string& path, const std::string& characteristic,
-                const std::string& difficulty) {
-  std::error_code error;
-  if (fs::is_directory(path, error)) {
-    return readMapLevel(*filesOfFolder(path), characteristic, difficulty);
-  }
-  const std::string extension = fs::path(path).extension().string();
-  if (extension == ".zip") {
-    return readMapLevel(*filesOfZip(readBytes(path, kMaximumArchiveBytes), path), characteristic,
-                        difficulty);
+Level loadFile(const fs::path& path, const std::string& characteristic,
+               const std::string& difficulty) {
+  const std::string text = readBytes(path, kMaximumMapFileBytes);
+  if (!isDifficulty(text, path.string())) {
+    const auto files = filesOfFolder(folderOf(path));
+    if (files->find(kInfoFile).empty() && files->find("info.json").empty()) {
+      throw InvalidArgument(path.string(), "no notes in it",
+                            "a difficulty, or a map's folder, archive or Info.dat");
+    }
+    return readMapLevel(*files, characteristic, difficulty);
   }
   for (const auto& [option, value] :
        {std::pair("characteristic", characteristic), std::pair("difficulty", difficulty)}) {
@@ -199,7 +235,30 @@ Level loadLevel(const std::string& path, const std::string& characteristic,
                           "'" + value + "' with a single difficulty",
                           "none, or the map's folder or archive as the level");
   }
-  return loadSingle(path);
+  return loadSingle(path, text);
+}
+
+}  // namespace
+
+Level readMapLevel(const MapFiles& files, const std::string& characteristic,
+                   const std::string& difficulty) {
+  Reading reading(files);
+  const MapInfo info = readInfo(files, reading);
+  return readHardest(info, matchingDifficulties(info, characteristic, difficulty), reading,
+                     files.where());
+}
+
+Level loadLevel(const std::string& path, const std::string& characteristic,
+                const std::string& difficulty) {
+  std::error_code error;
+  if (fs::is_directory(path, error)) {
+    return readMapLevel(*filesOfFolder(path), characteristic, difficulty);
+  }
+  if (fs::path(path).extension() == ".zip") {
+    return readMapLevel(*filesOfZip(readBytes(path, kMaximumArchiveBytes), path), characteristic,
+                        difficulty);
+  }
+  return loadFile(path, characteristic, difficulty);
 }
 
 }  // namespace sim2vr::games::beats

@@ -6,29 +6,33 @@
 
 #include "sim2vr/core/errors.hpp"
 #include "sim2vr/core/log.hpp"
+#include "sim2vr/core/text.hpp"
 
 namespace sim2vr::games::beats {
 namespace {
 
 /// How far walls may lie beyond the grid, and their largest size, in cells.
 constexpr std::int64_t kWallCells = 50;
+/// Longer than any song.
+constexpr double kMaximumWallBeats = 2000.0;
 constexpr std::int64_t kMaximumSlices = 1000;
 constexpr std::size_t kShownFields = 6;
-
-/// A level is read anew for every round; its warning is not said anew.
-bool isNews(const std::string& warning) {
-  constexpr std::size_t kRemembered = 1000;
-  static std::mutex mutex;
-  static std::set<std::string> said;
-  const std::lock_guard lock(mutex);
-  return said.size() < kRemembered && said.insert(warning).second;
-}
 
 bool isCustom(const std::string& name) {
   return name == "customData" || name == "_customData" || name == "_customEvents";
 }
 
 }  // namespace
+
+void warnOnce(const std::string& warning) {
+  constexpr std::size_t kRemembered = 1000;
+  static std::mutex mutex;
+  static std::set<std::string> said;
+  const std::lock_guard lock(mutex);
+  if (said.size() < kRemembered && said.insert(warning).second) {
+    logger().warn("{}", validUtf8(warning));
+  }
+}
 
 void UnknownFields::look(const JsonFields& object, std::string_view kind,
                          std::initializer_list<std::string_view> known) {
@@ -51,7 +55,7 @@ void UnknownFields::warn() const {
     list += " and " + std::to_string(seen_.size() - kShownFields) + " more";
   }
   const std::string warning = place_ + ": unknown or not played: " + list;
-  if (isNews(warning)) logger().warn("{}", warning);
+  warnOnce(warning);
 }
 
 std::vector<JsonFields> mapObjects(const JsonFields& map, const char* name) {
@@ -65,6 +69,10 @@ std::vector<JsonFields> mapObjects(const JsonFields& map, const char* name) {
 
 double readBeat(const JsonFields& object, const char* name) {
   return object.number(name, 0.0, 0.0, kMaximumBeat);
+}
+
+double readWallBeats(const JsonFields& object, const char* name) {
+  return object.number(name, 0.0, 0.0, kMaximumWallBeats);
 }
 
 double readColumn(const JsonFields& object, const char* name) {

@@ -19,6 +19,9 @@ inline constexpr double kMaximumBeat = 1e6;
 /// Values in a file: lights may be many.
 inline constexpr std::size_t kMaximumMapValues = 2'000'000;
 
+/// One line in the log, once in a process: a level is read anew for every round.
+void warnOnce(const std::string& warning);
+
 /// Fields that a file has and its format has not.
 class UnknownFields {
  public:
@@ -42,6 +45,8 @@ class UnknownFields {
 std::vector<JsonFields> mapObjects(const JsonFields& map, const char* name);
 
 double readBeat(const JsonFields& object, const char* name);
+/// How long a wall lasts, in beats.
+double readWallBeats(const JsonFields& object, const char* name);
 double readColumn(const JsonFields& object, const char* name);
 double readRow(const JsonFields& object, const char* name);
 CutDirection readCut(const JsonFields& object, const char* name);

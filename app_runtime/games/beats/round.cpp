@@ -249,7 +249,7 @@ void Round::applyCut(const Event& event) {
 }
 
 void Round::Burst::fields(Archive& archive) {
-  archive.field("time_s", time_s);
+  archive.field("time_s", time_s, kQuantities);
   archive.field("place", place_m);
   archive.field("of", of);
   if (of > Of::kMine) throw EngineError("saved state: sparks of nothing known");
@@ -272,9 +272,9 @@ void Round::fields(Archive& archive) {
   archive.field("walls_touched", walls_touched_);
   if (walls_touched_.size() != count) throw EngineError("saved state: another number of walls");
   archive.field("phase", phase_);
-  archive.field("start_ns", start_ns_);
-  archive.field("time_s", time_s_);
-  archive.field("frame_s", frame_s_);
+  archive.field("start_ns", start_ns_, {0.0, 9.0e18});
+  archive.field("time_s", time_s_, kQuantities);
+  archive.field("frame_s", frame_s_, kQuantities);
   archive.field("origin", origin_m_);
   archive.field("head", head_);
   archive.field("last_head", last_head_);

@@ -48,9 +48,8 @@ void Multiplier::addFault() {
 }
 
 void Multiplier::fields(Archive& archive) {
-  archive.field("tier", tier_);
-  archive.field("slices", slices_);
-  if (tier_ < 0 || tier_ > kHighestTier) throw EngineError("saved state: an unknown multiplier");
+  archive.field("tier", tier_, {0.0, kHighestTier});
+  archive.field("slices", slices_, kCounts);
 }
 
 }  // namespace sim2vr::games::beats

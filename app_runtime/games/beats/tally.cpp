@@ -62,19 +62,19 @@ void Tally::addEnergy(double change) {
 }
 
 void Tally::fields(Archive& archive) {
-  archive.field("score", score_);
-  archive.field("slices", slices_);
-  archive.field("faults", faults_);
-  archive.field("mines_avoided", mines_avoided_);
-  archive.field("walls_avoided", walls_avoided_);
-  archive.field("wall_s", wall_s_);
-  archive.field("wall_time_errors", wall_time_errors_);
-  archive.field("combo", combo_);
-  archive.field("longest_combo", longest_combo_);
+  archive.field("score", score_, kCounts);
+  archive.field("slices", slices_, kCounts);
+  archive.field("faults", faults_, kCounts);
+  archive.field("mines_avoided", mines_avoided_, kCounts);
+  archive.field("walls_avoided", walls_avoided_, kCounts);
+  archive.field("wall_s", wall_s_, kQuantities);
+  archive.field("wall_time_errors", wall_time_errors_, kQuantities);
+  archive.field("combo", combo_, kCounts);
+  archive.field("longest_combo", longest_combo_, kCounts);
   archive.field("multiplier", multiplier_);
-  archive.field("energy", energy_);
-  archive.field("speed_sum", speed_sum_mps_);
-  archive.field("angle_sum", angle_sum_deg_);
+  archive.field("energy", energy_, {0.0, 1.0});
+  archive.field("speed_sum", speed_sum_mps_, kQuantities);
+  archive.field("angle_sum", angle_sum_deg_, kQuantities);
 }
 
 }  // namespace sim2vr::games::beats

@@ -31,11 +31,11 @@ std::optional<Effective> MovementSums::effective() const {
 }
 
 void MovementSums::fields(Archive& archive) {
-  archive.field("count", count_);
-  archive.field("time_sum_s", time_sum_s_);
-  archive.field("length_sum_m", length_sum_m_);
-  archive.field("offset_sum_m", offset_sum_m_);
-  archive.field("offset_square_sum_m2", offset_square_sum_m2_);
+  archive.field("count", count_, kCounts);
+  archive.field("time_sum_s", time_sum_s_, kQuantities);
+  archive.field("length_sum_m", length_sum_m_, kQuantities);
+  archive.field("offset_sum_m", offset_sum_m_, kQuantities);
+  archive.field("offset_square_sum_m2", offset_square_sum_m2_, kQuantities);
 }
 
 }  // namespace sim2vr::games::pointing

@@ -60,8 +60,8 @@ void Env::updateLog() {
 
 void Env::fields(Archive& archive) {
   RLEnv::fields(archive);
-  archive.field("hits", hits_);
-  archive.field("errors", errors_);
+  archive.field("hits", hits_, kCounts);
+  archive.field("errors", errors_, kCounts);
   archive.field("privileged", privileged_);
 }
 

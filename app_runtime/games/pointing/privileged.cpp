@@ -121,6 +121,8 @@ void Privileged::writeShown(rl::NumberWriter& out, bool present) const {
   }
 }
 
-void Privileged::fields(Archive& archive) { archive.field("seen_id", seen_id_); }
+void Privileged::fields(Archive& archive) {
+  archive.field("seen_id", seen_id_, {-1.0, kCounts.high});
+}
 
 }  // namespace sim2vr::games::pointing

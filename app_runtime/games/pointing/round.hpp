@@ -77,7 +77,7 @@ class Round : public scene::Component {
     float time_s = 0.0F;
     void fields(Archive& archive) {
       archive.field("place_m", place_m);
-      archive.field("time_s", time_s);
+      archive.field("time_s", time_s, kQuantities);
     }
   };
 

@@ -40,7 +40,7 @@ std::optional<Crossing> Stylus::follow(float time_s, double plane_z_m) {
 void Stylus::fields(Archive& archive) {
   archive.field("held", held_);
   archive.field("armed", armed_);
-  archive.field("time_s", time_s_);
+  archive.field("time_s", time_s_, kQuantities);
   archive.field("tip_m", tip_m_);
   archive.field("velocity_mps", velocity_mps_);
 }

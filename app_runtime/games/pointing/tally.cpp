@@ -16,16 +16,16 @@ void Tally::add(const Effective& block) {
 }
 
 void Tally::fields(Archive& archive) {
-  archive.field("hits", hits);
-  archive.field("errors", errors);
-  archive.field("timeouts", timeouts);
-  archive.field("movements", movements);
-  archive.field("time_sum_s", time_sum_s);
-  archive.field("index_sum_bits", index_sum_bits);
-  archive.field("blocks", blocks);
-  archive.field("throughput_sum_bps", throughput_sum_bps);
-  archive.field("effective_index_sum_bits", effective_index_sum_bits);
-  archive.field("variance_sum_m2", variance_sum_m2);
+  archive.field("hits", hits, kCounts);
+  archive.field("errors", errors, kCounts);
+  archive.field("timeouts", timeouts, kCounts);
+  archive.field("movements", movements, kCounts);
+  archive.field("time_sum_s", time_sum_s, kQuantities);
+  archive.field("index_sum_bits", index_sum_bits, kQuantities);
+  archive.field("blocks", blocks, kCounts);
+  archive.field("throughput_sum_bps", throughput_sum_bps, kQuantities);
+  archive.field("effective_index_sum_bits", effective_index_sum_bits, kQuantities);
+  archive.field("variance_sum_m2", variance_sum_m2, kQuantities);
 }
 
 }  // namespace sim2vr::games::pointing

@@ -64,7 +64,7 @@ class Ball : public scene::Component {
   // Every value that changes during play, so that a state can be saved and loaded.
   void fields(Archive& archive) override {
     archive.field("random", random_);
-    archive.field("points", points_);
+    archive.field("points", points_, kCounts);
   }
 
   int points() const { return points_; }
@@ -127,10 +127,10 @@ class BallEnv : public rl::RLEnv {
 
   void fields(Archive& archive) override {
     RLEnv::fields(archive);
-    archive.field("start_s", start_s_);
-    archive.field("points", points_);
-    archive.field("distance_sum_m", distance_sum_m_);
-    archive.field("frames", frames_);
+    archive.field("start_s", start_s_, kQuantities);
+    archive.field("points", points_, kCounts);
+    archive.field("distance_sum_m", distance_sum_m_, kQuantities);
+    archive.field("frames", frames_, kCounts);
   }
 
  private:

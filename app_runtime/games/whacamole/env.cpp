@@ -112,8 +112,8 @@ void Env::updateLog() {
 
 void Env::fields(Archive& archive) {
   RLEnv::fields(archive);
-  archive.field("points", points_);
-  archive.field("first_contacts", first_contacts_);
+  archive.field("points", points_, kCounts);
+  archive.field("first_contacts", first_contacts_, kCounts);
   archive.field("privileged", privileged_);
 }
 

@@ -212,12 +212,12 @@ void Privileged::writeAids(rl::NumberWriter& out) const {
 }
 
 void Privileged::fields(Archive& archive) {
-  archive.field("seen_ids", seen_ids_);
+  archive.field("seen_ids", seen_ids_, {-1.0, kCounts.high});
   archive.field("has_marker", has_marker_);
   archive.field("marker", marker_m_);
   archive.field("marker_velocity", marker_velocity_mps_);
-  archive.field("progress_sum", progress_sum_m_);
-  archive.field("strike_sum", strike_sum_);
+  archive.field("progress_sum", progress_sum_m_, kQuantities);
+  archive.field("strike_sum", strike_sum_, kQuantities);
 }
 
 }  // namespace sim2vr::games::whacamole

@@ -25,21 +25,21 @@ std::array<double, kCells> CellTally::failRates() const {
 }
 
 void CellTally::fields(Archive& archive) {
-  archive.field("hits", hits);
-  archive.field("misses", misses);
+  archive.field("hits", hits, kCounts);
+  archive.field("misses", misses, kCounts);
 }
 
 void Counts::fields(Archive& archive) {
-  archive.field("hits", hits);
-  archive.field("misses", misses);
-  archive.field("contacts", contacts);
-  archive.field("first_contacts", first_contacts);
-  archive.field("last_contact_strike_mps", last_contact_strike_mps);
-  archive.field("hit_speed_sum_mps", hit_speed_sum_mps);
-  archive.field("hit_latency_sum_s", hit_latency_sum_s);
-  archive.field("depth_z_sum_m", depth_z_sum_m);
-  archive.field("depth_normal_sum_m", depth_normal_sum_m);
-  archive.field("play_frames", play_frames);
+  archive.field("hits", hits, kCounts);
+  archive.field("misses", misses, kCounts);
+  archive.field("contacts", contacts, kCounts);
+  archive.field("first_contacts", first_contacts, kCounts);
+  archive.field("last_contact_strike_mps", last_contact_strike_mps, kQuantities);
+  archive.field("hit_speed_sum_mps", hit_speed_sum_mps, kQuantities);
+  archive.field("hit_latency_sum_s", hit_latency_sum_s, kQuantities);
+  archive.field("depth_z_sum_m", depth_z_sum_m, kQuantities);
+  archive.field("depth_normal_sum_m", depth_normal_sum_m, kQuantities);
+  archive.field("play_frames", play_frames, kCounts);
 }
 
 Round::Round(RoundSetup setup)
@@ -206,7 +206,7 @@ void Round::fields(Archive& archive) {
   archive.field("spawner", spawner_);
   archive.field("counts", counts_);
   archive.field("phase", phase_);
-  archive.field("phase_start_s", phase_start_s_);
+  archive.field("phase_start_s", phase_start_s_, kQuantities);
 }
 
 }  // namespace sim2vr::games::whacamole

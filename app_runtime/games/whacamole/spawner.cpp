@@ -1,6 +1,9 @@
 #include "whacamole/spawner.hpp"
 
 #include <numeric>
+#include <string>
+
+#include "sim2vr/core/errors.hpp"
 
 namespace sim2vr::games::whacamole {
 namespace {
@@ -60,10 +63,14 @@ int Spawner::takeWeightedCell() {
 
 void Spawner::fields(Archive& archive) {
   archive.field("random", random_);
-  archive.field("weights", weights_);
-  archive.field("free", free_);
-  archive.field("pause_end_s", pause_end_s_);
-  archive.field("next_id", next_id_);
+  archive.field("weights", weights_, {0.0, 1.0e3});
+  if (!weights_.empty() && weights_.size() != kCells) {
+    throw EngineError("saved state: field 'weights': got " + std::to_string(weights_.size()) +
+                      " numbers, expected " + std::to_string(kCells) + " or none");
+  }
+  archive.field("free", free_, {0.0, kCells - 1});
+  archive.field("pause_end_s", pause_end_s_, kQuantities);
+  archive.field("next_id", next_id_, kCounts);
 }
 
 CellWeights adaptiveWeights(const std::array<double, kCells>& fail_rates) {

@@ -125,12 +125,12 @@ void Target::endLife(bool was_hit) {
 
 void Target::fields(Archive& archive) {
   archive.field("state", state_);
-  archive.field("id", id_);
-  archive.field("cell", cell_);
-  archive.field("spawn_time", spawn_time_);
-  archive.field("spawn_frame_time", spawn_frame_time_);
-  archive.field("expiry", expiry_);
-  archive.field("end_time", end_time_);
+  archive.field("id", id_, kCounts);
+  archive.field("cell", cell_, {0.0, kCells - 1});
+  archive.field("spawn_time", spawn_time_, kQuantities);
+  archive.field("spawn_frame_time", spawn_frame_time_, kQuantities);
+  archive.field("expiry", expiry_, kQuantities);
+  archive.field("end_time", end_time_, kQuantities);
   archive.field("touched", touched_);
   archive.field("was_hit", was_hit_);
 }

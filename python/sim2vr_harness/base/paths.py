@@ -22,6 +22,7 @@ __all__ = [
     "shader_dir",
     "share_dir",
     "trained_users_dir",
+    "uri_unless_utf8",
 ]
 
 APP_VARIABLE = "SIM2VR_APP"
@@ -145,3 +146,20 @@ def exec_app() -> NoReturn:
     except FileNotFoundError as error:
         sys.exit(f"sim2vr-app: {error}")
     os.execv(executable, [str(executable), *sys.argv[1:]])
+
+
+def uri_unless_utf8(text: str) -> str:
+    """Return ``text``, or its ``file:`` URI where it is a path that is not UTF-8.
+
+    Python keeps the bytes of such a path as lone surrogates, which JSON, YAML and every text file
+    refuse. A URI is ASCII and names the same file.
+    """
+    try:
+        text.encode()
+        return text
+    except UnicodeEncodeError:
+        pass
+    try:
+        return Path(text).absolute().as_uri()
+    except UnicodeEncodeError:  # no bytes of a path either
+        return text

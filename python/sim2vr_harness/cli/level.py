@@ -10,6 +10,7 @@ import typer
 import yaml
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.paths import uri_unless_utf8
 from sim2vr_harness.cli.options import writable_file
 from sim2vr_harness.client import OptionValue, describe_game, describe_level, list_games
 
@@ -54,7 +55,7 @@ def level(
     from sim2vr_harness.figures.level_timeline import draw_timeline
 
     chosen, option = _game_with_levels(game)
-    options: dict[str, OptionValue] = {option: name}
+    options: dict[str, OptionValue] = {option: uri_unless_utf8(name)}
     if difficulty is not None:
         options["difficulty"] = difficulty
     if characteristic is not None:
@@ -88,7 +89,7 @@ def _read_option(text: str) -> tuple[str, Any]:
     if not equals or not key.strip():
         raise InputError("--set", repr(text), "OPTION=VALUE")
     try:
-        read = yaml.safe_load(value)
+        read = yaml.safe_load(uri_unless_utf8(value))
     except yaml.YAMLError as error:
         raise InputError("--set", repr(text), "OPTION=VALUE") from error
     return key.strip(), read

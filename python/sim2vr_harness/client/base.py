@@ -9,6 +9,7 @@ from typing import Literal, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.paths import uri_unless_utf8
 from sim2vr_harness.client.devices import DevicePoses, HapticPulse, SoundEvent
 from sim2vr_harness.client.errors import AppUnsupported
 from sim2vr_harness.client.scene import AppScene
@@ -28,6 +29,7 @@ __all__ = [
     "SoundEvent",
     "ThirdPersonView",
     "UInt8Array",
+    "plain_options",
     "require_capability",
 ]
 
@@ -71,6 +73,14 @@ class AppReply:
     """Sounds that began in them, in order."""
     values: Mapping[str, AppValue] = field(default_factory=dict)
     """What the app answers for the expressions of :attr:`AppsWanted.values`, after the step."""
+
+
+def plain_options(options: Mapping[str, OptionValue] | None) -> dict[str, OptionValue]:
+    """Return a game's options as JSON can hold them, with paths that are not UTF-8 as URIs."""
+    return {
+        name: uri_unless_utf8(value) if isinstance(value, str) else value
+        for name, value in (options or {}).items()
+    }
 
 
 def numbers_of_log(names: Sequence[str], values: Sequence[float]) -> dict[str, float]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -24,6 +25,7 @@ from sim2vr_harness.client.base import (
     ThirdPersonView,
     UInt8Array,
     numbers_of_log,
+    plain_options,
     require_capability,
 )
 from sim2vr_harness.client.runtime import checked_seed, load_runtime
@@ -81,7 +83,7 @@ class InProcessBatch:
     ) -> None:
         self._batch: Any = load_runtime().AppBatch(
             game=game,
-            options=json.dumps(dict(options or {})),
+            options=json.dumps(plain_options(options)),
             apps=n,
             threads=threads,
             width=width,
@@ -90,7 +92,7 @@ class InProcessBatch:
             ipd_m=ipd_m,
             renderer=renderer,
             share_renderer=share_renderer,
-            log_dirs=[str(folder) for folder in log_dirs or ()],
+            log_dirs=[os.fsencode(folder) for folder in log_dirs or ()],
             vision_channels=list(vision_channels),
             **asdict(clock or ClockSettings()),
         )
@@ -164,7 +166,7 @@ class InProcessBatch:
         self.native.reset(
             np.asarray(indices, dtype=np.int32),
             np.asarray(seeds, dtype=np.uint32),
-            json.dumps(dict(options or {})),
+            json.dumps(plain_options(options)),
             *_arguments(poses),
             time_ns,
         )
@@ -209,7 +211,7 @@ class InProcessBatch:
         requests: Float64Array = self.native.head_requests(
             np.asarray(indices, dtype=np.int32),
             np.asarray(seeds, dtype=np.uint32),
-            json.dumps(dict(options or {})),
+            json.dumps(plain_options(options)),
         )
         return requests
 

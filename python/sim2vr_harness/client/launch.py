@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.client.base import OptionValue, plain_options
 from sim2vr_harness.client.channel import Channel, checked_duration_s
 from sim2vr_harness.client.process import AppProcess, log_folder
 
@@ -134,7 +134,14 @@ def sim2vr_arguments(
     log_dir: Path | None,
 ) -> list[str]:
     """Arguments of our server for one app, as ``InProcessApp`` takes them."""
-    arguments = ["--game", game, "--options", json.dumps(dict(options)), "--renderer", renderer]
+    arguments = [
+        "--game",
+        game,
+        "--options",
+        json.dumps(plain_options(options)),
+        "--renderer",
+        renderer,
+    ]
     arguments += ["--width", str(width), "--height", str(height)]
     return arguments if log_dir is None else [*arguments, "--log-dir", str(log_dir)]
 

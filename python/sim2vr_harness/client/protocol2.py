@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.base.paths import uri_unless_utf8
 from sim2vr_harness.client import protocol2_wire as wire
 from sim2vr_harness.client.base import (
     CAPABILITIES,
@@ -27,6 +28,7 @@ from sim2vr_harness.client.base import (
     OptionValue,
     ThirdPersonView,
     UInt8Array,
+    plain_options,
 )
 from sim2vr_harness.client.channel import Channel, checked_duration_s
 from sim2vr_harness.client.devices import DevicePoses
@@ -139,11 +141,11 @@ class Protocol2Connection:
             "client": f"sim2vr-harness, Python {sys.version_info.major}.{sys.version_info.minor}",
             "apps": apps,
             "game": game,
-            "options": dict(options or {}),
+            "options": plain_options(options),
             "width": width,
             "height": height,
             "renderer": renderer,
-            "log_dir": None if log_dir is None else str(log_dir),
+            "log_dir": None if log_dir is None else uri_unless_utf8(str(log_dir)),
             **asdict(clock or ClockSettings()),
             "eyes": eyes,
             "ipd_m": ipd_m,
@@ -211,7 +213,7 @@ class Protocol2Connection:
         record = wire.reset_record(app, seed, time_ns, poses)
         self._settle()
         frames, flags = self._request(
-            Type.RESET, [record, json.dumps([dict(options or {})]).encode()], count=1
+            Type.RESET, [record, json.dumps([plain_options(options)]).encode()], count=1
         )
         self._take_results(frames, flags, [app])
         return self._result(app)
@@ -304,7 +306,7 @@ class Protocol2Connection:
     ) -> float | None:
         """One app's wish for the head; see :meth:`AppClient.head_request`."""
         self.require("head_request", "wishes for the head")
-        wanted = {"app": app, "seed": seed, "options": dict(options or {})}
+        wanted = {"app": app, "seed": seed, "options": plain_options(options)}
         text = self._ask(Type.HEAD_REQUEST, [json.dumps(wanted).encode()])
         try:
             pitch_deg = json.loads(text)["pitch_deg"]

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.client.base import OptionValue, plain_options
 from sim2vr_harness.client.runtime import checked_seed, load_runtime
 
 __all__ = ["Timeline", "TimelineItem", "describe_level"]
@@ -72,7 +72,8 @@ def describe_level(game: str, options: Mapping[str, OptionValue], seed: int) -> 
     Raises:
         ValueError: There is no such game, it has no levels, or it refuses the options.
     """
-    told = json.loads(load_runtime().game_timeline(game, json.dumps(options), checked_seed(seed)))
+    text = json.dumps(plain_options(options))
+    told = json.loads(load_runtime().game_timeline(game, text, checked_seed(seed)))
     return Timeline(
         name=told["name"],
         length_s=told["length_s"],

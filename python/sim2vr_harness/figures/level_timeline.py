@@ -65,19 +65,23 @@ def _draw_strip(axes: Any, timeline: Timeline, start_s: float) -> None:
         for item in timeline.items
         if item.time_s + item.duration_s >= start_s - 0.2 and item.time_s <= end_s + 0.2
     ]
-    for item in inside:
-        if item.shape == "bar":
-            _draw_bar(axes, item)
+    _draw_bars(axes, [item for item in inside if item.shape == "bar"])
     _draw_markers(axes, [item for item in inside if item.shape != "bar"])
 
 
-def _draw_bar(axes: Any, item: TimelineItem) -> None:
-    from matplotlib.patches import Rectangle
+def _draw_bars(axes: Any, items: Sequence[TimelineItem]) -> None:
+    """Draw what is visible of the bars, equal ones once: a map may have thousands of walls."""
+    from matplotlib.collections import PolyCollection
 
-    corner = (item.time_s, item.lane - 0.5)
-    axes.add_patch(
-        Rectangle(corner, max(item.duration_s, 0.02), item.lanes, color=item.color, alpha=0.35)
-    )
+    first, last = axes.get_xlim()
+    visible: dict[tuple[float, float, float, float, str], None] = {}
+    for item in items:
+        start = max(item.time_s, first)
+        end = min(item.time_s + max(item.duration_s, 0.02), last)
+        visible[start, end, item.lane - 0.5, item.lane - 0.5 + item.lanes, item.color] = None
+    corners = [[(a, low), (b, low), (b, high), (a, high)] for a, b, low, high, _ in visible]
+    colors = [color for *_, color in visible]
+    axes.add_collection(PolyCollection(corners, facecolors=colors, edgecolors=colors, alpha=0.35))
 
 
 def _draw_markers(axes: Any, items: Sequence[TimelineItem]) -> None:

@@ -265,7 +265,7 @@ def apply_overrides(tree: Mapping[str, Any], overrides: Sequence[str]) -> dict[s
         if not separator or not all(key.split(".")):
             raise InputError("--set", shown(override), "key=value, for example ppo.n_envs=4")
         try:
-            value = parse_yaml(text, "", "")
+            value = parse_yaml(paths.uri_unless_utf8(text), "", "")
         except InputError as error:
             expected = f"a value written as in YAML for {shown(key)[1:-1]} ({error.got})"
             raise InputError("--set", shown(override), expected) from error

@@ -2,7 +2,10 @@
 
 #include <gtest/gtest.h>
 
+#include <array>
+#include <cmath>
 #include <cstdint>
+#include <limits>
 #include <map>
 #include <optional>
 #include <string>
@@ -192,6 +195,28 @@ TEST(Archive, DamagedBoolIsRefused) {
   std::string bytes = archive.bytes();
   bytes.back() = 50;
   EXPECT_EQ(loadError(bytes, flag), "saved state: got 50 at byte 3, expected true or false");
+}
+
+TEST(Archive, NumbersOutOfTheirRangeAreRefusedByName) {
+  struct Counted {
+    int score = 5;
+    std::array<double, 2> shares{0.5, 1.0};
+    void fields(Archive& a) {
+      a.field("score", score, kCounts);
+      a.field("shares", shares, {0.0, 1.0});
+    }
+  };
+  const auto errorWith = [](Counted crafted) {
+    Archive archive = Archive::saver();
+    crafted.fields(archive);
+    return loadError(archive.bytes(), crafted);
+  };
+  EXPECT_EQ(errorWith({.score = std::numeric_limits<int>::max()}),
+            "saved state: field 'score': got 2147483647, expected 0 to 1000000000");
+  EXPECT_EQ(errorWith({.score = -1}),
+            "saved state: field 'score': got -1, expected 0 to 1000000000");
+  EXPECT_EQ(errorWith({.shares = {0.0, std::nan("")}}),
+            "saved state: field 'shares': got nan, expected 0 to 1");
 }
 
 TEST(Archive, DamagedNameIsRefused) {

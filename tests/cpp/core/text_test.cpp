@@ -2,6 +2,7 @@
 #include "own_folder.hpp"
 
 #include <gtest/gtest.h>
+#include <sys/stat.h>
 
 #include <filesystem>
 #include <fstream>
@@ -37,6 +38,29 @@ TEST(ReadTextFile, GivesAllBytes) {
   EXPECT_EQ(readTextFile("--script", path, "a file"), bytes);
 }
 
+TEST(ReadTextFile, DoesNotWaitForTheWriterOfAPipe) {
+  const testing::OwnFolder own;
+  const auto pipe = own / "pipe";
+  ASSERT_EQ(::mkfifo(pipe.c_str(), 0600), 0);
+  EXPECT_EQ(refusal(pipe), "--script: got '" + pipe.string() +
+                               "' (not a regular file), expected a readable JSON file");
+}
+
+TEST(PathFromUri, GivesTheBytesOfThePath) {
+  EXPECT_EQ(pathFromUri("f", "maps/file:x"), "maps/file:x");
+  EXPECT_EQ(pathFromUri("f", "file:///maps/M%E4use%20%25"), "/maps/M\xe4use %");
+  EXPECT_EQ(pathFromUri("f", "file:/maps"), "/maps");
+  for (const std::string uri : {"file:maps", "file://host/maps", "file:///a%", "file:///a%4",
+                                "file:///a%G0", "file:///a%00b"}) {
+    EXPECT_THROW(pathFromUri("f", uri), InvalidArgument) << uri;
+  }
+}
+
+TEST(ValidUtf8, ReplacesEveryOtherByte) {
+  EXPECT_EQ(validUtf8("K\xc3\xa4se"), "K\xc3\xa4se");
+  EXPECT_EQ(validUtf8("K\xe4se"), "K\xef\xbf\xbdse");
+}
+
 TEST(ReadTextFile, SaysInOneSentenceWhatIsWrongWithWhich) {
   const testing::OwnFolder own;
   const std::filesystem::path& folder = own.path();
@@ -52,7 +76,12 @@ TEST(ReadTextFile, SaysInOneSentenceWhatIsWrongWithWhich) {
   EXPECT_EQ(refusal("/proc/self/mem"),
             "--script: got '/proc/self/mem' (cannot be read), expected a readable JSON file");
   EXPECT_EQ(refusal("/dev/zero"),
-            "--script: got '/dev/zero' (above 256 MiB), expected a readable JSON file");
+            "--script: got '/dev/zero' (not a regular file), expected a readable JSON file");
+  const auto large = folder / "large";
+  std::ofstream(large) << "x";
+  std::filesystem::resize_file(large, (std::uintmax_t{256} << 20U) + 1);
+  EXPECT_EQ(refusal(large), "--script: got '" + large.string() +
+                                "' (above 256 MiB), expected a readable JSON file");
 }
 
 }  // namespace

@@ -4,6 +4,7 @@
 #include <zip.h>
 
 #include <filesystem>
+#include <fstream>
 #include <memory>
 #include <sstream>
 
@@ -43,7 +44,9 @@ INSTANTIATE_TEST_SUITE_P(
         Case{R"("bombNotes": [{"b": "1"}])", "bombNotes[0].b: got \"1\", expected a number"},
         Case{R"("bombNotes": 3)", "bombNotes: got 3, expected an array"},
         Case{R"("obstacles": [{"b": 1, "d": -1, "w": 1, "h": 1}])",
-             "obstacles[0].d: got -1.0, expected a number from 0.0 to 1000000.0"},
+             "obstacles[0].d: got -1.0, expected a number from 0.0 to 2000.0"},
+        Case{R"("obstacles": [{"b": 1, "d": 10000, "w": 1, "h": 1}])",
+             "obstacles[0].d: got 10000.0, expected a number from 0.0 to 2000.0"},
         Case{R"("obstacles": [{"b": 1, "d": 1, "w": 0, "h": 1}])",
              "obstacles[0].w: got 0, expected a whole number from 1 to 50"},
         Case{R"("bpmEvents": [{"b": 1, "m": 0}])",
@@ -127,15 +130,16 @@ TEST(BeatsMapErrors, ListWhatAMapOffers) {
   MapInfo info;
   info.difficulties = {
       {"Standard", "Easy", "a"}, {"Standard", "ExpertPlus", "b"}, {"OneSaber", "Hard", "c"}};
-  EXPECT_EQ(chooseDifficulty(info, "", "expert+").file, "b");
-  EXPECT_EQ(chooseDifficulty(info, "onesaber", "").file, "c");
-  EXPECT_EQ(errorOf([&] { chooseDifficulty(info, "", ""); }),
-            "option 'difficulty': got none, expected one of 'Easy' or 'ExpertPlus' (of the "
-            "characteristic 'Standard')");
-  EXPECT_EQ(errorOf([&] { chooseDifficulty(info, "", "Eazy"); }),
+  EXPECT_EQ(matchingDifficulties(info, "", "expert+").at(0).file, "b");
+  EXPECT_EQ(matchingDifficulties(info, "onesaber", "").at(0).file, "c");
+  const auto all = matchingDifficulties(info, "", "");
+  ASSERT_EQ(all.size(), 2U);
+  EXPECT_EQ(all[0].file, "b");
+  EXPECT_EQ(all[1].file, "a");
+  EXPECT_EQ(errorOf([&] { matchingDifficulties(info, "", "Eazy"); }),
             "option 'difficulty': got 'Eazy', expected one of 'Easy' or 'ExpertPlus'; did you mean "
             "'Easy'? (of the characteristic 'Standard')");
-  EXPECT_EQ(errorOf([&] { chooseDifficulty(info, "Lawless", ""); }),
+  EXPECT_EQ(errorOf([&] { matchingDifficulties(info, "Lawless", ""); }),
             "option 'characteristic': got 'Lawless', expected one of 'Standard' or 'OneSaber'");
 }
 
@@ -150,8 +154,9 @@ TEST(BeatsMapErrors, KeepInfoInItsFolder) {
       "Info.dat._difficultyBeatmapSets[0]._difficultyBeatmaps[0]._beatmapFilename: got ";
   for (const std::string name :
        {"../Easy.dat", "/etc/passwd", "a\\\\Easy.dat", "C:Easy.dat", ".."}) {
-    const std::string error = errorOf([&] { readMapInfo(info(name), "Info.dat"); });
-    EXPECT_TRUE(error.starts_with(field) && error.ends_with("without a folder")) << error;
+    const std::string error =
+        errorOf([&] { readMapLevel(MemoryFiles({{"Info.dat", info(name)}}, "map"), "", ""); });
+    EXPECT_TRUE(error.starts_with("map: " + field) && error.ends_with("without a folder")) << error;
   }
   EXPECT_EQ(
       errorOf([&] { readMapLevel(MemoryFiles({{"info.dat", info("X.dat")}}, "map"), "", ""); }),
@@ -160,18 +165,81 @@ TEST(BeatsMapErrors, KeepInfoInItsFolder) {
             "map: got no Info.dat in it, expected a map with its Info.dat");
 }
 
+/// A map whose Expert needs an extension, whose ExpertPlus has no file, and whose Hard is plain.
+MapFiles& mapWithProblems() {
+  static MemoryFiles files(
+      {{"Info.dat", R"({"_version": "2.0.0", "_beatsPerMinute": 60, "_difficultyBeatmapSets": [
+          {"_beatmapCharacteristicName": "Standard", "_difficultyBeatmaps": [
+            {"_difficulty": "Easy", "_beatmapFilename": "H.dat"},
+            {"_difficulty": "Hard", "_beatmapFilename": "H.dat"},
+            {"_difficulty": "Expert", "_beatmapFilename": "H.dat", "_customData":
+              {"_requirements": ["Noodle Extensions"]}},
+            {"_difficulty": "ExpertPlus", "_beatmapFilename": "../H.dat"}]}]})"},
+       {"H.dat", R"({"version": "3.0.0", "colorNotes": [{"b": 1}]})"}},
+      "map");
+  return files;
+}
+
 TEST(BeatsMapErrors, RefuseModificationsThatMoveThings) {
+  EXPECT_EQ(errorOf([] { readMapLevel(mapWithProblems(), "", "Expert"); }),
+            "map: Info.dat._difficultyBeatmapSets[0]._difficultyBeatmaps[2]._customData._"
+            "requirements: got 'Noodle Extensions', expected a difficulty without it: the places "
+            "of its boxes are not the formats'");
+}
+
+TEST(BeatsMap, ChecksNothingButThePlayedDifficulty) {
+  EXPECT_EQ(readMapLevel(mapWithProblems(), "", "Hard").boxes.size(), 1U);
+}
+
+TEST(BeatsMap, TakesTheHardestThatPlaysWithOneNote) {
+  std::ostringstream text;
+  const auto sink = std::make_shared<spdlog::sinks::ostream_sink_mt>(text);
+  sink->set_pattern("%v");
+  logger().sinks().push_back(sink);
+  const Level level = readMapLevel(mapWithProblems(), "", "");
+  logger().sinks().pop_back();
+  EXPECT_EQ(level.name, " (Hard)");
+  EXPECT_EQ(level.hash, readMapLevel(mapWithProblems(), "", "Hard").hash);
+  EXPECT_EQ(text.str(),
+            "map: no difficulty given, 'Hard' is the hardest that can be played of 'ExpertPlus', "
+            "'Expert', 'Hard' or 'Easy'\n");
+}
+
+TEST(BeatsMapErrors, SayThatAMapIsNotUtf8) {
+  const auto with = [](const std::string& info) {
+    return errorOf([&] { readMapLevel(MemoryFiles({{"Info.dat", info}}, "map"), "", ""); });
+  };
   EXPECT_EQ(
-      errorOf([] {
-        readMapInfo(R"({"_version": "2.0.0", "_beatsPerMinute": 60, "_difficultyBeatmapSets": [
-                {"_beatmapCharacteristicName": "Standard", "_difficultyBeatmaps": [
-                  {"_difficulty": "Easy", "_beatmapFilename": "E.dat", "_customData":
-                    {"_requirements": ["Noodle Extensions"]}}]}]})",
-                    "Info.dat");
-      }),
-      "Info.dat._difficultyBeatmapSets[0]._difficultyBeatmaps[0]._customData._requirements: "
-      "got 'Noodle Extensions', expected a difficulty without it: the places of its boxes are "
-      "not the formats'");
+      with("{\"_songName\": \"K\xe4se\"}"),
+      "map: Info.dat: got text that is not UTF-8 at byte 16, expected a JSON object in UTF-8");
+  EXPECT_EQ(with(std::string("\xff\xfe{\0}\0", 6)),
+            "map: Info.dat: got text in UTF-16, expected a JSON object in UTF-8");
+}
+
+TEST(BeatsMapErrors, NameAMapOfVersion1) {
+  EXPECT_EQ(errorOf([] { readMapLevel(MemoryFiles({{"info.json", "{}"}}, "map"), "", ""); }),
+            "map: got a map of version 1, with info.json, expected one of version 2, 3 or 4, with "
+            "Info.dat");
+}
+
+TEST(BeatsMap, IsMeantByItsOtherFiles) {
+  const sim2vr::testing::OwnFolder folder;
+  const auto write = [&](const char* name, const std::string& text) {
+    std::ofstream(folder / name) << text;
+    return (folder / name).string();
+  };
+  const std::string lights = write("Lightshow.dat", R"({"version": "4.0.0", "basicEvents": []})");
+  EXPECT_EQ(errorOf([&] { loadLevel(lights, "", ""); }),
+            lights +
+                ": got no notes in it, expected a difficulty, or a map's folder, archive or "
+                "Info.dat");
+  write("Easy.dat", R"({"version": "3.0.0", "colorNotes": [{"b": 1}]})");
+  const std::string info = write("Info.dat", testing::easyInfo());
+  const std::string hash = loadLevel(folder.path().string(), "", "").hash;
+  for (const std::string& file : {info, lights, write("BPMInfo.dat", R"({"_version": "2.0.0"})")}) {
+    EXPECT_EQ(loadLevel(file, "", "").hash, hash);
+    EXPECT_EQ(loadLevel(file, "Standard", "easy").hash, hash);
+  }
 }
 
 TEST(BeatsMap, WarnsOnceOfUnknownFields) {

@@ -2,8 +2,10 @@
 
 #include <algorithm>
 #include <cmath>
+#include <cstring>
 #include <filesystem>
 #include <fstream>
+#include <limits>
 #include <numbers>
 #include <string>
 #include <vector>
@@ -422,6 +424,31 @@ TEST(BeatsRound, GoesOnFromASavedStateToTheBit) {
   } catch (const EngineError& error) {
     EXPECT_NE(std::string(error.what()).find("0123456789abcdef"), std::string::npos);
   }
+}
+
+TEST(BeatsState, WithACraftedNumberIsRefusedByTheField) {
+  BeatsRound round(emptyLevel());
+  round.frame({});
+  const auto errorWith = [&](const std::string& field, const auto& value) -> std::string {
+    std::string state = round.harness.save();
+    const std::string tag = static_cast<char>(field.size()) + field;
+    const std::size_t place = state.find(tag);
+    EXPECT_NE(place, std::string::npos) << field;
+    std::memcpy(state.data() + place + tag.size(), &value, sizeof(value));
+    try {
+      BeatsRound(emptyLevel()).harness.load(state);
+    } catch (const EngineError& error) {
+      return error.what();
+    }
+    return "accepted";
+  };
+  for (const std::string field : {"score", "slices", "mines_avoided", "combo", "longest_combo"}) {
+    EXPECT_EQ(errorWith(field, std::numeric_limits<int>::max()),
+              "saved state: field '" + field + "': got 2147483647, expected 0 to 1000000000");
+  }
+  EXPECT_EQ(errorWith("energy", std::nan("")),
+            "saved state: field 'energy': got nan, expected 0 to 1");
+  EXPECT_EQ(errorWith("tier", 40), "saved state: field 'tier': got 40, expected 0 to 3");
 }
 
 }  // namespace

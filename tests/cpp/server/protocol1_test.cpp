@@ -136,7 +136,7 @@ TEST(Protocol1, StatesThatCannotBe) {
       {R"({"frames": [{}, {"time_ns": 0.5}]})", "state.frames[1].time_ns: got 0.5"},
       {R"({"load": "Z"})", "base64: got 1 characters"},
       {R"({"render": {"width": 100000}})", "state.render.width: got 100000"},
-      {"{\"options\": {\"a\": \"\xff\"}}", "state: got no JSON"}};
+      {"{\"options\": {\"a\": \"\xff\"}}", "state: got text that is not UTF-8"}};
   for (const auto& [text, message] : texts) {
     EXPECT_EQ(refusal(decodeState, text).find(message), 0U) << text << "\n"
                                                             << refusal(decodeState, text);

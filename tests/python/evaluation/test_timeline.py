@@ -10,6 +10,7 @@ import pytest
 from PIL import Image
 
 from sim2vr_harness.client import Timeline, TimelineItem
+from sim2vr_harness.figures import level_timeline as timeline
 from sim2vr_harness.figures.level_timeline import draw_timeline
 
 LEVEL = Timeline(
@@ -74,3 +75,18 @@ def test_a_bar_is_as_long_as_it_lasts(tmp_path: Path) -> None:
 def test_another_file_than_a_png_is_refused(tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=r"--out: got .*expected a file name that ends in \.png"):
         draw_timeline(LEVEL, tmp_path / "level.jpg")
+
+
+def test_walls_that_cover_a_strip_alike_are_drawn_once() -> None:
+    from matplotlib.figure import Figure
+
+    axes = Figure().add_subplot()
+    axes.set_xlim(0.0, 15.0)
+    walls = [
+        TimelineItem(-0.01 * i, 0.0, "bar", "#e08000", "wall", duration_s=900.0)
+        for i in range(1000)
+    ]
+    timeline._draw_bars(axes, walls)
+    (drawn,) = axes.collections
+    (wall,) = drawn.get_paths()
+    assert wall.get_extents().bounds == (0.0, -0.5, 15.0, 1.0)

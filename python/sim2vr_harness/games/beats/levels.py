@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.client.base import OptionValue, plain_options
 from sim2vr_harness.client.runtime import load_runtime
 from sim2vr_harness.games.beats.rules import (
     BOX_HALF_M,
@@ -94,7 +94,7 @@ def _filled(value: Tensor, most: int, fill: float) -> Tensor:
 def game_level(options: Mapping[str, OptionValue], seed: int) -> Mapping[str, Any]:
     """Return a level of the true game as plain data: what a round with this seed plays."""
     runtime: Any = load_runtime()
-    told = json.loads(runtime.game_timeline("beats", json.dumps(dict(options)), seed))
+    told = json.loads(runtime.game_timeline("beats", json.dumps(plain_options(options)), seed))
     level: Mapping[str, Any] = told["level"]
     return level
 

@@ -19,6 +19,16 @@
 
 namespace sim2vr {
 
+/// The values that a saved number may have, ends included; NaN is in no range.
+struct Range {
+  double low;
+  double high;
+};
+/// Of what is counted: far above any round's, and far enough from the largest int to go on.
+inline constexpr Range kCounts{0.0, 1e9};
+/// Of quantities: times, lengths, speeds and sums of them.
+inline constexpr Range kQuantities{-1e12, 1e12};
+
 class Archive {
  public:
   /// An archive that appends to an empty byte string.
@@ -42,8 +52,23 @@ class Archive {
     transfer(value);
   }
 
+  /// The same for a number, or an array of numbers, that arithmetic follows. A loader throws
+  /// EngineError naming the field for a value outside the range.
+  template <class T>
+  void field(std::string_view name, T& value, Range range) {
+    field(name, value);
+    if (!loading_) return;
+    if constexpr (std::is_arithmetic_v<T>) {
+      expectIn(range, name, static_cast<double>(value));
+    } else {
+      for (const auto& number : value) expectIn(range, name, static_cast<double>(number));
+    }
+  }
+
  private:
   Archive() = default;
+
+  static void expectIn(Range range, std::string_view name, double value);
 
   void tag(std::string_view name);
   void raw(void* data, std::size_t size);
@@ -94,7 +119,8 @@ class Archive {
       value.reset();
       return;
     }
-    if (!value) value.emplace();
+    // Not emplace(): clang takes a class nested in an unfinished one for not constructible there.
+    if (!value) value = T{};
     transfer(*value);
   }
   template <class A, class B>

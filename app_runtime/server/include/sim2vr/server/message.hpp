@@ -86,7 +86,4 @@ struct PictureRequest {
 /// InvalidArgument for a picture above 64 MiB.
 std::vector<std::uint8_t> drawPicture(runtime::LockstepApp& app, const PictureRequest& request);
 
-/// `text` with bytes that are not UTF-8 replaced.
-std::string validUtf8(std::string_view text);
-
 }  // namespace sim2vr::server

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from pathlib import Path
 
 import pytest
+import typer.main
+
+from sim2vr_harness.cli.main import app
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted(
@@ -60,3 +64,56 @@ def test_presets_are_those_of_the_page() -> None:
         (ROOT / "CONTRIBUTING.md").read_text().partition("## Presets")[2].partition("\n## ")[0]
     )
     assert re.findall(r"^\| `([\w-]+)` \|", section, flags=re.M) == names
+
+
+def _code_lines(page: Path) -> list[str]:
+    """Lines of a page's shell blocks, continued lines joined."""
+    blocks = re.findall(
+        r"^ *```sh\n(.*?)^ *```", page.read_text(encoding="utf-8"), flags=re.S | re.M
+    )
+    return [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
+
+
+def _problems(page: Path) -> list[str]:
+    """Commands of a page that do not exist, and options that they do not take."""
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    found = []
+    for line in _code_lines(page):
+        for call in re.findall(r"sim2vr-harness (\w[^;|]*)", line):
+            name, *words = shlex.split(call, comments=True)
+            if name not in commands:
+                found.append(call)
+                continue
+            options = {option for each in commands[name].params for option in each.opts}
+            options |= {option for each in commands[name].params for option in each.secondary_opts}
+            found += [
+                f"{name} {word}" for word in words if word[:2] == "--" and word not in options
+            ]
+    return found
+
+
+SHORT = [ROOT / "README.md", ROOT / "docs/guide/train.md", ROOT / "docs/concepts/people.md"]
+
+
+@pytest.mark.parametrize("page", SHORT, ids=lambda page: page.name)
+def test_commands_of_a_page_exist(page: Path) -> None:
+    assert any("sim2vr-harness" in line for line in _code_lines(page))
+    assert _problems(page) == []
+
+
+def test_every_command_is_in_the_readme() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    assert [name for name in commands if f"`{name}`" not in text] == []
+
+
+def test_the_readme_is_short() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    assert len(text.splitlines()) <= 150
+    assert text.count("![") == 1
+
+
+def test_problems_are_found(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("```sh\nsim2vr-harness trian x\nsim2vr-harness train x --sed 1 --seed 1\n```\n")
+    assert _problems(page) == ["trian x", "train --sed"]

@@ -61,7 +61,7 @@ def evaluate(
         typer.Option(
             metavar="N",
             help="Let N people play who differ in size, strength, delays, noise and effort; means "
-            "and deviations are then over people (docs/people.md).",
+            "and deviations are then over people (docs/concepts/people.md).",
         ),
     ] = None,
     seed: Annotated[

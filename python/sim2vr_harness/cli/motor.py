@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["app"]
 
 app = typer.Typer(
-    help="Motor layers: hands that come where they are told (docs/training.md).",
+    help="Motor layers: hands that come where they are told (docs/concepts/training.md).",
     no_args_is_help=True,
     rich_markup_mode=None,
 )

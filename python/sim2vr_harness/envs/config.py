@@ -125,7 +125,7 @@ class UserConfig(Settings):
     """Downward pitch of the skull and with it of the headset, degrees."""
     head: HeadMotion = "fixed"
     """Of bodies without a neck: ``reflex`` has the headset follow the hand and sway, as people's
-    heads do (docs/people.md)."""
+    heads do (docs/concepts/people.md)."""
     torso: bool = False
     """Whether trunk and neck move, by six motors more (docs/bodies.md)."""
     reset: ResetOptions = ResetOptions()

@@ -54,8 +54,8 @@ class Request:
             names.
         episodes: Rounds per condition.
         seed: Seed of the first round, and of the people.
-        people: How many persons (``env.user.people``, docs/people.md) play ``episodes`` rounds per
-            condition each; None: as in the training.
+        people: How many persons (``env.user.people``, docs/concepts/people.md) play
+            ``episodes`` rounds per condition each; None: as in the training.
         deterministic: Whether actions are the policy's mean.
         record: Whether to film the first round of every condition.
         film_seconds: The longest film, game time; None: whole rounds.

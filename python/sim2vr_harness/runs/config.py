@@ -117,7 +117,7 @@ class TrainingConfig(Settings):
     imagined rollouts, a teacher and a student, whose weights PPO begins with; for games that have a
     twin. ``skills``: hands that know how to come to a place try what is worth doing with what is
     seen, a student learns to do the same, and PPO goes on from there; for any app
-    (docs/training.md). ``adapt``: PPO goes on from the weights of ``from_user``."""
+    (docs/concepts/training.md). ``adapt``: PPO goes on from the weights of ``from_user``."""
     from_user: str | None = None
     """With the recipe ``adapt``: the trained user that goes on, as ``evaluate`` takes it."""
     skills: SkillsConfig = SkillsConfig()

@@ -4,7 +4,7 @@ The arm bodies hold their heads still. This moves the headset as the heads of pe
 and strike with a hand: it turns a little of the way to the hand and more of its own accord, about
 the upper joints of the neck; it sways with the body; and it gives way where the hand goes, as the
 common centre of mass stays where it is. Trunk and shoulder stay, so that arm, policy and learned
-body models know nothing of it. docs/people.md has the sources and what people's heads do.
+body models know nothing of it. docs/concepts/people.md has the sources and what people's heads do.
 
 Each of five motions (turn left, look down, tilt to the right, sway forward, sway left) is a linear
 oscillator with an aim that changes with each user step; where it is within a step follows in closed

@@ -13,7 +13,7 @@ from sim2vr_harness import training
 from sim2vr_harness.base.cores import available, budget, torch_budget
 from sim2vr_harness.base.torch_threads import torch_threads
 
-PAGE = Path(__file__).resolve().parents[3] / "docs/training.md"
+PAGE = Path(__file__).resolve().parents[3] / "docs/guide/train.md"
 
 
 def test_every_public_name_is_there_and_documented() -> None:

@@ -2,7 +2,7 @@
 
 Such a user is the network of ``looking`` itself: no student learns to do the same. It remembers
 what it has decided, and sees it through; a policy from senses to muscles has nothing to remember
-that with, and loses what takes longer than a user step (docs/training.md).
+that with, and loses what takes longer than a user step (docs/concepts/training.md).
 """
 
 from __future__ import annotations

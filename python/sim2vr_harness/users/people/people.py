@@ -23,7 +23,7 @@ Delay = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class PeopleSettings(Settings):
-    """Users are people who differ: every episode has one of them (docs/people.md)."""
+    """Users are people who differ: every episode has one of them (docs/concepts/people.md)."""
 
     vary: tuple[TraitName, ...] = get_args(TraitName)
     """In what they differ; in the rest they are as the body and the settings say."""
@@ -35,7 +35,7 @@ class PeopleSettings(Settings):
     """How many there are, numbers 0 to count - 1; None: no end of them."""
     left_handed: Chance = 0.0
     """Share of people who play with the other hand than the body: its mirror image, at the border
-    to a game that can be played with either (docs/people.md). For evaluations."""
+    to a game that can be played with either (docs/concepts/people.md). For evaluations."""
     strength: float = Field(default=0.78, gt=0.0, le=10.0)
     """Median factor on the peak forces of the body's muscles; women have .78 of it, men 1.28 times
     as much."""

@@ -2,7 +2,7 @@
 
 Every trait is normal, or its logarithm is, cut at two standard deviations, about the mean of women
 and men; where the sexes differ, that mean moves by `sex_offset` up for men and down for women.
-docs/people.md has the table with the sources' numbers.
+docs/concepts/people.md has the table with the sources' numbers.
 """
 
 from __future__ import annotations
@@ -88,8 +88,9 @@ TRAITS: tuple[Trait, ...] = (
     # body's own muscles are a man's: median of both sqrt(31/51), offset half of ln(51/31).
     Trait("strength", 0.780, sd=0.18, sex_offset=0.249, half_range=0.609, logarithmic=True),
     # 0.1 s from the eye to the arm's command, 0.05 s from the arm (Crevecoeur, Munoz and Scott
-    # 2016). Spread: latencies of nine people playing, .183 to .203 s (docs/people.md), whose range
-    # is 2.97 standard deviations of a normal distribution; the arm's alike in proportion.
+    # 2016). Spread: latencies of nine people playing, .183 to .203 s (docs/concepts/people.md),
+    # whose range is 2.97 standard deviations of a normal distribution; the arm's alike in
+    # proportion.
     Trait("visual_delay_s", 0.1, sd=0.0067, half_range=0.03, grid=FRAME_S),
     Trait("proprioceptive_delay_s", 0.05, sd=0.0034, half_range=0.02, grid=FRAME_S),
     # Spread of end points in these nine people's easy rounds, .0127 to .0182 m, likewise.

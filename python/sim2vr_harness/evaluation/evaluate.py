@@ -25,7 +25,8 @@ from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
 from sim2vr_harness.evaluation.round_logs import RoundLogs
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
 from sim2vr_harness.evaluation.video import RoundFilmer
-from sim2vr_harness.policies.player import PolicyRunner
+from sim2vr_harness.policies.protocol import Policy
+from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.users import PeopleSettings, effort_weight
@@ -163,7 +164,7 @@ def evaluate(
         InputError: The run, a number, a condition or the place for the results cannot be used.
     """
     request = request or Request()
-    user = find_user(run)
+    user = find_user(run, code=True)
     config = user.config
     episodes = config.evaluation.episodes if request.episodes is None else request.episodes
     seed = config.evaluation.seed if request.seed is None else request.seed
@@ -206,14 +207,15 @@ def evaluate(
     recorder = DataRecorder(out, facts, env, moments=request.steps)
     watchers: list[Watcher] = [*recorder.watchers, *(each for each in (logs, filmer) if each)]
 
-    def make_act(users: Any) -> PolicyRunner:
-        player = PolicyRunner(user, users.observation_space, users.action_space)
-        settings["trained_steps"] = player.step
+    def make_policy(users: Any) -> Policy:
+        policy, settings["trained_steps"] = load_policy(
+            user, users.observation_space, users.action_space
+        )
         if not request.overwrite:
             results.require_room(names, settings)
         else:
             recorder.clear()
-        return player
+        return policy
 
     with ExitStack() as stack:
         stack.callback(shutil.rmtree, out / _PASSING_LOGS, ignore_errors=True)
@@ -231,7 +233,7 @@ def evaluate(
 
             rounds += play(
                 make,
-                make_act,
+                make_policy,
                 jobs_for(own_conditions, episodes, seed, request.people),
                 facts,
                 deterministic=deterministic,

@@ -64,7 +64,9 @@ def plan_of(
             a program or Python that this user has never run.
     """
     source = f"the study {study.name}" if folder is None else folder
-    where = SelectionSource(folder, users or Users(), limits, may_diverge, source, trust_app)
+    where = SelectionSource(
+        folder, users or Users(code=trust_app), limits, may_diverge, source, trust_app
+    )
     found = [_Resolved.of(study, cell, where) for cell in cells_of(study)]
     facts = found[0].facts
     for one in found:

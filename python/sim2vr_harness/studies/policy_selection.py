@@ -31,15 +31,20 @@ FORMAT = 2
 
 
 class Users:
-    """Trained users and hashes of their weights, each read once."""
+    """Trained users and hashes of their weights, each read once.
 
-    def __init__(self) -> None:
+    Args:
+        code: whether policies in Python files may run (``FILE.py:CLASS``).
+    """
+
+    def __init__(self, *, code: bool = False) -> None:
+        self._code = code
         self._known: dict[str, tuple[TrainedUser, str]] = {}
 
     def find(self, name: str) -> tuple[TrainedUser, str]:
         """Return a user and the SHA-256 of its weights."""
         if name not in self._known:
-            user = find_user(name)
+            user = find_user(name, code=self._code)
             weights = read_bytes(user.source, "weights of a user")
             self._known[name] = user, hashlib.sha256(weights).hexdigest()
         return self._known[name]
@@ -165,7 +170,8 @@ def _env(
 
 def _near(name: str, folder: Path | None) -> str:
     """A path beside the study's file, where there is one; else what was written."""
-    if folder is not None and not Path(name).is_absolute() and (folder / name).exists():
+    file = name.rpartition(":")[0] if ".py:" in name else name
+    if folder is not None and not Path(name).is_absolute() and (folder / file).exists():
         return str(folder / name)
     return name
 

@@ -86,6 +86,6 @@ def _recorded(path: Path) -> bool:
 def _trained(who: str) -> TrainedUser | None:
     """The trained user of that name; None for a configuration or a body."""
     try:
-        return find_user(who)
+        return find_user(who, code=True)
     except InputError:
         return None

@@ -93,7 +93,7 @@ def test_a_file_cannot_make_one_run(file: Path, tmp_path: Path) -> None:
     file.write_text(
         COUNTING + f"\nfrom pathlib import Path\nPath({str(tmp_path / 'ran')!r}).touch()\n"
     )
-    with pytest.raises(InputError, match="Python code.*--trust-app"):
+    with pytest.raises(InputError, match=r"Python code.*--trust-app"):
         find_user(f"{file}:Counting")
     study = {
         "name": "mine",
@@ -102,7 +102,7 @@ def test_a_file_cannot_make_one_run(file: Path, tmp_path: Path) -> None:
         "episodes": 1,
         "measures": ["return"],
     }
-    with pytest.raises(InputError, match="Python code.*--trust-app"):
+    with pytest.raises(InputError, match=r"Python code.*--trust-app"):
         run_study(study, tmp_path / "study", jobs=1)
     assert not (tmp_path / "ran").exists()
     assert run_study(study, tmp_path / "study", jobs=1, trust_app=True).played == 2

@@ -55,7 +55,8 @@ class _Seat:
         self.over = False
         self._steps, self._most = 0, round(seconds * self.frequency_hz)
         self._return, self._log = 0.0, dict[str, float]()
-        self._rng = np.random.default_rng([seed, 1])
+        mean = user.config.evaluation.deterministic
+        self._rng = None if mean else np.random.default_rng([seed, 1])
         self._stack = ExitStack()
         self._users = self._stack.enter_context(closing(simulation(config, 1)))
         try:

@@ -71,7 +71,7 @@ class UserPolicy:
         observation: Mapping[str, NDArray[Any]],
         state: tuple[Any, ...] | None = None,
         episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = False,
+        deterministic: bool | None = None,
     ) -> tuple[NDArray[np.float32], tuple[Any, ...] | None]:
         """The action for an observation, called as Stable-Baselines3's models are.
 
@@ -79,12 +79,15 @@ class UserPolicy:
             observation: Of one user, or of N in a vector environment.
             state: What users intended, as it was returned last; None: rounds begin.
             episode_start: (N,) whose round begins, whatever was intended before.
-            deterministic: Take the mean of the policy; otherwise a sample, as in its training.
+            deterministic: Take the mean of the policy instead of a sample; None: as its own
+                ``evaluation.deterministic`` says.
 
         Returns:
             The action in [-1, 1], (A,) or (N, A) float32, and what is intended; None for users who
             remember nothing.
         """
+        if deterministic is None:
+            deterministic = self._user.config.evaluation.deterministic
         rng = None if deterministic else self._rng
         one = {key: np.asarray(observation[key]) for key in self.observation_space.spaces}
         alone = all(

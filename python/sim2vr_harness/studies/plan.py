@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import InputError, unknown_name
@@ -125,7 +124,7 @@ class _Resolved:
             episodes=study.episodes,
             seed=cell.seed,
             people=study.people,
-            deterministic=_truth(cell.settings.get("deterministic", study.deterministic)),
+            deterministic=_deterministic(study, cell, player.deterministic),
             steps=study.steps,
             logs=study.logs,
             film_seconds=study.film_seconds,
@@ -161,7 +160,11 @@ def _check_options(env: EnvConfig, facts: GameFacts, condition: str) -> None:
         raise InputError(place, got, expected) from error
 
 
-def _truth(value: Any) -> bool:
+def _deterministic(study: StudyConfig, cell: Cell, own: bool) -> bool:
+    """Return what the cell sets, else the study, else the user's own configuration."""
+    value = cell.settings.get("deterministic", study.deterministic)
+    if value is None:
+        return own
     if not isinstance(value, bool):
         raise InputError("deterministic", repr(value), "true or false")
     return value

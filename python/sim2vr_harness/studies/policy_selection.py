@@ -78,6 +78,7 @@ class SelectedPolicy:
         facts: What the game publishes.
         condition: That it plays.
         identity: What decides about who it is, for the cell's hash.
+        deterministic: Whether the user's own configuration evaluates the policy's mean.
     """
 
     user: str | None
@@ -86,6 +87,7 @@ class SelectedPolicy:
     facts: GameFacts
     condition: str
     identity: Mapping[str, Any]
+    deterministic: bool
 
 
 def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
@@ -116,9 +118,9 @@ def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
     identity = {"user": Path(user).name, "weights": weights}
     steps = _steps(settings.get("adapt", 0))
     if steps == 0:
-        return SelectedPolicy(
-            user, None, env, facts, condition, identity | {"config": to_yaml(known.config)}
-        )
+        whole = identity | {"config": to_yaml(known.config)}
+        mean = known.config.evaluation.deterministic
+        return SelectedPolicy(user, None, env, facts, condition, whole, mean)
     there = with_options(env, dict(facts.condition(condition).options))
     wanted = [f"total_timesteps={steps}", *cell.of("training.")]
     config = adapting(known, user, wanted, env=there)
@@ -152,7 +154,8 @@ def _trained(
     env = _env(config, cell, named, where)
     facts = game_facts(env.app)
     condition = _condition(facts, config, cell.settings.get("condition"))
-    return SelectedPolicy(None, task, env, facts, condition, {"training": key})
+    mean = config.evaluation.deterministic
+    return SelectedPolicy(None, task, env, facts, condition, {"training": key}, mean)
 
 
 def _env(

@@ -197,6 +197,7 @@ def test_the_user_s_own_way_of_choosing_actions_counts(
             read_source(tmp_path / "drawn"), [PlayedBy("it", 1, deterministic=True)]
         )
         assert "samples of the policies (other than the configuration of it says)" in method
+        it = [PlayedBy("it", 1, deterministic=True)]
         method = methods_of(read_source(tmp_path / "own"), it)
         assert "actions were the policies' means." in method
     finally:

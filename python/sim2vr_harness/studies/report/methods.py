@@ -120,11 +120,7 @@ def played_by(source: ReportSource) -> list[PlayedBy]:
 def _actions(source: ReportSource, users: list[PlayedBy]) -> str:
     """Return how actions were chosen, and of which users that is not the usual way."""
     words = {True: "the policies' means", False: "samples of the policies"}
-    used = {
-        bool(value): group.user
-        for group in source.groups
-        for value in group.episodes["deterministic"]
-    }
+    used = {bool(value) for group in source.groups for value in group.episodes["deterministic"]}
     chosen = " in some groups and ".join(words[value] for value in sorted(used))
     chosen += " in others" if len(used) > 1 else ""
     other = [

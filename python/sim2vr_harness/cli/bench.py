@@ -16,50 +16,55 @@ from sim2vr_harness.cli.options import SetOption, TrustOption, finite, writable_
 __all__ = ["bench"]
 
 
+_Config = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[CONFIG]",
+        help="What to measure; without, Whac-A-Mole medium and the reference's user.",
+    ),
+]
+_Scene = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="physics, render, env, train (these by default), senses, bodies, memory or all; "
+        "may be repeated, or a list with commas.",
+    ),
+]
+_Threads = Annotated[
+    str | None,
+    typer.Option(metavar="LIST", help="Numbers of threads, such as 1,2; one per core."),
+]
+_Transport = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="How render and env reach their apps: in_process (default), another transport "
+        "(docs/remote_apps.md), or all.",
+    ),
+]
+_TrainSteps = Annotated[
+    int, typer.Option(help="User steps of a measured training iteration, at least.")
+]
+_Output = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE", help="Add the JSON rows to this file.", callback=writable_file),
+]
+_Json = Annotated[bool, typer.Option("--json", help="Print JSON rows, one per line, nothing else.")]
+
+
 def bench(
-    config: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[CONFIG]",
-            help="What to measure; without, Whac-A-Mole medium and the reference's user.",
-        ),
-    ] = None,
+    config: _Config = None,
     set_: SetOption = None,
-    scene: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="physics, render, env, train (these by default), senses, bodies, memory or all; "
-            "may be repeated, or a list with commas.",
-        ),
-    ] = None,
+    scene: _Scene = None,
     n: Annotated[str, typer.Option(metavar="LIST", help="Numbers of users, such as 16,64.")] = "64",
-    threads: Annotated[
-        str | None,
-        typer.Option(metavar="LIST", help="Numbers of threads, such as 1,2; one per core."),
-    ] = None,
-    transport: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="How render and env reach their apps: in_process (default), another transport "
-            "(docs/remote_apps.md), or all.",
-        ),
-    ] = None,
+    threads: _Threads = None,
+    transport: _Transport = None,
     seconds: Annotated[float, typer.Option(help="Seconds per scene.", callback=finite)] = 2.0,
-    train_steps: Annotated[
-        int, typer.Option(help="User steps of a measured training iteration, at least.")
-    ] = 1000,
-    output: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Add the JSON rows to this file.", callback=writable_file
-        ),
-    ] = None,
+    train_steps: _TrainSteps = 1000,
+    output: _Output = None,
     trust_app: TrustOption = False,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print JSON rows, one per line, nothing else.")
-    ] = False,
+    json: _Json = False,
 ) -> None:
     """Measure how fast this machine simulates, draws and learns."""
     from sim2vr_harness.bench.plan import BenchPlan

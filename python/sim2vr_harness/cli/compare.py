@@ -17,93 +17,101 @@ from sim2vr_harness.cli.progress import Share
 
 if TYPE_CHECKING:
     from sim2vr_harness.games.behaviour import Behaviour
+    from sim2vr_harness.human_comparison.report import ComparisonReport
     from sim2vr_harness.human_comparison.sources import Plays, Source
 
 __all__ = ["compare"]
 
 
+_Users = Annotated[
+    list[str],
+    typer.Argument(
+        metavar="USER...",
+        help="A shipped user's name, a run's folder or checkpoint: it plays. Or the folder of "
+        "an evaluation with logs, or of any logged rounds. Or a study (STUDY.yaml, or its "
+        "folder): each of its users, trained and played first, if they are not yet. "
+        "NAME=USER is called NAME in tables and figures.",
+    ),
+]
+_People = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--people",
+        metavar="DIR",
+        help="People's recorded rounds: packed with a manifest.json, or logs in a folder per "
+        "person; may be repeated. Pointing needs none: figures are published.",
+    ),
+]
+_Game = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="The game; without, that of the first user who plays."),
+]
+_Condition = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="A condition to play; may be repeated. Without, all that are compared, by the "
+        "rules that the user was trained with.",
+    ),
+]
+_Group = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="Play by the rules of a group of people (constrained, unconstrained), whatever "
+        "the user was trained with; may be repeated.",
+    ),
+]
+_Persons = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        help="Let N persons play who differ, --episodes rounds each, as in evaluate --people.",
+    ),
+]
+_Out = Annotated[
+    Path,
+    typer.Option(
+        help="Folder for played rounds, JSON, CSV and figures; rounds that are there are used "
+        "again.",
+        callback=writable_folder,
+    ),
+]
+_Unconstrained = Annotated[
+    bool,
+    typer.Option(
+        "--unconstrained", help="Every touch was a hit for people, though logs do not say."
+    ),
+]
+_Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")]
+_Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change the environment they play in."),
+]
+
+
 def compare(
-    users: Annotated[
-        list[str],
-        typer.Argument(
-            metavar="USER...",
-            help="A shipped user's name, a run's folder or checkpoint: it plays. Or the folder of "
-            "an evaluation with logs, or of any logged rounds. Or a study (STUDY.yaml, or its "
-            "folder): each of its users, trained and played first, if they are not yet. "
-            "NAME=USER is called NAME in tables and figures.",
-        ),
-    ],
-    people: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--people",
-            metavar="DIR",
-            help="People's recorded rounds: packed with a manifest.json, or logs in a folder per "
-            "person; may be repeated. Pointing needs none: figures are published.",
-        ),
-    ] = None,
-    game: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="The game; without, that of the first user who plays."),
-    ] = None,
-    condition: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="A condition to play; may be repeated. Without, all that are compared, by the "
-            "rules that the user was trained with.",
-        ),
-    ] = None,
-    group: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Play by the rules of a group of people (constrained, unconstrained), whatever "
-            "the user was trained with; may be repeated.",
-        ),
-    ] = None,
+    users: _Users,
+    people: _People = None,
+    game: _Game = None,
+    condition: _Condition = None,
+    group: _Group = None,
     episodes: Annotated[int, typer.Option(metavar="N", help="Rounds per condition.")] = 6,
     seed: Annotated[int, typer.Option(metavar="N", help="Seed of the first round.")] = 77,
-    persons: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="Let N persons play who differ, --episodes rounds each, as in evaluate --people.",
-        ),
-    ] = None,
-    out: Annotated[
-        Path,
-        typer.Option(
-            help="Folder for played rounds, JSON, CSV and figures; rounds that are there are used "
-            "again.",
-            callback=writable_folder,
-        ),
-    ] = Path("comparison"),
-    unconstrained: Annotated[
-        bool,
-        typer.Option(
-            "--unconstrained", help="Every touch was a hit for people, though logs do not say."
-        ),
-    ] = False,
-    figures: Annotated[
-        bool, typer.Option("--figures/--no-figures", help="Draw the figures.")
-    ] = True,
+    persons: _Persons = None,
+    out: _Out = Path("comparison"),
+    unconstrained: _Unconstrained = False,
+    figures: _Figures = True,
     every: Annotated[bool, typer.Option("--every", help="Print every measure.")] = False,
     batch: Annotated[int, typer.Option(help="Rounds played side by side at most.")] = 10,
     trust_app: TrustOption = False,
-    overrides: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change the environment they play in."),
-    ] = None,
+    overrides: _Overrides = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")] = False,
 ) -> None:
     """Compare users with recorded people: measures, people's range, distance."""
     from sim2vr_harness.games.registry import aimed_games, behaviour_of, behaviours
-    from sim2vr_harness.human_comparison.figures import draw
-    from sim2vr_harness.human_comparison.files import as_json, write_csv, write_json
     from sim2vr_harness.human_comparison.report import ComparisonReport
     from sim2vr_harness.human_comparison.sources import Plays, game_of, read_people, read_user
-    from sim2vr_harness.human_comparison.tables import report_tables
 
     users, told = _told_names(users)
     studies = [user for user in users if _is_study(user)]
@@ -141,10 +149,26 @@ def compare(
             sources[user] = [read_user(user, behaviour, plays, on_progress=show)]
     for user in studies:
         sources[user] = _players(user, out, behaviour, plays)
-    read = [(user, source) for user in users for source in sources[user]]
-    names = _names([(user, source.name) for user, source in read], told)
-    compared = [replace(source, name=name) for (_, source), name in zip(read, names, strict=True)]
+    compared = _renamed(users, sources, told)
     report = ComparisonReport(behaviour, measured_people, compared)
+    _write(report, out, figures=figures, every=every, json=json)
+
+
+def _renamed(
+    users: Sequence[str], sources: Mapping[str, list[Source]], told: Mapping[str, str]
+) -> list[Source]:
+    """Return the sources in the users' order, each with a name of its own."""
+    read = [(user, source) for user in users for source in sources[user]]
+    names = _names([(user, source.name) for user, source in read], dict(told))
+    return [replace(source, name=name) for (_, source), name in zip(read, names, strict=True)]
+
+
+def _write(report: ComparisonReport, out: Path, *, figures: bool, every: bool, json: bool) -> None:
+    """Write the comparison's files, and print its tables or JSON."""
+    from sim2vr_harness.human_comparison.figures import draw
+    from sim2vr_harness.human_comparison.files import as_json, write_csv, write_json
+    from sim2vr_harness.human_comparison.tables import report_tables
+
     files = [write_json(report, out / "comparison.json"), *write_csv(report, out)]
     if figures:
         files += draw(report, out)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -29,82 +29,103 @@ from sim2vr_harness.cli.options import (
 )
 from sim2vr_harness.cli.progress import Share
 
+if TYPE_CHECKING:
+    from sim2vr_harness.evaluation.evaluate import Evaluation, Request
+
 __all__ = ["evaluate"]
 
 
+_Run = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[RUN]",
+        help="A run's folder, a checkpoint, or pretrained:NAME; nothing with --user.",
+    ),
+]
+_Condition = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="NAME",
+        help="A condition of the game; may be repeated. Without, the run's "
+        "evaluation.conditions, or else those below.",
+    ),
+]
+_Episodes = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        help="Rounds per condition, and person. Without, the run's evaluation.episodes: 10 "
+        "unless set.",
+    ),
+]
+_People = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        help="Let N people play who differ in size, strength, delays, noise and effort; means "
+        "and deviations are then over people (docs/concepts/people.md).",
+    ),
+]
+_Seed = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N",
+        help="Seed of the people and of the first round, one more for each that follows. "
+        "Without, the run's evaluation.seed: 1 unless set.",
+    ),
+]
+_Deterministic = Annotated[
+    bool | None,
+    typer.Option(
+        "--deterministic/--stochastic",
+        help="Take the policy's mean, or sample. Without, the user's own evaluation.deterministic.",
+    ),
+]
+_Record = Annotated[
+    bool, typer.Option("--record", help="Film the first round of every condition (MP4).")
+]
+_Log = Annotated[bool, typer.Option("--log", help="Keep the game's CSV logs, a folder per round.")]
+_Steps = Annotated[
+    bool,
+    typer.Option(
+        "--steps/--no-steps",
+        help="Write tables of every user step and app frame beside those of episodes and "
+        "events (default).",
+    ),
+]
+_Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder for files; RUN/evaluation/step_N by default. Results are added to those "
+        "that are there.",
+        callback=writable_folder,
+    ),
+]
+_Overwrite = Annotated[
+    bool, typer.Option("--overwrite", help="Begin with new results where there are others.")
+]
+_User = Annotated[
+    str | None,
+    typer.Option(
+        metavar="WHO",
+        help="Instead of a trained user, for a first look: still, random, or 'reach NAME', who "
+        "moves the hand to the object of that name.",
+    ),
+]
+
+
 def evaluate(
-    run: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[RUN]",
-            help="A run's folder, a checkpoint, or pretrained:NAME; nothing with --user.",
-        ),
-    ] = None,
-    condition: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="A condition of the game; may be repeated. Without, the run's "
-            "evaluation.conditions, or else those below.",
-        ),
-    ] = None,
-    episodes: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="Rounds per condition, and person. Without, the run's evaluation.episodes: 10 "
-            "unless set.",
-        ),
-    ] = None,
-    people: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="Let N people play who differ in size, strength, delays, noise and effort; means "
-            "and deviations are then over people (docs/concepts/people.md).",
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N",
-            help="Seed of the people and of the first round, one more for each that follows. "
-            "Without, the run's evaluation.seed: 1 unless set.",
-        ),
-    ] = None,
-    deterministic: Annotated[
-        bool | None,
-        typer.Option(
-            "--deterministic/--stochastic",
-            help="Take the policy's mean, or sample. Without, the user's own "
-            "evaluation.deterministic.",
-        ),
-    ] = None,
-    record: Annotated[
-        bool, typer.Option("--record", help="Film the first round of every condition (MP4).")
-    ] = False,
-    log: Annotated[
-        bool, typer.Option("--log", help="Keep the game's CSV logs, a folder per round.")
-    ] = False,
-    steps: Annotated[
-        bool,
-        typer.Option(
-            "--steps/--no-steps",
-            help="Write tables of every user step and app frame beside those of episodes and "
-            "events (default).",
-        ),
-    ] = True,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder for files; RUN/evaluation/step_N by default. Results are added to those "
-            "that are there.",
-            callback=writable_folder,
-        ),
-    ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Begin with new results where there are others.")
-    ] = False,
+    run: _Run = None,
+    condition: _Condition = None,
+    episodes: _Episodes = None,
+    people: _People = None,
+    seed: _Seed = None,
+    deterministic: _Deterministic = None,
+    record: _Record = False,
+    log: _Log = False,
+    steps: _Steps = True,
+    out: _Out = None,
+    overwrite: _Overwrite = False,
     batch: Annotated[int, typer.Option(help="Rounds played side by side at most.")] = 10,
     app: AppOption = None,
     app_arg: AppArgOption = None,
@@ -114,14 +135,7 @@ def evaluate(
     map_: MapOption = None,
     task: TaskOption = None,
     browser: BrowserOption = None,
-    user: Annotated[
-        str | None,
-        typer.Option(
-            metavar="WHO",
-            help="Instead of a trained user, for a first look: still, random, or 'reach NAME', who "
-            "moves the hand to the object of that name.",
-        ),
-    ] = None,
+    user: _User = None,
     trust_app: TrustOption = False,
     overrides: EnvSetOption = None,
     json: JsonOption = False,
@@ -130,8 +144,6 @@ def evaluate(
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.evaluation.evaluate import Request
     from sim2vr_harness.evaluation.evaluate import evaluate as evaluate_run
-    from sim2vr_harness.evaluation.tables import results_table
-    from sim2vr_harness.evaluation.training_distribution import words_of_change
 
     remote = app_settings(app, app_arg, connect, protocol, page, map_, task, browser)
     if user is not None:
@@ -142,24 +154,24 @@ def evaluate(
     if run is None:
         expected = "a run's folder, or --user still or random for somebody untrained"
         raise InputError("RUN", "nothing", expected)
+    # fmt: off
     request = Request(
-        conditions=condition,
-        episodes=episodes,
-        seed=seed,
-        people=people,
-        deterministic=deterministic,
-        record=record,
-        log=log,
-        steps=steps,
-        out=out,
-        overwrite=overwrite,
-        batch=batch,
-        app=remote,
-        overrides=overrides or (),
+        conditions=condition, episodes=episodes, seed=seed, people=people,
+        deterministic=deterministic, record=record, log=log, steps=steps, out=out,
+        overwrite=overwrite, batch=batch, app=remote, overrides=overrides or (),
         trust_app=trust_app,
     )
+    # fmt: on
     with Share("Playing") as share:
         found = evaluate_run(run, request, on_progress=share.show)
+    _print(found, request, json)
+
+
+def _print(found: Evaluation, request: Request, json: bool) -> None:
+    """Print notes, the table or JSON, and the files."""
+    from sim2vr_harness.evaluation.tables import results_table
+    from sim2vr_harness.evaluation.training_distribution import words_of_change
+
     for line in found.unpractised:
         typer.echo(f"note: this user never practised {line}", err=True)
     for line in found.unread[:1]:
@@ -170,7 +182,7 @@ def evaluate(
         return
     how = "deterministic" if _first(found.summaries)["deterministic"] else "stochastic"
     title = f"After {found.step:,} user steps, {how} actions"
-    for override in overrides or ():
+    for override in request.overrides:
         key, _, value = override.partition("=")
         title += f"\nWith {words_of_change(key.strip(), value.strip())}"
     Console().print(results_table(found.summaries, found.facts, title))

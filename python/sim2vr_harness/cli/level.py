@@ -17,39 +17,38 @@ from sim2vr_harness.client import OptionValue, describe_game, describe_level, li
 __all__ = ["level"]
 
 
+_Name = Annotated[
+    str,
+    typer.Argument(metavar="LEVEL", help="A level that comes with the game, or the file of one."),
+]
+_Game = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="The game; without, the one that has levels."),
+]
+_Difficulty = Annotated[str | None, typer.Option(metavar="NAME", help="Of a map with several.")]
+_Characteristic = Annotated[str | None, typer.Option(metavar="NAME", help="Of a map with several.")]
+_Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="OPTION=VALUE", help="Another option of the game; may be repeated."
+    ),
+]
+_Out = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE.png", help="Draw the level into this file.", callback=writable_file),
+]
+_Json = Annotated[bool, typer.Option("--json", help="Print the facts as JSON, nothing else.")]
+
+
 def level(
-    name: Annotated[
-        str,
-        typer.Argument(
-            metavar="LEVEL", help="A level that comes with the game, or the file of one."
-        ),
-    ],
-    game: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="The game; without, the one that has levels."),
-    ] = None,
-    difficulty: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of a map with several.")
-    ] = None,
-    characteristic: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Of a map with several.")
-    ] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="OPTION=VALUE", help="Another option of the game; may be repeated."
-        ),
-    ] = None,
+    name: _Name,
+    game: _Game = None,
+    difficulty: _Difficulty = None,
+    characteristic: _Characteristic = None,
+    set_: _Set = None,
     seed: Annotated[int, typer.Option(help="Of a level that is made of one.")] = 1,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.png", help="Draw the level into this file.", callback=writable_file
-        ),
-    ] = None,
-    json: Annotated[
-        bool, typer.Option("--json", help="Print the facts as JSON, nothing else.")
-    ] = False,
+    out: _Out = None,
+    json: _Json = False,
 ) -> None:
     """Say what is in a level, and draw it over time."""
     from sim2vr_harness.figures.level_timeline import draw_timeline

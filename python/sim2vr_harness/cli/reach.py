@@ -18,71 +18,81 @@ if TYPE_CHECKING:
 __all__ = ["reach"]
 
 
+_User = Annotated[
+    str,
+    typer.Argument(
+        metavar="USER",
+        help="A body or its YAML file, a configuration, or a trained user.",
+    ),
+]
+_Point = Annotated[
+    str | None,
+    typer.Option(
+        metavar="PART",
+        help="What is to get there: a device or part of the body, such as controller_right or "
+        "hand. Without, the first controller.",
+    ),
+]
+_Tool = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME", help="An object that the game puts in the hand, instead of --point."
+    ),
+]
+_Target = Annotated[
+    list[str] | None,
+    typer.Option(
+        metavar="[NAME=]X,Y,Z", help="A place, m to the right, up and ahead; may be repeated."
+    ),
+]
+_Log = Annotated[
+    list[Path] | None,
+    typer.Option(metavar="PATH", help="Targets of a round's log (events.csv or its folder)."),
+]
+_Game = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="Targets of a game that is run, nobody playing."),
+]
+_Condition = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME", help="The game's condition; may be repeated."),
+]
+_Objects = Annotated[
+    str | None,
+    typer.Option(
+        metavar="NAME",
+        help="Which of the game's objects are targets, with * and ?; without, those that come, "
+        "go or move.",
+    ),
+]
+_Seconds = Annotated[
+    float, typer.Option(help="How long to look at each of three rounds.", callback=finite)
+]
+_Cell = Annotated[
+    float,
+    typer.Option(help="Edge of the cells that the room is divided into, m.", callback=finite),
+]
+_Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
+_Set = Annotated[
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Change the user: --set env.user.torso=true."),
+]
+
+
 def reach(
-    user: Annotated[
-        str,
-        typer.Argument(
-            metavar="USER",
-            help="A body or its YAML file, a configuration, or a trained user.",
-        ),
-    ] = "mobl_arms_wrist",
-    point: Annotated[
-        str | None,
-        typer.Option(
-            metavar="PART",
-            help="What is to get there: a device or part of the body, such as controller_right or "
-            "hand. Without, the first controller.",
-        ),
-    ] = None,
-    tool: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="An object that the game puts in the hand, instead of --point."
-        ),
-    ] = None,
-    target: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="[NAME=]X,Y,Z", help="A place, m to the right, up and ahead; may be repeated."
-        ),
-    ] = None,
-    log: Annotated[
-        list[Path] | None,
-        typer.Option(metavar="PATH", help="Targets of a round's log (events.csv or its folder)."),
-    ] = None,
-    game: Annotated[
-        str | None,
-        typer.Option(metavar="NAME", help="Targets of a game that is run, nobody playing."),
-    ] = None,
-    condition: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME", help="The game's condition; may be repeated."),
-    ] = None,
-    objects: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME",
-            help="Which of the game's objects are targets, with * and ?; without, those that come, "
-            "go or move.",
-        ),
-    ] = None,
-    seconds: Annotated[
-        float, typer.Option(help="How long to look at each of three rounds.", callback=finite)
-    ] = 10.0,
-    cell: Annotated[
-        float,
-        typer.Option(help="Edge of the cells that the room is divided into, m.", callback=finite),
-    ] = 0.05,
-    out: Annotated[
-        Path, typer.Option(help="Folder for the files.", callback=writable_folder)
-    ] = Path("reach"),
+    user: _User = "mobl_arms_wrist",
+    point: _Point = None,
+    tool: _Tool = None,
+    target: _Target = None,
+    log: _Log = None,
+    game: _Game = None,
+    condition: _Condition = None,
+    objects: _Objects = None,
+    seconds: _Seconds = 10.0,
+    cell: _Cell = 0.05,
+    out: _Out = Path("reach"),
     film: Annotated[bool, typer.Option("--film/--no-film", help="Film it from all sides.")] = True,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Change the user: --set env.user.torso=true."
-        ),
-    ] = None,
+    set_: _Set = None,
     trust_app: TrustOption = False,
 ) -> None:
     """Measure what a user can reach, and say of targets whether they lie within."""

@@ -20,46 +20,53 @@ from sim2vr_harness.cli.progress import Share
 __all__ = ["replay"]
 
 
+_Paths = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="PATH...",
+        help="Recorded rounds: folders with states.csv and events.csv, packed .npz rounds with "
+        "their manifest.json, or folders above such.",
+    ),
+]
+_Closed = Annotated[
+    bool, typer.Option("--closed", help="Seed and poses only: spawns are predicted as well.")
+]
+_Unconstrained = Annotated[
+    bool,
+    typer.Option("--unconstrained", help="Every touch was a hit, though the logs do not say."),
+]
+_FixedStep = Annotated[
+    float | None,
+    typer.Option(
+        help="Period of the recording's fixed steps, s; worked out by default.", callback=finite
+    ),
+]
+_Log = Annotated[
+    Path | None,
+    typer.Option(
+        help="Keep the replayed rounds' own logs in this folder.", callback=writable_folder
+    ),
+]
+_Video = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="OUT.mp4",
+        help="Film the player's view and the game from outside.",
+        callback=writable_file,
+    ),
+]
+_Fps = Annotated[float, typer.Option(help="Pictures per second of the film.", callback=finite)]
+
+
 def replay(
-    paths: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="PATH...",
-            help="Recorded rounds: folders with states.csv and events.csv, packed .npz rounds with "
-            "their manifest.json, or folders above such.",
-        ),
-    ],
-    closed: Annotated[
-        bool, typer.Option("--closed", help="Seed and poses only: spawns are predicted as well.")
-    ] = False,
-    unconstrained: Annotated[
-        bool,
-        typer.Option("--unconstrained", help="Every touch was a hit, though the logs do not say."),
-    ] = False,
-    fixed_step: Annotated[
-        float | None,
-        typer.Option(
-            help="Period of the recording's fixed steps, s; worked out by default.", callback=finite
-        ),
-    ] = None,
-    log: Annotated[
-        Path | None,
-        typer.Option(
-            help="Keep the replayed rounds' own logs in this folder.", callback=writable_folder
-        ),
-    ] = None,
-    video: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="OUT.mp4",
-            help="Film the player's view and the game from outside.",
-            callback=writable_file,
-        ),
-    ] = None,
+    paths: _Paths,
+    closed: _Closed = False,
+    unconstrained: _Unconstrained = False,
+    fixed_step: _FixedStep = None,
+    log: _Log = None,
+    video: _Video = None,
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of each view in the film.")] = "640x480",
-    fps: Annotated[
-        float, typer.Option(help="Pictures per second of the film.", callback=finite)
-    ] = 30.0,
+    fps: _Fps = 30.0,
     json: JsonOption = False,
 ) -> None:
     """Play recorded rounds again and compare every event with the recording."""

@@ -12,35 +12,37 @@ from sim2vr_harness.cli.options import TrustOption, writable_folder
 __all__ = ["rewards"]
 
 
+_User = Annotated[
+    str,
+    typer.Argument(
+        metavar="USER",
+        help="A configuration, a trained user, or a body: whose game, effort and muscles.",
+    ),
+]
+_Terms = Annotated[
+    Path | None,
+    typer.Option(metavar="FILE.yaml", help="Terms of one's own instead of the game's."),
+]
+_Game = Annotated[str | None, typer.Option(metavar="NAME", help="Another game than the user's.")]
+_Condition = Annotated[str | None, typer.Option(metavar="NAME", help="The game's condition.")]
+_Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
+_Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change the environment: --set env.user.effort.weight=0.01.",
+    ),
+]
+
+
 def rewards(
-    user: Annotated[
-        str,
-        typer.Argument(
-            metavar="USER",
-            help="A configuration, a trained user, or a body: whose game, effort and muscles.",
-        ),
-    ] = "whacamole_constrained",
-    terms: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE.yaml", help="Terms of one's own instead of the game's."),
-    ] = None,
-    game: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Another game than the user's.")
-    ] = None,
-    condition: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The game's condition.")
-    ] = None,
-    out: Annotated[
-        Path, typer.Option(help="Folder for the files.", callback=writable_folder)
-    ] = Path("rewards"),
-    set_: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Change the environment: --set env.user.effort.weight=0.01.",
-        ),
-    ] = None,
+    user: _User = "whacamole_constrained",
+    terms: _Terms = None,
+    game: _Game = None,
+    condition: _Condition = None,
+    out: _Out = Path("rewards"),
+    set_: _Set = None,
     trust_app: TrustOption = False,
 ) -> None:
     """Say what each term of a reward comes to over a movement, beside the effort's cost."""

@@ -12,36 +12,43 @@ from sim2vr_harness.cli.options import TrustOption, writable_folder
 __all__ = ["study"]
 
 
+_Out = Annotated[
+    Path | None,
+    typer.Option(
+        help="Its folder; studies/NAME by default. What is done there is not done again.",
+        callback=writable_folder,
+    ),
+]
+_Jobs = Annotated[
+    int | None,
+    typer.Option(help="Cells and trainings side by side; one per two cores by default."),
+]
+_Report = Annotated[
+    bool, typer.Option("--report/--no-report", help="Write report.html at the end (default).")
+]
+_Ray = Annotated[
+    str | None,
+    typer.Option(
+        metavar="auto|ADDRESS", help="Let a running Ray cluster do them, one core a task."
+    ),
+]
+_Storage = Annotated[
+    str | None,
+    typer.Option(
+        metavar="URL",
+        help="With --ray: where machines that do not see the study's folder leave results, "
+        "such as s3://BUCKET/STUDY.",
+    ),
+]
+
+
 def study(
     file: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study's file.")],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Its folder; studies/NAME by default. What is done there is not done again.",
-            callback=writable_folder,
-        ),
-    ] = None,
-    jobs: Annotated[
-        int | None,
-        typer.Option(help="Cells and trainings side by side; one per two cores by default."),
-    ] = None,
-    report: Annotated[
-        bool, typer.Option("--report/--no-report", help="Write report.html at the end (default).")
-    ] = True,
-    ray: Annotated[
-        str | None,
-        typer.Option(
-            metavar="auto|ADDRESS", help="Let a running Ray cluster do them, one core a task."
-        ),
-    ] = None,
-    storage: Annotated[
-        str | None,
-        typer.Option(
-            metavar="URL",
-            help="With --ray: where machines that do not see the study's folder leave results, "
-            "such as s3://BUCKET/STUDY.",
-        ),
-    ] = None,
+    out: _Out = None,
+    jobs: _Jobs = None,
+    report: _Report = True,
+    ray: _Ray = None,
+    storage: _Storage = None,
     trust_app: TrustOption = False,
 ) -> None:
     """Play the cells of a study, train or search what it needs, compare, and write the report.

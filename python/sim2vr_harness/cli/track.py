@@ -21,87 +21,99 @@ _SHOWN_MUSCLES = 8
 _MOST_PASSES = 50
 
 
+_Recordings = Annotated[
+    list[Path],
+    typer.Argument(
+        metavar="RECORDING...",
+        help="Recorded rounds, states.csv of any game, or CSV files with a header.",
+    ),
+]
+_User = Annotated[
+    str,
+    typer.Option(
+        metavar="USER",
+        help="Who follows: a body or its YAML file, a configuration, or a trained user.",
+    ),
+]
+_Stature = Annotated[
+    float | None,
+    typer.Option(
+        metavar="M",
+        help="The person's stature in m, to which the body is cut. Without, it is estimated "
+        "from the head's height where the person stood.",
+        callback=finite,
+    ),
+]
+_Mass = Annotated[
+    float | None,
+    typer.Option(metavar="KG", help="The person's mass; else by stature.", callback=finite),
+]
+_Yaw = Annotated[
+    str,
+    typer.Option(
+        metavar="DEG|head",
+        help="How far to the right of the recorded forward the person faces; head: as that.",
+    ),
+]
+_Scale = Annotated[float, typer.Option(help="Scale of distances from the head.", callback=finite)]
+_Offset = Annotated[
+    str,
+    typer.Option(metavar="X,Y,Z", help="Further shift of the path, m right, up and ahead."),
+]
+_Frame = Annotated[
+    str,
+    typer.Option(
+        help="Of CSV files: app (Unity: left-handed, z ahead) or openxr (right-handed, z back)."
+    ),
+]
+_Passes = Annotated[
+    int,
+    typer.Option(
+        help="Goes at the recording, each corrected by the one before; 1: the layer alone."
+    ),
+]
+_Refine = Annotated[
+    bool,
+    typer.Option(
+        "--refine/--no-refine",
+        help="Then plan muscles two seconds ahead, for the hands' path with little effort: "
+        "about ten minutes for each minute of fast play.",
+    ),
+]
+_Pointed = Annotated[
+    bool, typer.Option("--pointed", help="Let hands point as the person's did, too.")
+]
+_Play = Annotated[
+    bool, typer.Option("--play/--no-play", help="Play the recorded game with this hand.")
+]
+_Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
+_Set = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change the user: --set env.user.person.strength=.8.",
+    ),
+]
+
+
 def track(
-    recordings: Annotated[
-        list[Path],
-        typer.Argument(
-            metavar="RECORDING...",
-            help="Recorded rounds, states.csv of any game, or CSV files with a header.",
-        ),
-    ],
-    user: Annotated[
-        str,
-        typer.Option(
-            metavar="USER",
-            help="Who follows: a body or its YAML file, a configuration, or a trained user.",
-        ),
-    ] = "mobl_arms_wrist",
-    stature: Annotated[
-        float | None,
-        typer.Option(
-            metavar="M",
-            help="The person's stature in m, to which the body is cut. Without, it is estimated "
-            "from the head's height where the person stood.",
-            callback=finite,
-        ),
-    ] = None,
-    mass: Annotated[
-        float | None,
-        typer.Option(metavar="KG", help="The person's mass; else by stature.", callback=finite),
-    ] = None,
-    yaw: Annotated[
-        str,
-        typer.Option(
-            metavar="DEG|head",
-            help="How far to the right of the recorded forward the person faces; head: as that.",
-        ),
-    ] = "0",
-    scale: Annotated[
-        float, typer.Option(help="Scale of distances from the head.", callback=finite)
-    ] = 1.0,
-    offset: Annotated[
-        str,
-        typer.Option(metavar="X,Y,Z", help="Further shift of the path, m right, up and ahead."),
-    ] = "0,0,0",
-    frame: Annotated[
-        str,
-        typer.Option(
-            help="Of CSV files: app (Unity: left-handed, z ahead) or openxr (right-handed, z back)."
-        ),
-    ] = "app",
-    passes: Annotated[
-        int,
-        typer.Option(
-            help="Goes at the recording, each corrected by the one before; 1: the layer alone."
-        ),
-    ] = 8,
-    refine: Annotated[
-        bool,
-        typer.Option(
-            "--refine/--no-refine",
-            help="Then plan muscles two seconds ahead, for the hands' path with little effort: "
-            "about ten minutes for each minute of fast play.",
-        ),
-    ] = True,
-    pointed: Annotated[
-        bool, typer.Option("--pointed", help="Let hands point as the person's did, too.")
-    ] = False,
-    play: Annotated[
-        bool, typer.Option("--play/--no-play", help="Play the recorded game with this hand.")
-    ] = True,
+    recordings: _Recordings,
+    user: _User = "mobl_arms_wrist",
+    stature: _Stature = None,
+    mass: _Mass = None,
+    yaw: _Yaw = "0",
+    scale: _Scale = 1.0,
+    offset: _Offset = "0,0,0",
+    frame: _Frame = "app",
+    passes: _Passes = 8,
+    refine: _Refine = True,
+    pointed: _Pointed = False,
+    play: _Play = True,
     record: Annotated[bool, typer.Option("--record", help="Film it.")] = False,
     seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
-    out: Annotated[
-        Path, typer.Option(help="Folder for the files.", callback=writable_folder)
-    ] = Path("track"),
-    set_: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set",
-            metavar="KEY=VALUE",
-            help="Change the user: --set env.user.person.strength=.8.",
-        ),
-    ] = None,
+    out: _Out = Path("track"),
+    set_: _Set = None,
     trust_app: TrustOption = False,
 ) -> None:
     """Let a body's muscles follow the recorded hands of a person, and say what it costs them."""

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import shlex
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
@@ -26,50 +27,56 @@ from sim2vr_harness.cli.options import SetOption, TrustOption, writable_folder
 from sim2vr_harness.cli.progress import Share
 
 if TYPE_CHECKING:
+    from sim2vr_harness.runs.config import TrainingConfig
     from sim2vr_harness.training.run.trainer import TrainResult
 
 __all__ = ["train"]
 
 
+_Config = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[CONFIG]",
+        help="A YAML file, or the name of a game (recipe: skills); with --resume, the run's "
+        "folder.",
+    ),
+]
+_From = Annotated[
+    str | None,
+    typer.Option(
+        "--from",
+        metavar="USER",
+        help="Instead of CONFIG: go on from a trained user, with what --set changes.",
+    ),
+]
+_Timesteps = Annotated[
+    int | None,
+    typer.Option(help="Stop after this many user steps, counted from the run's start."),
+]
+_Out = Annotated[
+    Path | None,
+    typer.Option(help="The run's folder; runs/NAME by default.", callback=writable_folder),
+]
+_Overwrite = Annotated[bool, typer.Option("--overwrite", help="Delete the run that is there.")]
+_SetAside = Annotated[
+    bool,
+    typer.Option(
+        "--set-aside",
+        help="With --resume: put files that cannot be used aside, go on from the last good ones.",
+    ),
+]
+
+
 def train(
-    config: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[CONFIG]",
-            help="A YAML file, or the name of a game (recipe: skills); with --resume, the run's "
-            "folder.",
-        ),
-    ] = None,
+    config: _Config = None,
     set_: SetOption = None,
-    from_: Annotated[
-        str | None,
-        typer.Option(
-            "--from",
-            metavar="USER",
-            help="Instead of CONFIG: go on from a trained user, with what --set changes.",
-        ),
-    ] = None,
-    timesteps: Annotated[
-        int | None,
-        typer.Option(help="Stop after this many user steps, counted from the run's start."),
-    ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(help="The run's folder; runs/NAME by default.", callback=writable_folder),
-    ] = None,
+    from_: _From = None,
+    timesteps: _Timesteps = None,
+    out: _Out = None,
     seed: Annotated[int | None, typer.Option(help="Short for --set seed=SEED.")] = None,
     resume: Annotated[bool, typer.Option("--resume", help="Continue the run exactly.")] = False,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Delete the run that is there.")
-    ] = False,
-    set_aside: Annotated[
-        bool,
-        typer.Option(
-            "--set-aside",
-            help="With --resume: put files that cannot be used aside, go on from the last good "
-            "ones.",
-        ),
-    ] = False,
+    overwrite: _Overwrite = False,
+    set_aside: _SetAside = False,
     app: AppOption = None,
     app_arg: AppArgOption = None,
     connect: ConnectOption = None,
@@ -81,54 +88,17 @@ def train(
     trust_app: TrustOption = False,
 ) -> int:
     """Train a simulated user; Ctrl-C saves, --resume continues exactly."""
-    from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.envs.games import with_task
-    from sim2vr_harness.policies.store import find_user
-    from sim2vr_harness.runs.config import load_config
-    from sim2vr_harness.runs.run_folder import RunFolder
     from sim2vr_harness.runs.trust import named_app, require_trust
-    from sim2vr_harness.training.ppo.fine_tune import adapting
     from sim2vr_harness.training.run import trainer
 
-    if resume and overwrite:
-        raise InputError("--overwrite", "it together with --resume", "one of them")
-    if set_aside and not resume:
-        raise InputError("--set-aside", "it without --resume", "it together with --resume")
-    if from_ is not None and (config is not None or resume):
-        other = "--resume" if config is None else "CONFIG"
-        raise InputError("--from", f"it together with {other}", "one of them")
-    if config is not None and RunFolder(config).exists:
-        if not resume:
-            expected = "a configuration file, or --resume with it to continue that run"
-            raise InputError("CONFIG", f"{config!r}, the folder of a run", expected)
-        if out is not None and out.resolve() != Path(config).resolve():
-            raise InputError("--out", f"{str(out)!r}", f"{config!r} as well, or nothing")
-        out = Path(config)
-        config = None
-    overrides = [*(set_ or []), *([] if seed is None else [f"seed={seed}"])]
+    _check_together(config, from_, resume, overwrite, set_aside)
+    config, out = _run_or_file(config, out, resume)
     wanted = app_settings(app, app_arg, connect, protocol, page, map_, task, browser)
-    overrides += as_overrides(wanted)
-    from_nothing = from_ is None and not resume
-    if config is None and page is not None and from_nothing:
-        if task is None:
-            raise InputError("--task", "nothing", "what the page is worth: rules or FILE.py:CLASS")
-        config = "webxr"
-        overrides.append(f"name={wanted['game']}")
-    elif config is None and from_nothing and (app is not None or connect is not None):
-        config = "skills"
-    elif config is not None and from_nothing and _is_game(config):
-        overrides = [f"env.app.game={config}", f"name={config}", *overrides]
-        config = "skills"
-    if from_ is None and config is None and (not resume or out is None):
-        expected = "a configuration file, or --resume with the folder of a run"
-        raise InputError("CONFIG", "nothing", expected)
-    if from_ is not None:
-        settings = adapting(find_user(from_), from_, overrides)
-    elif config is None:
-        assert out is not None
-        settings = RunFolder.open(out).load_config(overrides)
-    else:
-        settings = load_config(config, overrides)
+    overrides = [*(set_ or []), *([] if seed is None else [f"seed={seed}"]), *as_overrides(wanted)]
+    if from_ is None and not resume:
+        config, overrides = _configuration(config, wanted, overrides)
+    settings = _settings(config, from_, out if resume else None, overrides)
     folder = out or Path("runs") / settings.name
     source = Path(from_ or config or folder)
     require_trust(settings.env, source, named=named_app(overrides), trust=trust_app)
@@ -147,6 +117,75 @@ def train(
     goes_on = result.step < settings.total_timesteps and settings.policy_kind != "hierarchical"
     _print_where_next(result, resumable=result.interrupted or goes_on)
     return INTERRUPTED if result.interrupted else 0
+
+
+def _check_together(
+    config: str | None, from_: str | None, resume: bool, overwrite: bool, set_aside: bool
+) -> None:
+    """Refuse options that do not go together."""
+    from sim2vr_harness.base.errors import InputError
+
+    if resume and overwrite:
+        raise InputError("--overwrite", "it together with --resume", "one of them")
+    if set_aside and not resume:
+        raise InputError("--set-aside", "it without --resume", "it together with --resume")
+    if from_ is not None and (config is not None or resume):
+        other = "--resume" if config is None else "CONFIG"
+        raise InputError("--from", f"it together with {other}", "one of them")
+
+
+def _run_or_file(
+    config: str | None, out: Path | None, resume: bool
+) -> tuple[str | None, Path | None]:
+    """Return the configuration and the run's folder; CONFIG may be the folder to resume."""
+    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.runs.run_folder import RunFolder
+
+    if config is None or not RunFolder(config).exists:
+        return config, out
+    if not resume:
+        expected = "a configuration file, or --resume with it to continue that run"
+        raise InputError("CONFIG", f"{config!r}, the folder of a run", expected)
+    if out is not None and out.resolve() != Path(config).resolve():
+        raise InputError("--out", f"{str(out)!r}", f"{config!r} as well, or nothing")
+    return None, Path(config)
+
+
+def _configuration(
+    config: str | None, app: Mapping[str, Any], overrides: list[str]
+) -> tuple[str | None, list[str]]:
+    """Return the configuration for a page, an app, a game or a file, and its overrides."""
+    from sim2vr_harness.base.errors import InputError
+
+    if config is None and "page" in app:
+        if "task" not in app:
+            raise InputError("--task", "nothing", "what the page is worth: rules or FILE.py:CLASS")
+        return "webxr", [*overrides, f"name={app['game']}"]
+    if config is None and (app.get("executable") or app.get("connect")):
+        return "skills", overrides
+    if config is not None and _is_game(config):
+        return "skills", [f"env.app.game={config}", f"name={config}", *overrides]
+    return config, overrides
+
+
+def _settings(
+    config: str | None, from_: str | None, run: Path | None, overrides: list[str]
+) -> TrainingConfig:
+    """Return the settings of a user that goes on, of a configuration or of a run to resume."""
+    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.policies.store import find_user
+    from sim2vr_harness.runs.config import load_config
+    from sim2vr_harness.runs.run_folder import RunFolder
+    from sim2vr_harness.training.ppo.fine_tune import adapting
+
+    if from_ is not None:
+        return adapting(find_user(from_), from_, overrides)
+    if config is not None:
+        return load_config(config, overrides)
+    if run is None:
+        expected = "a configuration file, or --resume with the folder of a run"
+        raise InputError("CONFIG", "nothing", expected)
+    return RunFolder.open(run).load_config(overrides)
 
 
 def _is_game(name: str) -> bool:

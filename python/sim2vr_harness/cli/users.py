@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json as jsonlib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import pydantic
 import typer
@@ -17,12 +18,29 @@ from sim2vr_harness.cli.options import TrustOption, finite, writable_file, writa
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.tables import cell
 
+if TYPE_CHECKING:
+    from sim2vr_harness.users import Physique
+
 app = typer.Typer(
     help="Trained users and bodies: list them, look at one, pack one of a run, export a body.",
     no_args_is_help=True,
 )
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")]
+
+
+_File = Annotated[
+    Path, typer.Argument(help="MJCF file to write, such as body.xml.", callback=writable_file)
+]
+_StatureM = Annotated[float | None, typer.Option(help="Body height in m.", callback=finite)]
+_Segment = Annotated[
+    list[str] | None,
+    typer.Option(metavar="NAME=M", help="Length of a segment in m; may be repeated."),
+]
+_SkullRotationDeg = Annotated[
+    float, typer.Option(help="How far the head looks down, degrees.", callback=finite)
+]
+_Torso = Annotated[bool, typer.Option("--torso", help="With a trunk and a neck that move.")]
 
 
 @app.command("list")
@@ -172,25 +190,14 @@ def bodies() -> None:
 @app.command("export")
 def export(
     name: Annotated[str, typer.Argument(help="A body's name, or a YAML file that describes one.")],
-    file: Annotated[
-        Path, typer.Argument(help="MJCF file to write, such as body.xml.", callback=writable_file)
-    ],
-    stature_m: Annotated[
-        float | None, typer.Option(help="Body height in m.", callback=finite)
-    ] = None,
+    file: _File,
+    stature_m: _StatureM = None,
     mass_kg: Annotated[float | None, typer.Option(help="Body mass in kg.", callback=finite)] = None,
-    segment: Annotated[
-        list[str] | None,
-        typer.Option(metavar="NAME=M", help="Length of a segment in m; may be repeated."),
-    ] = None,
+    segment: _Segment = None,
     strength: Annotated[float, typer.Option(help="Factor on peak forces.", callback=finite)] = 1.0,
     hand: Annotated[str | None, typer.Option(help="right or left: the hand that plays.")] = None,
-    skull_rotation_deg: Annotated[
-        float, typer.Option(help="How far the head looks down, degrees.", callback=finite)
-    ] = 10.0,
-    torso: Annotated[
-        bool, typer.Option("--torso", help="With a trunk and a neck that move.")
-    ] = False,
+    skull_rotation_deg: _SkullRotationDeg = 10.0,
+    torso: _Torso = False,
     trust_app: TrustOption = False,
 ) -> None:
     """Write a body, devices included, as MJCF that MuJoCo loads.
@@ -198,13 +205,23 @@ def export(
     `python -m mujoco.viewer --mjcf=FILE` (or mujoco-studio) shows it; where there is no display,
     MUJOCO_GL=egl or osmesa draws without one.
     """
-    from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.runs.trust import require_trusted_body
-    from sim2vr_harness.users import Physique, load_body
+    from sim2vr_harness.users import load_body
     from sim2vr_harness.users.bodies.export import export_body
 
+    person = _physique(stature_m, mass_kg, _lengths(segment or ()), strength, hand)
+    require_trusted_body(name, name, trust=trust_app)
+    body = load_body(name, person=person, skull_rotation_deg=skull_rotation_deg, torso=torso)
+    for written in export_body(body, file):
+        typer.echo(f"Written: {written}")
+
+
+def _lengths(segments: Sequence[str]) -> dict[str, float]:
+    """Return lengths in m by segment, of ``NAME=M``."""
+    from sim2vr_harness.base.errors import InputError
+
     lengths: dict[str, float] = {}
-    for each in segment or ():
+    for each in segments:
         part, _, length = each.partition("=")
         try:
             lengths[part] = float(length)
@@ -212,8 +229,22 @@ def export(
             raise InputError(
                 "--segment", repr(each), "NAME=M, for example upper_arm=0.31"
             ) from error
+    return lengths
+
+
+def _physique(
+    stature_m: float | None,
+    mass_kg: float | None,
+    lengths: Mapping[str, float],
+    strength: float,
+    hand: str | None,
+) -> Physique:
+    """Return the person; a problem names the option."""
+    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.users import Physique
+
     try:
-        person = Physique.model_validate(
+        return Physique.model_validate(
             {
                 "stature_m": stature_m,
                 "mass_kg": mass_kg,
@@ -229,7 +260,3 @@ def export(
         )
         expected = str(problem["msg"]).removeprefix("Input should be ")
         raise InputError(f"--{option}", repr(problem["input"]), expected) from error
-    require_trusted_body(name, name, trust=trust_app)
-    body = load_body(name, person=person, skull_rotation_deg=skull_rotation_deg, torso=torso)
-    for written in export_body(body, file):
-        typer.echo(f"Written: {written}")

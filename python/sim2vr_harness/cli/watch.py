@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -17,62 +17,68 @@ from sim2vr_harness.cli.app_options import (
 )
 from sim2vr_harness.cli.options import TrustOption, writable_file
 
+if TYPE_CHECKING:
+    from sim2vr_harness.tools.watch.frames import Playlist
+
 __all__ = ["watch"]
 
 
+_Run = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[RUN|LOG|RECORDING]",
+        help="A trained user, a configuration or body, or the folder of a logged or recorded "
+        "round.",
+    ),
+]
+_Try = Annotated[bool, typer.Option("--try", help="Play yourself, with mouse and keyboard.")]
+_Game = Annotated[str | None, typer.Option(metavar="NAME", help="The game; without, the user's.")]
+_Condition = Annotated[str | None, typer.Option(metavar="NAME", help="The game's condition.")]
+_Deterministic = Annotated[
+    bool | None,
+    typer.Option(
+        "--deterministic/--stochastic",
+        help="Take the policy's mean, or sample. Without, the user's own evaluation.deterministic.",
+    ),
+]
+_Rerun = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="OUT.rrd",
+        help="Write a recording for Rerun's viewer instead.",
+        callback=writable_file,
+    ),
+]
+_Shared = Annotated[
+    bool,
+    typer.Option(
+        "--share",
+        help="Open a public tunnel (share.viser.studio): anyone with the printed address, over "
+        "the internet, sees the page and presses its buttons.",
+    ),
+]
+_User = Annotated[
+    str | None,
+    typer.Option(metavar="WHO", help="Who plays the page: still, random or 'reach NAME'."),
+]
+
+
 def watch(
-    run: Annotated[
-        str | None,
-        typer.Argument(
-            metavar="[RUN|LOG|RECORDING]",
-            help="A trained user, a configuration or body, or the folder of a logged or recorded "
-            "round.",
-        ),
-    ] = None,
-    try_: Annotated[
-        bool, typer.Option("--try", help="Play yourself, with mouse and keyboard.")
-    ] = False,
-    game: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The game; without, the user's.")
-    ] = None,
-    condition: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The game's condition.")
-    ] = None,
+    run: _Run = None,
+    try_: _Try = False,
+    game: _Game = None,
+    condition: _Condition = None,
     seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Seed of the round.")] = 1,
-    deterministic: Annotated[
-        bool | None,
-        typer.Option(
-            "--deterministic/--stochastic",
-            help="Take the policy's mean, or sample. Without, the user's own "
-            "evaluation.deterministic.",
-        ),
-    ] = None,
-    rerun: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="OUT.rrd",
-            help="Write a recording for Rerun's viewer instead.",
-            callback=writable_file,
-        ),
-    ] = None,
+    deterministic: _Deterministic = None,
+    rerun: _Rerun = None,
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = 8080,
-    shared: Annotated[
-        bool,
-        typer.Option(
-            "--share",
-            help="Open a public tunnel (share.viser.studio): anyone with the printed address, over "
-            "the internet, sees the page and presses its buttons.",
-        ),
-    ] = False,
+    shared: _Shared = False,
     page: PageOption = None,
     map_: MapOption = None,
     task: TaskOption = None,
     browser: BrowserOption = None,
-    user: Annotated[
-        str | None,
-        typer.Option(metavar="WHO", help="Who plays the page: still, random or 'reach NAME'."),
-    ] = None,
+    user: _User = None,
     trust_app: TrustOption = False,
 ) -> None:
     """Watch a user at play in the browser: body, game and headset view; or try the game."""
@@ -92,31 +98,36 @@ def watch(
 
     from sim2vr_harness.tools.watch.selection import choose
 
+    # fmt: off
     show = choose(
-        run,
-        person=try_,
-        game=game,
-        condition=condition,
-        seed=seed,
-        deterministic=deterministic,
-        trust_app=trust_app,
-        page=as_overrides(app),
-        untrained=user,
+        run, person=try_, game=game, condition=condition, seed=seed, deterministic=deterministic,
+        trust_app=trust_app, page=as_overrides(app), untrained=user,
     )
+    # fmt: on
     if rerun is not None:
-        from sim2vr_harness.cli.progress import Share
-        from sim2vr_harness.tools.watch.rerun_file import write_rerun
+        _record(show, rerun)
+    else:
+        _serve(show, host, port, shared)
 
-        with Share("Recording") as share:
-            write_rerun(show, rerun, on_progress=lambda time_s: share.show(min(time_s / 60.0, 1.0)))
-        typer.echo(f"Written: {rerun}")
-        return
+
+def _record(show: Playlist, file: Path) -> None:
+    """Write a Rerun recording."""
+    from sim2vr_harness.cli.progress import Share
+    from sim2vr_harness.tools.watch.rerun_file import write_rerun
+
+    with Share("Recording") as share:
+        write_rerun(show, file, on_progress=lambda time_s: share.show(min(time_s / 60.0, 1.0)))
+    typer.echo(f"Written: {file}")
+
+
+def _serve(show: Playlist, host: str, port: int, shared: bool) -> None:
+    """Serve the page until Ctrl-C."""
     from contextlib import closing
 
     from sim2vr_harness.tools.watch.browser import Viewer
 
-    with closing(Viewer(show, host, port, shared=shared)) as theatre:
-        typer.echo(f"{show.title}: {theatre.address} (Ctrl-C ends)")
-        if theatre.public_address is not None:
-            typer.echo(f"Open to anyone with this address: {theatre.public_address}")
-        theatre.run()
+    with closing(Viewer(show, host, port, shared=shared)) as viewer:
+        typer.echo(f"{show.title}: {viewer.address} (Ctrl-C ends)")
+        if viewer.public_address is not None:
+            typer.echo(f"Open to anyone with this address: {viewer.public_address}")
+        viewer.run()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -135,7 +136,25 @@ def evaluate(
     if user is not None:
         if run is not None:
             raise InputError("--user", f"it together with {run!r}", "one of them")
-        _first_look(user, remote, overrides or [], episodes, seed, record, out, overwrite, json)
+        for option, given in (
+            ("--people", people),
+            ("--log", log),
+            ("--deterministic", deterministic),
+        ):
+            if given:
+                raise InputError(option, "it together with --user", "one of them")
+        _first_look(
+            user,
+            remote,
+            overrides or [],
+            condition or (),
+            episodes,
+            seed,
+            record,
+            out,
+            overwrite,
+            json,
+        )
         return
     if run is None:
         expected = "a run's folder, or --user still or random for somebody untrained"
@@ -181,6 +200,7 @@ def _first_look(
     user: str,
     app: dict[str, Any],
     overrides: list[str],
+    conditions: Sequence[str],
     episodes: int | None,
     seed: int | None,
     record: bool,
@@ -198,6 +218,7 @@ def _first_look(
         found = look(
             with_task(config.env),
             user,
+            conditions=conditions,
             episodes=2 if episodes is None else episodes,
             seed=1 if seed is None else seed,
             record=record,

@@ -180,9 +180,9 @@ def evaluate(
     require_contract(user, env)
     facts = game_facts(env.app)
     wanted = request.conditions or config.evaluation.conditions or met(config)
-    conditions = _conditions(facts, wanted)
+    conditions = chosen_conditions(facts, wanted)
     names = [condition.name for condition in conditions]
-    batch = _batch_for(env, request.batch)
+    batch = batch_for(env, request.batch)
     rounds_each = episodes * (request.people or 1)
     _check_numbers(episodes, seed, min(batch, rounds_each * len(conditions)))
     out = Path(request.out) if request.out else user.evaluation_dir / _folder_of(config, request)
@@ -220,7 +220,7 @@ def evaluate(
         if filmer is not None:
             stack.enter_context(closing(filmer))
         rounds: list[RoundResult] = []
-        groups = _groups(env, conditions)
+        groups = condition_groups(env, conditions)
         for number, (own_env, own_conditions) in enumerate(groups):
 
             def make(n: int, own: EnvConfig = own_env) -> Any:
@@ -290,8 +290,8 @@ def name_of(user: TrainedUser) -> str:
     return f"{Path(os.path.realpath(user.source)).parents[1].name}/{user.source.stem}"
 
 
-def _conditions(facts: GameFacts, names: Sequence[str] | None) -> list[Condition]:
-    """The conditions of these names, or those that the game evaluates.
+def chosen_conditions(facts: GameFacts, names: Sequence[str] | None) -> list[Condition]:
+    """Return the conditions of these names, or those that the game evaluates.
 
     Raises:
         InputError: The game does not know one, or one comes twice.
@@ -324,7 +324,7 @@ def _folder_of(config: TrainingConfig, request: Request) -> str:
     return re.sub(r"[^\w.,=-]+", "_", ",".join(told))[:_LONGEST_NAME]
 
 
-def _groups(
+def condition_groups(
     env: EnvConfig, conditions: Sequence[Condition]
 ) -> list[tuple[EnvConfig, Sequence[Condition]]]:
     """Return the conditions that can be played by the same apps, and these apps' settings.
@@ -336,7 +336,7 @@ def _groups(
     return [(with_options(env, condition.options), [condition]) for condition in conditions]
 
 
-def _batch_for(env: EnvConfig, batch: int) -> int:
+def batch_for(env: EnvConfig, batch: int) -> int:
     """Return how many rounds can be played side by side: one in an app that runs already."""
     return 1 if env.app.connect is not None else batch
 

@@ -174,6 +174,10 @@ def look(
     rounds: list[RoundResult] = []
     with closing(filmer) if filmer is not None else nullcontext():
         for number, (config, group) in enumerate(groups):
+
+            def advance(share: float, done: int = number) -> None:
+                on_progress((done + share) / len(groups))
+
             rounds += play(
                 partial(make, config),
                 lambda users: act_of(user, users, gaps_m),
@@ -182,7 +186,7 @@ def look(
                 deterministic=False,
                 batch=batch,
                 watchers=[] if filmer is None else [filmer],
-                on_progress=lambda share, done=number: on_progress((done + share) / len(groups)),
+                on_progress=advance,
             )
     settings = {
         "user": user,

@@ -8,9 +8,11 @@ import re
 import signal
 import socket
 import subprocess
+import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +21,8 @@ import zmq
 
 from sim2vr_harness.base.paths import app_executable
 from sim2vr_harness.client import DevicePoses, InProcessApp, frame_time_ns
+from sim2vr_harness.evaluation.first_look import look
+from sim2vr_harness.runs.config import load_config
 
 SCRIPT = Path(__file__).resolve().parents[2] / "docs/examples/strikes.json"
 
@@ -69,6 +73,34 @@ def test_the_program_and_the_module_play_the_same_bits() -> None:
         for frame in range(1, 201):
             app.step(frame_time_ns(frame, 20), poses)
         assert f"state hash {app.state_hash():x}" in result.stdout
+
+
+@pytest.mark.parametrize("name", ["sim2vr-app", "whac-a-mole.x86_64"])
+@pytest.mark.parametrize("app_arguments", [(), ("-condition", "easy")])
+def test_the_program_plays_as_a_unity_build_is_started(
+    name: str, app_arguments: tuple[str, ...], tmp_path: Path
+) -> None:
+    """By its name or as any other build, with the condition named for it or not."""
+    executable = tmp_path / name
+    executable.symlink_to(app_executable())
+    words = [sys.executable, "-m", "sim2vr_harness.cli.main", "evaluate", "--user", "still"]
+    words += ["--app", str(executable)]
+    for word in app_arguments:
+        words += ["--app-arg", word]
+    words += ["--condition", "easy", "--episodes", "1", "--out", str(tmp_path / "out")]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads((tmp_path / "out/results.json").read_text())
+    assert list(found) == ["easy"]
+    # Nobody hits: every target of the condition comes and goes.
+    assert found["easy"]["misses"] == in_process_misses()
+
+
+@cache
+def in_process_misses() -> float:
+    """Targets that nobody hits in a round of the condition easy."""
+    env = load_config("webxr", ["env.app.transport=in_process"]).env
+    return float(look(env, "still", conditions=["easy"], episodes=1).summaries["easy"]["misses"])
 
 
 @pytest.mark.parametrize(

@@ -2,8 +2,9 @@
 
 ``evaluate --page`` and a plain Python program play a page; each is ended by SIGKILL or SIGTERM at a
 random moment, every second one with its GPU process stopped (it hangs), every third one just after
-one of its browser's processes was killed. Prints one JSON row per kill: the processes left after
-5 s and the folders left after the next start. Ends with status 0 when nothing was left.
+one of its browser's processes was killed. Prints one JSON row per kill: how long the program took
+to end, the processes left 5 s later, and the folders and logs left after the next start. The log of
+a browser that was killed is kept on purpose. Ends with status 0 when nothing else was left.
 
 Run: sh docs/examples/webxr/engines.sh && python tools/attack/kill_browsers.py --kills 50
 """
@@ -23,6 +24,8 @@ from contextlib import suppress
 from pathlib import Path
 
 EXAMPLES = Path(__file__).parents[2] / "docs" / "examples" / "webxr"
+LONGEST_END_S = 20.0
+"""A program that takes longer to end, on a busy machine too, hangs."""
 CDN = "https://cdn.jsdelivr.net/npm/"
 PLAIN = """
 import sys, numpy as np
@@ -103,6 +106,10 @@ def kill(number: int, program: str, page: Path, folder: Path) -> bool:
     how = (signal.SIGKILL, signal.SIGTERM)[number // 2 % 2]
     groups |= groups_of(folder)
     harness.send_signal(how)
+    sent = time.monotonic()
+    with suppress(subprocess.TimeoutExpired):
+        harness.wait(LONGEST_END_S)
+    seconds = time.monotonic() - sent
     time.sleep(5.0)
     left = processes(folder, groups)
     row = {
@@ -112,8 +119,9 @@ def kill(number: int, program: str, page: Path, folder: Path) -> bool:
         "hung": bool(hung),
         "killed_before": [of_browser[pid][:60] for pid in one],
         "exit_status": harness.poll(),
+        "seconds": round(seconds, 1),
         "processes_left": [words[:80] for words in left.values()],
-        "folders_left": [] if left else left_after_a_start(page, folder),
+        "folders_left": [] if left else left_after_a_start(page, folder, failed=bool(one)),
     }
     print(json.dumps(row), flush=True)
     harness.kill()
@@ -124,13 +132,23 @@ def kill(number: int, program: str, page: Path, folder: Path) -> bool:
     return not left and not row["folders_left"] and row["exit_status"] is not None
 
 
-def left_after_a_start(page: Path, folder: Path) -> list[str]:
-    """Play three steps undisturbed; returns what is in the temporary folder afterwards."""
+def left_after_a_start(page: Path, folder: Path, *, failed: bool) -> list[str]:
+    """Play three steps undisturbed; returns what is in the temporary folder afterwards.
+
+    Args:
+        page: to play.
+        folder: the temporary folder.
+        failed: whether a browser was killed before, whose log is kept.
+    """
     environment = {**os.environ, "TMPDIR": str(folder)}
     subprocess.run(command("python", page, folder, 3), env=environment, check=True)
     time.sleep(0.5)
-    made = [*folder.glob("sim2vr-*"), *folder.glob("sim2vr-app-logs-*/*")]
-    return [file.name for file in made if "-app-logs-" not in file.name]
+    logs = [*folder.glob("sim2vr-app-logs-*/*")]
+    names = [file.name for file in logs if not failed]
+    for file in logs:
+        file.unlink()
+    made = [file.name for file in folder.glob("sim2vr-*") if "-app-logs-" not in file.name]
+    return made + names
 
 
 def main() -> int:

@@ -42,16 +42,44 @@ IMAGINED = (
     *("cycles=3", "first_play_steps=30", "play_steps=10", "first_fit_minibatches=20"),
     *("fit_minibatches=20", "body_width=16", "users=8", "updates=2", "critic_first_updates=0"),
 )
+STUDENT = (
+    *("policy.scale_proprioception=true", "ppo.critic_first_updates=1"),
+    *("student.n_envs=2", "student.frames=96", "student.rollout_steps=8"),
+    *("student.batch_size=16", "student.checkpoint_rounds=2", "student.stagger_steps=20"),
+)
 DISTILL = (
-    *("recipe=distill", "policy.scale_proprioception=true", "ppo.critic_first_updates=1"),
+    *("recipe=distill", *STUDENT),
     *(f"teacher.imagined.{setting}" for setting in IMAGINED),
     *("teacher.total_timesteps=96", "teacher.ppo.n_envs=4", "teacher.ppo.n_steps=8"),
     *("teacher.ppo.batch_size=16", "teacher.ppo.n_epochs=1", "teacher.ppo.critic_first_updates=1"),
     *("teacher.curriculum.near_starts=0.0", "teacher.evaluate_rounds=1"),
-    *("student.n_envs=2", "student.frames=96", "student.rollout_steps=8"),
-    *("student.batch_size=16", "student.checkpoint_rounds=2", "student.stagger_steps=20"),
 )
-SETTINGS = {"ppo": SHARED, "distill": (*SHARED, *DISTILL)}
+PRACTICE = (
+    *("cycles=3", "bodies=4", "first_play_steps=12", "play_steps=6", "first_fit_minibatches=20"),
+    *("fit_minibatches=20", "body_width=16", "width=16", "users=8", "updates=3"),
+    "window_steps=4",
+)
+LOOKING = (  # the stage saves itself every 100 decisions
+    *("users=2", "user_steps=440", "decide_steps=1", "try_steps=60", "explore_steps=200"),
+    *("batch_size=8", "kept=100", "width=8"),
+)
+SKILLS = (
+    *("recipe=skills", *STUDENT, "skills.baseline_seconds=0.5"),
+    "env.action_frequency_hz=10",  # no motor layer ships for steps of 0.1 s: the run makes one
+    "env.vision.channels=[red, green, blue, depth]",
+    *(f"skills.practice.{setting}" for setting in PRACTICE),
+    *(f"skills.looking.{setting}" for setting in LOOKING),
+)
+DECIDER = (
+    "skills.user=decider",
+    "env.senses=[{sense: vision, history_s: 0.2}, {sense: proprioception}, {sense: time}]",
+)
+SETTINGS = {
+    "ppo": SHARED,
+    "distill": (*SHARED, *DISTILL),
+    "skills": (*SHARED, *SKILLS),
+    "skills_decider": (*SHARED, *SKILLS, *DECIDER),
+}
 MOST_KILLS = 200
 """In one round; a run that is killed so often and not finished makes no progress."""
 
@@ -150,7 +178,8 @@ def leaves(content: Any, name: str) -> Iterator[tuple[str, Any]]:
     """Every value of nested mappings and lists, with its name; times and dates left out."""
     if isinstance(content, dict):
         for key, value in content.items():
-            if not (str(key).startswith("time") or key == "cpu_seconds" or "_seconds" in str(key)):
+            clock = key in ("cpu_seconds", "t") or "_seconds" in str(key)  # t: of an episode
+            if not (clock or str(key).startswith("time")):
                 yield from leaves(value, f"{name}.{key}")
     elif isinstance(content, (list, tuple)):
         for index, value in enumerate(content):

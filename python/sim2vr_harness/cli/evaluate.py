@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -149,7 +150,25 @@ def evaluate(
     if user is not None:
         if run is not None:
             raise InputError("--user", f"it together with {run!r}", "one of them")
-        _first_look(user, remote, overrides or [], episodes, seed, record, out, overwrite, json)
+        for option, given in (
+            ("--people", people),
+            ("--log", log),
+            ("--deterministic", deterministic),
+        ):
+            if given:
+                raise InputError(option, "it together with --user", "one of them")
+        _first_look(
+            user,
+            remote,
+            overrides or [],
+            condition or (),
+            episodes,
+            seed,
+            record,
+            out,
+            overwrite,
+            json,
+        )
         return
     if run is None:
         expected = "a run's folder, or --user still or random for somebody untrained"
@@ -195,6 +214,7 @@ def _first_look(
     user: str,
     app: dict[str, Any],
     overrides: list[str],
+    conditions: Sequence[str],
     episodes: int | None,
     seed: int | None,
     record: bool,
@@ -212,6 +232,7 @@ def _first_look(
         found = look(
             with_task(config.env),
             user,
+            conditions=conditions,
             episodes=2 if episodes is None else episodes,
             seed=1 if seed is None else seed,
             record=record,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal, Protocol
@@ -84,16 +85,14 @@ def plain_options(options: Mapping[str, OptionValue] | None) -> dict[str, Option
 
 
 def numbers_of_log(names: Sequence[str], values: Sequence[float]) -> dict[str, float]:
-    """Return an app's named numbers; NaN stands for one that the round has not, and is left out.
+    """Return an app's named numbers, without those that are not finite.
+
+    NaN stands for one that the round does not have.
 
     Raises:
         ValueError: not as many values as names.
     """
-    return {
-        name: value
-        for name, value in zip(names, values, strict=True)
-        if value == value  # no NaN
-    }
+    return {name: value for name, value in zip(names, values, strict=True) if math.isfinite(value)}
 
 
 CAPABILITIES: dict[str, str] = {

@@ -8,25 +8,25 @@ process: seed and options at a reset, exact times, all frames of a step, saved s
 from __future__ import annotations
 
 import base64
-import io
 import json
-import math
-import re
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
 
+from sim2vr_harness.client.answers import (
+    LARGEST,
+    number_in,
+    truth_in,
+)
 from sim2vr_harness.client.base import (
     AppReply,
     Int64Array,
     OptionValue,
     ThirdPersonView,
     UInt8Array,
-    numbers_of_log,
 )
 from sim2vr_harness.client.channel import Channel, checked_duration_s
 from sim2vr_harness.client.devices import DevicePoses
@@ -38,9 +38,19 @@ from sim2vr_harness.client.poses import (
     pose_rows,
     require_devices,
 )
+from sim2vr_harness.client.protocol1_wire import (
+    OtherSize,
+    bytes_in,
+    decode_png,
+    decode_reply,
+    field_in,
+    log_in,
+    on_grid,
+    pose_fields,
+)
 from sim2vr_harness.client.scene import AppScene
 
-__all__ = ["Protocol1App", "decode_reply"]
+__all__ = ["Protocol1App"]
 
 QUIT_S = 2.0
 """How long an app may take to acknowledge the end of the session."""
@@ -48,12 +58,6 @@ QUIT_S = 2.0
 _CAPABILITIES = frozenset({"left_controller"})
 """Of an app that knows the reference's fields only."""
 _OUR_CAPABILITIES = _CAPABILITIES | {"save", "views", "frames", "head_request"}
-_IMAGE = re.compile(rb'"image"\s*:\s*\[')
-_NAMES = (
-    ("headsetPosition", "headsetRotation"),
-    ("leftControllerPosition", "leftControllerRotation"),
-    ("rightControllerPosition", "rightControllerRotation"),
-)
 
 
 class Protocol1App:
@@ -99,6 +103,7 @@ class Protocol1App:
         self._frequency_hz = frequency_hz
         self._options = dict(options or {})
         self._image: UInt8Array = np.zeros(self._shape, dtype=np.uint8)
+        self._seen = False  # whether the app has sent a picture of that size
         self._clock_s = 0.0  # of the last message, for apps of the reference
         self._round_s = 0.0  # where on that clock the round began
         self._doing = ""
@@ -149,8 +154,9 @@ class Protocol1App:
         """See :class:`AppClient`."""
         wanted = {"seed": seed, "options": dict(options or {})}
         reply = self._extra("head_request", "the head's pitch", {"headRequest": wanted})
-        pitch_deg = self._field(reply, "headRequest", dict).get("pitch_deg")
-        return None if pitch_deg is None else float(pitch_deg)
+        with self._checking():
+            pitch_deg = field_in(reply, "headRequest", dict).get("pitch_deg")
+            return None if pitch_deg is None else number_in("pitch_deg", pitch_deg)
 
     @property
     def _is_ours(self) -> bool:
@@ -245,7 +251,7 @@ class Protocol1App:
             if len(times) > 1:
                 check_finite(rows)
                 state["frames"] = [
-                    {"time_ns": int(time), **_pose_fields(row)}
+                    {"time_ns": int(time), **pose_fields(row)}
                     for time, row in zip(times, rows, strict=True)
                 ]
         self._send(state, "a step")
@@ -256,13 +262,13 @@ class Protocol1App:
 
     def _reference_state(self, seconds: float, row: NDArray[np.float64]) -> dict[str, Any]:
         """The message to an app whose clock is never reset: the reference's fields only."""
-        self._clock_s = self._round_s + _on_grid(seconds, self._frequency_hz)
+        self._clock_s = self._round_s + on_grid(seconds, self._frequency_hz)
         return self._message(self._clock_s, row)
 
     def _message(self, seconds: float, row: NDArray[np.float64]) -> dict[str, Any]:
         check_finite(row[None])
         return {
-            **_pose_fields(row),
+            **pose_fields(row),
             "currentTimestep": seconds,
             "nextTimestep": seconds + 1.0 / self._frequency_hz,
             "reset": False,
@@ -290,19 +296,22 @@ class Protocol1App:
     def save(self) -> bytes:
         """See :class:`AppClient`."""
         reply = self._extra("save", "saving", {"save": True})
-        return base64.b64decode(self._field(reply, "state", str))
+        with self._checking():
+            return base64.b64decode(field_in(reply, "state", str), validate=True)
 
     def load(self, state: bytes) -> None:
         """See :class:`AppClient`."""
         reply = self._extra(
             "save", "loading", {"load": base64.b64encode(state).decode()}, image=True
         )
-        self._image = self._decoded(reply["image"])
+        with self._checking():
+            self._image = decode_png(reply["image"], self._shape)
 
     def state_hash(self) -> int:
         """See :class:`AppClient`."""
         reply = self._extra("save", "the hash", {"stateHash": True})
-        return int(self._field(reply, "stateHash", str), 16)
+        with self._checking():
+            return int(field_in(reply, "stateHash", str), 16)
 
     def render_headset(self, width: int, height: int) -> UInt8Array:
         """See :class:`AppClient`; an app of the reference has its own size only."""
@@ -319,8 +328,8 @@ class Protocol1App:
     def _render(self, view: str, width: int, height: int) -> UInt8Array:
         wanted = {"view": view, "width": width, "height": height}
         reply = self._extra("views", "drawing", {"render": wanted})
-        png = bytes(self._field(reply, "render", list))
-        return self._checked(_decode_png(png), (height, width, 4))
+        with self._checking():
+            return decode_png(bytes_in("render", reply.get("render")), (height, width, 4))
 
     def _extra(
         self, capability: str, doing: str, fields: dict[str, Any], image: bool = False
@@ -334,12 +343,6 @@ class Protocol1App:
         reply, png = self._receive()
         return reply | ({"image": png} if image else {})
 
-    def _field(self, reply: dict[str, Any], name: str, kind: type) -> Any:
-        value = reply.get(name)
-        if not isinstance(value, kind):
-            raise self._malformed(f"{name}: got {type(value).__name__}, expected {kind.__name__}")
-        return value
-
     # --- messages ----------------------------------------------------------------------------
 
     def _send(self, message: Mapping[str, Any], doing: str) -> None:
@@ -351,10 +354,8 @@ class Protocol1App:
         frames = self._channel.receive(self._doing, timeout_s)
         if len(frames) != 1:
             raise self._malformed(f"got {len(frames)} message parts, expected 1")
-        try:
+        with self._checking():
             reply, png = decode_reply(frames[0])
-        except ValueError as error:
-            raise self._malformed(str(error)) from error
         if "error" in reply:
             raise _app_error(reply["error"])
         return reply, png
@@ -362,36 +363,41 @@ class Protocol1App:
     def _finish(self) -> AppReply:
         self._ending = False
         reply, png = self._receive()
-        try:
+        with self._checking():
             result = AppReply(
-                reward=float(reply["reward"]),
-                finished=bool(reply["isFinished"]),
-                time_feature=float(reply["timeFeature"]),
-                log=_log(reply.get("logDict", "{}")),
+                reward=number_in("reward", reply.get("reward"), LARGEST),
+                finished=truth_in("isFinished", reply.get("isFinished")),
+                time_feature=number_in("timeFeature", reply.get("timeFeature"), LARGEST),
+                log=log_in(reply.get("logDict", "{}")),
             )
-            if not (math.isfinite(result.reward) and math.isfinite(result.time_feature)):
-                raise ValueError("a reward or time feature that is not finite")
-        except (AttributeError, KeyError, OverflowError, TypeError, ValueError) as error:
-            raise self._malformed(f"{type(error).__name__}: {error}") from error
-        self._image = self._decoded(png)
+            self._image = self._picture(png)
         self._in_round = not result.finished
         return result
 
-    def _decoded(self, png: bytes) -> UInt8Array:
+    def _picture(self, png: bytes) -> UInt8Array:
+        """The app's picture; the first one shows whether the app and the user agree on its size."""
         try:
-            image = _decode_png(png)
+            image = decode_png(png, self._shape)
+        except OtherSize as error:
+            if self._seen:
+                raise
+            raise AppRefused(
+                f"vision.width, vision.height: got {self._shape[1]} x {self._shape[0]}, but "
+                f"{self._channel.app} sends images of {error.width} x {error.height}, "
+                "expected the app's size"
+            ) from error
+        self._seen = True
+        return image
+
+    @contextmanager
+    def _checking(self) -> Iterator[None]:
+        """Give the app up when the block finds that its reply cannot be used."""
+        try:
+            yield
+        except AppRefused:
+            raise
         except ValueError as error:
             raise self._malformed(str(error)) from error
-        return self._checked(image, self._shape)
-
-    def _checked(self, image: UInt8Array, shape: tuple[int, int, int]) -> UInt8Array:
-        if image.shape != shape:
-            raise AppRefused(
-                f"vision.width, vision.height: got {shape[1]} x {shape[0]}, but "
-                f"{self._channel.app} sends images of {image.shape[1]} x {image.shape[0]}, "
-                "expected the app's size"
-            )
-        return image
 
     def _malformed(self, what: str) -> Exception:
         return self._channel.give_up(
@@ -422,100 +428,8 @@ class Protocol1App:
         self.close()
 
 
-def _pose_fields(row: NDArray[np.float64]) -> dict[str, dict[str, float]]:
-    fields = {}
-    for (position, rotation), values in zip(_NAMES, row.tolist(), strict=True):
-        x, y, z, qx, qy, qz, qw = values
-        if position == _NAMES[1][0] and not any(values):
-            qw = 1.0  # how the reference says that there is no left controller
-        fields[position] = {"x": x, "y": y, "z": z}
-        fields[rotation] = {"x": qx, "y": qy, "z": qz, "w": qw}
-    return fields
-
-
-def _on_grid(seconds: float, frequency_hz: int) -> float:
-    """The time in whole periods where it is one to a microsecond, as the reference sends it."""
-    periods = round(seconds * frequency_hz)
-    return periods / frequency_hz if abs(seconds * frequency_hz - periods) < 1e-6 else seconds
-
-
-def _log(text: Any) -> dict[str, float]:
-    """The game's named numbers out of logDict, a string that holds a JSON object."""
-    found = (json.loads(text) if text else None) or {}
-    values = [math.nan if value is None else float(value) for value in found.values()]
-    return numbers_of_log(list(found), values)
-
-
 def _app_error(error: Any) -> Exception:
     code, message = "", str(error)
     if isinstance(error, dict):
         code, message = str(error.get("code", "")), str(error.get("message", ""))
     return AppRefused(message) if code == "invalid_argument" else AppError(message)
-
-
-def decode_reply(text: bytes) -> tuple[dict[str, Any], bytes]:
-    """Splits a reply into its fields without ``image``, and the bytes of the image.
-
-    The image is an array of some thousand decimal numbers; reading it apart from the rest takes a
-    third of the time that a JSON parser needs.
-
-    Raises:
-        ValueError: no JSON object, or an image that is no array of bytes.
-    """
-    match = _IMAGE.search(text)
-    image = b""
-    if match is not None:
-        end = text.find(b"]", match.end())
-        numbers = _byte_list(text[match.end() : end]) if end >= 0 else None
-        if numbers is not None:
-            image, text = numbers, text[: match.end()] + text[end:]
-    try:
-        reply = json.loads(text)
-    except (UnicodeDecodeError, ValueError, RecursionError) as error:
-        raise ValueError(f"{error} in {text[:60]!r}") from error
-    if not isinstance(reply, dict):
-        raise ValueError(f"got {type(reply).__name__}, expected a JSON object")
-    rest = reply.pop("image", None)
-    if rest:
-        try:
-            image = bytes(rest)
-        except (TypeError, ValueError) as error:
-            raise ValueError(f"image: {error}, expected an array of bytes") from error
-    return reply, image
-
-
-def _byte_list(text: bytes) -> bytes | None:
-    """``b"137,80,7"`` as the three bytes; None if it is anything else."""
-    codes = np.frombuffer(text, dtype=np.uint8)
-    if len(codes) == 0:
-        return b""
-    commas = codes == ord(",")
-    digits = codes - np.uint8(ord("0"))
-    if not (commas | (digits <= 9)).all():
-        return None
-    ends = np.append(np.flatnonzero(commas), len(codes))
-    lengths = np.diff(ends, prepend=-1) - 1
-    if lengths.min() < 1 or lengths.max() > 3:
-        return None
-    values = digits[ends - 1].astype(np.uint16)
-    for place, factor in ((2, 10), (3, 100)):
-        longer = np.flatnonzero(lengths >= place)
-        values[longer] += factor * digits[ends[longer] - place].astype(np.uint16)
-    return values.astype(np.uint8).tobytes() if values.max() <= 255 else None
-
-
-def _decode_png(png: bytes) -> UInt8Array:
-    """(H, W, 4) RGBA of a PNG file's bytes; ValueError for anything else."""
-    try:
-        with Image.open(io.BytesIO(png), formats=["PNG"]) as picture:
-            if picture.mode != "RGBA":
-                raise ValueError(f"image: got a PNG of mode {picture.mode}, expected RGBA")
-            return np.asarray(picture)
-    except (
-        UnidentifiedImageError,
-        Image.DecompressionBombError,
-        Image.DecompressionBombWarning,
-        OSError,
-        SyntaxError,
-    ) as error:
-        raise ValueError(f"image: got {len(png)} bytes ({error}), expected a PNG file") from error

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.base.paths import uri_unless_utf8
 from sim2vr_harness.client import protocol2_wire as wire
+from sim2vr_harness.client.answers import UNREADABLE, number_in, object_in
 from sim2vr_harness.client.base import (
     CAPABILITIES,
     AppReply,
@@ -162,7 +163,7 @@ class Protocol2Connection:
     def _hello(self, wanted: dict[str, Any], timeout_s: float) -> None:
         reply, _ = self._request(Type.HELLO, [json.dumps(wanted).encode()], timeout_s=timeout_s)
         try:
-            about = json.loads(reply[0])
+            about = object_in("hello", reply[0])
             self.game = str(about["game"])
             self.facts: dict[str, Any] | None = about["facts"]
             self.capabilities = frozenset(map(str, about["capabilities"])) & CAPABILITIES.keys()
@@ -171,7 +172,7 @@ class Protocol2Connection:
             shape = size if about["eyes"] == 1 else (int(about["eyes"]), *size)
             memory = about["shared_memory"]
             place = None if memory is None else (str(memory["path"]), str(memory["link"]))
-        except (IndexError, KeyError, TypeError, ValueError) as error:
+        except UNREADABLE as error:
             raise self._malformed(f"hello: {error!r}") from error
         if shape != self.shape:
             raise self._malformed(f"hello: images of {shape}, expected {self.shape}")
@@ -281,7 +282,7 @@ class Protocol2Connection:
         try:
             results = StepResults.decode(frames, apps, self._names)
             self._take_images(results.images, flags, apps)
-        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as error:
+        except UNREADABLE as error:
             raise self._malformed(f"a reply to frames: {error!r}") from error
         self._results |= results.replies
 
@@ -309,9 +310,9 @@ class Protocol2Connection:
         wanted = {"app": app, "seed": seed, "options": plain_options(options)}
         text = self._ask(Type.HEAD_REQUEST, [json.dumps(wanted).encode()])
         try:
-            pitch_deg = json.loads(text)["pitch_deg"]
-            return None if pitch_deg is None else float(pitch_deg)
-        except (KeyError, TypeError, ValueError) as error:
+            pitch_deg = object_in("a head request", text)["pitch_deg"]
+            return None if pitch_deg is None else number_in("pitch_deg", pitch_deg)
+        except UNREADABLE as error:
             raise self._malformed(f"a head request: {error!r}") from error
 
     def render(self, app: int, view: str, width: int, height: int) -> UInt8Array:
@@ -333,7 +334,7 @@ class Protocol2Connection:
         frames, _ = self._request(Type.SCENE, [json.dumps(wanted).encode()])
         try:
             return wire.decode_scene(frames, meshes)
-        except (IndexError, KeyError, TypeError, ValueError) as error:
+        except UNREADABLE as error:
             raise self._malformed(f"a scene: {error!r}") from error
 
     def save(self, app: int) -> bytes:
@@ -396,6 +397,8 @@ class Protocol2Connection:
                 f"messages of version {version} of protocol 2, expected {VERSION}: take app and "
                 "harness from the same release"
             )
+        if status >= len(Status):
+            raise self._malformed(f"status {status}, expected 0 to {len(Status) - 1}")
         if status != Status.OK:
             text = frames[1].decode(errors="replace") if len(frames) > 1 else f"status {status}"
             raise error_of(status, text)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import struct
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.client.answers import json_in, object_in
 from sim2vr_harness.client.base import AppReply, Int64Array, numbers_of_log
 from sim2vr_harness.client.devices import (
     HANDS,
@@ -159,7 +159,7 @@ class Names:
     def add(self, text: bytes) -> None:
         """Take the frame with the new ones."""
         if text:
-            new = json.loads(text)
+            new = object_in("names", text)
             self.logs |= {int(number): list(names) for number, names in new["logs"].items()}
             self.sounds |= {int(number): str(name) for number, name in new["sounds"].items()}
 
@@ -186,7 +186,7 @@ class StepResults:
             names: the session's; those that are new are added.
 
         Raises:
-            AttributeError, IndexError, KeyError, TypeError, ValueError: it is no such reply.
+            Exception: one of ``UNREADABLE``; it is no such reply.
         """
         if len(frames) != RESULT_FRAMES:
             raise ValueError(f"{len(frames)} frames after the header, expected {RESULT_FRAMES}")
@@ -197,7 +197,7 @@ class StepResults:
             raise ValueError(f"records of apps {rows['app'].tolist()}, expected {list(apps)}")
         if not (np.isfinite(rows["reward"]).all() and np.isfinite(rows["time_feature"]).all()):
             raise ValueError("a reward or time feature that is not finite")
-        texts = iter(json.loads(errors) if errors else [])
+        texts = iter(json_in("errors", errors) if errors else [])
         numbers = np.frombuffer(values, "<f8").tolist()
         pulses, heard = _pulses(haptics), _sounds(sounds, names)
         at = pulse = sound = 0
@@ -206,6 +206,8 @@ class StepResults:
             app, finished, reward, time_feature, status, log_count, log_names, p, s, _ = row
             log = numbers[at : at + log_count]
             at, pulse, sound = at + log_count, pulse + p, sound + s
+            if status >= len(Status):
+                raise ValueError(f"status {status}, expected 0 to {len(Status) - 1}")
             if status == Status.OK:
                 replies[app] = AppReply(
                     reward,
@@ -225,11 +227,12 @@ class StepResults:
 def _pulses(frame: bytes) -> tuple[HapticPulse, ...]:
     if not frame:
         return ()
+    rows = np.frombuffer(frame, HAPTIC_DTYPE)
+    if not (np.isfinite(rows["amplitude"]).all() and np.isfinite(rows["frequency_hz"]).all()):
+        raise ValueError("a vibration whose amplitude or frequency is not finite")
     return tuple(
         HapticPulse(HANDS[hand], amplitude, frequency_hz, duration_ns * 1e-9)
-        for hand, amplitude, frequency_hz, _, duration_ns in np.frombuffer(
-            frame, HAPTIC_DTYPE
-        ).tolist()
+        for hand, amplitude, frequency_hz, _, duration_ns in rows.tolist()
     )
 
 
@@ -237,6 +240,8 @@ def _sounds(frame: bytes, names: Names) -> tuple[SoundEvent, ...]:
     if not frame:
         return ()
     rows = np.frombuffer(frame, SOUND_DTYPE)
+    if not (np.isfinite(rows["gain"]).all() and np.isfinite(rows["position_m"]).all()):
+        raise ValueError("a sound whose gain or place is not finite")
     places = rows["position_m"].tolist()
     return tuple(
         SoundEvent(names.sounds[name], (x, y, z), gain)
@@ -254,9 +259,9 @@ def decode_scene(frames: Sequence[bytes], meshes: list[SceneMesh]) -> AppScene:
         meshes: known of the app; those that are new are added.
 
     Raises:
-        IndexError, KeyError, TypeError, ValueError: it is no such reply.
+        Exception: one of ``UNREADABLE``; it is no such reply.
     """
-    told, numbers = json.loads(frames[0]), frames[1]
+    told, numbers = object_in("a scene", frames[0]), frames[1]
     at, new = 0, []
     for mesh in told["meshes"]:
         corners, triangles = int(mesh["vertices"]), int(mesh["triangles"])

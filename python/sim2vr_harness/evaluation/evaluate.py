@@ -242,8 +242,8 @@ class _Plan:
             env = env.model_copy(update={"cores": request.cores})
         require_contract(user, env)
         facts = game_facts(env.app)
-        conditions = _conditions(facts, request.conditions or usual.conditions or met(config))
-        batch = _batch_for(env, request.batch)
+        conditions = chosen_conditions(facts, request.conditions or usual.conditions or met(config))
+        batch = batch_for(env, request.batch)
         rounds = episodes * (request.people or 1) * len(conditions)
         _check_numbers(episodes, seed, min(batch, rounds))
         out = Path(request.out or user.evaluation_dir / _folder_of(config, request))
@@ -304,7 +304,7 @@ def _play(
         return policy
 
     rounds: list[RoundResult] = []
-    groups = _groups(plan.env, plan.conditions)
+    groups = condition_groups(plan.env, plan.conditions)
     for number, (env, conditions) in enumerate(groups):
 
         def make(n: int, own: EnvConfig = env) -> Any:
@@ -352,8 +352,8 @@ def name_of(user: TrainedUser) -> str:
     return f"{Path(os.path.realpath(user.source)).parents[1].name}/{user.source.stem}"
 
 
-def _conditions(facts: GameFacts, names: Sequence[str] | None) -> list[Condition]:
-    """The conditions of these names, or those that the game evaluates.
+def chosen_conditions(facts: GameFacts, names: Sequence[str] | None) -> list[Condition]:
+    """Return the conditions of these names, or those that the game evaluates.
 
     Raises:
         InputError: The game does not know one, or one comes twice.
@@ -386,7 +386,7 @@ def _folder_of(config: TrainingConfig, request: Request) -> str:
     return re.sub(r"[^\w.,=-]+", "_", ",".join(told))[:_LONGEST_NAME]
 
 
-def _groups(
+def condition_groups(
     env: EnvConfig, conditions: Sequence[Condition]
 ) -> list[tuple[EnvConfig, Sequence[Condition]]]:
     """Return the conditions that can be played by the same apps, and these apps' settings.
@@ -398,7 +398,7 @@ def _groups(
     return [(with_options(env, condition.options), [condition]) for condition in conditions]
 
 
-def _batch_for(env: EnvConfig, batch: int) -> int:
+def batch_for(env: EnvConfig, batch: int) -> int:
     """Return how many rounds can be played side by side: one in an app that runs already."""
     return 1 if env.app.connect is not None else batch
 

@@ -5,9 +5,10 @@ Somebody sits still, moves at random, or reaches for an object.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,8 @@ from sim2vr_harness.client import (
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.evaluation.metrics import summarise
+from sim2vr_harness.evaluation.evaluate import batch_for, chosen_conditions, condition_groups
+from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.results import EvaluationResults
 from sim2vr_harness.evaluation.rollouts import jobs_for, play
 from sim2vr_harness.evaluation.video import RoundFilmer
@@ -118,6 +120,7 @@ def look(
     env: EnvConfig,
     user: str,
     *,
+    conditions: Sequence[str] = (),
     episodes: int = 2,
     seed: int = 1,
     record: bool = False,
@@ -132,7 +135,8 @@ def look(
     Args:
         env: users and app.
         user: of :data:`USERS`.
-        episodes: rounds.
+        conditions: names of those to play; none: the app's default.
+        episodes: rounds per condition.
         seed: of the first one.
         record: whether to film the first round.
         out: folder for results and films; None writes nothing.
@@ -155,29 +159,35 @@ def look(
     judges: list[TaskedApp] = []
     gaps_m: list[float] = []
 
-    def make(n: int) -> Any:
-        users = simulation(env, n)
+    def make(config: EnvConfig, n: int) -> Any:
+        users = simulation(config, n)
         if not judges and isinstance(users.apps[0], TaskedApp):
             judges.append(users.apps[0])
             users.apps[0].record()
         return users
 
-    if user.startswith(_REACH):
-        batch = 1
+    batch = batch_for(env, 1 if user.startswith(_REACH) else batch)
     facts = game_facts(env.app)
-    condition = facts.condition(facts.default_condition)
+    chosen = chosen_conditions(facts, conditions or [facts.default_condition])
+    groups = condition_groups(env, chosen)
     filmer = RoundFilmer(out, facts) if record and out is not None else None
+    rounds: list[RoundResult] = []
     with closing(filmer) if filmer is not None else nullcontext():
-        rounds = play(
-            make,
-            lambda users: act_of(user, users, gaps_m),
-            jobs_for([condition], episodes, seed),
-            facts,
-            deterministic=False,
-            batch=batch,
-            watchers=[] if filmer is None else [filmer],
-            on_progress=on_progress,
-        )
+        for number, (config, group) in enumerate(groups):
+
+            def advance(share: float, done: int = number) -> None:
+                on_progress((done + share) / len(groups))
+
+            rounds += play(
+                partial(make, config),
+                lambda users: act_of(user, users, gaps_m),
+                jobs_for(group, episodes, seed),
+                facts,
+                deterministic=False,
+                batch=batch,
+                watchers=[] if filmer is None else [filmer],
+                on_progress=advance,
+            )
     settings = {
         "user": user,
         "episodes": episodes,
@@ -187,13 +197,9 @@ def look(
         "app": env.app.model_dump(mode="json", exclude_defaults=True),
         "trained_steps": 0,
     }
-    summary = {
-        **summarise(rounds, facts),
-        **settings,
-        "game": facts.name,
-        "rounds": [result.as_dict() for result in rounds],
+    summaries = {
+        condition.name: _summary(condition.name, rounds, facts) | settings for condition in chosen
     }
-    summaries = {condition.name: summary}
     files = list(filmer.files) if filmer is not None else []
     if out is not None:
         results = EvaluationResults(out)
@@ -202,9 +208,19 @@ def look(
         files.insert(0, results.add(summaries, overwrite=overwrite))
     wrong = check_task(load_task(env.app.task), _first_round(judges[0])) if judges else []
     problems = [f"the task: {one}" for one in wrong]
-    if gaps_m and facts.score and summary.get(facts.score) == 0:
+    if gaps_m and facts.score and all(one.get(facts.score) == 0 for one in summaries.values()):
         problems.append(_reached_for_nothing(user, min(gaps_m), facts.score))
     return BaselineRun(summaries, facts, files, problems)
+
+
+def _summary(condition: str, rounds: list[RoundResult], facts: GameFacts) -> dict[str, Any]:
+    """Return the means of a condition's rounds, and the rounds."""
+    played = [result for result in rounds if result.condition == condition]
+    return {
+        **summarise(played, facts),
+        "game": facts.name,
+        "rounds": [result.as_dict() for result in played],
+    }
 
 
 def _reached_for_nothing(user: str, gap_m: float, score: str) -> str:

@@ -15,6 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import torch
 from torch import nn
 
 from sim2vr_harness import __version__
@@ -234,7 +235,9 @@ def _load_packed(file: Path, steps: int, policy: nn.Module) -> int:
     weights = read_tensors(file, "weights of this network")
     try:
         first = _first_names(policy)
-        chosen = {key: weights[first[key]].float() for key in first}
+        chosen = {
+            key: _weight(weights, first[key], value) for key, value in policy.state_dict().items()
+        }
         found = first_not_finite(chosen)
         if found is not None:
             raise ValueError(f"{found} is not finite")
@@ -242,6 +245,19 @@ def _load_packed(file: Path, steps: int, policy: nn.Module) -> int:
     except DAMAGE as error:
         raise UnusableFile(file, in_words(error), "weights of this network") from error
     return steps
+
+
+def _weight(weights: Mapping[str, Any], name: str, own: torch.Tensor) -> torch.Tensor:
+    """Return the network's weight of that name out of a file; ValueError if it is none."""
+    value = weights.get(name)
+    wanted = f"expected real numbers of shape {' x '.join(map(str, own.shape)) or '1'}"
+    if not isinstance(value, torch.Tensor):
+        raise ValueError(f"{name}: got {shown(value, 40)}, {wanted}")
+    if value.layout != torch.strided or value.is_meta or not value.is_floating_point():
+        raise ValueError(f"{name}: got a tensor of {value.dtype} on {value.device}, {wanted}")
+    if value.shape != own.shape:
+        raise ValueError(f"{name}: got {' x '.join(map(str, value.shape)) or '1'}, {wanted}")
+    return value.float()
 
 
 def _first_names(policy: nn.Module) -> dict[str, str]:

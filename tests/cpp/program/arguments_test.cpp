@@ -97,6 +97,18 @@ TEST(Arguments, AsUserInTheBoxStartsItsApps) {
   EXPECT_FALSE(arguments.timeout_s);
 }
 
+// As the harness starts it with arguments that a Unity build would take.
+TEST(Arguments, TheReferencesBesideOurOwn) {
+  const Arguments arguments = parseArguments(
+      {"--bind", "ipc:///tmp/app", "--timeout", "86400", "--game", "whacamole", "--options",
+       R"({"round_seconds":2.0})", "--width", "120", "-condition", "easy", "-batchmode"});
+  EXPECT_EQ(arguments.mode, Mode::serve);
+  EXPECT_FALSE(arguments.simulated);
+  EXPECT_EQ(arguments.bind, "ipc:///tmp/app");
+  EXPECT_EQ(gameOptions(arguments), R"({"condition":"easy","round_seconds":2.0})");
+  EXPECT_EQ(arguments.warnings.size(), 1U);
+}
+
 TEST(Arguments, Recordings) {
   EXPECT_TRUE(parseArguments({"--port", "0"}).record.empty());
   EXPECT_EQ(parseArguments({"--record", "--port", "0"}).record, "./recording");

@@ -84,6 +84,8 @@ def test_what_the_user_sees_of_a_page(capsys: Any, tmp_path: Path) -> None:
         (("evaluate", "--page", TOUCH, "--map", "x"), "--map: got 'x', expected URL=FOLDER"),
         (("evaluate", "--page", TOUCH), "RUN: got nothing, expected a run's folder, or --user"),
         (("evaluate", "run", "--user", "still"), "--user: got it together with 'run'"),
+        (("evaluate", "--user", "still", "--log"), "--log: got it together with --user"),
+        (("evaluate", "--user", "still", "--people", "2"), "--people: got it together with --u"),
         (("evaluate", "--user", "stil", "--page", TOUCH), "did you mean 'still'"),
         (("snapshot", "--page", "nowhere.html"), "app.page: got '"),
         (("evaluate", "--user", "still", "--page", TOUCH, "--task", "x.py:Y"), "no file '"),

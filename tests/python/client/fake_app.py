@@ -108,6 +108,12 @@ def misbehave(kind: str, socket: zmq.Socket, reply: dict) -> bytes:
         return (
             json.dumps(reply).replace('"timeFeature": ', '"timeFeature": 1e400, "was": ').encode()
         )
+    elif kind == "overflow":  # beyond binary32
+        reply["reward"] = 1e39
+    elif kind == "deep":
+        reply["logDict"] = "[" * 100_000
+    elif kind == "deep-reply":
+        return b'{"reward":' + b"[" * 100_000
     elif kind == "log":
         reply["logDict"] = "[1]"
     elif kind == "bomb":  # 22,000 x 22,000 pixels in 100 bytes

@@ -29,7 +29,7 @@ from sim2vr_harness.client import (
     start_unity_app,
     unity_arguments,
 )
-from sim2vr_harness.client.protocol1 import decode_reply
+from sim2vr_harness.client.protocol1_wire import decode_reply, log_in
 
 POSES = DevicePoses(
     head=np.array([0.0, 1.17, 0.0, 0.0, 0.0, 0.0, 1.0]),
@@ -169,15 +169,19 @@ def test_another_image_size_names_the_setting(fake_app: Path) -> None:
         ("leave", AppDied, r"closed its connection during a step"),
         ("hang", AppTimeout, r"gave no answer to a step within 0.5 s, though its process is"),
         ("stop", AppTimeout, r"gave no answer to a step within 0.5 s, though its process is"),
-        ("garbage", ProtocolError, r"answered a step with another thing: .*decode"),
-        ("list", ProtocolError, r"got list, expected a JSON object"),
-        ("reward", ProtocolError, r"could not convert string to float: 'much'"),
-        ("missing", ProtocolError, r"KeyError: 'timeFeature'"),
+        ("garbage", ProtocolError, r"answered a step with another thing: the reply: got .*decode"),
+        ("list", ProtocolError, r"got \[1, 2\], expected a JSON object"),
+        ("reward", ProtocolError, r"reward: got 'much', expected a finite number"),
+        ("missing", ProtocolError, r"timeFeature: got None, expected a finite number"),
         ("image", ProtocolError, r"image: .*expected an array of bytes"),
         ("picture", ProtocolError, r"image: got 3 bytes .*expected a PNG file"),
-        ("nan", ProtocolError, r"a reward or time feature that is not finite"),
-        ("infinite", ProtocolError, r"a reward or time feature that is not finite"),
-        ("log", ProtocolError, r"AttributeError: 'list' object"),
+        ("size", ProtocolError, r"image: got 90 x 60 pixels, expected 120 x 80"),
+        ("nan", ProtocolError, r"reward: got nan, expected a finite number"),
+        ("infinite", ProtocolError, r"timeFeature: got inf, expected a finite number"),
+        ("overflow", ProtocolError, r"reward: got 1e\+39, expected a number from -3.4e\+38 to 3"),
+        ("log", ProtocolError, r"logDict: got \[1\], expected a JSON object"),
+        ("deep", ProtocolError, r"logDict: got '\[+\.\.\.\[+', expected JSON nested at most 100 d"),
+        ("deep-reply", ProtocolError, r"the reply: got .*, expected JSON nested at most 100 deep"),
         ("bomb", ProtocolError, r"image: got .*decompression bomb.*expected a PNG file"),
     ],
 )
@@ -297,6 +301,21 @@ def test_replies_read_the_same_with_and_without_spaces(
 def test_images_that_are_no_bytes(numbers: str) -> None:
     with pytest.raises(ValueError):
         decode_reply(b'{"image":[' + numbers.encode() + b"]}")
+
+
+def test_the_numbers_of_a_log() -> None:
+    # Unity's JSON has what is not finite as a text.
+    text = '{"a":1,"b":true,"c":null,"d":"NaN","e":"Infinity","f":1e999}'
+    assert log_in(text) == {"a": 1.0, "b": 1.0}
+    assert log_in("null") == log_in("") == log_in(None) == {}
+    deepest = {"a": []}
+    for _ in range(98):
+        deepest = {"a": deepest}
+    for value in ('{"a":[]}', '{"a":"x"}', '{"a":1' + "0" * 400 + "}", json.dumps(deepest)):
+        with pytest.raises(ValueError, match=r"^logDict, a: got .*, expected a number"):
+            log_in(value)
+    with pytest.raises(ValueError, match=r"nested at most 100 deep"):
+        log_in(json.dumps({"a": deepest}))
 
 
 def test_null_is_no_image() -> None:

@@ -39,7 +39,7 @@ from sim2vr_harness.client import (
     start_sim2vr_app,
 )
 from sim2vr_harness.client.process import log_folder
-from sim2vr_harness.client.protocol2_wire import HEADER, MAGIC, REPLY, VERSION
+from sim2vr_harness.client.protocol2_wire import HAPTIC_DTYPE, HEADER, MAGIC, REPLY, VERSION
 
 ROOT = Path(__file__).resolve().parents[3]
 EXAMPLE = ROOT / "docs/examples/protocol2_client.py"
@@ -230,6 +230,11 @@ BAD_RECORD = with_number(16, 1)  # refused, without a text
 PULSE_RECORD = with_number(28, 1)
 SOUND_RECORD = with_number(32, 1)
 NAN_RECORD = with_number(8, 0x7FC00000)
+STATUS_RECORD = with_number(16, 77)
+DEEP = b"[" * 100_000
+NAN_PULSE = HAPTIC_DTYPE.itemsize * b"\0"
+NAN_PULSE = NAN_PULSE[:4] + struct.pack("<f", float("nan")) + NAN_PULSE[8:]
+NAN_SOUND = struct.pack("<If3d", 0, 1.0, 0.0, float("nan"), 0.0)
 
 
 def header(kind: int, sequence: int, count: int = 0, status: int = 0, flags: int = 0) -> bytes:
@@ -254,6 +259,10 @@ def results(
 
 def hello_reply(_sequence: int) -> list[bytes]:
     return [header(1, 1), HELLO_JSON]
+
+
+def able_reply(_sequence: int) -> list[bytes]:
+    return [header(1, 1), HELLO_JSON.replace(b'["views"]', b'["head_request","scene"]')]
 
 
 Answer = Callable[[int], list[bytes]]
@@ -289,7 +298,10 @@ def liar(request: pytest.FixtureRequest) -> Iterator[str]:
         ([lambda n: [header(2, n), HELLO_JSON]], "type 0x8002.*expected 0x8001"),
         ([lambda n: [header(1, n + 1), HELLO_JSON]], "sequence 2; expected"),
         ([lambda n: [header(1, n)]], "hello: IndexError"),
-        ([lambda n: [header(1, n), b"{"]], "hello: JSONDecodeError"),
+        ([lambda n: [header(1, n), b"{"]], "hello: BadReply"),
+        ([lambda n: [header(1, n), DEEP]], "JSON nested at most 100 deep"),
+        ([lambda n: [header(1, n), HELLO_JSON.replace(b":2,", b":1e999,")]], "hello: Overflow"),
+        ([lambda n: [header(1, n, status=77), b""]], "status 77, expected 0 to 7"),
         ([lambda n: [header(1, n), b"{}"]], "hello: KeyError"),
         ([lambda n: [header(1, n), HELLO_JSON.replace(b":2,", b":9,")]], "images of"),
         ([lambda n: [header(1, n), HELLO_JSON.replace(b'"eyes":1', b'"eyes":2')]], "images of"),
@@ -317,7 +329,7 @@ def test_malformed_hello(liar: str, message: str) -> None:
             (lambda n: results(n, with_number(0, 1)), "records of apps"),
             (lambda n: results(n, values=b"\0"), "ValueError"),
             (lambda n: results(n, values=b"\0" * 8), "of another number than the records say"),
-            (lambda n: results(n, names=b"[]"), "TypeError"),
+            (lambda n: results(n, names=b"[]"), "names: got .*, expected a JSON obj"),
             (lambda n: results(n, images=IMAGE[1:]), "ValueError"),
             (lambda n: results(n, images=b"", flags=1), "not asked for"),
             (lambda n: results(n, LOG_RECORD, values=b"\0" * 8), "KeyError"),
@@ -326,6 +338,11 @@ def test_malformed_hello(liar: str, message: str) -> None:
             (lambda n: results(n, PULSE_RECORD, haptics=b"\7" * 24), "IndexError"),
             (lambda n: results(n, SOUND_RECORD, sounds=b"\0" * 32), "KeyError"),
             (lambda n: results(n, sounds=b"\0" * 31), "ValueError"),
+            (lambda n: results(n, names=DEEP), "JSON nested at most 100 deep"),
+            (lambda n: [*results(n, BAD_RECORD)[:5], DEEP, b"", b""], "nested at most 100 deep"),
+            (lambda n: results(n, STATUS_RECORD), "status 77, expected 0 to 7"),
+            (lambda n: results(n, PULSE_RECORD, haptics=NAN_PULSE), "vibration .* not finite"),
+            (lambda n: results(n, SOUND_RECORD, sounds=NAN_SOUND), "sound .* not finite"),
         )
     ],
     indirect=["liar"],
@@ -336,6 +353,30 @@ def test_malformed_results(liar: str, message: str) -> None:
         app.reset(1, POSES)
     with pytest.raises(AppDied, match="was given up"):
         app.reset(1, POSES)
+    app.close()
+
+
+@pytest.mark.parametrize(
+    ("liar", "message"),
+    [
+        ([able_reply, lambda n: [header(9, n), DEEP]], "nested at most 100 deep"),
+        ([able_reply, lambda n: [header(9, n), b'{"pitch_deg":NaN}']], "pitch_deg: got nan"),
+        ([able_reply, lambda n: [header(9, n), b'{"pitch_deg":"up"}']], "pitch_deg: got 'up'"),
+    ],
+    indirect=["liar"],
+)  # fmt: skip
+def test_malformed_wishes_for_the_head(liar: str, message: str) -> None:
+    app = Protocol2Connection(connect(liar, 5.0), width=2, height=1).app(0)
+    with pytest.raises(ProtocolError, match=message):
+        app.head_request(1)
+    app.close()
+
+
+@pytest.mark.parametrize("liar", [[able_reply, lambda n: [header(10, n), DEEP]]], indirect=True)
+def test_a_malformed_scene(liar: str) -> None:
+    app = Protocol2Connection(connect(liar, 5.0), width=2, height=1).app(0)
+    with pytest.raises(ProtocolError, match="nested at most 100 deep"):
+        app.scene()
     app.close()
 
 

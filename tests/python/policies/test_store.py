@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import re
 from pathlib import Path
@@ -192,3 +193,37 @@ def test_damaged_packages(packed: Path, tmp_path: Path) -> None:
         InputError, match=r"card\.json, line 1: got text that is not JSON \(.*card of a"
     ):
         open_packed(tmp_path)
+
+
+def test_damaged_weights_are_named_with_their_file(packed: Path, tmp_path: Path) -> None:
+    for name in ("card.json", "config.yaml"):
+        (tmp_path / name).write_bytes((packed / name).read_bytes())
+    file = tmp_path / "policy.pt"
+    whole = (packed / "policy.pt").read_bytes()
+    weights = torch.load(packed / "policy.pt", weights_only=True)
+    (size,) = weights["log_std"].shape
+    user = open_packed(tmp_path)
+    network = new_policy(user, observation_space_of(CONFIG.env))
+
+    def said(content: bytes) -> str:
+        file.write_bytes(content)
+        with pytest.raises(InputError, match="expected weights of this network") as error:
+            user.load(network)
+        assert str(file) in str(error.value)
+        return str(error.value)
+
+    def with_log_std(value: object) -> str:
+        stream = io.BytesIO()
+        torch.save(weights | {"log_std": value}, stream)
+        return said(stream.getvalue())
+
+    assert "damaged" in said(whole[: len(whole) // 2])
+    assert f"log_std: got None, expected real numbers of shape {size}" in with_log_std(None)
+    for value in (torch.zeros(size, dtype=torch.complex64), torch.zeros(size).to_sparse()):
+        assert f"log_std: got a tensor of {value.dtype} on cpu" in with_log_std(value)
+    assert f"log_std: got 2 x 2, expected real numbers of shape {size}" in with_log_std(
+        torch.zeros(2, 2)
+    )
+    assert "log_std is not finite" in with_log_std(torch.full((size,), float("nan")))
+    file.write_bytes(whole)
+    assert user.load(network) == 7

@@ -55,6 +55,11 @@ def test_what_differs_is_found(tool: ModuleType, trained: Path, tmp_path: Path) 
     rows[0]["time/update_seconds"] = 12345.0  # wall time differs in every session
     log.write_text("".join(json.dumps(row) + "\n" for row in rows))
     assert tool.differences(expected, tool.traces(run)) == []
+    episode = {"r": 2.0, "l": 3, "t": 4.5}  # the last is wall time, too
+    assert list(tool.leaves({"episodes": [episode]}, "")) == [
+        (".episodes[0].r", 2.0),
+        (".episodes[0].l", 3),
+    ]
     rows[0]["train/loss"] += 1e-12
     log.write_text("".join(json.dumps(row) + "\n" for row in [*rows, rows[-1]]))
     found = tool.differences(expected, tool.traces(run))
@@ -73,7 +78,7 @@ def test_what_differs_is_found(tool: ModuleType, trained: Path, tmp_path: Path) 
 @pytest.mark.parametrize(
     "how",
     [
-        ("--recipes", "ppo", "distill", "--rounds", "1"),
+        ("--recipes", "ppo", "distill", "skills", "--rounds", "1"),
         ("--recipes", "ppo", "--writes", "--first", "3", "--every", "12"),
     ],
 )

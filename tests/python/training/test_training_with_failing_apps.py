@@ -85,9 +85,18 @@ def test_training_goes_on_and_says_so(tmp_path: Path, unity_settings: list[str])
     assert "app failures" not in said
 
 
-@pytest.mark.parametrize("fault", ["nan", "infinite"])
-def test_an_app_that_sends_what_is_not_finite_spoils_nothing(
-    tmp_path: Path, unity_settings: list[str], fault: str
+@pytest.mark.parametrize(
+    ("fault", "message"),
+    [
+        ("nan", "reward: got nan, expected a finite number"),
+        ("infinite", "timeFeature: got inf, expected a finite number"),
+        ("overflow", "reward: got 1e+39, expected a number from"),
+        ("size", "image: got 90 x 60 pixels, expected 120 x 80"),
+        ("deep", "expected JSON nested at most 100 deep"),
+    ],
+)
+def test_an_app_that_sends_what_cannot_be_used_spoils_nothing(
+    tmp_path: Path, unity_settings: list[str], fault: str, message: str
 ) -> None:
     # Every app does so in its second round: the handshake, a reset and 9 steps are before it.
     arguments = with_arguments("-round", "0.4", "-fault", f"{fault}@12")
@@ -95,7 +104,7 @@ def test_an_app_that_sends_what_is_not_finite_spoils_nothing(
     assert (result.step, result.interrupted) == (120, False)
     failures = result.folder.metadata()["sessions"][-1]["app_failures"]
     assert len(failures) >= 4, "60 steps of two users are more than 3 rounds each"
-    assert all("not finite" in failure["error"] for failure in failures)
+    assert all(message in failure["error"] for failure in failures)
     for file in result.folder.checkpoints():
         require_readable(file)  # which weights that are not finite are not
     rows = result.folder.metrics()

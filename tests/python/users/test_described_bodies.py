@@ -252,6 +252,16 @@ def test_warnings_are_counted_per_user(tmp_path: Path, monkeypatch: pytest.Monke
             "package: got 'no_such_package_of_bodies', which is not installed",
         ),
         (
+            {"package": "os"},
+            "package: got 'os', a module without files of its own; expected a pack",
+        ),
+        (
+            {"mjcf": None, "package": "os", "model": "arm"},
+            r"model: got 'arm' of 'os', which has no load_spec\(name\)",
+        ),
+        ({"package": "..", "mjcf": None, "model": "arm"}, r"package: got '\.\.', expected .*"),
+        ({"package": "x" * 5000}, r"package: got 'x{1,100}\.*.*, expected .*100"),
+        (
             {"mjcf": None, "package": "json", "model": "arm"},
             r"model: got 'arm' of 'json', which has no load_spec\(name\)",
         ),

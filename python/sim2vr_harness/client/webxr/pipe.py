@@ -14,6 +14,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from typing import Any
 
+from sim2vr_harness.client.answers import BadReply, object_in
 from sim2vr_harness.client.errors import AppDied, AppError, AppTimeout, ProtocolError
 from sim2vr_harness.client.process import AppProcess
 
@@ -191,11 +192,9 @@ class DevTools:
 
     def _handle(self, message: bytes) -> None:
         try:
-            content = json.loads(message)
-        except (ValueError, RecursionError) as error:
-            raise self.give_up(
-                ProtocolError(f"{self.process} sent {message[:60]!r}, expected JSON")
-            ) from error
+            content = object_in("a message", message)
+        except BadReply as error:
+            raise self.give_up(ProtocolError(f"{self.process} sent {error}")) from error
         if "id" in content:
             if content["id"] in self._awaited:
                 self._replies[content["id"]] = content

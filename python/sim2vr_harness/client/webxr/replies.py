@@ -4,11 +4,17 @@ from __future__ import annotations
 
 import base64
 import math
-import reprlib
 from collections.abc import Collection
 from dataclasses import dataclass
-from typing import Any
 
+from sim2vr_harness.client.answers import (
+    BadReply,
+    bad_reply,
+    list_in,
+    number_in,
+    text_in,
+    truth_in,
+)
 from sim2vr_harness.client.base import AppValue
 from sim2vr_harness.client.devices import HANDS, HapticPulse
 
@@ -16,12 +22,6 @@ __all__ = ["BadReply", "StepReply", "failure_in", "place_in", "step_reply", "tex
 
 MOST_PULSES = 10_000
 """Vibrations of one step."""
-MOST_CHARACTERS = 500
-"""Of a text that a page answers with."""
-
-
-class BadReply(ValueError):
-    """A page's answer is none that its scripts of ours give: which part, got and expected."""
 
 
 @dataclass(frozen=True)
@@ -58,15 +58,12 @@ def step_reply(answer: object, names: Collection[str], picture_bytes: int) -> St
     """
     keys = ("haptics", "ended", "failure", "values", "picture")
     if not isinstance(answer, dict) or set(answer) != set(keys):
-        raise _bad("a step's answer", answer, f"an object of {', '.join(keys)}")
-    ended = answer["ended"]
-    if not isinstance(ended, bool):
-        raise _bad("ended", ended, "true or false")
-    pulses = _list_in("haptics", answer["haptics"], MOST_PULSES)
+        raise bad_reply("a step's answer", answer, f"an object of {', '.join(keys)}")
+    pulses = list_in("haptics", answer["haptics"], MOST_PULSES)
     values, lacking = _values_in(answer["values"], names)
     return StepReply(
         haptics=tuple(_pulse_in(one) for one in pulses),
-        ended=ended,
+        ended=truth_in("ended", answer["ended"]),
         failure=failure_in(answer["failure"]),
         values=values,
         lacking=lacking,
@@ -79,23 +76,16 @@ def failure_in(answer: object) -> str | None:
     if answer is None:
         return None
     if not isinstance(answer, list) or len(answer) != 2:
-        raise _bad("failure", answer, "null, or a kind and a text")
+        raise bad_reply("failure", answer, "null, or a kind and a text")
     return text_in("failure", answer[1])
 
 
 def place_in(what: str, answer: object) -> tuple[float, float, float]:
     """Return a place x y z; raises :class:`BadReply`."""
     if not isinstance(answer, list) or len(answer) != 3:
-        raise _bad(what, answer, "three finite numbers")
-    x, y, z = (_number_in(what, part) for part in answer)
+        raise bad_reply(what, answer, "three finite numbers")
+    x, y, z = (number_in(what, part) for part in answer)
     return x, y, z
-
-
-def text_in(what: str, answer: object) -> str:
-    """Return a text in one line, cut to a length; raises :class:`BadReply`."""
-    if not isinstance(answer, str):
-        raise _bad(what, answer, "a text")
-    return " ".join(answer[:MOST_CHARACTERS].split())
 
 
 def _values_in(
@@ -103,15 +93,15 @@ def _values_in(
 ) -> tuple[dict[str, AppValue], dict[str, str]]:
     values: dict[str, AppValue] = {}
     lacking: dict[str, str] = {}
-    for row in _list_in("values", answer, len(names)):
+    for row in list_in("values", answer, len(names)):
         if not isinstance(row, list) or len(row) not in (2, 3) or row[0] not in [*names]:
-            raise _bad("values", row, "a known name, its value, and an error if there is one")
+            raise bad_reply("values", row, "a known name, its value, and an error if there is one")
         if len(row) == 3:
             lacking[row[0]] = text_in(f"values.{row[0]}", row[2])
         else:
             values[row[0]] = _value_in(f"values.{row[0]}", row[1])
     if len(values) + len(lacking) != len(names):
-        raise _bad("values", [*values, *lacking], f"one of each: {', '.join(names)}")
+        raise bad_reply("values", [*values, *lacking], f"one of each: {', '.join(names)}")
     return values, lacking
 
 
@@ -120,23 +110,23 @@ def _value_in(what: str, answer: object) -> AppValue:
         return answer
     if isinstance(answer, list):
         return place_in(what, answer)
-    if isinstance(answer, int) and math.isfinite(_number_in(what, answer)):
+    if isinstance(answer, int) and math.isfinite(number_in(what, answer)):
         return answer
-    return _number_in(what, answer)
+    return number_in(what, answer)
 
 
 def _pulse_in(answer: object) -> HapticPulse:
     if not isinstance(answer, list) or len(answer) != 3:
-        raise _bad("haptics", answer, "a hand, an amplitude and a duration")
+        raise bad_reply("haptics", answer, "a hand, an amplitude and a duration")
     hand = next((one for one in HANDS if one == answer[0]), None)
     if hand is None:
-        raise _bad("haptics, hand", answer[0], " or ".join(HANDS))
-    amplitude = _number_in("haptics, amplitude", answer[1])
-    duration_s = _number_in("haptics, duration in s", answer[2])
+        raise bad_reply("haptics, hand", answer[0], " or ".join(HANDS))
+    amplitude = number_in("haptics, amplitude", answer[1])
+    duration_s = number_in("haptics, duration in s", answer[2])
     if not 0.0 <= amplitude <= 1.0:
-        raise _bad("haptics, amplitude", amplitude, "0 to 1")
+        raise bad_reply("haptics, amplitude", amplitude, "0 to 1")
     if duration_s < 0.0:
-        raise _bad("haptics, duration in s", duration_s, "0 or more")
+        raise bad_reply("haptics, duration in s", duration_s, "0 or more")
     return HapticPulse(hand, amplitude, 0.0, duration_s)
 
 
@@ -144,35 +134,11 @@ def _picture_in(answer: object, picture_bytes: int) -> bytes | None:
     if answer is None:
         return None
     if not isinstance(answer, str):
-        raise _bad("picture", answer, "a text in base64")
+        raise bad_reply("picture", answer, "a text in base64")
     try:
         content = base64.b64decode(answer, validate=True)
     except ValueError as error:
-        raise _bad("picture", answer, "a text in base64") from error
+        raise bad_reply("picture", answer, "a text in base64") from error
     if len(content) != picture_bytes:
-        raise _bad("picture", f"{len(content)} bytes", f"{picture_bytes}")
+        raise bad_reply("picture", f"{len(content)} bytes", f"{picture_bytes}")
     return content
-
-
-def _number_in(what: str, answer: object) -> float:
-    if isinstance(answer, bool) or not isinstance(answer, (int, float)):
-        raise _bad(what, answer, "a finite number")
-    try:
-        number = float(answer)
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise _bad(what, answer, "a finite number")
-    return number
-
-
-def _list_in(what: str, answer: object, most: int) -> list[Any]:
-    if not isinstance(answer, list):
-        raise _bad(what, answer, "a list")
-    if len(answer) > most:
-        raise _bad(what, f"{len(answer)} entries", f"at most {most}")
-    return answer
-
-
-def _bad(what: str, got: object, expected: str) -> BadReply:
-    return BadReply(f"{what}: got {reprlib.repr(got)}, expected {expected}")

@@ -115,7 +115,9 @@ class BodyDescription(Settings):
     """None takes the file's name."""
     mjcf: str | None = None
     """File, relative to this one; inside the package if there is one."""
-    package: str | None = None
+    package: str | None = Field(
+        default=None, pattern=r"^[A-Za-z_]\w*(\.[A-Za-z_]\w*)*$", max_length=100
+    )
     """Python package with the model, such as ``myo_sim``."""
     model: str | None = None
     """The model's name, for a package that offers ``load_spec(name)``."""

@@ -47,12 +47,17 @@ def folder_of_package(package: str) -> Path:
     """Return where the files of a package are, importing nothing of it.
 
     Raises:
-        ValueError: It is not installed.
+        ValueError: It is not installed, or has no folder of files.
     """
     head, *rest = package.split(".")
     for place in _places(head):
         if (folder := Path(place).joinpath(*rest)).is_dir():
             return folder
+    if not rest and origin_of(head):
+        raise ValueError(
+            f"package: got {package!r}, a module without files of its own; expected a package "
+            "with models of bodies"
+        )
     raise _missing(package)
 
 

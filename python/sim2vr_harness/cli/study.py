@@ -42,6 +42,12 @@ def study(
             "such as s3://BUCKET/STUDY.",
         ),
     ] = None,
+    replay_damaged: Annotated[
+        bool,
+        typer.Option(
+            "--replay-damaged", help="Play finished cells again whose files have changed since."
+        ),
+    ] = False,
     trust_app: TrustOption = False,
 ) -> None:
     """Play the cells of a study, train or search what it needs, compare, and write the report.
@@ -62,6 +68,7 @@ def study(
             ray=ray,
             storage=storage,
             trust_app=trust_app,
+            replay_damaged=replay_damaged,
             on_progress=shown.show,
         )
     for table in comparison_table(found.data):

@@ -1,4 +1,4 @@
-"""Notices that work takes long, for programs that ask for them; a library says nothing."""
+"""Notices for people, where the program shows them; a library says nothing."""
 
 from __future__ import annotations
 
@@ -6,18 +6,27 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["SLOW_S", "noticed", "set_notice"]
+__all__ = ["SLOW_S", "notice_once", "noticed", "set_notice"]
 
 SLOW_S = 2.0
 """Work that takes longer gets a notice."""
 
 _notice: Callable[[str], None] | None = None
+_given: set[str] = set()
 
 
 def set_notice(notice: Callable[[str], None] | None) -> None:
-    """Have a function called with a sentence once work takes long; None for no notices."""
+    """Have a function called with every notice; None for no notices."""
     global _notice
     _notice = notice
+    _given.clear()
+
+
+def notice_once(sentence: str) -> None:
+    """Give notice, unless this program has given the same one."""
+    if _notice is not None and sentence not in _given:
+        _given.add(sentence)
+        _notice(sentence)
 
 
 @contextmanager

@@ -40,6 +40,12 @@ _Storage = Annotated[
         "such as s3://BUCKET/STUDY.",
     ),
 ]
+_ReplayDamaged = Annotated[
+    bool,
+    typer.Option(
+        "--replay-damaged", help="Play finished cells again whose files have changed since."
+    ),
+]
 
 
 def study(
@@ -49,6 +55,7 @@ def study(
     report: _Report = True,
     ray: _Ray = None,
     storage: _Storage = None,
+    replay_damaged: _ReplayDamaged = False,
     trust_app: TrustOption = False,
 ) -> None:
     """Play the cells of a study, train or search what it needs, compare, and write the report.
@@ -69,6 +76,7 @@ def study(
             ray=ray,
             storage=storage,
             trust_app=trust_app,
+            replay_damaged=replay_damaged,
             on_progress=shown.show,
         )
     for table in comparison_table(found.data):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
+from functools import lru_cache
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -10,7 +12,7 @@ from typing import Any
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.base.optional import needed
 
-__all__ = ["save_page", "table"]
+__all__ = ["embedded_json", "plotly_code", "save_page", "table"]
 
 _STYLE = """
 body{font:16px/1.5 system-ui,sans-serif;color:#1c1f24;margin:0 auto;max-width:1200px;padding:0 16px}
@@ -21,6 +23,25 @@ th:first-child,td:first-child{text-align:left}.bad{color:#b3201f;font-weight:600
 .warn{background:#fff4d6;border-left:4px solid #e0a100;padding:.4rem .8rem;margin:.4rem 0}
 .figure{width:100%}
 """
+
+
+def embedded_json(value: Any) -> str:
+    """Return JSON for a ``<script>`` of a page; no text in it can end or swallow the script."""
+    return json.dumps(value, separators=(",", ":")).replace("<", "\\u003c")
+
+
+@lru_cache
+def plotly_code(option: str) -> str:
+    """Return Plotly's JavaScript for a ``<script>`` of a page.
+
+    Args:
+        option: What the user asked for, for the message when Plotly is missing.
+
+    Raises:
+        InputError: Plotly is not installed.
+    """
+    code: str = needed("plotly.offline", "studies", option).get_plotlyjs()
+    return code.replace("</script", "<\\/script")
 
 
 def table(header: Sequence[str], rows: Sequence[Sequence[str]], bad: Sequence[int] = ()) -> str:
@@ -51,20 +72,17 @@ def save_page(file: Path, title: str, parts: Sequence[str | Any], option: str = 
     Raises:
         InputError: Plotly is not installed.
     """
-    io = needed("plotly.io", "studies", option)
-    body, first = "", True
+    body, drawn = "", 0
     for part in parts:
         if isinstance(part, str):
             body += part
             continue
-        figure = io.to_html(
-            part,
-            full_html=False,
-            include_plotlyjs=first,
-            config={"responsive": True, "displaylogo": False},
-        )
-        body += f'<div class="figure">{figure}</div>'
-        first = False
+        if not drawn:
+            body += f"<script>{plotly_code(option)}</script>"
+        drawn += 1
+        figure = json.loads(part.to_json()) | {"config": {"responsive": True, "displaylogo": False}}
+        draw = f'Plotly.newPlot("figure{drawn}",{embedded_json(figure)})'
+        body += f'<div class="figure" id="figure{drawn}"></div><script>{draw}</script>'
     page = (
         '<!doctype html><html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal
@@ -25,6 +26,8 @@ from sim2vr_harness.studies.search.config import OptimiseConfig
 __all__ = ["ComparisonConfig", "StudyConfig", "load_study", "parse_study"]
 
 _EXPECTED = "a study in YAML, a mapping of keys to values"
+_MOST_CELLS = 10_000
+"""A study checks every cell before it plays any: more of them take hours and gigabytes."""
 
 
 class ComparisonConfig(Settings):
@@ -116,6 +119,15 @@ class StudyConfig(Settings):
             )
 
     def _check_cells(self) -> None:
+        lengths = [len(factor.levels) for factor in self.factors.values()]
+        field, count = "factors", math.prod(lengths)
+        got = f"{' x '.join(map(str, lengths))} levels, which are {count:,} cells"
+        if self.cells is not None:
+            field, count = "cells", len(self.cells)
+            got = f"{count:,} cells"
+        if count > _MOST_CELLS:
+            expected = f"at most {_MOST_CELLS:,} cells; split the study into several"
+            raise ValueError(f"{field}: got {got}, expected {expected}")
         for i, cell in enumerate(self.cells or ()):
             for name, label in cell.items():
                 self._check_level(f"cells.{i}", name, label)

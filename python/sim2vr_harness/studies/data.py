@@ -27,18 +27,30 @@ from sim2vr_harness.evaluation.data.folder import (
 )
 from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.runs.run_folder import write_atomically
+from sim2vr_harness.studies.cells import content_hash
 from sim2vr_harness.studies.config import StudyConfig, parse_study
+from sim2vr_harness.studies.hashes import HASHES, changed_file, hashes_of, require_whole_cell
 from sim2vr_harness.studies.jobs import CELLS, TRAININGS, CellTask
 from sim2vr_harness.studies.plan import StudyPlan
 from sim2vr_harness.studies.search.searching import Found
 from sim2vr_harness.studies.search.table import trials_table
 
-__all__ = ["STUDY_FILE", "StudyData", "factor_column", "read_study", "write_data"]
+__all__ = [
+    "STATISTICS_FILE",
+    "STUDY_FILE",
+    "StudyData",
+    "factor_column",
+    "open_study",
+    "read_study",
+    "write_data",
+]
 
 STUDY_FILE = "study.json"
 """The study and what is needed to read its tables: measures and units."""
+STATISTICS_FILE = "statistics.json"
 _CELL = Column("design_cell", "text", "", "Cell of the study's design; a key of the table cells")
 _EXPECTED = "what a study wrote, or another folder"
+_UNCHANGED = "what the study wrote; run the study again, which writes its tables anew"
 
 
 def factor_column(name: str) -> str:
@@ -82,6 +94,7 @@ def write_data(plan: StudyPlan, root: Path, found: Found | None = None) -> None:
         "measures": [_told(measure) for measure in measures_of(plan.facts)
                      if measure.name in plan.measures],
         "grids": [_told(measure) for measure in plan.facts.grids],
+        HASHES: hashes_of(root / FOLDER),
     }  # fmt: skip
     if found is not None:
         optimise = found.search.model_dump(mode="json", exclude_defaults=True)
@@ -234,7 +247,11 @@ class StudyData:
 
         ``versions`` are those of the packages that worked them out.
         """
-        return read_json(self.root / "statistics.json", _EXPECTED)
+        file = self.root / STATISTICS_FILE
+        found = read_json(file, _EXPECTED)
+        if found.pop(HASHES, None) not in (None, content_hash(found)):
+            raise InputError(file_name(file), "other content than the study wrote", _UNCHANGED)
+        return found
 
     def of_cell(self, cell: str) -> EvaluationData:
         """One cell's own tables, with steps and frames.
@@ -257,10 +274,26 @@ class StudyData:
 
 
 def read_study(folder: str | Path) -> StudyData:
-    """Return what a study has measured.
+    """Return what a study has measured, and check that no file of it has changed since.
 
     Args:
         folder: Of a study that is done.
+
+    Raises:
+        InputError: There is none, or a file of it or of a cell is not what the study wrote.
+    """
+    data = open_study(folder)
+    changed = changed_file(data.root / FOLDER, data.about.get(HASHES, {}))
+    if changed is not None:
+        raise InputError(file_name(data.root / FOLDER / changed[0]), changed[1], _UNCHANGED)
+    for cell, place in zip(data.cells["design_cell"], data.cells["folder"], strict=True):
+        if (data.root / place).is_dir():  # tables alone can be passed on
+            require_whole_cell(cell, data.root / place)
+    return data
+
+
+def open_study(folder: str | Path) -> StudyData:
+    """Return what a study has measured, whose files this program has just checked or written.
 
     Raises:
         InputError: There is none.
@@ -273,4 +306,6 @@ def read_study(folder: str | Path) -> StudyData:
     about = read_json(root / STUDY_FILE, _EXPECTED)
     if not isinstance(about.get("study"), dict):
         raise InputError(file_name(root / STUDY_FILE), "no study in it", _EXPECTED)
+    if not isinstance(about.get(HASHES, {}), dict):
+        raise InputError(file_name(root / STUDY_FILE), f"no hashes as {HASHES!r}", _EXPECTED)
     return StudyData(root, parse_study(about.pop("study")), about)

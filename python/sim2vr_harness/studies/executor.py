@@ -8,7 +8,8 @@ from pathlib import Path
 from types import TracebackType
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.studies.jobs import TRAININGS, CellTask, Task, is_done
+from sim2vr_harness.studies.hashes import require_whole_cell
+from sim2vr_harness.studies.jobs import TRAININGS, CellTask, Task, folder_of, is_done
 from sim2vr_harness.studies.pool import Done, Pool
 
 __all__ = ["Executor", "StudyProgress"]
@@ -38,6 +39,8 @@ class Executor:
         root: The study's folder.
         make_pool: Who does the tasks, given the folder and how many there are at once.
         on_progress: Told after every task.
+        replay_damaged: Whether finished cells whose files have changed are played again; otherwise
+            they are an error.
     """
 
     def __init__(
@@ -45,8 +48,10 @@ class Executor:
         root: Path,
         make_pool: Callable[[Path, int], Pool],
         on_progress: Callable[[StudyProgress], None],
+        *,
+        replay_damaged: bool = False,
     ) -> None:
-        self.root = root
+        self.root, self._replay_damaged = root, replay_damaged
         self._make_pool, self._on_progress = make_pool, on_progress
         self._pool: Pool | None = None
         self._total, self._at_once = 0, 1
@@ -77,10 +82,10 @@ class Executor:
         """Do what is left of some tasks; a cell waits for its training.
 
         Raises:
-            InputError: Some failed; the others are kept.
+            InputError: Some failed (the others are kept), or a file of a finished cell has changed.
         """
         wanted = {task.key: task for task in tasks}
-        left = [task for task in wanted.values() if not is_done(task, self.root)]
+        left = [task for task in wanted.values() if not self._is_done(task)]
         found = len(wanted) - len(left)
         self.found += found
         if found or not self._begun:
@@ -99,6 +104,18 @@ class Executor:
                 f"{failed[0].error}{more}",
                 f"every cell to be played; {kept}, run the study again to go on",
             )
+
+    def _is_done(self, task: Task) -> bool:
+        if not is_done(task, self.root):
+            return False
+        if isinstance(task, CellTask):
+            try:
+                require_whole_cell(task.cell, folder_of(task, self.root))
+            except InputError:
+                if not self._replay_damaged:
+                    raise
+                return False
+        return True
 
     def _tell(self, label: str = "", error: str | None = None) -> None:
         self._on_progress(StudyProgress(self.played + self.found, self._total, label, error))

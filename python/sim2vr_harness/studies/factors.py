@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections import Counter
 from typing import Annotated, Any
 
 from pydantic import Field, field_validator, model_validator
@@ -48,9 +49,9 @@ class FactorConfig(Settings):
     def _list_of_values(cls, levels: Any) -> Any:
         if isinstance(levels, list):
             labels = [cls.label(value) for value in levels]
-            twice = [label for label in labels if labels.count(label) > 1]
-            if twice:
-                raise ValueError(f"got {twice[0]!r} twice, expected every level once")
+            for label, count in Counter(labels).items():
+                if count > 1:
+                    raise ValueError(f"got {label!r} twice, expected every level once")
             return dict(zip(labels, levels, strict=True))
         return levels
 

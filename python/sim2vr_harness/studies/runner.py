@@ -17,9 +17,17 @@ from sim2vr_harness.base.file_lock import sole_training
 from sim2vr_harness.base.files import read_json
 from sim2vr_harness.base.signals import sigterm_interrupts
 from sim2vr_harness.runs.run_folder import write_atomically
+from sim2vr_harness.studies.cells import content_hash
 from sim2vr_harness.studies.config import StudyConfig, load_study, parse_study
-from sim2vr_harness.studies.data import STUDY_FILE, StudyData, read_study, write_data
+from sim2vr_harness.studies.data import (
+    STATISTICS_FILE,
+    STUDY_FILE,
+    StudyData,
+    open_study,
+    write_data,
+)
 from sim2vr_harness.studies.executor import Executor, StudyProgress
+from sim2vr_harness.studies.hashes import HASHES
 from sim2vr_harness.studies.jobs import CELLS, Task
 from sim2vr_harness.studies.plan import StudyPlan, plan_of
 from sim2vr_harness.studies.pool import Here, Pool, Processes
@@ -55,6 +63,7 @@ def run_study(
     ray: str | None = None,
     storage: str | None = None,
     trust_app: bool = False,
+    replay_damaged: bool = False,
     on_progress: Callable[[StudyProgress], None] = lambda progress: None,
     make_pool: Callable[[Path, int], Pool] | None = None,
 ) -> StudyResult:
@@ -68,13 +77,16 @@ def run_study(
         storage: With ``ray``: where workers leave results that do not see the study's folder.
         trust_app: Whether programs and Python that the study, or a user or configuration of it,
             names may run, though this user never has run them.
+        replay_damaged: Whether finished cells whose files have changed since are played again;
+            otherwise they are refused.
         on_progress: Told after every task.
         make_pool: Who does the tasks, given the folder and how many there are at once; None:
             processes of this machine.
 
     Raises:
         InputError: Something of the study cannot be used (nothing is played then), it names code
-            that this user has not agreed to run, or cells failed (the others are kept).
+            that this user has not agreed to run, a file of a finished cell has changed, or cells
+            failed (the others are kept).
     """
     beside = None
     if isinstance(study, (str, Path)):
@@ -97,7 +109,7 @@ def run_study(
     with sole_training(root, root / ".lock", "study"), sigterm_interrupts():
         clear_away(root)
         make = make_pool or partial(_pool, jobs=jobs, ray=ray, storage=storage)
-        with Executor(root, make, on_progress) as doing:
+        with Executor(root, make, on_progress, replay_damaged=replay_damaged) as doing:
             if study.optimise is None:
                 assert plan is not None
                 tasks: list[Task] = [*plan.trainings, *plan.tasks]
@@ -110,7 +122,7 @@ def run_study(
         clear_away(root)  # what machines left that were lost on the way
         write_data(plan, root, found)
         _compare(plan, root)
-    return StudyResult(read_study(root), doing.played, doing.found)
+    return StudyResult(open_study(root), doing.played, doing.found)
 
 
 def _pool(root: Path, tasks: int, *, jobs: int, ray: str | None, storage: str | None) -> Pool:
@@ -148,11 +160,11 @@ def _require_own(root: Path, study: StudyConfig) -> None:
 def _compare(plan: StudyPlan, root: Path) -> None:
     from sim2vr_harness.studies.statistics import compare_all, summaries
 
-    data = read_study(root)
+    data = open_study(root)
     found = {
         "summaries": summaries(data, plan.measures),
         "results": compare_all(data, plan.measures),
         "versions": {name: version(name) for name in _STATISTICS if find_spec(name) is not None},
     }
-    text = json.dumps(found, indent=2)
-    write_atomically(root / "statistics.json", (text + "\n").encode())
+    text = json.dumps(found | {HASHES: content_hash(found)}, indent=2)
+    write_atomically(root / STATISTICS_FILE, (text + "\n").encode())

@@ -19,6 +19,7 @@ from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.runs.config import parse_config
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
 from sim2vr_harness.runs.trust import answered
+from sim2vr_harness.studies.hashes import HASHES, hashes_of
 from sim2vr_harness.studies.jobs import (
     CELLS,
     TRAININGS,
@@ -81,6 +82,7 @@ def _play(task: CellTask, root: Path, cores: int) -> None:
         about = {**asdict(task), "overrides": list(task.overrides)}
         about.pop("cell")  # the study's name for it, which may change
         del about["env"], about["trust_app"]
+        about[HASHES] = hashes_of(working)
         write_atomically(working / mark_of(task), (json.dumps(about, indent=2) + "\n").encode())
         shutil.rmtree(place, ignore_errors=True)
         working.rename(place)

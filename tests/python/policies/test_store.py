@@ -203,7 +203,7 @@ def test_damaged_weights_are_named_with_their_file(packed: Path, tmp_path: Path)
     weights = torch.load(packed / "policy.pt", weights_only=True)
     (size,) = weights["log_std"].shape
     user = open_packed(tmp_path)
-    network = new_policy(user, observation_space_of(CONFIG.env))
+    network = new_network(user, observation_space_of(CONFIG.env))
 
     def said(content: bytes) -> str:
         file.write_bytes(content)

@@ -18,8 +18,8 @@ from sim2vr_harness.evaluation.data.folder import FOLDER, DataFolder
 from sim2vr_harness.evaluation.data.items import EVENT_COLUMNS
 from sim2vr_harness.evaluation.data.steps import pose_columns
 
-CONDITIONS = ("calm", "wild <b>")
-SCORES = {"calm": (10.0, 14.0), "wild <b>": (20.0, 26.0)}
+CONDITIONS = ("calm", "wild <!--<script>")
+SCORES = {"calm": (10.0, 14.0), "wild <!--<script>": (20.0, 26.0)}
 MUSCLES = ("ALPHA", "BETA", "GAMMA")
 HALF = float(np.sqrt(0.5))
 NORMAL = np.array([0.0, -HALF, HALF])

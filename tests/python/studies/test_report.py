@@ -89,10 +89,15 @@ def test_sentences_have_the_numbers_behind_them(source: ReportSource) -> None:
     loads = [load_of(group) for group in source.groups]
     told = {one.text: one.numbers for one in sentences_of(source, NOBODY, loads)}
     # The return is 2 sparks - 2: 22 and 44.
-    assert told["The return is highest in wild <b> and lowest in calm."] == "44.0 against 22.0"
+    assert (
+        told["The return is highest in wild <!--<script> and lowest in calm."]
+        == "44.0 against 22.0"
+    )
     tired = "The most tired muscles are BETA, GAMMA and ALPHA (in calm)."
     assert told[tired].endswith("BETA 0.30, GAMMA 0.20, ALPHA 0.10")
-    assert told["wild <b> tires the muscles most, calm least."].endswith("0.230 against 0.120")
+    assert told["wild <!--<script> tires the muscles most, calm least."].endswith(
+        "0.230 against 0.120"
+    )
     text = next(text for text in told if text.startswith("n is 1"))
     assert "no p value" in text and told[text] == "n = 1, 4 rounds in 2 groups"
 
@@ -140,14 +145,15 @@ def test_the_page_has_everything_in_it(page: str) -> None:
     assert len(page.encode()) < 10_000_000
     before, _, _ = page.partition("<script>")
     assert not re.search(r"""(src|href)=["'](?!data:|#)""", before)
-    assert "wild &lt;b&gt;" in page and "wild <b>" not in before
+    assert "wild &lt;!--&lt;script&gt;" in page and "wild <!--<script>" not in before
     assert "@inproceedings{Fischer2024SIM2VR" in page and "contract" in page.lower()
 
 
 def test_the_page_s_panels_show_all_groups(page: str) -> None:
     found = re.search(r'<script type="application/json" id="panels">(.*?)</script>', page, re.S)
     assert found is not None
-    panels = json.loads(found.group(1).replace("<\\/", "</"))
+    assert "<" not in found.group(1), "a browser would take it for markup"
+    panels = json.loads(found.group(1))
     assert len(panels) == page.count('class="plot"')
     names = {trace["name"] for panel in panels for trace in panel["data"] if trace.get("name")}
     assert set(strange_game.CONDITIONS) <= names

@@ -46,6 +46,16 @@ def test_all_combinations_of_levels() -> None:
     assert len({cell.seed for cell in cells_of(study(seeds="own"))}) == 4
 
 
+def test_too_many_cells_are_counted_not_made() -> None:
+    """Ten factors of 1000 levels are 10**30 cells: only their lengths may be looked at."""
+    factors = {f"f{i}": {"key": f"env.k{i}", "levels": list(range(1000))} for i in range(10)}
+    with pytest.raises(InputError, match=r"factors: got 1000 x 1000 x .* cells, expected at most"):
+        study(factors=factors)
+    factors = {"f": {"key": "env.k", "levels": [1, 2]}}
+    with pytest.raises(InputError, match="cells: got 10,001 cells, expected at most 10,000 cells"):
+        study(factors=factors, cells=[{"f": "1"}] * 10_001)
+
+
 def test_listed_cells_and_levels_that_set_several_keys() -> None:
     factors = {
         "version": {

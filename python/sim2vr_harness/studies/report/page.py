@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from html import escape
 from pathlib import Path
 
-from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.figures.figure import Figure
+from sim2vr_harness.figures.html import embedded_json, plotly_code
 from sim2vr_harness.figures.plotly_backend import plotly_of
 from sim2vr_harness.games.published import Published
 from sim2vr_harness.studies.report.body import BodyPicture
@@ -81,7 +79,6 @@ def page_of(content: Content) -> str:
         for key, title, html in written
     )
     title = escape(content.source.title)
-    data = json.dumps(panels, separators=(",", ":")).replace("</", "<\\/")
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -98,26 +95,13 @@ def page_of(content: Content) -> str:
 {body}
 </main>
 <footer><p>Written by sim2vr-harness report.</p></footer>
-<script>{_plotly()}</script>
-<script type="application/json" id="panels">{data}</script>
+<script>{plotly_code("report")}</script>
+<script type="application/json" id="panels">{embedded_json(panels)}</script>
 <script>
 {(_HERE / "page.js").read_text(encoding="utf-8")}</script>
 </body>
 </html>
 """
-
-
-@lru_cache
-def _plotly() -> str:
-    try:
-        from plotly.offline import get_plotlyjs
-    except ModuleNotFoundError as error:
-        raise InputError(
-            "plotly", "no such package", "pip install sim2vr-harness[studies]"
-        ) from error
-
-    code: str = get_plotlyjs()
-    return code.replace("</script", "<\\/script")
 
 
 def _lead(content: Content) -> str:

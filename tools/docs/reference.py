@@ -173,14 +173,14 @@ def _metadata(annotation: Any) -> Iterator[Any]:
 
 
 def number(value: Any) -> str:
-    """Return a number in few characters: powers of ten above 10,000 as 1e6, of two as 2^31."""
+    """Return a bound in few characters: powers of ten above 10,000 as 1e6, of two as 2^31."""
     if isinstance(value, int) and value > 10**4 and math.log2(value) % 1 == 0:
         return f"2^{int(math.log2(value))}"
-    if value > 10**4:
-        power = math.floor(math.log10(value))
-        if value == 10**power:
-            return f"1e{power}"
-    return f"{value:,}" if isinstance(value, int) else f"{value:g}"
+    if abs(value) > 10**4:
+        power = round(math.log10(abs(value)))
+        if abs(value) == 10**power:
+            return f"{'-' * (value < 0)}1e{power}"
+    return str(value) if isinstance(value, int) else f"{value:g}"
 
 
 def shown(value: Any) -> str:
@@ -189,8 +189,10 @@ def shown(value: Any) -> str:
         return "none"
     if isinstance(value, bool):
         return str(value).lower()
-    if isinstance(value, int | float):
-        return number(value)
+    if isinstance(value, int):
+        return str(value)
+    if isinstance(value, float):
+        return f"{value:g}"
     if isinstance(value, tuple | list):
         return "[" + ", ".join(shown(each) for each in value) + "]"
     if isinstance(value, dict):

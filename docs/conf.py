@@ -34,7 +34,7 @@ napoleon_numpy_docstring = False
 SECTIONS = {
     "Guide": "guide/* evaluation studies reports webxr remote_apps tools",
     "Tutorials": "tutorials/*",
-    "Reference": "reference/* bodies senses protocol performance games/*",
+    "Reference": "reference/* reference/games/* bodies senses protocol performance games/*",
     "Concepts": "concepts/* architecture alignment differences",
     "Research notes": "research/*",
     "Glossary": "glossary",

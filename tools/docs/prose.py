@@ -64,14 +64,14 @@ class Problem:
 
 
 def prose(text: str) -> list[str]:
-    """Return a page's lines with code blocks, comments and tables blanked."""
+    """Return a page's lines; code blocks, comments, tables and definitions of links are empty."""
 
     def blank(match: re.Match[str]) -> str:
         return "\n" * match[0].count("\n")
 
     text = re.sub(r"^( *)(```+|~~~+).*?^\1\2\s*$", blank, text, flags=re.S | re.M)
     text = re.sub(r"<!--.*?-->", blank, text, flags=re.S)
-    return ["" if line.lstrip().startswith("|") else line for line in text.split("\n")]
+    return ["" if re.match(r"\s*\||\[\w+\]: ", line) else line for line in text.split("\n")]
 
 
 def plain(line: str) -> str:

@@ -257,6 +257,13 @@ def training_configuration(case: Case) -> None:
     case.agreed("train", file, "--out", case.folder / "out", "--timesteps", "60")
 
 
+def policy_of_a_study(case: Case) -> None:
+    file = case.study(user=f"{case.python('policy.py')}:Mine")
+    case.refused("study", file, "--out", case.folder / "out", key="user: ")
+    case.asked(lambda: run_study(file, case.folder / "out"))
+    case.agreed("study", file, "--out", case.folder / "out")
+
+
 def python_task(case: Case) -> None:
     run = case.run(app={"task": f"{case.python('task.py')}:Mine"})
     case.refused("evaluate", run, key="env.app.task")
@@ -452,6 +459,7 @@ ROWS: dict[str, Callable[[Case], None]] = {
     "packed user": packed_user,
     "training configuration (`CONFIG.yaml`)": training_configuration,
     "Python task (`FILE.py:CLASS`) that a file names": python_task,
+    "Python policy (`FILE.py:CLASS`) that a study names": policy_of_a_study,
     "WebXR page, `map` and `browser` that a file names": page,
     "rules of a page's task that a file names": rules_of_a_page,
     "body file (`BODY.yaml`)": body_file,

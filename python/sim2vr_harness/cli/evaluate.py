@@ -75,7 +75,9 @@ def evaluate(
     deterministic: Annotated[
         bool | None,
         typer.Option(
-            "--deterministic/--stochastic", help="Take the policy's mean, or sample (default)."
+            "--deterministic/--stochastic",
+            help="Take the policy's mean, or sample. Without, the user's own "
+            "evaluation.deterministic.",
         ),
     ] = None,
     record: Annotated[

@@ -144,7 +144,7 @@ def train(
     )
     if not result.interrupted and settings.evaluation.episodes_after_training:
         _evaluate_after_training(result, settings.evaluation.episodes_after_training)
-    goes_on = result.step < settings.total_timesteps and not settings.decides
+    goes_on = result.step < settings.total_timesteps and settings.policy_kind != "hierarchical"
     _print_where_next(result, resumable=result.interrupted or goes_on)
     return INTERRUPTED if result.interrupted else 0
 

@@ -40,8 +40,13 @@ def watch(
     ] = None,
     seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Seed of the round.")] = 1,
     deterministic: Annotated[
-        bool, typer.Option("--deterministic/--stochastic", help="Take the policy's mean.")
-    ] = False,
+        bool | None,
+        typer.Option(
+            "--deterministic/--stochastic",
+            help="Take the policy's mean, or sample. Without, the user's own "
+            "evaluation.deterministic.",
+        ),
+    ] = None,
     rerun: Annotated[
         Path | None,
         typer.Option(

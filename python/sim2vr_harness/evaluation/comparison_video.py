@@ -16,7 +16,8 @@ from sim2vr_harness.envs.games import game_facts, with_condition
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.scene_images import BodyPainter, Painter, Picture, score_text
 from sim2vr_harness.evaluation.video import Film
-from sim2vr_harness.policies.player import PolicyRunner
+from sim2vr_harness.policies.protocol import episode_of
+from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user, require_contract
 
 __all__ = ["film_side_by_side"]
@@ -39,7 +40,7 @@ class _Seat:
         *,
         trust_app: bool,
     ) -> None:
-        user = find_user(run)
+        user = find_user(run, code=True)
         config = evaluation_env(user.config, source=str(run), trust_app=trust_app)
         require_contract(user, config)
         self.facts: GameFacts = game_facts(config.app)
@@ -54,7 +55,8 @@ class _Seat:
         self.over = False
         self._steps, self._most = 0, round(seconds * self.frequency_hz)
         self._return, self._log = 0.0, dict[str, float]()
-        self._rng = np.random.default_rng([seed, 1])
+        mean = user.config.evaluation.deterministic
+        self._rng = None if mean else np.random.default_rng([seed, 1])
         self._stack = ExitStack()
         self._users = self._stack.enter_context(closing(simulation(config, 1)))
         try:
@@ -62,9 +64,8 @@ class _Seat:
             if "views" not in self._users.apps[0].capabilities:
                 got = f"{str(run)!r}, whose app draws no views"
                 raise InputError("RUN", got, "users of an app that does")
-            self._act = PolicyRunner(
-                user, self._users.observation_space, self._users.action_space
-            ).for_a_round()
+            policy, _ = load_policy(user, self._users.observation_space, self._users.action_space)
+            self._act = episode_of(policy)
             painter = BodyPainter(self._users, *_VIEW, fast=True)
             self._body = self._stack.enter_context(closing(painter))
         except BaseException:

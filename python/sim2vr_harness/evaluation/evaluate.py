@@ -25,7 +25,8 @@ from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
 from sim2vr_harness.evaluation.round_logs import RoundLogs
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
 from sim2vr_harness.evaluation.video import RoundFilmer
-from sim2vr_harness.policies.player import PolicyRunner
+from sim2vr_harness.policies.protocol import Policy
+from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.users import PeopleSettings, effort_weight
@@ -162,106 +163,167 @@ def evaluate(
     Raises:
         InputError: The run, a number, a condition or the place for the results cannot be used.
     """
-    request = request or Request()
-    user = find_user(run)
-    config = user.config
-    episodes = config.evaluation.episodes if request.episodes is None else request.episodes
-    seed = config.evaluation.seed if request.seed is None else request.seed
-    deterministic = request.deterministic
-    if deterministic is None:
-        deterministic = config.evaluation.deterministic
-    env = evaluation_env(
-        config, request.app, request.overrides, source=run, trust_app=request.trust_app
-    )
-    if request.people is not None:
-        env = _with_people(env, request.people, seed)
-    if request.cores is not None:
-        env = env.model_copy(update={"cores": request.cores})
-    require_contract(user, env)
-    facts = game_facts(env.app)
-    wanted = request.conditions or config.evaluation.conditions or met(config)
-    conditions = _conditions(facts, wanted)
-    names = [condition.name for condition in conditions]
-    batch = _batch_for(env, request.batch)
-    rounds_each = episodes * (request.people or 1)
-    _check_numbers(episodes, seed, min(batch, rounds_each * len(conditions)))
-    out = Path(request.out) if request.out else user.evaluation_dir / _folder_of(config, request)
-    settings: dict[str, Any] = {
-        "user": name_of(user),
-        "episodes": episodes,
-        "seed": seed,
-        "deterministic": deterministic,
-        "overrides": list(request.overrides),
-        "app": dict(request.app),
-        **({} if request.people is None else {"people": request.people}),
-    }
-    results = EvaluationResults(out)
-    new = unpractised(config, env, names)
-    weight = effort_weight(env.user.effort.model, env.user.effort.weight)
-    log_root = out / ("logs" if request.log else _PASSING_LOGS)
-    logs = RoundLogs(log_root) if request.log or _logs_by_itself(env) else None
+    plan = _Plan.of(run, request or Request())
+    out = plan.out
+    logs = None
+    if plan.request.log or _logs_by_itself(plan.env):
+        logs = RoundLogs(out / ("logs" if plan.request.log else _PASSING_LOGS))
     filmer = None
-    if request.record:
-        filmer = RoundFilmer(out, facts, seconds=request.film_seconds)
-    recorder = DataRecorder(out, facts, env, moments=request.steps)
+    if plan.request.record:
+        filmer = RoundFilmer(out, plan.facts, seconds=plan.request.film_seconds)
+    recorder = DataRecorder(out, plan.facts, plan.env, moments=plan.request.steps)
     watchers: list[Watcher] = [*recorder.watchers, *(each for each in (logs, filmer) if each)]
-
-    def make_act(users: Any) -> PolicyRunner:
-        player = PolicyRunner(user, users.observation_space, users.action_space)
-        settings["trained_steps"] = player.step
-        if not request.overwrite:
-            results.require_room(names, settings)
-        else:
-            recorder.clear()
-        return player
-
     with ExitStack() as stack:
         stack.callback(shutil.rmtree, out / _PASSING_LOGS, ignore_errors=True)
         if filmer is not None:
             stack.enter_context(closing(filmer))
-        rounds: list[RoundResult] = []
-        groups = _groups(env, conditions)
-        for number, (own_env, own_conditions) in enumerate(groups):
-
-            def make(n: int, own: EnvConfig = own_env) -> Any:
-                return simulation(own, n, log_dir=logs.folder() if logs is not None else None)
-
-            def advance(share: float, done: int = number) -> None:
-                on_progress((done + share) / len(groups))
-
-            rounds += play(
-                make,
-                make_act,
-                jobs_for(own_conditions, episodes, seed, request.people),
-                facts,
-                deterministic=deterministic,
-                batch=batch,
-                watchers=watchers,
-                on_progress=advance,
-            )
+        rounds = _play(plan, recorder, logs, watchers, simulation, on_progress)
         if logs is not None:
             settled = logs.settle(rounds, out)
-            rounds = settled if request.log else rounds
+            rounds = settled if plan.request.log else rounds
             recorder.take_logs(settled)
-        recorder.finish(rounds, settings, weight)
-    summaries = {}
-    for name in names:
-        own = [result for result in rounds if result.condition == name]
-        summaries[name] = {
-            **summarise(own, facts),
-            **settings,
-            "game": facts.name,
-            "effort_weight": weight,
-            "unpractised": new,
-            "rounds": [result.as_dict() for result in own],
-        }
-    files = [results.add(summaries, overwrite=request.overwrite), recorder.root]
+        recorder.finish(rounds, plan.settings, plan.effort_weight)
+    summaries = plan.summaries(rounds)
+    files = [plan.results.add(summaries, overwrite=plan.request.overwrite), recorder.root]
     files += filmer.files if filmer else []
-    if request.log and logs is not None and logs.any:
+    if plan.request.log and logs is not None and logs.any:
         files.append(out / "logs")
-    step = int(settings["trained_steps"])
-    data, unread = EvaluationData(recorder.root), recorder.unread
-    return Evaluation(summaries, facts, step, user.source, files, rounds, new, data, unread)
+    return Evaluation(
+        summaries,
+        plan.facts,
+        int(plan.settings["trained_steps"]),
+        plan.user.source,
+        files,
+        rounds,
+        plan.unpractised,
+        EvaluationData(recorder.root),
+        recorder.unread,
+    )
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What is played: a request with every value filled in.
+
+    Attributes:
+        settings: of the results; gets ``trained_steps`` once the policy is loaded.
+    """
+
+    user: TrainedUser
+    request: Request
+    env: EnvConfig
+    facts: GameFacts
+    conditions: list[Condition]
+    episodes: int
+    seed: int
+    deterministic: bool
+    batch: int
+    out: Path
+    results: EvaluationResults
+    settings: dict[str, Any]
+    unpractised: list[str]
+
+    @classmethod
+    def of(cls, run: str | Path, request: Request) -> _Plan:
+        """Fill in what a request leaves to the run's configuration, and check it."""
+        user = find_user(run, code=True)
+        config, usual = user.config, user.config.evaluation
+        episodes = usual.episodes if request.episodes is None else request.episodes
+        seed = usual.seed if request.seed is None else request.seed
+        deterministic = request.deterministic
+        if deterministic is None:
+            deterministic = usual.deterministic
+        env = evaluation_env(
+            config, request.app, request.overrides, source=run, trust_app=request.trust_app
+        )
+        if request.people is not None:
+            env = _with_people(env, request.people, seed)
+        if request.cores is not None:
+            env = env.model_copy(update={"cores": request.cores})
+        require_contract(user, env)
+        facts = game_facts(env.app)
+        conditions = _conditions(facts, request.conditions or usual.conditions or met(config))
+        batch = _batch_for(env, request.batch)
+        rounds = episodes * (request.people or 1) * len(conditions)
+        _check_numbers(episodes, seed, min(batch, rounds))
+        out = Path(request.out or user.evaluation_dir / _folder_of(config, request))
+        settings: dict[str, Any] = {
+            "user": name_of(user),
+            "episodes": episodes,
+            "seed": seed,
+            "deterministic": deterministic,
+            "overrides": list(request.overrides),
+            "app": dict(request.app),
+            **({} if request.people is None else {"people": request.people}),
+        }
+        new = unpractised(config, env, [condition.name for condition in conditions])
+        return cls(
+            *(user, request, env, facts, conditions, episodes, seed, deterministic, batch),
+            *(out, EvaluationResults(out), settings, new),
+        )
+
+    @property
+    def effort_weight(self) -> float:
+        """The weight of effort in the reward."""
+        return effort_weight(self.env.user.effort.model, self.env.user.effort.weight)
+
+    def summaries(self, rounds: Sequence[RoundResult]) -> dict[str, dict[str, Any]]:
+        """Return means by condition, with settings and rounds."""
+        found = {}
+        for condition in self.conditions:
+            own = [result for result in rounds if result.condition == condition.name]
+            found[condition.name] = {
+                **summarise(own, self.facts),
+                **self.settings,
+                "game": self.facts.name,
+                "effort_weight": self.effort_weight,
+                "unpractised": self.unpractised,
+                "rounds": [result.as_dict() for result in own],
+            }
+        return found
+
+
+def _play(
+    plan: _Plan,
+    recorder: DataRecorder,
+    logs: RoundLogs | None,
+    watchers: Sequence[Watcher],
+    simulation: SimulationFactory,
+    on_progress: Callable[[float], None],
+) -> list[RoundResult]:
+    """Play all rounds, conditions that the same apps can play together."""
+
+    def make_policy(users: Any) -> Policy:
+        spaces = users.observation_space, users.action_space
+        policy, plan.settings["trained_steps"] = load_policy(plan.user, *spaces)
+        if plan.request.overwrite:
+            recorder.clear()
+        else:
+            names = [condition.name for condition in plan.conditions]
+            plan.results.require_room(names, plan.settings)
+        return policy
+
+    rounds: list[RoundResult] = []
+    groups = _groups(plan.env, plan.conditions)
+    for number, (env, conditions) in enumerate(groups):
+
+        def make(n: int, own: EnvConfig = env) -> Any:
+            return simulation(own, n, log_dir=logs.folder() if logs is not None else None)
+
+        def advance(share: float, done: int = number) -> None:
+            on_progress((done + share) / len(groups))
+
+        rounds += play(
+            make,
+            make_policy,
+            jobs_for(conditions, plan.episodes, plan.seed, plan.request.people),
+            plan.facts,
+            deterministic=plan.deterministic,
+            batch=plan.batch,
+            watchers=watchers,
+            on_progress=advance,
+        )
+    return rounds
 
 
 def _logs_by_itself(env: EnvConfig) -> bool:

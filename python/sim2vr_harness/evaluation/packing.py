@@ -16,7 +16,7 @@ from sim2vr_harness.envs.simulation import observation_space_of
 from sim2vr_harness.evaluation.curves import pack_curves
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.metrics import measures_of
-from sim2vr_harness.policies.player import new_policy
+from sim2vr_harness.policies.registry import new_network
 from sim2vr_harness.policies.store import TrainedUser, find_user, pack
 from sim2vr_harness.runs.config import first_difference
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
@@ -66,7 +66,7 @@ def pack_measured(
         cards = {}
         for user in users:
             place = Path(scratch) / str(user.config.seed)
-            policy = new_policy(user, observation_space_of(user.config.env))
+            policy = new_network(user, observation_space_of(user.config.env))
             card = pack(user, policy, place, name, {**_of_the_run(user), **details})
             pack_curves(user.source.parent.parent, place)
             measured = Path(scratch) / f"measured_{user.config.seed}"

@@ -16,7 +16,7 @@ from sim2vr_harness.envs.simulation import observation_space_of
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request
 from sim2vr_harness.evaluation.evaluate import evaluate as measure
-from sim2vr_harness.policies.player import PolicyRunner
+from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user, require_contract
 
 __all__ = ["UserPolicy", "evaluate", "load_user_policy"]
@@ -35,11 +35,11 @@ class UserPolicy:
     """
 
     def __init__(self, run: str | Path, *, trust_app: bool = False) -> None:
-        self._user = find_user(run)
+        self._user = find_user(run, code=True)
         self.config: EnvConfig = evaluation_env(self._user.config, source=run, trust_app=trust_app)
         """The environment that it was trained in, ready for an evaluation."""
         self.observation_space = observation_space_of(self.config)
-        self._player = PolicyRunner(self._user, self.observation_space)
+        self._policy, self.steps = load_policy(self._user, self.observation_space)
         self._rng = np.random.default_rng()
 
     def make_env(
@@ -71,7 +71,7 @@ class UserPolicy:
         observation: Mapping[str, NDArray[Any]],
         state: tuple[Any, ...] | None = None,
         episode_start: NDArray[np.bool_] | None = None,
-        deterministic: bool = False,
+        deterministic: bool | None = None,
     ) -> tuple[NDArray[np.float32], tuple[Any, ...] | None]:
         """The action for an observation, called as Stable-Baselines3's models are.
 
@@ -79,12 +79,15 @@ class UserPolicy:
             observation: Of one user, or of N in a vector environment.
             state: What users intended, as it was returned last; None: rounds begin.
             episode_start: (N,) whose round begins, whatever was intended before.
-            deterministic: Take the mean of the policy; otherwise a sample, as in its training.
+            deterministic: Take the mean of the policy instead of a sample; None: as its own
+                ``evaluation.deterministic`` says.
 
         Returns:
             The action in [-1, 1], (A,) or (N, A) float32, and what is intended; None for users who
             remember nothing.
         """
+        if deterministic is None:
+            deterministic = self._user.config.evaluation.deterministic
         rng = None if deterministic else self._rng
         one = {key: np.asarray(observation[key]) for key in self.observation_space.spaces}
         alone = all(
@@ -98,10 +101,10 @@ class UserPolicy:
             begins |= np.asarray(episode_start, bool).reshape(-1)[:count]
         before = state or (None,) * count
         intended = tuple(
-            self._player.begin() if begins[i] else copy.deepcopy(before[i]) for i in range(count)
+            self._policy.reset() if begins[i] else copy.deepcopy(before[i]) for i in range(count)
         )
         actions = [
-            self._player.act({key: one[key][i] for key in one}, rng, intention=intended[i])
+            self._policy.act({key: one[key][i] for key in one}, intended[i], rng)
             for i in range(count)
         ]
         after = None if intended[0] is None else intended

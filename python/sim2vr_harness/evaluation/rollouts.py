@@ -13,7 +13,7 @@ from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import Condition, GameFacts, OptionValue
 from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result
-from sim2vr_harness.policies.protocol import Act, Remembering
+from sim2vr_harness.policies.protocol import Act, FunctionPolicy, Policy, episode_of
 
 __all__ = ["Job", "Watcher", "jobs_for", "play"]
 
@@ -72,7 +72,7 @@ def jobs_for(
 
 def play(
     make_simulation: Callable[[int], SimulationLike],
-    make_act: Callable[[SimulationLike], Act | Remembering],
+    make_policy: Callable[[SimulationLike], Policy | Act],
     jobs: Sequence[Job],
     facts: GameFacts,
     *,
@@ -85,7 +85,7 @@ def play(
 
     Args:
         make_simulation: Number of users -> a new simulation of them.
-        make_act: Simulation -> the policy.
+        make_policy: Simulation -> the policy, or a function of observation and random numbers.
         jobs: The rounds.
         facts: What the game publishes.
         deterministic: Whether actions are the policy's mean instead of samples.
@@ -105,13 +105,13 @@ def play(
                 if simulation is not None:
                     simulation.close()
                 simulation = make_simulation(len(wave))
-                act = make_act(simulation)
+                policy = make_policy(simulation)
 
             def advance(share: float, first: int = start, size: int = len(wave)) -> None:
                 on_progress((first + share * size) / len(jobs))
 
             with torch_threads(1):
-                wave_play = _Wave(simulation, act, wave, facts, deterministic, watchers)
+                wave_play = _Wave(simulation, policy, wave, facts, deterministic, watchers)
                 results += wave_play.run(advance)
     finally:
         if simulation is not None:
@@ -125,14 +125,15 @@ class _Wave:
     def __init__(
         self,
         simulation: SimulationLike,
-        act: Act | Remembering,
+        policy: Policy | Act,
         jobs: Sequence[Job],
         facts: GameFacts,
         deterministic: bool,
         watchers: Sequence[Watcher],
     ) -> None:
         self._simulation, self._jobs = simulation, jobs
-        self._acts = [act.for_a_round() if isinstance(act, Remembering) else act for _ in jobs]
+        chosen = policy if isinstance(policy, Policy) else FunctionPolicy(policy)
+        self._acts = [episode_of(chosen) for _ in jobs]
         self._facts, self._watchers = facts, watchers
         self._rngs: list[np.random.Generator | None] = [
             None if deterministic else np.random.default_rng([job.seed, 1]) for job in jobs

@@ -17,7 +17,8 @@ from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.games import game_facts, with_condition, with_game, with_task
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.scene_images import BodyPainter, compose, score_text
-from sim2vr_harness.policies.player import PolicyRunner
+from sim2vr_harness.policies.protocol import Act, episode_of
+from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user, require_contract
 
 __all__ = ["parse_size", "snapshot"]
@@ -85,7 +86,7 @@ def snapshot(
         from sim2vr_harness.envs.simulation import Simulation
 
         simulation = Simulation
-    user = None if run is None else find_user(run)
+    user = None if run is None else find_user(run, code=True)
     config = EnvConfig()
     if user is not None:
         config = evaluation_env(user.config, app, source=str(run), trust_app=trust_app)
@@ -101,7 +102,10 @@ def snapshot(
         users.reset(seeds=[seed])
         act: Callable[..., Any] = partial(_gentle, users.action_space.shape[0])
         if user is not None:
-            act = PolicyRunner(user, users.observation_space, users.action_space).for_a_round()
+            policy, _ = load_policy(user, users.observation_space, users.action_space)
+            act = episode_of(policy)
+            if user.config.evaluation.deterministic:
+                act = partial(_mean, act)
         log, total, moves = _play(users, act, seconds, seed)
         pictures = _draw(users, size)
         text = score_text(facts, log, len(moves) / users.config.action_frequency_hz, total)
@@ -115,6 +119,11 @@ def snapshot(
 
 def _gentle(actions: int, observation: Mapping[str, Any], rng: np.random.Generator) -> Any:
     return 0.2 * rng.standard_normal(actions).clip(-1.0, 1.0)
+
+
+def _mean(act: Act, observation: dict[str, Any], rng: np.random.Generator) -> Any:
+    """Take the policy's mean, as the user's own configuration says."""
+    return act(observation, None)
 
 
 def _play(

@@ -153,7 +153,7 @@ def trained_user(user: str, game: str) -> TrainedUser | None:
     """
     if _is_folder_of_logs(user):
         return None
-    known = find_user(user)
+    known = find_user(user, code=True)
     plays = known.config.env.app.game
     if plays != game:
         raise InputError("USER", f"{user!r}, who plays {plays}", f"a user of {game}")
@@ -163,7 +163,7 @@ def trained_user(user: str, game: str) -> TrainedUser | None:
 def game_of(user: str) -> str | None:
     """The game that a user plays, or has played; None of logs that do not say."""
     if not _is_folder_of_logs(user):
-        game: str = find_user(user).config.env.app.game
+        game: str = find_user(user, code=True).config.env.app.game
         return game
     results = Path(user) / _RESULTS
     if not results.is_file():

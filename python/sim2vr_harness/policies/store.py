@@ -7,6 +7,7 @@ A packed user is a folder with ``card.json`` (who it is, what it was measured to
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -21,6 +22,7 @@ from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError, UnusableFile, closest, shown
 from sim2vr_harness.base.files import file_name, read_json
 from sim2vr_harness.base.finite import first_not_finite
+from sim2vr_harness.base.python_classes import load_class
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.contract import contract, contract_hash, differences, worded
 from sim2vr_harness.runs.checkpoint import (
@@ -30,7 +32,13 @@ from sim2vr_harness.runs.checkpoint import (
     read_tensors,
     write_tensors,
 )
-from sim2vr_harness.runs.config import TrainingConfig, parse_config, read_mapping, to_yaml
+from sim2vr_harness.runs.config import (
+    TrainingConfig,
+    load_config,
+    parse_config,
+    read_mapping,
+    to_yaml,
+)
 from sim2vr_harness.runs.migration import renamed
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
 from sim2vr_harness.users.bodies import foreign_package
@@ -47,6 +55,7 @@ __all__ = [
 
 PREFIX = "pretrained:"
 _CARD, _CONFIG, _WEIGHTS = "card.json", "config.yaml", "policy.pt"
+_CODE = re.compile(r"\.py:\w+$")
 _CARD_EXPECTED = "the card of a packed user, a JSON object with name and steps"
 
 
@@ -59,7 +68,8 @@ class TrainedUser:
         config: the configuration of the training.
         card: what is known of it; empty for a run's checkpoint.
         evaluation_dir: where its evaluations go, unless told otherwise.
-        load: puts the weights into a policy and returns the user steps of the training.
+        load: puts the weights into a network and returns the user steps of the training.
+        code: the class of a policy in a Python file; None: a network of this package.
     """
 
     source: Path
@@ -67,15 +77,17 @@ class TrainedUser:
     card: Mapping[str, Any]
     evaluation_dir: Path
     load: Callable[[nn.Module], int]
+    code: type | None = None
 
 
-def find_user(run: str | Path) -> TrainedUser:
+def find_user(run: str | Path, *, code: bool = False) -> TrainedUser:
     """Return the trained user that is meant.
 
     Args:
         run: ``pretrained:NAME``, the folder of a packed user, a run's folder (its newest
-            checkpoint is used) or a checkpoint in one. The NAME of a user that ships, where there
-            is no such file.
+            checkpoint is used), a checkpoint in one, or ``FILE.py:CLASS``, a policy in a Python
+            file, which is run. The NAME of a user that ships, where there is no such file.
+        code: whether this user has typed ``run``, so that a Python file that it names may run.
 
     Raises:
         InputError: It is none of them.
@@ -83,6 +95,8 @@ def find_user(run: str | Path) -> TrainedUser:
     text = str(run)
     if text.startswith(PREFIX):
         return _shipped(text.removeprefix(PREFIX))
+    if _CODE.search(text):
+        return _of_code(text, code)
     path = Path(run)
     if not path.exists():
         names = [card["name"] for card in list_cards()]
@@ -101,6 +115,33 @@ def find_user(run: str | Path) -> TrainedUser:
         evaluation_dir=folder.evaluation_dir / checkpoint.stem,
         load=partial(load_policy_weights, checkpoint),
     )
+
+
+def _of_code(text: str, allowed: bool) -> TrainedUser:
+    """Return the user that a class of a Python file stands for."""
+    if not allowed:
+        expected = "--trust-app, if you know where it comes from"
+        raise InputError("user", f"{text!r}, Python code that a file names", expected)
+    expected = "FILE.py:CLASS, a class with config, reset, act and state_dict"
+    made = load_class("RUN", text, expected, lambda found: hasattr(found, "act"))
+    source = Path(text.rpartition(":")[0]).expanduser()
+    config = getattr(made, "config", None)
+    if isinstance(config, str):
+        beside = source.parent / config
+        settings = load_config(beside if beside.is_file() else config)
+    elif isinstance(config, Mapping):
+        settings = parse_config(config)
+    else:
+        got = f"{text!r} with config {shown(config)}"
+        wanted = "config: a configuration's name or file, or its keys, for the environment"
+        raise InputError("RUN", got, wanted)
+    settings = settings.model_copy(update={"name": made.__name__})
+    place = Path("evaluation") / made.__name__
+    return TrainedUser(source, settings, {}, place, _no_network, code=made)
+
+
+def _no_network(network: nn.Module) -> int:
+    raise InputError("RUN", "a policy of a Python file", "a user whose network is of this package")
 
 
 def is_packed(run: str | Path) -> bool:

@@ -150,9 +150,10 @@ class TrainingConfig(Settings):
     """Logging to Weights & Biases."""
 
     @property
-    def decides(self) -> bool:
-        """Whether the user decides and leaves the doing to a motor layer."""
-        return self.recipe == "skills" and self.skills.user == "decider"
+    def policy_kind(self) -> str:
+        """Kind of the trained policy; a key of ``policies.registry.NETWORKS``."""
+        hierarchical = self.recipe == "skills" and self.skills.user == "decider"
+        return "hierarchical" if hierarchical else "visual"
 
     @pydantic.model_validator(mode="after")
     def _from_somebody(self) -> Self:

@@ -69,8 +69,9 @@ class StudyConfig(Settings):
     seed: int = Field(default=1, ge=0, le=2**31 - 1)
     seeds: Literal["paired", "own"] = "paired"
     """paired: round k has the same seed in every cell, and person k is the same; own: not so."""
-    deterministic: bool = False
-    """Whether actions are the policy's mean instead of samples."""
+    deterministic: bool | None = None
+    """Whether actions are the policy's mean instead of samples; None: as each user's own
+    ``evaluation.deterministic`` says."""
     measures: tuple[str, ...] | None = None
     """Which to summarise and compare; None: all that the game and every player have."""
     comparisons: tuple[ComparisonConfig, ...] = ()

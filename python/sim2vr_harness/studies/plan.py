@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import InputError, unknown_name
@@ -64,7 +63,9 @@ def plan_of(
             a program or Python that this user has never run.
     """
     source = f"the study {study.name}" if folder is None else folder
-    where = SelectionSource(folder, users or Users(), limits, may_diverge, source, trust_app)
+    where = SelectionSource(
+        folder, users or Users(code=trust_app), limits, may_diverge, source, trust_app
+    )
     found = [_Resolved.of(study, cell, where) for cell in cells_of(study)]
     facts = found[0].facts
     for one in found:
@@ -123,7 +124,7 @@ class _Resolved:
             episodes=study.episodes,
             seed=cell.seed,
             people=study.people,
-            deterministic=_truth(cell.settings.get("deterministic", study.deterministic)),
+            deterministic=_deterministic(study, cell, player.deterministic),
             steps=study.steps,
             logs=study.logs,
             film_seconds=study.film_seconds,
@@ -159,7 +160,11 @@ def _check_options(env: EnvConfig, facts: GameFacts, condition: str) -> None:
         raise InputError(place, got, expected) from error
 
 
-def _truth(value: Any) -> bool:
+def _deterministic(study: StudyConfig, cell: Cell, own: bool) -> bool:
+    """Return what the cell sets, else the study, else the user's own configuration."""
+    value = cell.settings.get("deterministic", study.deterministic)
+    if value is None:
+        return own
     if not isinstance(value, bool):
         raise InputError("deterministic", repr(value), "true or false")
     return value

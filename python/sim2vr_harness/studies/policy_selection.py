@@ -31,15 +31,20 @@ FORMAT = 2
 
 
 class Users:
-    """Trained users and hashes of their weights, each read once."""
+    """Trained users and hashes of their weights, each read once.
 
-    def __init__(self) -> None:
+    Args:
+        code: whether policies in Python files may run (``FILE.py:CLASS``).
+    """
+
+    def __init__(self, *, code: bool = False) -> None:
+        self._code = code
         self._known: dict[str, tuple[TrainedUser, str]] = {}
 
     def find(self, name: str) -> tuple[TrainedUser, str]:
         """Return a user and the SHA-256 of its weights."""
         if name not in self._known:
-            user = find_user(name)
+            user = find_user(name, code=self._code)
             weights = read_bytes(user.source, "weights of a user")
             self._known[name] = user, hashlib.sha256(weights).hexdigest()
         return self._known[name]
@@ -73,6 +78,7 @@ class SelectedPolicy:
         facts: What the game publishes.
         condition: That it plays.
         identity: What decides about who it is, for the cell's hash.
+        deterministic: Whether the user's own configuration evaluates the policy's mean.
     """
 
     user: str | None
@@ -81,6 +87,7 @@ class SelectedPolicy:
     facts: GameFacts
     condition: str
     identity: Mapping[str, Any]
+    deterministic: bool
 
 
 def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
@@ -111,9 +118,9 @@ def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
     identity = {"user": Path(user).name, "weights": weights}
     steps = _steps(settings.get("adapt", 0))
     if steps == 0:
-        return SelectedPolicy(
-            user, None, env, facts, condition, identity | {"config": to_yaml(known.config)}
-        )
+        whole = identity | {"config": to_yaml(known.config)}
+        mean = known.config.evaluation.deterministic
+        return SelectedPolicy(user, None, env, facts, condition, whole, mean)
     there = with_options(env, dict(facts.condition(condition).options))
     wanted = [f"total_timesteps={steps}", *cell.of("training.")]
     config = adapting(known, user, wanted, env=there)
@@ -147,7 +154,8 @@ def _trained(
     env = _env(config, cell, named, where)
     facts = game_facts(env.app)
     condition = _condition(facts, config, cell.settings.get("condition"))
-    return SelectedPolicy(None, task, env, facts, condition, {"training": key})
+    mean = config.evaluation.deterministic
+    return SelectedPolicy(None, task, env, facts, condition, {"training": key}, mean)
 
 
 def _env(
@@ -165,7 +173,8 @@ def _env(
 
 def _near(name: str, folder: Path | None) -> str:
     """A path beside the study's file, where there is one; else what was written."""
-    if folder is not None and not Path(name).is_absolute() and (folder / name).exists():
+    file = name.rpartition(":")[0] if ".py:" in name else name
+    if folder is not None and not Path(name).is_absolute() and (folder / file).exists():
         return str(folder / name)
     return name
 

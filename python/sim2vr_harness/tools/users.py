@@ -35,7 +35,7 @@ def settings_of(who: str) -> TrainingConfig:
             return parse_config({"env": {"user": {"model": str(file.resolve())}}})
         return load_config(who)
     try:
-        return find_user(who).config
+        return find_user(who, code=True).config
     except InputError as error:
         try:
             paths.config_path(who)

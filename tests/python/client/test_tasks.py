@@ -149,10 +149,10 @@ def test_files_that_hold_no_task(tmp_path: Path) -> None:
     (tmp_path / "rules.yaml").write_text("reward: {expression: a, wait: 1}")
     for task, words in {
         good.replace("Good", "God"): r"env\.app\.task: got 'God', expected .*did you mean 'Good'",
-        "nowhere.py:Task": r"no file 'nowhere\.py', expected rules",
+        "nowhere.py:Task": r"no file 'nowhere\.py', expected FILE",
         "task": r"got 'task', expected rules, a YAML file of them, or FILE\.py:CLASS",
         f"{broken}:X": r"cannot be read \(ModuleNotFoundError: .* line 1\)",
-        f"{tmp_path}/empty.py:X": "expected a class below",
+        f"{tmp_path}/empty.py:X": "with a class below",
         f"{tmp_path}/rules.yaml": r"rules\.yaml\.reward.*wait: got an unknown key",
     }.items():
         with pytest.raises(ValueError, match=words) as caught:

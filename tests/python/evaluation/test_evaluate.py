@@ -18,7 +18,7 @@ from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result, summarise
 from sim2vr_harness.evaluation.rollouts import Job, jobs_for, play
 from sim2vr_harness.evaluation.training_distribution import met, unpractised
-from sim2vr_harness.policies.player import PolicyRunner
+from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder
@@ -365,15 +365,16 @@ def test_pages_and_strangers_programs_are_not_asked_for_logs() -> None:
 def test_player_is_the_mean_plus_its_own_noise(trained: Path) -> None:
     simulation = FakeSimulation(n=2)
     simulation.reset(seeds=[1, 2])
-    player = PolicyRunner(find_user(trained), simulation.observation_space, simulation.action_space)
+    spaces = simulation.observation_space, simulation.action_space
+    player, _ = load_policy(find_user(trained), *spaces)
     own = {key: value[1] for key, value in simulation.observation().items()}
-    mean = player.act(own, None)
+    mean = player.act(own, None, None)
     assert mean.dtype == np.float32
-    draws = np.array([player.act(own, np.random.default_rng(k)) for k in range(300)])
+    draws = np.array([player.act(own, None, np.random.default_rng(k)) for k in range(300)])
     assert np.abs(draws).max() == 1.0
     # Standard deviation 1, clipped at +-1: 0.52 in all (numerically) around a mean near 0.
     assert draws.std() == pytest.approx(0.72, abs=0.05)
-    assert np.array_equal(draws[0], player.act(own, np.random.default_rng(0)))
+    assert np.array_equal(draws[0], player.act(own, None, np.random.default_rng(0)))
 
 
 def test_users_who_finish_early_do_not_disturb_the_others() -> None:

@@ -19,7 +19,7 @@ from sim2vr_harness.evaluation import packing
 from sim2vr_harness.evaluation.evaluate import Request
 from sim2vr_harness.evaluation.packing import pack_measured
 from sim2vr_harness.policies import store as trained_users
-from sim2vr_harness.policies.player import new_policy
+from sim2vr_harness.policies.registry import new_network
 from sim2vr_harness.policies.store import find_user, list_cards, open_packed
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.runs.run_folder import RunFolder
@@ -78,7 +78,7 @@ def test_a_packed_user_plays_and_its_card_says_how(packed: Path) -> None:
     assert card["contract_hash"] == contract_hash(contract(CONFIG.env))
     user = find_user(packed)
     assert user.config == CONFIG
-    policy = new_policy(user, observation_space_of(CONFIG.env))
+    policy = new_network(user, observation_space_of(CONFIG.env))
     assert user.load(policy) == 7
     weights = torch.load(packed / "policy.pt", weights_only=True)
     for key, value in policy.state_dict().items():
@@ -186,7 +186,7 @@ def test_damaged_packages(packed: Path, tmp_path: Path) -> None:
     (tmp_path / "policy.pt").write_bytes(b"no weights")
     user = open_packed(tmp_path)
     with pytest.raises(InputError, match="expected weights of this network"):
-        user.load(new_policy(user, observation_space_of(CONFIG.env)))
+        user.load(new_network(user, observation_space_of(CONFIG.env)))
     (tmp_path / "card.json").write_text("{")
     with pytest.raises(
         InputError, match=r"card\.json, line 1: got text that is not JSON \(.*card of a"

@@ -226,13 +226,13 @@ def test_a_user_of_a_damaged_checkpoint_is_refused_and_another_offered(tmp_path:
     run(tmp_path / "run", ITERATION)
     result = run(tmp_path / "run", 2 * ITERATION, resume=True)
     rewrite(result.checkpoint, "policy.pth", tensors(all_nan))
-    from sim2vr_harness.policies.player import PolicyRunner
+    from sim2vr_harness.policies.registry import load_policy
 
     user, senses = find_user(tmp_path / "run"), FakeSimulation()
     with pytest.raises(
         UnusableFile, match=r"not finite\).*; the last good one is '.*step_000000060\.zip'$"
     ):
-        PolicyRunner(user, senses.observation_space, senses.action_space)
+        load_policy(user, senses.observation_space, senses.action_space)
 
 
 def test_a_damaged_run_json_is_named(tmp_path: Path) -> None:

@@ -14,7 +14,7 @@ from test_runner import content
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import read_json
 from sim2vr_harness.evaluation.evaluate import evaluate
-from sim2vr_harness.policies.player import new_policy
+from sim2vr_harness.policies.registry import new_network
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.studies import run_study
@@ -36,7 +36,7 @@ def stand_in(config: Any) -> FakeSimulation:
 def weights_of(run: Path | str) -> dict[str, torch.Tensor]:
     user = find_user(run)
     fake = stand_in(user.config)
-    policy = new_policy(user, fake.observation_space, fake.action_space)
+    policy = new_network(user, fake.observation_space, fake.action_space)
     user.load(policy)
     return {key: value.clone() for key, value in policy.state_dict().items()}
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 from fake_people import FakePeople
 from fake_simulation import FakeSimulation
 
@@ -18,6 +19,8 @@ from sim2vr_harness.studies import StudyConfig, read_study, run_study
 from sim2vr_harness.studies import worker as work
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.pool import Here
+from sim2vr_harness.studies.report.methods import PlayedBy, methods_of
+from sim2vr_harness.studies.report.source import read_source
 from sim2vr_harness.studies.runner import StudyProgress
 
 
@@ -175,6 +178,30 @@ def test_people_are_the_units(trained: Path, quick: list[str], tmp_path: Path) -
     assert result["means"] == pytest.approx([means["mean"].mean(), means["drawn"].mean()])
     assert result["note"] == "with n = 4 no exact p can be below 0.0625"
     assert "person_stature_m" in episodes
+
+
+def test_the_user_s_own_way_of_choosing_actions_counts(
+    trained: Path, quick: list[str], tmp_path: Path
+) -> None:
+    """A study gives what ``evaluate`` gives, unless it says something else itself."""
+    file = trained / "config.yaml"
+    tree = yaml.safe_load(file.read_text())
+    before = file.read_text()
+    try:
+        file.write_text(yaml.safe_dump(tree | {"evaluation": {"deterministic": True}}))
+        own = run_study(study(trained), tmp_path / "own", jobs=1).data
+        assert own.episodes["deterministic"].all()
+        drawn = run_study(study(trained, deterministic=False), tmp_path / "drawn", jobs=1).data
+        assert not drawn.episodes["deterministic"].any()
+        method = methods_of(
+            read_source(tmp_path / "drawn"), [PlayedBy("it", 1, deterministic=True)]
+        )
+        assert "samples of the policies (other than the configuration of it says)" in method
+        it = [PlayedBy("it", 1, deterministic=True)]
+        method = methods_of(read_source(tmp_path / "own"), it)
+        assert "actions were the policies' means." in method
+    finally:
+        file.write_text(before)
 
 
 def test_one_user_has_no_p_value(trained: Path, quick: list[str], tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.base.errors import InputError, unknown_name
+from sim2vr_harness.base.python_classes import words_of
 from sim2vr_harness.client.base import (
     AppClient,
     AppReply,
@@ -22,7 +23,7 @@ from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppUnsupported
 from sim2vr_harness.client.poses import one_frame
 from sim2vr_harness.client.scene import AppScene
-from sim2vr_harness.client.tasks.loading import FIELD, words_of
+from sim2vr_harness.client.tasks.loading import FIELD
 from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
 
 __all__ = ["TaskedApp"]

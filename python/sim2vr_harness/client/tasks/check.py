@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
+from sim2vr_harness.base.python_classes import words_of
 from sim2vr_harness.client.devices import INPUT_NAMES
 from sim2vr_harness.client.games import Measure
-from sim2vr_harness.client.tasks.loading import words_of
 from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
 
 __all__ = ["check_task"]

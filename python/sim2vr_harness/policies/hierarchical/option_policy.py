@@ -7,9 +7,8 @@ that with, and loses what takes longer than a user step (docs/concepts/training.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import torch
@@ -30,6 +29,7 @@ from sim2vr_harness.policies.hierarchical.frame_history import BEFORE_S
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
+from sim2vr_harness.policies.protocol import Observation
 from sim2vr_harness.users import Body, held
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 
@@ -127,8 +127,8 @@ class HierarchicalPolicy(nn.Module):
         self.hold.fill_(hold)
         self._mover = None
 
-    def begin(self) -> Intention:
-        """Return what a user intends whose round begins: nothing yet."""
+    def reset(self) -> Intention:
+        """Return the memory of an episode that begins: no option is chosen yet."""
         return Intention(OptionChoice(1, len(self.layer.hands)))
 
     @property
@@ -139,14 +139,16 @@ class HierarchicalPolicy(nn.Module):
         return self._mover
 
     def act(
-        self, observation: Mapping[str, NDArray[Any]], intention: Intention
+        self, observation: Observation, memory: Intention, rng: np.random.Generator | None
     ) -> NDArray[np.float32]:
-        """(A,) what one user does, in [-1, 1].
+        """Return the action of one user, (A,) in [-1, 1]; it is deterministic.
 
         Args:
-            observation: key -> (...), of that user.
-            intention: the user's; changed where it decides anew.
+            observation: of this user.
+            memory: of :meth:`reset`; changed where another option is chosen.
+            rng: not used.
         """
+        intention = memory
         with torch.inference_mode():
             motion = self._read(observation["proprioception"])
             placed = self.layer.places(*motion[:2])

@@ -72,6 +72,7 @@ class PlayedBy:
         effort: Model and weight, in words.
         contract: Hash of what the policy relies on.
         weights: First 16 digits of the SHA-256 of its weights.
+        deterministic: Whether its own configuration evaluates the policy's mean; None: not known.
     """
 
     name: str
@@ -81,6 +82,7 @@ class PlayedBy:
     effort: str = ""
     contract: str = ""
     weights: str = ""
+    deterministic: bool | None = None
 
 
 def played_by(source: ReportSource) -> list[PlayedBy]:
@@ -109,9 +111,26 @@ def played_by(source: ReportSource) -> list[PlayedBy]:
                 _effort(env),
                 contract_hash(contract(env)),
                 weights,
+                user.config.evaluation.deterministic,
             )
         )
     return found
+
+
+def _actions(source: ReportSource, users: list[PlayedBy]) -> str:
+    """Return how actions were chosen, and of which users that is not the usual way."""
+    words = {True: "the policies' means", False: "samples of the policies"}
+    used = {bool(value) for group in source.groups for value in group.episodes["deterministic"]}
+    chosen = " in some groups and ".join(words[value] for value in sorted(used))
+    chosen += " in others" if len(used) > 1 else ""
+    other = [
+        user.name
+        for user in users
+        if user.deterministic is not None and used != {user.deterministic}
+    ]
+    if other:
+        chosen += f" (other than the configuration of {', '.join(other)} says)"
+    return chosen
 
 
 def _effort(env: EnvConfig) -> str:
@@ -130,15 +149,13 @@ def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:
     paired = all(
         sorted(group.episodes["seed"]) == sorted(first["seed"]) for group in groups
     ) and len(groups) > 1  # fmt: skip
-    means = {bool(value) for group in groups for value in group.episodes["deterministic"]}
-    actions = "the policies' means" if means == {True} else "samples of the policies"
     conditions = list(dict.fromkeys(group.condition for group in groups))
     parts = [
         f"{_count(len(users), 'simulated user')} ({'; '.join(map(_user, users))}) played "
         f"{source.facts.name} ({', '.join(conditions)}) in {_own(source)}, in lockstep at "
         f"{frequency:g} user steps a second, {per} rounds per group.",
         f"Round seeds were {_seeds(seeds)}{', the same in all groups' if paired else ''}; actions "
-        f"were {actions}.",
+        f"were {_actions(source, users)}.",
     ]
     if source.unit == "person":
         parts.append(

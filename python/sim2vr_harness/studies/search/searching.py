@@ -87,7 +87,7 @@ class _Search:
     ) -> None:
         self._trust_app = trust_app
         self._study, self._wanted, self._folder, self._doing = study, wanted, folder, doing
-        self._users = Users()
+        self._users = Users(code=trust_app)
         self._optimiser = Optimiser(wanted, study.seed)
         self._trials: list[Trial] = []
         self._plans: list[StudyPlan] = []

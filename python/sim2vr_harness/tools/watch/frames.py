@@ -27,7 +27,8 @@ from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.evaluation.first_look import act_of
 from sim2vr_harness.evaluation.replay.recordings import GAME, read_recordings
 from sim2vr_harness.evaluation.replay.replayer import replay
-from sim2vr_harness.policies.player import PolicyRunner
+from sim2vr_harness.policies.protocol import episode_of
+from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import TrainedUser
 from sim2vr_harness.users import Body
 
@@ -173,7 +174,8 @@ def user_show(
             used.append(True)
             act = _gentle(users.action_space.shape[0])
             if user is not None:
-                act = PolicyRunner(user, users.observation_space, users.action_space).for_a_round()
+                policy, _ = load_policy(user, users.observation_space, users.action_space)
+                act = episode_of(policy)
             elif untrained is not None:
                 act = act_of(untrained, users)
             mean = deterministic and user is not None

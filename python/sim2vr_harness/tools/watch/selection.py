@@ -24,7 +24,7 @@ def choose(
     game: str | None = None,
     condition: str | None = None,
     seed: int = 1,
-    deterministic: bool = False,
+    deterministic: bool | None = None,
     trust_app: bool = False,
     page: Sequence[str] = (),
     untrained: str | None = None,
@@ -37,7 +37,8 @@ def choose(
         game: another game than the user's.
         condition: of the game.
         seed: of the round.
-        deterministic: whether actions are the policy's mean.
+        deterministic: whether actions are the policy's mean; None: as the user's own
+            ``evaluation.deterministic`` says.
         trust_app: whether the app that it names may be started, though you never have.
         page: instead of a user, overrides of the configuration that name a page.
         untrained: who plays the page; see :func:`user_show`.
@@ -71,7 +72,9 @@ def choose(
     user = _trained(who)
     if user is not None:
         require_contract(user, env)
-    return user_show(user, env, seed=seed, deterministic=deterministic)
+        if deterministic is None:
+            deterministic = user.config.evaluation.deterministic
+    return user_show(user, env, seed=seed, deterministic=bool(deterministic))
 
 
 def _recorded(path: Path) -> bool:
@@ -86,6 +89,6 @@ def _recorded(path: Path) -> bool:
 def _trained(who: str) -> TrainedUser | None:
     """The trained user of that name; None for a configuration or a body."""
     try:
-        return find_user(who)
+        return find_user(who, code=True)
     except InputError:
         return None

@@ -447,7 +447,7 @@ def _expected(
         f"This machine takes {rate:,.0f} user steps a second with this app, and {each_s:.2f} s to "
         f"decide and to learn from it: expect about {duration(decisions * each_s)} of trying"
     )
-    if config.decides:
+    if config.policy_kind == "hierarchical":
         return f"{line}."
     student = duration(config.student.frames / (_STUDENT_RATE * rate))
     alone = duration(config.total_timesteps / (_PPO_RATE * rate))

@@ -61,7 +61,7 @@ def user_to_adapt(config: TrainingConfig) -> TrainedUser:
 
 def _require_same(user: TrainedUser, config: TrainingConfig) -> None:
     """Refuse what the user's weights do not fit: another network, other senses or actions."""
-    if user.config.decides:
+    if user.config.policy_kind == "hierarchical":
         got = f"{user.config.name!r}, who decides and leaves the doing to a motor layer"
         raise InputError("from_user", got, "a user whose policy goes from senses to muscles")
     require_contract(user, config.env)

@@ -109,9 +109,9 @@ def _skills(run: Run) -> list[Stage]:
     config, path = run.config, run.folder.path
     motor = MotorStage(config, path / MotorStage.name) if needs_practice(config) else None
     steps = config.skills.looking.user_steps
-    user = run.folder.checkpoint_file(steps) if config.decides else None
+    user = run.folder.checkpoint_file(steps) if config.policy_kind == "hierarchical" else None
     looking = QLearningStage(config, path / QLearningStage.name, motor, user)
-    if config.decides:
+    if config.policy_kind == "hierarchical":
         return [looking] if motor is None else [motor, looking]
     student = StudentStage(config, path / StudentStage.name, looking.guide)
     title = "the student goes on by itself: PPO from what the user senses."

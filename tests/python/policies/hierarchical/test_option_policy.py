@@ -65,7 +65,7 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
     user = HierarchicalPolicy(settings)
     user.learned(layer, net, tool, HELD)
     simulation.reset(seeds=[5, 6, 7])
-    choice, intended = OptionChoice(USERS, 1), [user.begin() for _ in range(USERS)]
+    choice, intended = OptionChoice(USERS, 1), [user.reset() for _ in range(USERS)]
     moves = []
     for step in range(3 * HELD):
         if step % HELD == 0:
@@ -79,7 +79,7 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
         observation = simulation.observation()
         for i in range(USERS):
             own = {key: value[i] for key, value in observation.items()}
-            np.testing.assert_allclose(user.act(own, intended[i]), wanted[i], atol=2e-3)
+            np.testing.assert_allclose(user.act(own, intended[i], None), wanted[i], atol=2e-3)
         simulation.step(wanted)
     assert len({*np.concatenate(moves).tolist()}) > 1  # they did decide different things
     simulation.close()
@@ -141,7 +141,7 @@ def test_it_plays_at_the_end_of_a_run_alike_alone_and_beside_others(run: Path) -
 def test_it_remembers_what_it_decided_between_steps(run: Path) -> None:
     user = load_user_policy(run)
     # How long this one sees a decision through was found out, and may be a single step.
-    user._player._policy.hold.fill_(HELD)  # type: ignore[operator, union-attr]
+    user._policy.hold.fill_(HELD)  # type: ignore[operator, union-attr]
     env = user.make_env()
     observation, _ = env.reset(seed=3)
     state = None
@@ -167,7 +167,7 @@ def test_it_is_packed_with_its_hands(run: Path, tmp_path: Path) -> None:
     )
     assert card["steps"] == 240
     packed = find_user(tmp_path / "tiny")
-    assert packed.config.decides
+    assert packed.config.policy_kind == "hierarchical"
     observation, _ = load_user_policy(run).make_env().reset(seed=3)
     one, other = (
         load_user_policy(each).predict(observation)[0] for each in (run, tmp_path / "tiny")

@@ -1,0 +1,144 @@
+"""Policies by kind: networks of this package, and classes of a Python file (``FILE.py:CLASS``)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import torch
+from gymnasium import spaces
+from numpy.typing import NDArray
+from torch import nn
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.python_classes import words_of
+from sim2vr_harness.envs.config import body_of
+from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
+from sim2vr_harness.policies.protocol import Observation, Policy
+from sim2vr_harness.policies.store import TrainedUser
+from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
+from sim2vr_harness.runs.config import TrainingConfig
+
+__all__ = ["NETWORKS", "GaussianPolicy", "load_policy", "new_network"]
+
+
+class GaussianPolicy:
+    """A network whose actions are normally distributed, acting on the CPU.
+
+    Args:
+        network: a :class:`VisualActorCritic` with trained weights.
+    """
+
+    def __init__(self, network: VisualActorCritic) -> None:
+        self._network = network
+        self._std = np.exp(network.log_std.detach().numpy())
+
+    def reset(self) -> None:
+        """Return None: the network sees all that it acts on."""
+
+    def act(
+        self, observation: Observation, memory: Any, rng: np.random.Generator | None
+    ) -> NDArray[np.float32]:
+        """Return the action of one user; see :class:`~sim2vr_harness.policies.protocol.Policy`."""
+        batch = {key: torch.from_numpy(value[None]) for key, value in observation.items()}
+        with torch.no_grad():
+            action = self._network.action_mean(batch).numpy()[0]
+        if rng is not None:
+            action = action + self._std * rng.standard_normal(action.shape, dtype=np.float32)
+        clipped: NDArray[np.float32] = np.clip(action, -1.0, 1.0).astype(np.float32)
+        return clipped
+
+    def state_dict(self) -> dict[str, Any]:
+        """Return the network's weights."""
+        return self._network.state_dict()
+
+
+def _visual(
+    config: TrainingConfig, observations: spaces.Dict, actions: spaces.Box
+) -> VisualActorCritic:
+    return VisualActorCritic(observations, actions, lambda _: 0.0, config=config.policy)
+
+
+def _hierarchical(
+    config: TrainingConfig, observations: spaces.Dict, actions: spaces.Box
+) -> HierarchicalPolicy:
+    return HierarchicalPolicy(config)
+
+
+NETWORKS: dict[
+    str,
+    tuple[
+        Callable[[TrainingConfig, spaces.Dict, spaces.Box], Any],
+        Callable[[Any], Policy],
+    ],
+] = {
+    "visual": (_visual, GaussianPolicy),
+    "hierarchical": (_hierarchical, lambda network: network),
+}
+"""Kind of a configuration's policy -> how its network is made, and how that acts."""
+
+
+def new_network(
+    user: TrainedUser, observation_space: spaces.Dict, action_space: spaces.Box | None = None
+) -> nn.Module:
+    """Return a network of a trained user's kind with random weights, on the CPU.
+
+    Args:
+        user: the user.
+        observation_space: of the simulation.
+        action_space: of the simulation; None takes the user's own.
+    """
+    make, _ = NETWORKS[user.config.policy_kind]
+    if action_space is None:
+        size = body_of(user.config.env.user).action_size
+        action_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
+    # The weights drawn here are replaced at once; a training's random numbers are not touched.
+    with torch.random.fork_rng(devices=[]):
+        network: nn.Module = make(user.config, observation_space, action_space)
+    return network
+
+
+def load_policy(
+    user: TrainedUser, observation_space: spaces.Dict, action_space: spaces.Box | None = None
+) -> tuple[Policy, int]:
+    """Return the policy of a trained user, on the CPU, and the user steps of its training.
+
+    Args:
+        user: the user.
+        observation_space: of the simulation.
+        action_space: of the simulation; None takes the user's own.
+
+    Raises:
+        InputError: The weights cannot be read, the network has other shapes, or the class of a
+            Python file cannot be made.
+    """
+    if user.code is not None:
+        policy = _of_code(user, observation_space, action_space)
+        return policy, int(getattr(policy, "steps", 0))
+    network = new_network(user, observation_space, action_space)
+    steps = user.load(network)
+    network.train(False)
+    _, acting = NETWORKS[user.config.policy_kind]
+    return acting(network), steps
+
+
+def _of_code(
+    user: TrainedUser, observation_space: spaces.Dict, action_space: spaces.Box | None
+) -> Policy:
+    assert user.code is not None
+    if action_space is None:
+        size = body_of(user.config.env.user).action_size
+        action_space = spaces.Box(-1.0, 1.0, (size,), np.float32)
+    expected = f"a policy made by {user.code.__name__}(observation_space, action_space)"
+    try:
+        policy = user.code(observation_space, action_space)
+    except Exception as error:
+        got = f"{str(user.source)!r}, which cannot be made ({words_of(error)})"
+        raise InputError("RUN", got, expected) from error
+    if not isinstance(policy, Policy):
+        missing = [name for name in ("reset", "act", "state_dict") if not hasattr(policy, name)]
+        raise InputError(
+            "RUN", f"{str(user.source)!r} without {', '.join(missing)}", "reset, act and state_dict"
+        )
+    return policy

@@ -15,7 +15,7 @@ BENCH      = $(VENV)/bin/sim2vr-harness bench --output $(ROWS)
 
 CPP_FILES = $(shell find app_runtime tests/cpp tests/fuzz tools -name '*.[ch]pp')
 
-.PHONY: help setup train play test test-all check lint types format stubs lock wheel bench clean distclean
+.PHONY: help setup train play docs test test-all check lint types format stubs lock reference wheel bench clean distclean
 
 help:  ## Show this list
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "  make %-10s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -54,6 +54,13 @@ format: setup  ## Rewrite the sources in the house style
 
 stubs: setup  ## Regenerate python/sim2vr_harness/_app_runtime.pyi
 	@tools/dev/stubs.sh
+
+reference: setup  ## Write docs/reference/settings.md and command_line.md from the package
+	$(VENV)/bin/python tools/docs/reference.py
+
+docs: setup  ## Build the documentation's site, build/docs/index.html; dead links are errors
+	$(VENV)/bin/python -m sphinx -q -W --keep-going -b html docs build/docs
+	@echo build/docs/index.html
 
 lock: setup  ## Regenerate requirements.lock from pyproject.toml
 	$(VENV)/bin/python tools/dev/lock.py

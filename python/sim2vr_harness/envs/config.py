@@ -57,6 +57,7 @@ class EffortConfig(Settings):
     """Cost of muscular effort, subtracted from the game's reward in every user step."""
 
     model: EffortName = "cumulative_fatigue_3ccr"
+    """The effort model (docs/bodies.md)."""
     weight: Weight | None = None
     """Reward per unit of the model's cost; None takes the model's own: 0.1 for
     cumulative_fatigue_3ccr, the reference's value for Whac-A-Mole."""
@@ -131,7 +132,9 @@ class UserConfig(Settings):
     reset: ResetOptions = ResetOptions()
     """How episodes begin, where that differs from the body's own way."""
     effort: EffortConfig = EffortConfig()
+    """The effort model, whose cost is subtracted from the reward."""
     noise: NoiseConfig = NoiseConfig()
+    """Motor noise on the controls."""
     timestep_s: PhysicsStep | None = None
     """Physics step, 0.0001 to 0.02 s; None takes the model's 2 ms. Coarser physics is for trainings
     only."""
@@ -211,8 +214,11 @@ class VisionConfig(Settings):
     """The headset image as the user sees it."""
 
     width: int = Field(default=120, ge=8, le=4096)
+    """Width of the observed image, pixels."""
     height: int = Field(default=80, ge=8, le=4096)
+    """Height of the observed image, pixels."""
     channels: tuple[Literal["red", "green", "blue", "depth"], ...] = ("green", "depth")
+    """Channels of the observed image."""
     eyes: Literal[1, 2] = 1
     """2: a picture for each eye; the channels of the left one come first."""
     foveation: FoveationConfig | None = None
@@ -249,14 +255,17 @@ class AppConfig(Settings):
     """The VR application in the loop."""
 
     game: str = "whacamole"
+    """Name of the game or app; ``sim2vr-harness games`` lists those that are built in."""
     options: dict[str, OptionValue] = Field(default_factory=dict)
     """The game's options; each game has defaults and validates its own (docs/games/)."""
     renderer: Literal["automatic", "egl", "osmesa", "null"] = "automatic"
+    """How images are drawn: on a GPU (``egl``), on the CPU (``osmesa``), or not at all
+    (``null``)."""
     transport: str = "in_process"
     """Where the app runs: in this process, or outside, reached by SIM2VR's protocol (protocol1), by
     our faster one (protocol2), or by another transport of the table; see docs/remote_apps.md."""
     transport_options: dict[str, OptionValue] = Field(default_factory=dict)
-    """What a transport of one's own wants to know beyond the settings below."""
+    """Settings of a transport of one's own wants to know beyond the settings below."""
     executable: str | None = None
     """The app to start for every user, for example a Unity build with the SIM2VR asset (protocol
     1); None starts our own sim2vr-app."""
@@ -347,7 +356,9 @@ class EnvConfig(Settings):
     """One simulated user in one app."""
 
     app: AppConfig = AppConfig()
+    """The app, and how it runs."""
     user: UserConfig = UserConfig()
+    """The simulated user's body, effort and motor noise."""
     vision: VisionConfig = VisionConfig()
     """How the headset's picture is drawn and looked at; whether there is one, how late and how
     noisy it is, is said under :attr:`senses`."""

@@ -129,7 +129,7 @@ class Sense(Protocol):
         """Takes in the end of a step or a reset, for these users or, None, for all."""
 
     def observe(self) -> NDArray[Any]:
-        """(N, *space.shape) what the users perceive, a fresh array."""
+        """``(N, *space.shape)`` what the users perceive, a fresh array."""
 
     def get_state(self, i: int) -> dict[str, Any]:
         """Copies of everything that user i's future perception depends on."""
@@ -152,7 +152,7 @@ class Sensed:
         name: key in the observation.
         space: of one user's observation.
         n: number of users N.
-        look: (moment, ids) -> (K, *space.shape) what these users, None for all, perceive.
+        look: ``(moment, ids) -> (K, *space.shape)``, what these users, None for all, perceive.
         frame_grid: substeps between the app frames if they are what it shows; 0: it is a function
             of the moment at any substep.
         needs: see :class:`Sense`.

@@ -22,7 +22,7 @@ class AttentionCropConfig(Settings):
     fovea_zoom: int = Field(default=3, ge=1, le=5)
     """How many times as large things are in ``fovea``: ``env.vision.zoom``."""
     features: Width = 96
-    """Of each glimpse."""
+    """Features of each crop."""
 
 
 def check_attention(glimpses: AttentionCropConfig, recipe: str, env: EnvConfig) -> None:

@@ -52,13 +52,16 @@ class PolicyConfig(Settings):
     vision_channels: tuple[Width, ...] = Field(default=(8, 16, 32), min_length=1, max_length=10)
     """Output channels of the 3x3 convolutions of stride 2."""
     vision_features: Width = 256
+    """Number of features that the image encoder returns."""
     proprioception_features: Width = 128
+    """Number of features that the encoder of all senses without an image returns."""
     net_arch: tuple[Width, ...] = Field(default=(256, 256), max_length=20)
     """Widths of the hidden layers behind the features, LeakyReLU."""
     shared_mlp: bool = False
     """True: actor and critic share ``net_arch``, as the paper says; False: two separate
     networks, as the reference runs."""
     log_std_init: float = Field(default=0.0, ge=-20.0, le=5.0)
+    """Logarithm of the actions' standard deviation at the start."""
     vision_precision: Literal["float32", "bfloat16"] = "float32"
     """What the vision encoder computes in. Weights, optimiser and everything behind the image's
     features are float32 either way. bfloat16 is quicker on CPUs with AVX-512 BF16 or AMX."""
@@ -99,19 +102,26 @@ class WandbConfig(Settings):
     """Weights & Biases (needs the extra ``sim2vr-harness[wandb]``)."""
 
     enabled: bool = False
+    """Whether metrics are sent to Weights & Biases."""
     project: str = "sim2vr"
+    """Project on Weights & Biases."""
     entity: str | None = None
+    """User or team on Weights & Biases; None takes your default one."""
     mode: Literal["online", "offline"] = "online"
+    """``offline`` writes to a local folder, to be uploaded with ``wandb sync``."""
 
 
 class TrainingConfig(Settings):
     """Everything that a training run is made of."""
 
     name: str = Field(default="whacamole", pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]*$")
+    """Name of the run; its folder under ``runs/`` has it unless ``--out`` is given."""
     seed: int = Field(default=1, ge=0, lt=2**31)
+    """Seed of everything that is random in the training."""
     total_timesteps: int = Field(default=100_000_000, ge=1, le=MOST_STEPS)
     """User steps of the complete training, over which the learning-rate schedule runs."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
+    """Where torch computes; ``auto`` takes a GPU that torch finds."""
     recipe: Literal["ppo", "distill", "skills", "adapt"] = "ppo"
     """The stages of the run. ``ppo``: PPO from pixels alone, as the reference. ``distill``: first
     imagined rollouts, a teacher and a student, whose weights PPO begins with; for games that have a
@@ -121,14 +131,23 @@ class TrainingConfig(Settings):
     from_user: str | None = None
     """With the recipe ``adapt``: the trained user that goes on, as ``evaluate`` takes it."""
     skills: SkillsConfig = SkillsConfig()
+    """The recipe ``skills``."""
     teacher: TeacherConfig = TeacherConfig()
+    """The teacher policy of the recipe ``distill``."""
     student: StudentConfig = StudentConfig()
+    """The student policy of the recipes ``distill`` and ``skills``."""
     env: EnvConfig = EnvConfig()
+    """The app, the simulated user and its senses."""
     policy: PolicyConfig = PolicyConfig()
+    """The network of the policy from senses to actions."""
     ppo: PPOConfig = PPOConfig()
+    """PPO with the policy from senses to actions."""
     checkpoint: CheckpointConfig = CheckpointConfig()
+    """What is kept of the run."""
     evaluation: EvaluationConfig = EvaluationConfig()
+    """Rounds played with the trained user."""
     wandb: WandbConfig = WandbConfig()
+    """Logging to Weights & Biases."""
 
     @property
     def policy_kind(self) -> str:

@@ -15,10 +15,11 @@ class StudentConfig(Settings):
     """The second stage: a policy that sees imitates the teacher (DAgger)."""
 
     n_envs: int = Field(default=64, ge=1, le=MOST_USERS)
+    """Environments that run at the same time."""
     frames: int = Field(default=200_000, ge=1, le=1_000_000_000)
     """User steps that are collected."""
     kept_frames: int | None = Field(default=None, ge=1, le=1_000_000_000)
-    """How many of them are learned from, the last ones; None: all. They are kept in files until the
+    """User steps that are learned from, the latest; None: all. They are kept in files until the
     stage is over, some 30 KB for a picture of three channels: more than the memory has are slow."""
     app_options: dict[str, OptionValue] = Field(default_factory=dict)
     """Options of the game in this stage that differ from ``env.app.options``."""
@@ -27,27 +28,35 @@ class StudentConfig(Settings):
     samples_per_frame: float = Field(default=3.0, gt=0.0, le=1000.0)
     """How often a frame is learned from, on average, per frame that is collected."""
     batch_size: int = Field(default=500, ge=1, le=MOST_BATCH)
+    """User steps per minibatch."""
     learning_rate: LearningRate = 1e-3
-    """Constant for the first half of the frames, then linear to almost nothing."""
+    """Learning rate: constant for the first half of the frames, then linear to almost nothing."""
     weight_decay: float = Field(default=1e-4, ge=0.0, le=1.0)
+    """Weight decay of the optimiser."""
     max_grad_norm: Norm = 1.0
+    """Norm that gradients are clipped to."""
     imitation_weight: Factor = 4.0
+    """Weight of the difference between the student's and the teacher's actions in the loss."""
     facts_weight: Weight = 0.2
-    """Of the heads that name facts of the picture, such as which targets are there."""
+    """Weight in the loss of the heads that name facts of the picture, such as which targets are
+    there."""
     numbers_weight: Weight = 0.0
-    """Of the head that tells what the teacher knows of the game (standardised, mean squared error)
-    from all that the student senses; 0: there is none. Where much is to be made out in a small
-    picture, actions alone teach too slowly what is there."""
+    """Weight in the loss of the head that tells what the teacher knows of the game (standardised,
+    mean squared error) from all that the student senses; 0: there is none. Where much is to be made
+    out in a small picture, actions alone teach too slowly what is there."""
     glances_weight: Weight = 0.2
-    """Of where the student looks (``policy.glimpses``), beside where things truly are."""
+    """Weight in the loss of where the student looks (``policy.glimpses``), beside where things
+    truly are."""
     teacher_rounds: int = Field(default=3, ge=0, le=1_000_000)
     """Rounds of collecting in which the teacher acts for everybody."""
     teacher_share: Chance = 0.6
     """Share of the steps on which the teacher acts in the round after those."""
     teacher_share_decay: Chance = 0.9
+    """Factor on that proportion from round to round."""
     noise_std: Weight = 0.1
     """Noise on the actions of some users, so that unusual situations are seen too."""
     noisy_users: Chance = 0.25
+    """Proportion of users with noise on their actions."""
     image_noise: Weight = 0.0
     """Standard deviation of noise on the pictures that are learned from, of 255."""
     log_std: float = Field(default=-1.5, ge=-20.0, le=5.0)
@@ -56,4 +65,6 @@ class StudentConfig(Settings):
     """Users' first rounds are cut at random within so many steps, so that rounds do not run in
     phase."""
     statistics_episodes: int = Field(default=100, ge=1, le=1_000_000)
+    """Latest episodes that the printed statistics are taken over."""
     checkpoint_rounds: int = Field(default=20, ge=1, le=1_000_000)
+    """Rounds of collecting between two checkpoints."""

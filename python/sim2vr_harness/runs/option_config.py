@@ -24,28 +24,34 @@ class MotorTrainingConfig(Settings):
     """Practice of a body's motor layer: hands that come where they are told to, when and how."""
 
     cycles: int = Field(default=20, ge=1, le=100_000)
-    """A cycle: bodies move in MuJoCo, the body model is fitted to it, the layer learns from
-    imagined rollouts."""
+    """Cycles of training. In each, bodies move in MuJoCo, the body model is fitted to it, the layer
+    learns from imagined rollouts."""
     bodies: int = Field(default=128, ge=1, le=MOST_USERS)
     """Simulated bodies that move in a cycle."""
     first_play_steps: int = Field(default=400, ge=1, le=1_000_000)
-    """User steps of each in the first cycle, in which they move at random."""
+    """User steps of each body in the first cycle, in which it moves at random."""
     play_steps: int = Field(default=100, ge=1, le=1_000_000)
-    """User steps of each in a later cycle."""
+    """User steps of each body in a later cycle."""
     kept_cycles: int = Field(default=12, ge=1, le=100_000)
+    """Cycles whose user steps are kept, beside the first."""
     first_fit_minibatches: int = Field(default=1500, ge=20, le=10_000_000)
+    """Minibatches that the body model is fitted to in the first cycle."""
     fit_minibatches: int = Field(default=300, ge=20, le=10_000_000)
+    """Minibatches that the body model is fitted to in a later cycle."""
     body_width: Width = 256
+    """Width of the body model's hidden layers."""
     width: Width = 256
-    """Of the layer's two hidden layers, and of the critic's."""
+    """Width of the two hidden layers of the motor layer, and of the critic's."""
     users: int = Field(default=256, ge=1, le=100_000)
-    """Imagined ones."""
+    """Imagined users."""
     updates: int = Field(default=100, ge=1, le=1_000_000)
-    """Of the layer in a cycle."""
+    """Updates of the motor layer in a cycle."""
     window_steps: int = Field(default=16, ge=1, le=10_000)
     """User steps through which gradients go."""
     gamma: Chance = 0.95
+    """Discount factor per user step."""
     learning_rate: LearningRate = 1.5e-3
+    """Learning rate of the motor layer."""
     action_noise: Weight = 0.06
     """Standard deviation on the actions, true and imagined."""
     error_share: Weight = 0.3
@@ -55,44 +61,52 @@ class MotorTrainingConfig(Settings):
     effort: Weight = 0.3
     """Cost of the mean square of the drives per user step; arriving well is worth about 10."""
     gradient_limit: Norm | None = None
+    """Longest gradient of a reward by an action; None: no limit."""
     strikes: bool = False
     """True: hands come through places when and as fast as they are told, as those do who follow
     other hands; they wait and wind up where there is time. Games' moves say where, not when."""
     aim_cost: Weight = 0.1
+    """Cost of actuator targets beyond their ranges."""
     rest_cost: Weight = 0.0
-    """See ``teacher.imagined``."""
+    """Cost of actuators away from rest."""
 
 
 class QLearningConfig(Settings):
     """How a user with a motor layer finds out what is worth doing with what it sees."""
 
     users: int = Field(default=32, ge=1, le=MOST_USERS)
+    """Environments in which users play at the same time."""
     user_steps: int = Field(default=120_000, ge=1, le=MOST_STEPS)
-    """Of all users together."""
+    """User steps of the Q-learning, of all users together."""
     decide_steps: int = Field(default=3, ge=1, le=100)
     """User steps from one decision to the next."""
     try_steps: int = Field(default=8_000, ge=0, le=MOST_STEPS)
     """User steps at the start in which all is tried at random."""
     explore_first: Chance = 0.9
+    """Proportion of exploratory decisions at the start."""
     explore_last: Chance = 0.08
+    """Proportion of exploratory decisions after ``explore_steps``."""
     explore_steps: int = Field(default=50_000, ge=1, le=MOST_STEPS)
-    """Share of random tries, and over how many user steps it falls."""
+    """User steps over which that proportion falls."""
     gamma: Chance = 0.85
-    """From decision to decision."""
+    """Discount factor per decision."""
     ahead: int = Field(default=3, ge=1, le=100)
     """Decisions whose rewards are added up before a value is trusted."""
     kept: int = Field(default=24_000, ge=100, le=10_000_000)
-    """Decisions that are remembered."""
+    """Decisions that the replay buffer holds."""
     batch_size: int = Field(default=64, ge=1, le=100_000)
+    """Decisions per minibatch."""
     updates: float = Field(default=1.0, gt=0.0, le=1000.0)
-    """Per decision of everybody."""
+    """Updates of the Q-network per decision of all users."""
     learning_rate: LearningRate = 1e-3
+    """Learning rate of the Q-network."""
     settle_share: Chance = 0.5
     """Last share of the user steps, over which the learning rate falls to a twentieth and random
     tries fall to a quarter."""
     follow: Chance = 0.01
-    """How fast the slow copy of the network follows."""
+    """Rate at which the target network follows the Q-network."""
     width: Width = 32
+    """Channels of the Q-network's convolutions."""
 
 
 class SkillsConfig(Settings):
@@ -106,6 +120,8 @@ class SkillsConfig(Settings):
     """File of the motor layer; None: the one that ships for the body, or, where none does, one that
     the run makes first."""
     practice: MotorTrainingConfig = MotorTrainingConfig()
+    """Training of the motor layer."""
     looking: QLearningConfig = QLearningConfig()
+    """Q-learning of what to do with what is seen."""
     baseline_seconds: float = Field(default=6.0, ge=0.0, le=1e6)
     """For how long somebody sits still, and then moves at random, to compare with."""

@@ -29,7 +29,9 @@ class LearningRateConfig(Settings):
     """Constant at first, then linear in the steps taken, over ``total_timesteps``."""
 
     initial: float = Field(default=5.0e-5, ge=0.0, le=1.0)
+    """Learning rate at the start; a plain number for ``learning_rate`` is a constant one."""
     final: float = Field(default=1.0e-7, ge=0.0, le=1.0)
+    """Learning rate at the end, to which it falls linearly."""
     constant_fraction: float = Field(default=0.2, ge=0.0, lt=1.0)
     """Share of ``total_timesteps`` during which ``initial`` holds."""
 
@@ -38,25 +40,35 @@ class PPOConfig(Settings):
     """Proximal policy optimisation; names are Stable-Baselines3's."""
 
     n_envs: int = Field(default=10, ge=1, le=MOST_USERS)
+    """Environments that run at the same time."""
     n_steps: int = Field(default=4000, ge=1, le=MOST_BATCH)
     """User steps per environment and iteration."""
     batch_size: int = Field(default=1000, ge=2, le=MOST_BATCH)
+    """User steps per minibatch; divides ``n_envs * n_steps``."""
     n_epochs: int = Field(default=10, ge=1, le=10_000)
+    """Passes over an iteration's user steps."""
     gamma: float = Field(default=0.99, ge=0.0, le=1.0)
+    """Discount factor per user step."""
     gae_lambda: float = Field(default=0.95, ge=0.0, le=1.0)
+    """Lambda of generalised advantage estimation."""
     clip_range: Factor = 0.2
+    """Largest relative change of an action's probability that is rewarded."""
     ent_coef: float = Field(default=0.0, ge=-1e6, le=1e6)
+    """Weight of the entropy bonus."""
     vf_coef: Weight = 0.5
+    """Weight of the critic's loss."""
     max_grad_norm: Norm = 0.5
+    """Norm that gradients are clipped to."""
     target_kl: Factor | None = 1.0
+    """An update ends when the policy has moved by 1.5 times this KL divergence; None: no limit."""
     critic_first_updates: int = Field(default=0, ge=0, le=MOST_STEPS)
     """Updates at the start, one per iteration, in which the critic alone learns: a policy that can
     play already is not to be judged by a critic that knows nothing."""
     learning_rate: LearningRateConfig = LearningRateConfig()
-    """A plain number is a constant rate."""
+    """Learning rate; a plain number is a constant rate."""
     critic_learning_rate_factor: float = Field(default=1.0, gt=0.0, le=1e4)
-    """Of the weights that only the values depend on: a critic that begins with nothing beside an
-    actor that can play needs a higher rate than the actor bears."""
+    """Factor on the learning rate of the weights that only the values depend on: a critic that
+    begins with nothing beside an actor that can play needs a higher rate than the actor bears."""
 
     @property
     def steps_per_iteration(self) -> int:

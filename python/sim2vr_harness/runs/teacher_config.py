@@ -37,32 +37,38 @@ class ImaginedConfig(Settings):
     """
 
     cycles: int = Field(default=22, ge=0, le=100_000)
-    """0: none, the teacher begins with nothing."""
+    """Cycles of imagined rollouts; 0: none, the teacher begins with nothing."""
     first_play_steps: int = Field(default=600, ge=1, le=1_000_000)
     """User steps of every user in the first cycle, in which they move about at random."""
     wild_seconds: float = Field(default=1.0, gt=0.0, le=1e6)
-    """Their episodes last so long, and begin near a good start of an action."""
+    """Length of the episodes of the first cycle, which begin near a good start of an action."""
     play_steps: int = Field(default=100, ge=1, le=1_000_000)
     """User steps of every user in a later cycle."""
     kept_cycles: int = Field(default=12, ge=1, le=100_000)
     """Cycles whose user steps are kept, beside the first."""
     first_fit_minibatches: int = Field(default=1500, ge=20, le=10_000_000)
+    """Minibatches of 1024 user steps that the body model is fitted to in the first cycle."""
     fit_minibatches: int = Field(default=215, ge=20, le=10_000_000)
     """Minibatches of 1024 user steps that the body model is fitted to."""
     body_width: Width = 256
+    """Width of the body model's hidden layers."""
     critic_width: Width = 256
+    """Width of the critic's hidden layers."""
     users: int = Field(default=512, ge=1, le=100_000)
-    """Imagined ones."""
+    """Imagined users."""
     updates: int = Field(default=90, ge=1, le=1_000_000)
-    """Of the policy in a cycle."""
+    """Updates of the policy in a cycle."""
     window_steps: int = Field(default=16, ge=1, le=10_000)
     """User steps through which gradients go."""
     gamma: Chance = 0.96
+    """Discount factor per user step."""
     lam: Chance = 0.9
-    """Of the critic's returns."""
+    """Lambda of the critic's returns (TD(lambda))."""
     learning_rate: LearningRate = 1e-3
-    """Constant for the first half of the updates, then linear to almost nothing."""
+    """Learning rate of the policy: constant for the first half of the updates, then linear to
+    almost nothing."""
     critic_learning_rate: LearningRate = 1e-3
+    """Learning rate of the critic."""
     critic_first_updates: int = Field(default=30, ge=0, le=MOST_STEPS)
     """Updates at the start in which the critic alone learns."""
     action_noise: Weight = 0.12
@@ -95,7 +101,7 @@ class ImaginedConfig(Settings):
     near_starts: Chance = 0.5
     """Share of those who begin near a living target."""
     near_m: float = Field(default=0.12, gt=0.0, le=10.0)
-    """How near: the tool's distance from a good start of an action on it."""
+    """How near they begin: the tool's distance from a good start of an action on it."""
     effort: Weight = 0.1
     """Cost of the mean square of activations per user step, for users whose own effort remembers
     or looks at forces; others (``neural``, ``muscle_state``) have their own."""
@@ -138,7 +144,7 @@ class CurriculumConfig(Settings):
     near_starts: Chance = 0.3
     """Share of episodes that start near a good start of an action, instead of the true start."""
     near_start_m: float = Field(default=0.08, gt=0.0, le=10.0)
-    """How near."""
+    """How near such episodes start."""
     starts_per_cell: int = Field(default=40, ge=1, le=10_000)
     """Start postures that are looked for, for each cell and condition."""
     failing_cells: Chance = 0.3
@@ -155,9 +161,11 @@ class TeacherPolicyConfig(Settings):
     action_scale: Factor = 0.5
     """Means are the actor's outputs times this."""
     log_std_init: float = Field(default=-2.1, ge=-20.0, le=5.0)
+    """Logarithm of the actions' standard deviation at the start."""
     log_std_min: float = Field(default=-3.0, ge=-20.0, le=5.0)
+    """Smallest logarithm of the actions' standard deviation."""
     observation_clip: Factor = 8.0
-    """Of the normalised observation."""
+    """Largest absolute value of the normalised observation."""
 
 
 class TeacherPPOConfig(PPOConfig):
@@ -199,10 +207,15 @@ class TeacherConfig(Settings):
     observes and acts as this one, by other rules perhaps. Its cycles are as those of the second
     half of a training from nothing, and nothing is easier in them unless they say so."""
     imagined: ImaginedConfig = ImaginedConfig()
+    """Imagined rollouts, in which the teacher is trained first."""
     curriculum: CurriculumConfig = CurriculumConfig()
+    """Where episodes of PPO start, and which targets come up."""
     reward_scale: Factor = 0.2
+    """Factor on the environment's reward in PPO."""
     policy: TeacherPolicyConfig = TeacherPolicyConfig()
+    """The teacher's network."""
     ppo: TeacherPPOConfig = TeacherPPOConfig()
+    """PPO with the teacher, after the imagined rollouts."""
     evaluate_rounds: int = Field(default=4, ge=0, le=1_000_000)
     """Rounds per condition by which the teacher is judged in the end: true rules, stochastic
     policy."""

@@ -274,7 +274,7 @@ class CumulativeFatigue3CCr(EffortModel):
 class ConsumedEndurance(_Memoryless):
     """Share of the remaining endurance time that one step uses up (SIM2VR paper).
 
-    The strength s = |force| / F0 of the most loaded lifting muscle gives the endurance time
+    The strength ``s = |force| / F0`` of the most loaded lifting muscle gives the endurance time
     E = 1236.5 / (100 s - 15)^0.618 - 72.5 in s, endless up to s = 0.15; cost = w * 100 dt / E.
 
     Args:

@@ -25,10 +25,12 @@ class DistanceRule(Settings):
     """How far a device is from an object of the app."""
 
     device: Device = "right_controller"
+    """The device whose distance counts."""
     object: str | None = None
     """The object's name; of A-Frame its ``id``."""
     expression: str | None = None
-    """Instead of a name, an expression for a place: x y z, or an object with x, y and z."""
+    """Instead of the object's name, an expression for a place: x y z, or an object with x, y and
+    z."""
 
     @model_validator(mode="after")
     def _one_of_two(self) -> DistanceRule:
@@ -54,12 +56,12 @@ class RewardRule(Settings):
     seconds: Literal[True] | None = None
     """Every second counts 1."""
     per: Literal["change", "second", "step"] | None = None
-    """Of expressions and distances. ``change``: by how much the value has grown in the step
+    """How expressions and distances count. ``change``: by how much the value has grown in the step
     (default); ``second``: the value times the step's seconds; ``step``: the value itself."""
     weight: SignedWeight = 1.0
-    """What it is multiplied with."""
+    """Factor on this part of the reward."""
     name: str | None = Field(default=None, pattern=r"^[A-Za-z]\w{0,40}$")
-    """In the log; made of what it is unless given."""
+    """Name in the log; made of what it is unless given."""
 
     @model_validator(mode="after")
     def _one_kind(self) -> RewardRule:
@@ -92,6 +94,7 @@ class TaskRules(Settings):
     """``env.app.task`` without code."""
 
     description: str = ""
+    """What the task is, in a sentence for people."""
     reward: tuple[RewardRule, ...] = ()
     """One part or a list of them, which are added."""
     finished: str | None = None
@@ -105,7 +108,7 @@ class TaskRules(Settings):
     devices: tuple[Literal["controller_left", "controller_right"], ...] = ()
     """Controllers without which it cannot be played."""
     inputs: tuple[str, ...] = ()
-    """Of the controllers, that fingers work unless ``env.user.inputs`` says otherwise."""
+    """Inputs of the controllers that fingers work unless ``env.user.inputs`` says otherwise."""
     reset: str | None = None
     """Expression by which a page begins a round; None: it is loaded anew."""
 

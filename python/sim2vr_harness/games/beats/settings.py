@@ -42,11 +42,15 @@ class GameModelSettings(Settings):
     busy_starts: Chance = 0.9
     """Share of rounds that begin shortly before a box arrives, instead of at any moment."""
     contact_m: float = Field(default=0.1, ge=1e-6, le=10.0)
+    """Width of the soft step from apart to touching, at the start."""
     speed_mps: float = Field(default=0.5, ge=1e-6, le=100.0)
+    """Width of the soft step from too slow to fast enough, at the start."""
     angle_deg: float = Field(default=25.0, ge=1e-6, le=1000.0)
+    """Width of the soft step from a wrong direction to a right one, at the start."""
     near_reward: Weight = 20.0
-    """How soft cuts are and what helps to find them, at first; after four fifths of the imagined
-    rollouts they are 0.05, 0.2, 15 and 5."""
+    """Points per user step for a blade near its next box when that arrives, at the start. After
+    four fifths of the imagined rollouts this and the three settings above are 5, 0.05, 0.2 and
+    15."""
     stroke_reward: Weight = 0.0
     """Points per user step, at first, for a blade that is where a stroke through its next box would
     have it: drawn back half a second before, in the box's middle when it arrives. Less with the
@@ -64,7 +68,7 @@ class GameModelSettings(Settings):
     is not 6 cm clear of it pays, too. The cost of a touch is paid once, and has no gradient deep
     inside."""
     early_error_cost: Weight = 20.0
-    """The same at first. In levels with every direction a user who pays for
+    """``error_cost`` at the start. In levels with every direction a user who pays for
     wrong cuts before it makes right ones learns to keep its blades away."""
 
     def relaxation(self, done: float) -> Relaxation:

@@ -38,13 +38,16 @@ class GameModelSettings(Settings):
     failing_blocks: Chance = 0.5
     """Share of blocks that are drawn by their fail rates; the others are uniform."""
     depth_m: float = Field(default=0.02, ge=1e-6, le=10.0)
+    """Width of the soft step from in front of the plane to behind it, at the start."""
     aim_m: float = Field(default=0.02, ge=1e-6, le=10.0)
+    """Width of the soft step from beside the target to on it, at the start."""
     near_reward: Weight = 2.0
+    """Reward for being about to tap the target, at the start."""
     distance_reward: Weight = 7.0
+    """Factor on the game's reward for distance, at the start."""
     error_share: Chance = 0.1
-    """How soft taps are, what helps to find them, and which share of an error's cost counts, at
-    first; by the middle of the imagined rollouts they are 0.004, 0.003, 0.1, 1 (the game's own) and
-    1."""
+    """Factor on the game's cost of an error, at the start. From the middle of the imagined rollouts
+    on this and the four settings above are 1, 0.004, 0.003, 0.1 and 1."""
     behind_cost: Weight = 0.3
     """Cost per user step of a tip that stays behind the plane, or nearly, after a selection. The
     game's reward has no gradient that says so."""

@@ -56,16 +56,22 @@ class GameModelSettings(Settings):
     """A hit in a cell that fails k times as often as the mean, at most 3 times, is worth this times
     k - 1 hits more: with several targets at once the far cells are given up otherwise."""
     overlap_m: float = Field(default=0.015, ge=1e-6, le=10.0)
+    """Width of the soft step from apart to overlapping, at the start."""
     speed_mps: float = Field(default=0.3, ge=1e-6, le=100.0)
+    """Width of the soft step from too slow to fast enough, at the start."""
     near_reward: Weight = 3.0
+    """Reward for being near a living target at speed, at the start."""
     distance_reward: Weight = 7.0
-    """How soft hits are and what helps to find them, at first; by the middle of the imagined
-    rollouts they are the next three, and 1 (the game's own)."""
+    """Factor on the game's reward for distance, at the start; 1 from the middle of the imagined
+    rollouts on."""
     last_overlap_m: float = Field(default=0.004, ge=1e-6, le=10.0)
+    """``overlap_m`` from the middle of the imagined rollouts on."""
     last_speed_mps: float = Field(default=0.08, ge=1e-6, le=100.0)
+    """``speed_mps`` from the middle of the imagined rollouts on."""
     last_near_reward: Weight = 0.2
-    """How soft hits stay. Noise blurs what a user hits by itself: where a hit is sharper than that,
-    its gradient is nothing most of the time, and a lot by chance."""
+    """``near_reward`` from the middle of the imagined rollouts on. Noise blurs what a user hits by
+    itself: where a hit is sharper than that, its gradient is nothing most of the time, and a lot by
+    chance."""
     stroke_reward: Weight = 0.0
     """Reward per user step, at first, for a hammer that is where a stroke at the oldest target
     would have it: in front of the cell, and in it 0.6 s after the target appeared. Less with the

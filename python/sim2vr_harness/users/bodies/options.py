@@ -37,9 +37,9 @@ class JointOptions(Settings):
     armature: float | None = Field(default=None, ge=0.0, le=100.0)
     """Inertia about the joint's axis beside that of the segments, kg m^2 (of a slide kg)."""
     damping: float | None = Field(default=None, ge=0.0, le=1e4)
-    """Nms/rad (of a slide Ns/m)."""
+    """Damping of the joint, Nms/rad (of a slide Ns/m)."""
     stiffness: float | None = Field(default=None, ge=0.0, le=1e6)
-    """Towards the joint's rest, Nm/rad (of a slide N/m)."""
+    """Stiffness towards the joint's rest, Nm/rad (of a slide N/m)."""
 
 
 class Physique(Settings):

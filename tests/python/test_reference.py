@@ -1,0 +1,96 @@
+"""The generated reference pages are up to date and leave nothing out."""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+from pathlib import Path
+
+import pytest
+import typer.main
+from pydantic import BaseModel, Field
+
+from sim2vr_harness.cli.main import app
+from sim2vr_harness.runs.config import TrainingConfig
+
+ROOT = Path(__file__).resolve().parents[2]
+_SPEC = importlib.util.spec_from_file_location("reference", ROOT / "tools/docs/reference.py")
+assert _SPEC is not None and _SPEC.loader is not None
+reference = importlib.util.module_from_spec(_SPEC)
+sys.modules["reference"] = reference
+_SPEC.loader.exec_module(reference)
+
+
+@pytest.mark.parametrize("path", list(reference.PAGES), ids=lambda path: path.name)
+def test_page_is_up_to_date(path: Path) -> None:
+    assert path.read_text(encoding="utf-8") == reference.PAGES[path](), "run make reference"
+
+
+def dumped(tree: object, at: str = "") -> list[str]:
+    """Dotted keys of a configuration's dump, without those of mappings and lists."""
+    if not isinstance(tree, dict) or not tree:
+        return [at]
+    return [key for name, part in tree.items() for key in dumped(part, f"{at}.{name}".strip("."))]
+
+
+def test_every_key_has_a_row() -> None:
+    rows = {each.key for each in reference.settings(TrainingConfig, TrainingConfig())}
+    assert len(rows) > 200
+    assert [key for key in dumped(TrainingConfig().model_dump()) if key not in rows] == []
+
+
+def test_every_key_has_a_sentence() -> None:
+    rows = list(reference.settings(TrainingConfig, TrainingConfig()))
+    rows += [row for _, rows_of_game in reference.game_settings() for row in rows_of_game]
+    assert [row.key for row in rows if len(row.meaning) < 8] == []
+
+
+class Inner(BaseModel):
+    delay_s: float = Field(default=0.5, ge=0.0, lt=2.0)
+    """How late. More text."""
+
+
+Inner.__module__ = "sim2vr_harness.test"
+
+
+class Outer(BaseModel):
+    one: Inner = Inner(delay_s=1.0)
+    some: dict[str, Inner] = {}
+    """Named ones (docs/senses.md)."""
+    many: int | None = None
+
+
+Outer.__module__ = "sim2vr_harness.test"
+
+
+def test_rows_of_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
+    sources = {Inner: SOURCE_INNER, Outer: SOURCE_OUTER}
+    monkeypatch.setattr(reference.inspect, "getsource", lambda model: sources[model])
+    rows = {row.key: row for row in reference.settings(Outer, Outer())}
+    assert list(rows) == ["one.delay_s", "some", "some.NAME.delay_s", "many"]
+    row = rows["one.delay_s"]
+    assert (row.type, row.unit, row.default, row.range) == ("number", "s", "1", "0 to below 2")
+    assert row.meaning == "How late."
+    assert rows["some.NAME.delay_s"].default == "0.5"
+    assert rows["some"].meaning == "Named ones ([senses.md](../senses.md))."
+    assert (rows["many"].type, rows["many"].default) == ("integer or none", "none")
+
+
+SOURCE_INNER = 'class Inner:\n    delay_s: float = 0.5\n    """How late. More text."""\n'
+SOURCE_OUTER = (
+    "class Outer:\n    one: Inner = 0\n    some: dict = 0\n"
+    '    """Named ones (docs/senses.md)."""\n    many: int = 0\n'
+)
+
+
+def test_every_command_and_option_has_a_sentence() -> None:
+    page = reference.command_line_page()
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    for name, command in commands.items():
+        assert f"## `{name}`" in page
+        assert command.help, name
+        for below in [command, *getattr(command, "commands", {}).values()]:
+            missing = [each.name for each in below.params if not each.help]
+            assert missing == [], (name, below.name)
+            spelled = [option for each in below.params for option in each.opts if option[0] == "-"]
+            assert [each for each in spelled if f"`{each}" not in page] == []

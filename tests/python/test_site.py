@@ -1,0 +1,66 @@
+"""The documentation's site builds without a warning: no dead link, no page without a section."""
+
+from __future__ import annotations
+
+import importlib.util
+import inspect
+import subprocess
+import sys
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+needs_sphinx = pytest.mark.skipif(
+    any(importlib.util.find_spec(name) is None for name in ("sphinx", "myst_parser", "furo")),
+    reason="needs the extra docs",
+)
+
+
+def build(docs: Path, out: Path) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html"]
+    return subprocess.run([*command, docs, out], capture_output=True, text=True, timeout=600)
+
+
+def exports() -> list[str]:
+    """Functions and classes that the packages of docs/reference/api.md export."""
+    found = []
+    for package in ("", ".training", ".envs", ".client", ".users", ".perception"):
+        module = import_module(f"sim2vr_harness{package}")
+        values = {name: getattr(module, name) for name in module.__all__}
+        found += [
+            f"{module.__name__}.{name}"
+            for name, value in values.items()
+            if (inspect.isclass(value) or inspect.isfunction(value))
+            and not (package == ".perception" and name == "SenseConfig")  # under envs
+        ]
+    assert len(found) > 100
+    return found
+
+
+@needs_sphinx
+def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
+    done = build(ROOT / "docs", tmp_path / "site")
+    assert done.stderr == ""
+    assert done.returncode == 0
+    index = (tmp_path / "site/index.html").read_text(encoding="utf-8")
+    for page in ("reference/settings.html", "reference/api.html", "guide/train.html"):
+        assert page in index
+    api = (tmp_path / "site/reference/api.html").read_text(encoding="utf-8")
+    assert [name for name in exports() if f'id="{name}"' not in api] == []
+
+
+@needs_sphinx
+def test_a_dead_link_and_a_page_without_a_section_are_errors(tmp_path: Path) -> None:
+    docs = tmp_path / "docs"
+    docs.mkdir()
+    (docs / "conf.py").write_text((ROOT / "docs/conf.py").read_text(encoding="utf-8"))
+    (docs / "index.md").write_text("# Site\n\n[Dead](gone.md) and [folder](.).\n")
+    (docs / "tools.md").write_text("# Tools\n")
+    (docs / "stray.md").write_text("# Stray\n")
+    done = build(docs, tmp_path / "site")
+    assert done.returncode != 0
+    assert "gone.md" in done.stderr
+    assert "stray.md" in done.stderr
+    assert len(done.stderr.strip().splitlines()) == 2

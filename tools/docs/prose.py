@@ -1,0 +1,279 @@
+"""Checks the words and sentences of the documentation and the package.
+
+Rules:
+
+- ``sentence``: a sentence of a page has at most 30 words
+- ``line``: a line of prose on a page has at most 120 characters
+- ``number``: a page has at most 3 numbers per 100 words
+- ``docstring``: a module's docstring does not begin with What, Who, Where, How or Which
+- ``word``: no word of tests/data/retired_words.txt in pages, configurations and the package
+
+Tables, code blocks and docs/research/ are exempt. tests/data/prose_baseline.json holds the problems
+that are left, per file and rule: a count may fall, never rise. A file without an entry may have
+none.
+
+Run: python tools/docs/prose.py [FILE ...] to list the problems, --update to lower the baseline
+"""
+
+from __future__ import annotations
+
+import argparse
+import ast
+import json
+import re
+import sys
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[2]
+WORDS = "tests/data/retired_words.txt"
+BASELINE = "tests/data/prose_baseline.json"
+
+SENTENCE_WORDS = 30
+LINE_CHARACTERS = 120
+NUMBERS_PER_100_WORDS = 3
+
+EXEMPT = (
+    "docs/research/",
+    "docs/reference/settings.md",
+    "docs/reference/command_line.md",
+    "python/sim2vr_harness/runs/migration.py",
+)
+"""Notes of the past, generated pages, and the module that reads old configurations."""
+
+Counts = dict[str, dict[str, int]]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One place that breaks a rule."""
+
+    path: str
+    line: int
+    rule: str
+    text: str
+
+    def __str__(self) -> str:
+        """Return the problem as compilers print theirs."""
+        return f"{self.path}:{self.line}: {self.rule}: {self.text}"
+
+
+# ---------------------------------------------------------------- pages
+
+
+def prose(text: str) -> list[str]:
+    """Return a page's lines; code blocks, comments, tables and definitions of links are empty."""
+
+    def blank(match: re.Match[str]) -> str:
+        return "\n" * match[0].count("\n")
+
+    text = re.sub(r"^( *)(```+|~~~+).*?^\1\2\s*$", blank, text, flags=re.S | re.M)
+    text = re.sub(r"<!--.*?-->", blank, text, flags=re.S)
+    return ["" if re.match(r"\s*\||\[\w+\]: ", line) else line for line in text.split("\n")]
+
+
+def plain(line: str) -> str:
+    """Return a line as read: links by their text, inline code as one word, no markup."""
+    line = re.sub(r"!?\[([^\]]*)\]\([^)]*\)", r"\1", line)
+    line = re.sub(r"`[^`]*`", "code", line)
+    return re.sub(r"<[^>]+>|[*_]{1,2}(?=\w)|(?<=\w)[*_]{1,2}", "", line)
+
+
+def paragraphs(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """Yield each paragraph or list item with its first line's number."""
+    start, parts = 0, list[str]()
+    for number, line in enumerate([*lines, ""], start=1):
+        heading = re.match(r"\s*#", line)
+        item = re.match(r"\s*(?:[-*+]|\d+\.)\s+", line)
+        if parts and (not line.strip() or heading or item):
+            yield start, " ".join(parts)
+            parts = []
+        if line.strip() and not heading:
+            start = start if parts else number
+            parts.append(line[item.end() :] if item else line.strip())
+
+
+def word_count(text: str) -> int:
+    """Return the number of words of a text without markup."""
+    return len(re.findall(r"[^\s]*\w[^\s]*", text))
+
+
+def long_sentences(lines: Sequence[str]) -> Iterator[tuple[int, str]]:
+    """Yield sentences over the limit."""
+    for number, paragraph in paragraphs(lines):
+        for sentence in re.split(r"(?<=[.!?])[\")]*\s+(?=[\W\d_]*[A-Z`\d]|code)", plain(paragraph)):
+            count = word_count(sentence)
+            if count > SENTENCE_WORDS:
+                yield number, f"{count} words: {sentence[:60]}..."
+
+
+def page_problems(path: str, text: str) -> Iterator[Problem]:
+    """Yield what breaks the rules of pages."""
+    lines = prose(text)
+    for number, found in long_sentences(lines):
+        yield Problem(path, number, "sentence", found)
+    for number, line in enumerate(lines, start=1):
+        if len(line) > LINE_CHARACTERS:
+            yield Problem(path, number, "line", f"{len(line)} characters: {line[:60]}...")
+    words, numbers = 0, list[tuple[int, str]]()
+    for number, line in enumerate(lines, start=1):
+        line = re.sub(r"^\s*\d+\.\s", "", plain(line))
+        words += word_count(line)
+        numbers += [(number, each) for each in re.findall(r"(?<![\w.])[-+]?\.?\d[\d.,]*", line)]
+    for number, each in numbers[words * NUMBERS_PER_100_WORDS // 100 :]:
+        share = f"{len(numbers)} numbers in {words} words of this page"
+        yield Problem(path, number, "number", f"{each} ({share})")
+
+
+# ---------------------------------------------------------------- the package
+
+
+def docstring_problems(path: str, text: str) -> Iterator[Problem]:
+    """Yield a module's docstring that begins with a question word."""
+    first = (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
+    if re.match(r"(What|Who|Where|How|Which)\b", first):
+        yield Problem(path, 1, "docstring", first)
+
+
+# ---------------------------------------------------------------- words
+
+
+def retired_words(text: str) -> dict[str, str]:
+    """Return each retired phrase with its replacement, from ``phrase -> replacement`` lines."""
+    rows = (line.partition("->") for line in text.splitlines() if line.strip() and line[0] != "#")
+    return {phrase.strip(): better.strip() for phrase, _, better in rows}
+
+
+def phrase_pattern(phrases: Sequence[str]) -> re.Pattern[str]:
+    """Return a pattern for any of the phrases; ``*`` stands for the rest of a word."""
+    gap = r"[ \t\n#*>\"'-]+"  # also over a line's end, in a comment or between two strings
+    parts = [
+        gap.join(re.escape(p).replace(r"\*", "[a-z]*") for p in each.split()) for each in phrases
+    ]
+    return re.compile(r"(?<![a-z])(?:" + "|".join(parts) + r")(?![a-z])")
+
+
+def separated(text: str) -> str:
+    """Return text in lower case with the words of names apart: ``GameTwin`` -> ``game twin``."""
+    text = re.sub(r"(?<=[a-z\d])(?=[A-Z])", " ", text)
+    return text.replace("_", " ").lower()
+
+
+def word_problems(path: str, text: str, words: Mapping[str, str]) -> Iterator[Problem]:
+    """Yield the retired words of a file, those in its name included."""
+    pattern = phrase_pattern(list(words))
+    for match in pattern.finditer(separated(Path(path).stem)):
+        yield Problem(path, 1, "word", _advice(match[0], words) + " (in the file's name)")
+    text = separated(text)
+    for match in pattern.finditer(text):
+        line = text.count("\n", 0, match.start()) + 1
+        yield Problem(path, line, "word", _advice(match[0], words))
+
+
+def _advice(found: str, words: Mapping[str, str]) -> str:
+    better = next(b for phrase, b in words.items() if phrase_pattern([phrase]).fullmatch(found))
+    found = " ".join(re.findall(r"[a-z]+", found))
+    return f'"{found}": write {better}' if better else f'"{found}": say it in plain words'
+
+
+# ---------------------------------------------------------------- all of it
+
+
+def pages(root: Path = ROOT) -> list[Path]:
+    """Return the pages that users read, research notes left out."""
+    found = [root / "README.md", *sorted(root.glob("docs/**/*.md"))]
+    return [page for page in found if page.exists() and not _exempt(page, root)]
+
+
+def _exempt(path: Path, root: Path) -> bool:
+    return path.relative_to(root).as_posix().startswith(EXEMPT)
+
+
+def find_problems(root: Path = ROOT) -> list[Problem]:
+    """Return every problem of the pages, configurations and the package."""
+    words = retired_words((root / WORDS).read_text(encoding="utf-8"))
+    modules = sorted(root.glob("python/sim2vr_harness/**/*.py"))
+    configs = [*sorted(root.glob("configs/*.yaml")), *sorted(root.glob("studies/*.yaml"))]
+    problems = list[Problem]()
+    for file in [*pages(root), *configs, *modules]:
+        if _exempt(file, root):
+            continue
+        path, text = file.relative_to(root).as_posix(), file.read_text(encoding="utf-8")
+        if file.suffix == ".md":
+            problems += page_problems(path, text)
+        if file.suffix == ".py":
+            problems += docstring_problems(path, text)
+        problems += word_problems(path, text, words)
+    return problems
+
+
+def count(problems: Sequence[Problem]) -> Counts:
+    """Return the number of problems per file and rule."""
+    counts: Counts = {}
+    for (path, rule), number in sorted(Counter((p.path, p.rule) for p in problems).items()):
+        counts.setdefault(path, {})[rule] = number
+    return counts
+
+
+def read_baseline(root: Path = ROOT) -> Counts:
+    """Return the counts that are allowed today."""
+    path = root / BASELINE
+    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else {}
+
+
+def compare(counts: Counts, baseline: Counts) -> tuple[list[str], list[str]]:
+    """Return sentences on counts above the baseline, and on counts below it."""
+    above, below = list[str](), list[str]()
+    for path in sorted({*counts, *baseline}):
+        has, may = counts.get(path, {}), baseline.get(path, {})
+        for rule in sorted({*has, *may}):
+            now, then = has.get(rule, 0), may.get(rule, 0)
+            if now > then:
+                above.append(f"{path}: {rule}: {now} problems, at most {then} are allowed")
+            elif now < then:
+                below.append(f"{path}: {rule}: {now} problems, the baseline still has {then}")
+    return above, below
+
+
+def lowered(counts: Counts, baseline: Counts) -> Counts:
+    """Return the baseline without what has been mended; nothing rises."""
+    kept = {
+        path: {r: min(n, counts.get(path, {}).get(r, 0)) for r, n in rules.items()}
+        for path, rules in baseline.items()
+    }
+    kept = {path: {r: n for r, n in rules.items() if n} for path, rules in kept.items()}
+    return {path: rules for path, rules in sorted(kept.items()) if rules}
+
+
+def update(counts: Counts, root: Path = ROOT) -> None:
+    """Lower the baseline to today's counts, or write the first one."""
+    path = root / BASELINE
+    new = lowered(counts, read_baseline(root)) if path.exists() else counts
+    path.write_text(json.dumps(new, indent=1) + "\n", encoding="utf-8")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """List the problems, or lower the baseline."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
+    parser.add_argument("files", nargs="*", metavar="FILE", help="list these files only")
+    parser.add_argument("--update", action="store_true", help=f"lower {BASELINE}")
+    options = parser.parse_args(arguments)
+    problems = find_problems()
+    counts = count(problems)
+    if options.update:
+        update(counts)
+    above, below = compare(counts, read_baseline())
+    if not options.update:
+        for problem in problems:
+            if not options.files or problem.path in options.files:
+                print(problem)
+    print(*above, sep="\n", end="\n" if above else "", file=sys.stderr)
+    if below:
+        print("fewer problems than the baseline; run tools/docs/prose.py --update", file=sys.stderr)
+    return 1 if above else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -110,7 +110,8 @@ class Protocol1App:
         except BaseException:
             self._abandon()
             raise
-        self._server: str | None = reply.get("server")
+        self.server: str | None = reply.get("server")
+        """Name and version of our own server; None for an app of the reference."""
 
     def _handshake(
         self, fixed_delta_time_s: float, time_scale: int, timeout_s: float
@@ -155,7 +156,7 @@ class Protocol1App:
     @property
     def _is_ours(self) -> bool:
         """Whether the app is our own server, with its extensions of the protocol."""
-        return self._server is not None
+        return self.server is not None
 
     @property
     def image(self) -> UInt8Array:
@@ -389,7 +390,7 @@ class Protocol1App:
             raise AppRefused(
                 f"vision.width, vision.height: got {shape[1]} x {shape[0]}, but "
                 f"{self._channel.app} sends images of {image.shape[1]} x {image.shape[0]}, "
-                "expected the app's size"
+                f"expected the app's size (doctor: --size {image.shape[1]}x{image.shape[0]})"
             )
         return image
 

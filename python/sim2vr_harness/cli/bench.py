@@ -43,7 +43,7 @@ def bench(
         typer.Option(
             metavar="NAME",
             help="How render and env reach their apps: in_process (default), another transport "
-            "(docs/remote_apps.md), or all.",
+            "(docs/reference/apps.md), or all.",
         ),
     ] = None,
     seconds: Annotated[float, typer.Option(help="Seconds per scene.", callback=finite)] = 2.0,

@@ -171,7 +171,7 @@ def _browser_check() -> Iterator[Check]:
     try:
         program = find_browser()
     except AppRefused:
-        found = f"none of {', '.join(BROWSERS)}; only WebXR pages need one (docs/webxr.md)"
+        found = f"none of {', '.join(BROWSERS)}; needed by WebXR pages (docs/reference/webxr.md)"
         yield Check("browser for WebXR pages", "info", found)
         return
     works, answer = _probe(

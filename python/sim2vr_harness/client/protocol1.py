@@ -1,4 +1,6 @@
-"""Protocol 1, the one SIM2VR's Unity asset speaks: one JSON message per request (docs/protocol.md).
+"""Speak protocol 1 of SIM2VR's Unity asset: one JSON message per request.
+
+docs/reference/protocol.md is the specification.
 
 A Unity app is sent the reference's fields only. Our own server announces itself in its handshake
 reply; then the fields that it understands beyond the reference's give a round the same bits as in

@@ -30,7 +30,7 @@ from sim2vr_harness.client import (
 
 Point = NDArray[np.float64]
 
-# docs/games/beats.md: the grid relative to where the head starts.
+# docs/reference/games/beats.md: the grid relative to where the head starts.
 CELL_M = np.array([0.40, 0.35])
 MIDDLE_ROW_M = -0.30
 COLUMNS = 4

@@ -1,4 +1,6 @@
-"""A complete client of protocol 2 (docs/protocol.md): a second of Whac-A-Mole, standing still.
+"""Play a second of Whac-A-Mole over protocol 2, standing still.
+
+The bytes of the messages: docs/reference/protocol.md.
 
 Usage: sim2vr-app --port 5555 &  python protocol2_client.py tcp://127.0.0.1:5555
 """

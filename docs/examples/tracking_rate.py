@@ -64,7 +64,7 @@ TRACKING = (
 """20 Hz: the reference's simulated user. 72 Hz: the headset in its study, with game physics at
 70 Hz. 100 Hz: ``frames_per_step: 5``."""
 
-# --- geometry (docs/games/whacamole.md): app frame, x right, y up, z forward, m -------------------
+# --- geometry (docs/reference/games/whacamole.md): app frame, x right, y up, z forward, m --------
 
 HEAD = np.array([0.0, 1.17, 0.0, 0.0, 0.0, 0.0, 1.0])
 AREA = HEAD[:3] + np.array([0.15, -0.10, 0.40])

@@ -9,8 +9,8 @@ from sim2vr_harness.client import DevicePoses
 HEAD = np.array([0.0, 1.17, 0.0, 0.0, 0.0, 0.0, 1.0])
 FRAME_NS = 50_000_000
 
-# Whac-A-Mole's geometry (docs/games/whacamole.md): the grid relative to the head for the middle
-# placement, and the centre of the hammer's head in the controller's frame.
+# Whac-A-Mole's geometry (docs/reference/games/whacamole.md): the grid relative to the head for the
+# middle placement, and the centre of the hammer's head in the controller's frame.
 AREA_FROM_HEAD = np.array([0.15, -0.10, 0.40])
 CELLS = [np.array([x, y, 0.0]) for y in (0.125, 0.0, -0.125) for x in (-0.125, 0.0, 0.125)]
 HAMMER_FROM_CONTROLLER = np.array([0.0094392, 0.0393488, 0.0537127])

@@ -11,7 +11,7 @@ from players import HEAD, controller_at
 
 from sim2vr_harness.client import DevicePoses
 
-# docs/games/pointing.md: the circle's centre from the head, the tip from the grip.
+# docs/reference/games/pointing.md: the circle's centre from the head, the tip from the grip.
 CENTER = np.array([0.15, -0.10, 0.40])
 TIP = np.array([0.0, 0.0, 0.10])
 AWAY = np.array([0.0, -0.5, 0.1])

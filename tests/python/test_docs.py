@@ -92,10 +92,17 @@ def _problems(page: Path) -> list[str]:
     return found
 
 
-SHORT = [ROOT / "README.md", ROOT / "docs/guide/train.md", ROOT / "docs/concepts/people.md"]
+SHORT = [
+    ROOT / "README.md",
+    *sorted(ROOT.glob("docs/guide/*.md")),
+    *sorted(ROOT.glob("docs/tutorials/*.md")),
+    ROOT / "docs/concepts/people.md",
+    ROOT / "docs/reference/apps.md",
+    ROOT / "docs/reference/performance.md",
+]
 
 
-@pytest.mark.parametrize("page", SHORT, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", SHORT, ids=lambda page: str(page.relative_to(ROOT)))
 def test_commands_of_a_page_exist(page: Path) -> None:
     assert any("sim2vr-harness" in line for line in _code_lines(page))
     assert _problems(page) == []

@@ -56,7 +56,7 @@ Inner.__module__ = "sim2vr_harness.test"
 class Outer(BaseModel):
     one: Inner = Inner(delay_s=1.0)
     some: dict[str, Inner] = {}
-    """Named ones (docs/senses.md)."""
+    """Named ones (docs/reference/senses.md)."""
     many: int | None = None
 
 
@@ -79,7 +79,7 @@ def test_rows_of_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
 SOURCE_INNER = 'class Inner:\n    delay_s: float = 0.5\n    """How late. More text."""\n'
 SOURCE_OUTER = (
     "class Outer:\n    one: Inner = 0\n    some: dict = 0\n"
-    '    """Named ones (docs/senses.md)."""\n    many: int = 0\n'
+    '    """Named ones (docs/reference/senses.md)."""\n    many: int = 0\n'
 )
 
 

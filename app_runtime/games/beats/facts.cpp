@@ -1,4 +1,4 @@
-// How rounds of Beats are measured; docs/games/beats.md has the log's definitions.
+// How rounds of Beats are measured; docs/reference/games/beats.md has the log's definitions.
 #include <string>
 #include <utility>
 #include <vector>

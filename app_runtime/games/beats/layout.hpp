@@ -7,8 +7,8 @@
 namespace sim2vr::games::beats {
 
 /// Sizes and places; the defaults let a body whose trunk does not move cut every cell with either
-/// hand (docs/games/beats.md). The origin is the head's position in the round's first frame, axes
-/// are the world's.
+/// hand (docs/reference/games/beats.md). The origin is the head's position in the round's
+/// first frame, axes are the world's.
 struct Layout {
   double cell_width_m = 0.40;
   double cell_height_m = 0.35;

@@ -25,8 +25,8 @@ struct LevelSettings {
 };
 
 /// Reads the options `level`, `difficulty`, `characteristic` and the generator's
-/// (docs/games/beats_levels.md); the generator's serve "generated" alone. Throws InvalidArgument
-/// naming the option, or the file, object and field that cannot be used.
+/// (docs/reference/games/beats_levels.md); the generator's serve "generated" alone. Throws
+/// InvalidArgument naming the option, or the file, object and field that cannot be used.
 LevelSettings readLevelSettings(Options& options);
 
 /// The level to play. Same settings and seed, same bits; the seed matters to "generated" alone.

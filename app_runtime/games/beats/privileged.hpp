@@ -1,5 +1,5 @@
-// The numbers behind the picture that a teacher learns from (docs/games/beats.md, "Privileged
-// numbers").
+// The numbers behind the picture that a teacher learns from (docs/reference/games/beats.md,
+// "Privileged observations").
 #pragma once
 
 #include <span>

@@ -9,7 +9,7 @@
 
 namespace sim2vr::games::beats {
 
-/// In the grip's frame the saber lies along +z (docs/games/beats.md).
+/// In the grip's frame the saber lies along +z (docs/reference/games/beats.md).
 inline constexpr double kBladeRoot_m = 0.08;
 inline constexpr double kBladeRadius_m = 0.015;
 

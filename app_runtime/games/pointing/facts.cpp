@@ -1,4 +1,4 @@
-// How rounds of pointing are measured; docs/games/pointing.md has the formulas.
+// How rounds of pointing are measured; docs/reference/games/pointing.md has the formulas.
 #include <nlohmann/json.hpp>
 
 #include "pointing/game.hpp"

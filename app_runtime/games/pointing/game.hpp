@@ -1,5 +1,5 @@
 // "Pointing": the multi-directional tapping task of ISO 9241-411, in VR. See
-// docs/games/pointing.md.
+// docs/reference/games/pointing.md.
 #pragma once
 
 #include "pointing/settings.hpp"

@@ -1,5 +1,5 @@
 // What a teacher may know of a round: the numbers behind the picture, as far as the head camera has
-// shown them. docs/games/pointing.md, "Privileged numbers".
+// shown them. docs/reference/games/pointing.md, "Privileged observations".
 #pragma once
 
 #include <span>

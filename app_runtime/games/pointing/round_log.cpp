@@ -1,4 +1,4 @@
-// What a round writes to the episode's log (docs/games/pointing.md, "Logs").
+// What a round writes to the episode's log (docs/reference/games/pointing.md, "Logs").
 #include <fmt/format.h>
 
 #include <array>

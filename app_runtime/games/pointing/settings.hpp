@@ -1,4 +1,4 @@
-// The options of a round of pointing (docs/games/pointing.md).
+// The options of a round of pointing (docs/reference/games/pointing.md).
 #pragma once
 
 #include <string>

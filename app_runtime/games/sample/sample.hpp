@@ -1,4 +1,4 @@
-// "Touch the ball": the game to copy. See docs/games/sample.md.
+// "Touch the ball": the game to copy. See docs/reference/games/sample.md.
 #pragma once
 
 #include "sim2vr/rl/game.hpp"

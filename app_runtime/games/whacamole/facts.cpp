@@ -1,6 +1,6 @@
 // How rounds of Whac-A-Mole are measured. Definitions follow the released analysis of the user
-// study, so that a simulated user's numbers compare with people's; docs/games/whacamole.md has the
-// log's.
+// study, so that a simulated user's numbers compare with people's.
+// docs/reference/games/whacamole.md has the log's.
 #include "whacamole/conditions.hpp"
 #include "whacamole/game.hpp"
 

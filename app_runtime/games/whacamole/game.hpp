@@ -1,5 +1,5 @@
 // Whac-A-Mole: hit the targets that come up in a 3 x 3 grid, for 60 s. Rules, numbers and reward:
-// docs/games/whacamole.md.
+// docs/reference/games/whacamole.md.
 #pragma once
 
 #include "sim2vr/rl/game.hpp"

@@ -10,7 +10,7 @@ namespace {
 
 constexpr double kScale = 0.1;
 
-// In the right controller's frame (docs/games/whacamole.md, "Hammer").
+// In the right controller's frame (docs/reference/games/whacamole.md, "Hammer").
 const Vec3 kPosition_m(0.0096, -0.0491, -0.0545);
 const Quat kRotation = Quat(0.63740873, 0.30295587, 0.6412905, 0.301122).normalized();
 

@@ -1,5 +1,5 @@
 // What a teacher may know of a round: the numbers behind the picture, as far as the head camera has
-// shown them. docs/games/whacamole.md, "Privileged numbers".
+// shown them. docs/reference/games/whacamole.md, "Privileged observations".
 #pragma once
 
 #include <array>

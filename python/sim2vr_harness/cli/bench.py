@@ -40,7 +40,7 @@ _Transport = Annotated[
     typer.Option(
         metavar="NAME",
         help="How render and env reach their apps: in_process (default), another transport "
-        "(docs/remote_apps.md), or all.",
+        "(docs/reference/apps.md), or all.",
     ),
 ]
 _TrainSteps = Annotated[

@@ -2,7 +2,7 @@
 
 Every check is a small function that returns :class:`Check` rows. Code that could
 take the process down (graphics drivers, compiled modules) is tried in a child
-process with a deadline.
+process with a deadline. With ``--app`` it tries an app instead.
 """
 
 from __future__ import annotations
@@ -15,18 +15,27 @@ import platform
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from importlib.metadata import PackageNotFoundError, version
-from typing import Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
 from rich.console import Console
 from rich.markup import escape
 from rich.table import Table
 
 from sim2vr_harness import __version__
 from sim2vr_harness.base import paths
+from sim2vr_harness.base.files import naming
+from sim2vr_harness.cli.options import print_json
 
-__all__ = ["Check", "collect", "run_doctor"]
+if TYPE_CHECKING:
+    from sim2vr_harness.client import AppTrial
+
+__all__ = ["Check", "check_app", "collect", "run_doctor"]
 
 Status = Literal["ok", "info", "warning", "missing"]
 
@@ -162,7 +171,7 @@ def _browser_check() -> Iterator[Check]:
     try:
         program = find_browser()
     except AppRefused:
-        found = f"none of {', '.join(BROWSERS)}; only WebXR pages need one (docs/webxr.md)"
+        found = f"none of {', '.join(BROWSERS)}; needed by WebXR pages (docs/reference/webxr.md)"
         yield Check("browser for WebXR pages", "info", found)
         return
     works, answer = _probe(
@@ -318,6 +327,66 @@ def _print_table(checks: list[Check], console: Console) -> None:
             console.print(f"    {command}", highlight=False, markup=False, soft_wrap=True)
     elif all(check.status != "missing" for check in checks):
         console.print("Everything needed is here.")
+
+
+def check_app(
+    executable: Path,
+    arguments: Sequence[str],
+    picture: Path,
+    *,
+    size: tuple[int, int] = (120, 80),
+    timeout_s: float = 60.0,
+    json: bool = False,
+) -> int:
+    """Play ten steps in an app, save its picture and print a report.
+
+    Args:
+        executable: The app.
+        arguments: Its arguments.
+        picture: PNG file for the last picture, colour left and depth right.
+        size: (width, height) of the app's picture, pixels.
+        timeout_s: How long the start and every answer may take.
+        json: Print one JSON object instead of text.
+
+    Returns:
+        The exit status, 0; failures raise the errors of :func:`sim2vr_harness.client.try_app`.
+    """
+    from sim2vr_harness.client import try_app
+
+    trials = try_app(executable, arguments, size=size, timeout_s=timeout_s)
+    _save_picture(trials[0].images[-1], picture)
+    if json:
+        rows = [_trial_row(trial) for trial in trials]
+        print_json({"app": str(executable), "picture": str(picture), "trials": rows})
+        return 0
+    for trial in trials:
+        changes = "changes" if trial.picture_changes else "never changes"
+        sys.stdout.write(
+            f"Protocol {trial.protocol}: handshake, reset and {trial.steps} steps work; "
+            f"{trial.steps_per_s:.0f} steps/s, the picture {changes}, reward {trial.reward:.4g}\n"
+        )
+        sys.stdout.writelines(f"  warning: {warning}\n" for warning in trial.warnings())
+    sys.stdout.write(f"Picture: {picture} (colour left, depth right)\n")
+    return 0
+
+
+def _trial_row(trial: AppTrial) -> dict[str, Any]:
+    return {
+        "protocol": trial.protocol,
+        "steps": trial.steps,
+        "steps_per_s": trial.steps_per_s,
+        "reward": trial.reward,
+        "picture_changes": trial.picture_changes,
+        "warnings": trial.warnings(),
+    }
+
+
+def _save_picture(image: NDArray[np.uint8], file: Path) -> None:
+    """Save an (H, W, 4) image as colour beside depth."""
+    depth = image[..., 3:].repeat(3, axis=2)
+    file.parent.mkdir(parents=True, exist_ok=True)
+    with naming(file):
+        Image.fromarray(np.concatenate([image[..., :3], depth], axis=1)).save(file, "PNG")
 
 
 def run_doctor(json: bool = False) -> int:

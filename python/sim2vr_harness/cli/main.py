@@ -13,6 +13,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
 from io import TextIOWrapper
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -42,9 +43,10 @@ from sim2vr_harness.cli import (
     watch,
 )
 from sim2vr_harness.cli import report as report_command
+from sim2vr_harness.cli.app_options import AppArgOption, app_settings
 from sim2vr_harness.cli.errors import report
 from sim2vr_harness.cli.games import HelpWithGames
-from sim2vr_harness.cli.options import JsonOption
+from sim2vr_harness.cli.options import JsonOption, finite, writable_file
 
 __all__ = ["app", "main"]
 
@@ -100,11 +102,45 @@ app.command("watch")(watch.watch)
 
 
 @app.command()
-def doctor(json: JsonOption = False) -> int:
-    """Check what is installed, what is missing, and how to mend it."""
-    from sim2vr_harness.cli.doctor import run_doctor
+def doctor(
+    app: Annotated[
+        str | None,
+        typer.Option(
+            "--app",
+            metavar="PATH",
+            help="Try this app instead: handshake, reset, ten steps, one picture.",
+        ),
+    ] = None,
+    app_arg: AppArgOption = None,
+    out: Annotated[
+        Path, typer.Option(help="PNG file for the picture of --app.", callback=writable_file)
+    ] = Path("app.png"),
+    size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of the pictures of --app.")] = "120x80",
+    timeout: Annotated[
+        float,
+        typer.Option(
+            help="Seconds that the start and every answer of --app may take.", callback=finite
+        ),
+    ] = 60.0,
+    json: JsonOption = False,
+) -> int:
+    """Check what is installed, what is missing, and how to mend it; or try an app."""
+    from sim2vr_harness.cli.doctor import check_app, run_doctor
 
-    return run_doctor(json=json)
+    app_settings(app, app_arg)
+    if app is None:
+        return run_doctor(json=json)
+    from sim2vr_harness.evaluation.snapshot import parse_size
+
+    executable = Path(app).expanduser().absolute()
+    return check_app(
+        executable,
+        app_arg or [],
+        out,
+        size=parse_size(size),
+        timeout_s=timeout,
+        json=json,
+    )
 
 
 def main(arguments: list[str] | None = None) -> None:

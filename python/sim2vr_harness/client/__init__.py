@@ -3,6 +3,7 @@
 The only importer of the extension module and of ZeroMQ.
 """
 
+from sim2vr_harness.client.app_check import AppTrial, try_app
 from sim2vr_harness.client.base import (
     CAPABILITIES,
     AppClient,
@@ -98,6 +99,7 @@ __all__ = [
     "AppScene",
     "AppSource",
     "AppTimeout",
+    "AppTrial",
     "AppUnsupported",
     "AppsWanted",
     "Channel",
@@ -152,5 +154,6 @@ __all__ = [
     "start_sim2vr_app",
     "start_unity_app",
     "transport_named",
+    "try_app",
     "unity_arguments",
 ]

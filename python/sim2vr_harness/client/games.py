@@ -316,7 +316,7 @@ def facts_of_outside(name: str) -> GameFacts:
 
 
 def read_facts(told: Mapping[str, Any]) -> GameFacts:
-    """What a game publishes, as it says it in JSON (docs/protocol.md, hello).
+    """What a game publishes, as it says it in JSON (docs/reference/protocol.md, hello).
 
     Raises:
         KeyError, TypeError: Something is missing, or not known here.

@@ -1,4 +1,6 @@
-"""Protocol 1, the one SIM2VR's Unity asset speaks: one JSON message per request (docs/protocol.md).
+"""Speak protocol 1 of SIM2VR's Unity asset: one JSON message per request.
+
+docs/reference/protocol.md is the specification.
 
 A Unity app is sent the reference's fields only. Our own server announces itself in its handshake
 reply; then the fields that it understands beyond the reference's give a round the same bits as in
@@ -115,7 +117,8 @@ class Protocol1App:
         except BaseException:
             self._abandon()
             raise
-        self._server: str | None = reply.get("server")
+        self.server: str | None = reply.get("server")
+        """Name and version of our own server; None for an app of the reference."""
 
     def _handshake(
         self, fixed_delta_time_s: float, time_scale: int, timeout_s: float
@@ -161,7 +164,7 @@ class Protocol1App:
     @property
     def _is_ours(self) -> bool:
         """Whether the app is our own server, with its extensions of the protocol."""
-        return self._server is not None
+        return self.server is not None
 
     @property
     def image(self) -> UInt8Array:
@@ -384,7 +387,7 @@ class Protocol1App:
             raise AppRefused(
                 f"vision.width, vision.height: got {self._shape[1]} x {self._shape[0]}, but "
                 f"{self._channel.app} sends images of {error.width} x {error.height}, "
-                "expected the app's size"
+                f"expected the app's size (doctor: --size {error.width}x{error.height})"
             ) from error
         self._seen = True
         return image

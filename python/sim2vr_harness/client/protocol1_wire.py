@@ -1,4 +1,4 @@
-"""The fields of protocol 1's messages, written and read; docs/protocol.md describes them."""
+"""The fields of protocol 1's messages, written and read (docs/reference/protocol.md)."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """Protocol 2: binary messages, several apps in one, images raw or in shared memory.
 
-docs/protocol.md describes every byte.
+docs/reference/protocol.md describes every byte.
 """
 
 from __future__ import annotations
@@ -93,7 +93,7 @@ class Protocol2Connection:
 
     Attributes:
         game: its name.
-        facts: what the game says of itself (docs/protocol.md, hello); None where it does not.
+        facts: what the game publishes (docs/reference/protocol.md, hello), or None.
         capabilities: of the apps, see :attr:`AppClient.capabilities`.
         images: of each app, (H, W, 4), with two eyes (2, H, W, 4).
 

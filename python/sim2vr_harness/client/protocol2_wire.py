@@ -1,4 +1,4 @@
-"""The bytes of protocol 2's messages; docs/protocol.md describes every one."""
+"""The bytes of protocol 2's messages; docs/reference/protocol.md describes every one."""
 
 from __future__ import annotations
 

@@ -268,7 +268,7 @@ def _note_facts(address: str, connection: Protocol2Connection) -> GameFacts | No
         connection.close()
         raise ProtocolError(
             f"hello: got facts of {connection.game!r} with {error}, expected those of "
-            "docs/protocol.md; the app may be of another version"
+            "docs/reference/protocol.md; the app may be of another version"
         ) from error
     _PUBLISHED[address, connection.game] = known
     return known

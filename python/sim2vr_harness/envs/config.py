@@ -57,7 +57,7 @@ class EffortConfig(Settings):
     """Cost of muscular effort, subtracted from the game's reward in every user step."""
 
     model: EffortName = "cumulative_fatigue_3ccr"
-    """The effort model (docs/bodies.md)."""
+    """The effort model (docs/reference/bodies.md)."""
     weight: Weight | None = None
     """Reward per unit of the model's cost; None takes the model's own: 0.1 for
     cumulative_fatigue_3ccr, the reference's value for Whac-A-Mole."""
@@ -117,7 +117,8 @@ class UserConfig(Settings):
     """The simulated person."""
 
     model: str = "mobl_arms_wrist"
-    """The body: a name (`sim2vr_harness.users.list_bodies()`) or a YAML file (docs/bodies.md)."""
+    """The body: a name (`sim2vr_harness.users.list_bodies()`) or a YAML file
+    (docs/reference/bodies.md)."""
     person: Physique = Physique()
     """How the person differs from the one that the body was measured on."""
     people: PeopleSettings | None = None
@@ -128,7 +129,7 @@ class UserConfig(Settings):
     """Of bodies without a neck: ``reflex`` has the headset follow the hand and sway, as people's
     heads do (docs/concepts/people.md)."""
     torso: bool = False
-    """Whether trunk and neck move, by six motors more (docs/bodies.md)."""
+    """Whether trunk and neck move, by six motors more (docs/reference/bodies.md)."""
     reset: ResetOptions = ResetOptions()
     """How episodes begin, where that differs from the body's own way."""
     effort: EffortConfig = EffortConfig()
@@ -140,7 +141,7 @@ class UserConfig(Settings):
     only."""
     devices: tuple[str, ...] | None = None
     """What the user wears of what the body can: headset, controller_right, controller_left; None:
-    all of it. The body says where (docs/bodies.md)."""
+    all of it. The body says where (docs/reference/bodies.md)."""
     inputs: tuple[str, ...] = ()
     """Inputs of the controllers that the fingers work, such as right.trigger and left.x: one more
     action each, after those of the body."""
@@ -195,7 +196,7 @@ def body_of(config: UserConfig) -> Body:
 
 
 class FoveationConfig(Settings):
-    """Resolution that falls with the angle from where the eyes look (docs/senses.md)."""
+    """Resolution that falls with the angle from where the eyes look (docs/reference/senses.md)."""
 
     gaze: Literal["ahead", "moves"] = "ahead"
     """``moves``: two more actions, the last ones, direct it: right and up."""
@@ -257,13 +258,13 @@ class AppConfig(Settings):
     game: str = "whacamole"
     """Name of the game or app; ``sim2vr-harness games`` lists those that are built in."""
     options: dict[str, OptionValue] = Field(default_factory=dict)
-    """The game's options; each game has defaults and validates its own (docs/games/)."""
+    """The game's options; each game has defaults and validates its own (docs/reference/games/)."""
     renderer: Literal["automatic", "egl", "osmesa", "null"] = "automatic"
     """How images are drawn: on a GPU (``egl``), on the CPU (``osmesa``), or not at all
     (``null``)."""
     transport: str = "in_process"
     """Where the app runs: in this process, or outside, reached by SIM2VR's protocol (protocol1), by
-    our faster one (protocol2), or by another transport of the table; see docs/remote_apps.md."""
+    our faster one (protocol2), or by another transport of the table; see docs/reference/apps.md."""
     transport_options: dict[str, OptionValue] = Field(default_factory=dict)
     """Settings of a transport of one's own wants to know beyond the settings below."""
     executable: str | None = None
@@ -283,8 +284,8 @@ class AppConfig(Settings):
     processes: int = Field(default=0, ge=0, le=1024)
     """Protocol 2: server processes that share the users; 0 takes one per core at most."""
     page: str | None = None
-    """WebXR (docs/webxr.md): a page in HTML, a folder with an index.html, or an address below one
-    of ``map``."""
+    """WebXR (docs/reference/webxr.md): a page in HTML, a folder with an index.html, or an address
+    below one of ``map``."""
     map: dict[str, str] = Field(default_factory=dict)
     """WebXR: beginning of an address -> local folder (or a whole address -> local file) that pages
     load from instead; all other addresses are refused."""
@@ -292,7 +293,7 @@ class AppConfig(Settings):
     """WebXR: the program that shows pages; None takes a Chromium that is found."""
     task: TaskRules | str | None = None
     """What the app is worth, where it does not say so itself or another thing counts: rules, a YAML
-    file of them, or ``FILE.py:CLASS`` (docs/webxr.md). Works with every transport."""
+    file of them, or ``FILE.py:CLASS`` (docs/reference/webxr.md). Works with every transport."""
 
     @model_validator(mode="before")
     @classmethod

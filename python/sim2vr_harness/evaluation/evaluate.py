@@ -70,7 +70,7 @@ class Request:
         app: Settings that replace those of ``env.app``, for example another executable.
         overrides: ``env.key=value``, what else is different from the training's environment.
         trust_app: Whether the program that the run names as its app may be started, though this
-            user has never done so (docs/remote_apps.md).
+            user has never done so (docs/reference/apps.md).
         cores: How many to use, whatever the run says; changes no number.
     """
 

@@ -1,6 +1,6 @@
 """What the simulated user perceives: a list of senses, and what can be wrapped around them.
 
-:data:`SENSES` and :data:`WRAPPERS` list what there is (``docs/senses.md``).
+:data:`SENSES` and :data:`WRAPPERS` list what there is (``docs/reference/senses.md``).
 """
 
 from sim2vr_harness.perception.foveation import Foveation

@@ -86,7 +86,7 @@ AgoS = Annotated[float, Field(gt=0.0, le=_LONGEST_S)]
 
 
 class SenseConfig(Settings):
-    """One of the user's senses, and what is wrapped around it (docs/senses.md)."""
+    """One of the user's senses, and what is wrapped around it (docs/reference/senses.md)."""
 
     sense: str
     """Which: vision, fovea, proprioception, time, haptics, sound, fingers, gaze, actions, head or

@@ -21,8 +21,8 @@ def settings_of(who: str) -> TrainingConfig:
     """Return the configuration that a name stands for.
 
     Args:
-        who: A body's name or YAML file (docs/bodies.md), a configuration's, or a user as of
-            :func:`~sim2vr_harness.policies.store.find_user`.
+        who: A body's name or YAML file (docs/reference/bodies.md), a configuration's, or a user as
+            of :func:`~sim2vr_harness.policies.store.find_user`.
 
     Raises:
         InputError: It is none of them.

@@ -183,7 +183,7 @@ TEST(Session2, SaysHowTheHeadShallBeHeldInARoundToCome) {
   const auto pitch = [&client](const Json& request) {
     return Json::parse(client.ask(Type::head_request, 0, {request.dump()}).at(1))["pitch_deg"];
   };
-  // 30 degrees down for low targets (docs/games/whacamole.md).
+  // 30 degrees down for low targets (docs/reference/games/whacamole.md).
   EXPECT_NEAR(pitch({{"seed", 3}, {"options", {{"condition", "low"}}}}).get<double>(), -30.0, 1e-4);
   EXPECT_NEAR(pitch({{"options", {{"condition", "high"}}}}).get<double>(), 30.0, 1e-4);
   EXPECT_EQ(pitch({{"options", {{"head_request", false}}}}), nullptr);

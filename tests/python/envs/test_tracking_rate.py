@@ -17,7 +17,7 @@ from sim2vr_harness.users import UserBatch
 GAME = AppConfig(options={"condition": "medium"})
 CONFIG = EnvConfig(app=GAME, frames_per_step=5)
 
-# docs/games/whacamole.md: the middle area relative to the head, the hammer in the controller.
+# docs/reference/games/whacamole.md: the middle area from the head, the hammer in its controller.
 HEAD = np.array([0.0, 1.17, 0.0])
 AREA = HEAD + np.array([0.15, -0.10, 0.40])
 HAMMER_HEAD = np.array([0.0094392, 0.0393488, 0.0537127])

@@ -148,7 +148,7 @@ class Browser:
                 raise AppRefused(
                     f"app.browser: got {program}, whose sandbox this machine does not let a user "
                     "have, expected user namespaces or the package chromium-sandbox; in a "
-                    "container: --security-opt seccomp=unconfined (docs/webxr.md)"
+                    "container: --security-opt seccomp=unconfined (docs/reference/webxr.md)"
                 ) from error
             raise
         except BaseException:

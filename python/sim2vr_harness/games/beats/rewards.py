@@ -1,4 +1,4 @@
-"""Beats' reward for one box (docs/games/beats.md, Reward), cut straight along, as formulas."""
+"""Beats' reward for one box, cut straight along (docs/reference/games/beats.md, Reward)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Beats' numbers, as the true game has them (docs/games/beats.md).
+"""Beats' numbers, as the true game has them (docs/reference/games/beats.md).
 
 ``tests/python/games/test_beats_rules.py`` asks the running app for them.
 """

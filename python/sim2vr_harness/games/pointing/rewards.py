@@ -1,4 +1,4 @@
-"""Pointing's reward for one target (docs/games/pointing.md, Reward), as formulas."""
+"""Pointing's reward for one target (docs/reference/games/pointing.md, Reward), as formulas."""
 
 from __future__ import annotations
 

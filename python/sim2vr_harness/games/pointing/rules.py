@@ -1,4 +1,4 @@
-"""Pointing's numbers, as the true game has them (docs/games/pointing.md).
+"""Pointing's numbers, as the true game has them (docs/reference/games/pointing.md).
 
 ``tests/python/games/test_pointing_rules.py`` plays the running app against them.
 """

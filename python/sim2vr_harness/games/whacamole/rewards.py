@@ -1,4 +1,4 @@
-"""Whac-A-Mole's reward for one target (docs/games/whacamole.md, Reward), as formulas."""
+"""Whac-A-Mole's reward for one target (docs/reference/games/whacamole.md, Reward), as formulas."""
 
 from __future__ import annotations
 

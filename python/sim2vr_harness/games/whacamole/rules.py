@@ -1,4 +1,4 @@
-"""Whac-A-Mole's numbers, as the true game has them (docs/games/whacamole.md).
+"""Whac-A-Mole's numbers, as the true game has them (docs/reference/games/whacamole.md).
 
 ``tests/python/games/test_whacamole_rules.py`` asks the running app for every one of them.
 """

@@ -180,7 +180,7 @@ def _published() -> Iterator[RenderableType]:
     if not any(study.throughput_bps for study in STUDIES):
         yield Text(
             "Published throughput of people with a VR controller: none could be looked up "
-            "(docs/games/pointing.md); --people takes recordings of your own."
+            "(docs/research/games.md); --people takes recordings of your own."
         )
 
 

@@ -1,7 +1,7 @@
 """What a round's ``events.csv`` says of every target of the game ``pointing``.
 
-The columns are those of docs/games/pointing.md, "Logs". A selection's own place and time are read;
-what the game worked out of them is worked out anew, so that both can be compared.
+The columns are those of docs/reference/games/pointing.md, "Logs". A selection's own place and time
+are read; what the game worked out of them is worked out anew, so that both can be compared.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def read_taps(path: Path) -> list[Tap]:
                 assert shown is not None
                 taps.append(_tap(_OUTCOMES[kind], block, shown, _number(time), fields))
         except (AssertionError, KeyError, ValueError):
-            expected = "an event of a round of pointing, as docs/games/pointing.md has it"
+            expected = "an event of a round of pointing, as docs/reference/games/pointing.md has it"
             raise InputError(f"{path}, line {number}", repr(line[:60]), expected) from None
     if not taps:
         raise InputError(str(path), "no target", "the log of a round of pointing")

@@ -12,7 +12,7 @@ __all__ = ["CELL_PX", "FAR_M", "DepthGrid", "rotation"]
 CELL_PX = 4
 """Width and height of a cell, pixels."""
 FAR_M = 10.0
-"""Depth at which a picture's depth is 255 (docs/protocol.md)."""
+"""Depth at which a picture's depth is 255 (docs/reference/protocol.md)."""
 _NOTHING = 255
 """Depth of a pixel that shows nothing, or something farther away."""
 

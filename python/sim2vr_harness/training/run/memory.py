@@ -13,7 +13,7 @@ from sim2vr_harness.training.ppo.rollout_buffer import buffer_bytes
 __all__ = ["keep_freed_memory", "require_memory"]
 
 USER_BYTES = 100_000
-"""At least so much for a user's body and app (docs/performance.md)."""
+"""At least so much for a user's body and app (docs/reference/performance.md)."""
 
 _M_TRIM_THRESHOLD = -1
 _M_MMAP_MAX = -4

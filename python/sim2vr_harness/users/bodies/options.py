@@ -43,7 +43,7 @@ class JointOptions(Settings):
 
 
 class Physique(Settings):
-    """How a person differs from the one that the body was measured on (docs/bodies.md)."""
+    """A person's differences from the one that the body models (docs/reference/bodies.md)."""
 
     stature_m: float | None = Field(default=None, ge=1.0, le=2.5)
     """Body height; every length scales with it. None keeps the body's own."""
@@ -75,7 +75,7 @@ class Physique(Settings):
 
 
 class ResetOptions(Settings):
-    """How episodes begin, where that differs from the body's own (docs/bodies.md)."""
+    """How episodes begin, where that differs from the body's own (docs/reference/bodies.md)."""
 
     posture: str | None = None
     """The name of one of the body's postures to start near; None keeps the body's own."""

@@ -1,10 +1,11 @@
 """People who differ: a body scaled to a stature, a mass, segment lengths and a strength.
 
-Method (docs/bodies.md): lengths of segments are shares of the stature (Drillis and Contini 1966),
-masses of segments shares of the body mass (Winter 2009, de Leva 1996), so both scale with the
-whole. A segment of length factor s and mass factor f is scaled alike in all directions: places in
-it by s, masses by f, inertias by f s^2. A muscle's length range and a tendon's rest length scale
-with its path (as OpenSim's scale tool does), so its fibres work in the same part of their range.
+Method (docs/reference/bodies.md): lengths of segments are shares of the stature (Drillis and
+Contini 1966), masses of segments shares of the body mass (Winter 2009, de Leva 1996), so both scale
+with the whole. A segment of length factor s and mass factor f is scaled alike in all directions:
+places in it by s, masses by f, inertias by f s^2. A muscle's length range and a tendon's rest
+length scale with its path (as OpenSim's scale tool does), so its fibres work in the same part of
+their range.
 """
 
 from __future__ import annotations

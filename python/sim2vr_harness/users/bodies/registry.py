@@ -55,7 +55,7 @@ def load_body(
     """Loads a body.
 
     Args:
-        name: one of `list_bodies()`, or a YAML file that describes a body (docs/bodies.md).
+        name: one of `list_bodies()`, or a body's YAML file (docs/reference/bodies.md).
             "mobl_arms_wrist" is the right arm with 7 independent joints and 32 muscles (Saul et
             al. 2015), the SIM2VR paper's Whac-A-Mole user; "mobl_arms_bimanual_motor" has both
             arms and 14 motors, the SIM2VR paper's Beats user; "mobl_arms_bimanual" the first one's

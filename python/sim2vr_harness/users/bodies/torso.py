@@ -2,7 +2,7 @@
 
 Three hinges each, at the lumbosacral and the cervicothoracic joint, worked by position servos with
 limited torque. What hangs on the thorax (both arms, the head) moves with it; pelvis, legs and seat
-stay. Numbers and their sources: `data/torso`, docs/bodies.md.
+stay. Numbers and their sources: `data/torso`, docs/reference/bodies.md.
 
 The arm models have four "phantom" bodies an arm, which weigh nothing and have an inertia of
 1 kg m^2 about every axis: an artefact of their conversion, which on a thorax that turns would be

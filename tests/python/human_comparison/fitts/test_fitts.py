@@ -287,7 +287,7 @@ def test_people_are_folders(tmp_path: Path) -> None:
 
 
 def test_the_page_has_the_published_studies() -> None:
-    page = Path(__file__).parents[4] / "docs" / "games" / "pointing.md"
+    page = Path(__file__).parents[4] / "docs" / "research" / "games.md"
     assert studies_table() in page.read_text()
     assert all(study.citation[-4:].isdigit() for study in STUDIES)
     assert all(study.note for study in STUDIES if study.throughput_bps is None)

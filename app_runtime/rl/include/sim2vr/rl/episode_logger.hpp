@@ -1,5 +1,6 @@
-// Episode logs in the reference's text format (docs/games/whacamole.md, "Logs"): one folder per
-// round with states.csv (tracked poses, one row per frame) and events.csv (what happened, when).
+// Episode logs in the reference's text format (docs/reference/games/whacamole.md, "Logs"): one
+// folder per round with states.csv (tracked poses, one row per frame) and events.csv (what
+// happened, when).
 #pragma once
 
 #include <cstdint>

@@ -1,5 +1,5 @@
 // Protocol 1: the reference's messages, JSON text over REQ/REP, and our optional fields in them.
-// docs/protocol.md is the specification.
+// docs/reference/protocol.md is the specification.
 #pragma once
 
 #include <cstdint>

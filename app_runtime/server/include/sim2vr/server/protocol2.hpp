@@ -1,4 +1,4 @@
-// Protocol 2: binary multipart messages, several apps in one. docs/protocol.md is the
+// Protocol 2: binary multipart messages, several apps in one. docs/reference/protocol.md is the
 // specification.
 #pragma once
 

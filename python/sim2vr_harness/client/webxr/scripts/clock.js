@@ -1,7 +1,7 @@
 // Virtual time: nothing that a page's scripts read moves unless a step moves it.
 // Covers performance.now, Date, timers, requestAnimationFrame, requestIdleCallback, the time stamps
 // of events and the document's timeline, and seeds Math.random and crypto. Not covered: the clocks
-// of workers and of audio, CSS animation, video (docs/webxr.md).
+// of workers and of audio, CSS animation, video (docs/reference/webxr.md).
 {
   const EPOCH_MS = Date.UTC(2024, 0, 1);
   const RealDate = Date;

@@ -72,7 +72,7 @@ def test_rows_of_a_model(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (row.type, row.unit, row.default, row.range) == ("number", "s", "1", "0 to below 2")
     assert row.meaning == "How late."
     assert rows["some.NAME.delay_s"].default == "0.5"
-    assert rows["some"].meaning == "Named ones ([senses.md](../senses.md))."
+    assert rows["some"].meaning == "Named ones ([reference/senses.md](../reference/senses.md))."
     assert (rows["many"].type, rows["many"].default) == ("integer or none", "none")
 
 

@@ -15,10 +15,18 @@ import yaml
 from pydantic import Field
 
 from sim2vr_harness.base import paths
-from sim2vr_harness.base.bounded_yaml import MOST_DEPTH, parse_yaml
+from sim2vr_harness.base.bounded_yaml import MOST_DEPTH
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_yaml
-from sim2vr_harness.base.settings import MOST_STEPS, Settings, Width, first_problem, model_at
+from sim2vr_harness.base.settings import (
+    MOST_STEPS,
+    Settings,
+    Width,
+    annotation_at,
+    first_problem,
+    model_at,
+    typed_value,
+)
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.games import imagined_settings
 from sim2vr_harness.runs.attention_config import AttentionCropConfig, check_attention
@@ -285,7 +293,8 @@ def apply_overrides(tree: Mapping[str, Any], overrides: Sequence[str]) -> dict[s
         if not separator or not all(key.split(".")):
             raise InputError("--set", shown(override), "key=value, for example ppo.n_envs=4")
         try:
-            value = parse_yaml(paths.uri_unless_utf8(text), "", "")
+            declared = annotation_at(key.split("."), TrainingConfig)
+            value = typed_value(paths.uri_unless_utf8(text), declared)
         except InputError as error:
             expected = f"a value written as in YAML for {shown(key)[1:-1]} ({error.got})"
             raise InputError("--set", shown(override), expected) from error

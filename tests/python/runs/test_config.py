@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
@@ -228,3 +229,32 @@ def test_recorded_configurations_are_read_with_today_s_keys() -> None:
     assert (teacher.curriculum.near_starts, teacher.curriculum.near_start_m) == (0.3, 0.1)
     assert renamed(recorded["env"]) == {"threads": 2}, "only where the key is"
     assert "imagination" in recorded["teacher"], "the recorded one is left as it is"  # type: ignore[operator]
+
+
+@pytest.mark.parametrize(
+    ("override", "value"),
+    [
+        ("env.app.transport_options.enter=#go", "#go"),
+        ("env.app.transport_options.enter='#go'", "#go"),
+        ("env.app.transport_options.enter=no", "no"),
+        ("env.app.options.level=1: a # b", "1: a # b"),
+        ("env.app.options.adaptive=true", True),
+        ("env.app.options.seconds=0.5", 0.5),
+        ("env.app.options.count=3", 3),
+        ("env.app.options.place=[1, 2.5]", [1, 2.5]),
+        ("wandb.project=on", "on"),
+        ("wandb.project=2024", "2024"),
+        ("from_user=null", None),
+        ("env.app.task=null", None),
+        ("env.app.task={seconds: 3}", {"seconds": 3}),
+        ("evaluation.deterministic=yes", True),
+        ("ppo.n_envs=8", 8),
+    ],
+)
+def test_values_follow_the_declared_type_of_their_key(override: str, value: object) -> None:
+    """``--set`` takes text as typed where the key is text: no comment, truth or number in it."""
+    node: Any = apply_overrides({}, [override])
+    for part in override.partition("=")[0].split("."):
+        node = node[part]
+    assert node == value
+    assert type(node) is type(value)

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.base.errors import InputError, reason
+from sim2vr_harness.base.errors import InputError, reason, shown
 from sim2vr_harness.studies.jobs import TRAININGS, CellTask, Task, folder_of, mark_of
 from sim2vr_harness.studies.pool import Done, Work, done_by, play_or_train
 
@@ -156,6 +156,19 @@ def _fetch(storage: str, folder: Path, mark: str) -> None:
         raise InputError("--storage", f"{storage!r}, {got}", "a place that all machines see")
     names = [name for name in system.find(here) if not name.endswith("/.lock")]
     for name in sorted(names, key=lambda name: name.endswith(f"{here}/{mark}")):
-        file = folder / name.partition(f"{folder.parent.name}/{folder.name}/")[2]
+        file = folder / _name_inside(name, f"{folder.parent.name}/{folder.name}/", storage)
         file.parent.mkdir(parents=True, exist_ok=True)
         system.get_file(name, str(file))
+
+
+def _name_inside(listed: str, folder: str, storage: str) -> str:
+    """Return a file's name below a folder of the storage, as the storage lists it.
+
+    Raises:
+        InputError: The name leads out of the folder, on this system or on another.
+    """
+    name = listed.partition(folder)[2]
+    if any(part in ("", ".", "..") for part in name.split("/")) or set(name) & {"\\", ":", "\0"}:
+        got = f"{storage!r}, which lists the file {shown(listed)}"
+        raise InputError("--storage", got, f"names of files inside {folder}")
+    return name

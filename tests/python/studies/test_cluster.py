@@ -14,7 +14,7 @@ import pytest
 from test_pool import task
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.studies.cluster import OnRay
+from sim2vr_harness.studies.cluster import OnRay, _fetch
 
 ray = pytest.importorskip("ray")
 
@@ -29,6 +29,29 @@ def test_a_cluster_that_is_not_there_is_said(tmp_path: Path) -> None:
     ]:
         with pytest.raises(InputError, match=message):
             OnRay(tmp_path, address, 1)
+
+
+@pytest.mark.parametrize("name", ["../../../out.txt", "data/../../b/x", "/etc/x", "..\\x", "c:x"])
+def test_names_of_a_storage_stay_in_their_folder(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    class Storage:
+        """Lists what no storage should."""
+
+        def exists(self, path: str) -> bool:
+            return True
+
+        def find(self, path: str) -> list[str]:
+            return [f"{path}/cell.json", f"{path}/{name}"]
+
+        def get_file(self, path: str, place: str) -> None:
+            Path(place).write_text("{}")
+
+    monkeypatch.setattr("fsspec.core.url_to_fs", lambda url: (Storage(), "bucket/study"))
+    folder = tmp_path / "study" / "cells" / "a"
+    with pytest.raises(InputError, match=r"^--storage: got 's3://b', which lists the file .*name"):
+        _fetch("s3://b", folder, "cell.json")
+    assert [file for file in tmp_path.rglob("*") if file.is_file()] == []
 
 
 @pytest.fixture

@@ -227,15 +227,24 @@ def joined(tables: Sequence[pa.Table]) -> pa.Table:
     return pa.concat_tables(parts)
 
 
-def read_table(file: Path) -> pa.Table:
+def read_table(file: Path, columns: Callable[[list[str]], list[str]] | None = None) -> pa.Table:
     """Return the table of a Parquet file.
+
+    Args:
+        file: The file.
+        columns: Chooses from the names of its columns; None: all.
 
     Raises:
         InputError: It is missing, damaged, or something else.
     """
     content = read_bytes(file, _EXPECTED)
     try:
-        return pq.read_table(pa.BufferReader(content))
+        # Not `pq.read_table`: where that fails, threads of pyarrow go on, hold Python's bytes and
+        # abort a program that ends meanwhile.
+        with pq.ParquetFile(pa.BufferReader(content)) as parquet:
+            names = parquet.schema_arrow.names
+            wanted = names if columns is None else columns(names)
+            return parquet.read(wanted, use_threads=False).select(wanted)
     except (pa.ArrowException, OSError) as error:
         raise InputError(file_name(file), "no Parquet, or a damaged one", _EXPECTED) from error
 
@@ -324,21 +333,20 @@ class EvaluationData:
         for key in episodes:
             if key not in known:
                 raise unknown_name("episode", key, known)
-        read = _reader(keys, columns)
-        return data_frame(joined([read(there[key]) for key in episodes or known]))
+        chosen = _chosen(keys, columns)
+        return data_frame(joined([read_table(there[key], chosen) for key in episodes or known]))
 
 
-def _reader(keys: Sequence[str], columns: Sequence[str] | None) -> Callable[[Path], pa.Table]:
-    def read(file: Path) -> pa.Table:
+def _chosen(keys: Sequence[str], columns: Sequence[str] | None) -> Callable[[list[str]], list[str]]:
+    def choose(names: list[str]) -> list[str]:
         if columns is None:
-            return read_table(file)
-        names = pq.read_schema(file).names
+            return names
         for column in columns:
             if column not in names:
                 raise unknown_name("column", column, names)
-        return pq.read_table(file, columns=[*keys, *(c for c in columns if c not in keys)])
+        return list(dict.fromkeys([*keys, *columns]))
 
-    return read
+    return choose
 
 
 def read_data(folder: str | Path) -> EvaluationData:

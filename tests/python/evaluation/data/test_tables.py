@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import gzip
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -152,3 +154,29 @@ def test_names_and_kinds_of_columns() -> None:
     word = Column("x", "text", "", "X")
     assert merged([whole, fraction]) == [fraction]
     assert merged([whole, word, fraction]) == [word]
+
+
+READ_A_CUT_TABLE = """
+import os, sys
+from pathlib import Path
+import pyarrow as pa
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.evaluation.data.folder import parquet_bytes, read_table
+
+file = Path(sys.argv[1])
+content = parquet_bytes(pa.table({f"column{k}": list(range(1000)) for k in range(50)}))
+file.write_bytes(content[:2000] + bytes(2000) + content[4000:])
+before = set(os.listdir("/proc/self/task"))
+try:
+    read_table(file)
+except InputError as error:
+    assert set(os.listdir("/proc/self/task")) <= before, "a thread of pyarrow goes on"
+    print(error)
+"""
+
+
+def test_a_read_that_fails_leaves_no_thread_that_could_abort_the_program(tmp_path: Path) -> None:
+    command = [sys.executable, "-c", READ_A_CUT_TABLE, str(tmp_path / "cut.parquet")]
+    ended = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert (ended.returncode, ended.stderr) == (0, "")
+    assert "cut.parquet: got no Parquet, or a damaged one, expected a table" in ended.stdout

@@ -21,6 +21,7 @@ __all__ = [
     "Settings",
     "Weight",
     "Width",
+    "annotation_at",
     "check_whole_minibatches",
     "first_problem",
     "model_at",
@@ -211,6 +212,11 @@ def _all_keys(model: type[BaseModel], prefix: str = "") -> list[str]:
 
 def model_at(location: Sequence[str], root: type[BaseModel]) -> type[BaseModel] | None:
     """Return the model that these keys lead to from ``root``; None where there is none."""
+    return _as_model(annotation_at(location, root))
+
+
+def annotation_at(location: Sequence[str], root: type[BaseModel]) -> Any:
+    """Return what these keys are declared to hold from ``root``; None where nobody says."""
     at: Any = root
     for part in location:
         model = _as_model(at)
@@ -219,7 +225,7 @@ def model_at(location: Sequence[str], root: type[BaseModel]) -> type[BaseModel] 
             at = None if field is None else field.annotation
         else:
             at = _entries(at)
-    return _as_model(at)
+    return at
 
 
 def _as_model(annotation: Any) -> type[BaseModel] | None:

@@ -15,10 +15,19 @@ import yaml
 from pydantic import Field
 
 from sim2vr_harness.base import paths
-from sim2vr_harness.base.bounded_yaml import MOST_DEPTH, parse_yaml
+from sim2vr_harness.base.bounded_yaml import MOST_DEPTH
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import file_name, read_yaml
-from sim2vr_harness.base.settings import MOST_STEPS, Settings, Width, first_problem, model_at
+from sim2vr_harness.base.settings import (
+    MOST_STEPS,
+    Settings,
+    Width,
+    annotation_at,
+    first_problem,
+    model_at,
+)
+from sim2vr_harness.base.written_values import written_value
+from sim2vr_harness.client import list_transports
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.games import imagined_settings
 from sim2vr_harness.runs.attention_config import AttentionCropConfig, check_attention
@@ -255,6 +264,8 @@ def _with_twin(config: TrainingConfig) -> TrainingConfig:
 def apply_overrides(tree: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
     """Return a copy of ``tree`` with every ``dotted.key=value`` set.
 
+    A value is what its key is declared to hold: text as it is written, all else as in YAML.
+
     Raises:
         InputError: An override is not ``key=value``, or its key runs through a plain value.
     """
@@ -264,13 +275,13 @@ def apply_overrides(tree: Mapping[str, Any], overrides: Sequence[str]) -> dict[s
         key = key.strip()
         if not separator or not all(key.split(".")):
             raise InputError("--set", shown(override), "key=value, for example ppo.n_envs=4")
+        *parents, last = key.split(".")
         try:
-            value = parse_yaml(paths.uri_unless_utf8(text), "", "")
+            value = written_value(paths.uri_unless_utf8(text), _declared(parents, last))
         except InputError as error:
             expected = f"a value written as in YAML for {shown(key)[1:-1]} ({error.got})"
             raise InputError("--set", shown(override), expected) from error
         node = result
-        *parents, last = key.split(".")
         if len(parents) >= MOST_DEPTH:
             raise InputError("--set", shown(override), f"a key of at most {MOST_DEPTH} parts")
         for depth, parent in enumerate(parents):
@@ -284,6 +295,18 @@ def apply_overrides(tree: Mapping[str, Any], overrides: Sequence[str]) -> dict[s
             node = child
         node[last] = value
     return result
+
+
+def _declared(parents: Sequence[str], last: str) -> Any:
+    """Return what the value of a key is declared to be; None where nobody says."""
+    if list(parents) == _TRANSPORT_OPTIONS:
+        known = [transport for transport in list_transports() if last in transport.options]
+        if known and all(last in transport.text_options for transport in known):
+            return str
+    return annotation_at([*parents, last], TrainingConfig)
+
+
+_TRANSPORT_OPTIONS = ["env", "app", "transport_options"]
 
 
 def to_yaml(config: TrainingConfig) -> str:

@@ -184,7 +184,8 @@ def _advice(found: str, words: Mapping[str, str]) -> str:
 def pages(root: Path = ROOT) -> list[Path]:
     """Return the pages that users read, research notes left out."""
     found = [root / "README.md", *sorted(root.glob("docs/**/*.md"))]
-    return [page for page in found if page.exists() and not _exempt(page, root)]
+    own = [page for page in found if page.exists() and "node_modules" not in page.parts]
+    return [page for page in own if "engines" not in page.parts and not _exempt(page, root)]
 
 
 def _exempt(path: Path, root: Path) -> bool:

@@ -5,12 +5,11 @@ from __future__ import annotations
 import difflib
 from collections.abc import Sequence
 from types import UnionType
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Union, get_args, get_origin
 
 import pydantic
 from pydantic import BaseModel, ConfigDict, Field
 
-from sim2vr_harness.base.bounded_yaml import parse_yaml
 from sim2vr_harness.base.errors import InputError, shown
 
 __all__ = [
@@ -26,7 +25,6 @@ __all__ = [
     "check_whole_minibatches",
     "first_problem",
     "model_at",
-    "typed_value",
 ]
 
 MOST_STEPS = 10**12
@@ -228,55 +226,6 @@ def annotation_at(location: Sequence[str], root: type[BaseModel]) -> Any:
         else:
             at = _entries(at)
     return at
-
-
-def typed_value(text: str, annotation: Any) -> Any:
-    """Return the value that a text on a command line stands for, by the declared type of its key.
-
-    A key that takes text gets it as typed, also where YAML sees a comment (``#go``), a truth
-    (``no``) or a number in it; quotes around the whole are left away. Everything else is YAML.
-
-    Args:
-        text: as typed.
-        annotation: of the key; None: not known.
-
-    Raises:
-        InputError: it is not YAML.
-    """
-    kinds = _kinds(annotation)
-    bare = text.strip()
-    if str not in kinds or (bare[:1] in ("'", '"') and bare[-1:] == bare[:1] and len(bare) > 1):
-        return parse_yaml(text, "", "")
-    if type(None) in kinds and bare in ("null", "~", ""):
-        return None
-    for known, value in (("true", True), ("false", False)):
-        if bool in kinds and bare.lower() == known:
-            return value
-    if kinds <= {str, type(None)}:
-        return bare
-    try:
-        found = parse_yaml(text, "", "")
-    except InputError:
-        return bare
-    kind = type(found)
-    return found if kind in kinds and kind not in (str, bool, type(None)) else bare
-
-
-def _kinds(annotation: Any) -> set[type]:
-    """Return the plain types that a value may have: of unions, literals and constrained types."""
-    origin = get_origin(annotation)
-    if origin in (Union, UnionType):
-        return {kind for member in get_args(annotation) for kind in _kinds(member)}
-    if origin is Annotated:
-        return _kinds(get_args(annotation)[0])
-    if origin is Literal:
-        return {type(value) for value in get_args(annotation)}
-    plain = origin or annotation
-    if plain is tuple or plain is list:
-        return {list}
-    if not isinstance(plain, type):
-        return set()
-    return {dict} if issubclass(plain, BaseModel) else {plain}
 
 
 def _as_model(annotation: Any) -> type[BaseModel] | None:

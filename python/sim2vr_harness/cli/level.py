@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-import yaml
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.paths import uri_unless_utf8
+from sim2vr_harness.base.written_values import written_value
 from sim2vr_harness.cli.options import writable_file
 from sim2vr_harness.client import OptionValue, describe_game, describe_level, list_games
 
@@ -87,8 +87,4 @@ def _read_option(text: str) -> tuple[str, Any]:
     key, equals, value = text.partition("=")
     if not equals or not key.strip():
         raise InputError("--set", repr(text), "OPTION=VALUE")
-    try:
-        read = yaml.safe_load(uri_unless_utf8(value))
-    except yaml.YAMLError as error:
-        raise InputError("--set", repr(text), "OPTION=VALUE") from error
-    return key.strip(), read
+    return key.strip(), written_value(uri_unless_utf8(value), OptionValue)

@@ -101,6 +101,7 @@ class Transport:
             is reached so; a single app may have more.
         reads: fields of :class:`AppPlace` that mean something; others must be left alone.
         options: names of :attr:`AppPlace.options` that it knows, with a line each.
+        text_options: those of ``options`` that are text, whatever YAML would make of it.
         users_per_connection: how many users an app serves; None: any number.
         knows_options: whether the apps of a place take game options at every reset, rather than at
             their start or never.
@@ -116,6 +117,7 @@ class Transport:
     capabilities: frozenset[str] = frozenset()
     reads: frozenset[str] = frozenset()
     options: Mapping[str, str] = field(default_factory=dict)
+    text_options: frozenset[str] = frozenset()
     users_per_connection: int | None = None
     knows_options: Callable[[AppPlace], bool] = lambda place: True
     facts: Callable[[AppPlace, str], GameFacts | None] = lambda place, game: None

@@ -25,8 +25,9 @@ from sim2vr_harness.base.settings import (
     annotation_at,
     first_problem,
     model_at,
-    typed_value,
 )
+from sim2vr_harness.base.written_values import written_value
+from sim2vr_harness.client import list_transports
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.games import imagined_settings
 from sim2vr_harness.runs.attention_config import AttentionCropConfig, check_attention
@@ -292,14 +293,13 @@ def apply_overrides(tree: Mapping[str, Any], overrides: Sequence[str]) -> dict[s
         key = key.strip()
         if not separator or not all(key.split(".")):
             raise InputError("--set", shown(override), "key=value, for example ppo.n_envs=4")
+        *parents, last = key.split(".")
         try:
-            declared = annotation_at(key.split("."), TrainingConfig)
-            value = typed_value(paths.uri_unless_utf8(text), declared)
+            value = written_value(paths.uri_unless_utf8(text), _declared(parents, last))
         except InputError as error:
             expected = f"a value written as in YAML for {shown(key)[1:-1]} ({error.got})"
             raise InputError("--set", shown(override), expected) from error
         node = result
-        *parents, last = key.split(".")
         if len(parents) >= MOST_DEPTH:
             raise InputError("--set", shown(override), f"a key of at most {MOST_DEPTH} parts")
         for depth, parent in enumerate(parents):
@@ -313,6 +313,18 @@ def apply_overrides(tree: Mapping[str, Any], overrides: Sequence[str]) -> dict[s
             node = child
         node[last] = value
     return result
+
+
+_TRANSPORT_OPTIONS = ["env", "app", "transport_options"]
+
+
+def _declared(parents: Sequence[str], last: str) -> Any:
+    """Return what the value of a key is declared to be; None where it is not declared."""
+    if list(parents) == _TRANSPORT_OPTIONS:
+        known = [transport for transport in list_transports() if last in transport.options]
+        if known and all(last in transport.text_options for transport in known):
+            return str
+    return annotation_at([*parents, last], TrainingConfig)
 
 
 def to_yaml(config: TrainingConfig) -> str:

@@ -39,7 +39,7 @@ class Cell:
         """
         cut = "" if prefix == "env." else prefix
         return [
-            f"{key.removeprefix(cut)}={json.dumps(value)}"
+            f"{key.removeprefix(cut)}={json.dumps(value, ensure_ascii=False)}"
             for key, value in sorted(self.settings.items())
             if key.startswith(prefix)
         ]

@@ -1,7 +1,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 import yaml
@@ -234,27 +233,34 @@ def test_recorded_configurations_are_read_with_today_s_keys() -> None:
 @pytest.mark.parametrize(
     ("override", "value"),
     [
-        ("env.app.transport_options.enter=#go", "#go"),
+        ("env.app.transport_options.enter=#go", "#go"),  # YAML: a comment
+        ("env.app.transport_options.enter=no", "no"),  # YAML: false
+        ("env.app.transport_options.enter=[data-vr]", "[data-vr]"),
         ("env.app.transport_options.enter='#go'", "#go"),
-        ("env.app.transport_options.enter=no", "no"),
-        ("env.app.options.level=1: a # b", "1: a # b"),
-        ("env.app.options.adaptive=true", True),
-        ("env.app.options.seconds=0.5", 0.5),
-        ("env.app.options.count=3", 3),
-        ("env.app.options.place=[1, 2.5]", [1, 2.5]),
-        ("wandb.project=on", "on"),
-        ("wandb.project=2024", "2024"),
-        ("from_user=null", None),
-        ("env.app.task=null", None),
-        ("env.app.task={seconds: 3}", {"seconds": 3}),
-        ("evaluation.deterministic=yes", True),
-        ("ppo.n_envs=8", 8),
+        ("env.app.options.title=#go", "#go"),
+        ("env.app.options.adaptive=no", False),
+        ("env.app.options.life_seconds=0.5", 0.5),
+        ("env.app.options.place=[0, 1]", [0, 1]),
+        ("env.app.page=a: b #1.html", "a: b #1.html"),
+        ("env.app.connect=null", None),
+        ("env.app.connect=#1", "#1"),
+        ("env.app.renderer=null", "null"),  # the name of one
+        ("env.user.noise.constant=null", None),
+        ("env.app.task={rules: 1}", {"rules": 1}),
+        ("env.app.task=task.yaml", "task.yaml"),
+        ("env.app.arguments=[-a, b]", ["-a", "b"]),
+        ("name=2024", "2024"),
+        ("ppo.n_envs=4", 4),
+        ("env.user.torso=yes", True),
     ],
 )
-def test_values_follow_the_declared_type_of_their_key(override: str, value: object) -> None:
-    """``--set`` takes text as typed where the key is text: no comment, truth or number in it."""
-    node: Any = apply_overrides({}, [override])
-    for part in override.partition("=")[0].split("."):
-        node = node[part]
-    assert node == value
-    assert type(node) is type(value)
+def test_a_value_is_what_its_key_is_declared_to_hold(override: str, value: object) -> None:
+    node = apply_overrides({}, [override])
+    for key in override.partition("=")[0].split("."):
+        node = node[key]
+    assert (node, type(node)) == (value, type(value))
+
+
+def test_a_number_is_not_nothing_because_of_a_comment() -> None:
+    with pytest.raises(InputError, match=r"^env.user.effort.weight: got '#1', expected a number"):
+        load_config("whacamole_constrained", ["env.user.effort.weight=#1"])

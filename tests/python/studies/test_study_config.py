@@ -9,6 +9,7 @@ import pytest
 import yaml
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.studies.cells import cells_of
 from sim2vr_harness.studies.config import load_study, parse_study
 from sim2vr_harness.studies.plan import plan_of
@@ -201,3 +202,12 @@ def test_the_ablation_of_people_leaves_out_one_thing_each() -> None:
     assert senses["delay"] == senses["noise"]
     assert not any(one["delay_ms"] for one in configs["delay"]["env"]["senses"])
     assert {one.condition for one in plan.tasks} == {"easy", "medium", "hard", "low", "high"}
+
+
+def test_text_of_a_study_reaches_its_key_as_it_is() -> None:
+    for text in ("#go", "no", '[data-vr="1"]', "null", "5", " 'x' # y", "caf\u00e9 \U0001f3af"):
+        key = "env.app.transport_options.enter"
+        factors = {"button": {"key": key, "levels": {"one": text}}}
+        (cell,) = cells_of(study(factors=factors))
+        tree = apply_overrides({}, [one for one in cell.of("env.") if one.startswith(key)])
+        assert tree["env"]["app"]["transport_options"] == {"enter": text}

@@ -35,5 +35,6 @@ WEBXR = Transport(
         "script_errors": "fail (default) or ignore errors that the page does not catch",
         "renderer": "swiftshader (default: the browser's own) or mesa (the system's llvmpipe)",
     },
+    text_options=frozenset({"profile", "enter", "script_errors", "renderer"}),
     users_per_connection=1,
 )

@@ -15,7 +15,7 @@ from sim2vr_harness.runs.config import (
     parse_config,
     to_yaml,
 )
-from sim2vr_harness.runs.migration import renamed
+from sim2vr_harness.runs.migration import changed_constant, renamed
 from sim2vr_harness.training.ppo.ppo import LearningRate
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -258,3 +258,17 @@ def test_values_follow_the_declared_type_of_their_key(override: str, value: obje
         node = node[part]
     assert node == value
     assert type(node) is type(value)
+
+
+def test_keys_that_became_constants() -> None:
+    """Recorded ones load; user-written ones are taken with the constant's value only."""
+    teacher = {"imagined": {"lam": 0.8}, "start": None, "policy": {"action_scale": 0.5}}
+    recorded = {"teacher": teacher}
+    assert parse_config(renamed(recorded)) == parse_config({})
+    assert changed_constant(recorded) == ("teacher.imagined.lam", 0.8, 0.9)
+    assert changed_constant({"student": {"noisy_users": 0.25}}) is None
+    assert parse_config({"student": {"noisy_users": 0.25}}) == parse_config({})
+    with pytest.raises(InputError) as caught:
+        load_config("whacamole_constrained_distill", ["teacher.imagined.lam=0.8"])
+    expected = "teacher.imagined.lam: got 0.8, expected it left out: it is 0.9 in all trainings now"
+    assert str(caught.value) == expected

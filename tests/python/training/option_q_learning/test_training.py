@@ -194,7 +194,7 @@ def test_timing_an_update_changes_nothing(layer: MotorPolicy, tmp_path: Path) ->
     while not timed.finished:
         other.step()
         report = timed.step()
-        if timed.config.ahead < report.step // (SMALL.users * SMALL.decide_steps):
+        if N_STEP < report.step // (SMALL.users * SMALL.decide_steps):
             assert timed.update_seconds() > 0.0
     for name, values in timed.net.state_dict().items():
         assert torch.equal(values, other.net.state_dict()[name]), name

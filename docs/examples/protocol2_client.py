@@ -1,6 +1,4 @@
-"""Play a second of Whac-A-Mole over protocol 2, standing still.
-
-The bytes of the messages: docs/reference/protocol.md.
+"""Play a second of Whac-A-Mole over protocol 2 (docs/reference/protocol.md), standing still.
 
 Usage: sim2vr-app --port 5555 &  python protocol2_client.py tcp://127.0.0.1:5555
 """

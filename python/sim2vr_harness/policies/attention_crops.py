@@ -21,6 +21,8 @@ from sim2vr_harness.runs.attention_config import AttentionCropConfig
 
 __all__ = ["AttentionCrops"]
 
+_FOVEA_PIXELS = 32
+"""Side of the crop of ``fovea``."""
 _CELL = 8
 """Pixels of the wide picture that a cell of the locator's grid is wide and high."""
 _LOCATOR = (8, 16, 24, 32)
@@ -54,7 +56,7 @@ class AttentionCrops(nn.Module):
         self.grid = nn.Conv2d(_LOCATOR[-1], 3 * config.count, 1)
         self.looks = {"vision": (config.vision_pixels, 1)}
         if "fovea" in shapes:
-            self.looks["fovea"] = (config.fovea_pixels, config.fovea_zoom)
+            self.looks["fovea"] = (_FOVEA_PIXELS, config.fovea_zoom)
         encoders, flat = {}, 0
         for key, (side, _) in self.looks.items():
             encoders[key] = convolutions(shapes[key][0], _ENCODER)

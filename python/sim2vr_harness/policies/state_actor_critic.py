@@ -22,6 +22,11 @@ from sim2vr_harness.runs.teacher_config import TeacherPolicyConfig
 
 __all__ = ["TeacherPolicy", "load_teacher", "new_teacher"]
 
+_ACTION_SCALE = 0.5
+"""Factor on the actor's outputs: actions begin well within their range."""
+_OBSERVATION_CLIP = 8.0
+"""Largest normalised observation, in standard deviations."""
+
 
 class _Normalised(BaseFeaturesExtractor):
     """Observations with the mean and deviation of all that was seen so far, clipped.
@@ -88,7 +93,7 @@ class TeacherPolicy(StagePolicy):
             "activation_fn": nn.SiLU,
             "log_std_init": self._config.log_std_init,
             "features_extractor_class": _Normalised,
-            "features_extractor_kwargs": {"clip": self._config.observation_clip},
+            "features_extractor_kwargs": {"clip": _OBSERVATION_CLIP},
             "normalize_images": False,
         }
         self.workers = torch.get_num_threads()
@@ -104,7 +109,7 @@ class TeacherPolicy(StagePolicy):
         return self.features_extractor
 
     def _get_action_dist_from_latent(self, latent_pi: Tensor) -> Distribution:
-        mean = self._config.action_scale * self.action_net(latent_pi)
+        mean = _ACTION_SCALE * self.action_net(latent_pi)
         return self.action_dist.proba_distribution(mean, self.standard_log())
 
     def standard_log(self) -> Tensor:
@@ -114,7 +119,7 @@ class TeacherPolicy(StagePolicy):
     def action_mean(self, observations: dict[str, Tensor]) -> Tensor:
         """The mean of the actions, (B, A), not clipped."""
         latent = self.mlp_extractor.forward_actor(self.normaliser(observations))
-        return self._config.action_scale * self.action_net(latent)
+        return _ACTION_SCALE * self.action_net(latent)
 
     @property
     def in_shards(self) -> bool:
@@ -152,7 +157,7 @@ class TeacherPolicy(StagePolicy):
 
     def _actor_and_critic(self, observations: dict[str, Tensor]) -> tuple[Tensor, Tensor]:
         latent_pi, latent_vf = self.mlp_extractor(self.normaliser(observations))
-        return self._config.action_scale * self.action_net(latent_pi), self.value_net(latent_vf)
+        return _ACTION_SCALE * self.action_net(latent_pi), self.value_net(latent_vf)
 
     def act(
         self, observations: dict[str, np.ndarray], rng: np.random.Generator | None

@@ -17,8 +17,6 @@ class AttentionCropConfig(Settings):
     """How many things are looked at, in the game's order (``ImaginedGame.glances``)."""
     vision_pixels: int = Field(default=24, ge=1, le=1024)
     """Side of the cut-out of ``vision``."""
-    fovea_pixels: int = Field(default=32, ge=1, le=1024)
-    """Side of the cut-out of ``fovea``."""
     fovea_zoom: int = Field(default=3, ge=1, le=5)
     """How many times as large things are in ``fovea``: ``env.vision.zoom``."""
     features: Width = 96

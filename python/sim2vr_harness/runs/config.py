@@ -32,6 +32,7 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.games import imagined_settings
 from sim2vr_harness.runs.attention_config import AttentionCropConfig, check_attention
 from sim2vr_harness.runs.dagger_config import StudentConfig
+from sim2vr_harness.runs.migration import settable
 from sim2vr_harness.runs.option_config import SkillsConfig
 from sim2vr_harness.runs.ppo_config import LearningRateConfig, PPOConfig
 from sim2vr_harness.runs.teacher_config import TeacherConfig
@@ -255,6 +256,7 @@ def parse_config(tree: Mapping[str, Any]) -> TrainingConfig:
     Raises:
         InputError: Names the first key that cannot be used.
     """
+    tree = settable(tree)
     try:
         return _with_twin(TrainingConfig.model_validate(tree))
     except pydantic.ValidationError as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from sim2vr_harness.base.settings import Chance, Factor, LearningRate, Norm, Settings, Weight
+from sim2vr_harness.base.settings import Chance, LearningRate, Norm, Settings, Weight
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.runs.ppo_config import MOST_BATCH, MOST_USERS
 
@@ -31,22 +31,12 @@ class StudentConfig(Settings):
     """User steps per minibatch."""
     learning_rate: LearningRate = 1e-3
     """Learning rate: constant for the first half of the frames, then linear to almost nothing."""
-    weight_decay: float = Field(default=1e-4, ge=0.0, le=1.0)
-    """Weight decay of the optimiser."""
     max_grad_norm: Norm = 1.0
     """Norm that gradients are clipped to."""
-    imitation_weight: Factor = 4.0
-    """Weight of the difference between the student's and the teacher's actions in the loss."""
-    facts_weight: Weight = 0.2
-    """Weight in the loss of the heads that name facts of the picture, such as which targets are
-    there."""
     numbers_weight: Weight = 0.0
     """Weight in the loss of the head that tells what the teacher knows of the game (standardised,
     mean squared error) from all that the student senses; 0: there is none. Where much is to be made
     out in a small picture, actions alone teach too slowly what is there."""
-    glances_weight: Weight = 0.2
-    """Weight in the loss of where the student looks (``policy.glimpses``), beside where things
-    truly are."""
     teacher_rounds: int = Field(default=3, ge=0, le=1_000_000)
     """Rounds of collecting in which the teacher acts for everybody."""
     teacher_share: Chance = 0.6
@@ -55,8 +45,6 @@ class StudentConfig(Settings):
     """Factor on that proportion from round to round."""
     noise_std: Weight = 0.1
     """Noise on the actions of some users, so that unusual situations are seen too."""
-    noisy_users: Chance = 0.25
-    """Proportion of users with noise on their actions."""
     image_noise: Weight = 0.0
     """Standard deviation of noise on the pictures that are learned from, of 255."""
     log_std: float = Field(default=-1.5, ge=-20.0, le=5.0)
@@ -64,7 +52,5 @@ class StudentConfig(Settings):
     stagger_steps: int = Field(default=1200, ge=1, le=1_000_000_000)
     """Users' first rounds are cut at random within so many steps, so that rounds do not run in
     phase."""
-    statistics_episodes: int = Field(default=100, ge=1, le=1_000_000)
-    """Latest episodes that the printed statistics are taken over."""
     checkpoint_rounds: int = Field(default=20, ge=1, le=1_000_000)
     """Rounds of collecting between two checkpoints."""

@@ -10,7 +10,9 @@ import copy
 from collections.abc import Callable, Mapping
 from typing import Any
 
-__all__ = ["renamed"]
+from sim2vr_harness.base.errors import InputError
+
+__all__ = ["changed_constant", "renamed", "settable"]
 
 _TWIN = (
     *("single_targets", "failing_cells", "failing_value", "overlap_m", "speed_mps"),
@@ -45,6 +47,33 @@ _GONE = (
 )
 """Aids that no shipped user's training needed, and the learner that only the teacher had."""
 
+_CONSTANTS: dict[str, Any] = {
+    "policy.glimpses.fovea_pixels": 32,
+    "skills.looking.ahead": 3,
+    "skills.looking.explore_first": 0.9,
+    "skills.looking.follow": 0.01,
+    "skills.looking.kept": 24_000,
+    "skills.looking.settle_share": 0.5,
+    "skills.looking.updates": 1.0,
+    "skills.practice.kept_cycles": 12,
+    "student.facts_weight": 0.2,
+    "student.glances_weight": 0.2,
+    "student.imitation_weight": 4.0,
+    "student.noisy_users": 0.25,
+    "student.statistics_episodes": 100,
+    "student.weight_decay": 1e-4,
+    "teacher.imagined.critic_learning_rate": 1e-3,
+    "teacher.imagined.kept_cycles": 12,
+    "teacher.imagined.lam": 0.9,
+    "teacher.imagined.near_m": 0.12,
+    "teacher.imagined.wild_seconds": 1.0,
+    "teacher.knows_present": False,
+    "teacher.policy.action_scale": 0.5,
+    "teacher.policy.observation_clip": 8.0,
+    "teacher.start": None,
+}
+"""Keys that no shipped configuration set -> the value that all trainings have now."""
+
 _CONVERTED: dict[str, Callable[[Any], Any]] = {
     # A ramp between two numbers is the number that it ended with.
     f"teacher.curriculum.{key}": lambda value: value["end"] if isinstance(value, dict) else value
@@ -61,13 +90,44 @@ def renamed(tree: Any) -> Any:
         found = _take(result, old)
         if found is not None:
             _put(result, new, found[0])
-    for old in _GONE:
+    for old in (*_GONE, *_CONSTANTS):
         _take(result, old)
     for key, convert in _CONVERTED.items():
         found = _take(result, key)
         if found is not None:
             _put(result, key, convert(found[0]))
     return result
+
+
+def changed_constant(recorded: Any) -> tuple[str, Any, Any] | None:
+    """Return the first key of a recorded configuration that has another value for good.
+
+    Such a run can be evaluated, but not resumed.
+
+    Returns:
+        Key, recorded value and today's; None where all agree.
+    """
+    tree = copy.deepcopy(dict(recorded)) if isinstance(recorded, Mapping) else {}
+    for key, value in _CONSTANTS.items():
+        found = _take(tree, key)
+        if found is not None and found[0] != value:
+            return key, found[0], value
+    return None
+
+
+def settable(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a configuration without keys that used to be settings and have today's value.
+
+    Raises:
+        InputError: such a key has another value.
+    """
+    copied = copy.deepcopy(dict(tree))
+    for key, value in _CONSTANTS.items():
+        found = _take(copied, key)
+        if found is not None and found[0] != value:
+            expected = f"it left out: it is {value!r} in all trainings now"
+            raise InputError(key, repr(found[0]), expected)
+    return copied
 
 
 def _take(tree: dict[str, Any], key: str) -> tuple[Any] | None:

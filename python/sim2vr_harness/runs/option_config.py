@@ -32,8 +32,6 @@ class MotorTrainingConfig(Settings):
     """User steps of each body in the first cycle, in which it moves at random."""
     play_steps: int = Field(default=100, ge=1, le=1_000_000)
     """User steps of each body in a later cycle."""
-    kept_cycles: int = Field(default=12, ge=1, le=100_000)
-    """Cycles whose user steps are kept, beside the first."""
     first_fit_minibatches: int = Field(default=1500, ge=20, le=10_000_000)
     """Minibatches that the body model is fitted to in the first cycle."""
     fit_minibatches: int = Field(default=300, ge=20, le=10_000_000)
@@ -82,29 +80,16 @@ class QLearningConfig(Settings):
     """User steps from one decision to the next."""
     try_steps: int = Field(default=8_000, ge=0, le=MOST_STEPS)
     """User steps at the start in which all is tried at random."""
-    explore_first: Chance = 0.9
-    """Proportion of exploratory decisions at the start."""
     explore_last: Chance = 0.08
     """Proportion of exploratory decisions after ``explore_steps``."""
     explore_steps: int = Field(default=50_000, ge=1, le=MOST_STEPS)
     """User steps over which that proportion falls."""
     gamma: Chance = 0.85
     """Discount factor per decision."""
-    ahead: int = Field(default=3, ge=1, le=100)
-    """Decisions whose rewards are added up before a value is trusted."""
-    kept: int = Field(default=24_000, ge=100, le=10_000_000)
-    """Decisions that the replay buffer holds."""
     batch_size: int = Field(default=64, ge=1, le=100_000)
     """Decisions per minibatch."""
-    updates: float = Field(default=1.0, gt=0.0, le=1000.0)
-    """Updates of the Q-network per decision of all users."""
     learning_rate: LearningRate = 1e-3
     """Learning rate of the Q-network."""
-    settle_share: Chance = 0.5
-    """Last share of the user steps, over which the learning rate falls to a twentieth and random
-    tries fall to a quarter."""
-    follow: Chance = 0.01
-    """Rate at which the target network follows the Q-network."""
     width: Width = 32
     """Channels of the Q-network's convolutions."""
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal, Self
+from typing import Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
 from sim2vr_harness.base.settings import (
     MOST_STEPS,
@@ -40,12 +40,8 @@ class ImaginedConfig(Settings):
     """Cycles of imagined rollouts; 0: none, the teacher begins with nothing."""
     first_play_steps: int = Field(default=600, ge=1, le=1_000_000)
     """User steps of every user in the first cycle, in which they move about at random."""
-    wild_seconds: float = Field(default=1.0, gt=0.0, le=1e6)
-    """Length of the episodes of the first cycle, which begin near a good start of an action."""
     play_steps: int = Field(default=100, ge=1, le=1_000_000)
     """User steps of every user in a later cycle."""
-    kept_cycles: int = Field(default=12, ge=1, le=100_000)
-    """Cycles whose user steps are kept, beside the first."""
     first_fit_minibatches: int = Field(default=1500, ge=20, le=10_000_000)
     """Minibatches of 1024 user steps that the body model is fitted to in the first cycle."""
     fit_minibatches: int = Field(default=215, ge=20, le=10_000_000)
@@ -62,13 +58,9 @@ class ImaginedConfig(Settings):
     """User steps through which gradients go."""
     gamma: Chance = 0.96
     """Discount factor per user step."""
-    lam: Chance = 0.9
-    """Lambda of the critic's returns (TD(lambda))."""
     learning_rate: LearningRate = 1e-3
     """Learning rate of the policy: constant for the first half of the updates, then linear to
     almost nothing."""
-    critic_learning_rate: LearningRate = 1e-3
-    """Learning rate of the critic."""
     critic_first_updates: int = Field(default=30, ge=0, le=MOST_STEPS)
     """Updates at the start in which the critic alone learns."""
     action_noise: Weight = 0.12
@@ -100,8 +92,6 @@ class ImaginedConfig(Settings):
     are high, nobody who cannot play yet would learn to. 0: as high from the start."""
     near_starts: Chance = 0.5
     """Share of those who begin near a living target."""
-    near_m: float = Field(default=0.12, gt=0.0, le=10.0)
-    """How near they begin: the tool's distance from a good start of an action on it."""
     effort: Weight = 0.1
     """Cost of the mean square of activations per user step, for users whose own effort remembers
     or looks at forces; others (``neural``, ``muscle_state``) have their own."""
@@ -158,14 +148,10 @@ class TeacherPolicyConfig(Settings):
 
     net_arch: tuple[Width, ...] = Field(default=(256, 256), max_length=20)
     """Hidden layers of actor and critic each, SiLU."""
-    action_scale: Factor = 0.5
-    """Means are the actor's outputs times this."""
     log_std_init: float = Field(default=-2.1, ge=-20.0, le=5.0)
     """Logarithm of the actions' standard deviation at the start."""
     log_std_min: float = Field(default=-3.0, ge=-20.0, le=5.0)
     """Smallest logarithm of the actions' standard deviation."""
-    observation_clip: Factor = 8.0
-    """Largest absolute value of the normalised observation."""
 
 
 class TeacherPPOConfig(PPOConfig):
@@ -195,17 +181,9 @@ class TeacherConfig(Settings):
     hidden_fields: tuple[str, ...] | None = None
     """Patterns of privileged numbers, and of the own body's, that the teacher does not observe;
     None takes those that the game's twin names."""
-    knows_present: bool = False
-    """Whether the teacher knows the present although its student's senses are late. Where nothing
-    can be foreseen, what it does on average is what a late student can do best; elsewhere it shows
-    what nobody can do who has not seen it yet."""
     recognition_steps: int = Field(default=0, ge=0, le=100)
     """How many user steps after a picture shows a thing the teacher knows of it. What has just come
     up is a speck that no student makes out; a teacher that knows of it does what no student can."""
-    start: str | None = Field(default=None, min_length=1)
-    """The folder of a run with a teacher to begin with, instead of one that knows nothing: it
-    observes and acts as this one, by other rules perhaps. Its cycles are as those of the second
-    half of a training from nothing, and nothing is easier in them unless they say so."""
     imagined: ImaginedConfig = ImaginedConfig()
     """Imagined rollouts, in which the teacher is trained first."""
     curriculum: CurriculumConfig = CurriculumConfig()
@@ -219,21 +197,3 @@ class TeacherConfig(Settings):
     evaluate_rounds: int = Field(default=4, ge=0, le=1_000_000)
     """Rounds per condition by which the teacher is judged in the end: true rules, stochastic
     policy."""
-
-    @model_validator(mode="after")
-    def _start_with_cycles(self) -> Self:
-        if self.start is not None and self.imagined.cycles == 0:
-            raise ValueError(
-                "imagined.cycles: got 0 with start, expected at least 1: a teacher that is there "
-                "goes on learning in imagined rollouts"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _present_or_later(self) -> Self:
-        if self.knows_present and self.recognition_steps:
-            raise ValueError(
-                f"recognition_steps: got {self.recognition_steps} with knows_present, expected 0: "
-                "who knows the present recognises all at once"
-            )
-        return self

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-__all__ = ["Motion", "TransitionStore"]
+__all__ = ["KEPT_CYCLES", "Motion", "TransitionStore"]
+
+KEPT_CYCLES = 12
+"""Cycles whose transitions are kept, beside the first: older ones come from policies long gone."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from sim2vr_harness.runs.config import (
     parse_config,
     to_yaml,
 )
-from sim2vr_harness.runs.migration import renamed
+from sim2vr_harness.runs.migration import changed_constant, renamed
 from sim2vr_harness.training.ppo.ppo import LearningRate
 
 CONFIGS = Path(__file__).parents[3] / "configs"
@@ -264,3 +264,17 @@ def test_a_value_is_what_its_key_is_declared_to_hold(override: str, value: objec
 def test_a_number_is_not_nothing_because_of_a_comment() -> None:
     with pytest.raises(InputError, match=r"^env.user.effort.weight: got '#1', expected a number"):
         load_config("whacamole_constrained", ["env.user.effort.weight=#1"])
+
+
+def test_keys_that_became_constants() -> None:
+    """Recorded ones load; user-written ones are taken with the constant's value only."""
+    teacher = {"imagined": {"lam": 0.8}, "start": None, "policy": {"action_scale": 0.5}}
+    recorded = {"teacher": teacher}
+    assert parse_config(renamed(recorded)) == parse_config({})
+    assert changed_constant(recorded) == ("teacher.imagined.lam", 0.8, 0.9)
+    assert changed_constant({"student": {"noisy_users": 0.25}}) is None
+    assert parse_config({"student": {"noisy_users": 0.25}}) == parse_config({})
+    with pytest.raises(InputError) as caught:
+        load_config("whacamole_constrained_distill", ["teacher.imagined.lam=0.8"])
+    expected = "teacher.imagined.lam: got 0.8, expected it left out: it is 0.9 in all trainings now"
+    assert str(caught.value) == expected

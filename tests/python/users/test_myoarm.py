@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import check_env
 
+from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.envs import Sim2VREnv
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.simulation import Simulation
@@ -31,6 +32,7 @@ def test_loading_it_is_silent(
 ) -> None:
     """MuJoCo's warnings of how the package builds it go to the terminal and into a file."""
     monkeypatch.chdir(tmp_path)
+    set_notice(None)  # commands that other tests run in this process set one
     load_body("myoarm_r", appearance=False)
     assert capfd.readouterr() == ("", "")
     assert list(tmp_path.iterdir()) == []

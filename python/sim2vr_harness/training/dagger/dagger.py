@@ -37,6 +37,13 @@ from sim2vr_harness.training.run.episode_stats import episode_means
 __all__ = ["Expert", "Student", "StudentProgress"]
 
 STATE_FORMAT = 4
+_IMITATION_WEIGHT, _FACTS_WEIGHT, _CROPS_WEIGHT = 4.0, 0.2, 0.2
+"""Weights in the loss: actions, facts of the picture, places of the attention crops."""
+_WEIGHT_DECAY = 1e-4
+_NOISY_USERS = 0.25
+"""Proportion of users with noise on their actions, so that unusual situations are seen."""
+_STATISTICS_EPISODES = 100
+"""Latest episodes that the printed statistics are taken over."""
 _COLLECTED = 0.4
 """Share of a round's time that is over after collecting."""
 _TARGETS = ("label", "facts", "numbers", "glances")
@@ -152,7 +159,7 @@ class Student:
         ]
         # Fused: one pass over the weights instead of a dozen.
         self._optimizer = torch.optim.AdamW(
-            self._parameters, config.learning_rate, weight_decay=config.weight_decay, fused=True
+            self._parameters, config.learning_rate, weight_decay=_WEIGHT_DECAY, fused=True
         )
         shapes = {
             key: (value.shape[1:], value.dtype) for key, value in simulation.observation().items()
@@ -177,7 +184,7 @@ class Student:
         longest = min(simulation.max_steps, config.stagger_steps)
         self._cut = self._rng.integers(1, longest + 1, self.n)
         self._acted = np.zeros(self.n)
-        self._episodes: deque[dict[str, Any]] = deque(maxlen=config.statistics_episodes)
+        self._episodes: deque[dict[str, Any]] = deque(maxlen=_STATISTICS_EPISODES)
         self._ended = 0
 
     @property
@@ -256,7 +263,7 @@ class Student:
         config = self.config
         late = self.round - config.teacher_rounds
         share = 1.0 if late < 0 else config.teacher_share * config.teacher_share_decay**late
-        noisy = np.arange(self.n) < config.noisy_users * self.n
+        noisy = np.arange(self.n) < _NOISY_USERS * self.n
         shown = 0
         for step in range(config.rollout_steps):
             on_progress(_COLLECTED * step / config.rollout_steps)
@@ -321,10 +328,10 @@ class Student:
         self.policy.train()
         sums: dict[str, float] = {}
         weights = {
-            "imitation": config.imitation_weight,
-            "facts": config.facts_weight,
+            "imitation": _IMITATION_WEIGHT,
+            "facts": _FACTS_WEIGHT,
             "numbers": config.numbers_weight,
-            "glances": config.glances_weight,
+            "glances": _CROPS_WEIGHT,
             "reading": config.numbers_weight,
         }
         first, last = self.store.first, self.store.count

@@ -18,6 +18,8 @@ from sim2vr_harness.world_models.transitions import TransitionStore
 
 __all__ = ["Collector"]
 
+_WILD_SECONDS = 1.0
+"""Length of an episode of random actions: long enough to leave its start."""
 _WILD_KEEP = (0.0, 0.6, 0.9)
 """Of the noise from one user step to the next, when users move at random; by user."""
 _WILD_LEAST, _WILD_MOST = 0.05, 0.8
@@ -114,7 +116,7 @@ class Collector:
             sim.reset(seeds=[int(seed) for seed in seeds])
             self.started = True
         if wildly:
-            sim.explore(self.config.wild_seconds)
+            sim.explore(_WILD_SECONDS)
 
     def _motion(self) -> tuple[NDArray[Any], ...]:
         users = self.simulation.simulation.users

@@ -18,7 +18,6 @@ from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import append_row, keep_rows
 from sim2vr_harness.training.model_based.trainer import CycleReport, ImaginedRollouts
-from sim2vr_harness.training.model_based.warm_start import teacher_to_start_with
 from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.stage import Callbacks
 from sim2vr_harness.training.teacher.env import TeacherSimulation
@@ -43,13 +42,9 @@ class ImaginedStage:
     name, unit = "imagined", "cycles"
     title = "a teacher learns from imagined rollouts, by gradients through a body model."
 
-    def __init__(self, config: TrainingConfig, folder: Path, *, resumed: bool) -> None:
+    def __init__(self, config: TrainingConfig, folder: Path) -> None:
         self._config, self.folder = config, folder
         self.total = float(config.teacher.imagined.cycles)
-        self._start: Path | None = None
-        """The weights of another run's teacher, for one that begins with them."""
-        if config.teacher.start is not None and not (resumed and self.begun):
-            self._start = teacher_to_start_with(config, Path(folder.name) / _POLICY)
         self._simulation: TeacherSimulation | None = None
         self._rollouts: ImaginedRollouts | None = None
         self._state: dict[str, Any] | None = None
@@ -87,14 +82,11 @@ class ImaginedStage:
             config.teacher.policy,
             seed=config.seed,
         )
-        if self._start is not None:
-            take_in(self._start, "the weights of a teacher like this one", policy.load_state_dict)
         self._rollouts = ImaginedRollouts(
             config.teacher.imagined,
             policy,
             self._simulation,
             seed=config.seed,
-            learned=config.teacher.start is not None,
         )
 
     def run(self, callbacks: Callbacks) -> None:
@@ -104,8 +96,6 @@ class ImaginedStage:
         if (self.folder / _STATE).is_file():
             _restore(rollouts, self.folder / _STATE)
             callbacks.say(f"Continuing after cycle {rollouts.cycle}.")
-        elif self._config.teacher.start is not None:
-            callbacks.say(f"It begins with the teacher of {self._config.teacher.start}.")
         self._cycles_saved = rollouts.cycle
         imagined = self._config.teacher.imagined
         if 0 < imagined.cycles <= imagined.easier_cycles:

@@ -23,7 +23,7 @@ from sim2vr_harness.world_models.gradient_clipping import limited
 from sim2vr_harness.world_models.observation import ImaginedSenses
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
-from sim2vr_harness.world_models.transitions import TransitionStore
+from sim2vr_harness.world_models.transitions import KEPT_CYCLES, TransitionStore
 from sim2vr_harness.world_models.value_function import ValueFunction
 from sim2vr_harness.world_models.weight_average import WeightAverage
 
@@ -32,6 +32,10 @@ __all__ = ["CycleReport", "ImaginedRollouts"]
 STATE_FORMAT = 8
 _PLAYED, _FITTED = 0.2, 0.4
 """Shares of a cycle's time that are over after playing, and after fitting the body model."""
+_CRITIC_LEARNING_RATE, _LAMBDA = 1e-3, 0.9
+"""Of the critic, and TD(lambda); as in the training of motor policies."""
+_NEAR_M = 0.12
+"""Farthest that a near start is from a good start of an action."""
 _BEYOND_COST = 0.01
 """Of means beyond the actions' range, squared."""
 
@@ -72,9 +76,6 @@ class ImaginedRollouts:
         policy: what learns; its statistics of observations are set here.
         simulation: users in the true game.
         seed: of everything drawn here.
-        learned: whether the policy has learned elsewhere. Its statistics of observations stay then,
-            games are as little relaxed as in the second half of learning, and the first cycle is
-            for the body model and the critic alone.
 
     Raises:
         InputError: the policy observes something that the game's twin does not know, or the twin
@@ -88,9 +89,7 @@ class ImaginedRollouts:
         simulation: TeacherSimulation,
         *,
         seed: int,
-        learned: bool = False,
     ) -> None:
-        self._learned = learned
         self.config, self.policy, self.simulation = config, policy, simulation
         self.cycle = self.updates = 0
         self._persons = ImaginedPersons(simulation.simulation)
@@ -114,9 +113,9 @@ class ImaginedRollouts:
                 self.senses.size,
                 config.critic_width,
                 lambda observation: policy.normaliser({OBSERVATION: observation}),
-                learning_rate=config.critic_learning_rate,
+                learning_rate=_CRITIC_LEARNING_RATE,
                 gamma=config.gamma,
-                lam=config.lam,
+                lam=_LAMBDA,
             )
         self._actor = [
             *policy.mlp_extractor.policy_net.parameters(),
@@ -124,9 +123,7 @@ class ImaginedRollouts:
         ]
         betas = (0.8, 0.97)  # gradients change fast as the body model does
         self._optimizer = torch.optim.Adam(self._actor, lr=config.learning_rate, betas=betas)
-        self._critic_first_updates = max(
-            config.critic_first_updates, config.updates if learned else 0
-        )
+        self._critic_first_updates = config.critic_first_updates
         self._average = WeightAverage(self._actor, config.average_updates)
         self._seen: list[TransitionStore] = []
         self._pool: TransitionStore | None = None
@@ -207,7 +204,7 @@ class ImaginedRollouts:
                 )
                 self._keep_best(played)
             self._seen.append(new)
-            if len(self._seen) > 1 + config.kept_cycles:
+            if len(self._seen) > 1 + KEPT_CYCLES:
                 del self._seen[1]
             if first:
                 self.body.scale_by(new)
@@ -224,8 +221,7 @@ class ImaginedRollouts:
             )
             self._choose_pool()
             if first:
-                if not self._learned:
-                    self._fit_statistics()
+                self._fit_statistics()
                 everyone = torch.arange(self.users.n)
                 self._restart(everyone)
             self.game.clear_counts()
@@ -319,7 +315,7 @@ class ImaginedRollouts:
         self._pool = TransitionStore.joined([recent, first])
         condition = self.game.condition_of(self._pool.fields)
         distance, cell = self.game.nearest(self._place(self._pool), condition)
-        close = distance < self.config.near_m
+        close = distance < _NEAR_M
         self._near = {
             (c, k): torch.nonzero(close & (condition == c) & (cell == k)).flatten()
             for c in range(len(self._conditions))
@@ -389,8 +385,6 @@ class ImaginedRollouts:
         """One window of imagined user steps, and what is learned from it."""
         config = self.config
         done = self.updates / (config.updates * config.cycles)
-        if self._learned:
-            done = 0.5 + 0.5 * done
         for group in self._optimizer.param_groups:
             group["lr"] = config.learning_rate * min(1.0, 2.0 * (1.0 - done)) + 2e-5
         limit = config.gradient_limit

@@ -22,7 +22,7 @@ from sim2vr_harness.world_models.body_dynamics import BodyModel, fit_body
 from sim2vr_harness.world_models.effort import Effort
 from sim2vr_harness.world_models.gradient_clipping import limited
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
-from sim2vr_harness.world_models.transitions import TransitionStore
+from sim2vr_harness.world_models.transitions import KEPT_CYCLES, TransitionStore
 from sim2vr_harness.world_models.value_function import ValueFunction
 
 __all__ = ["PRACTICE", "MotorTraining", "MotorTrainingCycle"]
@@ -187,7 +187,7 @@ class MotorTraining:
         self._played.clear()
         steps = config.first_play_steps if first else config.play_steps
         self._seen.append(self._play(steps, wildly=first, on_progress=on_progress))
-        if len(self._seen) > 1 + config.kept_cycles:
+        if len(self._seen) > 1 + KEPT_CYCLES:
             del self._seen[1]
         if first:
             self.model.scale_by(self._seen[0])

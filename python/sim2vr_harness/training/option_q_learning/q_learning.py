@@ -35,6 +35,17 @@ from sim2vr_harness.runs.option_config import QLearningConfig
 __all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
 
 STATE_FORMAT = 2
+N_STEP = 3
+"""Decisions whose rewards are added up before a value is bootstrapped."""
+UPDATES_PER_DECISION = 1.0
+"""Updates of the Q-network per decision of all users."""
+_KEPT_DECISIONS = 24_000
+"""Size of the replay buffer."""
+_EXPLORE_FIRST = 0.9
+_SETTLE_SHARE = 0.5
+"""Last share of the user steps, over which learning rate and exploration fall."""
+_TARGET_RATE = 0.01
+"""Rate at which the target network follows."""
 _TRY_STEPS = (4, 14)
 """How long a random try is seen through, user steps."""
 _REST_SHARE = 0.1
@@ -254,14 +265,13 @@ class OptionQLearning:
         late = max(0, self.step_count - config.try_steps) / config.explore_steps
         if self.step_count < config.try_steps:
             return 1.0
-        fallen = min(1.0, late) * (config.explore_last - config.explore_first)
-        return (config.explore_first + fallen) * self._settling(_SETTLED_TRIES)
+        fallen = min(1.0, late) * (config.explore_last - _EXPLORE_FIRST)
+        return (_EXPLORE_FIRST + fallen) * self._settling(_SETTLED_TRIES)
 
     def _settling(self, end: float) -> float:
         """Factor that falls from 1 to ``end`` over the last share of the user steps."""
-        share = self.config.settle_share
         left = max(0.0, 1.0 - self.step_count / self.config.user_steps)
-        return 1.0 if left >= share else end + (1.0 - end) * left / share
+        return 1.0 if left >= _SETTLE_SHARE else end + (1.0 - end) * left / _SETTLE_SHARE
 
     @property
     def finished(self) -> bool:
@@ -277,7 +287,7 @@ class OptionQLearning:
         updates = 0
         if self.step_count >= self.config.try_steps:
             self._settle_scale()
-            self._owed += self.config.updates
+            self._owed += UPDATES_PER_DECISION
             updates = int(self._owed)
             self._owed -= updates
         reward, over, loss = self._play_and_learn(updates)
@@ -374,15 +384,15 @@ class OptionQLearning:
         for group in self._optimizer.param_groups:
             group["lr"] = rate
         loss = float("nan")
-        for _ in range(updates if self._memory.count > self.config.ahead else 0):
+        for _ in range(updates if self._memory.count > N_STEP else 0):
             loss = self._update(each)
         return loss
 
     def _update(self, each: _Map) -> float:
         """One step of learning, from a batch that is always parted alike."""
         config, memory = self.config, self._memory
-        have = min(memory.count, max(config.ahead + 1, config.kept // self.n))
-        ages = self.rng.integers(config.ahead, have, config.batch_size)
+        have = min(memory.count, max(N_STEP + 1, _KEPT_DECISIONS // self.n))
+        ages = self.rng.integers(N_STEP, have, config.batch_size)
         rows = memory.count - 1 - ages
         users = self.rng.integers(0, self.n, config.batch_size)
         found = self._shares(rows, users, each)
@@ -395,7 +405,7 @@ class OptionQLearning:
         self._optimizer.step()
         with torch.no_grad():
             for slow, fast in zip(self._slow.parameters(), self.net.parameters(), strict=True):
-                slow.lerp_(fast, config.follow)
+                slow.lerp_(fast, _TARGET_RATE)
         return sum(loss for loss, _ in found)
 
     def _shares(
@@ -417,12 +427,12 @@ class OptionQLearning:
         config, memory = self.config, self._memory
         total = np.zeros(len(rows), np.float32)
         weight = np.ones(len(rows), np.float32)
-        for k in range(config.ahead):
+        for k in range(N_STEP):
             at = (rows + k, users)
             total += weight * memory.known["reward"][at] / self.scale
             over = memory.known["over"][at]
             weight = np.where(over, 0.0, weight * config.gamma).astype(np.float32)
-        then = memory.scene(rows + config.ahead, users)
+        then = memory.scene(rows + N_STEP, users)
         with torch.no_grad():
             places = self._chooser.places(then)
             best = self._chooser.best(self._chooser.values(self.net, then, places), then)

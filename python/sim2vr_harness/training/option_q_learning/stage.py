@@ -36,7 +36,11 @@ from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import append_row, keep_rows
 from sim2vr_harness.training.dagger.option_expert import OptionExpert
 from sim2vr_harness.training.motor_control.practice import PRACTICE, MotorTraining
-from sim2vr_harness.training.option_q_learning.q_learning import OptionQLearning
+from sim2vr_harness.training.option_q_learning.q_learning import (
+    N_STEP,
+    UPDATES_PER_DECISION,
+    OptionQLearning,
+)
 from sim2vr_harness.training.run.progress import View, duration
 from sim2vr_harness.training.run.stage import Callbacks
 
@@ -335,7 +339,7 @@ class QLearningStage:
             decisions += 1
             done = looker.step_count
             elapsed = time.monotonic() - began
-            if rate and decisions == max(_PACE_DECISIONS, looker.config.ahead + 1):
+            if rate and decisions == max(_PACE_DECISIONS, N_STEP + 1):
                 callbacks.say(_expected(self._config, looker, elapsed / decisions, rate))
                 began = time.monotonic() - elapsed
             left = (self.total - done) * elapsed / max(1, done - first)
@@ -439,7 +443,7 @@ def _expected(
         decision_s: how long one of them took, of all users.
         rate: user steps a second of users who do nothing but step.
     """
-    each_s = decision_s + looker.config.updates * looker.update_seconds()
+    each_s = decision_s + UPDATES_PER_DECISION * looker.update_seconds()
     decisions = (looker.config.user_steps - looker.step_count) / (
         looker.n * looker.config.decide_steps
     )

@@ -86,7 +86,7 @@ def _distill(run: Run) -> list[Stage]:
     The result is a policy that is best for its own senses and its own effort.
     """
     config, path = run.config, run.folder.path
-    imagined = ImaginedStage(config, path / ImaginedStage.name, resumed=run.resumed)
+    imagined = ImaginedStage(config, path / ImaginedStage.name)
     practised = config.teacher.imagined.cycles > 0
     begin = _with(imagined.weights) if practised else lambda policy: None
     teacher = TeacherStage(config, path / "teacher", begin)

@@ -157,23 +157,6 @@ def test_who_labels_a_picture_knows_what_it_shows(vision: object, recognition_st
 def test_teachers_recognise_so_many_steps_after_a_picture_shows_it() -> None:
     with closing(teachers(3, "recognition_steps=2")) as sim:
         assert sim.senses.layout.lag == Lag(6, 3, 2, 2)
-    with pytest.raises(ValueError, match="recognition_steps: got 1 with knows_present, expected 0"):
-        TeacherConfig(knows_present=True, recognition_steps=1)
-
-
-def test_a_teacher_may_know_the_present_of_users_who_sense_late() -> None:
-    made = rollouts("knows_present=true")
-    with closing(made.simulation) as sim:
-        made.step()
-        names = sim.senses.observed_names
-        assert not any(name.startswith(("felt", "user")) or "back" in name for name in names)
-        sim.reset(seeds=list(range(6)))
-        for _ in range(3):
-            sim.step(np.full((6, 32), 0.3))
-        known = sim.observation()[OBSERVATION][:, names.index("hammer.x_m")]
-        np.testing.assert_array_equal(known, sim.senses.field("hammer.x_m"))
-        seen = made.senses.observe()[:, names.index("hammer.x_m")]
-        assert torch.equal(seen, made.game.hammer(made.users.place)[0][:, 0])
 
 
 def test_imagined_users_know_as_late_as_true_ones() -> None:

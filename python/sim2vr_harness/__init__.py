@@ -16,7 +16,7 @@ What else there is, import as you need it:
 - :mod:`sim2vr_harness.training`, :mod:`sim2vr_harness.evaluation`: Stable-Baselines3
 - :func:`load_user_policy`, :func:`evaluate`: a trained user, to play with and to measure
 - :func:`read_data`: what an evaluation measured, as data frames
-- :func:`run_study`, :func:`read_study`: factors, cells, comparisons (docs/studies.md)
+- :func:`run_study`, :func:`read_study`: factors, cells, comparisons (docs/guide/study.md)
 - :mod:`sim2vr_harness.base.paths`: where the app, shaders and configurations are
 """
 

@@ -2,7 +2,7 @@
 
 The recordings are not part of this project (they carry no licence). They are looked for in
 ``$SIM2VR_SHARED/data`` and in ``../shared/data`` beside the repository. The bounds are those that
-an independent replay of the same recordings reached, a little relaxed (docs/alignment.md).
+an independent replay of the same recordings reached, a little relaxed (docs/concepts/alignment.md).
 """
 
 from __future__ import annotations

@@ -41,9 +41,9 @@ def exports() -> list[str]:
 
 @needs_sphinx
 def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
-    done = build(ROOT / "docs", tmp_path / "site")
-    assert done.stderr == ""
-    assert done.returncode == 0
+    done = build(ROOT / "docs", tmp_path / "site")  # warnings are errors; packages may log, too
+    assert "WARNING" not in done.stderr
+    assert done.returncode == 0, done.stderr
     index = (tmp_path / "site/index.html").read_text(encoding="utf-8")
     for page in ("reference/settings.html", "reference/api.html", "guide/train.html"):
         assert page in index

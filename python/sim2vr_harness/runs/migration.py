@@ -74,6 +74,34 @@ _CONSTANTS: dict[str, Any] = {
 }
 """Keys that no shipped configuration set -> the value that all trainings have now."""
 
+_GAME_CONSTANTS: dict[str, dict[str, Any]] = {
+    "beats": {"levels": 64, "contact_m": 0.1, "speed_mps": 0.5, "error_cost": 20.0},
+    "pointing": {
+        "failing_blocks": 0.5,
+        "depth_m": 0.02,
+        "aim_m": 0.02,
+        "near_reward": 2.0,
+        "distance_reward": 7.0,
+        "error_share": 0.1,
+        "behind_cost": 0.3,
+    },
+    "whacamole": {
+        "single_targets": 0.4,
+        "failing_cells": 0.5,
+        "failing_value": 1.0,
+        "overlap_m": 0.015,
+        "speed_mps": 0.3,
+        "near_reward": 3.0,
+        "distance_reward": 7.0,
+        "last_overlap_m": 0.004,
+        "last_speed_mps": 0.08,
+        "last_near_reward": 0.2,
+        "stroke_until": 0.5,
+        "run_up_m": 0.1,
+    },
+}
+"""The same for the keys of ``teacher.imagined.game``, by game."""
+
 _CONVERTED: dict[str, Callable[[Any], Any]] = {
     # A ramp between two numbers is the number that it ended with.
     f"teacher.curriculum.{key}": lambda value: value["end"] if isinstance(value, dict) else value
@@ -90,7 +118,7 @@ def renamed(tree: Any) -> Any:
         found = _take(result, old)
         if found is not None:
             _put(result, new, found[0])
-    for old in (*_GONE, *_CONSTANTS):
+    for old in (*_GONE, *_constants(result)):
         _take(result, old)
     for key, convert in _CONVERTED.items():
         found = _take(result, key)
@@ -108,7 +136,7 @@ def changed_constant(recorded: Any) -> tuple[str, Any, Any] | None:
         Key, recorded value and today's; None where all agree.
     """
     tree = copy.deepcopy(dict(recorded)) if isinstance(recorded, Mapping) else {}
-    for key, value in _CONSTANTS.items():
+    for key, value in _constants(tree).items():
         found = _take(tree, key)
         if found is not None and found[0] != value:
             return key, found[0], value
@@ -122,12 +150,21 @@ def settable(tree: Mapping[str, Any]) -> dict[str, Any]:
         InputError: such a key has another value.
     """
     copied = copy.deepcopy(dict(tree))
-    for key, value in _CONSTANTS.items():
+    for key, value in _constants(tree).items():
         found = _take(copied, key)
         if found is not None and found[0] != value:
             expected = f"it left out: it is {value!r} in all trainings now"
             raise InputError(key, repr(found[0]), expected)
     return copied
+
+
+def _constants(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keys that can no longer be set in this configuration, and their values."""
+    env = tree.get("env")
+    app = env.get("app") if isinstance(env, Mapping) else None
+    game = app.get("game", "whacamole") if isinstance(app, Mapping) else "whacamole"
+    own = _GAME_CONSTANTS.get(game, {}) if isinstance(game, str) else {}
+    return _CONSTANTS | {f"teacher.imagined.game.{key}": value for key, value in own.items()}
 
 
 def _take(tree: dict[str, Any], key: str) -> tuple[Any] | None:

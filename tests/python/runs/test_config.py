@@ -53,7 +53,6 @@ def test_the_fast_recipe_s_users_live_in_the_reference_s_environment(group: str)
     assert fast.teacher.conditions == reference.evaluation.conditions
     stuck = {"unconstrained": 0.5}.get(group, 0.0)
     assert fast.teacher.imagined.game["stuck_cost"] == stuck
-    assert fast.teacher.imagined.game["failing_value"] == 1.0
 
 
 def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
@@ -179,12 +178,16 @@ def test_a_plain_number_is_a_constant_rate() -> None:
     ("override", "message"),
     [
         (
-            "overlap=1",
-            r"^teacher\.imagined\.game\.overlap: got an unknown key, .*game\.overlap_m'\?",
+            "stuck=1",
+            r"^teacher\.imagined\.game\.stuck: got an unknown key, .*game\.stuck_cost'\?",
         ),
         (
-            "speed_mps=0",
-            r"^teacher\.imagined\.game\.speed_mps: got 0, expected greater than or equal",
+            "stuck_cost=-1",
+            r"^teacher\.imagined\.game\.stuck_cost: got -1, expected greater than or equal",
+        ),
+        (
+            "speed_mps=1",
+            r"^teacher\.imagined\.game\.speed_mps: got 1, expected it left out: it is 0\.3 in all",
         ),
     ],
 )
@@ -274,6 +277,12 @@ def test_keys_that_became_constants() -> None:
     assert changed_constant(recorded) == ("teacher.imagined.lam", 0.8, 0.9)
     assert changed_constant({"student": {"noisy_users": 0.25}}) is None
     assert parse_config({"student": {"noisy_users": 0.25}}) == parse_config({})
+    game = {"speed_mps": 0.5}  # of Beats; Whac-A-Mole's is 0.3
+    recorded = {"env": {"app": {"game": "beats"}}, "teacher": {"imagined": {"game": game}}}
+    assert changed_constant(recorded) is None
+    assert "speed_mps" not in renamed(recorded)["teacher"]["imagined"]["game"]
+    del recorded["env"]
+    assert changed_constant(recorded) == ("teacher.imagined.game.speed_mps", 0.5, 0.3)
     with pytest.raises(InputError) as caught:
         load_config("whacamole_constrained_distill", ["teacher.imagined.lam=0.8"])
     expected = "teacher.imagined.lam: got 0.8, expected it left out: it is 0.9 in all trainings now"

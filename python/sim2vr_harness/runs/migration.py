@@ -55,20 +55,37 @@ _CONSTANTS: dict[str, Any] = {
     "skills.looking.kept": 24_000,
     "skills.looking.settle_share": 0.5,
     "skills.looking.updates": 1.0,
+    "skills.looking.gamma": 0.85,
+    "skills.looking.learning_rate": 1e-3,
+    "skills.practice.action_noise": 0.06,
+    "skills.practice.aim_cost": 0.1,
+    "skills.practice.effort": 0.3,
+    "skills.practice.error_share": 0.3,
+    "skills.practice.gamma": 0.95,
+    "skills.practice.gradient_limit": None,
     "skills.practice.kept_cycles": 12,
+    "skills.practice.learning_rate": 1.5e-3,
+    "skills.practice.rest_cost": 0.0,
+    "skills.practice.restart_share": 0.15,
     "student.facts_weight": 0.2,
     "student.glances_weight": 0.2,
+    "student.image_noise": 0.0,
     "student.imitation_weight": 4.0,
+    "student.max_grad_norm": 1.0,
     "student.noisy_users": 0.25,
     "student.statistics_episodes": 100,
     "student.weight_decay": 1e-4,
+    "teacher.curriculum.failing_cells": 0.3,
+    "teacher.curriculum.near_start_m": 0.08,
     "teacher.imagined.critic_learning_rate": 1e-3,
+    "teacher.imagined.error_share": 0.3,
     "teacher.imagined.kept_cycles": 12,
     "teacher.imagined.lam": 0.9,
     "teacher.imagined.near_m": 0.12,
     "teacher.imagined.wild_seconds": 1.0,
     "teacher.knows_present": False,
     "teacher.policy.action_scale": 0.5,
+    "teacher.policy.net_arch": [256, 256],
     "teacher.policy.observation_clip": 8.0,
     "teacher.start": None,
 }
@@ -113,17 +130,22 @@ def renamed(tree: Any) -> Any:
     """Return a recorded configuration with today's keys; the argument is left as it is."""
     if not isinstance(tree, Mapping):
         return tree
-    result = copy.deepcopy(dict(tree))
-    for old, new in _RENAMED.items():
-        found = _take(result, old)
-        if found is not None:
-            _put(result, new, found[0])
+    result = _with_new_names(tree)
     for old in (*_GONE, *_constants(result)):
         _take(result, old)
     for key, convert in _CONVERTED.items():
         found = _take(result, key)
         if found is not None:
             _put(result, key, convert(found[0]))
+    return result
+
+
+def _with_new_names(tree: Mapping[str, Any]) -> dict[str, Any]:
+    result = copy.deepcopy(dict(tree))
+    for old, new in _RENAMED.items():
+        found = _take(result, old)
+        if found is not None:
+            _put(result, new, found[0])
     return result
 
 
@@ -135,7 +157,7 @@ def changed_constant(recorded: Any) -> tuple[str, Any, Any] | None:
     Returns:
         Key, recorded value and today's; None where all agree.
     """
-    tree = copy.deepcopy(dict(recorded)) if isinstance(recorded, Mapping) else {}
+    tree = _with_new_names(recorded) if isinstance(recorded, Mapping) else {}
     for key, value in _constants(tree).items():
         found = _take(tree, key)
         if found is not None and found[0] != value:

@@ -66,8 +66,6 @@ class ImaginedConfig(Settings):
     action_noise: Weight = 0.12
     """Standard deviation on the actions, true and imagined, so that what is learned bears the noise
     of a policy that explores."""
-    error_share: Weight = 0.3
-    """Noise on the imagined motion, in units of the body model's error."""
     restart_share: Chance = 0.2
     """Users who go on from a state of the true game after a window."""
     keep_best: bool = False
@@ -133,12 +131,8 @@ class CurriculumConfig(Settings):
 
     near_starts: Chance = 0.3
     """Share of episodes that start near a good start of an action, instead of the true start."""
-    near_start_m: float = Field(default=0.08, gt=0.0, le=10.0)
-    """How near such episodes start."""
     starts_per_cell: int = Field(default=40, ge=1, le=10_000)
     """Start postures that are looked for, for each cell and condition."""
-    failing_cells: Chance = 0.3
-    """Share of spawns that go by the cells' fail rates; the others are uniform."""
     episode_seconds: float = Field(default=12.0, gt=0.0, le=1e6)
     """Episodes are cut after this time; the value of the state stands for the rest."""
 
@@ -146,8 +140,6 @@ class CurriculumConfig(Settings):
 class TeacherPolicyConfig(Settings):
     """The teacher's network: actor and critic on normalised numbers."""
 
-    net_arch: tuple[Width, ...] = Field(default=(256, 256), max_length=20)
-    """Hidden layers of actor and critic each, SiLU."""
     log_std_init: float = Field(default=-2.1, ge=-20.0, le=5.0)
     """Logarithm of the actions' standard deviation at the start."""
     log_std_min: float = Field(default=-3.0, ge=-20.0, le=5.0)

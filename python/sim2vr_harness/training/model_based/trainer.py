@@ -34,6 +34,9 @@ _PLAYED, _FITTED = 0.2, 0.4
 """Shares of a cycle's time that are over after playing, and after fitting the body model."""
 _CRITIC_LEARNING_RATE, _LAMBDA = 1e-3, 0.9
 """Of the critic, and TD(lambda); as in the training of motor policies."""
+_ERROR_SHARE = 0.3
+"""Noise on the imagined motion, in units of the body model's error, so that its errors do not
+count as knowledge."""
 _NEAR_M = 0.12
 """Farthest that a near start is from a good start of an action."""
 _BEYOND_COST = 0.01
@@ -379,7 +382,7 @@ class ImaginedRollouts:
         with torch.no_grad():
             for _ in range(self.senses.warm_up):
                 _, actions = self._act(self.senses.observe())
-                self.advance(actions, done, error_share=self.config.error_share)
+                self.advance(actions, done, error_share=_ERROR_SHARE)
 
     def _update(self) -> None:
         """One window of imagined user steps, and what is learned from it."""
@@ -399,7 +402,7 @@ class ImaginedRollouts:
             mean, actions = self._act(self.senses.observe())
             if limit is not None:
                 actions = limited(actions, limit)
-            reward = self.advance(actions, done, error_share=config.error_share)
+            reward = self.advance(actions, done, error_share=_ERROR_SHARE)
             reward = reward - _BEYOND_COST * torch.relu(mean.abs() - 1.0).square().sum(1)
             rewards.append(reward)
             seen.append(self.senses.present())

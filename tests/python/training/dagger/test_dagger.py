@@ -240,7 +240,7 @@ def test_all_phases_of_a_round_are_seen_from_the_start(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")
 def test_a_student_learns_on_a_gpu_and_goes_on_there(tmp_path: Path) -> None:
-    config = CONFIG.model_copy(update={"numbers_weight": 1.0, "image_noise": 1.0})
+    config = CONFIG.model_copy(update={"numbers_weight": 1.0})
     student = make(tmp_path / "whole", config, device="cuda")
     rows = [student.step() for _ in range(3)]
     file = tmp_path / "state.pt"

@@ -35,7 +35,7 @@ WHO_REMEMBERS = (
     {"sense": "actions", "stack_s": 0.1},
 )
 SMALL = (
-    *("ppo.n_envs=6", "ppo.n_steps=10", "ppo.batch_size=20", "policy.net_arch=[16]"),
+    *("ppo.n_envs=6", "ppo.n_steps=10", "ppo.batch_size=20"),
     *("curriculum.near_starts=0", "evaluate_rounds=0", "total_timesteps=60"),
     *("imagined.cycles=2", "imagined.first_play_steps=30", "imagined.play_steps=10"),
     *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),

@@ -72,16 +72,16 @@ class QLearningConfig(Settings):
 class SkillsConfig(Settings):
     """Users who bring a motor layer to a game and learn what is worth doing with what they see."""
 
-    user: Literal["student", "decider"] = "student"
+    user: Literal["student", "hierarchical"] = "student"
     """Who plays in the end. ``student``: a policy from senses to muscles, which then goes on by PPO
-    with the true effort. ``decider``: the network that decides, with the motor layer below it; it
-    plays as soon as it has learned what is worth doing, and sees through what it has decided."""
+    with the true effort. ``hierarchical``: the Q-network, with the motor layer below it; it plays
+    as soon as it has learned, and completes each action that it has selected."""
     motor: str | None = None
     """File of the motor layer; None: the one that ships for the body, or, where none does, one that
     the run makes first."""
-    practice: MotorTrainingConfig = MotorTrainingConfig()
+    motor_training: MotorTrainingConfig = MotorTrainingConfig()
     """Training of the motor layer."""
-    looking: QLearningConfig = QLearningConfig()
+    q_learning: QLearningConfig = QLearningConfig()
     """Q-learning of what to do with what is seen."""
     baseline_seconds: float = Field(default=6.0, ge=0.0, le=1e6)
     """For how long somebody sits still, and then moves at random, to compare with."""

@@ -1,11 +1,14 @@
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.runs.config import (
     TrainingConfig,
     apply_overrides,
@@ -64,7 +67,7 @@ def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
     for stage in ("teacher", "evaluation"):
         own = getattr(people, stage).conditions
         assert getattr(other, stage).conditions == tuple(name + ending for name in own)
-    sizes = ("users", "body_width", "updates", "window_steps", "change_cost")
+    sizes = ("users", "body_width", "updates", "window_steps", "action_rate_cost")
     for size in sizes:
         assert getattr(other.teacher.imagined, size) == getattr(people.teacher.imagined, size)
     assert other.ppo == people.ppo
@@ -267,6 +270,70 @@ def test_a_value_is_what_its_key_is_declared_to_hold(override: str, value: objec
 def test_a_number_is_not_nothing_because_of_a_comment() -> None:
     with pytest.raises(InputError, match=r"^env.user.effort.weight: got '#1', expected a number"):
         load_config("whacamole_constrained", ["env.user.effort.weight=#1"])
+
+
+OLD_NAMES = {
+    "skills": {"user": "decider", "practice": {"cycles": 3}, "looking": {"users": 5}},
+    "policy": {"glimpses": None},
+    "teacher": {"imagined": {"growing_lag_cycles": 1, "carry_cost": 0.5, "rest_cost": 0.25}},
+}
+NEW_NAMES = {
+    "skills": {
+        "user": "hierarchical",
+        "motor_training": {"cycles": 3},
+        "q_learning": {"users": 5},
+    },
+    "policy": {"attention_crops": None},
+    "teacher": {
+        "imagined": {"delay_ramp_cycles": 1, "movement_cost": 0.5, "activation_cost": 0.25}
+    },
+}
+
+
+@pytest.fixture
+def notices() -> Iterator[list[str]]:
+    said: list[str] = []
+    set_notice(said.append)
+    yield said
+    set_notice(None)
+
+
+def test_old_names_are_read_with_a_warning_where_a_user_writes_them(notices: list[str]) -> None:
+    assert parse_config(renamed(OLD_NAMES)) == parse_config(NEW_NAMES)
+    assert notices == []
+    assert parse_config(OLD_NAMES) == parse_config(NEW_NAMES)
+    assert len(notices) == 7
+    warning = (
+        "skills.looking is now called skills.q_learning: the old name works in this version only."
+    )
+    assert warning in notices
+
+
+def test_the_last_of_an_old_and_a_new_name_counts(notices: list[str]) -> None:
+    tree = {"skills": {"looking": {"users": 5, "user_steps": 7}}}
+    for name in ("looking", "q_learning"):
+        config = parse_config(apply_overrides(tree, [f"skills.{name}.users=6"]))
+        assert (config.skills.q_learning.users, config.skills.q_learning.user_steps) == (6, 7)
+    assert "skills.looking.users is now called skills.q_learning.users: the old" in notices[1]
+    tree = {"skills": {"q_learning": {"users": 5}}}
+    assert (
+        parse_config(apply_overrides(tree, ["skills.looking.users=6"])).skills.q_learning.users == 6
+    )
+
+
+def test_a_constant_under_its_old_name() -> None:
+    recorded = {"skills": {"practice": {"aim_cost": 0.2}}}
+    key = "skills.motor_training.actuator_range_cost"
+    assert changed_constant(recorded) == (key, 0.2, 0.1)
+    assert parse_config(renamed(recorded)) == parse_config({})
+    with pytest.raises(InputError, match=f"^{key}: got 0.2, expected it left out: it is 0.1"):
+        parse_config(recorded)
+
+
+@pytest.mark.parametrize("wrong", [{"skills": 3}, {"skills": {"practice": 3, "motor_training": 4}}])
+def test_wrong_shapes_with_old_names_are_refused_in_a_sentence(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=r"^skills.*a mapping of keys to values"):
+        parse_config(wrong)
 
 
 def test_keys_that_became_constants() -> None:

@@ -206,7 +206,7 @@ class Student:
         count, known = self._glimpses.count, len(self.guide.glance_columns)
         if known < count:
             raise InputError(
-                "policy.glimpses.count",
+                "policy.attention_crops.count",
                 str(count),
                 f"at most {known}, the things that the game says are worth looking at",
             )

@@ -163,10 +163,10 @@ class ImaginedRollouts:
             effort=effort,
             noise=noise,
             persons=self._persons,
-            aim_cost=self.config.aim_cost,
-            rest_cost=self.config.rest_cost,
-            change_cost=self.config.change_cost,
-            carry_cost=self.config.carry_cost,
+            actuator_range_cost=self.config.actuator_range_cost,
+            activation_cost=self.config.activation_cost,
+            action_rate_cost=self.config.action_rate_cost,
+            movement_cost=self.config.movement_cost,
         )
         return imagined, rounds
 
@@ -277,11 +277,11 @@ class ImaginedRollouts:
     def _grow(self) -> None:
         """Let senses be as late, imagined muscles as noisy and ways as dear as in this cycle."""
         config = self.config
-        share = self._grown(config.growing_lag_cycles, after=config.present_cycles)
+        share = self._grown(config.delay_ramp_cycles, after=config.undelayed_cycles)
         self.senses.be_late(share)
         self.simulation.senses.be_late(share)
-        self.users.noise_share = self._grown(config.growing_noise_cycles)
-        self.users.cost_share = self._grown(config.growing_cost_cycles)
+        self.users.noise_share = self._grown(config.noise_ramp_cycles)
+        self.users.cost_share = self._grown(config.cost_ramp_cycles)
 
     def _grown(self, cycles: int, *, after: int = 0) -> float:
         """How much of what grows over so many cycles there is in this one, from 0 to 1."""

@@ -139,7 +139,7 @@ class MotorTraining:
             config.users,
             effort=self._effort(),
             noise=noise,
-            aim_cost=_ACTUATOR_RANGE_COST,
+            actuator_range_cost=_ACTUATOR_RANGE_COST,
         )
         poses = reachable_poses(self.layer, seed)
         strikes = config.strikes

@@ -196,7 +196,50 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainingConf
         file = paths.config_path(path)
     except FileNotFoundError as error:
         raise InputError("CONFIG", repr(str(path)), f"a configuration file: {error}") from error
-    return parse_config(apply_overrides(_with_files_beside(read_mapping(file), file), overrides))
+    return parse_config(apply_overrides(_extended(file), overrides))
+
+
+_MOST_EXTENDED = 8
+"""Files of a chain of ``extends``; more are a mistake."""
+
+
+def _extended(file: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Return what a file holds, laid over the configuration that it extends, if it extends one."""
+    chain = (*above, file.resolve())
+    tree = _with_files_beside(with_new_names(read_mapping(file)), file)
+    name = tree.pop("extends", None)
+    if name is None:
+        return tree
+    field = f"{file_name(file)}: extends"
+    if not isinstance(name, str):
+        raise InputError(field, shown(name), "the name or the file of a configuration")
+    base = _base(name, file, field)
+    if base.resolve() in chain:
+        raise InputError(field, shown(name), "a configuration that does not extend this one")
+    if len(chain) >= _MOST_EXTENDED:
+        raise InputError(field, shown(name), f"a chain of at most {_MOST_EXTENDED} configurations")
+    return _merged(_extended(base, chain), tree)
+
+
+def _base(name: str, file: Path, field: str) -> Path:
+    """Find an extended configuration: beside the file first, then as on the command line."""
+    for beside in (file.parent / name, file.parent / f"{name}.yaml"):
+        if beside.is_file():
+            return beside
+    try:
+        return paths.config_path(name)
+    except FileNotFoundError as error:
+        raise InputError(field, shown(name), f"a configuration file: {error}") from error
+
+
+def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a mapping with changes laid over it; mappings are merged, all else is replaced."""
+    result = dict(base)
+    for key, value in changes.items():
+        below = result.get(key)
+        both = isinstance(below, Mapping) and isinstance(value, Mapping)
+        result[key] = _merged(below, value) if both else value
+    return result
 
 
 def read_mapping(file: Path) -> dict[str, Any]:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -328,6 +329,55 @@ def test_a_constant_under_its_old_name() -> None:
     assert parse_config(renamed(recorded)) == parse_config({})
     with pytest.raises(InputError, match=f"^{key}: got 0.2, expected it left out: it is 0.1"):
         parse_config(recorded)
+
+
+def write(file: Path, text: str) -> Path:
+    file.write_text(text)
+    return file
+
+
+def test_a_configuration_extends_another(tmp_path: Path) -> None:
+    """Mappings are merged key by key, lists and values are replaced, overrides come last."""
+    write(
+        tmp_path / "base.yaml",
+        "{extends: whacamole_constrained, seed: 5, ppo: {gamma: 0.9, n_epochs: 3}}",
+    )
+    senses = "[{sense: vision}]"
+    text = f"{{extends: base, name: mine, ppo: {{n_epochs: 4}}, env: {{senses: {senses}}}}}"
+    config = load_config(write(tmp_path / "mine.yaml", text), ["ppo.gamma=0.8"])
+    told = ["name=mine", "seed=5", "ppo.gamma=0.8", "ppo.n_epochs=4", f"env.senses={senses}"]
+    assert config == load_config("whacamole_constrained", told)
+    assert "extends" not in to_yaml(config)
+
+
+def test_old_names_do_not_count_more_than_new_ones_of_what_extends(tmp_path: Path) -> None:
+    write(tmp_path / "old.yaml", "skills: {looking: {users: 3, user_steps: 50}}")
+    file = write(tmp_path / "new.yaml", "{extends: old.yaml, skills: {q_learning: {users: 4}}}")
+    found = load_config(file).skills.q_learning
+    assert (found.users, found.user_steps) == (4, 50)
+
+
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        ({"0": "extends: '0'"}, "0.yaml: extends: got '0', expected a configuration that does not"),
+        ({"0": "extends: b", "b": "extends: 0.yaml"}, "b.yaml: extends: got '0.yaml', expected a"),
+        ({"0": "extends: nobody"}, "0.yaml: extends: got 'nobody', expected a configuration file"),
+        ({"0": "extends: [a]"}, "0.yaml: extends: got"),
+        ({"0": "extends: b", "b": "[1]"}, "b.yaml: got YAML of"),
+        (
+            {str(k): f"extends: '{k + 1}'" for k in range(20)},
+            "7.yaml: extends: got '8', expected a chain of at most 8 configurations",
+        ),
+    ],
+)
+def test_what_cannot_be_extended_is_refused(
+    files: dict[str, str], message: str, tmp_path: Path
+) -> None:
+    for name, text in files.items():
+        write(tmp_path / f"{name}.yaml", text)
+    with pytest.raises(InputError, match=re.escape(message)):
+        load_config(tmp_path / "0.yaml")
 
 
 @pytest.mark.parametrize("wrong", [{"skills": 3}, {"skills": {"practice": 3, "motor_training": 4}}])

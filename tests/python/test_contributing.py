@@ -35,8 +35,8 @@ SHORTER = {
     ".venv/bin/python -m pytest tests/contract": f"{PYTHON} -m pytest -q -p no:cacheprovider "
     "tests/contract/test_app_contract.py -k mygame",
     "--out runs/mygame": "--out runs/mygame --set total_timesteps=500 "
-    "--set skills.looking.users=2 --set skills.looking.user_steps=120 "
-    "--set skills.looking.try_steps=60 --set skills.baseline_seconds=0.2 "
+    "--set skills.q_learning.users=2 --set skills.q_learning.user_steps=120 "
+    "--set skills.q_learning.try_steps=60 --set skills.baseline_seconds=0.2 "
     "--set student.n_envs=2 --set student.rollout_steps=8 --set student.frames=64 "
     "--set ppo.n_envs=2 --set ppo.n_steps=250 "
     "--set ppo.batch_size=250 --set ppo.n_epochs=1 --set policy.net_arch=[16] "

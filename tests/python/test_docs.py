@@ -133,7 +133,7 @@ def _refused(names: list[str], rest: list[str], changes: list[str]) -> str | Non
             options = {"level": "generated"} | dict(map(_read_option, changes))
             InProcessBatch(1, "beats", options, renderer="null", width=8, height=8)
             return None
-        below = "skills.practice." if names[0] == "motor" else ""
+        below = "skills.motor_training." if names[0] == "motor" else ""
         first = defaults()
         with suppress(FileNotFoundError):  # of the reader's own
             first = load_config(config_path(rest[0]))
@@ -193,7 +193,10 @@ def test_the_readme_is_short() -> None:
         ("`sim2vr-harness users lst`", "no command users lst"),
         ("`--set ppo.n_env=4`", "ppo.n_env: got an unknown key"),
         ("`bench --set ppo.n_envs=four`", "ppo.n_envs: got 'four'"),
-        ("`motor practise B --out F.pt --set cycle=3`", "skills.practice.cycle: got an unknown"),
+        (
+            "`motor practise B --out F.pt --set cycle=3`",
+            "skills.motor_training.cycle: got an unknown",
+        ),
         ("`level generated --set boxes=3`", "boxes"),
         ("```sh\nfor w in x 1; do\nsim2vr-harness bench --set ppo.n_envs=$w; done\n```", "'x'"),
     ],

@@ -67,11 +67,11 @@ SKILLS = (
     *("recipe=skills", *STUDENT, "skills.baseline_seconds=0.5"),
     "env.action_frequency_hz=10",  # no motor layer ships for steps of 0.1 s: the run makes one
     "env.vision.channels=[red, green, blue, depth]",
-    *(f"skills.practice.{setting}" for setting in PRACTICE),
-    *(f"skills.looking.{setting}" for setting in LOOKING),
+    *(f"skills.motor_training.{setting}" for setting in PRACTICE),
+    *(f"skills.q_learning.{setting}" for setting in LOOKING),
 )
 DECIDER = (
-    "skills.user=decider",
+    "skills.user=hierarchical",
     "env.senses=[{sense: vision, history_s: 0.2}, {sense: proprioception}, {sense: time}]",
 )
 SETTINGS = {

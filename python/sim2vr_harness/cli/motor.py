@@ -62,8 +62,8 @@ def practise(
     from sim2vr_harness.runs.config import apply_overrides, parse_config
     from sim2vr_harness.training.motor_control.practice import MotorTraining
 
-    changes = [f"skills.practice.{change}" for change in set_ or ()]
-    config = parse_config(apply_overrides({}, changes)).skills.practice
+    changes = [f"skills.motor_training.{change}" for change in set_ or ()]
+    config = parse_config(apply_overrides({}, changes)).skills.motor_training
     of, first = _body(body, trust_app), None
     if begin is not None:
         first = load_motor_layer(begin, of, step_s)

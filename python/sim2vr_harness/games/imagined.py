@@ -136,7 +136,7 @@ class ImaginedGame(Protocol):
             image features learn to name them.
         glances: things that are worth looking at, the first ones first, by the beginning of their
             privileged numbers: NAME.present, and NAME.x_m, NAME.y_m and NAME.z_m from the head in
-            the app's frame. A student may learn to look at them (``policy.glimpses``).
+            the app's frame. A student may learn to look at them (``policy.attention_crops``).
         start_fields: the privileged numbers that say how far the tool is from the nearest good
             start of an action, m, and for which cell; None: rounds start where they start.
         start_limits: joint -> lowest and highest angle, rad, of the postures that rounds of the

@@ -22,6 +22,8 @@ from sim2vr_harness.runs.teacher_config import TeacherPolicyConfig
 
 __all__ = ["TeacherPolicy", "load_teacher", "new_teacher"]
 
+_HIDDEN_WIDTHS = (256, 256)
+"""Of actor and critic each: privileged observations are few numbers."""
 _ACTION_SCALE = 0.5
 """Factor on the actor's outputs: actions begin well within their range."""
 _OBSERVATION_CLIP = 8.0
@@ -87,7 +89,7 @@ class TeacherPolicy(StagePolicy):
         **kwargs: Any,
     ) -> None:
         self._config = config or TeacherPolicyConfig()
-        widths = list(self._config.net_arch)
+        widths = list(_HIDDEN_WIDTHS)
         kwargs |= {
             "net_arch": {"pi": widths, "vf": widths},
             "activation_fn": nn.SiLU,

@@ -131,9 +131,9 @@ class UserFeatures(BaseFeaturesExtractor):
         }
         dtype = getattr(torch, config.vision_precision)
         glimpses = None
-        if config.glimpses is not None:
+        if config.attention_crops is not None:
             shapes = {key: observation_space[key].shape or () for key in images}
-            glimpses = AttentionCrops(shapes, config.glimpses, dtype)
+            glimpses = AttentionCrops(shapes, config.attention_crops, dtype)
         looked = 0 if glimpses is None else glimpses.outputs
         super().__init__(observation_space, features_dim=sum(sizes.values()) + looked)
         encoders: dict[str, nn.Module] = {}

@@ -1,4 +1,4 @@
-"""What glimpses are made of (``policies/attention_crops.py``), readable without torch."""
+"""What attention crops are made of (``policies/attention_crops.py``), readable without torch."""
 
 from __future__ import annotations
 
@@ -23,19 +23,21 @@ class AttentionCropConfig(Settings):
     """Features of each crop."""
 
 
-def check_attention(glimpses: AttentionCropConfig, recipe: str, env: EnvConfig) -> None:
+def check_attention(crops: AttentionCropConfig, recipe: str, env: EnvConfig) -> None:
     """Raise ValueError unless users of this environment can learn where to look."""
     if recipe not in ("distill", "adapt"):
         raise ValueError(
-            f"policy.glimpses: got some with recipe {recipe!r}, expected recipe 'distill', whose "
-            "student is told where to look"
+            f"policy.attention_crops: got some with recipe {recipe!r}, expected recipe 'distill', "
+            "whose student learns where to look"
         )
     senses = {sense.sense: sense for sense in env.senses}
     if "vision" not in senses or senses["vision"].delay_ms:
         got = "it late" if "vision" in senses else "none"
-        raise ValueError(f"policy.glimpses: got {got}, expected the sense vision, not delayed")
-    if "fovea" in senses and glimpses.fovea_zoom != env.vision.zoom:
         raise ValueError(
-            f"policy.glimpses.fovea_zoom: got {glimpses.fovea_zoom}, expected env.vision.zoom, "
-            f"{env.vision.zoom}"
+            f"policy.attention_crops: got {got}, expected the sense vision, not delayed"
+        )
+    if "fovea" in senses and crops.fovea_zoom != env.vision.zoom:
+        raise ValueError(
+            f"policy.attention_crops.fovea_zoom: got {crops.fovea_zoom}, expected "
+            f"env.vision.zoom, {env.vision.zoom}"
         )

@@ -32,7 +32,7 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.games import imagined_settings
 from sim2vr_harness.runs.attention_config import AttentionCropConfig, check_attention
 from sim2vr_harness.runs.dagger_config import StudentConfig
-from sim2vr_harness.runs.migration import settable
+from sim2vr_harness.runs.migration import new_name, settable, with_new_names
 from sim2vr_harness.runs.option_config import SkillsConfig
 from sim2vr_harness.runs.ppo_config import LearningRateConfig, PPOConfig
 from sim2vr_harness.runs.teacher_config import TeacherConfig
@@ -78,7 +78,7 @@ class PolicyConfig(Settings):
     scale_proprioception: bool = False
     """True: proprioception is standardised with numbers kept beside the weights, which
     ``UserPolicy.fit_scaling`` sets; False: taken as it is, as in the reference."""
-    glimpses: AttentionCropConfig | None = None
+    attention_crops: AttentionCropConfig | None = None
     """Cut-outs around what is worth looking at; the recipe ``distill`` teaches where that is."""
 
 
@@ -162,7 +162,7 @@ class TrainingConfig(Settings):
     @property
     def policy_kind(self) -> str:
         """Kind of the trained policy; a key of ``policies.registry.NETWORKS``."""
-        hierarchical = self.recipe == "skills" and self.skills.user == "decider"
+        hierarchical = self.recipe == "skills" and self.skills.user == "hierarchical"
         return "hierarchical" if hierarchical else "visual"
 
     @pydantic.model_validator(mode="after")
@@ -176,9 +176,9 @@ class TrainingConfig(Settings):
         return self
 
     @pydantic.model_validator(mode="after")
-    def _clear_glimpses(self) -> Self:
-        if self.policy.glimpses is not None:
-            check_attention(self.policy.glimpses, self.recipe, self.env)
+    def _clear_crops(self) -> Self:
+        if self.policy.attention_crops is not None:
+            check_attention(self.policy.attention_crops, self.recipe, self.env)
         return self
 
 
@@ -196,7 +196,51 @@ def load_config(path: str | Path, overrides: Sequence[str] = ()) -> TrainingConf
         file = paths.config_path(path)
     except FileNotFoundError as error:
         raise InputError("CONFIG", repr(str(path)), f"a configuration file: {error}") from error
-    return parse_config(apply_overrides(_with_files_beside(read_mapping(file), file), overrides))
+    return parse_config(apply_overrides(_extended(file), overrides))
+
+
+_MOST_EXTENDED = 8
+"""Files of a chain of ``extends``; more are a mistake."""
+
+
+def _extended(file: Path, above: tuple[Path, ...] = ()) -> dict[str, Any]:
+    """Return what a file holds, laid over the configuration that it extends, if it extends one."""
+    chain = (*above, file.resolve())
+    tree = _with_files_beside(with_new_names(read_mapping(file)), file)
+    name = tree.pop("extends", None)
+    if name is None:
+        return tree
+    field = f"{file_name(file)}: extends"
+    if not isinstance(name, str):
+        raise InputError(field, shown(name), "the name or the file of a configuration")
+    base = _base(name, file, field)
+    if base.resolve() in chain:
+        raise InputError(field, shown(name), "a configuration that does not extend this one")
+    if len(chain) >= _MOST_EXTENDED:
+        raise InputError(field, shown(name), f"a chain of at most {_MOST_EXTENDED} configurations")
+    return _merged(_extended(base, chain), tree)
+
+
+def _base(name: str, file: Path, field: str) -> Path:
+    """Find an extended configuration: beside the file first, then as on the command line."""
+    for beside in (file.parent / name, file.parent / f"{name}.yaml"):
+        if beside.is_file():
+            return beside
+    try:
+        return paths.config_path(name)
+    except FileNotFoundError as error:
+        raise InputError(field, shown(name), f"a configuration file: {error}") from error
+
+
+def _merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a mapping with changes laid over it; mappings are merged, all else is replaced."""
+    result = dict(base)
+    for key, value in changes.items():
+        below = result.get(key)
+        if isinstance(below, Mapping) and isinstance(value, Mapping):
+            value = _merged(below, value)
+        result[key] = value
+    return result
 
 
 def read_mapping(file: Path) -> dict[str, Any]:
@@ -289,10 +333,10 @@ def apply_overrides(tree: Mapping[str, Any], overrides: Sequence[str]) -> dict[s
     Raises:
         InputError: An override is not ``key=value``, or its key runs through a plain value.
     """
-    result = _copied(tree)
+    result = with_new_names(tree)
     for override in overrides:
         key, separator, text = override.partition("=")
-        key = key.strip()
+        key = new_name(key.strip())
         if not separator or not all(key.split(".")):
             raise InputError("--set", shown(override), "key=value, for example ppo.n_envs=4")
         *parents, last = key.split(".")

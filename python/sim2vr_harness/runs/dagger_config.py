@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from sim2vr_harness.base.settings import Chance, LearningRate, Norm, Settings, Weight
+from sim2vr_harness.base.settings import Chance, LearningRate, Settings, Weight
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.runs.ppo_config import MOST_BATCH, MOST_USERS
 
@@ -31,8 +31,6 @@ class StudentConfig(Settings):
     """User steps per minibatch."""
     learning_rate: LearningRate = 1e-3
     """Learning rate: constant for the first half of the frames, then linear to almost nothing."""
-    max_grad_norm: Norm = 1.0
-    """Norm that gradients are clipped to."""
     numbers_weight: Weight = 0.0
     """Weight in the loss of the head that tells what the teacher knows of the game (standardised,
     mean squared error) from all that the student senses; 0: there is none. Where much is to be made
@@ -45,8 +43,6 @@ class StudentConfig(Settings):
     """Factor on that proportion from round to round."""
     noise_std: Weight = 0.1
     """Noise on the actions of some users, so that unusual situations are seen too."""
-    image_noise: Weight = 0.0
-    """Standard deviation of noise on the pictures that are learned from, of 255."""
     log_std: float = Field(default=-1.5, ge=-20.0, le=5.0)
     """Logarithm of the actions' standard deviation with which the student goes on to PPO."""
     stagger_steps: int = Field(default=1200, ge=1, le=1_000_000_000)

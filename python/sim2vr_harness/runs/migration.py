@@ -1,7 +1,8 @@
-"""Keys of recorded configurations that have another name today, or none.
+"""Keys of configurations that have another name today, a fixed value, or none.
 
-Read for what was recorded only (a run's ``config.yaml``, a shipped user's): a key that is written
-anew must be one of today's. This is the one place that knows the old names.
+A recorded configuration (a run's ``config.yaml``, a shipped user's) may have any of them. One that
+a user writes may have the keys of the version before, with a warning. This is the one place that
+knows the old names.
 """
 
 from __future__ import annotations
@@ -11,8 +12,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.notices import notice_once
 
-__all__ = ["changed_constant", "renamed", "settable"]
+__all__ = ["changed_constant", "new_name", "renamed", "settable", "with_new_names"]
 
 _TWIN = (
     *("single_targets", "failing_cells", "failing_value", "overlap_m", "speed_mps"),
@@ -35,6 +37,29 @@ _RENAMED = {
 }
 """Old key -> new key, in this order; whole mappings are joined with what is there."""
 
+_IMAGINED = {
+    "growing_lag_cycles": "delay_ramp_cycles",
+    "present_cycles": "undelayed_cycles",
+    "growing_noise_cycles": "noise_ramp_cycles",
+    "growing_cost_cycles": "cost_ramp_cycles",
+    "rest_cost": "activation_cost",
+    "change_cost": "action_rate_cost",
+    "carry_cost": "movement_cost",
+    "aim_cost": "actuator_range_cost",
+}
+_RENAMED_SINCE_0_2 = {
+    "skills.practice": "skills.motor_training",
+    "skills.motor_training.aim_cost": "skills.motor_training.actuator_range_cost",
+    "skills.motor_training.rest_cost": "skills.motor_training.activation_cost",
+    "skills.looking": "skills.q_learning",
+    "policy.glimpses": "policy.attention_crops",
+    **{f"teacher.imagined.{old}": f"teacher.imagined.{new}" for old, new in _IMAGINED.items()},
+}
+"""The same; these a user may still write, with a warning."""
+
+_VALUES = {"skills.user": {"decider": "hierarchical"}}
+"""Key -> old name of a value -> new name."""
+
 _GONE = (
     "teacher.aids",
     "teacher.coarse_physics_s",
@@ -48,31 +73,76 @@ _GONE = (
 """Aids that no shipped user's training needed, and the learner that only the teacher had."""
 
 _CONSTANTS: dict[str, Any] = {
-    "policy.glimpses.fovea_pixels": 32,
-    "skills.looking.ahead": 3,
-    "skills.looking.explore_first": 0.9,
-    "skills.looking.follow": 0.01,
-    "skills.looking.kept": 24_000,
-    "skills.looking.settle_share": 0.5,
-    "skills.looking.updates": 1.0,
-    "skills.practice.kept_cycles": 12,
+    "policy.attention_crops.fovea_pixels": 32,
+    "skills.q_learning.ahead": 3,
+    "skills.q_learning.explore_first": 0.9,
+    "skills.q_learning.follow": 0.01,
+    "skills.q_learning.kept": 24_000,
+    "skills.q_learning.settle_share": 0.5,
+    "skills.q_learning.updates": 1.0,
+    "skills.q_learning.gamma": 0.85,
+    "skills.q_learning.learning_rate": 1e-3,
+    "skills.motor_training.action_noise": 0.06,
+    "skills.motor_training.actuator_range_cost": 0.1,
+    "skills.motor_training.effort": 0.3,
+    "skills.motor_training.error_share": 0.3,
+    "skills.motor_training.gamma": 0.95,
+    "skills.motor_training.gradient_limit": None,
+    "skills.motor_training.kept_cycles": 12,
+    "skills.motor_training.learning_rate": 1.5e-3,
+    "skills.motor_training.activation_cost": 0.0,
+    "skills.motor_training.restart_share": 0.15,
     "student.facts_weight": 0.2,
     "student.glances_weight": 0.2,
+    "student.image_noise": 0.0,
     "student.imitation_weight": 4.0,
+    "student.max_grad_norm": 1.0,
     "student.noisy_users": 0.25,
     "student.statistics_episodes": 100,
     "student.weight_decay": 1e-4,
+    "teacher.curriculum.failing_cells": 0.3,
+    "teacher.curriculum.near_start_m": 0.08,
     "teacher.imagined.critic_learning_rate": 1e-3,
+    "teacher.imagined.error_share": 0.3,
     "teacher.imagined.kept_cycles": 12,
     "teacher.imagined.lam": 0.9,
     "teacher.imagined.near_m": 0.12,
     "teacher.imagined.wild_seconds": 1.0,
     "teacher.knows_present": False,
     "teacher.policy.action_scale": 0.5,
+    "teacher.policy.net_arch": [256, 256],
     "teacher.policy.observation_clip": 8.0,
     "teacher.start": None,
 }
 """Keys that no shipped configuration set -> the value that all trainings have now."""
+
+_GAME_CONSTANTS: dict[str, dict[str, Any]] = {
+    "beats": {"levels": 64, "contact_m": 0.1, "speed_mps": 0.5, "error_cost": 20.0},
+    "pointing": {
+        "failing_blocks": 0.5,
+        "depth_m": 0.02,
+        "aim_m": 0.02,
+        "near_reward": 2.0,
+        "distance_reward": 7.0,
+        "error_share": 0.1,
+        "behind_cost": 0.3,
+    },
+    "whacamole": {
+        "single_targets": 0.4,
+        "failing_cells": 0.5,
+        "failing_value": 1.0,
+        "overlap_m": 0.015,
+        "speed_mps": 0.3,
+        "near_reward": 3.0,
+        "distance_reward": 7.0,
+        "last_overlap_m": 0.004,
+        "last_speed_mps": 0.08,
+        "last_near_reward": 0.2,
+        "stroke_until": 0.5,
+        "run_up_m": 0.1,
+    },
+}
+"""The same for the keys of ``teacher.imagined.game``, by game."""
 
 _CONVERTED: dict[str, Callable[[Any], Any]] = {
     # A ramp between two numbers is the number that it ended with.
@@ -85,18 +155,58 @@ def renamed(tree: Any) -> Any:
     """Return a recorded configuration with today's keys; the argument is left as it is."""
     if not isinstance(tree, Mapping):
         return tree
-    result = copy.deepcopy(dict(tree))
-    for old, new in _RENAMED.items():
-        found = _take(result, old)
-        if found is not None:
-            _put(result, new, found[0])
-    for old in (*_GONE, *_CONSTANTS):
+    result = _with_new_names(tree)
+    for old in (*_GONE, *_constants(result)):
         _take(result, old)
     for key, convert in _CONVERTED.items():
         found = _take(result, key)
         if found is not None:
             _put(result, key, convert(found[0]))
     return result
+
+
+def _with_new_names(tree: Mapping[str, Any]) -> dict[str, Any]:
+    result = copy.deepcopy(dict(tree))
+    _rename(result, _RENAMED | _RENAMED_SINCE_0_2)
+    return result
+
+
+def _rename(tree: dict[str, Any], names: Mapping[str, str]) -> list[tuple[str, str]]:
+    """Rename keys and values in place; return what was found, old and new."""
+    renamings = []
+    for old, new in names.items():
+        found = _take(tree, old)
+        if found is not None:
+            _put(tree, new, found[0])
+            renamings.append((old, new))
+    for key, values in _VALUES.items():
+        found = _take(tree, key)
+        if found is not None:
+            value = found[0]
+            new_value = values.get(value, value) if isinstance(value, str) else value
+            _put(tree, key, new_value)
+            if new_value != value:
+                renamings.append((f"{key}: {value}", f"{key}: {new_value}"))
+    return renamings
+
+
+def with_new_names(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a user has written with today's names, and warn of each old one."""
+    result = copy.deepcopy(dict(tree))
+    for old, new in _rename(result, _RENAMED_SINCE_0_2):
+        notice_once(f"{old} is now called {new}: the old name works in this version only.")
+    return result
+
+
+def new_name(key: str) -> str:
+    """Return today's name of a dotted key that a user has written, and warn if it was another."""
+    name = key
+    for old, new in _RENAMED_SINCE_0_2.items():
+        if f"{name}.".startswith(f"{old}."):
+            name = new + name.removeprefix(old)
+    if name != key:
+        notice_once(f"{key} is now called {name}: the old name works in this version only.")
+    return name
 
 
 def changed_constant(recorded: Any) -> tuple[str, Any, Any] | None:
@@ -107,8 +217,8 @@ def changed_constant(recorded: Any) -> tuple[str, Any, Any] | None:
     Returns:
         Key, recorded value and today's; None where all agree.
     """
-    tree = copy.deepcopy(dict(recorded)) if isinstance(recorded, Mapping) else {}
-    for key, value in _CONSTANTS.items():
+    tree = _with_new_names(recorded) if isinstance(recorded, Mapping) else {}
+    for key, value in _constants(tree).items():
         found = _take(tree, key)
         if found is not None and found[0] != value:
             return key, found[0], value
@@ -116,18 +226,27 @@ def changed_constant(recorded: Any) -> tuple[str, Any, Any] | None:
 
 
 def settable(tree: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a configuration without keys that used to be settings and have today's value.
+    """Return a configuration that a user wrote, with today's names and without fixed keys.
 
     Raises:
         InputError: such a key has another value.
     """
-    copied = copy.deepcopy(dict(tree))
-    for key, value in _CONSTANTS.items():
+    copied = with_new_names(tree)
+    for key, value in _constants(tree).items():
         found = _take(copied, key)
         if found is not None and found[0] != value:
             expected = f"it left out: it is {value!r} in all trainings now"
             raise InputError(key, repr(found[0]), expected)
     return copied
+
+
+def _constants(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the keys that can no longer be set in this configuration, and their values."""
+    env = tree.get("env")
+    app = env.get("app") if isinstance(env, Mapping) else None
+    game = app.get("game", "whacamole") if isinstance(app, Mapping) else "whacamole"
+    own = _GAME_CONSTANTS.get(game, {}) if isinstance(game, str) else {}
+    return _CONSTANTS | {f"teacher.imagined.game.{key}": value for key, value in own.items()}
 
 
 def _take(tree: dict[str, Any], key: str) -> tuple[Any] | None:

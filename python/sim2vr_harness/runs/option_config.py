@@ -9,10 +9,7 @@ from pydantic import Field
 from sim2vr_harness.base.settings import (
     MOST_STEPS,
     Chance,
-    LearningRate,
-    Norm,
     Settings,
-    Weight,
     Width,
 )
 from sim2vr_harness.runs.ppo_config import MOST_USERS
@@ -46,27 +43,9 @@ class MotorTrainingConfig(Settings):
     """Updates of the motor layer in a cycle."""
     window_steps: int = Field(default=16, ge=1, le=10_000)
     """User steps through which gradients go."""
-    gamma: Chance = 0.95
-    """Discount factor per user step."""
-    learning_rate: LearningRate = 1.5e-3
-    """Learning rate of the motor layer."""
-    action_noise: Weight = 0.06
-    """Standard deviation on the actions, true and imagined."""
-    error_share: Weight = 0.3
-    """Noise on the imagined motion, in units of the body model's error."""
-    restart_share: Chance = 0.15
-    """Imagined users who go on from a state of a simulated body after a window."""
-    effort: Weight = 0.3
-    """Cost of the mean square of the drives per user step; arriving well is worth about 10."""
-    gradient_limit: Norm | None = None
-    """Longest gradient of a reward by an action; None: no limit."""
     strikes: bool = False
     """True: hands come through places when and as fast as they are told, as those do who follow
     other hands; they wait and wind up where there is time. Games' moves say where, not when."""
-    aim_cost: Weight = 0.1
-    """Cost of actuator targets beyond their ranges."""
-    rest_cost: Weight = 0.0
-    """Cost of actuators away from rest."""
 
 
 class QLearningConfig(Settings):
@@ -84,12 +63,8 @@ class QLearningConfig(Settings):
     """Proportion of exploratory decisions after ``explore_steps``."""
     explore_steps: int = Field(default=50_000, ge=1, le=MOST_STEPS)
     """User steps over which that proportion falls."""
-    gamma: Chance = 0.85
-    """Discount factor per decision."""
     batch_size: int = Field(default=64, ge=1, le=100_000)
     """Decisions per minibatch."""
-    learning_rate: LearningRate = 1e-3
-    """Learning rate of the Q-network."""
     width: Width = 32
     """Channels of the Q-network's convolutions."""
 
@@ -97,16 +72,16 @@ class QLearningConfig(Settings):
 class SkillsConfig(Settings):
     """Users who bring a motor layer to a game and learn what is worth doing with what they see."""
 
-    user: Literal["student", "decider"] = "student"
+    user: Literal["student", "hierarchical"] = "student"
     """Who plays in the end. ``student``: a policy from senses to muscles, which then goes on by PPO
-    with the true effort. ``decider``: the network that decides, with the motor layer below it; it
-    plays as soon as it has learned what is worth doing, and sees through what it has decided."""
+    with the true effort. ``hierarchical``: the Q-network, with the motor layer below it; it plays
+    as soon as it has learned, and completes each action that it has selected."""
     motor: str | None = None
     """File of the motor layer; None: the one that ships for the body, or, where none does, one that
     the run makes first."""
-    practice: MotorTrainingConfig = MotorTrainingConfig()
+    motor_training: MotorTrainingConfig = MotorTrainingConfig()
     """Training of the motor layer."""
-    looking: QLearningConfig = QLearningConfig()
+    q_learning: QLearningConfig = QLearningConfig()
     """Q-learning of what to do with what is seen."""
     baseline_seconds: float = Field(default=6.0, ge=0.0, le=1e6)
     """For how long somebody sits still, and then moves at random, to compare with."""

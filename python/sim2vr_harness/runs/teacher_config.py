@@ -66,8 +66,6 @@ class ImaginedConfig(Settings):
     action_noise: Weight = 0.12
     """Standard deviation on the actions, true and imagined, so that what is learned bears the noise
     of a policy that explores."""
-    error_share: Weight = 0.3
-    """Noise on the imagined motion, in units of the body model's error."""
     restart_share: Chance = 0.2
     """Users who go on from a state of the true game after a window."""
     keep_best: bool = False
@@ -78,18 +76,18 @@ class ImaginedConfig(Settings):
     many updates; 0: those of the last. From one cycle to the next rates of the last weights in the
     true game go up and down by .2, as they follow each body model into its errors (Polyak and
     Juditsky 1992)."""
-    growing_lag_cycles: int = Field(default=0, ge=0, le=100_000)
+    delay_ramp_cycles: int = Field(default=0, ge=0, le=100_000)
     """Cycles in which late senses become as late as they are, from the present on: who has learned
     to act on the present learns sooner to act on the past. 0: at once."""
-    present_cycles: int = Field(default=0, ge=0, le=100_000)
+    undelayed_cycles: int = Field(default=0, ge=0, le=100_000)
     """Cycles before that in which the present is known: to move is learned first, to do without
     what is not seen yet after it."""
-    growing_noise_cycles: int = Field(default=0, ge=0, le=100_000)
+    noise_ramp_cycles: int = Field(default=0, ge=0, le=100_000)
     """Cycles in which motor noise of imagined users grows from nothing to what it is: who has
     learned what to do learns to do it in spite of noise. 0: noisy from the start."""
-    growing_cost_cycles: int = Field(default=0, ge=0, le=100_000)
-    """Cycles in which ``effort`` and ``carry_cost`` grow from nothing to what they are: where both
-    are high, nobody who cannot play yet would learn to. 0: as high from the start."""
+    cost_ramp_cycles: int = Field(default=0, ge=0, le=100_000)
+    """Cycles in which ``effort`` and ``movement_cost`` grow from nothing to what they are: where
+    both are high, nobody who cannot play yet would learn to. 0: as high from the start."""
     near_starts: Chance = 0.5
     """Share of those who begin near a living target."""
     effort: Weight = 0.1
@@ -101,18 +99,18 @@ class ImaginedConfig(Settings):
     gradient_limit: Norm | None = None
     """Longest gradient of a user's reward by an action (and by the joints' angles, 1/rad); None:
     none. Motors need one: what a servo does in 50 ms is steep."""
-    aim_cost: Weight = 0.0
+    actuator_range_cost: Weight = 0.0
     """Cost per user step of aiming actuators beyond their ranges, by the square of the share of the
     range; above 0 gradients lead back from there, at 0 there are none. Motors whose targets have
     drifted to the ends of their ranges stay there otherwise."""
-    rest_cost: Weight = 0.0
+    activation_cost: Weight = 0.0
     """Cost per user step of actuators away from where they rest, by the mean square of shares of
     ranges. What actions add to drifts away where nothing is at stake: between two targets."""
-    change_cost: Weight = 0.0
+    action_rate_cost: Weight = 0.0
     """Cost per user step of what is asked of actuators beside what they do, by the mean square of
     shares of ranges. Gradients find commands that go to and fro between the ends, which no student
     who sees late can repeat, and no person's muscles do."""
-    carry_cost: Weight = 0.0
+    movement_cost: Weight = 0.0
     """Cost per user step of carrying hands from place to place, by the mean square of their speed,
     m^2/s^2: the mass of an arm is sped up and stopped again, that of a hand that turns is small.
     Who strikes as fast as the game asks does it with less of the arm then, and hurries less."""
@@ -124,8 +122,8 @@ class ImaginedConfig(Settings):
     @property
     def easier_cycles(self) -> int:
         """Cycles in which senses are not as late, muscles not as noisy or ways not as dear yet."""
-        late = self.present_cycles + self.growing_lag_cycles
-        return max(late, self.growing_noise_cycles, self.growing_cost_cycles)
+        late = self.undelayed_cycles + self.delay_ramp_cycles
+        return max(late, self.noise_ramp_cycles, self.cost_ramp_cycles)
 
 
 class CurriculumConfig(Settings):
@@ -133,12 +131,8 @@ class CurriculumConfig(Settings):
 
     near_starts: Chance = 0.3
     """Share of episodes that start near a good start of an action, instead of the true start."""
-    near_start_m: float = Field(default=0.08, gt=0.0, le=10.0)
-    """How near such episodes start."""
     starts_per_cell: int = Field(default=40, ge=1, le=10_000)
     """Start postures that are looked for, for each cell and condition."""
-    failing_cells: Chance = 0.3
-    """Share of spawns that go by the cells' fail rates; the others are uniform."""
     episode_seconds: float = Field(default=12.0, gt=0.0, le=1e6)
     """Episodes are cut after this time; the value of the state stands for the rest."""
 
@@ -146,8 +140,6 @@ class CurriculumConfig(Settings):
 class TeacherPolicyConfig(Settings):
     """The teacher's network: actor and critic on normalised numbers."""
 
-    net_arch: tuple[Width, ...] = Field(default=(256, 256), max_length=20)
-    """Hidden layers of actor and critic each, SiLU."""
     log_std_init: float = Field(default=-2.1, ge=-20.0, le=5.0)
     """Logarithm of the actions' standard deviation at the start."""
     log_std_min: float = Field(default=-3.0, ge=-20.0, le=5.0)

@@ -34,10 +34,10 @@ class ImaginedUsers:
         effort: what a user step costs them.
         noise: of the muscles' controls; None for none.
         persons: how who a user is stands in tensors; None: all are `user`.
-        aim_cost: of aiming actuators beyond their ranges; above 0 gradients lead back from there.
-        rest_cost: of drives away from :attr:`rest`.
-        change_cost: of what actions would change drives by.
-        carry_cost: of carrying hands from place to place, by the square of their speed, m^2/s^2.
+        actuator_range_cost: of actuator targets beyond their ranges; above 0 gradients lead back.
+        activation_cost: of drives away from :attr:`rest`.
+        action_rate_cost: of what actions would change drives by.
+        movement_cost: of carrying hands from place to place, by the square of their speed, m^2/s^2.
 
     Raises:
         InputError: a cost of carrying where hands hold nothing.
@@ -52,17 +52,17 @@ class ImaginedUsers:
         effort: Effort,
         noise: MotorNoiseSettings | None = None,
         persons: ImaginedPersons | None = None,
-        aim_cost: float = 0.0,
-        rest_cost: float = 0.0,
-        change_cost: float = 0.0,
-        carry_cost: float = 0.0,
+        actuator_range_cost: float = 0.0,
+        activation_cost: float = 0.0,
+        action_rate_cost: float = 0.0,
+        movement_cost: float = 0.0,
     ) -> None:
-        self._aim_cost, self._rest_cost, self._change_cost = aim_cost, rest_cost, change_cost
-        self._carry_cost = carry_cost
+        self._actuator_range_cost, self._activation_cost = actuator_range_cost, activation_cost
+        self._action_rate_cost, self._movement_cost = action_rate_cost, movement_cost
         self._hands = [body.devices.index(name) for name in held(body.devices)]
-        if carry_cost > 0.0 and not self._hands:
-            got = f"{carry_cost:g}, where hands hold nothing"
-            raise InputError("teacher.imagined.carry_cost", got, "0")
+        if movement_cost > 0.0 and not self._hands:
+            got = f"{movement_cost:g}, where hands hold nothing"
+            raise InputError("teacher.imagined.movement_cost", got, "0")
         self.n, self.body, self._effort, self._drives = n, body, effort, body.drives
         self._persons = persons
         joints, drives = len(user.independent_joints), self._drives.count
@@ -148,10 +148,10 @@ class ImaginedUsers:
             error_share: noise on the motion, in units of the body model's error.
         """
         before = self.motion.drives
-        control = self._drives.control(before, actions, inwards=self._aim_cost > 0.0)
-        if self._aim_cost > 0.0:
+        control = self._drives.control(before, actions, inwards=self._actuator_range_cost > 0.0)
+        if self._actuator_range_cost > 0.0:
             self._aimed_beyond = self._drives.beyond(before, actions)
-        if self._change_cost > 0.0:
+        if self._action_rate_cost > 0.0:
             self._changed = (control - before).square().mean(1)
         if self._noise is not None:
             factor: Tensor | float = self.noise_share
@@ -161,7 +161,7 @@ class ImaginedUsers:
             control = control.index_copy(1, self._muscles, noisy)
         self._control = control
         self._before = self.motion
-        begun = self.place[:, self._hands, :3, 3] if self._carry_cost > 0.0 else None
+        begun = self.place[:, self._hands, :3, 3] if self._movement_cost > 0.0 else None
         after = self.body(self.motion, control)
         if self.gradient_limit is not None:
             limited(after.angles, self.gradient_limit)
@@ -191,15 +191,15 @@ class ImaginedUsers:
             effort = effort * self._persons.effort(motion.persons)
         effort = self.cost_share * effort
         limits = _BEYOND_COST * beyond
-        if self._aim_cost > 0.0:
-            limits = limits + self._aim_cost * self._aimed_beyond
-        if self._rest_cost > 0.0:
+        if self._actuator_range_cost > 0.0:
+            limits = limits + self._actuator_range_cost * self._aimed_beyond
+        if self._activation_cost > 0.0:
             away = (motion.drives - self.rest).square().mean(1)
-            limits = limits + self._rest_cost * away
-        if self._change_cost > 0.0:
-            limits = limits + self._change_cost * self._changed
-        if self._carry_cost > 0.0:
-            limits = limits + self.cost_share * self._carry_cost * self._carried
+            limits = limits + self._activation_cost * away
+        if self._action_rate_cost > 0.0:
+            limits = limits + self._action_rate_cost * self._changed
+        if self._movement_cost > 0.0:
+            limits = limits + self.cost_share * self._movement_cost * self._carried
         return effort, limits, _WILD_COST * wild
 
     def broken(self) -> Tensor:

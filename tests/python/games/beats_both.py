@@ -24,7 +24,7 @@ from sim2vr_harness.training.teacher.env import TeacherSimulation
 
 USERS, STEPS = 12, 199
 SMALL = (
-    *(f"ppo.n_envs={USERS}", "ppo.n_steps=10", "ppo.batch_size=20", "policy.net_arch=[16]"),
+    *(f"ppo.n_envs={USERS}", "ppo.n_steps=10", "ppo.batch_size=20"),
     *("evaluate_rounds=0", "total_timesteps=120", "imagined.reward_scale=0.05"),
     *("imagined.cycles=2", "imagined.first_play_steps=30", "imagined.play_steps=10"),
     *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),

@@ -121,15 +121,15 @@ def test_it_learns_to_look_at_a_square_and_to_read_it_anywhere(precision: str) -
 @pytest.mark.parametrize(
     ("changes", "field", "got"),
     [
-        (["recipe=skills"], "policy.glimpses", "some with recipe 'skills'"),
-        (["policy.glimpses.fovea_zoom=5"], "policy.glimpses.fovea_zoom", "5"),
-        (["env.senses=[{sense: proprioception}]"], "policy.glimpses", "none"),
+        (["recipe=skills"], "policy.attention_crops", "some with recipe 'skills'"),
+        (["policy.attention_crops.fovea_zoom=5"], "policy.attention_crops.fovea_zoom", "5"),
+        (["env.senses=[{sense: proprioception}]"], "policy.attention_crops", "none"),
         (
             ["env.senses=[{sense: vision, delay_ms: 100}, {sense: proprioception}]"],
-            "policy.glimpses",
+            "policy.attention_crops",
             "it late",
         ),
-        (["policy.glimpses.count=0"], "policy.glimpses.count", "0"),
+        (["policy.attention_crops.count=0"], "policy.attention_crops.count", "0"),
     ],
 )
 def test_what_cannot_be_looked_at_is_refused(changes: list[str], field: str, got: str) -> None:

@@ -1,11 +1,15 @@
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 import yaml
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.runs.config import (
     TrainingConfig,
     apply_overrides,
@@ -53,7 +57,6 @@ def test_the_fast_recipe_s_users_live_in_the_reference_s_environment(group: str)
     assert fast.teacher.conditions == reference.evaluation.conditions
     stuck = {"unconstrained": 0.5}.get(group, 0.0)
     assert fast.teacher.imagined.game["stuck_cost"] == stuck
-    assert fast.teacher.imagined.game["failing_value"] == 1.0
 
 
 def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
@@ -65,7 +68,7 @@ def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
     for stage in ("teacher", "evaluation"):
         own = getattr(people, stage).conditions
         assert getattr(other, stage).conditions == tuple(name + ending for name in own)
-    sizes = ("users", "body_width", "updates", "window_steps", "change_cost")
+    sizes = ("users", "body_width", "updates", "window_steps", "action_rate_cost")
     for size in sizes:
         assert getattr(other.teacher.imagined, size) == getattr(people.teacher.imagined, size)
     assert other.ppo == people.ppo
@@ -179,12 +182,16 @@ def test_a_plain_number_is_a_constant_rate() -> None:
     ("override", "message"),
     [
         (
-            "overlap=1",
-            r"^teacher\.imagined\.game\.overlap: got an unknown key, .*game\.overlap_m'\?",
+            "stuck=1",
+            r"^teacher\.imagined\.game\.stuck: got an unknown key, .*game\.stuck_cost'\?",
         ),
         (
-            "speed_mps=0",
-            r"^teacher\.imagined\.game\.speed_mps: got 0, expected greater than or equal",
+            "stuck_cost=-1",
+            r"^teacher\.imagined\.game\.stuck_cost: got -1, expected greater than or equal",
+        ),
+        (
+            "speed_mps=1",
+            r"^teacher\.imagined\.game\.speed_mps: got 1, expected it left out: it is 0\.3 in all",
         ),
     ],
 )
@@ -223,9 +230,9 @@ def test_recorded_configurations_are_read_with_today_s_keys() -> None:
     teacher = config.teacher
     assert (teacher.imagined.cycles, teacher.imagined.game["stuck_cost"]) == (12, 0.5)
     assert (teacher.ppo.critic_first_updates, teacher.reward_scale) == (4, 0.3)
-    assert teacher.policy.net_arch == (16,)
     assert teacher.ppo.learning_rate.initial == 3e-4
-    assert (teacher.curriculum.near_starts, teacher.curriculum.near_start_m) == (0.3, 0.1)
+    assert teacher.curriculum.near_starts == 0.3
+    assert changed_constant(recorded) == ("teacher.curriculum.near_start_m", 0.1, 0.08)
     assert renamed(recorded["env"]) == {"threads": 2}, "only where the key is"
     assert "imagination" in recorded["teacher"], "the recorded one is left as it is"  # type: ignore[operator]
 
@@ -266,6 +273,119 @@ def test_a_number_is_not_nothing_because_of_a_comment() -> None:
         load_config("whacamole_constrained", ["env.user.effort.weight=#1"])
 
 
+OLD_NAMES = {
+    "skills": {"user": "decider", "practice": {"cycles": 3}, "looking": {"users": 5}},
+    "policy": {"glimpses": None},
+    "teacher": {"imagined": {"growing_lag_cycles": 1, "carry_cost": 0.5, "rest_cost": 0.25}},
+}
+NEW_NAMES = {
+    "skills": {
+        "user": "hierarchical",
+        "motor_training": {"cycles": 3},
+        "q_learning": {"users": 5},
+    },
+    "policy": {"attention_crops": None},
+    "teacher": {
+        "imagined": {"delay_ramp_cycles": 1, "movement_cost": 0.5, "activation_cost": 0.25}
+    },
+}
+
+
+@pytest.fixture
+def notices() -> Iterator[list[str]]:
+    said: list[str] = []
+    set_notice(said.append)
+    yield said
+    set_notice(None)
+
+
+def test_old_names_are_read_with_a_warning_where_a_user_writes_them(notices: list[str]) -> None:
+    assert parse_config(renamed(OLD_NAMES)) == parse_config(NEW_NAMES)
+    assert notices == []
+    assert parse_config(OLD_NAMES) == parse_config(NEW_NAMES)
+    assert len(notices) == 7
+    warning = (
+        "skills.looking is now called skills.q_learning: the old name works in this version only."
+    )
+    assert warning in notices
+
+
+def test_the_last_of_an_old_and_a_new_name_counts(notices: list[str]) -> None:
+    tree = {"skills": {"looking": {"users": 5, "user_steps": 7}}}
+    for name in ("looking", "q_learning"):
+        config = parse_config(apply_overrides(tree, [f"skills.{name}.users=6"]))
+        assert (config.skills.q_learning.users, config.skills.q_learning.user_steps) == (6, 7)
+    assert "skills.looking.users is now called skills.q_learning.users: the old" in notices[1]
+    tree = {"skills": {"q_learning": {"users": 5}}}
+    assert (
+        parse_config(apply_overrides(tree, ["skills.looking.users=6"])).skills.q_learning.users == 6
+    )
+
+
+def test_a_constant_under_its_old_name() -> None:
+    recorded = {"skills": {"practice": {"aim_cost": 0.2}}}
+    key = "skills.motor_training.actuator_range_cost"
+    assert changed_constant(recorded) == (key, 0.2, 0.1)
+    assert parse_config(renamed(recorded)) == parse_config({})
+    with pytest.raises(InputError, match=f"^{key}: got 0.2, expected it left out: it is 0.1"):
+        parse_config(recorded)
+
+
+def write(file: Path, text: str) -> Path:
+    file.write_text(text)
+    return file
+
+
+def test_a_configuration_extends_another(tmp_path: Path) -> None:
+    """Mappings are merged key by key, lists and values are replaced, overrides come last."""
+    write(
+        tmp_path / "base.yaml",
+        "{extends: whacamole_constrained, seed: 5, ppo: {gamma: 0.9, n_epochs: 3}}",
+    )
+    senses = "[{sense: vision}]"
+    text = f"{{extends: base, name: mine, ppo: {{n_epochs: 4}}, env: {{senses: {senses}}}}}"
+    config = load_config(write(tmp_path / "mine.yaml", text), ["ppo.gamma=0.8"])
+    told = ["name=mine", "seed=5", "ppo.gamma=0.8", "ppo.n_epochs=4", f"env.senses={senses}"]
+    assert config == load_config("whacamole_constrained", told)
+    assert "extends" not in to_yaml(config)
+
+
+def test_old_names_do_not_count_more_than_new_ones_of_what_extends(tmp_path: Path) -> None:
+    write(tmp_path / "old.yaml", "skills: {looking: {users: 3, user_steps: 50}}")
+    file = write(tmp_path / "new.yaml", "{extends: old.yaml, skills: {q_learning: {users: 4}}}")
+    found = load_config(file).skills.q_learning
+    assert (found.users, found.user_steps) == (4, 50)
+
+
+@pytest.mark.parametrize(
+    ("files", "message"),
+    [
+        ({"0": "extends: '0'"}, "0.yaml: extends: got '0', expected a configuration that does not"),
+        ({"0": "extends: b", "b": "extends: 0.yaml"}, "b.yaml: extends: got '0.yaml', expected a"),
+        ({"0": "extends: nobody"}, "0.yaml: extends: got 'nobody', expected a configuration file"),
+        ({"0": "extends: [a]"}, "0.yaml: extends: got"),
+        ({"0": "extends: b", "b": "[1]"}, "b.yaml: got YAML of"),
+        (
+            {str(k): f"extends: '{k + 1}'" for k in range(20)},
+            "7.yaml: extends: got '8', expected a chain of at most 8 configurations",
+        ),
+    ],
+)
+def test_what_cannot_be_extended_is_refused(
+    files: dict[str, str], message: str, tmp_path: Path
+) -> None:
+    for name, text in files.items():
+        write(tmp_path / f"{name}.yaml", text)
+    with pytest.raises(InputError, match=re.escape(message)):
+        load_config(tmp_path / "0.yaml")
+
+
+@pytest.mark.parametrize("wrong", [{"skills": 3}, {"skills": {"practice": 3, "motor_training": 4}}])
+def test_wrong_shapes_with_old_names_are_refused_in_a_sentence(wrong: dict[str, Any]) -> None:
+    with pytest.raises(InputError, match=r"^skills.*a mapping of keys to values"):
+        parse_config(wrong)
+
+
 def test_keys_that_became_constants() -> None:
     """Recorded ones load; user-written ones are taken with the constant's value only."""
     teacher = {"imagined": {"lam": 0.8}, "start": None, "policy": {"action_scale": 0.5}}
@@ -274,6 +394,12 @@ def test_keys_that_became_constants() -> None:
     assert changed_constant(recorded) == ("teacher.imagined.lam", 0.8, 0.9)
     assert changed_constant({"student": {"noisy_users": 0.25}}) is None
     assert parse_config({"student": {"noisy_users": 0.25}}) == parse_config({})
+    game = {"speed_mps": 0.5}  # of Beats; Whac-A-Mole's is 0.3
+    recorded = {"env": {"app": {"game": "beats"}}, "teacher": {"imagined": {"game": game}}}
+    assert changed_constant(recorded) is None
+    assert "speed_mps" not in renamed(recorded)["teacher"]["imagined"]["game"]
+    del recorded["env"]
+    assert changed_constant(recorded) == ("teacher.imagined.game.speed_mps", 0.5, 0.3)
     with pytest.raises(InputError) as caught:
         load_config("whacamole_constrained_distill", ["teacher.imagined.lam=0.8"])
     expected = "teacher.imagined.lam: got 0.8, expected it left out: it is 0.9 in all trainings now"

@@ -104,7 +104,7 @@ def test_a_student_may_have_game_options_of_its_own(
 
 def test_who_never_becomes_late_is_told_so(tmp_path: Path) -> None:
     _, text = train(
-        tmp_path / "run", "teacher.imagined.present_cycles=1", "teacher.imagined.cycles=1"
+        tmp_path / "run", "teacher.imagined.undelayed_cycles=1", "teacher.imagined.cycles=1"
     )
     assert "All of the 1 cycles are easier than the game" in " ".join(text.split())
 

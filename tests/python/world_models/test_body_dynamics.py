@@ -209,7 +209,7 @@ def test_drifting_away_from_rest_costs_by_hand() -> None:
     body = load_body(MOTORS)
     model = BodyModel(body, ("headset",), 0.05, width=4)
     free = torch.zeros(1)
-    users = ImaginedUsers(body, model, 1, effort=lambda drives, control: free, rest_cost=2.0)
+    users = ImaginedUsers(body, model, 1, effort=lambda drives, control: free, activation_cost=2.0)
     users.rest = torch.linspace(0.2, 0.5, 14)
     drives = users.rest.clone()[None]
     drives[0, 3] += 0.3
@@ -233,7 +233,7 @@ def test_abrupt_commands_cost_by_hand() -> None:
     free, count = torch.zeros(1), len(body.action_names)
     noisy = MotorNoiseSettings(constant="white", constant_level=0.3)
     users = ImaginedUsers(
-        body, model, 1, effort=lambda drives, control: free, noise=noisy, change_cost=3.0
+        body, model, 1, effort=lambda drives, control: free, noise=noisy, action_rate_cost=3.0
     )
     joints = torch.zeros(1, len(body.independent_joints))
     drives = torch.full((1, count), 0.4)
@@ -259,7 +259,7 @@ def test_carrying_a_hand_costs_by_the_square_of_its_speed_not_a_head() -> None:
     body = load_body("mobl_arms_wrist")
     model = BodyModel(body, ("headset", "controller_right"), 0.05, width=4)
     free, count, joints = torch.zeros(1), len(body.action_names), len(body.independent_joints)
-    users = ImaginedUsers(body, model, 1, effort=lambda drives, control: free, carry_cost=0.5)
+    users = ImaginedUsers(body, model, 1, effort=lambda drives, control: free, movement_cost=0.5)
     angles = torch.from_numpy(body.joint_ranges.mean(1))[None].float()
     for speeds in (torch.zeros(1, joints), torch.linspace(-2.0, 2.0, joints)[None]):
         start = Motion(angles, speeds, torch.full((1, count), 0.2), free[:, None][:, :0])
@@ -274,8 +274,8 @@ def test_carrying_a_hand_costs_by_the_square_of_its_speed_not_a_head() -> None:
     assert float(way[1]) > 0.02
     assert float(way[0]) == pytest.approx(0.0, abs=1e-6)
     bare = BodyModel(body, ("headset",), 0.05, width=4)
-    with pytest.raises(InputError, match=r"carry_cost: got 0.5, where hands hold nothing"):
-        ImaginedUsers(body, bare, 1, effort=lambda drives, control: free, carry_cost=0.5)
+    with pytest.raises(InputError, match=r"movement_cost: got 0.5, where hands hold nothing"):
+        ImaginedUsers(body, bare, 1, effort=lambda drives, control: free, movement_cost=0.5)
 
 
 def test_motors_rest_where_they_come_back_to_and_muscles_slack() -> None:

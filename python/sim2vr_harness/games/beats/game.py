@@ -11,7 +11,7 @@ from sim2vr_harness.client import describe_game
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.games.beats.levels import Levels, game_level, made_of
 from sim2vr_harness.games.beats.rules import TOLD_MINES
-from sim2vr_harness.games.beats.settings import GameModelSettings
+from sim2vr_harness.games.beats.settings import LEVELS, GameModelSettings
 from sim2vr_harness.games.beats.twin import FIELDS, ImaginedBeats
 from sim2vr_harness.games.imagined import ImaginedCondition
 
@@ -60,7 +60,7 @@ class Beats:
         """See the protocol."""
         levels: dict[str, Levels] = {}
         for number, condition in enumerate(conditions):
-            for k in range(settings.levels):
+            for k in range(LEVELS):
                 level = game_level(condition.options, seed + k)
                 levels.setdefault(level["hash"], made_of(level, number))
         known = Levels.joined(list(levels.values()), least=TOLD_MINES)

@@ -8,7 +8,17 @@ from pydantic import Field
 
 from sim2vr_harness.base.settings import Chance, Settings, Weight
 
-__all__ = ["GameModelSettings", "Relaxation"]
+__all__ = ["LEVELS", "GameModelSettings", "Relaxation"]
+
+
+LEVELS = 64
+"""Number of levels of a condition that imagined rounds draw from: too many to learn by heart."""
+_CONTACT_M, _SPEED_MPS = (0.05, 0.1), (0.2, 0.5)
+"""Widths of the soft steps from apart to touching and from too slow to fast enough: after four
+fifths of the imagined rollouts, and at the start."""
+_ERROR_COST = 20.0
+"""Cost in points of a wrong cut, a mine or a wall after four fifths of the imagined rollouts; the
+true score has none, so nothing else teaches to avoid errors."""
 
 
 @dataclass(frozen=True)
@@ -37,26 +47,17 @@ class Relaxation:
 class GameModelSettings(Settings):
     """How soft cuts are, and which levels are played."""
 
-    levels: int = Field(default=64, ge=1, le=100_000)
-    """How many levels of a condition imagined rounds draw from, where it has more than one."""
     busy_starts: Chance = 0.9
     """Share of rounds that begin shortly before a box arrives, instead of at any moment."""
-    contact_m: float = Field(default=0.1, ge=1e-6, le=10.0)
-    """Width of the soft step from apart to touching, at the start."""
-    speed_mps: float = Field(default=0.5, ge=1e-6, le=100.0)
-    """Width of the soft step from too slow to fast enough, at the start."""
     angle_deg: float = Field(default=25.0, ge=1e-6, le=1000.0)
     """Width of the soft step from a wrong direction to a right one, at the start."""
     near_reward: Weight = 20.0
     """Points per user step for a blade near its next box when that arrives, at the start. After
-    four fifths of the imagined rollouts this and the three settings above are 5, 0.05, 0.2 and
-    15."""
+    four fifths of the imagined rollouts this and ``angle_deg`` are 5 and 15."""
     stroke_reward: Weight = 0.0
     """Points per user step, at first, for a blade that is where a stroke through its next box would
     have it: drawn back half a second before, in the box's middle when it arrives. Less with the
     distance, by half a metre below 0; nothing after four fifths of the imagined rollouts."""
-    error_cost: Weight = 20.0
-    """Cost of a wrong cut, a mine or a wall, in points, which the true score does not have."""
     hazard_cost: Weight = 0.0
     """Cost of a mine, and of a wall's touch, from the first rollouts on, in points; 0: as of
     other errors, and as cheap at first. Who learns to avoid them last has little time for it."""
@@ -68,8 +69,8 @@ class GameModelSettings(Settings):
     is not 6 cm clear of it pays, too. The cost of a touch is paid once, and has no gradient deep
     inside."""
     early_error_cost: Weight = 20.0
-    """``error_cost`` at the start. In levels with every direction a user who pays for
-    wrong cuts before it makes right ones learns to keep its blades away."""
+    """Cost of a wrong cut, a mine or a wall at the start, in points. In levels with every direction
+    a user who pays for wrong cuts before it makes right ones learns to keep its blades away."""
 
     def relaxation(self, done: float) -> Relaxation:
         """What is rewarded when this share of the rollouts is over."""
@@ -78,10 +79,10 @@ class GameModelSettings(Settings):
         def towards(end: float, start: float) -> float:
             return end + (start - end) * early
 
-        error = towards(self.error_cost, self.early_error_cost)
+        error = towards(_ERROR_COST, self.early_error_cost)
         return Relaxation(
-            contact_m=towards(0.05, self.contact_m),
-            speed_mps=towards(0.2, self.speed_mps),
+            contact_m=towards(*_CONTACT_M),
+            speed_mps=towards(*_SPEED_MPS),
             angle_deg=towards(15.0, self.angle_deg),
             near=towards(min(5.0, self.near_reward), self.near_reward),
             error=error,

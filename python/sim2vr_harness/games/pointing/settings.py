@@ -4,11 +4,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pydantic import Field
+from sim2vr_harness.base.settings import Settings
 
-from sim2vr_harness.base.settings import Chance, Settings, Weight
+__all__ = ["FAILING_BLOCKS", "GameModelSettings", "Relaxation"]
 
-__all__ = ["GameModelSettings", "Relaxation"]
+
+FAILING_BLOCKS = 0.5
+"""Proportion of blocks that are drawn by their fail rates; the others are uniform, so that none is
+forgotten."""
+_DEPTH_M, _AIM_M = (0.004, 0.02), (0.003, 0.02)
+_NEAR_REWARD, _DISTANCE_REWARD, _ERROR_SHARE = (0.1, 2.0), (1.0, 7.0), (1.0, 0.1)
+"""Widths of the soft steps, rewards and the factor on the cost of an error: from the middle of the
+imagined rollouts on, and at the start. Who cannot aim yet would avoid selections otherwise."""
+_BEHIND_COST = 0.3
+"""Cost per user step of a tip that stays behind the plane, or nearly, after a selection. The game's
+reward has no gradient that says so."""
 
 
 @dataclass(frozen=True)
@@ -33,24 +43,7 @@ class Relaxation:
 
 
 class GameModelSettings(Settings):
-    """How soft taps are, and which blocks come up."""
-
-    failing_blocks: Chance = 0.5
-    """Share of blocks that are drawn by their fail rates; the others are uniform."""
-    depth_m: float = Field(default=0.02, ge=1e-6, le=10.0)
-    """Width of the soft step from in front of the plane to behind it, at the start."""
-    aim_m: float = Field(default=0.02, ge=1e-6, le=10.0)
-    """Width of the soft step from beside the target to on it, at the start."""
-    near_reward: Weight = 2.0
-    """Reward for being about to tap the target, at the start."""
-    distance_reward: Weight = 7.0
-    """Factor on the game's reward for distance, at the start."""
-    error_share: Chance = 0.1
-    """Factor on the game's cost of an error, at the start. From the middle of the imagined rollouts
-    on this and the four settings above are 1, 0.004, 0.003, 0.1 and 1."""
-    behind_cost: Weight = 0.3
-    """Cost per user step of a tip that stays behind the plane, or nearly, after a selection. The
-    game's reward has no gradient that says so."""
+    """There are none: one set of values serves all users."""
 
     def relaxation(self, done: float) -> Relaxation:
         """What is rewarded when this share of the rollouts is over."""
@@ -60,10 +53,10 @@ class GameModelSettings(Settings):
             return end + (start - end) * early
 
         return Relaxation(
-            depth_m=towards(0.004, self.depth_m),
-            aim_m=towards(0.003, self.aim_m),
-            near=towards(0.1, self.near_reward),
-            distance=towards(1.0, self.distance_reward),
-            error=towards(1.0, self.error_share),
-            behind=self.behind_cost,
+            depth_m=towards(*_DEPTH_M),
+            aim_m=towards(*_AIM_M),
+            near=towards(*_NEAR_REWARD),
+            distance=towards(*_DISTANCE_REWARD),
+            error=towards(*_ERROR_SHARE),
+            behind=_BEHIND_COST,
         )

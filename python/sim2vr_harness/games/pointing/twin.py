@@ -21,7 +21,7 @@ from sim2vr_harness.games.pointing.rules import (
     PointingTask,
     distance_reward,
 )
-from sim2vr_harness.games.pointing.settings import GameModelSettings, Relaxation
+from sim2vr_harness.games.pointing.settings import FAILING_BLOCKS, GameModelSettings, Relaxation
 from sim2vr_harness.games.pointing.stylus import Stylus, head_of
 
 __all__ = ["FIELDS", "ImaginedPointing"]
@@ -153,7 +153,7 @@ class ImaginedPointing:
 
     def adapt(self) -> None:
         """Let blocks that fail come up more often."""
-        counts, share = self.block_counts, self.settings.failing_blocks
+        counts, share = self.block_counts, FAILING_BLOCKS
         total = counts.sum(0)
         fails = torch.where(total > 0, counts[1] / total.clamp(min=1.0), torch.ones(())) + 0.02
         weights = (1.0 - share) / fails.shape[1] + share * fails / fails.sum(1, keepdim=True)

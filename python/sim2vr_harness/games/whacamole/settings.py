@@ -9,7 +9,34 @@ from pydantic import Field
 from sim2vr_harness.base.settings import Chance, Settings, Weight
 from sim2vr_harness.games.whacamole.rules import LIFE_S
 
-__all__ = ["GameModelSettings", "Relaxation"]
+__all__ = [
+    "FAILING_CELLS",
+    "FAILING_VALUE",
+    "RUN_UP_M",
+    "SINGLE_TARGETS",
+    "GameModelSettings",
+    "Relaxation",
+]
+
+
+SINGLE_TARGETS = 0.4
+"""Proportion of users who have one target at a time. With several, the policy chooses the near
+ones only, and never learns to reach the far corner."""
+FAILING_CELLS = 0.5
+"""Proportion of spawns that follow the cells' fail rates; the others are uniform, so that no cell
+is forgotten."""
+FAILING_VALUE = 1.0
+"""A hit in a cell that fails k times as often as the mean, at most 3 times, is worth this times
+k - 1 hits more: with several targets at once the far cells are given up otherwise."""
+RUN_UP_M = 0.1
+"""Distance in front of the cell at which a stroke begins, m: muscles need it to reach a speed."""
+_OVERLAP_M, _SPEED_MPS = (0.004, 0.015), (0.08, 0.3)
+_NEAR_REWARD, _DISTANCE_REWARD = (0.2, 3.0), (1.0, 7.0)
+"""Widths of the soft steps and rewards: from the middle of the imagined rollouts on, and at the
+start. Motor noise blurs hits by itself: the gradient of a sharper step is zero most of the time."""
+_STROKE_UNTIL = 0.5
+"""Proportion of the imagined rollouts after which ``stroke_reward`` is zero: the rest has the
+game's own rewards."""
 
 
 @dataclass(frozen=True)
@@ -47,39 +74,10 @@ class Relaxation:
 class GameModelSettings(Settings):
     """How soft hits are, and which cells come up."""
 
-    single_targets: Chance = 0.4
-    """Share of users who never have more than one target at a time. With several, the policy went
-    for the near ones only, and never learned to reach the far corner."""
-    failing_cells: Chance = 0.5
-    """Share of spawns that go by the cells' fail rates; the others are uniform."""
-    failing_value: Weight = 1.0
-    """A hit in a cell that fails k times as often as the mean, at most 3 times, is worth this times
-    k - 1 hits more: with several targets at once the far cells are given up otherwise."""
-    overlap_m: float = Field(default=0.015, ge=1e-6, le=10.0)
-    """Width of the soft step from apart to overlapping, at the start."""
-    speed_mps: float = Field(default=0.3, ge=1e-6, le=100.0)
-    """Width of the soft step from too slow to fast enough, at the start."""
-    near_reward: Weight = 3.0
-    """Reward for being near a living target at speed, at the start."""
-    distance_reward: Weight = 7.0
-    """Factor on the game's reward for distance, at the start; 1 from the middle of the imagined
-    rollouts on."""
-    last_overlap_m: float = Field(default=0.004, ge=1e-6, le=10.0)
-    """``overlap_m`` from the middle of the imagined rollouts on."""
-    last_speed_mps: float = Field(default=0.08, ge=1e-6, le=100.0)
-    """``speed_mps`` from the middle of the imagined rollouts on."""
-    last_near_reward: Weight = 0.2
-    """``near_reward`` from the middle of the imagined rollouts on. Noise blurs what a user hits by
-    itself: where a hit is sharper than that, its gradient is nothing most of the time, and a lot by
-    chance."""
     stroke_reward: Weight = 0.0
     """Reward per user step, at first, for a hammer that is where a stroke at the oldest target
     would have it: in front of the cell, and in it 0.6 s after the target appeared. Less with the
     distance, by 0.3 m below 0."""
-    stroke_until: Chance = 0.5
-    """Share of the imagined rollouts by which that reward has gone."""
-    run_up_m: float = Field(default=0.1, gt=0.0, le=1.0)
-    """How far in front of the cell a stroke begins, m: muscles need a way to get up to a speed."""
     stuck_cost: Weight = 0.0
     """Cost per user step of the hammer staying in a target that it is in and has not hit. A user
     who may hit at any speed waits where targets grow into the hammer otherwise."""
@@ -137,16 +135,17 @@ class GameModelSettings(Settings):
 
         early = left(0.5)
 
-        def towards(end: float, start: float) -> float:
+        def towards(values: tuple[float, float]) -> float:
+            end, start = values
             return end + (start - end) * early
 
         return Relaxation(
-            overlap_m=towards(self.last_overlap_m, self.overlap_m),
-            speed_mps=towards(self.last_speed_mps, self.speed_mps),
-            near=towards(self.last_near_reward, self.near_reward),
-            distance=towards(1.0, self.distance_reward),
+            overlap_m=towards(_OVERLAP_M),
+            speed_mps=towards(_SPEED_MPS),
+            near=towards(_NEAR_REWARD),
+            distance=towards(_DISTANCE_REWARD),
             stuck=self.stuck_cost,
-            stroke=left(self.stroke_until) * self.stroke_reward,
+            stroke=left(_STROKE_UNTIL) * self.stroke_reward,
             plane=(1.0 - early) * self.plane_cost,
             blind=(1.0 - early) * self.blind_cost,
             centre=(1.0 - early) * self.centre_share,

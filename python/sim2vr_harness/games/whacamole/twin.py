@@ -31,7 +31,14 @@ from sim2vr_harness.games.whacamole.rules import (
     VOLUME_BEHIND_M,
     area_of,
 )
-from sim2vr_harness.games.whacamole.settings import GameModelSettings, Relaxation
+from sim2vr_harness.games.whacamole.settings import (
+    FAILING_CELLS,
+    FAILING_VALUE,
+    RUN_UP_M,
+    SINGLE_TARGETS,
+    GameModelSettings,
+    Relaxation,
+)
 
 __all__ = ["FIELDS", "ImaginedWhacAMole"]
 
@@ -106,7 +113,7 @@ class ImaginedWhacAMole:
         self._threshold = torch.tensor([c["round.strike_threshold_mps"] for c in conditions])
         self._constrained = torch.tensor([c["round.constrained"] for c in conditions])
         self._most = torch.tensor([int(c["round.max_targets"]) for c in conditions])
-        self._single = torch.arange(n) < round(settings.single_targets * n)
+        self._single = torch.arange(n) < round(SINGLE_TARGETS * n)
         self._rules = torch.tensor([[c[name] for name in _ROUND] for c in conditions])
         cell = torch.arange(CELLS)
         across, up = (cell % COLUMNS - 1.0) * CELL_M, (1.0 - cell // COLUMNS) * CELL_M
@@ -213,14 +220,14 @@ class ImaginedWhacAMole:
 
     def adapt(self) -> None:
         """Let cells that are missed come up more often, and be worth more."""
-        counts, share = self.counts, self.settings.failing_cells
+        counts, share = self.counts, FAILING_CELLS
         total = counts.sum(0)
         fails = torch.where(total > 0, counts[1] / total.clamp(min=1.0), torch.ones(())) + 0.02
         uniform = 1.0 / fails.shape[1]
         weights = (1.0 - share) * uniform + share * fails / fails.sum(1, keepdim=True)
         self.spawn_weights.lerp_(weights, 0.5)
         often = fails / fails.mean(1, keepdim=True)
-        values = 1.0 + self.settings.failing_value * (often.clamp(1.0, 3.0) - 1.0)
+        values = 1.0 + FAILING_VALUE * (often.clamp(1.0, 3.0) - 1.0)
         self.hit_values.lerp_(values, 0.5)
         self._foregone.lerp_(self._later(), 0.5)
 
@@ -460,9 +467,8 @@ class ImaginedWhacAMole:
         rows = torch.arange(self.n)
         first_s, second_s = (at_s - FRAME_S * age for at_s in _STROKES_S)
         until_s = torch.where(first_s > -1.5 * FRAME_S, first_s, second_s)[:, None]
-        run_up_m = self.settings.run_up_m
-        takes_s = 2.0 * run_up_m / _STROKE_MPS
-        before_m = run_up_m * (1.0 - (1.0 - until_s.clamp(max=takes_s) / takes_s).square())
+        takes_s = 2.0 * RUN_UP_M / _STROKE_MPS
+        before_m = RUN_UP_M * (1.0 - (1.0 - until_s.clamp(max=takes_s) / takes_s).square())
         before_m = before_m.clamp(min=-_THROUGH_M)
         behind = self._axes[self.condition, 2]
         goal = self._cells[self.condition][rows, cell] - before_m * behind

@@ -101,7 +101,7 @@ class HierarchicalPolicy(nn.Module):
         env, skills = config.env, config.skills
         body = body_of(env.user)
         hands = held(body.devices)
-        layer = MotorPolicy(body, 1.0 / env.action_frequency_hz, width=skills.practice.width)
+        layer = MotorPolicy(body, 1.0 / env.action_frequency_hz, width=skills.motor_training.width)
         # Not as parts: where the joints are follows from the body, and is no weight.
         object.__setattr__(self, "layer", layer.requires_grad_(False))
         self.motor = layer.net
@@ -109,7 +109,7 @@ class HierarchicalPolicy(nn.Module):
         self.register_buffer("motor_std", layer.std)
         vision = env.vision
         self.values = ActionValueMap(
-            DepthGrid(vision.height, vision.width), len(hands), width=skills.looking.width
+            DepthGrid(vision.height, vision.width), len(hands), width=skills.q_learning.width
         )
         self.register_buffer("tool", torch.zeros(len(hands), 2, 3))
         self.register_buffer("hold", torch.ones(1))

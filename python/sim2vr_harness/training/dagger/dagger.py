@@ -39,7 +39,7 @@ __all__ = ["Expert", "Student", "StudentProgress"]
 STATE_FORMAT = 4
 _IMITATION_WEIGHT, _FACTS_WEIGHT, _CROPS_WEIGHT = 4.0, 0.2, 0.2
 """Weights in the loss: actions, facts of the picture, places of the attention crops."""
-_WEIGHT_DECAY = 1e-4
+_WEIGHT_DECAY, _MAX_GRAD_NORM = 1e-4, 1.0
 _NOISY_USERS = 0.25
 """Proportion of users with noise on their actions, so that unusual situations are seen."""
 _STATISTICS_EPISODES = 100
@@ -165,7 +165,6 @@ class Student:
             key: (value.shape[1:], value.dtype) for key, value in simulation.observation().items()
         }
         actions = simulation.action_space.shape[0]
-        self._pictures = [key for key, (shape, _) in shapes.items() if len(shape) == 3]
         each = self.n * config.rollout_steps
         self.store = FrameStore(
             folder,
@@ -207,7 +206,7 @@ class Student:
         count, known = self._glimpses.count, len(self.guide.glance_columns)
         if known < count:
             raise InputError(
-                "policy.glimpses.count",
+                "policy.attention_crops.count",
                 str(count),
                 f"at most {known}, the things that the game says are worth looking at",
             )
@@ -343,7 +342,7 @@ class Student:
             loss = torch.stack([weights[name] * loss for name, loss in losses.items()]).sum()
             self._optimizer.zero_grad()
             loss.backward()  # type: ignore[no-untyped-call]
-            nn.utils.clip_grad_norm_(self._parameters, config.max_grad_norm)
+            nn.utils.clip_grad_norm_(self._parameters, _MAX_GRAD_NORM)
             self._optimizer.step()
             for name, value in losses.items():
                 sums[name] = sums.get(name, 0.0) + float(value.detach())
@@ -352,9 +351,6 @@ class Student:
 
     def _losses(self, batch: dict[str, Tensor]) -> dict[str, Tensor]:
         """The errors that there are, each a number."""
-        if self.config.image_noise > 0.0:
-            for key in self._pictures:
-                batch[key] = _noisy(batch[key], self.config.image_noise)
         observation = {key: value for key, value in batch.items() if key not in _TARGETS}
         if self.policy.in_shards:
             weights = [weight for weight in self._parameters if weight.requires_grad]
@@ -463,8 +459,3 @@ class Student:
         self.round, self._ended = header["round"], header["ended"]
         self._episodes.extend(header["episodes"])
         self._rng.bit_generator.state = header["rng"]
-
-
-def _noisy(images: Tensor, std: float) -> Tensor:
-    noise = torch.randn(images.shape, device=images.device) * std
-    return (images + noise).round().clamp(0, 255).to(torch.uint8)

@@ -34,6 +34,9 @@ _PLAYED, _FITTED = 0.2, 0.4
 """Shares of a cycle's time that are over after playing, and after fitting the body model."""
 _CRITIC_LEARNING_RATE, _LAMBDA = 1e-3, 0.9
 """Of the critic, and TD(lambda); as in the training of motor policies."""
+_ERROR_SHARE = 0.3
+"""Noise on the imagined motion, in units of the body model's error, so that its errors do not
+count as knowledge."""
 _NEAR_M = 0.12
 """Farthest that a near start is from a good start of an action."""
 _BEYOND_COST = 0.01
@@ -160,10 +163,10 @@ class ImaginedRollouts:
             effort=effort,
             noise=noise,
             persons=self._persons,
-            aim_cost=self.config.aim_cost,
-            rest_cost=self.config.rest_cost,
-            change_cost=self.config.change_cost,
-            carry_cost=self.config.carry_cost,
+            actuator_range_cost=self.config.actuator_range_cost,
+            activation_cost=self.config.activation_cost,
+            action_rate_cost=self.config.action_rate_cost,
+            movement_cost=self.config.movement_cost,
         )
         return imagined, rounds
 
@@ -274,11 +277,11 @@ class ImaginedRollouts:
     def _grow(self) -> None:
         """Let senses be as late, imagined muscles as noisy and ways as dear as in this cycle."""
         config = self.config
-        share = self._grown(config.growing_lag_cycles, after=config.present_cycles)
+        share = self._grown(config.delay_ramp_cycles, after=config.undelayed_cycles)
         self.senses.be_late(share)
         self.simulation.senses.be_late(share)
-        self.users.noise_share = self._grown(config.growing_noise_cycles)
-        self.users.cost_share = self._grown(config.growing_cost_cycles)
+        self.users.noise_share = self._grown(config.noise_ramp_cycles)
+        self.users.cost_share = self._grown(config.cost_ramp_cycles)
 
     def _grown(self, cycles: int, *, after: int = 0) -> float:
         """How much of what grows over so many cycles there is in this one, from 0 to 1."""
@@ -379,7 +382,7 @@ class ImaginedRollouts:
         with torch.no_grad():
             for _ in range(self.senses.warm_up):
                 _, actions = self._act(self.senses.observe())
-                self.advance(actions, done, error_share=self.config.error_share)
+                self.advance(actions, done, error_share=_ERROR_SHARE)
 
     def _update(self) -> None:
         """One window of imagined user steps, and what is learned from it."""
@@ -399,7 +402,7 @@ class ImaginedRollouts:
             mean, actions = self._act(self.senses.observe())
             if limit is not None:
                 actions = limited(actions, limit)
-            reward = self.advance(actions, done, error_share=config.error_share)
+            reward = self.advance(actions, done, error_share=_ERROR_SHARE)
             reward = reward - _BEYOND_COST * torch.relu(mean.abs() - 1.0).square().sum(1)
             rewards.append(reward)
             seen.append(self.senses.present())

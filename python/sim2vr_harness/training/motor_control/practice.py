@@ -20,7 +20,6 @@ from sim2vr_harness.users import Body, UserBatch
 from sim2vr_harness.users.noise import MotorNoiseSettings
 from sim2vr_harness.world_models.body_dynamics import BodyModel, fit_body
 from sim2vr_harness.world_models.effort import Effort
-from sim2vr_harness.world_models.gradient_clipping import limited
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 from sim2vr_harness.world_models.transitions import KEPT_CYCLES, TransitionStore
 from sim2vr_harness.world_models.value_function import ValueFunction
@@ -37,7 +36,23 @@ _RETURN = 0.3
 _EPISODE_STEPS = 60
 _WILD_STEPS = 20
 _BEYOND = 0.01
+_GAMMA = 0.95
+"""Discount factor per user step: goals are reached within about 20 user steps."""
+_LEARNING_RATE = 1.5e-3
+"""The layer is small, and learns from exact gradients."""
 _CRITIC_LEARNING_RATE, _LAMBDA = 1e-3, 0.9
+_ACTION_NOISE = 0.06
+"""Standard deviation on the actions, true and imagined: policies above the layer are not exact."""
+_ERROR_SHARE = 0.3
+"""Noise on the imagined motion, in units of the body model's error, so that its errors do not
+count as knowledge."""
+_RESTART_SHARE = 0.15
+"""Proportion of imagined users who continue from a state of a simulated body after a window:
+imagined states drift away from true ones."""
+_EFFORT = 0.3
+"""Cost of the mean square of the drives per user step; arriving well is worth about 10."""
+_ACTUATOR_RANGE_COST = 0.1
+"""Cost of actuator targets beyond their ranges, where they have no effect and no gradient."""
 
 
 @dataclass(frozen=True)
@@ -124,8 +139,7 @@ class MotorTraining:
             config.users,
             effort=self._effort(),
             noise=noise,
-            aim_cost=config.aim_cost,
-            rest_cost=config.rest_cost,
+            actuator_range_cost=_ACTUATOR_RANGE_COST,
         )
         poses = reachable_poses(self.layer, seed)
         strikes = config.strikes
@@ -137,22 +151,21 @@ class MotorTraining:
             config.width,
             self.layer.normalised,
             learning_rate=_CRITIC_LEARNING_RATE,
-            gamma=config.gamma,
+            gamma=_GAMMA,
             lam=_LAMBDA,
         )
         self._optimizer = torch.optim.Adam(
-            self.layer.net.parameters(), lr=config.learning_rate, betas=(0.8, 0.97)
+            self.layer.net.parameters(), lr=_LEARNING_RATE, betas=(0.8, 0.97)
         )
         self._seen: list[TransitionStore] = []
         self._pool: TransitionStore | None = None
         self._age = np.zeros(config.bodies, dtype=np.int64)
 
     def _effort(self) -> Effort:
-        weight = self.config.effort
         muscles = torch.from_numpy(self.layer.drives.muscles)
 
         def activations(after: Tensor, control: Tensor) -> Tensor:
-            return weight * after[:, muscles].square().mean(1)
+            return _EFFORT * after[:, muscles].square().mean(1)
 
         def nothing(after: Tensor, control: Tensor) -> Tensor:
             return torch.zeros(len(after))
@@ -232,7 +245,7 @@ class MotorTraining:
                 actions = size * wild + _RETURN * (rest - before[2].numpy())
             else:
                 actions = layer.act(bodies, self._played.goals)
-                actions = actions + config.action_noise * self.rng.standard_normal(actions.shape)
+                actions = actions + _ACTION_NOISE * self.rng.standard_normal(actions.shape)
             bodies.step(np.clip(actions, -1.0, 1.0))
             after = layer.motion(bodies)
             control = torch.from_numpy(layer.drives.controls(bodies)).float()
@@ -298,20 +311,14 @@ class MotorTraining:
         config = self.config
         done = self.updates / (config.updates * config.cycles)
         for group in self._optimizer.param_groups:
-            group["lr"] = config.learning_rate * min(1.0, 2.0 * (1.0 - done)) + 2e-5
-        limit = config.gradient_limit
-        if limit is not None:  # the loss is a mean
-            limit /= config.window_steps * self.users.n
-        self.users.gradient_limit = limit
+            group["lr"] = _LEARNING_RATE * min(1.0, 2.0 * (1.0 - done)) + 2e-5
         self.users.cut()
         observation = self._observe()
         seen, rewards, total = [observation.detach()], [], torch.zeros(())
         for t in range(config.window_steps):
             mean = self.layer(observation)
-            actions = mean + config.action_noise * torch.randn_like(mean)
-            if limit is not None:
-                actions = limited(actions, limit)
-            self.users.step(actions, error_share=config.error_share)
+            actions = mean + _ACTION_NOISE * torch.randn_like(mean)
+            self.users.step(actions, error_share=_ERROR_SHARE)
             motion = self.users.motion
             reward = self.exercises.step(*self.layer.places(motion.angles, motion.speeds))
             effort, beyond, wild = self.users.costs()
@@ -320,8 +327,8 @@ class MotorTraining:
             observation = self._observe()
             rewards.append(reward)
             seen.append(observation.detach())
-            total = total + config.gamma**t * reward
-        total = total + config.gamma**config.window_steps * self._critic(observation)
+            total = total + _GAMMA**t * reward
+        total = total + _GAMMA**config.window_steps * self._critic(observation)
         self._optimizer.zero_grad()
         (-total.mean() / config.window_steps).backward()  # type: ignore[no-untyped-call]
         norm = nn.utils.clip_grad_norm_(self.layer.net.parameters(), 1.0)
@@ -329,7 +336,7 @@ class MotorTraining:
             self._optimizer.step()
         self._critic.learn(torch.stack(seen), torch.stack(rewards).detach())
         self.users.cut()
-        again = (torch.rand(self.users.n) < config.restart_share) | self.users.broken()
+        again = (torch.rand(self.users.n) < _RESTART_SHARE) | self.users.broken()
         self._restart(torch.nonzero(again).flatten())
         self.updates += 1
 

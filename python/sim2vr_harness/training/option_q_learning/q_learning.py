@@ -35,6 +35,10 @@ from sim2vr_harness.runs.option_config import QLearningConfig
 __all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
 
 STATE_FORMAT = 2
+_GAMMA = 0.85
+"""Discount factor per decision: rewards follow within about 7 decisions."""
+_LEARNING_RATE = 1e-3
+"""Adam's usual rate."""
 N_STEP = 3
 """Decisions whose rewards are added up before a value is bootstrapped."""
 UPDATES_PER_DECISION = 1.0
@@ -173,7 +177,7 @@ class OptionQLearning:
             torch.manual_seed(seed)
             self.net = ActionValueMap(self._chooser.sight, self.hands, width=config.width)
         self._slow = copy.deepcopy(self.net).requires_grad_(False)
-        self._optimizer = torch.optim.Adam(self.net.parameters(), config.learning_rate, fused=True)
+        self._optimizer = torch.optim.Adam(self.net.parameters(), _LEARNING_RATE, fused=True)
         self.rng = np.random.default_rng([seed, 55])
         self.step_count = 0
         self.scale = 1.0
@@ -302,7 +306,7 @@ class OptionQLearning:
         What is learned from ends where the present decision was made, so that it makes no
         difference, to the bit, whether there are cores for it or it comes first.
         """
-        rate = self.config.learning_rate * self._settling(_SETTLED_RATE)
+        rate = _LEARNING_RATE * self._settling(_SETTLED_RATE)
         if budget(self.simulation.config.cores) == 1 or not updates:
             loss = self._learn(updates, rate, map)
             return *self.play(self.config.decide_steps), loss
@@ -431,7 +435,7 @@ class OptionQLearning:
             at = (rows + k, users)
             total += weight * memory.known["reward"][at] / self.scale
             over = memory.known["over"][at]
-            weight = np.where(over, 0.0, weight * config.gamma).astype(np.float32)
+            weight = np.where(over, 0.0, weight * _GAMMA).astype(np.float32)
         then = memory.scene(rows + N_STEP, users)
         with torch.no_grad():
             places = self._chooser.places(then)

@@ -88,7 +88,7 @@ class MotorStage:
 
     def __init__(self, config: TrainingConfig, folder: Path) -> None:
         self._config, self.folder = config, folder
-        self.total = float(config.skills.practice.cycles)
+        self.total = float(config.skills.motor_training.cycles)
         self._practice: MotorTraining | None = None
         self._state: dict[str, Any] | None = None
         self._cycles_saved = 0
@@ -118,7 +118,7 @@ class MotorStage:
         config = self._config
         env = config.env
         self._practice = MotorTraining(
-            config.skills.practice,
+            config.skills.motor_training,
             body_of(env.user),
             1.0 / env.action_frequency_hz,
             noise=motor_noise(env.user.noise),
@@ -196,7 +196,7 @@ class QLearningStage:
         user: Path | None = None,
     ) -> None:
         self._config, self.folder, self._motor, self._user = config, folder, motor, user
-        self.total = float(config.skills.looking.user_steps)
+        self.total = float(config.skills.q_learning.user_steps)
         self._simulation: Simulation | None = None
         self._looker: OptionQLearning | None = None
         self._state: dict[str, Any] | None = None
@@ -234,7 +234,7 @@ class QLearningStage:
         tool: Tensor = state["tool"]
         mover = PrimitiveController(layer, tool, reachable_poses(layer, self._config.seed))
         vision = self._config.env.vision
-        config = self._config.skills.looking
+        config = self._config.skills.q_learning
         net = ActionValueMap(DepthGrid(vision.height, vision.width), len(tool), width=config.width)
         net.load_state_dict(state["values"])
         return OptionExpert(net, mover, simulation)
@@ -244,11 +244,13 @@ class QLearningStage:
         config = self._config.skills
         if self._user is not None:
             require_senses(self._config.env)
-            width = self._layer().width if self._motor is None else config.practice.width
-            if width != config.practice.width:
-                got = f"{config.practice.width}, with a motor layer of width {width}"
-                raise InputError("skills.practice.width", got, f"{width} for a user who decides")
-        self._simulation = Simulation(_seeing(self._config.env), config.looking.users)
+            width = self._layer().width if self._motor is None else config.motor_training.width
+            if width != config.motor_training.width:
+                got = f"{config.motor_training.width}, with a motor layer of width {width}"
+                raise InputError(
+                    "skills.motor_training.width", got, f"{width} for a user who decides"
+                )
+        self._simulation = Simulation(_seeing(self._config.env), config.q_learning.users)
 
     def run(self, callbacks: Callbacks) -> None:
         """See the protocol."""
@@ -260,7 +262,7 @@ class QLearningStage:
         with torch_threads(1):
             tool, before, rate = self._prepared(simulation, layer, poses, callbacks)
             looker = self._looker = OptionQLearning(
-                self._config.skills.looking,
+                self._config.skills.q_learning,
                 simulation,
                 PrimitiveController(layer, tool, poses),
                 self.folder / _PICTURES,

@@ -104,11 +104,11 @@ def _distill(run: Run) -> list[Stage]:
 def _skills(run: Run) -> list[Stage]:
     """Hands that know how to come to places, what is worth doing there, a student, PPO.
 
-    With ``skills.user: decider`` who knows what is worth doing is the user.
+    With ``skills.user: hierarchical`` who knows what is worth doing is the user.
     """
     config, path = run.config, run.folder.path
     motor = MotorStage(config, path / MotorStage.name) if needs_practice(config) else None
-    steps = config.skills.looking.user_steps
+    steps = config.skills.q_learning.user_steps
     user = run.folder.checkpoint_file(steps) if config.policy_kind == "hierarchical" else None
     looking = QLearningStage(config, path / QLearningStage.name, motor, user)
     if config.policy_kind == "hierarchical":

@@ -24,6 +24,10 @@ from sim2vr_harness.training.teacher.initial_states import InitialStates, find_s
 __all__ = ["TeacherSimulation", "blind_env", "game_of", "privileged_senses"]
 
 _FAIL_RATE_MEMORY = 0.97
+_FAILING_CELLS = 0.3
+"""Proportion of spawns that follow the cells' fail rates; most are uniform, as in the true game."""
+_NEAR_START_M = 0.08
+"""Farthest that a near start is from a good start of an action: within one movement of it."""
 _EXPLORING_NEAR = 0.9
 
 
@@ -125,7 +129,7 @@ class TeacherSimulation:
                 self.simulation,
                 self.game,
                 self.conditions,
-                near_m=curriculum.near_start_m,
+                near_m=_NEAR_START_M,
                 per_cell=curriculum.starts_per_cell,
                 seed=seed,
             )
@@ -187,7 +191,7 @@ class TeacherSimulation:
         return [infos[row] for row in rows]
 
     def _options(self, number: int) -> dict[str, Any]:
-        share = self.teacher.curriculum.failing_cells
+        share = _FAILING_CELLS
         fails = self.fail_rates[number] + 1e-3
         weights = (1.0 - share) / self.game.cells + share * fails / fails.sum()
         return self.game.options(self.conditions[number], weights.tolist())

@@ -39,8 +39,8 @@ def config(*changes: str) -> TrainingConfig:
         "env.app.game=whacamole",
         "env.app.options.condition=medium",
         "env.cores=1",
-        "skills.user=decider",
-        f"skills.looking.decide_steps={HELD}",
+        "skills.user=hierarchical",
+        f"skills.q_learning.decide_steps={HELD}",
     )
     return load_config(CONFIGS / "skills.yaml", [*given, *changes])
 
@@ -48,7 +48,7 @@ def config(*changes: str) -> TrainingConfig:
 def opinionated(sight: DepthGrid) -> ActionValueMap:
     """Values that differ: those of a new network are all 0."""
     torch.manual_seed(4)
-    net = ActionValueMap(sight, 1, width=config().skills.looking.width)
+    net = ActionValueMap(sight, 1, width=config().skills.q_learning.width)
     torch.nn.init.normal_(net.leave.weight)
     return net
 
@@ -115,11 +115,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A whole run, very small."""
     folder = tmp_path_factory.mktemp("runs") / "decider"
     small = config(
-        "skills.looking.users=3",
-        "skills.looking.user_steps=240",
-        "skills.looking.try_steps=90",
-        "skills.looking.explore_steps=100",
-        "skills.looking.batch_size=8",
+        "skills.q_learning.users=3",
+        "skills.q_learning.user_steps=240",
+        "skills.q_learning.try_steps=90",
+        "skills.q_learning.explore_steps=100",
+        "skills.q_learning.batch_size=8",
         "skills.baseline_seconds=0.2",
         "env.app.options.round_seconds=2",
     )

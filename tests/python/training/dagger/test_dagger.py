@@ -154,11 +154,11 @@ def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path, kept: int | None
 
 
 def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> None:
-    glimpses = AttentionCropConfig(count=1, vision_pixels=8, features=8)
+    crops = AttentionCropConfig(count=1, vision_pixels=8, features=8)
     config = CONFIG.model_copy(update={"numbers_weight": 0.5})
 
     def student(name: str) -> Student:
-        return make(tmp_path / name, config, guide=GazingGuide(), glimpses=glimpses)
+        return make(tmp_path / name, config, guide=GazingGuide(), attention_crops=crops)
 
     whole, rows = student("whole"), []
     for _ in range(12):
@@ -188,9 +188,9 @@ def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> Non
 
 
 def test_heads_depend_on_the_seed_alone(tmp_path: Path) -> None:
-    glimpses = AttentionCropConfig(count=1, vision_pixels=8, features=8)
+    crops = AttentionCropConfig(count=1, vision_pixels=8, features=8)
     config = CONFIG.model_copy(update={"numbers_weight": 0.5})
-    one = make(tmp_path / "one", config, guide=GazingGuide(), glimpses=glimpses)
+    one = make(tmp_path / "one", config, guide=GazingGuide(), attention_crops=crops)
     torch.manual_seed(99)
     (tmp_path / "other").mkdir()
     other = Student(config, one.policy, one.simulation, GazingGuide(), tmp_path / "other", seed=1)
@@ -200,15 +200,15 @@ def test_heads_depend_on_the_seed_alone(tmp_path: Path) -> None:
 
 
 def test_only_students_learn_where_to_look(tmp_path: Path) -> None:
-    glimpses = AttentionCropConfig(count=1, vision_pixels=8, features=8)
-    student = make(tmp_path, guide=GazingGuide(), glimpses=glimpses)
+    crops = AttentionCropConfig(count=1, vision_pixels=8, features=8)
+    student = make(tmp_path, guide=GazingGuide(), attention_crops=crops)
     fixed = [key for key, p in student.policy.named_parameters() if not p.requires_grad]
     assert not fixed
     policy = VisualActorCritic(
         student.simulation.observation_space,
         student.simulation.action_space,
         lambda _: 1e-4,
-        config=PolicyConfig(glimpses=glimpses),
+        config=PolicyConfig(attention_crops=crops),
     )
     fixed = [key for key, p in policy.named_parameters() if not p.requires_grad]
     assert fixed
@@ -216,10 +216,10 @@ def test_only_students_learn_where_to_look(tmp_path: Path) -> None:
 
 
 def test_more_glimpses_than_things_are_refused(tmp_path: Path) -> None:
-    glimpses = AttentionCropConfig(count=2, vision_pixels=8, features=8)
+    crops = AttentionCropConfig(count=2, vision_pixels=8, features=8)
     with pytest.raises(InputError) as error:
-        make(tmp_path, guide=GazingGuide(), glimpses=glimpses)
-    assert str(error.value).startswith("policy.glimpses.count: got 2, expected at most 1")
+        make(tmp_path, guide=GazingGuide(), attention_crops=crops)
+    assert str(error.value).startswith("policy.attention_crops.count: got 2, expected at most 1")
 
 
 def test_labels_are_clipped_to_what_the_student_can_do(tmp_path: Path) -> None:
@@ -240,7 +240,7 @@ def test_all_phases_of_a_round_are_seen_from_the_start(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no GPU")
 def test_a_student_learns_on_a_gpu_and_goes_on_there(tmp_path: Path) -> None:
-    config = CONFIG.model_copy(update={"numbers_weight": 1.0, "image_noise": 1.0})
+    config = CONFIG.model_copy(update={"numbers_weight": 1.0})
     student = make(tmp_path / "whole", config, device="cuda")
     rows = [student.step() for _ in range(3)]
     file = tmp_path / "state.pt"

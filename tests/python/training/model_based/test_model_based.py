@@ -33,7 +33,7 @@ pytest.importorskip("sim2vr_harness._app_runtime")
 
 ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), cores=1)
 SMALL = (
-    *("ppo.n_envs=16", "ppo.n_steps=10", "ppo.batch_size=20", "policy.net_arch=[16]"),
+    *("ppo.n_envs=16", "ppo.n_steps=10", "ppo.batch_size=20"),
     *("curriculum.starts_per_cell=2", "evaluate_rounds=0", "total_timesteps=160"),
     *("imagined.cycles=3", "imagined.first_play_steps=30", "imagined.play_steps=10"),
     *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),

@@ -35,7 +35,7 @@ WHO_REMEMBERS = (
     {"sense": "actions", "stack_s": 0.1},
 )
 SMALL = (
-    *("ppo.n_envs=6", "ppo.n_steps=10", "ppo.batch_size=20", "policy.net_arch=[16]"),
+    *("ppo.n_envs=6", "ppo.n_steps=10", "ppo.batch_size=20"),
     *("curriculum.near_starts=0", "evaluate_rounds=0", "total_timesteps=60"),
     *("imagined.cycles=2", "imagined.first_play_steps=30", "imagined.play_steps=10"),
     *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),
@@ -196,7 +196,7 @@ def test_a_lag_that_grows_is_whole_user_steps() -> None:
 def test_senses_become_late_in_the_true_and_in_the_imagined_game() -> None:
     """After a cycle of the present, over two more: none, none, half and all of four user steps."""
     made = rollouts(
-        "imagined.cycles=4", "imagined.present_cycles=1", "imagined.growing_lag_cycles=2"
+        "imagined.cycles=4", "imagined.undelayed_cycles=1", "imagined.delay_ramp_cycles=2"
     )
     with closing(made.simulation):
         seen = made.simulation.senses.observed_names.index("hammer.x_m")
@@ -213,7 +213,7 @@ def test_senses_become_late_in_the_true_and_in_the_imagined_game() -> None:
 
 
 def test_the_present_ends_at_once_where_no_lag_grows() -> None:
-    made = rollouts("imagined.cycles=2", "imagined.present_cycles=1", "imagined.keep_best=true")
+    made = rollouts("imagined.cycles=2", "imagined.undelayed_cycles=1", "imagined.keep_best=true")
     with closing(made.simulation):
         for game in (0, 4):
             assert made._best is None  # what is done in the present is no merit
@@ -225,7 +225,7 @@ def test_the_present_ends_at_once_where_no_lag_grows() -> None:
 def test_noise_grows_to_what_it_is() -> None:
     """Constant noise of .2 on all muscles alike: none, half and all of it in the first cycles."""
     noise = {"constant": "white", "constant_level": 0.2}
-    made = rollouts("imagined.cycles=4", "imagined.growing_noise_cycles=2", noise=noise)
+    made = rollouts("imagined.cycles=4", "imagined.noise_ramp_cycles=2", noise=noise)
     with closing(made.simulation):
         for share in (0.0, 0.5, 1.0, 1.0):
             made.step()
@@ -247,8 +247,8 @@ def test_effort_and_carrying_grow_to_what_they_cost() -> None:
     made = rollouts(
         "imagined.cycles=4",
         "imagined.effort=2",
-        "imagined.carry_cost=0.5",
-        "imagined.growing_cost_cycles=2",
+        "imagined.movement_cost=0.5",
+        "imagined.cost_ramp_cycles=2",
         "imagined.keep_best=true",
     )
     with closing(made.simulation):

@@ -14,7 +14,7 @@ from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config, parse_config, read_mapping
 from sim2vr_harness.users import list_bodies
 
-__all__ = ["environment_of", "settings_of"]
+__all__ = ["environment_of", "require_own_game", "settings_of"]
 
 
 def settings_of(who: str) -> TrainingConfig:
@@ -77,6 +77,21 @@ def environment_of(
         return with_condition(env, condition)
     except ValueError as error:
         raise _named("--condition", error) from error
+
+
+def require_own_game(who: str, env: EnvConfig) -> None:
+    """Refuse a trained user in another game than that of its training.
+
+    Raises:
+        InputError: The environment is of another game; bodies and configurations are of any.
+    """
+    try:
+        trained = find_user(who, code=True).config.env.app.game
+    except InputError:
+        return
+    if env.app.game != trained:
+        got = f"{env.app.game!r} for {who}, which was trained for {trained!r}"
+        raise InputError("--game", got, f"{trained!r}, or a body instead of the user")
 
 
 def _named(option: str, error: ValueError) -> InputError:

@@ -388,3 +388,40 @@ def test_a_study_is_exported_for_opensim_by_cell(
     assert [file.name for file in some if file.suffix == ".mot"] == ["hard_seed1_joints.mot"]
     with pytest.raises(InputError, match="episode: got 'hard_seed3', expected one of"):
         read_study(tmp_path / "out").export_opensim(tmp_path / "some", ["hard_seed3"])
+
+
+def test_cells_play_the_options_that_they_name(
+    trained: Path, quick: list[str], tmp_path: Path
+) -> None:
+    factors = {"what": {"key": "env.app.options.condition", "levels": ["easy", "hard"]}}
+    found = run_study(study(trained, factors=factors, comparisons=[]), tmp_path / "out", jobs=1)
+    assert quick == ["easy", "hard"]
+    assert found.data.cells["condition"].tolist() == ["easy", "hard"]
+    fixed = {"user": str(trained), "condition": "medium"}
+    both = study(trained, fixed=fixed, factors=factors, comparisons=[])
+    message = r"^cell what=easy: condition: got 'medium' together with .*condition=easy, which is"
+    with pytest.raises(InputError, match=message):
+        run_study(both, tmp_path / "both", jobs=1)
+
+
+def test_cells_that_are_the_same_are_noticed(
+    trained: Path, quick: list[str], tmp_path: Path
+) -> None:
+    told: list[str] = []
+    set_notice(told.append)
+    noise = {"key": "env.user.noise.constant_level", "levels": {"usual": 0.185, "more": 0.3}}
+    levels = {"plain": {"condition": "easy"}, "named": {"env.app.options.condition": "easy"}}
+    factors = {"noise": noise, "way": {"levels": levels}}
+    try:
+        run_study(study(trained, factors=factors, comparisons=[]), tmp_path / "out", jobs=1)
+        assert told == [
+            f"note: cells noise={level},way=plain and noise={level},way=named are the same: they "
+            "have the same user, configuration and seeds, so their rounds are the same"
+            for level in ("usual", "more")
+        ]
+        told.clear()
+        own = study(trained, factors=factors, comparisons=[], seeds="own")
+        run_study(own, tmp_path / "own", jobs=1)
+        assert told == []
+    finally:
+        set_notice(None)

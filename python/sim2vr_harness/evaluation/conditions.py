@@ -1,4 +1,4 @@
-"""Which conditions of a game are played; an option that the user names wins over a condition's."""
+"""Choose the conditions to play; options that the user names win over theirs."""
 
 from __future__ import annotations
 

@@ -9,11 +9,18 @@ from typing import Any
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, GameFacts
 from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.client.launch import named_condition
 from sim2vr_harness.envs.apps import knows_options
-from sim2vr_harness.envs.config import EnvConfig, with_options
+from sim2vr_harness.envs.config import AppConfig, EnvConfig, with_options
 from sim2vr_harness.runs.config import apply_overrides
 
-__all__ = ["chosen_conditions", "condition_groups", "facts_of_chosen", "named_options"]
+__all__ = [
+    "asked_conditions",
+    "chosen_conditions",
+    "condition_groups",
+    "facts_of_chosen",
+    "named_options",
+]
 
 _ARGUMENT = "condition"
 """The option that is the condition of an app that publishes none."""
@@ -34,6 +41,29 @@ def named_options(
     tree = apply_overrides({"env": {"app": dict(app or {})}}, overrides)
     names = tree["env"]["app"].get("options") or {}
     return {name: env.app.options[name] for name in names if name in env.app.options}
+
+
+def asked_conditions(
+    app: AppConfig, names: Sequence[str] | None, *, typed: bool
+) -> Sequence[str] | None:
+    """Return the conditions that the user names, ``-condition`` of the app's arguments among them.
+
+    Args:
+        app: The app's settings.
+        names: Conditions that the user names otherwise.
+        typed: Whether the user has typed the app's arguments. Those of a run count where the app
+            takes its options at its start only.
+
+    Raises:
+        InputError: Both name one, and not the same.
+    """
+    argument = named_condition(app.arguments)
+    if argument is None or (knows_options(app) and not typed):
+        return names
+    if names and list(names) != [argument]:
+        got = f"{', '.join(names)} together with --app-arg -condition {argument}"
+        raise InputError("--condition", got, "one of the two")
+    return [argument]
 
 
 def chosen_conditions(

@@ -16,6 +16,7 @@ from sim2vr_harness.client import Condition, GameFacts
 from sim2vr_harness.envs.config import EnvConfig, UserConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.evaluation.conditions import (
+    asked_conditions,
     chosen_conditions,
     condition_groups,
     facts_of_chosen,
@@ -248,9 +249,9 @@ class _Plan:
         require_contract(user, env)
         facts = game_facts(env.app)
         named = named_options(env, request.overrides, request.app)
-        conditions = chosen_conditions(
-            facts, request.conditions, usual.conditions or met(config), named
-        )
+        typed = bool(request.app.get("arguments"))
+        asked = asked_conditions(env.app, request.conditions, typed=typed)
+        conditions = chosen_conditions(facts, asked, usual.conditions or met(config), named)
         facts = facts_of_chosen(facts, conditions)
         batch = batch_for(env, request.batch)
         rounds = episodes * (request.people or 1) * len(conditions)

@@ -27,7 +27,11 @@ from sim2vr_harness.client import (
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.evaluation.conditions import chosen_conditions, condition_groups
+from sim2vr_harness.evaluation.conditions import (
+    asked_conditions,
+    chosen_conditions,
+    condition_groups,
+)
 from sim2vr_harness.evaluation.evaluate import batch_for
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.results import EvaluationResults
@@ -172,7 +176,8 @@ def look(
 
     batch = batch_for(env, 1 if user.startswith(_REACH) else batch)
     facts = game_facts(env.app)
-    chosen = chosen_conditions(facts, conditions, [facts.default_condition], named)
+    asked = asked_conditions(env.app, conditions, typed=True)
+    chosen = chosen_conditions(facts, asked, [facts.default_condition], named)
     groups = condition_groups(env, chosen)
     filmer = RoundFilmer(out, facts) if record and out is not None else None
     rounds: list[RoundResult] = []

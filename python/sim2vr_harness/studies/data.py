@@ -26,7 +26,6 @@ from sim2vr_harness.evaluation.data.folder import (
     read_table,
     write_table,
 )
-from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.studies.cells import content_hash
 from sim2vr_harness.studies.config import StudyConfig, parse_study
@@ -94,7 +93,7 @@ def write_data(plan: StudyPlan, root: Path, found: Found | None = None) -> None:
         "game": plan.facts.name,
         "score": plan.facts.score,
         "unit": unit_of(plan.study),
-        "measures": [_told(measure) for measure in measures_of(plan.facts)
+        "measures": [_told(measure) for measure in plan.known
                      if measure.name in plan.measures],
         "grids": [_told(measure) for measure in plan.facts.grids],
         HASHES: hashes_of(root / FOLDER),

@@ -8,8 +8,9 @@ from pathlib import Path
 
 from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import InputError, unknown_name
-from sim2vr_harness.client import GameFacts, InProcessBatch
-from sim2vr_harness.envs.config import AppConfig, with_options
+from sim2vr_harness.client import GameFacts, InProcessBatch, Measure
+from sim2vr_harness.envs.config import AppConfig, body_of, with_options
+from sim2vr_harness.evaluation.fatigue import fatigue_groups, fatigue_measures
 from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.studies.cells import Cell, cells_of, content_hash
 from sim2vr_harness.studies.config import StudyConfig
@@ -17,6 +18,9 @@ from sim2vr_harness.studies.jobs import CellTask, Limits, TrainingTask
 from sim2vr_harness.studies.policy_selection import FORMAT, SelectionSource, Users, player_of
 
 __all__ = ["StudyPlan", "plan_of"]
+
+_TIRING = "cumulative_fatigue_3ccr"
+"""The effort model with motor units that tire."""
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,7 @@ class StudyPlan:
         trainings: What has to be trained first.
         facts: What the game publishes.
         measures: Names of the measures that are looked at.
+        known: Every measure that can be named, those of fatigue included.
         alike: Names of cells with the same user, resolved configuration and seeds, whose rounds are
             therefore the same; a tuple each.
     """
@@ -40,6 +45,7 @@ class StudyPlan:
     trainings: tuple[TrainingTask, ...]
     facts: GameFacts
     measures: tuple[str, ...]
+    known: tuple[Measure, ...]
     alike: tuple[tuple[str, ...], ...] = ()
 
 
@@ -79,8 +85,10 @@ def plan_of(
                 f"a user of {one.facts.name}",
                 f"one of {facts.name}, as in cell {found[0].task.cell}",
             )
-    names = [measure.name for measure in measures_of(facts)]
-    wanted = study.measures or tuple(names)
+    usual = measures_of(facts)
+    known = (*usual, *_fatigue(found))
+    names = [measure.name for measure in known]
+    wanted = study.measures or tuple(measure.name for measure in usual)
     asked = [name for comparison in study.comparisons for name in comparison.measures or ()]
     for name in (*wanted, *asked):
         if name not in names:
@@ -93,8 +101,19 @@ def plan_of(
         tuple(trainings.values()),
         facts,
         (*wanted, *dict.fromkeys(name for name in asked if name not in wanted)),
+        known,
         _alike(found),
     )
+
+
+def _fatigue(found: Sequence[_Resolved]) -> tuple[Measure, ...]:
+    """Measures of fatigue that the users of all cells have."""
+    users = {one.task.env.user.model_dump_json(): one.task.env.user for one in found}
+    names: dict[str, None] | None = None
+    for user in users.values():
+        own = () if user.effort.model != _TIRING else fatigue_groups(body_of(user)).names
+        names = {name: None for name in own if names is None or name in names}
+    return fatigue_measures(names or ())
 
 
 def _alike(found: Sequence[_Resolved]) -> tuple[tuple[str, ...], ...]:

@@ -13,9 +13,15 @@ from typing import Any
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, GameFacts
-from sim2vr_harness.envs.apps import knows_options
-from sim2vr_harness.envs.config import EnvConfig, UserConfig, with_options
+from sim2vr_harness.envs.config import EnvConfig, UserConfig
 from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.evaluation.conditions import (
+    asked_conditions,
+    chosen_conditions,
+    condition_groups,
+    facts_of_chosen,
+    named_options,
+)
 from sim2vr_harness.evaluation.data.folder import EvaluationData
 from sim2vr_harness.evaluation.data.recording import DataRecorder
 from sim2vr_harness.evaluation.environment import evaluation_env
@@ -242,7 +248,11 @@ class _Plan:
             env = env.model_copy(update={"cores": request.cores})
         require_contract(user, env)
         facts = game_facts(env.app)
-        conditions = chosen_conditions(facts, request.conditions or usual.conditions or met(config))
+        named = named_options(env, request.overrides, request.app)
+        typed = bool(request.app.get("arguments"))
+        asked = asked_conditions(env.app, request.conditions, typed=typed)
+        conditions = chosen_conditions(facts, asked, usual.conditions or met(config), named)
+        facts = facts_of_chosen(facts, conditions)
         batch = batch_for(env, request.batch)
         rounds = episodes * (request.people or 1) * len(conditions)
         _check_numbers(episodes, seed, min(batch, rounds))
@@ -352,26 +362,6 @@ def name_of(user: TrainedUser) -> str:
     return f"{Path(os.path.realpath(user.source)).parents[1].name}/{user.source.stem}"
 
 
-def chosen_conditions(facts: GameFacts, names: Sequence[str] | None) -> list[Condition]:
-    """Return the conditions of these names, or those that the game evaluates.
-
-    Raises:
-        InputError: The game does not know one, or one comes twice.
-    """
-    chosen = list(names or facts.evaluated)
-    if not chosen:
-        raise InputError(
-            "--condition", "none", f"one: the app of {facts.name!r} does not say which it has"
-        )
-    if len(set(chosen)) != len(chosen):
-        raise InputError("--condition", ", ".join(chosen), "every condition once")
-    try:
-        return [facts.condition(name) for name in chosen]
-    except ValueError as error:
-        got, _, expected = str(error).partition(": got ")[2].partition(", expected ")
-        raise InputError("--condition", got, expected) from error
-
-
 def _folder_of(config: TrainingConfig, request: Request) -> str:
     """A folder's name that says what is different from the run's own settings; empty if nothing."""
     usual = config.evaluation
@@ -384,18 +374,6 @@ def _folder_of(config: TrainingConfig, request: Request) -> str:
             told.append(f"{key}={value}".lower())
     told += [f"{key}={value}" for key, value in request.app.items() if value]
     return re.sub(r"[^\w.,=-]+", "_", ",".join(told))[:_LONGEST_NAME]
-
-
-def condition_groups(
-    env: EnvConfig, conditions: Sequence[Condition]
-) -> list[tuple[EnvConfig, Sequence[Condition]]]:
-    """Return the conditions that can be played by the same apps, and these apps' settings.
-
-    An app that takes its options at its start only is started anew for every condition.
-    """
-    if knows_options(env.app):
-        return [(env, conditions)]
-    return [(with_options(env, condition.options), [condition]) for condition in conditions]
 
 
 def batch_for(env: EnvConfig, batch: int) -> int:

@@ -17,6 +17,7 @@ import numpy as np
 from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.client import (
     GameFacts,
+    OptionValue,
     TaskedApp,
     TaskMoment,
     WebXRApp,
@@ -26,7 +27,12 @@ from sim2vr_harness.client import (
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.evaluation.evaluate import batch_for, chosen_conditions, condition_groups
+from sim2vr_harness.evaluation.conditions import (
+    asked_conditions,
+    chosen_conditions,
+    condition_groups,
+)
+from sim2vr_harness.evaluation.evaluate import batch_for
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.results import EvaluationResults
 from sim2vr_harness.evaluation.rollouts import jobs_for, play
@@ -121,6 +127,7 @@ def look(
     user: str,
     *,
     conditions: Sequence[str] = (),
+    named: Mapping[str, OptionValue] | None = None,
     episodes: int = 2,
     seed: int = 1,
     record: bool = False,
@@ -136,6 +143,7 @@ def look(
         env: users and app.
         user: of :data:`USERS`.
         conditions: names of those to play; none: the app's default.
+        named: options of the game that win over the conditions' own.
         episodes: rounds per condition.
         seed: of the first one.
         record: whether to film the first round.
@@ -168,7 +176,8 @@ def look(
 
     batch = batch_for(env, 1 if user.startswith(_REACH) else batch)
     facts = game_facts(env.app)
-    chosen = chosen_conditions(facts, conditions or [facts.default_condition])
+    asked = asked_conditions(env.app, conditions, typed=True)
+    chosen = chosen_conditions(facts, asked, [facts.default_condition], named)
     groups = condition_groups(env, chosen)
     filmer = RoundFilmer(out, facts) if record and out is not None else None
     rounds: list[RoundResult] = []

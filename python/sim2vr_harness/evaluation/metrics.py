@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.client import GameFacts, Measure
+from sim2vr_harness.evaluation.fatigue import fatigue_measures
 
 __all__ = ["PLAYER_MEASURES", "RoundResult", "measures_of", "round_result", "summarise"]
 
@@ -58,7 +59,10 @@ and the one before it; ``effort`` the summed cost of effort; ``return`` = ``game
 
 
 def measures_of(facts: GameFacts) -> tuple[Measure, ...]:
-    """All numbers of a round of a game, in the order of the tables, grids left out."""
+    """All numbers of a round of a game, in the order of the tables, grids left out.
+
+    Those of fatigue per muscle and body part depend on the body: :mod:`.fatigue`.
+    """
     return (*facts.scalars, *PLAYER_MEASURES)
 
 
@@ -73,12 +77,13 @@ class RoundResult:
         game_seed: The game's own, drawn from ``seed``: the "random seed" of the game's logs.
         steps: User steps.
         ended: ``finished``, ``max_steps_reached``, ``diverged`` or ``app_failed``.
-        values: The numbers of :func:`measures_of`; None where a round has none.
+        values: The numbers of :func:`measures_of` and of fatigue; None where a round has none.
         log: The game's last log.
         log_folder: Where the game's CSV logs of the round are, relative to the results; None
             without.
         person: The person who played, field by field (``users.Person``); None where all users are
             the same.
+        fatigue_parts: Measures of fatigue that are of a body part, not of a muscle.
     """
 
     condition: str
@@ -91,6 +96,7 @@ class RoundResult:
     log: dict[str, float]
     log_folder: str | None = None
     person: dict[str, Any] | None = None
+    fatigue_parts: tuple[str, ...] = ()
 
     @property
     def key(self) -> str:
@@ -105,6 +111,7 @@ class RoundResult:
         """Return everything, ready for JSON; ``person`` is the number, with ``person_fields``."""
         content = asdict(self)
         content |= content.pop("values")
+        del content["fatigue_parts"]
         fields = content.pop("person")
         if fields is not None:
             content |= {"person": fields.pop("index"), "person_fields": fields}
@@ -124,6 +131,8 @@ def round_result(
     game_seed: int | None = None,
     action_change: float | None = None,
     person: Mapping[str, Any] | None = None,
+    fatigue: Mapping[str, float] | None = None,
+    fatigue_parts: Sequence[str] = (),
     info: Mapping[str, Any],
     log: Mapping[str, float],
 ) -> RoundResult:
@@ -142,6 +151,8 @@ def round_result(
         game_seed: The game's own seed, if known.
         action_change: Mean absolute difference of successive actions, if known.
         person: Who played, where users are people who differ.
+        fatigue: Largest share of fatigued motor units by measure, where a model of fatigue runs.
+        fatigue_parts: Which of them are of a body part.
         info: The last step's info.
         log: The game's last log.
     """
@@ -152,6 +163,7 @@ def round_result(
         "effort": effort,
         "game_return": game_return,
         "return": game_return - effort,
+        **(fatigue or {}),
     }
     ended = str(info.get("termination", "unknown"))
     if ended == "app_failed":
@@ -166,6 +178,7 @@ def round_result(
         values={key: _finite(value) for key, value in values.items()},
         log=dict(log),
         person=None if person is None else dict(person),
+        fatigue_parts=tuple(fatigue_parts),
     )
 
 
@@ -192,12 +205,15 @@ def summarise(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, Any]
     persons = _by_person(rounds)
     if persons:
         summary["persons"] = len(persons)
-    for measure in measures_of(facts):
+    fatigue = fatigue_measures(name for result in rounds for name in result.values)
+    for measure in (*measures_of(facts), *fatigue):
         groups = persons or [[result] for result in rounds]
         values = [_mean([result.values.get(measure.name) for result in group]) for group in groups]
         known = np.array([value for value in values if value is not None], dtype=np.float64)
         summary[measure.name] = float(known.mean()) if len(known) else None
         summary[f"{measure.name}_sd"] = float(known.std(ddof=1)) if len(known) > 1 else None
+    if fatigue:
+        summary["fatigue_parts"] = list(rounds[0].fatigue_parts)
     for measure in facts.scalars:
         if measure.rate_with is not None:
             sums = {

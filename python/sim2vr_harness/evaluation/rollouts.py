@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import Condition, GameFacts, OptionValue
 from sim2vr_harness.envs.protocols import SimulationLike
+from sim2vr_harness.evaluation.fatigue import groups_of
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result
 from sim2vr_harness.policies.protocol import Act, FunctionPolicy, Policy, episode_of
 
@@ -135,6 +136,7 @@ class _Wave:
         chosen = policy if isinstance(policy, Policy) else FunctionPolicy(policy)
         self._acts = [episode_of(chosen) for _ in jobs]
         self._facts, self._watchers = facts, watchers
+        self._fatigue = groups_of(simulation)
         self._rngs: list[np.random.Generator | None] = [
             None if deterministic else np.random.default_rng([job.seed, 1]) for job in jobs
         ]
@@ -212,10 +214,19 @@ class _Wave:
                 else None,
                 info=info,
                 log=self._logs[i],
+                **self._fatigued(i),
             )
             self._results[i] = result
             for watcher in self._watchers:
                 watcher.ended(i, result)
+
+    def _fatigued(self, i: int) -> dict[str, Any]:
+        """Return the arguments of :func:`round_result` about the fatigue of user ``i``."""
+        if self._fatigue is None:
+            return {}
+        worst = self._simulation.users.effort.state()["max_MF"][i]
+        parts = self._fatigue.part_names
+        return {"fatigue": self._fatigue.values(worst), "fatigue_parts": parts}
 
     def _share(self, observation: dict[str, NDArray]) -> float:
         feature = observation.get("stateful_information", np.zeros((len(self._jobs), 1)))

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -19,6 +20,9 @@ from fake_simulation import FakeSimulation
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.notices import set_notice
+from sim2vr_harness.cli.main import main
+from sim2vr_harness.evaluation.data import DataFolder, read_data
+from sim2vr_harness.evaluation.data.columns import Column, number_table
 from sim2vr_harness.evaluation.evaluate import evaluate
 from sim2vr_harness.studies import StudyConfig, read_study, run_study
 from sim2vr_harness.studies import worker as work
@@ -343,3 +347,81 @@ def test_cells_from_before_hashes_are_taken_with_one_note(
     finally:
         set_notice(None)
     assert [note.partition(":")[0] for note in notes] == ["note"]
+
+
+def test_a_study_is_exported_for_opensim_by_cell(
+    trained: Path, quick: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    levels = {"a/b": "easy", "a b": "hard"}
+    wanted = {"which": {"key": "condition", "levels": levels}}
+    found = run_study(study(trained, factors=wanted, comparisons=[]), tmp_path / "out", jobs=1)
+    export = ["export", str(tmp_path / "out"), "--out", str(tmp_path / "sto")]
+    with pytest.raises(SystemExit) as left:
+        main(export)
+    assert left.value.code == 2
+    assert "got no steps, expected those of an evaluation that kept" in capsys.readouterr().err
+    joint = Column("q_elbow", "number", "rad", "Angle")
+    time = Column("time_s", "number", "s", "Time")
+    for cell in found.data.cells["folder"]:
+        tables = DataFolder(tmp_path / "out" / cell / "data")
+        rows = read_data(tables.root).episodes.to_dict("records")
+        for row in rows:
+            values = np.full((1, 1), np.radians(10.0 * row["seed"]))
+            times = [(time, np.array([0.05]))]
+            tables.write_moments(
+                "steps", row["episode"], number_table(row["episode"], times, values, [joint])
+            )
+        dictionary = b"table,column,type,unit,description\nsteps,q_elbow,number,rad,Angle\n"
+        (tables.root / "dictionary.csv").write_bytes(dictionary)
+        about = json.loads((tmp_path / "out" / cell / "cell.json").read_text())
+        about.pop("sha256")
+        (tmp_path / "out" / cell / "cell.json").write_text(json.dumps(about))
+    with pytest.raises(SystemExit):
+        main(export)
+    written = sorted((tmp_path / "sto").rglob("*.mot"))
+    assert [str(file.relative_to(tmp_path / "sto")) for file in written] == [
+        *("which=a_b/easy_seed1_joints.mot", "which=a_b/easy_seed2_joints.mot"),
+        *("which=a_b_1/hard_seed1_joints.mot", "which=a_b_1/hard_seed2_joints.mot"),
+    ]
+    assert written[3].read_text().splitlines()[-1].split() == ["0.050000", "20"]
+    some = read_study(tmp_path / "out").export_opensim(tmp_path / "some", ["hard_seed1"])
+    assert [file.name for file in some if file.suffix == ".mot"] == ["hard_seed1_joints.mot"]
+    with pytest.raises(InputError, match="episode: got 'hard_seed3', expected one of"):
+        read_study(tmp_path / "out").export_opensim(tmp_path / "some", ["hard_seed3"])
+
+
+def test_cells_play_the_options_that_they_name(
+    trained: Path, quick: list[str], tmp_path: Path
+) -> None:
+    factors = {"what": {"key": "env.app.options.condition", "levels": ["easy", "hard"]}}
+    found = run_study(study(trained, factors=factors, comparisons=[]), tmp_path / "out", jobs=1)
+    assert quick == ["easy", "hard"]
+    assert found.data.cells["condition"].tolist() == ["easy", "hard"]
+    fixed = {"user": str(trained), "condition": "medium"}
+    both = study(trained, fixed=fixed, factors=factors, comparisons=[])
+    message = r"^cell what=easy: condition: got 'medium' together with .*condition=easy, which is"
+    with pytest.raises(InputError, match=message):
+        run_study(both, tmp_path / "both", jobs=1)
+
+
+def test_cells_that_are_the_same_are_noticed(
+    trained: Path, quick: list[str], tmp_path: Path
+) -> None:
+    told: list[str] = []
+    set_notice(told.append)
+    noise = {"key": "env.user.noise.constant_level", "levels": {"usual": 0.185, "more": 0.3}}
+    levels = {"plain": {"condition": "easy"}, "named": {"env.app.options.condition": "easy"}}
+    factors = {"noise": noise, "way": {"levels": levels}}
+    try:
+        run_study(study(trained, factors=factors, comparisons=[]), tmp_path / "out", jobs=1)
+        assert told == [
+            f"note: cells noise={level},way=plain and noise={level},way=named are the same: they "
+            "have the same user, configuration and seeds, so their rounds are the same"
+            for level in ("usual", "more")
+        ]
+        told.clear()
+        own = study(trained, factors=factors, comparisons=[], seeds="own")
+        run_study(own, tmp_path / "own", jobs=1)
+        assert told == []
+    finally:
+        set_notice(None)

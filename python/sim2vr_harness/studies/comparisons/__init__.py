@@ -1,6 +1,6 @@
 """Comparisons of a study's conditions; n counts persons or trainings, never rounds of one user."""
 
-from sim2vr_harness.studies.statistics.comparing import compare, compare_all
-from sim2vr_harness.studies.statistics.summaries import summaries
+from sim2vr_harness.studies.comparisons.comparing import compare, compare_all
+from sim2vr_harness.studies.comparisons.summaries import summaries
 
 __all__ = ["compare", "compare_all", "summaries"]

@@ -265,7 +265,7 @@ def test_a_factor_may_need_training(
     }  # fmt: skip
     result = data.statistics["results"][0]
     # Trainings of two weights have nothing in common, whatever their seeds are called.
-    assert (result["test"], result["n"]) == ("mann-whitney", [2, 2])
+    assert (result["test"], result["n"]) == ("welch-t", [2, 2])
     before = content(tmp_path / "out")
     run_study(asked, tmp_path / "out", jobs=1)
     assert len(trainings) == 4

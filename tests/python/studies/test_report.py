@@ -86,18 +86,17 @@ def test_fatigue_of_a_round_is_the_one_at_its_end(source: ReportSource) -> None:
 
 
 def test_sentences_have_the_numbers_behind_them(source: ReportSource) -> None:
-    loads = [load_of(group) for group in source.groups]
-    told = {one.text: one.numbers for one in sentences_of(source, NOBODY, loads)}
-    # The return is 2 sparks - 2: 22 and 44.
-    assert (
-        told["The return is highest in wild <!--<script> and lowest in calm."]
-        == "44.0 against 22.0"
+    told = {one.text: one.numbers for one in sentences_of(source, NOBODY)}
+    # The return is 2 sparks - 2: 22 and 44, rounds 18, 26 and 38, 50.
+    first = (
+        "Return: 22.0 in calm; 44.0 in wild <!--<script>. No comparison was asked for: whether the "
+        "groups differ was not tested."
     )
-    tired = "The most tired muscles are BETA, GAMMA and ALPHA (in calm)."
-    assert told[tired].endswith("BETA 0.30, GAMMA 0.20, ALPHA 0.10")
-    assert told["wild <!--<script> tires the muscles most, calm least."].endswith(
-        "0.230 against 0.120"
+    assert next(iter(told)) == first
+    assert told[first] == (
+        "calm: SD 5.7, 1 unit, 2 rounds; wild <!--<script>: SD 8.5, 1 unit, 2 rounds"
     )
+    assert not any(word in " ".join(told) for word in ("highest", "lowest", "most", "fatigue"))
     text = next(text for text in told if text.startswith("n is 1"))
     assert "no p value" in text and told[text] == "n = 1, 4 rounds in 2 groups"
 
@@ -123,9 +122,20 @@ def test_comparisons_say_what_n_is_and_why_there_is_no_p(source: ReportSource) -
     assert "calm – wild" in html
     directed = replace(source, comparisons=[by_round | {"alternative": "less"}])
     assert "calm &lt; wild" in str(table_of_tests(directed)), "one-sided tests say of what"
-    told = [one for one in sentences_of(tested, NOBODY, [None, None]) if "than in" in one.text]
-    assert [one.text for one in told] == ["Sparks: lower in calm than in wild."]
-    assert "95 % -13.00 to -9.00" in told[0].numbers and "rounds of one policy" in told[0].numbers
+    told = [one for one in sentences_of(tested, NOBODY) if "than in" in one.text]
+    assert [one.text for one in told] == [
+        "Sparks is 11.00 V lower in calm than in wild (difference -11.00, 95 % interval -13.00 to "
+        "-9.00, p = 0.0060 after Holm's correction for 3 tests, n = 10 rounds of one policy (no "
+        "sample of people)). No sample of persons."
+    ]
+    assert "uncorrected p = 0.0020" in told[0].numbers
+    alike = replace(source, comparisons=[by_round | {"p": 0.4, "p_holm": 1.0}])
+    first = sentences_of(alike, NOBODY)[0].text
+    assert first.startswith("No difference in sparks was found between calm and wild (")
+    refused = replace(source, comparisons=[about])
+    asked = sentences_of(refused, NOBODY)[0]
+    assert asked.text == "Whether there is a difference was not tested: n = 1: one unit."
+    assert asked.numbers == "Sparks in calm and wild"
 
 
 def test_the_methods_name_the_versions_of_the_recording(source: ReportSource) -> None:

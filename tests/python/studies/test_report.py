@@ -14,17 +14,20 @@ from PIL import Image
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Measure
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.figures.figure import Bars, Figure, Heat, Line, Panel, colour_of, keys_of
 from sim2vr_harness.figures.matplotlib_backend import write_stills
 from sim2vr_harness.figures.plotly_backend import plotly_of
-from sim2vr_harness.games.published import published_of
+from sim2vr_harness.games.published import Published, PublishedPeople, published_of
+from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.studies.config import load_study
 from sim2vr_harness.studies.plan import plan_of
 from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.body import _view_of, load_of
-from sim2vr_harness.studies.report.methods import PlayedBy, methods_of
+from sim2vr_harness.studies.report.methods import PlayedBy, methods_of, varied_in
 from sim2vr_harness.studies.report.numbers import summary_of
-from sim2vr_harness.studies.report.sentences import sentences_of
+from sim2vr_harness.studies.report.people import cell_name, fatigue_order, order_agreement
+from sim2vr_harness.studies.report.sentences import n_sentence, sentences_of
 from sim2vr_harness.studies.report.source import ReportSource, read_source
 from sim2vr_harness.studies.report.strategy import depth_of, figures_of_strategy
 from sim2vr_harness.studies.report.tables import test_table as table_of_tests
@@ -305,3 +308,92 @@ def test_a_raised_hand_is_in_the_picture() -> None:
     half = view.distance_m * np.tan(np.radians(body.model.vis.global_.fovy / 2))
     assert view.towards_m[2] + half > data.xpos[:, 2].max() + 0.1
     assert view.towards_m[2] - half == pytest.approx(0.39)
+
+
+# --- populations, warnings and people -------------------------------------------------------------
+
+
+def test_persons_differ_in_what_is_switched_on() -> None:
+    """Delays need late senses, noise a noise model, head movement the reflex."""
+    plain = EnvConfig.model_validate({"user": {"people": {}}})
+    assert varied_in(plain) == ("arm proportions", "size", "strength", "cost of effort")
+    whole = load_config("whacamole_people").env
+    assert varied_in(whole) == (
+        "arm proportions", "size", "strength", "visual delay", "proprioceptive delay",
+        "motor noise", "cost of effort", "head movement",
+    )  # fmt: skip
+    some = EnvConfig.model_validate(
+        {"user": {"people": {"vary": ["strength", "motor_noise"]}, "effort": {"weight": 0.0}}}
+    )
+    assert varied_in(some) == ("strength",)
+    assert varied_in(EnvConfig.model_validate({"user": {"people": {"spread": 0.0}}})) == ()
+
+
+def test_methods_name_what_persons_differ_in(source: ReportSource) -> None:
+    persons = replace(source, unit="person")
+    text = methods_of(persons, [PlayedBy("somebody", 1000, differs=("size", "strength"))])
+    assert "Users were simulated persons (n = 1); they differ in size and strength." in text
+    assert "delays" not in text and "noise" not in text
+    assert "they do not differ" in methods_of(persons, [PlayedBy("somebody", 1, differs=())])
+    assert "differ" not in methods_of(persons, [PlayedBy("somebody", 1)])
+
+
+def test_warnings_of_the_evaluation_are_in_the_report(tmp_path: Path) -> None:
+    folder = strange_game.write_tables(tmp_path)
+    lines = {"calm": ["people: yes (trained: none)", "torso: yes (trained: no)"]}
+    results = {
+        name: {"unpractised": lines.get(name, []), "score": "sparks"}
+        for name in strange_game.CONDITIONS
+    }
+    (folder / "results.json").write_text(json.dumps(results))
+    told = read_source(folder)
+    texts = [one.text for one in sentences_of(told, NOBODY)]
+    assert texts[0].startswith("Sparks: 12.00 V in calm; 23.00 V"), "the score of the task leads"
+    assert texts[1:3] == [
+        "The users in calm were never trained on people: their policies have learned with one "
+        "average body.",
+        "The users in calm were never trained with torso: yes (trained: no).",
+    ]
+    assert texts[1] in methods_of(told, [PlayedBy("somebody", 1000)])
+
+
+def test_users_have_a_place_among_people(source: ReportSource) -> None:
+    people = PublishedPeople(title="", file="", citation="", duration_s=4.0)
+    rows = tuple({"condition": "calm", "return": value} for value in (10.0, 20.0, 30.0, 40.0))
+    published = Published(people=people, rows=rows)
+    told = {one.text: one.numbers for one in sentences_of(source, published)}
+    # 22 is above two of four; people 25 +- 12.9.
+    text = (
+        "Return beside people (distance to their mean in their SD): calm: percentile 50 of 4 "
+        "people, -0.2 SD."
+    )
+    assert told[text] == "calm: 22.0, people 25.0, SD 12.9"
+    assert not any("range" in text for text in told)
+
+
+def test_disagreement_with_people_is_said_in_words() -> None:
+    assert fatigue_order(
+        {"low": 0.2, "mid": 0.3, "high": 0.4}, {"low": 9, "mid": 9, "high": 10}
+    ) == (
+        "fatigue of users is high > mid > low, people rate high > low = mid: users and people "
+        "disagree about low and mid."
+    )
+    assert fatigue_order({"low": 0.2, "high": 0.4}, {"low": 9, "high": 10}).endswith(
+        ": both agree."
+    )
+    words, r = order_agreement(np.array([0.9, 0.5, 0.4]), np.array([0.4, 0.5, 0.9]))
+    assert (words, r) == ("disagree", "Spearman's r = -1.00, n = 3")
+    assert [cell_name(i, 3, 3) for i in (0, 4, 8)] == ["top left", "the middle", "bottom right"]
+
+
+def test_axes_have_units_and_words_have_number(page: str, source: ReportSource) -> None:
+    assert "0-1" not in page.partition("<script>")[0]
+    panels = re.search(r'id="panels">(.*?)</script>', page, re.S)
+    assert panels is not None and '"0-1"' not in panels.group(1)
+    fatigue = source.measure("max_fatigued")
+    assert fatigue is not None and fatigue.heading == "Muscle fatigue (proportion)"
+    one = replace(
+        source, groups=[replace(g, episodes=g.episodes.iloc[:1]) for g in source.groups[:1]]
+    )
+    assert n_sentence(one).numbers == "n = 1, 1 round in 1 group"
+    assert "1 rounds" not in methods_of(one, [PlayedBy("somebody", 1000)])

@@ -12,7 +12,7 @@ from sim2vr_harness.studies.report.numbers import counted, in_words, summary_of
 from sim2vr_harness.studies.report.people import people_sentences
 from sim2vr_harness.studies.report.source import ReportSource
 
-__all__ = ["Sentence", "n_sentence", "sentences_of"]
+__all__ = ["Sentence", "n_sentence", "sentences_of", "warnings_of"]
 
 _MOST_TESTS = 6
 """Of a kind that are told one by one; the table of tests has all."""

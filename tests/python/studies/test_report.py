@@ -119,7 +119,7 @@ def test_comparisons_say_what_n_is_and_why_there_is_no_p(source: ReportSource) -
     html = table_of_tests(tested)
     assert html is not None and "no p value: n = 1: one unit" in html
     assert "10 rounds of one policy (no sample of people)" in html
-    assert "Z = -2.803" in html and "0.0020" in html and "0.0060" in html
+    assert "Z = -2.803" in html and "0.0020" in html and "0.0060 (3)" in html
     assert "1 trained user<" in html, "one is no plural"
     assert "12.00, 23.00" in html and "-11.00 [-13.00 to -9.00]" in html
     assert "calm – wild" in html
@@ -316,10 +316,10 @@ def test_a_raised_hand_is_in_the_picture() -> None:
 def test_persons_differ_in_what_is_switched_on() -> None:
     """Delays need late senses, noise a noise model, head movement the reflex."""
     plain = EnvConfig.model_validate({"user": {"people": {}}})
-    assert varied_in(plain) == ("arm proportions", "size", "strength", "cost of effort")
+    assert varied_in(plain) == ("size", "arm proportions", "strength", "cost of effort")
     whole = load_config("whacamole_people").env
     assert varied_in(whole) == (
-        "arm proportions", "size", "strength", "visual delay", "proprioceptive delay",
+        "size", "arm proportions", "strength", "visual delay", "proprioceptive delay",
         "motor noise", "cost of effort", "head movement",
     )  # fmt: skip
     some = EnvConfig.model_validate(

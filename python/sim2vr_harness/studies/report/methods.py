@@ -12,6 +12,7 @@ from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.contract import contract, contract_hash
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.studies.report.body import trained_users_of
+from sim2vr_harness.studies.report.numbers import counted
 from sim2vr_harness.studies.report.sentences import warnings_of
 from sim2vr_harness.studies.report.source import ReportSource, changes_of
 from sim2vr_harness.users import effort_weight
@@ -172,9 +173,9 @@ def varied_in(env: EnvConfig) -> tuple[str, ...]:
         return ()
     late = {sense.sense for sense in env.senses if sense.delay_ms == "person"}
     acts = {
+        "stature_m": True,
         "upper_arm_factor": True,
         "forearm_factor": True,
-        "stature_m": True,
         "strength": True,
         "visual_delay_s": bool(late - {"proprioception"}),
         "proprioceptive_delay_s": "proprioception" in late,
@@ -208,7 +209,8 @@ def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:
     """Return the paragraph, ready to paste."""
     groups = source.groups
     rounds = sorted({len(group.episodes) for group in groups})
-    per = str(rounds[0]) if len(rounds) == 1 else f"{rounds[0]} to {rounds[-1]}"
+    per = f"{rounds[0]} to {counted(rounds[-1], 'round')}"
+    per = counted(rounds[0], "round") if len(rounds) == 1 else per
     first = groups[0].episodes
     frequency = (first["steps"] / first["duration_s"]).round(3).median()
     seeds = sorted({int(seed) for group in groups for seed in group.episodes["seed"]})
@@ -219,7 +221,7 @@ def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:
     parts = [
         f"{_count(len(users), 'simulated user')} ({'; '.join(map(_user, users))}) played "
         f"{source.facts.name} ({', '.join(conditions)}) in {_own(source)}, in lockstep at "
-        f"{frequency:g} user steps a second, {per} {'round' if per == '1' else 'rounds'} per group.",
+        f"{frequency:g} user steps a second, {per} per group.",
         f"Round seeds were {_seeds(seeds)}{', the same in all groups' if paired else ''}; actions "
         f"were {_actions(source, users)}.",
     ]

@@ -33,7 +33,9 @@ def people_sentences(
     for measure in measures:
         yield from _places(source, published, measure)
     yield from _cells(source, published)
-    yield from _fatigue(source)
+    duration_s = max(float(group.episodes["duration_s"].median()) for group in source.groups)
+    if published.beside_rounds_of(duration_s) is published:  # fatigue grows with the round
+        yield from _fatigue(source)
 
 
 def place_among(value: float, people: Sequence[float]) -> str:

@@ -19,6 +19,11 @@ from sim2vr_harness.figures.figure import Bars, Figure, Heat, Line, Panel, colou
 from sim2vr_harness.figures.matplotlib_backend import write_stills
 from sim2vr_harness.figures.plotly_backend import plotly_of
 from sim2vr_harness.games.published import Published, PublishedPeople, published_of
+from sim2vr_harness.human_comparison.agreement import (
+    cell_name,
+    fatigue_order,
+    order_agreement,
+)
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.studies.config import load_study
 from sim2vr_harness.studies.plan import plan_of
@@ -26,7 +31,6 @@ from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.body import _view_of, load_of
 from sim2vr_harness.studies.report.methods import PlayedBy, methods_of, varied_in
 from sim2vr_harness.studies.report.numbers import summary_of
-from sim2vr_harness.studies.report.people import cell_name, fatigue_order, order_agreement
 from sim2vr_harness.studies.report.sentences import n_sentence, sentences_of
 from sim2vr_harness.studies.report.source import ReportSource, read_source
 from sim2vr_harness.studies.report.strategy import depth_of, figures_of_strategy

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from itertools import combinations, pairwise
 
 import numpy as np
-from scipy import stats
 
 from sim2vr_harness.client import Measure
 from sim2vr_harness.games.published import Published
 from sim2vr_harness.games.registry import behaviour_of, behaviours
+from sim2vr_harness.human_comparison.agreement import (
+    Words,
+    cell_disagreement,
+    fatigue_order,
+)
 from sim2vr_harness.statistics.distances import percentile, standard_deviations
 from sim2vr_harness.studies.report.numbers import in_words, known, summary_of
 from sim2vr_harness.studies.report.source import ReportSource
@@ -18,12 +21,7 @@ from sim2vr_harness.studies.report.source import ReportSource
 __all__ = ["people_sentences", "place_among"]
 
 _MOST_GROUPS = 6
-_AGREE = 0.7
-"""Rank correlation of two orders."""
 _FATIGUE = "max_fatigued"
-
-Words = tuple[str, str]
-"""A sentence and its numbers."""
 
 
 def people_sentences(
@@ -74,33 +72,11 @@ def _cells(source: ReportSource, published: Published) -> Iterator[Words]:
                 continue
             means = np.array([np.mean(values) for values in own])
             theirs = np.array(people)
-            words, r = order_agreement(means, theirs)
-            most = int(np.argmax(np.abs(means - theirs)))
-            place = cell_name(most, rows, columns)
-            told.append(
-                f"{group.label}: users and people {words} in the order of the cells, and are "
-                f"farthest apart at {place} (users {means[most]:.2f}, people {theirs[most]:.2f})"
-            )
+            words, r = cell_disagreement(means, theirs, (rows, columns))
+            told.append(f"{group.label}: {words}")
             numbers.append(f"{group.label}: {r}")
         if told:
             yield f"{grid.label}: {_some(told)}.", _some(numbers)
-
-
-def order_agreement(users: np.ndarray, people: np.ndarray) -> Words:
-    """Return in words whether two orders agree, and Spearman's correlation."""
-    if np.ptp(users) == 0.0 or np.ptp(people) == 0.0:
-        return "cannot be compared", "one of the two is the same everywhere"
-    r = float(stats.spearmanr(users, people).statistic)
-    return "agree" if r >= _AGREE else "disagree", f"Spearman's r = {r:.2f}, n = {len(users)}"
-
-
-def cell_name(index: int, rows: int, columns: int) -> str:
-    """Return the place of a cell as the player sees it: ``top left``."""
-    row, column = divmod(index, columns)
-    if (rows, columns) != (3, 3):
-        return f"row {row + 1}, column {column + 1}"
-    words = (("top", "middle", "bottom")[row], ("left", "middle", "right")[column])
-    return "the middle" if words == ("middle", "middle") else " ".join(words)
 
 
 def _fatigue(source: ReportSource) -> Iterator[Words]:
@@ -121,27 +97,6 @@ def _fatigue(source: ReportSource) -> Iterator[Words]:
             rated = {condition: medians[condition] for condition in both}
             text = fatigue_order({c: means[c] for c in both}, rated)
             yield f"{user}: {text}", f"{behaviour.ratings.scale}; {behaviour.ratings.source}"
-
-
-def fatigue_order(users: dict[str, float], people: dict[str, float]) -> str:
-    """Say how users' fatigue and people's ratings order conditions, and where they differ."""
-    apart = [
-        f"{one} and {other}"
-        for one, other in combinations(users, 2)
-        if np.sign(users[one] - users[other]) != np.sign(people[one] - people[other])
-    ]
-    where = f"users and people disagree about {', '.join(apart)}" if apart else "both agree"
-    orders = f"fatigue of users is {_order(users)}, people rate {_order(people)}"
-    return f"{orders}: {where}."
-
-
-def _order(values: dict[str, float]) -> str:
-    """``high > low = medium``."""
-    ordered = sorted(values, key=lambda name: -values[name])
-    text = ordered[0]
-    for before, name in pairwise(ordered):
-        text += f" {'=' if values[before] == values[name] else '>'} {name}"
-    return text
 
 
 def _some(told: Sequence[str]) -> str:

@@ -94,8 +94,8 @@ def sample_sizes(
                 if measure in wanted and sd is None:
                     raise InputError(
                         "--difference",
-                        f"{measure}={wanted[measure]:g} before the study has been run",
-                        "results in --out, whose standard deviation it needs",
+                        f"{measure}={wanted[measure]:g} without a standard deviation to compare with",
+                        "results in --out in which units differ; run the study first",
                     )
                 for size in [wanted[measure] / (sd or 1.0)] if measure in wanted else STANDARDISED:
                     units = units_needed(size, 1.0, paired=paired, tests=tests, sides=sides)

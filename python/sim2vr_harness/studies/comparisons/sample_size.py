@@ -94,7 +94,7 @@ def sample_sizes(
                 if measure in wanted and sd is None:
                     raise InputError(
                         "--difference",
-                        f"{measure}={wanted[measure]:g} without a standard deviation to compare with",
+                        f"{measure}={wanted[measure]:g} without a standard deviation",
                         "results in --out in which units differ; run the study first",
                     )
                 for size in [wanted[measure] / (sd or 1.0)] if measure in wanted else STANDARDISED:

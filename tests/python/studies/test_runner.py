@@ -197,8 +197,8 @@ def test_a_plan_says_how_many_persons_a_difference_needs(
     file, out = tmp_path / "study.yaml", tmp_path / "out"
     factors = {"actions": {"key": "deterministic", "levels": {"mean": True, "drawn": False}}}
     tree = {
-        "name": "quick", "fixed": {"user": str(trained), "condition": "easy"}, "factors": factors, "people": 4,
-        "episodes": 2, "measures": ["return"], "comparisons": [{"factor": "actions"}],
+        "name": "quick", "fixed": {"user": str(trained), "condition": "easy"}, "factors": factors,
+        "people": 4, "episodes": 2, "measures": ["return"], "comparisons": [{"factor": "actions"}],
     }  # fmt: skip
     file.write_text(yaml.safe_dump(tree))
 
@@ -210,7 +210,7 @@ def test_a_plan_says_how_many_persons_a_difference_needs(
     code, text = planned("--plan")
     assert code == 0 and not out.exists() and quick == [], "nothing is played"
     # G*Power: 34, 15 and 8 pairs for d_z = 0.5, 0.8 and 1.2.
-    rows = [line.split() for line in text.splitlines() if "mean - drawn" in line]
+    rows = [line.split() for line in text.splitlines() if "drawn - mean" in line]
     assert [(row[-3], row[-1]) for row in rows] == [("0.50", "34"), ("0.80", "15"), ("1.20", "8")]
     assert "SD: unknown: no earlier results" in text
     code, text = planned("--plan", "--difference", "return=1")
@@ -223,7 +223,7 @@ def test_a_plan_says_how_many_persons_a_difference_needs(
     means = episodes.groupby(["unit", "factor_actions"])["return"].mean().unstack()
     sd = (means["mean"] - means["drawn"]).std(ddof=1)
     code, text = planned("--plan", "--difference", f"return={sd / 2}")
-    row = next(line.split() for line in text.splitlines() if "mean - drawn" in line)
+    row = next(line.split() for line in text.splitlines() if "drawn - mean" in line)
     assert row[3:] == ["return", f"{sd:.3g}", f"{sd / 2:.3g}", "0.50", "1", "34"]
 
 

@@ -11,7 +11,7 @@ from scipy import stats
 from sim2vr_harness.games.behaviour import Behaviour, Bounds, Goals, Ratings
 from sim2vr_harness.human_comparison.comparing import Compared, ComparisonRow, Total
 from sim2vr_harness.human_comparison.contrasts import ContrastRow, FatigueDifference
-from sim2vr_harness.statistics.effect_sizes import CONFIDENCE, effect_interval
+from sim2vr_harness.statistics.intervals import CONFIDENCE, effect_interval
 
 __all__ = ["GoalRow", "goal_rows", "inside_row", "sign_rows"]
 

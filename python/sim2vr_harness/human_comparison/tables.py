@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
 from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from sim2vr_harness.human_comparison.agreement import cell_disagreement, fatigue_order
 from sim2vr_harness.human_comparison.comparing import (
     Compared,
     ComparisonRow,
@@ -40,6 +42,7 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
     for index, compared in enumerate(report.compared):
         parts.append(_headlines(report, compared))
         parts += _fatigue(report, index)
+        parts += _cells(report, index)
         parts.append(_rows(compared, _farthest(compared)) if not every else _rows(compared, None))
     parts += _contrasts(report)
     return Group(*parts)
@@ -178,7 +181,7 @@ def _table(title: str, rows: Sequence[ComparisonRow]) -> Table:
     several = len({row.group for row in rows}) > 1
     for heading in ("Condition", "Measure"):
         table.add_column(heading, no_wrap=True)
-    for heading in ("User", "People", "Away"):
+    for heading in ("User", "People", "Percentile", "SD", "Away"):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in rows:
         spread = "" if row.spread is None else f" ± {row.spread:.2g}"
@@ -190,6 +193,8 @@ def _table(title: str, rows: Sequence[ComparisonRow]) -> Table:
             row.measure.name + unit,
             f"{row.value:.3g}{spread}{mark}",
             people,
+            f"{row.percentile:.0f}",
+            "" if row.deviations is None else f"{row.deviations:+.1f}",
             f"{row.distance:.1f}",
         )
     return table
@@ -218,6 +223,31 @@ def _fatigue(report: ComparisonReport, index: int) -> Iterator[RenderableType]:
             text = ", ".join(f"{condition} {median:g}" for condition, median in rated.items())
             count = ratings.people[group]
             yield Text(f"{count} people, {group} ({ratings.scale}, medians): {text}")
+            means = {row.condition: row.mean for row in tired if row.group == group}
+            both = [condition for condition in rated if condition in means]
+            if len(both) > 1:
+                order = fatigue_order({c: means[c] for c in both}, {c: rated[c] for c in both})
+                yield Text(f"{group}: {order}")
+
+
+def _cells(report: ComparisonReport, index: int) -> Iterator[RenderableType]:
+    """Say where users and people differ in the hit rates of the cells, and whether in their order.
+
+    Places are named on a square grid, as the player sees it.
+    """
+    side = round(len(report.behaviour.places_m) ** 0.5)
+    for cell, persons in report.users[index].persons.items():
+        people = report.people.persons.get(cell, ())
+        if len(people) < 2:
+            continue
+        own, theirs = (
+            np.ma.masked_invalid([person.cell_rates for person in group]).mean(axis=0)
+            for group in (persons, people)
+        )
+        if side**2 != len(own) or np.ma.is_masked(own) or np.ma.is_masked(theirs):
+            continue
+        words, r = cell_disagreement(own.data, theirs.data, (side, side))
+        yield Text(f"{', '.join(cell)}: {words}; {r}")
 
 
 def _contrasts(report: ComparisonReport) -> Iterator[RenderableType]:

@@ -42,6 +42,7 @@ __all__ = [
     "factor_column",
     "open_study",
     "read_study",
+    "results_in",
     "write_data",
 ]
 
@@ -103,6 +104,13 @@ def write_data(plan: StudyPlan, root: Path, found: Found | None = None) -> None:
         sought = {"optimise": optimise, "sampler": found.sampler}
         about |= {"search": sought | {"measures": list(found.search.measures)}}
     write_atomically(root / STUDY_FILE, (json.dumps(about, indent=2) + "\n").encode())
+
+
+def results_in(folder: Path, condition: str) -> dict[str, Any]:
+    """Return an evaluation's results of a condition; empty where the file was not passed on."""
+    file = folder / "results.json"
+    found = read_json(file, "results of an evaluation").get(condition) if file.is_file() else None
+    return found if isinstance(found, dict) else {}
 
 
 def unit_of(study: StudyConfig) -> str:
@@ -253,6 +261,18 @@ class StudyData:
         found = read_json(file, _EXPECTED)
         if found.pop(HASHES, None) not in (None, content_hash(found)):
             raise InputError(file_name(file), "other content than the study wrote", _UNCHANGED)
+        return found
+
+    @cached_property
+    def unpractised(self) -> dict[str, list[str]]:
+        """What users were not trained for -> names of the cells."""
+        found: dict[str, list[str]] = {}
+        cells = self.cells
+        for cell, place, condition in zip(
+            cells["design_cell"], cells["folder"], cells["condition"], strict=True
+        ):
+            for line in results_in(self.root / place, str(condition)).get("unpractised", ()):
+                found.setdefault(str(line), []).append(str(cell))
         return found
 
     def of_cell(self, cell: str) -> EvaluationData:

@@ -164,7 +164,7 @@ def _require_own(root: Path, study: StudyConfig) -> None:
 
 
 def _compare(plan: StudyPlan, root: Path) -> None:
-    from sim2vr_harness.studies.statistics import compare_all, summaries
+    from sim2vr_harness.studies.comparisons import compare_all, summaries
 
     data = open_study(root)
     found = {

@@ -19,7 +19,8 @@ from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson, measur
 from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.human_comparison.sources import Source
 from sim2vr_harness.human_comparison.tables import report_tables
-from sim2vr_harness.statistics.effect_sizes import effect_interval, wilcoxon_effect
+from sim2vr_harness.statistics.intervals import effect_interval
+from sim2vr_harness.statistics.significance import wilcoxon
 
 WHACAMOLE = behaviour_of("whacamole")
 EASY = ("constrained", "easy")
@@ -130,10 +131,9 @@ def test_effect_sizes_by_hand() -> None:
     # Ranks 1, 2.5, 2.5, 4, one of the middle ones negative: W+ = 7.5 of 10, z = 2.5 over half the
     # root of 1 + 6.25 + 6.25 + 16; the pair without a difference counts in n.
     z = 2.5 / (np.sqrt(29.5) / 2.0)
-    found = wilcoxon_effect([0.1, -0.2, 0.2, 0.4, 0.0])
-    assert found == pytest.approx(z / np.sqrt(5.0))
-    assert wilcoxon_effect([-0.1, 0.2, -0.2, -0.4, 0.0]) == pytest.approx(-z / np.sqrt(5.0))
-    assert wilcoxon_effect([0.0, 0.0]) is None
+    differences = np.array([0.1, -0.2, 0.2, 0.4, 0.0])
+    assert wilcoxon(differences, np.zeros(5))["r"] == pytest.approx(z / np.sqrt(5.0))
+    assert wilcoxon(-differences, np.zeros(5))["r"] == pytest.approx(-z / np.sqrt(5.0))
     # People's low and high: z = 2.213 of twelve, r = .639; atanh .756 +- .653.
     assert effect_interval(2.213, 12) == pytest.approx((0.103, 0.887), abs=1e-3)
 

@@ -181,12 +181,53 @@ def test_people_are_the_units(trained: Path, quick: list[str], tmp_path: Path) -
     summary = found.data.statistics["summaries"][0]
     assert (summary["n"], summary["rounds"], summary["unit"]) == (4, 8, "person")
     (result,) = found.data.statistics["results"]
-    assert (result["test"], result["n"], result["refused"]) == ("wilcoxon", 4, None)
+    assert (result["test"], result["n"], result["refused"]) == ("paired-t", 4, None)
     # Each person counts with the mean of its two rounds.
     means = episodes.groupby(["unit", "factor_actions"])["return"].mean().unstack()
     assert result["means"] == pytest.approx([means["mean"].mean(), means["drawn"].mean()])
-    assert result["note"] == "with n = 4 no exact p can be below 0.0625"
+    assert result["difference"]["high"] is None, "a one-sided test bounds one side"
     assert "person_stature_m" in episodes
+
+
+def test_a_plan_says_how_many_persons_a_difference_needs(
+    trained: Path,
+    quick: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    file, out = tmp_path / "study.yaml", tmp_path / "out"
+    factors = {"actions": {"key": "deterministic", "levels": {"mean": True, "drawn": False}}}
+    tree = {
+        "name": "quick", "fixed": {"user": str(trained), "condition": "easy"}, "factors": factors,
+        "people": 4, "episodes": 2, "measures": ["return"], "comparisons": [{"factor": "actions"}],
+    }  # fmt: skip
+    file.write_text(yaml.safe_dump(tree))
+
+    def planned(*options: str) -> tuple[int, str]:
+        with pytest.raises(SystemExit) as exit_:
+            main(["study", str(file), "--out", str(out), *options])
+        return int(exit_.value.code or 0), "".join(capsys.readouterr())
+
+    code, text = planned("--plan")
+    assert code == 0 and not out.exists() and quick == [], "nothing is played"
+    # G*Power: 34, 15 and 8 pairs for d_z = 0.5, 0.8 and 1.2.
+    rows = [line.split() for line in text.splitlines() if "drawn - mean" in line]
+    assert [(row[-3], row[-1]) for row in rows] == [("0.50", "34"), ("0.80", "15"), ("1.20", "8")]
+    assert "SD: unknown: no earlier results" in text
+    code, text = planned("--plan", "--difference", "return=1")
+    assert code == 2 and "--difference: got return=1 without a standard deviation" in text
+    code, text = planned("--plan", "--difference", "return=few")
+    assert code == 2 and "--difference: got 'return=few', expected MEASURE=VALUE with a" in text
+    code, text = planned("--difference", "return=1")
+    assert code == 2 and "expected it together with --plan" in text
+    episodes = run_study(file, out, jobs=1).data.episodes
+    means = episodes.groupby(["unit", "factor_actions"])["return"].mean().unstack()
+    sd = (means["mean"] - means["drawn"]).std(ddof=1)
+    code, text = planned("--plan", "--difference", f"return={sd / 2}")
+    row = next(line.split() for line in text.splitlines() if "drawn - mean" in line)
+    assert row[3:] == ["return", f"{sd:.3g}", f"{sd / 2:.3g}", "0.50", "1", "34"]
 
 
 def test_the_user_s_own_way_of_choosing_actions_counts(
@@ -269,7 +310,7 @@ def test_a_factor_may_need_training(
     }  # fmt: skip
     result = data.statistics["results"][0]
     # Trainings of two weights have nothing in common, whatever their seeds are called.
-    assert (result["test"], result["n"]) == ("mann-whitney", [2, 2])
+    assert (result["test"], result["n"]) == ("welch-t", [2, 2])
     before = content(tmp_path / "out")
     run_study(asked, tmp_path / "out", jobs=1)
     assert len(trainings) == 4

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.client import GameFacts, Measure
+from sim2vr_harness.evaluation.exertion import ARM_MEASURES
 
 __all__ = ["PLAYER_MEASURES", "RoundResult", "measures_of", "round_result", "summarise"]
 
@@ -26,6 +27,7 @@ PLAYER_MEASURES = (
         digits=3,
         description="Tired share of a muscle's motor units at its worst, mean of all",
     ),
+    *ARM_MEASURES,
     Measure(
         "action_change",
         "Jerkiness",
@@ -124,6 +126,7 @@ def round_result(
     game_seed: int | None = None,
     action_change: float | None = None,
     person: Mapping[str, Any] | None = None,
+    exertion: Mapping[str, float | None] | None = None,
     info: Mapping[str, Any],
     log: Mapping[str, float],
 ) -> RoundResult:
@@ -142,12 +145,14 @@ def round_result(
         game_seed: The game's own seed, if known.
         action_change: Mean absolute difference of successive actions, if known.
         person: Who played, where users are people who differ.
+        exertion: The :data:`ARM_MEASURES`, if known.
         info: The last step's info.
         log: The game's last log.
     """
     values: dict[str, float | None] = {
         **{measure.name: measure.value(log) for measure in facts.with_log(log).scalars},
         "max_fatigued": info.get("max_fatigued"),
+        **{measure.name: (exertion or {}).get(measure.name) for measure in ARM_MEASURES},
         "action_change": action_change,
         "effort": effort,
         "game_return": game_return,

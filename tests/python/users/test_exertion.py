@@ -6,7 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from sim2vr_harness.users import CumulativeFatigue3CCr, load_body
+from sim2vr_harness.envs.config import EffortConfig
+from sim2vr_harness.users import CumulativeFatigue3CCr, load_body, make_effort
 from sim2vr_harness.users.exertion import (
     ArmDynamics,
     ConsumedEnduranceMeter,
@@ -120,7 +121,7 @@ def test_closed_form_of_3ccr_is_what_its_simulation_does(
 ) -> None:
     model = CumulativeFatigue3CCr(1, 1, fatigue=rates[0], recovery=rates[1])
     load, steps = np.full((1, 1), share), 0
-    while steps < 40 or model.state()["MR"][0, 0] > 1e-3 * share:
+    while steps < 40 or model.state()["MA"][0, 0] > 0.99 * share:
         model.update(load, load)
         steps += 1
     assert 0.05 * steps == pytest.approx(float(fatigue_endurance_time(share, *rates)), rel=0.03)
@@ -134,6 +135,35 @@ def test_3ccr_by_hand() -> None:
     )
     # Without recovery: (1 - .5)/(.01 * .5) = 100 s.
     assert fatigue_endurance_time(0.5, 0.01, 0.0) == pytest.approx(100.0)
+
+
+def _held_s(share: float, **settings: float | str) -> float:
+    """How long the effort model of these settings meets a load, to a hundredth of it."""
+    config = EffortConfig.model_validate(settings)
+    model = make_effort(config.model, 1, BODY, **config.options())
+    load, steps = np.full((1, 32), share), 0
+    while steps < 40 or model.state()["MA"][0, 0] > 0.99 * share:
+        model.update(load, load)
+        steps += 1
+    return 0.05 * steps
+
+
+def test_presets_against_the_published_endurance_of_the_shoulder() -> None:
+    """Frey-Law and Avin's curve: the shoulder's rates follow it, the reference's last longer."""
+    shares = [0.15, 0.2, 0.3, 0.4, 0.5]
+    people = endurance_time(shares)
+    shoulder = np.array([_held_s(share, preset="shoulder") for share in shares]) / people
+    reference = np.array([_held_s(share) for share in shares]) / people
+    assert ((shoulder > 0.9) & (shoulder < 1.15)).all()
+    assert ((reference > 1.38) & (reference < 1.9)).all()
+
+
+def test_a_preset_is_what_single_rates_go_by() -> None:
+    shoulder = EffortConfig(preset="shoulder", fatigue=0.02)
+    assert shoulder.options() == {"r": 15.0, "fatigue": 0.02, "recovery": 0.00168}
+    assert EffortConfig().options() == {}
+    with pytest.raises(ValueError, match="preset: got shoulder for neural, expected"):
+        EffortConfig(model="neural", preset="shoulder")
 
 
 def test_arms_of_bodies() -> None:

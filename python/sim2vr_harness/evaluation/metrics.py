@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.client import GameFacts, Measure
+from sim2vr_harness.evaluation.exertion import ARM_MEASURES
 from sim2vr_harness.evaluation.fatigue import fatigue_measures
 
 __all__ = ["PLAYER_MEASURES", "RoundResult", "measures_of", "round_result", "summarise"]
@@ -27,6 +28,7 @@ PLAYER_MEASURES = (
         digits=3,
         description="Tired share of a muscle's motor units at its worst, mean of all",
     ),
+    *ARM_MEASURES,
     Measure(
         "action_change",
         "Jerkiness",
@@ -133,6 +135,7 @@ def round_result(
     person: Mapping[str, Any] | None = None,
     fatigue: Mapping[str, float] | None = None,
     fatigue_parts: Sequence[str] = (),
+    exertion: Mapping[str, float | None] | None = None,
     info: Mapping[str, Any],
     log: Mapping[str, float],
 ) -> RoundResult:
@@ -153,12 +156,14 @@ def round_result(
         person: Who played, where users are people who differ.
         fatigue: Largest share of fatigued motor units by measure, where a model of fatigue runs.
         fatigue_parts: Which of them are of a body part.
+        exertion: The :data:`ARM_MEASURES`, if known.
         info: The last step's info.
         log: The game's last log.
     """
     values: dict[str, float | None] = {
         **{measure.name: measure.value(log) for measure in facts.with_log(log).scalars},
         "max_fatigued": info.get("max_fatigued"),
+        **{measure.name: (exertion or {}).get(measure.name) for measure in ARM_MEASURES},
         "action_change": action_change,
         "effort": effort,
         "game_return": game_return,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import Condition, GameFacts, OptionValue
 from sim2vr_harness.envs.protocols import SimulationLike
+from sim2vr_harness.evaluation.exertion import ExertionRecorder
 from sim2vr_harness.evaluation.fatigue import groups_of
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result
 from sim2vr_harness.policies.protocol import Act, FunctionPolicy, Policy, episode_of
@@ -149,6 +150,7 @@ class _Wave:
             )
             self._game_seeds.append(started.get("seed"))
             self._persons.append(started.get("person"))
+        self._exertion = ExertionRecorder(simulation)
         self._steps = 0
         self._game_returns = np.zeros(len(jobs))
         self._efforts = np.zeros(len(jobs))
@@ -177,8 +179,9 @@ class _Wave:
     def _step(self, actions: NDArray[np.float32]) -> None:
         outcome = self._simulation.step(actions)
         self._steps += 1
+        playing = np.array([result is None for result in self._results])
+        self._exertion.step(playing)
         if self._before is not None:
-            playing = np.array([result is None for result in self._results])
             self._changes += playing * np.abs(actions - self._before).mean(axis=1)
         self._before = actions
         over = outcome.over
@@ -209,6 +212,7 @@ class _Wave:
                 effort=float(self._efforts[i]),
                 game_seed=self._game_seeds[i],
                 person=self._persons[i],
+                exertion=self._exertion.values(i),
                 action_change=float(self._changes[i] / (self._steps - 1))
                 if self._steps > 1
                 else None,

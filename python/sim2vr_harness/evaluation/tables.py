@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from sim2vr_harness.client import GameFacts, Measure
+from sim2vr_harness.evaluation.exertion import ARM_MEASURES
 from sim2vr_harness.evaluation.fatigue import FATIGUE, fatigue_measures, full_name
 from sim2vr_harness.evaluation.metrics import measures_of
 
@@ -61,6 +62,8 @@ def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Tabl
     rounds = (len(s["rounds"]) if "rounds" in s else s["episodes"] for s in summaries.values())
     table.add_row("Rounds", *map(str, rounds))
     for measure in (*measures_of(facts), *_fatigue_of_parts(summaries)):
+        if measure in ARM_MEASURES and not any(_has(s, measure) for s in summaries.values()):
+            continue  # an arm that the body does not have
         cells = [
             cell(
                 summary.get(measure.name),

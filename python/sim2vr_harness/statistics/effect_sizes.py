@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from scipy import stats
 
-__all__ = ["CONFIDENCE", "effect_interval", "wilcoxon_effect"]
+__all__ = ["CONFIDENCE", "wilcoxon_effect"]
 
 CONFIDENCE = 0.95
 """Of intervals."""
@@ -33,10 +33,3 @@ def wilcoxon_effect(differences: Sequence[float]) -> float | None:
     ranks = stats.rankdata(np.abs(some))
     z = (ranks[some > 0.0].sum() - ranks.sum() / 2.0) / (math.sqrt(np.sum(ranks**2)) / 2.0)
     return float(z / math.sqrt(len(differences)))
-
-
-def effect_interval(z: float, n: int) -> tuple[float, float]:
-    """95 % interval of an effect size z / sqrt(n) of n pairs, by Fisher's transformation."""
-    half = stats.norm.ppf(0.5 + CONFIDENCE / 2.0) / math.sqrt(n - 3)
-    middle = math.atanh(z / math.sqrt(n))
-    return math.tanh(middle - half), math.tanh(middle + half)

@@ -24,7 +24,7 @@ from sim2vr_harness.evaluation.conditions import (
 )
 from sim2vr_harness.evaluation.data.folder import EvaluationData
 from sim2vr_harness.evaluation.data.recording import DataRecorder
-from sim2vr_harness.evaluation.environment import evaluation_env
+from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.results import EvaluationResults
 from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
@@ -145,18 +145,12 @@ class Evaluation:
         return self.data.frames()
 
 
-def _simulation(config: EnvConfig, n: int, *, log_dir: Path | None = None) -> Any:
-    from sim2vr_harness.envs.simulation import Simulation
-
-    return Simulation(config, n, log_dir=log_dir)
-
-
 def evaluate(
     run: str | Path,
     request: Request | None = None,
     *,
     on_progress: Callable[[float], None] = lambda share: None,
-    simulation: SimulationFactory = _simulation,
+    simulation: SimulationFactory = make_simulation,
 ) -> Evaluation:
     """Let a trained user play and measure it.
 
@@ -170,14 +164,11 @@ def evaluate(
         InputError: The run, a number, a condition or the place for the results cannot be used.
     """
     plan = _Plan.of(run, request or Request())
-    out = plan.out
-    logs = None
-    if plan.request.log or _logs_by_itself(plan.env):
-        logs = RoundLogs(out / ("logs" if plan.request.log else _PASSING_LOGS))
-    filmer = None
-    if plan.request.record:
-        filmer = RoundFilmer(out, plan.facts, seconds=plan.request.film_seconds)
-    recorder = DataRecorder(out, plan.facts, plan.env, moments=plan.request.steps)
+    wanted, out = plan.request, plan.out
+    kept = wanted.log or _logs_by_itself(plan.env)
+    logs = RoundLogs(out / ("logs" if wanted.log else _PASSING_LOGS)) if kept else None
+    filmer = RoundFilmer(out, plan.facts, seconds=wanted.film_seconds) if wanted.record else None
+    recorder = DataRecorder(out, plan.facts, plan.env, moments=wanted.steps)
     watchers: list[Watcher] = [*recorder.watchers, *(each for each in (logs, filmer) if each)]
     with ExitStack() as stack:
         stack.callback(shutil.rmtree, out / _PASSING_LOGS, ignore_errors=True)
@@ -186,14 +177,13 @@ def evaluate(
         rounds = _play(plan, recorder, logs, watchers, simulation, on_progress)
         if logs is not None:
             settled = logs.settle(rounds, out)
-            rounds = settled if plan.request.log else rounds
+            rounds = settled if wanted.log else rounds
             recorder.take_logs(settled)
         recorder.finish(rounds, plan.settings, plan.effort_weight)
     summaries = plan.summaries(rounds)
-    files = [plan.results.add(summaries, overwrite=plan.request.overwrite), recorder.root]
+    files = [plan.results.add(summaries, overwrite=wanted.overwrite), recorder.root]
     files += filmer.files if filmer else []
-    if plan.request.log and logs is not None and logs.any:
-        files.append(out / "logs")
+    files += [out / "logs"] if wanted.log and logs is not None and logs.any else []
     return Evaluation(
         summaries,
         plan.facts,

@@ -141,24 +141,17 @@ def round_result(
 ) -> RoundResult:
     """Work out the numbers of a finished round.
 
-    A round whose app failed has none: it is cut short, and would not compare with the others.
+    A round whose app failed has none. Other arguments are fields of :class:`RoundResult`.
 
     Args:
         facts: What the game publishes.
-        condition: The game's condition.
-        episode: Number of the round within its condition.
-        seed: Its seed.
-        steps: User steps taken.
         game_return: Sum of the game's rewards.
         effort: Sum of the costs of effort.
-        game_seed: The game's own seed, if known.
         action_change: Mean absolute difference of successive actions, if known.
-        person: Who played, where users are people who differ.
         fatigue: Largest share of fatigued motor units by measure, where a model of fatigue runs.
         fatigue_parts: Which of them are of a body part.
         exertion: The :data:`ARM_MEASURES`, if known.
         info: The last step's info.
-        log: The game's last log.
     """
     values: dict[str, float | None] = {
         **{measure.name: measure.value(log) for measure in facts.with_log(log).scalars},

@@ -20,7 +20,6 @@ from sim2vr_harness.human_comparison.comparing import (
 )
 from sim2vr_harness.human_comparison.contrasts import COMPARED, ContrastRow
 from sim2vr_harness.human_comparison.files import as_json
-from sim2vr_harness.human_comparison.goals import GoalRow
 from sim2vr_harness.human_comparison.report import ComparisonReport
 
 __all__ = ["report_tables"]
@@ -38,7 +37,6 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
     parts: list[RenderableType] = [_totals(report)]
     if len(report.users) > 1:
         parts += _side_by_side(report)
-    parts += _goals(report)
     for index, compared in enumerate(report.compared):
         parts.append(_headlines(report, compared))
         parts += _fatigue(report, index)
@@ -109,37 +107,6 @@ def _side_by_side(report: ComparisonReport) -> Iterator[RenderableType]:
 
 def _value(row: ComparisonRow | None) -> str:
     return "" if row is None else f"{row.value:.3g}" + ("" if row.inside == 1.0 else "*")
-
-
-def _goals(report: ComparisonReport) -> Iterator[RenderableType]:
-    """What is asked of users: a plus for what is so, a minus for what is not."""
-    found: dict[tuple[str, str], list[GoalRow]] = {}
-    for row in report.goals:
-        found.setdefault((row.user, row.group), []).append(row)
-    for (user, group), rows in found.items():
-        whose = f"{user}, {group}" if group else f"{user}, over all"
-        table = Table(
-            title=f"Asked of {whose}", box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False
-        )
-        table.add_column("What", min_width=16)
-        for heading in ("User", "People", "Bar", "Aim"):
-            table.add_column(heading, justify="right", no_wrap=True)
-        for row in rows:
-            people = ""
-            if row.people_low is not None and row.people_high is not None:
-                people = f"{row.people_low:.3g} to {row.people_high:.3g}"
-            table.add_row(
-                row.what,
-                f"{row.value:.3g}" + ("" if row.spread is None else f" ± {row.spread:.2g}"),
-                people,
-                _asked(row.bar, row.bar_met),
-                _asked(row.aim, row.aim_met),
-            )
-        yield table
-
-
-def _asked(text: str, met: bool | None) -> str:
-    return text if met is None else f"{text} {'+' if met else '-'}"
 
 
 def _add(table: Table, name: str, group: str, found: Total | None, *, dim: bool = False) -> None:

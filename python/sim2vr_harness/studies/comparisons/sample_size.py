@@ -1,4 +1,4 @@
-"""How many units a study's comparisons need to find a difference."""
+"""Sample sizes of a study's comparisons for given differences."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ class Sentence:
 
 
 def sentences_of(source: ReportSource, published: Published) -> list[Sentence]:
-    """Return the summary: the answer to the title first, nothing of measures that were not requested."""
+    """Return the summary: the answer to the title first, only requested measures."""
     return [
         *(_answers(source) if source.comparisons else _described(source)),
         *(Sentence(*words) for words in people_sentences(source, published, _asked(source))),

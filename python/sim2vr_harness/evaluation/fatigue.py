@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Any
 
 import mujoco
@@ -23,6 +22,7 @@ __all__ = [
     "fatigue_measures",
     "full_name",
     "groups_of",
+    "worst_of",
 ]
 
 FATIGUE = "fatigue."
@@ -133,7 +133,6 @@ class FatigueGroups:
         return dict(zip(self.names, [*means, *worst.tolist()], strict=True))
 
 
-@lru_cache(maxsize=8)
 def fatigue_groups(body: Body) -> FatigueGroups:
     """Return what tires of a body, grouped by the joints that each muscle has a moment arm at."""
     muscles = (*body.muscles, *body.effort_inputs.loads)
@@ -153,6 +152,12 @@ def fatigue_groups(body: Body) -> FatigueGroups:
             if members and name not in muscles
         },
     )
+
+
+def worst_of(simulation: Any, user: int) -> NDArray[np.float64]:
+    """Return (L,) largest shares of fatigued motor units of a user's round so far."""
+    worst: NDArray[np.float64] = simulation.users.effort.state()["max_MF"][user]
+    return worst
 
 
 def groups_of(simulation: Any) -> FatigueGroups | None:

@@ -26,7 +26,7 @@ def option_kind(game: str, option: str) -> Literal["truth", "text", "other"] | N
     if game not in list_games():
         return None
     try:
-        InProcessBatch(1, game, {option: []}, renderer="null", width=8, height=8).close()
+        InProcessBatch(1, game, {option: []}, renderer="null", width=8, height=8)
     except ValueError as error:
         found = [kind for words, kind in _EXPECTED if str(error).endswith(words)]
         unknown = f"unknown option '{option}'" in str(error)

@@ -422,6 +422,11 @@ def test_yes_and_no_are_what_the_game_declares(
     assert options == {option: expected if written != "'no'" else "no"}
 
 
+def test_other_options_of_a_game_are_left_to_it() -> None:
+    overrides = ["env.app.game=whacamole", "env.app.options.spawn_times=no"]
+    assert apply_overrides({}, overrides)["env"]["app"]["options"] == {"spawn_times": False}
+
+
 @pytest.mark.parametrize("app", ["env.app.page=a.html", "env.app.game=golf"])
 def test_yes_and_no_of_games_that_do_not_say(app: str) -> None:
     with pytest.raises(InputError) as refused:

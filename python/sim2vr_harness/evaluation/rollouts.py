@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import Condition, GameFacts, OptionValue
 from sim2vr_harness.envs.protocols import SimulationLike
-from sim2vr_harness.evaluation.fatigue import groups_of, worst_of
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result
+from sim2vr_harness.evaluation.muscle_groups import groups_of, worst_of
 from sim2vr_harness.policies.protocol import Act, FunctionPolicy, Policy, episode_of
 
 __all__ = ["Job", "Watcher", "jobs_for", "play"]

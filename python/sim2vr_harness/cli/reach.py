@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -65,6 +66,12 @@ _Objects = Annotated[
         "go or move.",
     ),
 ]
+_People = Annotated[
+    int | None,
+    typer.Option(
+        metavar="N", help="Say of the game's places how many of N people reach them who differ."
+    ),
+]
 _Seconds = Annotated[
     float, typer.Option(help="How long to look at each of three rounds.", callback=finite)
 ]
@@ -88,6 +95,7 @@ def reach(
     game: _Game = None,
     condition: _Condition = None,
     objects: _Objects = None,
+    people: _People = None,
     seconds: _Seconds = 10.0,
     cell: _Cell = 0.05,
     out: _Out = Path("reach"),
@@ -96,11 +104,15 @@ def reach(
     trust_app: TrustOption = False,
 ) -> None:
     """Measure what a user can reach, and say of targets whether they lie within."""
+    from dataclasses import replace
+    from functools import partial
+
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.base.optional import needed
     from sim2vr_harness.envs.config import body_of
     from sim2vr_harness.tools.reach.files import write
     from sim2vr_harness.tools.reach.measuring import chosen_point, measure
+    from sim2vr_harness.tools.reach.people import alike, people_reach
     from sim2vr_harness.tools.reach.targets import given_target, logged_targets
     from sim2vr_harness.tools.users import environment_of
 
@@ -110,6 +122,8 @@ def reach(
         raise InputError("--tool", wrong, "it with --game and without --point")
     if game is None and (condition or objects is not None):
         raise InputError("--condition or --objects", "it without --game", "it with --game")
+    if people is not None and game is None:
+        raise InputError("--people", "it without --game", "it with --game")
     if not 0.0 < seconds <= 600.0:
         raise InputError("--seconds", f"{seconds:g}", "more than 0, at most 600")
     targets = [given_target(text) for text in target or ()]
@@ -122,47 +136,51 @@ def reach(
     ]
     body = body_of(environments[0].user)
     where = chosen_point(body, point)
+    shares: dict[int, str] = {}
     if game is not None:
-        targets += _of_game(environments, conditions, objects, seconds)
         if tool is not None:
             where = _in_hand(environments[0], tool)
+        for environment, name in zip(environments, conditions, strict=True):
+            look = partial(_look, objects=objects, seconds=seconds)
+            places = look(alike(environment), None)
+            if people is not None:
+                reached = people_reach(environment, where, places, people, look)
+                first = len(targets)
+                shares |= {first + i: reached.words(i) for i in range(len(places))}
+            targets += [replace(one, name=f"{name or ''} {one.name}".strip()) for one in places]
     found = measure(body, where, targets, cell_m=cell)
-    _tell(found)
+    _tell(found, shares)
     for file in write(found, out, film=film):
         typer.echo(f"Written: {file}")
 
 
-def _of_game(
-    environments: list[EnvConfig], conditions: list[str | None], objects: str | None, seconds: float
+def _look(
+    environment: EnvConfig, person: int | None, objects: str | None, seconds: float
 ) -> list[Target]:
-    from dataclasses import replace
-
     from sim2vr_harness.tools.reach.targets import seen_targets
 
-    found = []
-    for environment, condition in zip(environments, conditions, strict=True):
-        for one in seen_targets(environment, objects, seconds=seconds):
-            found.append(replace(one, name=f"{condition or ''} {one.name}".strip()))
-    return found
+    return seen_targets(environment, objects, seconds=seconds, person=person)
 
 
 def _in_hand(environment: EnvConfig, tool: str) -> Point:
     from contextlib import closing
 
     from sim2vr_harness.envs.simulation import Simulation
+    from sim2vr_harness.tools.reach.people import alike
     from sim2vr_harness.tools.reach.targets import tool_point
 
-    with closing(Simulation(environment, 1)) as users:
+    with closing(Simulation(alike(environment), 1)) as users:
         users.reset(seeds=[1])
         return tool_point(users.apps[0].scene(), tool)
 
 
-def _tell(found: Measured) -> None:
+def _tell(found: Measured, shares: Mapping[int, str]) -> None:
     from sim2vr_harness.tools.reach.figures import caption
     from sim2vr_harness.tools.reach.page import margin_words
 
     typer.echo(caption(found))
     for name, low, high in zip(("right", "up", "ahead"), *found.extent_m, strict=True):
         typer.echo(f"  {name:5} {low:7.3f} to {high:6.3f} m")
-    for target, verdict in zip(found.targets, found.verdicts, strict=True):
-        typer.echo(f"  {target.name}: {margin_words(verdict.margin_m)}")
+    for i, (target, verdict) in enumerate(zip(found.targets, found.verdicts, strict=True)):
+        words = f"; {shares[i]}" if i in shares else ""
+        typer.echo(f"  {target.name}: {margin_words(verdict.margin_m)}{words}")

@@ -37,7 +37,7 @@ from sim2vr_harness.policies.store import TrainedUser, find_user, require_contra
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.users import PeopleSettings, effort_weight
 
-__all__ = ["Evaluation", "Request", "evaluate", "name_of"]
+__all__ = ["Evaluation", "Request", "evaluate", "name_of", "with_people"]
 
 _LONGEST_NAME = 120
 """Of a folder, in characters."""
@@ -233,7 +233,7 @@ class _Plan:
             config, request.app, request.overrides, source=run, trust_app=request.trust_app
         )
         if request.people is not None:
-            env = _with_people(env, request.people, seed)
+            env = with_people(env, request.people, seed)
         if request.cores is not None:
             env = env.model_copy(update={"cores": request.cores})
         require_contract(user, env)
@@ -333,7 +333,7 @@ def _logs_by_itself(env: EnvConfig) -> bool:
     return app.connect is None and app.executable is None and app.page is None
 
 
-def _with_people(env: EnvConfig, people: int, seed: int) -> EnvConfig:
+def with_people(env: EnvConfig, people: int, seed: int) -> EnvConfig:
     """The environment with so many people of this seed, as the training's differ or as usual.
 
     Raises:

@@ -1,28 +1,20 @@
-"""Measure fatigue per muscle and per body part."""
+"""Names of measures of fatigue per muscle and per body part."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
-from functools import lru_cache
-from typing import Any
-
-import mujoco
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Iterable
 
 from sim2vr_harness.client import Measure
-from sim2vr_harness.users import Body, UserBatch
 
 __all__ = [
     "FATIGUE",
     "MUSCLE_NAMES",
-    "FatigueGroups",
-    "fatigue_groups",
+    "PARTS",
+    "SIDES",
     "fatigue_measure",
     "fatigue_measures",
     "full_name",
-    "groups_of",
+    "split_side",
 ]
 
 FATIGUE = "fatigue."
@@ -65,7 +57,7 @@ MUSCLE_NAMES = {
 """Abbreviation in MoBL ARMS -> muscle (Holzbaur et al. 2005, doi 10.1007/s10439-005-3320-7; Saul
 et al. 2015 keep the names)."""
 
-_PARTS = {
+PARTS = {
     "elv_angle": "shoulder",
     "shoulder_elv": "shoulder",
     "shoulder_rot": "shoulder",
@@ -75,22 +67,16 @@ _PARTS = {
     "flexion": "wrist",
 }
 """Joint of MoBL ARMS -> body part; another joint is a part of its own name."""
-_SIDES = {"_r": "right", "_l": "left"}
-_LEAST_ARM_M = 1e-5
-"""A smaller moment arm is rounding."""
-_POSTURES = 8
-"""Drawn from the joints' ranges, beside their middle: an arm may vanish in one posture."""
-_STEP = 1e-4
-"""Of a joint, for the difference of lengths; rad, slides m."""
+SIDES = {"_r": "right", "_l": "left"}
 
 
 def full_name(name: str) -> str:
     """Return a muscle or part for people: ``ANC_r`` -> ``anconeus, right``; others as they are."""
-    stem, side = _split(name)
+    stem, side = split_side(name)
     words = MUSCLE_NAMES.get(stem, stem)
-    if not side or (stem not in MUSCLE_NAMES and stem not in _PARTS.values()):
+    if not side or (stem not in MUSCLE_NAMES and stem not in PARTS.values()):
         return MUSCLE_NAMES.get(name, name)
-    return f"{words}, {_SIDES[side]}"
+    return f"{words}, {SIDES[side]}"
 
 
 def fatigue_measure(name: str) -> Measure:
@@ -104,89 +90,6 @@ def fatigue_measures(names: Iterable[str]) -> tuple[Measure, ...]:
     return tuple(fatigue_measure(name) for name in dict.fromkeys(names) if name.startswith(FATIGUE))
 
 
-@dataclass(frozen=True)
-class FatigueGroups:
-    """What tires of a body: its muscles, and the body parts that they move.
-
-    Attributes:
-        muscles: (L,) what tires, in the order of the effort model.
-        parts: Body part -> (K,) indices of the muscles that cross one of its joints; of both sides
-            where there are two, and of each.
-    """
-
-    muscles: tuple[str, ...]
-    parts: Mapping[str, NDArray[np.int64]]
-
-    @property
-    def part_names(self) -> tuple[str, ...]:
-        """Names of the measures of body parts."""
-        return tuple(f"{FATIGUE}{name}" for name in self.parts)
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the measures, those of body parts first."""
-        return (*self.part_names, *(f"{FATIGUE}{name}" for name in self.muscles))
-
-    def values(self, worst: NDArray[np.floating[Any]]) -> dict[str, float]:
-        """Return each measure's value, of (L,) largest shares of fatigued motor units."""
-        means = [float(worst[members].mean()) for members in self.parts.values()]
-        return dict(zip(self.names, [*means, *worst.tolist()], strict=True))
-
-
-@lru_cache(maxsize=8)
-def fatigue_groups(body: Body) -> FatigueGroups:
-    """Return what tires of a body, grouped by the joints that each muscle has a moment arm at."""
-    muscles = (*body.muscles, *body.effort_inputs.loads)
-    parts: dict[str, set[int]] = {}
-    crossed = _moment_arms(body, muscles) > _LEAST_ARM_M
-    joints = [_split(joint) for joint in body.independent_joints]
-    both = {side for _, side in joints if side} == set(_SIDES)
-    for (stem, side), column in zip(joints, crossed.T, strict=True):
-        part = _PARTS.get(stem, stem)
-        for name in (part, f"{part}{side}") if both and side else (part,):
-            parts.setdefault(name, set()).update(np.flatnonzero(column).tolist())
-    return FatigueGroups(
-        muscles,
-        {
-            name: np.array(sorted(members))
-            for name, members in parts.items()
-            if members and name not in muscles
-        },
-    )
-
-
-def groups_of(simulation: Any) -> FatigueGroups | None:
-    """Return what tires of a simulation's users; None without a model of fatigue."""
-    users = getattr(simulation, "users", None)
-    if not isinstance(users, UserBatch) or "max_MF" not in users.effort.state():
-        return None
-    return fatigue_groups(users.body)
-
-
-def _moment_arms(body: Body, muscles: tuple[str, ...]) -> NDArray[np.float64]:
-    """(L, J) the largest moment arms at independent joints, couplings included; m."""
-    model = body.physics_model
-    data = mujoco.MjData(model)
-    rows = [model.actuator(name).id for name in muscles]
-    low, high = body.joint_ranges.T
-
-    def lengths(q: NDArray[np.float64]) -> NDArray[np.float64]:
-        data.qpos[:] = body.coupled_qpos(q)
-        mujoco.mj_kinematics(model, data)
-        mujoco.mj_comPos(model, data)
-        mujoco.mj_tendon(model, data)
-        mujoco.mj_transmission(model, data)
-        return np.array(data.actuator_length[rows])
-
-    shares = np.random.default_rng(1).random((_POSTURES, len(low)))
-    largest = np.zeros((len(rows), len(low)))
-    for q in (0.5 * (low + high), *(low + shares * (high - low))):
-        for joint, step in enumerate(np.eye(len(low)) * _STEP):
-            arms = np.abs(lengths(q + step) - lengths(q - step)) / (2.0 * _STEP)
-            largest[:, joint] = np.maximum(largest[:, joint], arms)
-    return largest
-
-
-def _split(name: str) -> tuple[str, str]:
-    """A name without its side, and the side: ``_r``, ``_l`` or nothing."""
-    return (name[:-2], name[-2:]) if name[-2:] in _SIDES else (name, "")
+def split_side(name: str) -> tuple[str, str]:
+    """Return a name without its side, and the side: ``_r``, ``_l`` or nothing."""
+    return (name[:-2], name[-2:]) if name[-2:] in SIDES else (name, "")

@@ -13,8 +13,8 @@ from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import Condition, GameFacts, OptionValue
 from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.evaluation.exertion import ExertionRecorder
-from sim2vr_harness.evaluation.fatigue import groups_of
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result
+from sim2vr_harness.evaluation.muscle_groups import groups_of, worst_of
 from sim2vr_harness.policies.protocol import Act, FunctionPolicy, Policy, episode_of
 
 __all__ = ["Job", "Watcher", "jobs_for", "play"]
@@ -228,7 +228,7 @@ class _Wave:
         """Return the arguments of :func:`round_result` about the fatigue of user ``i``."""
         if self._fatigue is None:
             return {}
-        worst = self._simulation.users.effort.state()["max_MF"][i]
+        worst = worst_of(self._simulation, i)
         parts = self._fatigue.part_names
         return {"fatigue": self._fatigue.values(worst), "fatigue_parts": parts}
 

@@ -28,7 +28,8 @@ from sim2vr_harness.base.settings import (
 )
 from sim2vr_harness.base.written_values import written_value
 from sim2vr_harness.client import list_transports
-from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.client.option_kinds import option_kind
+from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.games import imagined_settings
 from sim2vr_harness.runs.attention_config import AttentionCropConfig, check_attention
 from sim2vr_harness.runs.dagger_config import StudentConfig
@@ -358,9 +359,37 @@ def apply_overrides(tree: Mapping[str, Any], overrides: Sequence[str]) -> dict[s
                 raise InputError(f"--set {key}", f"a key inside {at}", expected)
             node = child
         node[last] = value
+    _settle_words(overrides, result)
     return result
 
 
+def _settle_words(overrides: Sequence[str], tree: dict[str, Any]) -> None:
+    """Take ``yes`` or ``no`` for a game's option as the game declares it: a truth, or text.
+
+    Raises:
+        InputError: The game does not say which.
+    """
+    last = {new_name(one.partition("=")[0].strip()): one for one in overrides}
+    for key, override in last.items():
+        *parents, option = key.split(".")
+        word = override.partition("=")[2].strip()
+        if parents != _GAME_OPTIONS or word.lower() not in _WORDS:
+            continue
+        app = tree["env"]["app"]
+        if not isinstance(app, dict) or option not in (app.get("options") or {}):
+            continue  # a later override is of all of it
+        game = str(app.get("game", AppConfig().game))
+        kind = None if app.get("page") is not None else option_kind(game, option)
+        if kind is None:
+            expected = f"true or false, or text in quotes, such as {option}=\"'{word}'\""
+            raise InputError("--set", f"{shown(override)}, a truth or a word", expected)
+        if kind == "text":
+            app["options"][option] = word
+
+
+_GAME_OPTIONS = ["env", "app", "options"]
+_WORDS = ("yes", "no", "on", "off")
+"""What YAML 1.1 takes for truths, and people for words."""
 _TRANSPORT_OPTIONS = ["env", "app", "transport_options"]
 
 

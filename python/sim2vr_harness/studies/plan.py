@@ -10,8 +10,9 @@ from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.client import GameFacts, InProcessBatch, Measure
 from sim2vr_harness.envs.config import AppConfig, body_of, with_options
-from sim2vr_harness.evaluation.fatigue import fatigue_groups, fatigue_measures
+from sim2vr_harness.evaluation.fatigue import fatigue_measures
 from sim2vr_harness.evaluation.metrics import measures_of
+from sim2vr_harness.evaluation.muscle_groups import fatigue_groups
 from sim2vr_harness.studies.cells import Cell, cells_of, content_hash
 from sim2vr_harness.studies.config import StudyConfig
 from sim2vr_harness.studies.jobs import CellTask, Limits, TrainingTask

@@ -16,11 +16,11 @@ from sim2vr_harness.evaluation.bar_chart import chart
 from sim2vr_harness.evaluation.evaluate import Request, evaluate
 from sim2vr_harness.evaluation.fatigue import (
     MUSCLE_NAMES,
-    fatigue_groups,
     fatigue_measure,
     full_name,
 )
 from sim2vr_harness.evaluation.metrics import round_result, summarise
+from sim2vr_harness.evaluation.muscle_groups import fatigue_groups
 from sim2vr_harness.evaluation.tables import results_table
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.plan import plan_of

@@ -404,3 +404,36 @@ def test_keys_that_became_constants() -> None:
         load_config("whacamole_constrained_distill", ["teacher.imagined.lam=0.8"])
     expected = "teacher.imagined.lam: got 0.8, expected it left out: it is 0.9 in all trainings now"
     assert str(caught.value) == expected
+
+
+@pytest.mark.parametrize(
+    ("game", "option", "written", "expected"),
+    [
+        *(("beats", "end_on_miss", word, False) for word in ("no", "No", "off", "false")),
+        *(("whacamole", "sparse", word, True) for word in ("yes", "YES", "on", "true")),
+        *(("beats", "level", word, word) for word in ("no", "Yes", "off", "'no'")),
+    ],
+)
+def test_yes_and_no_are_what_the_game_declares(
+    game: str, option: str, written: str, expected: object
+) -> None:
+    overrides = [f"env.app.options.{option}={written}", f"env.app.game={game}"]
+    options = apply_overrides({}, overrides)["env"]["app"]["options"]
+    assert options == {option: expected if written != "'no'" else "no"}
+
+
+def test_other_options_of_a_game_are_left_to_it() -> None:
+    overrides = ["env.app.game=whacamole", "env.app.options.spawn_times=no"]
+    assert apply_overrides({}, overrides)["env"]["app"]["options"] == {"spawn_times": False}
+
+
+@pytest.mark.parametrize("app", ["env.app.page=a.html", "env.app.game=golf"])
+def test_yes_and_no_of_games_that_do_not_say(app: str) -> None:
+    with pytest.raises(InputError) as refused:
+        apply_overrides({}, [app, "env.app.options.mirror=no"])
+    assert str(refused.value) == (
+        "--set: got 'env.app.options.mirror=no', a truth or a word, expected true or false, or "
+        "text in quotes, such as mirror=\"'no'\""
+    )
+    said = apply_overrides({}, [app, "env.app.options.mirror=false"])["env"]["app"]["options"]
+    assert said == {"mirror": False}

@@ -13,17 +13,29 @@ import pytest
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import AppScene, DevicePoses, InProcessApp
 from sim2vr_harness.client.frames import position_to_app
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.evaluation.evaluate import with_people
 from sim2vr_harness.tools.reach import files, measuring, page
 from sim2vr_harness.tools.reach.extent import Reach
 from sim2vr_harness.tools.reach.measuring import Measured, chosen_point, measure
+from sim2vr_harness.tools.reach.people import PeopleReach, alike, people_reach
 from sim2vr_harness.tools.reach.shell import shell
 from sim2vr_harness.tools.reach.targets import (
     Target,
     given_target,
     logged_targets,
+    seen_targets,
     tool_point,
 )
-from sim2vr_harness.users import Body, BodyPlan, SpecBody, load_body
+from sim2vr_harness.tools.users import environment_of
+from sim2vr_harness.users import (
+    Body,
+    BodyPlan,
+    PeopleSettings,
+    Population,
+    SpecBody,
+    load_body,
+)
 from sim2vr_harness.users.kinematics.forward import Linkage, Point
 
 UPPER, LOWER, BENT = 0.30, 0.25, 2.0 * np.pi / 3.0
@@ -238,3 +250,42 @@ def test_tables_and_page(found: Measured, tmp_path: Path, monkeypatch: pytest.Mo
     assert "outside by 7.0 cm" in text
     assert not re.search(r"<(script|link)[^>]*\b(src|href)=", text), "opens without a network"
     assert page.margin_words(0.3) == "inside, more than 30 cm to spare"
+
+
+def test_a_game_s_places_are_the_same_for_everybody() -> None:
+    """Whac-A-Mole has a grid of 3 x 3, placed by the head, which people hold elsewhere."""
+    env = environment_of("pretrained:whacamole_people", condition="low")
+    places = seen_targets(alike(env), None, seconds=8.0, rounds=2)
+    assert [place.name for place in places] == [f"Target {k}" for k in range(1, 10)]
+    several = with_people(alike(env), 2, 1)
+    own = seen_targets(several, None, seconds=8.0, rounds=1, person=1)
+    matched = [[place.same_as(target) for place in places].count(True) for target in own]
+    assert len(own) >= 8 and matched == [1] * len(own)
+    moved = [target.place_m - places[0].place_m for target in own if target.same_as(places[0])]
+    assert np.linalg.norm(moved[0]) > 0.01, "their heads are elsewhere"
+
+
+def test_people_reach_what_their_own_arms_allow() -> None:
+    env = environment_of("mobl_arms_wrist")
+    point = Point("controller_right")
+    body = load_body("mobl_arms_wrist", appearance=False)
+    top_m = position_to_app(Reach(Linkage(body, point)).furthest(np.array([[0.0, 0.0, 1.0]])))[0]
+    places = [Target("below", top_m - np.array([0.0, 0.25, 0.0])), Target("at", top_m)]
+    asked: list[int | None] = []
+
+    def look(_: EnvConfig, person: int | None) -> list[Target]:
+        asked.append(person)
+        return places
+
+    found = people_reach(env, point, places, 5, look)
+    assert asked == [0, 1, 2, 3, 4]
+    people = Population(PeopleSettings(seed=1, count=5))
+    statures = np.array([people.number(k).stature_m for k in range(5)])
+    # The average body is 1.70 m tall; shoulder and arm of taller people end higher.
+    assert (found.margins_m[:, 1] > 0.0).tolist() == (statures > 1.70).tolist()
+    assert (found.margins_m[:, 0] > found.margins_m[:, 1]).all()
+    told = PeopleReach(np.array([[0.031, np.nan], [-0.025, np.nan], [0.2, 0.1]]))
+    assert told.words(0) == "2 of 3 people, at worst outside by 2.5 cm"
+    assert told.words(1) == "1 of 1 people, at worst inside, 10.0 cm to spare"
+    with pytest.raises(InputError, match=r"^--people: got 0, expected at least 1"):
+        people_reach(env, point, places, 0, look)

@@ -46,10 +46,19 @@ class Target:
     Attributes:
         name: for people.
         place_m: (3,) right, up, ahead: the app's frame, m, origin on the floor below the body.
+        from_head_m: (3,) the same from where the headset was as the round began; None: not known.
     """
 
     name: str
     place_m: FloatArray
+    from_head_m: FloatArray | None = None
+
+    def same_as(self, other: Target) -> bool:
+        """Whether both are one place, in the world or as the game placed it by the head."""
+        near = _same(self.place_m, other.place_m)
+        if near or self.from_head_m is None or other.from_head_m is None:
+            return near
+        return _same(self.from_head_m, other.from_head_m)
 
 
 def given_target(text: str) -> Target:
@@ -119,11 +128,13 @@ def seen_targets(
     seconds: float = 10.0,
     seed: int = 1,
     rounds: int = 3,
+    person: int | None = None,
     simulation: Callable[..., Any] = make_simulation,
 ) -> list[Target]:
     """Let the user sit still in a game, and note where objects come up.
 
-    An object that moves counts where it comes nearest to the headset.
+    An object that moves counts where it comes nearest to the headset. A place that several rounds
+    have, in the world or from the head, is one target.
 
     Args:
         config: User and app.
@@ -132,6 +143,7 @@ def seen_targets(
         seconds: How long to look at a round.
         seed: Of the first round.
         rounds: How many rounds to look at.
+        person: Number of the person, where users are people.
         simulation: How to make the user: (EnvConfig, n) -> simulation.
 
     Raises:
@@ -145,7 +157,7 @@ def seen_targets(
             raise InputError("--game", "an app that tells nothing of its scene", "one that does")
         still = np.zeros((1, *users.action_space.shape), np.float32)
         for number in range(rounds):
-            users.reset(seeds=[seed + number])
+            users.reset(seeds=[seed + number], persons=None if person is None else [person])
             tracks = _Tracks(app.scene(), pattern)
             for _ in range(round(seconds * users.config.action_frequency_hz)):
                 outcome = users.step(still)
@@ -155,7 +167,7 @@ def seen_targets(
                 if outcome.terminated[0] or outcome.truncated[0]:
                     break
             for target in tracks.targets():
-                if not any(_same(target.place_m, other.place_m) for other in seen):
+                if not any(target.same_as(other) for other in seen):
                     seen.append(target)
     if not seen:
         wanted = "that comes, goes or moves" if pattern is None else f"called {pattern!r}"
@@ -183,11 +195,12 @@ class _Tracks:
         self._first = {_key(one): one for one in first.objects}
         self._best: dict[tuple[int, int], tuple[float, str, FloatArray]] = {}
         self._moved: set[tuple[int, int]] = set()
+        self._start = _head(first)
         self.add(first)
 
     def add(self, scene: AppScene) -> None:
         """Look at a moment."""
-        head = next(one.pose[:3] for one in scene.objects if one.path == f"{_RIG}Main Camera")
+        head = _head(scene)
         counts: dict[int, int] = {}
         for one in scene.objects:
             key = one.id, counts.get(one.id, 0)
@@ -210,10 +223,15 @@ class _Tracks:
     def targets(self) -> list[Target]:
         """Those that were found, the earliest first."""
         return [
-            Target(name, place)
+            Target(name, place, place - self._start)
             for key, (_, name, place) in self._best.items()
             if self._pattern is not None or key in self._moved
         ]
+
+
+def _head(scene: AppScene) -> FloatArray:
+    place = next(one.pose[:3] for one in scene.objects if one.path == f"{_RIG}Main Camera")
+    return np.array(place, dtype=np.float64)
 
 
 def _key(one: SceneObject) -> int:

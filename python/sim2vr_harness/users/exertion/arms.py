@@ -81,7 +81,7 @@ class ArmLoad:
 class ArmDynamics:
     """Inverse dynamics of an arm: everything from the humerus to the controller.
 
-    The moment is the one between the segments: of weight and acceleration, whoever holds them.
+    The moment is the one between the segments, of weight and acceleration.
     Contacts that support the arm are not subtracted.
 
     Args:

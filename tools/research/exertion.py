@@ -100,34 +100,47 @@ def postures() -> None:
         table(heads, rows)
 
 
-def exertion_of(body: Body, path: RecordedPath) -> dict[str, float]:
-    """What the models say of a recorded round: per cent, of 3CC-r of fatigued motor units.
+def exertion_of(body: Body, paths: Sequence[RecordedPath]) -> list[dict[str, float]]:
+    """What the models say of recorded rounds: per cent, of 3CC-r of fatigued motor units.
 
     The arm follows the recorded controller by inverse kinematics from one moment to the next,
     which leaves the turn of the elbow about the line from shoulder to hand to it.
     """
     (arm,) = arms_of(body)
     linkage = Linkage(body, Point(arm.device))
-    rest = np.array([START_DEG.get(joint, 0.0) for joint in linkage.joints])
+    hands = [_hand(body, path) for path in paths]
+    steps = min(map(len, hands))
+    targets = np.stack([hand[:steps] for hand in hands], axis=1)
+    rest = np.radians([START_DEG.get(joint, 0.0) for joint in linkage.joints])
+    now = np.tile(np.clip(rest, *linkage.limits.T), (len(paths), 1))
+    now = solve(linkage, targets[0], now, iterations=200)[0]
+    angles = np.empty((steps, *now.shape))
+    for row, target in zip(angles, targets, strict=True):
+        now = row[:] = solve(linkage, target, now, iterations=15, close_m=1e-3)[0]
+    columns = [body.independent_joints.index(joint) for joint in linkage.joints]
+    dynamics = ArmDynamics(body.physics_model, arm)
+    return [_exertion(body, dynamics, columns, angles[:, i]) for i in range(len(paths))]
 
+
+def _hand(body: Body, path: RecordedPath) -> FloatArray:
+    """(T, 3) where the right controller is, every DT_S, in the body's world."""
     where = place(path, _head(body)).places(path.hands["controller_right"])
     times = np.arange(path.times_s[0], path.times_s[-1], DT_S)
-    hand = np.stack([np.interp(times, path.times_s, axis) for axis in where.T], axis=1)
-    angles = np.empty((len(times), len(linkage.joints)))
-    now = np.clip(np.radians(rest), *linkage.limits.T)
-    now = solve(linkage, hand[:1], now[None], iterations=200)[0][0]
-    for row, target in zip(angles, hand, strict=True):
-        now = row[:] = solve(linkage, target[None], now[None])[0][0]
-    smooth = savgol_filter(angles, 7, 3, axis=0)
-    speed = savgol_filter(angles, 7, 3, deriv=1, delta=DT_S, axis=0)
-    acceleration = savgol_filter(angles, 7, 3, deriv=2, delta=DT_S, axis=0)
-    dynamics, strength = ArmDynamics(body.physics_model, arm), Strength()
+    return np.stack([np.interp(times, path.times_s, axis) for axis in where.T], axis=1)
+
+
+def _exertion(
+    body: Body, dynamics: ArmDynamics, columns: list[int], angles: FloatArray
+) -> dict[str, float]:
+    """What the models say of one motion, angles (T, K)."""
+    strength = Strength()
+    smooth, speed, acceleration = (
+        savgol_filter(angles, 7, 3, deriv=order, delta=DT_S, axis=0) for order in range(3)
+    )
     nicer, consumed = NicerMeter(1), ConsumedEnduranceMeter(1)
     fatigue = [CumulativeFatigue3CCr(1, 1, dt=DT_S, **rates) for rates in FATIGUE_PRESETS.values()]
-    columns = [body.independent_joints.index(joint) for joint in linkage.joints]
     for q, v, a in zip(smooth, speed, acceleration, strict=True):
-        state = _moving(body, columns, q, v, a)
-        load = dynamics.load(*state)
+        load = dynamics.load(*_moving(body, columns, q, v, a))
         torque, shoulder, elbow = np.array([[load.torque], [load.shoulder_deg], [load.elbow_deg]])
         nicer.update(torque, shoulder, elbow, DT_S)
         consumed.update(torque, DT_S)
@@ -163,12 +176,12 @@ def _moving(
 def recordings(folder: Path, ratings: Path) -> None:
     """People's recorded rounds beside their ratings: E15."""
     body = load_body("mobl_arms_wrist", appearance=False)
+    paths = [path for path in read_paths(folder) if path.name.partition("_")[2] in PLACEMENTS]
     rounds: dict[tuple[str, str], list[dict[str, float]]] = {}
-    for path in read_paths(folder):
+    for path, found in zip(paths, exertion_of(body, paths), strict=True):
         number, _, placement = path.name.partition("_")
-        if placement in PLACEMENTS:
-            group = next(name for name, members in GROUPS.items() if int(number) in members)
-            rounds.setdefault((group, placement), []).append(exertion_of(body, path))
+        group = next(name for name, members in GROUPS.items() if int(number) in members)
+        rounds.setdefault((group, placement), []).append(found)
     rated = list(csv.DictReader(line for line in ratings.open() if not line.startswith("#")))
     cells = [cell for cell in product(GROUPS, PLACEMENTS) if cell in rounds]
     borg = {

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.client import Measure
+from sim2vr_harness.evaluation.metrics import ARM_MEASURES
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.exertion import (
     ArmDynamics,
@@ -17,29 +17,7 @@ from sim2vr_harness.users.exertion import (
     arms_of,
 )
 
-__all__ = ["ARM_MEASURES", "ExertionRecorder"]
-
-_SIDES = ("right", "left")
-_MODELS = {
-    "nicer": ("NICER", "Time as a share of the arm's endurance, with recovery (Li et al. 2024)"),
-    "consumed_endurance": (
-        "Consumed Endurance",
-        "Time as a share of the arm's endurance (Hincapie-Ramos et al. 2014)",
-    ),
-}
-
-ARM_MEASURES = tuple(
-    Measure(
-        f"exertion.{name}_{side}",
-        f"{label}, {side}",
-        unit="%",
-        better="lower",
-        description=description,
-    )
-    for name, (label, description) in _MODELS.items()
-    for side in _SIDES
-)
-"""At the end of a round; 100 is exhaustion. A body without that arm has none."""
+__all__ = ["ExertionRecorder"]
 
 
 class ExertionRecorder:
@@ -91,7 +69,7 @@ class ExertionRecorder:
             consumed.update(numbers[0], dt)
 
     def values(self, i: int) -> dict[str, float | None]:
-        """Return the :data:`ARM_MEASURES` of user i's round so far."""
+        """Return the ``ARM_MEASURES`` of user i's round so far."""
         found: dict[str, float | None] = {measure.name: None for measure in ARM_MEASURES}
         if self._users is not None:
             for arm, nicer, consumed in zip(self._arms, self._nicer, self._consumed, strict=True):

@@ -14,6 +14,7 @@ from sim2vr_harness.users.exertion import (
     ConsumedEnduranceMeter,
     NicerMeter,
     Strength,
+    arm_loads,
     arms_of,
 )
 
@@ -61,12 +62,12 @@ class ExertionRecorder:
         for dynamics, nicer, consumed in zip(
             self._dynamics, self._nicer, self._consumed, strict=True
         ):
-            numbers = np.zeros((3, users.n))
+            moments = np.zeros((users.n, 18))
             for i in np.flatnonzero(playing).tolist():
-                load = dynamics[i].load(qpos[i], qvel[i], qacc[i])
-                numbers[:, i] = load.torque, load.shoulder_deg, load.elbow_deg
-            nicer.update(*numbers, dt)
-            consumed.update(numbers[0], dt)
+                moments[i] = dynamics[i].moment(qpos[i], qvel[i], qacc[i])
+            torque, shoulder, elbow = arm_loads(moments)
+            nicer.update(torque, shoulder, elbow, dt)
+            consumed.update(torque, dt)
 
     def values(self, i: int) -> dict[str, float | None]:
         """Return the ``ARM_MEASURES`` of user i's round so far."""

@@ -26,6 +26,7 @@ from sim2vr_harness.cli import (
     chart,
     compare,
     curves,
+    endurance,
     evaluate,
     export,
     film,
@@ -96,6 +97,7 @@ app.command("chart")(chart.chart)
 app.command("film")(film.film)
 app.command("bench")(bench.bench)
 app.command("reach")(reach.reach)
+app.command("endurance")(endurance.endurance)
 app.command("rewards")(rewards.rewards)
 app.command("track")(track.track)
 app.command("watch")(watch.watch)

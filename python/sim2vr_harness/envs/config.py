@@ -66,7 +66,7 @@ class EffortConfig(Settings):
     preset: FatiguePreset = "reference"
     """cumulative_fatigue_3ccr: published values of ``r``, ``fatigue`` and ``recovery``.
     ``shoulder`` lasts as long as people's shoulders do, ``reference`` is the SIM2VR paper's
-    (docs/concepts/user_model.md)."""
+    (docs/reference/exertion.md)."""
     r: Rate | None = None
     """The same model: how many times faster units recover while the load is met; None: 7.5, or
     15 with the preset ``shoulder``."""

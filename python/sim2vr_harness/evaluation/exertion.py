@@ -7,39 +7,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from sim2vr_harness.client import Measure
+from sim2vr_harness.evaluation.metrics import ARM_MEASURES
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.exertion import (
     ArmDynamics,
     ConsumedEnduranceMeter,
     NicerMeter,
     Strength,
+    arm_loads,
     arms_of,
 )
 
-__all__ = ["ARM_MEASURES", "ExertionRecorder"]
-
-_SIDES = ("right", "left")
-_MODELS = {
-    "nicer": ("NICER", "Time as a share of the arm's endurance, with recovery (Li et al. 2024)"),
-    "consumed_endurance": (
-        "Consumed Endurance",
-        "Time as a share of the arm's endurance (Hincapie-Ramos et al. 2014)",
-    ),
-}
-
-ARM_MEASURES = tuple(
-    Measure(
-        f"exertion.{name}_{side}",
-        f"{label}, {side}",
-        unit="%",
-        better="lower",
-        description=description,
-    )
-    for name, (label, description) in _MODELS.items()
-    for side in _SIDES
-)
-"""At the end of a round; 100 is exhaustion. A body without that arm has none."""
+__all__ = ["ExertionRecorder"]
 
 
 class ExertionRecorder:
@@ -83,15 +62,15 @@ class ExertionRecorder:
         for dynamics, nicer, consumed in zip(
             self._dynamics, self._nicer, self._consumed, strict=True
         ):
-            numbers = np.zeros((3, users.n))
+            moments = np.zeros((users.n, 18))
             for i in np.flatnonzero(playing).tolist():
-                load = dynamics[i].load(qpos[i], qvel[i], qacc[i])
-                numbers[:, i] = load.torque, load.shoulder_deg, load.elbow_deg
-            nicer.update(*numbers, dt)
-            consumed.update(numbers[0], dt)
+                moments[i] = dynamics[i].moment(qpos[i], qvel[i], qacc[i])
+            torque, shoulder, elbow = arm_loads(moments)
+            nicer.update(torque, shoulder, elbow, dt)
+            consumed.update(torque, dt)
 
     def values(self, i: int) -> dict[str, float | None]:
-        """Return the :data:`ARM_MEASURES` of user i's round so far."""
+        """Return the ``ARM_MEASURES`` of user i's round so far."""
         found: dict[str, float | None] = {measure.name: None for measure in ARM_MEASURES}
         if self._users is not None:
             for arm, nicer, consumed in zip(self._arms, self._nicer, self._consumed, strict=True):

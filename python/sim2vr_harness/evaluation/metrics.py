@@ -14,10 +14,37 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.client import GameFacts, Measure
-from sim2vr_harness.evaluation.exertion import ARM_MEASURES
 from sim2vr_harness.evaluation.fatigue import fatigue_measures
 
-__all__ = ["PLAYER_MEASURES", "RoundResult", "measures_of", "round_result", "summarise"]
+__all__ = [
+    "ARM_MEASURES",
+    "PLAYER_MEASURES",
+    "RoundResult",
+    "measures_of",
+    "round_result",
+    "summarise",
+]
+
+_EXERTION = {
+    "nicer": ("NICER", "Time as a share of the arm's endurance, with recovery (Li et al. 2024)"),
+    "consumed_endurance": (
+        "Consumed Endurance",
+        "Time as a share of the arm's endurance (Hincapie-Ramos et al. 2014)",
+    ),
+}
+
+ARM_MEASURES = tuple(
+    Measure(
+        f"exertion.{name}_{side}",
+        f"{label}, {side}",
+        unit="%",
+        better="lower",
+        description=description,
+    )
+    for name, (label, description) in _EXERTION.items()
+    for side in ("right", "left")
+)
+"""At the end of a round; 100 is exhaustion. A body without that arm has none."""
 
 PLAYER_MEASURES = (
     Measure(

@@ -12,9 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from sim2vr_harness.client import GameFacts, Measure
-from sim2vr_harness.evaluation.exertion import ARM_MEASURES
 from sim2vr_harness.evaluation.fatigue import FATIGUE, fatigue_measures, full_name
-from sim2vr_harness.evaluation.metrics import measures_of
+from sim2vr_harness.evaluation.metrics import ARM_MEASURES, measures_of
 
 __all__ = ["cell", "results_table"]
 

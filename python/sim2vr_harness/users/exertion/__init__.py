@@ -1,6 +1,6 @@
 """Exertion as people rate it: endurance times and two measures of arm fatigue."""
 
-from sim2vr_harness.users.exertion.arms import Arm, ArmDynamics, ArmLoad, arms_of
+from sim2vr_harness.users.exertion.arms import Arm, ArmDynamics, ArmLoad, arm_loads, arms_of
 from sim2vr_harness.users.exertion.models import (
     ConsumedEnduranceMeter,
     NicerMeter,
@@ -18,6 +18,7 @@ __all__ = [
     "ConsumedEnduranceMeter",
     "NicerMeter",
     "Strength",
+    "arm_loads",
     "arms_of",
     "consumed_endurance_time",
     "endurance_time",

@@ -81,7 +81,7 @@ class ArmLoad:
 class ArmDynamics:
     """Inverse dynamics of an arm: everything from the humerus to the controller.
 
-    The moment is the one between the segments: of weight and acceleration, whoever holds them.
+    The moment is the one between the segments, of weight and acceleration.
     Contacts that support the arm are not subtracted.
 
     Args:
@@ -92,20 +92,18 @@ class ArmDynamics:
     def __init__(self, model: mujoco.MjModel, arm: Arm) -> None:
         self._model, self._data = model, mujoco.MjData(model)
         parts = (arm.upper_arm, arm.forearm, arm.wrist)
-        self._shoulder, self._elbow, self._wrist = (model.body(part).id for part in parts)
+        self._parts = [model.body(part).id for part in parts]
+        self._shoulder = self._parts[0]
         self._root = int(model.body_rootid[self._shoulder])
         self._hand = model.site(arm.device).id
 
-    def load(
-        self, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray, *, held_kg: float = 0.0
-    ) -> ArmLoad:
-        """Return torque and posture.
+    def moment(self, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray) -> FloatArray:
+        """Return a moment of motion as :func:`arm_loads` takes it, (18,).
 
         Args:
             qpos: (nq,) angles, rad.
             qvel: (nv,) rad/s.
             qacc: (nv,) rad/s^2.
-            held_kg: further mass that hangs from the controller, at rest.
         """
         model, data = self._model, self._data
         data.qpos[:], data.qvel[:], data.qacc[:] = qpos, qvel, qacc
@@ -114,21 +112,39 @@ class ArmDynamics:
         mujoco.mj_comVel(model, data)
         mujoco.mj_rnePostConstraint(model, data)
         # A wrench about the centre of mass of the whole tree: torque, then force.
-        wrench = data.cfrc_int[self._shoulder]
-        shoulder, elbow, wrist = (
-            data.xpos[part] for part in (self._shoulder, self._elbow, self._wrist)
-        )
-        moment = wrench[:3] + np.cross(data.subtree_com[self._root] - shoulder, wrench[3:])
-        weight = -held_kg * model.opt.gravity
-        moment = moment + np.cross(data.site_xpos[self._hand] - shoulder, weight)
-        upper, fore = elbow - shoulder, wrist - elbow
-        return ArmLoad(
-            float(np.linalg.norm(moment)),
-            _angle(upper, np.array([0.0, 0.0, -1.0])),
-            180.0 - _angle(upper, fore),
-        )
+        wrench, centre = data.cfrc_int[self._shoulder], data.subtree_com[self._root]
+        return np.concatenate([wrench, centre, data.xpos[self._parts].ravel()])
+
+    def load(
+        self, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray, *, held_kg: float = 0.0
+    ) -> ArmLoad:
+        """Return torque and posture; ``held_kg`` more hang from the controller, at rest."""
+        moment = self.moment(qpos, qvel, qacc)
+        shoulder, hand = moment[9:12], self._data.site_xpos[self._hand]
+        moment[:3] -= np.cross(hand - shoulder, held_kg * self._model.opt.gravity)
+        return ArmLoad(*map(float, arm_loads(moment)))
 
 
-def _angle(a: FloatArray, b: FloatArray) -> float:
-    cosine = float(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)))
-    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+def arm_loads(moments: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return what arms do at moments, as the attributes of :class:`ArmLoad`, (...) each.
+
+    Args:
+        moments: (..., 18) torque, force, the point that they act about, shoulder, elbow and wrist.
+    """
+    torque, force, about, shoulder, elbow, wrist = np.moveaxis(
+        np.reshape(moments, (*np.shape(moments)[:-1], 6, 3)), -2, 0
+    )
+    total = torque + np.cross(about - shoulder, force)
+    upper = elbow - shoulder
+    down = np.array([0.0, 0.0, -1.0])
+    return (
+        np.linalg.norm(total, axis=-1),
+        _angle(upper, down),
+        180.0 - _angle(upper, wrist - elbow),
+    )
+
+
+def _angle(a: FloatArray, b: FloatArray) -> FloatArray:
+    lengths = np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1)
+    cosine = (a * b).sum(axis=-1) / np.maximum(lengths, 1e-12)
+    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))

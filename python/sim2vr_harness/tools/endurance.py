@@ -1,0 +1,262 @@
+"""``sim2vr-harness endurance``: how long a user can hold a posture.
+
+The largest muscle activation is made as small as possible while all joints of the arm are in
+equilibrium: static optimisation by the min/max criterion (Rasmussen, Damsgaard, Voigt 2001).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from sim2vr_harness.base.errors import InputError, unknown_name
+from sim2vr_harness.envs.config import UserConfig, body_of
+from sim2vr_harness.users import FATIGUE_PRESETS, Body, PeopleSettings, Population
+from sim2vr_harness.users.exertion import (
+    Arm,
+    ArmDynamics,
+    Strength,
+    arms_of,
+    consumed_endurance_time,
+    endurance_time,
+    fatigue_endurance_time,
+    nicer_correction,
+)
+from sim2vr_harness.users.kinematics.forward import Linkage, Point
+
+__all__ = ["Held", "hold", "posture_of", "who_hold"]
+
+FloatArray = NDArray[np.float64]
+
+_STEP = 1e-6
+_NO_MOMENT = 1e-6
+"""Nm at full activation below which a muscle does not move a joint."""
+_SPARING = 1e-6
+"""Weight of the sum of activations beside the largest: of equal optima the least is taken."""
+_MOST_PEOPLE = 200
+
+
+@dataclass(frozen=True)
+class Held:
+    """A posture that one arm holds.
+
+    Attributes:
+        side: ``right`` or ``left``.
+        torque_nm: of gravity about the shoulder.
+        shoulder_deg: between upper arm and straight down.
+        elbow_deg: between upper arm and forearm; 180: outstretched.
+        share: of the maximum at the shoulder: the least largest activation of its muscles. Above
+            1, the muscles are too weak. Without muscles ``strength_share``. None: no muscles'
+            forces balance the posture, however strong they were.
+        strength_share: the torque as a share of people's published strength in this posture.
+        activations: of the arm's muscles.
+        endurance_s: seconds until exhaustion by model; infinite: endless.
+    """
+
+    side: str
+    torque_nm: float
+    shoulder_deg: float
+    elbow_deg: float
+    share: float | None
+    strength_share: float
+    activations: Mapping[str, float]
+    endurance_s: Mapping[str, float]
+
+
+def posture_of(body: Body, text: str) -> FloatArray:
+    """Return the angles (J,) of the independent joints that ``JOINT=DEGREES,...`` stands for.
+
+    Other joints stay where episodes start. A name without its side means both arms.
+
+    Raises:
+        InputError: A joint is unknown or beyond its limits, or the text is something else.
+    """
+    joints = body.independent_joints
+    angles = np.array([body.reset_rule.posture.get(name, 0.0) for name in joints])
+    for part in filter(None, text.split(",")):
+        name, _, number = (piece.strip() for piece in part.partition("="))
+        try:
+            degrees = float(number)
+        except ValueError:
+            degrees = np.nan
+        if not np.isfinite(degrees):
+            raise InputError("--pose", repr(part), "JOINT=DEGREES, for example shoulder_elv=90")
+        meant = [i for i, joint in enumerate(joints) if joint in (name, f"{name}_r", f"{name}_l")]
+        if not meant:
+            raise unknown_name("--pose", name, joints)
+        for i in meant:
+            low, high = np.degrees(body.joint_ranges[i])
+            if not low - 1e-3 <= degrees <= high + 1e-3:
+                expected = f"{low:.0f} to {high:.0f} degrees of {body.name}"
+                raise InputError(f"--pose {joints[i]}", f"{degrees:g}", expected)
+            angles[i] = np.radians(degrees)
+    return np.clip(angles, *body.joint_ranges.T)
+
+
+def who_hold(user: UserConfig, people: int | None) -> list[UserConfig]:
+    """Return the user alone, or as many persons of its population.
+
+    Raises:
+        InputError: Another number of people than 1 to 200.
+    """
+    if people is None:
+        return [user]
+    if not 1 <= people <= _MOST_PEOPLE:
+        raise InputError("--people", str(people), f"1 to {_MOST_PEOPLE}")
+    settings = (user.people or PeopleSettings()).model_copy(update={"count": people})
+    population = Population(settings, user.person)
+    persons = (population.physique(population.number(i)) for i in range(people))
+    return [user.model_copy(update={"person": person, "people": None}) for person in persons]
+
+
+def hold(user: UserConfig, pose: str, load_kg: float = 0.0) -> list[Held]:
+    """Hold a posture with every arm of a user.
+
+    Args:
+        user: whose body and strength count.
+        pose: as of :func:`posture_of`.
+        load_kg: mass in each hand, beside the controller's.
+
+    Raises:
+        InputError: The posture or load cannot be used, or the body has no arm.
+    """
+    if not 0.0 <= load_kg <= 100.0:
+        raise InputError("--load", f"{load_kg:g}", "0 to 100 kg")
+    body = body_of(user)
+    arms = arms_of(body)
+    if not arms:
+        expected = "a body whose controller hangs from parts named humerus, ulna and radius"
+        raise InputError("USER", body.name, expected)
+    angles = posture_of(body, pose)
+    strength = Strength(factor=user.person.strength)
+    return [_held(body, arm, angles, load_kg, strength) for arm in arms]
+
+
+def _held(body: Body, arm: Arm, angles: FloatArray, load_kg: float, strength: Strength) -> Held:
+    model = body.physics_model
+    qpos, still = body.coupled_qpos(angles), np.zeros(model.nv)
+    load = ArmDynamics(model, arm).load(qpos, still, still, held_kg=load_kg)
+    maximum = strength.shoulder_torque(load.shoulder_deg, load.elbow_deg)
+    corrected = load.torque + nicer_correction(load.shoulder_deg, load.elbow_deg)
+    balance = _Balance(body, arm, angles, load_kg)
+    own: float | None = float(load.torque / maximum)
+    activations: dict[str, float] = {}
+    if balance.muscles:
+        own, activations = balance.solve()
+    times = {
+        f"3CC-r, {name}": 0.0
+        if own is None
+        else float(fatigue_endurance_time(own, rates["fatigue"], rates["recovery"]))
+        for name, rates in FATIGUE_PRESETS.items()
+    }
+    consumed = load.torque / strength.consumed_endurance_torque
+    times["NICER"] = float(endurance_time(corrected / maximum))
+    times["Consumed Endurance"] = float(consumed_endurance_time(consumed))
+    return Held(
+        arm.side,
+        load.torque,
+        load.shoulder_deg,
+        load.elbow_deg,
+        own,
+        float(load.torque / maximum),
+        activations,
+        times,
+    )
+
+
+class _Balance:
+    """Equilibrium of an arm: what its joints need, and what each muscle can do.
+
+    Passive forces of joints and muscles count; dependent joints follow their couplings.
+    """
+
+    def __init__(self, body: Body, arm: Arm, angles: FloatArray, load_kg: float) -> None:
+        model, data = body.physics_model, mujoco.MjData(body.physics_model)
+        data.qpos[:] = body.coupled_qpos(angles)
+        slope = _slope(body, angles)
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        needed = data.qfrc_bias - data.qfrc_passive
+        for each in arms_of(body):
+            push = np.zeros((3, model.nv))
+            mujoco.mj_jacSite(model, data, push, None, model.site(each.device).id)
+            needed = needed - load_kg * model.opt.gravity @ push
+        passive = _actuated(model, data)
+        columns = {
+            name: slope.T @ (_actuated(model, data, int(model.actuator(name).actadr[0])) - passive)
+            for name in body.muscles
+        }
+        linkage = Linkage(body, Point(arm.device)).joints
+        pulled = np.max(np.abs([*columns.values()] or [np.zeros(len(angles))]), axis=0)
+        rows = np.array(
+            [
+                joint in linkage and pull > _NO_MOMENT
+                for joint, pull in zip(body.independent_joints, pulled, strict=True)
+            ]
+        )
+        above = [
+            joint in Linkage(body, Point(arm.forearm)).joints
+            and joint not in _joints_of(model, arm.forearm)
+            for joint in body.independent_joints
+        ]
+        self._needed = (slope.T @ (needed - passive))[rows]
+        moving = {n: c for n, c in columns.items() if np.abs(c[rows]).max(initial=0.0) > _NO_MOMENT}
+        self.muscles = tuple(moving)
+        """Those that move the arm."""
+        self._effects = np.zeros((len(moving), rows.sum()))
+        for effect, column in zip(self._effects, moving.values(), strict=True):
+            effect[:] = column[rows]
+        self._shoulder = np.array(
+            [np.abs(c[rows & above]).max(initial=0.0) > _NO_MOMENT for c in moving.values()]
+        )
+
+    def solve(self) -> tuple[float | None, dict[str, float]]:
+        """Return the least largest activation of the shoulder's muscles, and all activations.
+
+        Muscles that do not cross the shoulder go up to 1. None: nothing balances the arm.
+        """
+        n = len(self.muscles)
+        bounds = [(0.0, None if crosses else 1.0) for crosses in self._shoulder] + [(0.0, None)]
+        found = linprog(
+            np.r_[np.full(n, _SPARING), 1.0],
+            A_ub=np.c_[np.diag(self._shoulder.astype(float)), -self._shoulder.astype(float)],
+            b_ub=np.zeros(n),
+            A_eq=np.c_[self._effects.T, np.zeros(self._effects.shape[1])],
+            b_eq=self._needed,
+            bounds=bounds,
+        )
+        if found.x is None:
+            return None, {}
+        values = found.x.tolist()
+        return values[-1], dict(zip(self.muscles, values, strict=False))
+
+
+def _actuated(model: mujoco.MjModel, data: mujoco.MjData, muscle: int | None = None) -> FloatArray:
+    """(nv,) generalised forces of all actuators, one muscle fully active or none."""
+    data.act[:] = 0.0
+    if muscle is not None:
+        data.act[muscle] = 1.0
+    mujoco.mj_fwdActuation(model, data)
+    return np.array(data.qfrc_actuator)
+
+
+def _slope(body: Body, angles: FloatArray) -> FloatArray:
+    """(nv, J) how all joints follow the independent ones."""
+    rows = np.zeros((len(angles), body.physics_model.nv))
+    for j, row in enumerate(rows):
+        by = np.zeros(len(angles))
+        by[j] = _STEP
+        ends = body.coupled_qpos(angles - by), body.coupled_qpos(angles + by)
+        mujoco.mj_differentiatePos(body.physics_model, row, 2.0 * _STEP, *ends)
+    return rows.T
+
+
+def _joints_of(model: mujoco.MjModel, part: str) -> list[str]:
+    found = model.body(part)
+    first, count = int(found.jntadr[0]), int(found.jntnum[0])
+    return [model.joint(j).name for j in range(first, first + count)]

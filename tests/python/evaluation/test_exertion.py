@@ -1,0 +1,75 @@
+"""Exertion of rounds that are played: against the meters fed by hand from the simulation."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from sim2vr_harness.envs.config import UserConfig
+from sim2vr_harness.evaluation.exertion import ExertionRecorder
+from sim2vr_harness.evaluation.metrics import ARM_MEASURES
+from sim2vr_harness.users import UserBatch, load_body
+from sim2vr_harness.users.exertion import (
+    ArmDynamics,
+    Strength,
+    arms_of,
+    consumed_endurance_time,
+    endurance_time,
+)
+
+STEPS = 20
+
+
+def _played(model: str, strength: float = 1.0) -> tuple[ExertionRecorder, UserBatch, list]:
+    """Two users who start with bent arms and tense all muscles for a second, and what they did."""
+    body = load_body(model, appearance=False)
+    users = UserBatch(body, 2, effort="neural")
+    bent = [1.2 if name.startswith("elbow") else 0.5 for name in body.independent_joints]
+    rngs = [np.random.default_rng(i) for i in range(2)]
+    users.reset(np.arange(2), rngs, [np.clip(bent, *body.joint_ranges.T)] * 2)
+    user = UserConfig.model_validate({"model": model, "person": {"strength": strength}})
+    config = SimpleNamespace(user=user)
+    recorder = ExertionRecorder(SimpleNamespace(users=users, config=config))
+    moments = [(users.qpos, users.qvel)]
+    for step in range(STEPS):
+        users.step(np.full((2, body.action_size), 0.1))
+        recorder.step(np.array([True, step < STEPS // 2]))
+        moments.append((users.qpos, users.qvel))
+    return recorder, users, moments
+
+
+def test_one_arm() -> None:
+    recorder, users, moments = _played("mobl_arms_wrist", 0.5)
+    values = recorder.values(0)
+    assert tuple(values) == tuple(measure.name for measure in ARM_MEASURES)
+    assert values["exertion.nicer_left"] is None
+    assert values["exertion.consumed_endurance_left"] is None
+    (arm,) = arms_of(users.body)
+    dynamics, strength = ArmDynamics(users.body.physics_model, arm), Strength(factor=0.5)
+    loads = [
+        dynamics.load(q[0], v[0], (v[0] - w[0]) / 0.05) for (_, w), (q, v) in pairwise(moments)
+    ]
+    mean = np.mean([load.torque for load in loads])
+    consumed = 100.0 / consumed_endurance_time(mean / strength.consumed_endurance_torque)
+    assert values["exertion.consumed_endurance_right"] == pytest.approx(float(consumed))
+    assert consumed > 0.0
+    # Neither raised above 90 degrees nor at rest: NICER is that of the mean torque, too.
+    assert max(load.shoulder_deg for load in loads) < 90.0
+    assert not any(load.shoulder_deg <= 25.0 and load.elbow_deg >= 125.0 for load in loads)
+    maximum = strength.shoulder_torque(loads[-1].shoulder_deg, loads[-1].elbow_deg)
+    expected = 100.0 / endurance_time(mean / maximum)
+    assert values["exertion.nicer_right"] == pytest.approx(float(expected))
+
+
+def test_two_arms() -> None:
+    recorder, _, _ = _played("mobl_arms_bimanual_motor")
+    assert all(value is not None for value in recorder.values(0).values())
+
+
+def test_stand_ins_have_no_arms() -> None:
+    recorder = ExertionRecorder(SimpleNamespace())
+    recorder.step(np.array([True]))
+    assert set(recorder.values(0).values()) == {None}

@@ -70,17 +70,8 @@ def plan_of(
     facts = found[0].facts
     for one in found:
         if one.facts.name != facts.name:
-            raise InputError(
-                f"cell {one.task.cell}",
-                f"a user of {one.facts.name}",
-                f"one of {facts.name}, as in cell {found[0].task.cell}",
-            )
-    names = [measure.name for measure in measures_of(facts)]
-    wanted = study.measures or tuple(names)
-    asked = [name for comparison in study.comparisons for name in comparison.measures or ()]
-    for name in (*wanted, *asked):
-        if name not in names:
-            raise unknown_name("measures", name, names)
+            expected = f"one of {facts.name}, as in cell {found[0].task.cell}"
+            raise InputError(f"cell {one.task.cell}", f"a user of {one.facts.name}", expected)
     trainings = {one.training.key: one.training for one in found if one.training is not None}
     return StudyPlan(
         study,
@@ -88,8 +79,19 @@ def plan_of(
         tuple(one.task for one in found),
         tuple(trainings.values()),
         facts,
-        (*wanted, *dict.fromkeys(name for name in asked if name not in wanted)),
+        _measures(study, facts),
     )
+
+
+def _measures(study: StudyConfig, facts: GameFacts) -> tuple[str, ...]:
+    """Return the measures of a study and of its comparisons, each once."""
+    names = [measure.name for measure in measures_of(facts)]
+    wanted = study.measures or tuple(names)
+    compared = [name for comparison in study.comparisons for name in comparison.measures or ()]
+    for name in (*wanted, *compared):
+        if name not in names:
+            raise unknown_name("measures", name, names)
+    return (*wanted, *dict.fromkeys(name for name in compared if name not in wanted))
 
 
 @dataclass(frozen=True)

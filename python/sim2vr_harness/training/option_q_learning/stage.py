@@ -17,8 +17,8 @@ from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.finite import require_finite
 from sim2vr_harness.base.torch_threads import torch_threads
-from sim2vr_harness.envs.config import EnvConfig, body_of
-from sim2vr_harness.envs.simulation import Simulation, motor_noise
+from sim2vr_harness.envs.config import EnvConfig, body_of, motor_noise
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy

@@ -94,7 +94,7 @@ class Simulation:
         self.config = config
         substeps = checked_substeps(config, self.body.timestep)
         self.people = people_of(config.user)
-        """Whom the users are drawn from; None: all are average."""
+        """The population that users are drawn from; None: all are average."""
         self.users = self._make_users(substeps)
         self.proprioception = Proprioception(self.body)
         self.actions = make_actions(config, n, self.body)
@@ -233,7 +233,7 @@ class Simulation:
             self._mirrored.mirror(users, self._left_handers()[users])
 
     def _both_hands(self, group: AppGroup) -> MirroredGroup | None:
-        """Return the apps of people some of whom play with the other hand; None: nobody does.
+        """Return apps for both hands; None: all users play with the same one.
 
         Raises:
             ValueError: the game is played with one hand only.
@@ -342,7 +342,7 @@ class Simulation:
         )
 
     def _active(self, resting: Sequence[int] | IntArray) -> NDArray[np.bool_]:
-        """(N,) who takes a step: everybody else rests, and has to be over."""
+        """(N,) users that take a step; the episodes of the others have to be over."""
         active = np.ones(self.n, dtype=bool)
         active[checked_users("resting", resting, self.n)] = False
         if (self._over & active).any():

@@ -1,4 +1,4 @@
-"""Where the targets of each condition are, as tensors."""
+"""Target areas of the conditions, as tensors."""
 
 from __future__ import annotations
 

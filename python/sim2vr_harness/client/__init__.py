@@ -55,7 +55,8 @@ from sim2vr_harness.client.launch import (
 )
 from sim2vr_harness.client.process import AppProcess
 from sim2vr_harness.client.protocol1 import Protocol1App
-from sim2vr_harness.client.protocol2 import Protocol2App, Protocol2Connection
+from sim2vr_harness.client.protocol2 import Protocol2Connection
+from sim2vr_harness.client.protocol2_app import Protocol2App
 from sim2vr_harness.client.runtime import (
     frame_time_ns,
     frame_times_ns,

@@ -96,6 +96,16 @@ class InProcessBatch:
             vision_channels=list(vision_channels),
             **asdict(clock or ClockSettings()),
         )
+        self._bind()
+        self.log_names: list[str] = []
+        """Names of the columns of :attr:`logs`, from the first reset on."""
+        self.logs: Float64Array = np.zeros((n, 0))
+        """(N, L) the games' named numbers."""
+        self._started: dict[int, tuple[Int64Array, DevicePoses, int]] = {}
+        self._left = set(range(n))
+
+    def _bind(self) -> None:
+        """Take the extension's arrays, which it overwrites, as attributes."""
         self.capabilities: frozenset[str] = frozenset(self._batch.capabilities)
         """What every one of the apps can do; see :attr:`AppClient.capabilities`."""
         self.images: UInt8Array = self._batch.images
@@ -121,12 +131,6 @@ class InProcessBatch:
         copy. Those named ``aid.*`` are not to be observed."""
         self.privileged_drawn: Float32Array = self._batch.privileged_drawn
         """The same after the frames that are drawn: what the pictures show."""
-        self.log_names: list[str] = []
-        """Names of the columns of :attr:`logs`, from the first reset on."""
-        self.logs: Float64Array = np.zeros((n, 0))
-        """(N, L) the games' named numbers."""
-        self._started: dict[int, tuple[Int64Array, DevicePoses, int]] = {}
-        self._left = set(range(n))
 
     def app(self, index: int) -> InProcessBatchApp:
         """App ``index``, 0 to N - 1."""

@@ -27,14 +27,14 @@ from sim2vr_harness.client.base import (
     ClockSettings,
     Int64Array,
     OptionValue,
-    ThirdPersonView,
     UInt8Array,
     plain_options,
 )
 from sim2vr_harness.client.channel import Channel, checked_duration_s
 from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, ProtocolError
-from sim2vr_harness.client.poses import frame_times, one_frame, require_devices
+from sim2vr_harness.client.poses import require_devices
+from sim2vr_harness.client.protocol2_app import Protocol2App
 from sim2vr_harness.client.protocol2_wire import (
     HEADER,
     IN_SHARED_MEMORY,
@@ -49,9 +49,10 @@ from sim2vr_harness.client.protocol2_wire import (
 )
 from sim2vr_harness.client.scene import AppScene, SceneMesh
 
-__all__ = ["Protocol2App", "Protocol2Connection"]
+__all__ = ["Protocol2Connection"]
 
 MAX_EDGE = 8192
+_CLIENT = f"sim2vr-harness, Python {sys.version_info.major}.{sys.version_info.minor}"
 QUIT_S = 2.0
 """How long the server may take to acknowledge the end of the session."""
 
@@ -120,26 +121,20 @@ class Protocol2Connection:
         shared_memory: bool = True,
         start_timeout_s: float = 60.0,
     ) -> None:
-        self.channel = channel
-        self.apps = apps
+        self.channel, self.apps = channel, apps
         self.shape = (height, width, 4) if eyes == 1 else (eyes, height, width, 4)
-        if not (1 <= width <= MAX_EDGE and 1 <= height <= MAX_EDGE):
-            self._abandon()
-            raise ValueError(
-                f"image size: got {width} x {height}, expected 1 to {MAX_EDGE} pixels each"
-            )
-        self._sequence = 0
+        self._require_size(width, height)
+        self._sequence, self._open_apps = 0, apps
         self._names = Names()
         self._meshes: dict[int, list[SceneMesh]] = {}
         self._queued: dict[int, tuple[NDArray[Any], int]] = {}
         self._sent: list[int] = []
         self._results: dict[int, AppReply | Exception] = {}
         self.taken: set[int] = set()
-        self._open_apps = apps
         self.images: list[UInt8Array] = [np.zeros(self.shape, np.uint8) for _ in range(apps)]
         self._shared: UInt8Array | None = None
         wanted = {
-            "client": f"sim2vr-harness, Python {sys.version_info.major}.{sys.version_info.minor}",
+            "client": _CLIENT,
             "apps": apps,
             "game": game,
             "options": plain_options(options),
@@ -159,6 +154,13 @@ class Protocol2Connection:
         except BaseException:
             self._abandon()
             raise
+
+    def _require_size(self, width: int, height: int) -> None:
+        if not (1 <= width <= MAX_EDGE and 1 <= height <= MAX_EDGE):
+            self._abandon()
+            raise ValueError(
+                f"image size: got {width} x {height}, expected 1 to {MAX_EDGE} pixels each"
+            )
 
     def _hello(self, wanted: dict[str, Any], timeout_s: float) -> None:
         reply, _ = self._request(Type.HELLO, [json.dumps(wanted).encode()], timeout_s=timeout_s)
@@ -448,117 +450,3 @@ class Protocol2Connection:
         self.channel.close()
         if self.channel.process is not None:
             self.channel.process.kill()
-
-
-class Protocol2App:
-    """:class:`~sim2vr_harness.client.base.AppClient` for one app of a connection.
-
-    Args:
-        connection: shared with the connection's other apps.
-        index: which of them, from 0.
-    """
-
-    def __init__(self, connection: Protocol2Connection, index: int = 0) -> None:
-        if not 0 <= index < connection.apps:
-            raise ValueError(f"index: got {index}, expected 0 to {connection.apps - 1}")
-        self._connection: Protocol2Connection | None = connection
-        self._index = index
-        self._last_image: UInt8Array | None = None
-
-    def _open(self) -> Protocol2Connection:
-        if self._connection is None:
-            raise RuntimeError("the app is closed; make a new one")
-        return self._connection
-
-    @property
-    def renderer_description(self) -> str:
-        """See :class:`AppClient`."""
-        connection = self._open()
-        return f"{connection.renderer_description} (protocol 2, {connection.channel.app})"
-
-    @property
-    def capabilities(self) -> frozenset[str]:
-        """See :class:`AppClient`; as the server has said."""
-        return self._open().capabilities
-
-    def head_request(
-        self, seed: int, options: Mapping[str, OptionValue] | None = None
-    ) -> float | None:
-        """See :class:`AppClient`."""
-        return self._open().head_request(self._index, seed, options)
-
-    @property
-    def image(self) -> UInt8Array:
-        """See :class:`AppClient`; read-only, in shared memory where the connection has it."""
-        return self._open().images[self._index]
-
-    def reset(
-        self,
-        seed: int,
-        poses: DevicePoses,
-        options: Mapping[str, OptionValue] | None = None,
-        *,
-        time_ns: int = 0,
-    ) -> AppReply:
-        """See :class:`AppClient`."""
-        if not 0 <= seed < 2**32:
-            raise ValueError(f"seed: got {seed}, expected an integer from 0 to 2**32 - 1")
-        return self._open().reset(self._index, seed, poses, options, time_ns)
-
-    def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
-        """See :class:`AppClient`."""
-        self.start_step(np.array([time_ns], dtype=np.int64), one_frame(poses))
-        return self.finish_step()
-
-    def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
-        """See :class:`AppClient`."""
-        self.start_step(times_ns, poses, drawn)
-        return self.finish_step()
-
-    def start_step(
-        self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False
-    ) -> None:
-        """See :class:`AppClient`; the last app of the connection to start sends them all."""
-        self._open().start_step(self._index, frame_times(times_ns), poses, drawn)
-
-    def finish_step(self) -> AppReply:
-        """See :class:`AppClient`."""
-        return self._open().finish_step(self._index)
-
-    def render_headset(self, width: int, height: int) -> UInt8Array:
-        """See :class:`AppClient`."""
-        return self._open().render(self._index, "headset", width, height)
-
-    def render_third_person(
-        self, width: int, height: int, view: ThirdPersonView = "spectator"
-    ) -> UInt8Array:
-        """See :class:`AppClient`."""
-        return self._open().render(self._index, view, width, height)
-
-    def scene(self) -> AppScene:
-        """See :class:`AppClient`."""
-        return self._open().scene(self._index)
-
-    def save(self) -> bytes:
-        """See :class:`AppClient`."""
-        return self._open().save(self._index)
-
-    def load(self, state: bytes) -> None:
-        """See :class:`AppClient`."""
-        self._open().load(self._index, state)
-
-    def state_hash(self) -> int:
-        """See :class:`AppClient`."""
-        return self._open().state_hash(self._index)
-
-    def close(self) -> None:
-        """See :class:`AppClient`; the last open app of a connection ends the session."""
-        connection, self._connection = self._connection, None
-        if connection is not None:
-            connection.release()
-
-    def __enter__(self) -> Protocol2App:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()

@@ -9,8 +9,16 @@ import numpy as np
 
 from sim2vr_harness.base.errors import shown
 from sim2vr_harness.client import OptionValue
+from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.users import Person, Population
 
-__all__ = ["checked_options", "checked_seeds", "checked_users"]
+__all__ = [
+    "checked_options",
+    "checked_seeds",
+    "checked_substeps",
+    "checked_users",
+    "chosen_persons",
+]
 
 
 def checked_users(field: str, users: Any, n: int) -> list[int]:
@@ -47,6 +55,49 @@ def checked_seeds(seeds: Sequence[int | None] | None, count: int) -> list[int | 
         if seed is not None and (not _is_whole(seed) or seed < 0):
             raise ValueError(f"seed: got {shown(seed)}, expected an integer of 0 or above")
     return [None if seed is None else int(seed) for seed in given]
+
+
+def chosen_persons(
+    people: Population | None, seeds: Sequence[int], numbers: Sequence[int | None] | None
+) -> list[Person] | None:
+    """Return the persons of these numbers, or of episodes with these seeds; None: no people.
+
+    Raises:
+        ValueError: numbers without people, or another number of them than of seeds.
+    """
+    given = [None] * len(seeds) if numbers is None else list(numbers)
+    if people is None:
+        if any(number is not None for number in given):
+            raise ValueError("persons: got numbers, expected None: user.people is not set")
+        return None
+    if len(given) != len(seeds):
+        raise ValueError(f"persons: got {len(given)}, expected {len(seeds)}, one per user")
+    return [
+        people.of_episode(seed) if number is None else people.number(number)
+        for seed, number in zip(seeds, given, strict=True)
+    ]
+
+
+def checked_substeps(config: EnvConfig, timestep_s: float) -> int:
+    """Return how many physics steps of this duration a user step has.
+
+    Raises:
+        ValueError: no whole number of them, or none that the frames of a step divide.
+    """
+    exact = 1.0 / (config.action_frequency_hz * timestep_s)
+    substeps, frames = round(exact), config.frames_per_step
+    if substeps < 1 or abs(exact - substeps) > 1e-9:
+        raise ValueError(
+            f"action_frequency_hz: got {config.action_frequency_hz}, expected a divisor of "
+            f"{round(1.0 / timestep_s)} (one physics step is {timestep_s} s)"
+        )
+    if frames < 1 or substeps % frames:
+        divisors = [str(k) for k in range(1, substeps + 1) if substeps % k == 0]
+        raise ValueError(
+            f"frames_per_step: got {frames}, expected {', '.join(divisors)} (a divisor of "
+            f"the {substeps} physics steps of a user step)"
+        )
+    return substeps
 
 
 def checked_options(options: Mapping[str, OptionValue] | None) -> dict[str, OptionValue]:

@@ -33,6 +33,7 @@ from sim2vr_harness.users import (
 )
 from sim2vr_harness.users.bodies.options import PhysicsStep
 from sim2vr_harness.users.head_reflex import HeadMotion
+from sim2vr_harness.users.noise import MotorNoiseSettings
 
 __all__ = [
     "DEFAULT_SENSES",
@@ -180,6 +181,13 @@ class UserConfig(Settings):
     @classmethod
     def _file_alone(cls, value: object) -> object:
         return {"model": value} if isinstance(value, str) else value
+
+
+def motor_noise(config: NoiseConfig) -> MotorNoiseSettings | None:
+    """Return what the settings say of motor noise; None: there is none."""
+    if config.signal_dependent is None and config.constant is None:
+        return None
+    return MotorNoiseSettings(**config.model_dump())
 
 
 def people_of(config: UserConfig) -> Population | None:

@@ -9,7 +9,7 @@ from typing import Any
 from gymnasium import spaces
 
 from sim2vr_harness.envs.config import EnvConfig, body_of
-from sim2vr_harness.envs.simulation import observation_space_of
+from sim2vr_harness.envs.senses import observation_space_of
 from sim2vr_harness.perception import SENSES
 from sim2vr_harness.users import FEATURES, Body
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from gymnasium import spaces
 from numpy.typing import ArrayLike, NDArray
 
 from sim2vr_harness.base.cores import budget
@@ -22,11 +21,17 @@ from sim2vr_harness.client import (
 from sim2vr_harness.client.frames import pose_to_app
 from sim2vr_harness.envs.app_group import AppFailure, AppGroup, Logs, app_group
 from sim2vr_harness.envs.apps import AppFactory
-from sim2vr_harness.envs.checks import checked_options, checked_seeds, checked_users
+from sim2vr_harness.envs.checks import (
+    checked_options,
+    checked_seeds,
+    checked_substeps,
+    checked_users,
+    chosen_persons,
+)
 from sim2vr_harness.envs.config import (
     EnvConfig,
-    NoiseConfig,
     body_of,
+    motor_noise,
     people_of,
     with_options,
 )
@@ -36,10 +41,9 @@ from sim2vr_harness.envs.senses import Senses, make_actions, make_perception
 from sim2vr_harness.envs.states import packed, unpacked
 from sim2vr_harness.envs.step_batch import StepBatch
 from sim2vr_harness.perception import Delayed, Proprioception, Sense
-from sim2vr_harness.users import Body, Person, Physique, Population
+from sim2vr_harness.users import Body, Physique
 from sim2vr_harness.users.batch import UserBatch
 from sim2vr_harness.users.bodies import DEVICES
-from sim2vr_harness.users.noise import MotorNoiseSettings
 
 Observation = dict[str, NDArray[Any]]
 IntArray = NDArray[np.int64]
@@ -88,40 +92,21 @@ class Simulation:
             config = with_hand(config, self.body)
             self._hand_option = game_facts(config.app).hand_option
         self.config = config
-        substeps = _substeps(config.action_frequency_hz, self.body.timestep)
-        _check_frames(config.frames_per_step, substeps)
+        substeps = checked_substeps(config, self.body.timestep)
         self.people = people_of(config.user)
-        """Whom the users are drawn from; None: all are average."""
-        self.users = UserBatch(
-            self.body,
-            n,
-            threads=budget(config.cores),
-            effort=config.user.effort.model,
-            effort_params=config.user.effort.options(),
-            noise=motor_noise(config.user.noise),
-            substeps=substeps,
-            people=self.people,
-            cut=self.body_for,
-            head=config.user.head,
-        )
+        """The population that users are drawn from; None: all are average."""
+        self.users = self._make_users(substeps)
         self.proprioception = Proprioception(self.body)
         self.actions = make_actions(config, n, self.body)
         perception = make_perception(
-            config,
-            n,
-            self.proprioception,
-            substeps,
-            len(self.actions.names),
-            self.users.who,
+            config, n, self.proprioception, substeps, len(self.actions.names), self.users.who
         )
         self.observation_space = perception.space
         self.action_space = self.actions.space
         self.max_steps = max(1, round(config.max_episode_seconds * config.action_frequency_hz))
         self._group = app_group(config, n, log_dir, make_app, self.body.ipd_m)
-        self._mirrored: MirroredGroup | None = None
-        if self.people is not None and self.people.settings.left_handed:
-            self._mirrored = self._both_hands(self._group, self.people)
-            self._group = self._mirrored
+        self._mirrored = self._both_hands(self._group)
+        self._group = self._mirrored or self._group
         try:
             if config.user.inputs:
                 for app in self.apps:
@@ -134,6 +119,21 @@ class Simulation:
         self._steps = np.zeros(n, dtype=np.int64)
         self._over = np.ones(n, dtype=bool)
         self._closed = False
+
+    def _make_users(self, substeps: int) -> UserBatch:
+        user = self.config.user
+        return UserBatch(
+            self.body,
+            self.n,
+            threads=budget(self.config.cores),
+            effort=user.effort.model,
+            effort_params=user.effort.options(),
+            noise=motor_noise(user.noise),
+            substeps=substeps,
+            people=self.people,
+            cut=self.body_for,
+            head=user.head,
+        )
 
     @property
     def apps(self) -> list[AppClient]:
@@ -177,15 +177,13 @@ class Simulation:
 
         Args:
             ids: (K,) users to reset; None for all.
-            seeds: K seeds; a seed restarts that user's stream of episodes, None goes on with it
-                (a user never seeded starts from entropy).
+            seeds: K seeds that restart the users' streams of episodes; None: the stream goes on.
             options: game options for these users from this round on.
             postures: K postures to start in (see `UserBatch.reset`); None draws all of them.
             persons: K persons of the population (`Population.number`); None: drawn by the seed.
 
         Returns:
-            K info dictionaries with ``seed`` (of the app's round) and ``log``; where users are
-            people, ``person``, the fields of each.
+            K dictionaries: ``seed`` of the app's round, ``log``, ``person`` where users are people.
 
         Raises:
             ValueError: an option, a seed or a user that there is not; rounds go on as they were.
@@ -199,59 +197,50 @@ class Simulation:
             return []
         if self._hand_option in options:
             with_hand(with_options(self.config, options), self.body)
-        streams = [
-            copy.deepcopy(self._seeds[i]) if seed is None else np.random.default_rng(seed)
-            for i, seed in zip(rows, given, strict=True)
-        ]
+        streams = self._streams(rows, given)
         round_seeds = [int(stream.integers(2**32)) for stream in streams]
-        users = np.array(rows, dtype=np.int64)
-        numbers = np.array(round_seeds, dtype=np.int64)
-        chosen = self._persons(round_seeds, persons)
+        users, numbers = (np.array(each, dtype=np.int64) for each in (rows, round_seeds))
+        chosen = chosen_persons(self.people, round_seeds, persons)
         # Asked first: an option that the game refuses leaves everything as it was.
         requests = self._group.head_requests(users, numbers, options)
         self.users.reset(rows, streams, postures, chosen)
         for i, stream in zip(rows, streams, strict=True):
             self._seeds[i] = stream
-        if not np.isnan(requests).all():
-            self.users.turn_head(users, requests)  # type: ignore[arg-type]
-        if self._mirrored is not None:
-            self._mirrored.mirror(users, self._left_handers()[users])
+        self._prepare(users, requests)
         self._group.reset(users, numbers, self._poses(users, -1), options)
         self._steps[users] = 0
         self._over[users] = False
         self.actions.reset(users)
         self._senses.reset(users, numbers)
         logs = self._group.logs()
+        started = zip(rows, round_seeds, strict=True)
+        return [{"seed": seed, "log": logs[i], **self._who(i)} for i, seed in started]
+
+    def _streams(
+        self, rows: Sequence[int], seeds: Sequence[int | None]
+    ) -> list[np.random.Generator]:
+        """Return generators of these seeds, and copies of the users' own for None."""
         return [
-            {"seed": seed, "log": logs[i], **self._who(i)}
-            for i, seed in zip(rows, round_seeds, strict=True)
+            copy.deepcopy(self._seeds[i]) if seed is None else np.random.default_rng(seed)
+            for i, seed in zip(rows, seeds, strict=True)
         ]
 
-    def _persons(
-        self, round_seeds: Sequence[int], numbers: Sequence[int | None] | None
-    ) -> list[Person] | None:
-        people = self.people
-        if people is None:
-            if numbers is not None and any(number is not None for number in numbers):
-                raise ValueError("persons: got numbers, expected None: user.people is not set")
-            return None
-        given = [None] * len(round_seeds) if numbers is None else list(numbers)
-        if len(given) != len(round_seeds):
-            raise ValueError(
-                f"persons: got {len(given)}, expected {len(round_seeds)}, one per user"
-            )
-        return [
-            people.of_episode(seed) if number is None else people.number(number)
-            for seed, number in zip(round_seeds, given, strict=True)
-        ]
+    def _prepare(self, users: IntArray, requests: NDArray[np.float64]) -> None:
+        """Turn heads as the game requests (degrees), and let left-handers play mirrored."""
+        if not np.isnan(requests).all():
+            self.users.turn_head(users, requests)  # type: ignore[arg-type]
+        if self._mirrored is not None:
+            self._mirrored.mirror(users, self._left_handers()[users])
 
-    def _both_hands(self, group: AppGroup, people: Population) -> MirroredGroup:
-        """The apps of people some of whom play with the other hand.
+    def _both_hands(self, group: AppGroup) -> MirroredGroup | None:
+        """Return apps for both hands; None: all users play with the same one.
 
         Raises:
             ValueError: the game is played with one hand only.
         """
-        option = self._hand_option
+        people, option = self.people, self._hand_option
+        if people is None or not people.settings.left_handed:
+            return None
         if option is None:
             group.close()
             raise ValueError(
@@ -320,16 +309,9 @@ class Simulation:
             RuntimeError: a user's episode is over (reset it first), or the simulation is closed.
         """
         self._require_open()
-        active = np.ones(self.n, dtype=bool)
-        active[checked_users("resting", resting, self.n)] = False
-        if (self._over & active).any():
-            over = np.flatnonzero(self._over & active).tolist()
-            raise RuntimeError(f"step: the episodes of users {over} are over; reset them first")
-        if not self._over[~active].all():
-            wrong = np.flatnonzero(~self._over & ~active).tolist()
-            raise ValueError(f"resting: got users {wrong}, expected only ones that are over")
-        frames = self.config.frames_per_step
+        active = self._active(resting)
         body = self.actions.take(actions)
+        frames = self.config.frames_per_step
         self.users.step(body, pose_samples=frames, pauses=self._senses.pauses)
         self.actions.remember(actions)
         diverged = self.users.diverged & active
@@ -337,15 +319,7 @@ class Simulation:
         cost = np.where(asked, self.users.effort_cost + self._finger_cost(), 0.0)
         self._steps += active
         # A diverged user's app stays where it was, as does its last finite observation.
-        playing: IntArray = np.flatnonzero(asked)
-        steps = self._steps[playing]
-        # From the step count, so that rounding never accumulates.
-        numbers = ((steps - 1) * frames + 1)[:, None] + np.arange(frames)
-        times_ns = frame_times_ns(numbers, self.config.action_frequency_hz * frames)
-        poses = self._step_poses(playing)
-        drawn = self._senses.perception.drawn_frame
-        drawn = drawn if isinstance(drawn, int) else drawn[playing]
-        users = self._group.step(playing, times_ns, poses, steps, self.max_steps, drawn=drawn)
+        users = self._step_apps(np.flatnonzero(asked))
         answered = np.zeros(self.n, dtype=bool)
         answered[users] = True
         game_reward = np.where(answered, self._group.reward, 0.0).astype(np.float64)
@@ -366,6 +340,29 @@ class Simulation:
             self._group.logs(),
             self._ends(ended, terminated, diverged),
         )
+
+    def _active(self, resting: Sequence[int] | IntArray) -> NDArray[np.bool_]:
+        """(N,) users that take a step; the episodes of the others have to be over."""
+        active = np.ones(self.n, dtype=bool)
+        active[checked_users("resting", resting, self.n)] = False
+        if (self._over & active).any():
+            over = np.flatnonzero(self._over & active).tolist()
+            raise RuntimeError(f"step: the episodes of users {over} are over; reset them first")
+        if not self._over[~active].all():
+            wrong = np.flatnonzero(~self._over & ~active).tolist()
+            raise ValueError(f"resting: got users {wrong}, expected only ones that are over")
+        return active
+
+    def _step_apps(self, playing: IntArray) -> IntArray:
+        """Step the apps of these users; return those whose apps have answered."""
+        frames, steps = self.config.frames_per_step, self._steps[playing]
+        # From the step count, so that rounding never accumulates.
+        numbers = ((steps - 1) * frames + 1)[:, None] + np.arange(frames)
+        times_ns = frame_times_ns(numbers, self.config.action_frequency_hz * frames)
+        poses = self._step_poses(playing)
+        drawn = self._senses.perception.drawn_frame
+        drawn = drawn if isinstance(drawn, int) else drawn[playing]
+        return self._group.step(playing, times_ns, poses, steps, self.max_steps, drawn=drawn)
 
     def _ends(
         self,
@@ -500,38 +497,3 @@ class Simulation:
     def _require_open(self) -> None:
         if self._closed:
             raise RuntimeError("the simulation is closed; make a new one")
-
-
-def observation_space_of(config: EnvConfig) -> spaces.Dict:
-    """What the users of a simulation with this configuration would observe."""
-    body = body_of(config.user)
-    substeps = _substeps(config.action_frequency_hz, body.timestep)
-    actions = len(make_actions(config, 1, body).names)
-    return make_perception(config, 1, Proprioception(body), substeps, actions).space
-
-
-def motor_noise(config: NoiseConfig) -> MotorNoiseSettings | None:
-    """Return what the settings say of motor noise; None: there is none."""
-    if config.signal_dependent is None and config.constant is None:
-        return None
-    return MotorNoiseSettings(**config.model_dump())
-
-
-def _substeps(action_frequency_hz: int, timestep_s: float) -> int:
-    exact = 1.0 / (action_frequency_hz * timestep_s)
-    substeps = round(exact)
-    if substeps < 1 or abs(exact - substeps) > 1e-9:
-        raise ValueError(
-            f"action_frequency_hz: got {action_frequency_hz}, expected a divisor of "
-            f"{round(1.0 / timestep_s)} (one physics step is {timestep_s} s)"
-        )
-    return substeps
-
-
-def _check_frames(frames_per_step: int, substeps: int) -> None:
-    if frames_per_step < 1 or substeps % frames_per_step:
-        divisors = [str(k) for k in range(1, substeps + 1) if substeps % k == 0]
-        raise ValueError(
-            f"frames_per_step: got {frames_per_step}, expected {', '.join(divisors)} (a divisor of "
-            f"the {substeps} physics steps of a user step)"
-        )

@@ -13,7 +13,7 @@ from typing import Any
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import GameFacts, Measure
-from sim2vr_harness.envs.simulation import observation_space_of
+from sim2vr_harness.envs.senses import observation_space_of
 from sim2vr_harness.evaluation.curves import pack_curves
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request, evaluate
 from sim2vr_harness.evaluation.metrics import measures_of

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.gym_env import RenderMode, Sim2VREnv
-from sim2vr_harness.envs.simulation import observation_space_of
+from sim2vr_harness.envs.senses import observation_space_of
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request
 from sim2vr_harness.evaluation.evaluate import evaluate as measure

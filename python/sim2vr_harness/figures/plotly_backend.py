@@ -28,6 +28,13 @@ _INK, _FAINT, _GRID = "#24292f", "#57606a", "#e3e6ea"
 _SCALE = [[0, "#f7fbff"], [0.35, "#9ecae1"], [0.7, "#3182bd"], [1, "#08306b"]]
 """Of tables of colours: pale is little."""
 _CLEAR = [[0, "rgba(0,0,0,0)"], [1, "rgba(0,0,0,0)"]]
+_SCENE = {
+    "xaxis": {"title": {"text": "right (m)"}},
+    "yaxis": {"title": {"text": "forward (m)"}},
+    "zaxis": {"title": {"text": "up (m)"}},
+    "aspectmode": "data",
+    "camera": {"eye": {"x": -1.6, "y": -1.9, "z": 0.8}, "center": {"x": 0, "y": 0, "z": -0.12}},
+}
 _DARK = 0.72
 """Share of the scale from where on white stands out more than black (luminance .18)."""
 
@@ -163,15 +170,7 @@ def _layout(panel: Panel) -> dict[str, Any]:
     if any(isinstance(layer, Ranges) for layer in panel.layers):
         layout["barmode"] = "overlay"
     if panel.in_space:
-        axes = {
-            "xaxis": {"title": {"text": "right (m)"}},
-            "yaxis": {"title": {"text": "forward (m)"}},
-            "zaxis": {"title": {"text": "up (m)"}},
-        }
-        eye = {"eye": {"x": -1.6, "y": -1.9, "z": 0.8}, "center": {"x": 0, "y": 0, "z": -0.12}}
-        layout["scene"] = {**axes, "aspectmode": "data", "camera": eye}
-        layout["margin"] = {"l": 0, "r": 0, "t": 30, "b": 0}
-        return layout
+        return layout | {"scene": _SCENE, "margin": {"l": 0, "r": 0, "t": 30, "b": 0}}
     heat = any(isinstance(layer, Heat) for layer in panel.layers)
     x_axis, y_axis = _axis(panel.x_label), _axis(panel.y_label)
     if panel.crowded:

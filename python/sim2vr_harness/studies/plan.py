@@ -81,19 +81,9 @@ def plan_of(
     facts = found[0].facts
     for one in found:
         if one.facts.name != facts.name:
-            raise InputError(
-                f"cell {one.task.cell}",
-                f"a user of {one.facts.name}",
-                f"one of {facts.name}, as in cell {found[0].task.cell}",
-            )
-    usual = measures_of(facts)
-    known = (*usual, *_fatigue(found))
-    names = [measure.name for measure in known]
-    wanted = study.measures or tuple(measure.name for measure in usual)
-    asked = [name for comparison in study.comparisons for name in comparison.measures or ()]
-    for name in (*wanted, *asked):
-        if name not in names:
-            raise unknown_name("measures", name, names)
+            expected = f"one of {facts.name}, as in cell {found[0].task.cell}"
+            raise InputError(f"cell {one.task.cell}", f"a user of {one.facts.name}", expected)
+    known = (*measures_of(facts), *_fatigue(found))
     trainings = {one.training.key: one.training for one in found if one.training is not None}
     return StudyPlan(
         study,
@@ -101,10 +91,21 @@ def plan_of(
         tuple(one.task for one in found),
         tuple(trainings.values()),
         facts,
-        (*wanted, *dict.fromkeys(name for name in asked if name not in wanted)),
+        _measures(study, facts, known),
         known,
         _alike(found),
     )
+
+
+def _measures(study: StudyConfig, facts: GameFacts, known: Sequence[Measure]) -> tuple[str, ...]:
+    """Return the measures of a study and of its comparisons, each once."""
+    names = [measure.name for measure in known]
+    wanted = study.measures or tuple(measure.name for measure in measures_of(facts))
+    compared = [name for comparison in study.comparisons for name in comparison.measures or ()]
+    for name in (*wanted, *compared):
+        if name not in names:
+            raise unknown_name("measures", name, names)
+    return (*wanted, *dict.fromkeys(name for name in compared if name not in wanted))
 
 
 def _fatigue(found: Sequence[_Resolved]) -> tuple[Measure, ...]:

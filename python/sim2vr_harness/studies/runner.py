@@ -32,7 +32,7 @@ from sim2vr_harness.studies.hashes import HASHES
 from sim2vr_harness.studies.jobs import CELLS, Task
 from sim2vr_harness.studies.plan import StudyPlan, plan_of
 from sim2vr_harness.studies.pool import Here, Pool, Processes
-from sim2vr_harness.studies.search.searching import search
+from sim2vr_harness.studies.search.searching import Found, search
 from sim2vr_harness.studies.worker import clear_away
 
 __all__ = ["StudyProgress", "StudyResult", "run_study"]
@@ -71,34 +71,27 @@ def run_study(
     """Run a study, or go on with it: what is done is not done again.
 
     Args:
-        study: The study, its YAML file, or what such a file says.
+        study: The study, its YAML file, or the contents of one.
         out: Its folder; None: ``studies/NAME``.
         jobs: Cells and trainings side by side; None: one per two cores.
         ray: Address of a Ray cluster that does them instead, or ``auto``.
         storage: With ``ray``: where workers leave results that do not see the study's folder.
-        trust_app: Whether programs and Python that the study, or a user or configuration of it,
-            names may run, though this user never has run them.
-        replay_damaged: Whether finished cells whose files have changed since are played again;
-            otherwise they are refused.
-        on_progress: Told after every task.
-        make_pool: Who does the tasks, given the folder and how many there are at once; None:
-            processes of this machine.
+        trust_app: Whether programs and Python that its files name may run without having run here.
+        replay_damaged: Whether finished cells whose files have changed are played again; else they
+            are refused.
+        on_progress: Called after every task.
+        make_pool: Workers by folder and number of tasks at once; None: local processes.
 
     Raises:
         InputError: Something of the study cannot be used (nothing is played then), it names code
             that this user has not agreed to run, a file of a finished cell has changed, or cells
             failed (the others are kept).
     """
-    beside = None
-    if isinstance(study, (str, Path)):
-        beside = Path(study).parent
-        study = load_study(study)
-    elif not isinstance(study, StudyConfig):
-        study = parse_study(study)
+    study, beside = _read(study)
     if storage is not None and ray is None:
         raise InputError("--storage", "it without --ray", "it together with --ray")
     root = Path(out) if out is not None else Path("studies") / study.name
-    jobs = _jobs(jobs)
+    make = make_pool or partial(_pool, jobs=_jobs(jobs), ray=ray, storage=storage)
     _require_own(root, study)
     plan = None
     if study.optimise is None:
@@ -108,27 +101,50 @@ def run_study(
                 f"note: cells {', '.join(names[:-1])} and {names[-1]} are the same: they have the "
                 "same user, configuration and seeds, so their rounds are the same"
             )
-    if study.comparisons and find_spec("statsmodels") is None:
-        expected = "it: pip install 'sim2vr-harness[studies]'"
-        raise InputError("comparisons", "no statsmodels in this installation", expected)
+    _require_statistics(study)
     (root / CELLS).mkdir(parents=True, exist_ok=True)
     with sole_training(root, root / ".lock", "study"), sigterm_interrupts():
         clear_away(root)
-        make = make_pool or partial(_pool, jobs=jobs, ray=ray, storage=storage)
         with Executor(root, make, on_progress, replay_damaged=replay_damaged) as doing:
-            if study.optimise is None:
-                assert plan is not None
-                tasks: list[Task] = [*plan.trainings, *plan.tasks]
-                doing.expect(len({task.key for task in tasks}))
-                doing.do(tasks)
-                found = None
-            else:
-                found = search(study, study.optimise, beside, doing, trust_app=trust_app)
-                plan = found.plan
+            plan, found = _done(study, plan, beside, doing, trust_app=trust_app)
         clear_away(root)  # what machines left that were lost on the way
         write_data(plan, root, found)
         _compare(plan, root)
     return StudyResult(open_study(root), doing.played, doing.found)
+
+
+def _read(
+    study: StudyConfig | Mapping[str, Any] | str | Path,
+) -> tuple[StudyConfig, Path | None]:
+    """Return a study and the folder of its file; None: it is not from a file."""
+    if isinstance(study, (str, Path)):
+        return load_study(study), Path(study).parent
+    return (study if isinstance(study, StudyConfig) else parse_study(study)), None
+
+
+def _require_statistics(study: StudyConfig) -> None:
+    if study.comparisons and find_spec("statsmodels") is None:
+        expected = "it: pip install 'sim2vr-harness[studies]'"
+        raise InputError("comparisons", "no statsmodels in this installation", expected)
+
+
+def _done(
+    study: StudyConfig,
+    plan: StudyPlan | None,
+    beside: Path | None,
+    doing: Executor,
+    *,
+    trust_app: bool,
+) -> tuple[StudyPlan, Found | None]:
+    """Do a plan, or a search without one; return the plan, and what the search found."""
+    if plan is None:
+        assert study.optimise is not None  # a study without it has a plan
+        found = search(study, study.optimise, beside, doing, trust_app=trust_app)
+        return found.plan, found
+    tasks: list[Task] = [*plan.trainings, *plan.tasks]
+    doing.expect(len({task.key for task in tasks}))
+    doing.do(tasks)
+    return plan, None
 
 
 def _pool(root: Path, tasks: int, *, jobs: int, ray: str | None, storage: str | None) -> Pool:

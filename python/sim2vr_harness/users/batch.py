@@ -13,11 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from sim2vr_harness.users.actuation import Actuation
-from sim2vr_harness.users.bodies.body import Body, held
+from sim2vr_harness.users.bodies.body import Body
 from sim2vr_harness.users.bodies.options import Physique
-from sim2vr_harness.users.checks import checked_action, checked_ids
-from sim2vr_harness.users.effort import EffortModel, make_effort
-from sim2vr_harness.users.head_reflex import HeadMotion, HeadReflex, moved_head
+from sim2vr_harness.users.checks import checked_action, checked_ids, require_each, require_state
+from sim2vr_harness.users.effort import EffortModel, effort_for
+from sim2vr_harness.users.head_reflex import HeadMotion, HeadReflex, head_reflex, moved_head
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.users.people import Person, Persons, Population
 from sim2vr_harness.users.physics import Physics
@@ -95,50 +95,15 @@ class UserBatch:
         self.muscle_count = len(body.muscles)
         self.action_size = body.action_size
         self._actuation = Actuation(body)
-        self.effort = self._make_effort(effort, effort_weight, effort_params)
+        self.effort = effort_for(effort, n, body, self.dt, effort_weight, effort_params)
         self.noise = MotorNoise(noise, n, self.muscle_count) if noise else None
 
         self._physics = Physics(body, n, threads, self._actuation)
         self._worn = WornDevices(body, self._physics.batch)
         self.who = Persons(body, self._physics.batch, people, cut)
-        self._head = self._make_head(head)
+        self._head = head_reflex(head, body, n, substeps)
         self._cost = np.zeros(n)
         self.reset(np.arange(n), [np.random.default_rng(i) for i in range(n)])
-
-    def _make_effort(
-        self, effort: str | EffortModel, weight: float | None, params: Mapping[str, Any] | None
-    ) -> EffortModel:
-        if isinstance(effort, str):
-            weighted = {} if weight is None else {"weight": weight}
-            return make_effort(
-                effort, self.n, self.body, **{"dt": self.dt, **(params or {}), **weighted}
-            )
-        if weight is not None or params:
-            raise ValueError(
-                "effort_weight, effort_params: got values next to a ready effort model, expected "
-                "None; give them to the model instead"
-            )
-        loads = self.muscle_count + len(self.body.effort_inputs.loads)
-        given = (effort.n, effort.muscle_count, effort.actuator_count)
-        if given != (self.n, loads, self.action_size):
-            raise ValueError(
-                f"effort: got a model of {effort.n} users with {effort.muscle_count} muscles of "
-                f"{effort.actuator_count} actuators, expected {self.n} users with "
-                f"{loads} of {self.action_size}"
-            )
-        return effort
-
-    def _make_head(self, motion: HeadMotion) -> HeadReflex | None:
-        if motion == "fixed":
-            return None
-        hands = held(self.body.devices)
-        if self.body.nod is not None or "headset" not in self.body.devices or not hands:
-            lacks = "a neck of its own" if self.body.nod else f"the devices {self.body.devices}"
-            raise ValueError(
-                f"head: got 'reflex' for a body with {lacks}, expected one with a headset, a "
-                "controller and no neck"
-            )
-        return HeadReflex(self.n, self.body.timestep, self.substeps)
 
     # --- episode -----------------------------------------------------------------------------
 
@@ -169,28 +134,19 @@ class UserBatch:
                 postures or persons.
         """
         ids = checked_ids(ids, self.n)
-        if len(rngs) != len(ids):
-            raise ValueError(f"rngs: got {len(rngs)} generators, expected {len(ids)}, one per id")
-        chosen = [None] * len(ids) if postures is None else list(postures)
-        if len(chosen) != len(ids):
-            raise ValueError(f"postures: got {len(chosen)}, expected {len(ids)}, one per id")
+        chosen = [None] * len(ids) if postures is None else postures
+        require_each("rngs", rngs, ids)
+        require_each("postures", chosen, ids)
         if persons is not None:
-            if len(persons) != len(ids):
-                raise ValueError(f"persons: got {len(persons)}, expected {len(ids)}, one per id")
+            require_each("persons", persons, ids)
             self.who.become(ids, persons)
-        order = np.argsort(ids)
-        ids, rngs, chosen = ids[order], [rngs[k] for k in order], [chosen[k] for k in order]
         if len(ids) == 0:
             return
-        physics = self._physics
+        order = np.argsort(ids)
+        ids, physics = ids[order], self._physics
         physics.reset(ids)
-        noise_seeds = []
-        for i, rng, posture in zip(ids, rngs, chosen, strict=True):
-            self._draw_start(int(i), rng)
-            noise_seeds.append(int(rng.integers(2**63)))
-            if posture is not None:
-                physics.qpos[i] = self.who.body(i).coupled_qpos(posture)
-            self._actuation.hold(physics.motor[i], physics.qpos[i])
+        starts = zip(ids.tolist(), order, strict=True)
+        noise_seeds = [self._draw_start(i, rngs[k], chosen[k]) for i, k in starts]
         if self.noise is not None:
             self.noise.reset(ids, noise_seeds)
         self._worn.head_pitch_deg[ids] = np.nan
@@ -202,7 +158,8 @@ class UserBatch:
         self.effort.reset(ids)
         self._update_effort(ids)
 
-    def _draw_start(self, i: int, rng: np.random.Generator) -> None:
+    def _draw_start(self, i: int, rng: np.random.Generator, posture: FloatArray | None) -> int:
+        """Put a user into a state to start in; return the seed of its motor noise."""
         body, rule, physics = self.who.body(i), self.body.reset_rule, self._physics
         joints, dofs = body.qpos_independent, body.qvel_independent
         angles = rng.uniform(-rule.position_range, rule.position_range, len(joints))
@@ -215,6 +172,11 @@ class UserBatch:
         activations = rng.uniform(*rule.activation_range, self.muscle_count)
         physics.act[i, self._actuation.activations] = activations
         physics.motor[i] = rng.uniform(0.0, 1.0, physics.motor.shape[1])
+        noise_seed = int(rng.integers(2**63))
+        if posture is not None:
+            physics.qpos[i] = body.coupled_qpos(posture)
+        self._actuation.hold(physics.motor[i], physics.qpos[i])
+        return noise_seed
 
     def turn_head(
         self,
@@ -239,8 +201,7 @@ class UserBatch:
         ids = checked_ids(ids, self.n)
         given = [pitch_deg] * len(ids) if pitch_deg is None or np.isscalar(pitch_deg) else pitch_deg
         pitches = np.array([np.nan if p is None else p for p in given], dtype=np.float64)  # type: ignore[union-attr]
-        if pitches.shape != ids.shape:
-            raise ValueError(f"pitch_deg: got {len(pitches)}, expected {len(ids)}, one per id")
+        require_each("pitch_deg", pitches, ids)
         wrong = np.abs(pitches) > 90.0
         if wrong.any():
             raise ValueError(f"pitch_deg: got {pitches[wrong][0]}, expected -90 to 90 degrees")
@@ -279,8 +240,7 @@ class UserBatch:
     ) -> None:
         """Advances every user by one step of `dt` seconds.
 
-        What an action does to its actuator is the rule of its group (`bodies/rules.py`): of a
-        muscle it changes the current activation, ctrl = clip(act + action, 0, 1).
+        Each group of actuators has a rule (`bodies/rules.py`); muscles: ctrl = clip(act + action).
 
         Args:
             action: (N, A) numbers; values outside [-1, 1] are clipped to it.
@@ -300,11 +260,7 @@ class UserBatch:
         ids = np.flatnonzero(~diverged)
         before = physics.kept(ids)
         self._apply(np.clip(action[ids], -1.0, 1.0), ids)
-        if self._head is not None:
-            pos, quat = self._worn.poses("headset", -1)
-            hands = self._worn.hands(-1)
-            factors = self.who.head_movement[ids]
-            self._head.begin(ids, (pos[ids], quat[ids]), hands[ids], factors)
+        self._begin_head(ids)
         self._worn.resize(pose_samples)
         done = sample = 0
         for stop in stops:
@@ -325,6 +281,13 @@ class UserBatch:
         survivors = ids[~lost]
         physics.copy_forces(survivors)
         self._update_effort(survivors)
+
+    def _begin_head(self, ids: IntArray) -> None:
+        if self._head is not None:
+            pos, quat = self._worn.poses("headset", -1)
+            hands = self._worn.hands(-1)
+            factors = self.who.head_movement[ids]
+            self._head.begin(ids, (pos[ids], quat[ids]), hands[ids], factors)
 
     def _checked_stops(
         self, pose_samples: int, pauses: Mapping[int, Callable[[], None]]
@@ -502,16 +465,7 @@ class UserBatch:
                 that is not finite.
         """
         i = int(checked_ids([i], self.n)[0])
-        expected = self.get_state(i)
-        if set(state) != set(expected):
-            raise ValueError(f"state: got keys {sorted(state)}, expected {sorted(expected)}")
-        for key, value in expected.items():
-            if isinstance(value, np.ndarray) and np.shape(state[key]) != value.shape:
-                raise ValueError(
-                    f"state {key}: got shape {np.shape(state[key])}, expected {value.shape}"
-                )
-        if not np.isfinite(state["simulation"]).all():
-            raise ValueError("state simulation: got NaN or infinity, expected finite numbers")
+        require_state(state, self.get_state(i))
         ids = np.array([i])
         if self.who.people is not None:
             self.who.set_state(i, state["person"])

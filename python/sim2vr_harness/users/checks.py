@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence, Sized
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["checked_action", "checked_ids"]
+__all__ = ["checked_action", "checked_ids", "require_each", "require_state"]
 
 
 def checked_ids(ids: Sequence[int] | NDArray[np.integer], n: int) -> NDArray[np.int64]:
@@ -25,6 +26,25 @@ def checked_ids(ids: Sequence[int] | NDArray[np.integer], n: int) -> NDArray[np.
     if len(np.unique(given)) != len(given):
         raise ValueError(f"ids: got {given.tolist()}, expected each user at most once")
     return given.astype(np.int64)
+
+
+def require_each(field: str, given: Sized, ids: Sized) -> None:
+    """Raise ValueError unless there is one of something for each id."""
+    if len(given) != len(ids):
+        raise ValueError(f"{field}: got {len(given)}, expected {len(ids)}, one per id")
+
+
+def require_state(state: Mapping[str, Any], expected: Mapping[str, Any]) -> None:
+    """Raise ValueError unless a state has the keys and shapes of another, and finite numbers."""
+    if set(state) != set(expected):
+        raise ValueError(f"state: got keys {sorted(state)}, expected {sorted(expected)}")
+    for key, value in expected.items():
+        if isinstance(value, np.ndarray) and np.shape(state[key]) != value.shape:
+            raise ValueError(
+                f"state {key}: got shape {np.shape(state[key])}, expected {value.shape}"
+            )
+    if not np.isfinite(state["simulation"]).all():
+        raise ValueError("state simulation: got NaN or infinity, expected finite numbers")
 
 
 def checked_action(action: ArrayLike, n: int, names: Sequence[str]) -> NDArray[np.float64]:

@@ -408,6 +408,38 @@ def make_effort(
         raise ValueError(f"effort {name}: got parameters {sorted(params)}; {error}") from error
 
 
+def effort_for(
+    effort: str | EffortModel,
+    n: int,
+    body: Body,
+    dt: float,
+    weight: float | None,
+    params: Mapping[str, Any] | None,
+) -> EffortModel:
+    """Return the effort model of a name, or a ready one that is of `n` copies of `body`.
+
+    Raises:
+        ValueError: as :func:`make_effort`; or a weight or parameters beside a ready model, or one
+            of other users.
+    """
+    if isinstance(effort, str):
+        given = {"dt": dt, **(params or {})} | ({} if weight is None else {"weight": weight})
+        return make_effort(effort, n, body, **given)
+    if weight is not None or params:
+        raise ValueError(
+            "effort_weight, effort_params: got values next to a ready effort model, expected "
+            "None; give them to the model instead"
+        )
+    loads = len(body.muscles) + len(body.effort_inputs.loads)
+    if (effort.n, effort.muscle_count, effort.actuator_count) != (n, loads, body.action_size):
+        raise ValueError(
+            f"effort: got a model of {effort.n} users with {effort.muscle_count} muscles of "
+            f"{effort.actuator_count} actuators, expected {n} users with {loads} of "
+            f"{body.action_size}"
+        )
+    return effort
+
+
 def _endurance_inputs(body: Body) -> dict[str, Any]:
     """Peak forces and lifting actuators, or why there are none."""
     lifting = body.effort_inputs.lifting

@@ -22,6 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import expm, solve_discrete_lyapunov
 
+from sim2vr_harness.users.bodies.body import Body, held
+
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]
 
@@ -171,6 +173,23 @@ class HeadReflex:
         self._start[i], self._aim[i] = state["start"], state["aim"]
         self._hand_m[i] = state["hand_m"]
         self._rngs[i].bit_generator.state = json.loads(bytes(state["stream"]))
+
+
+def head_reflex(motion: HeadMotion, body: Body, n: int, substeps: int) -> HeadReflex | None:
+    """Return the reflex of `n` copies of a body; None: their heads are fixed.
+
+    Raises:
+        ValueError: a reflex for a body with a neck, or without a headset or a controller.
+    """
+    if motion == "fixed":
+        return None
+    if body.nod is not None or "headset" not in body.devices or not held(body.devices):
+        lacks = "a neck of its own" if body.nod else f"the devices {body.devices}"
+        raise ValueError(
+            f"head: got 'reflex' for a body with {lacks}, expected one with a headset, a "
+            "controller and no neck"
+        )
+    return HeadReflex(n, body.timestep, substeps)
 
 
 def moved_head(

@@ -136,15 +136,34 @@ class UserRenderer:
             raise RenderingError("render was called after close")
         if isinstance(camera, str) and camera not in self.cameras:
             raise ValueError(unknown_name("camera", camera, self.cameras))
-        if isinstance(qpos, mujoco.MjData):
-            if activations is None:
-                states = self._model.actuator_actadr[
-                    [self._model.actuator(m).id for m in self._muscles]
-                ]
-                activations = np.array(qpos.act[states])
-            qpos = np.array(qpos.qpos)
         if scene is not None:
             self._learn(scene)
+        self._pose(qpos, activations)
+        everything = mujoco.mjtCatBit.mjCAT_ALL.value
+        mujoco.mjv_updateScene(
+            self._model,
+            self._data,
+            self._options,
+            None,
+            self._view(camera),
+            everything,
+            self._scene,
+        )
+        if scene is not None:
+            put_objects(self._model, self._scene, scene, self._meshes)
+        return self._pixels(self._painter)
+
+    def _pose(
+        self,
+        qpos: NDArray[np.floating] | mujoco.MjData,
+        activations: NDArray[np.floating] | None,
+    ) -> None:
+        """Put the drawn body into a posture, and colour its muscles."""
+        if isinstance(qpos, mujoco.MjData):
+            if activations is None:
+                muscles = [self._model.actuator(m).id for m in self._muscles]
+                activations = np.array(qpos.act[self._model.actuator_actadr[muscles]])
+            qpos = np.array(qpos.qpos)
         posture = np.asarray(qpos, dtype=np.float64)
         if posture.shape != (self._model.nq,):
             raise ValueError(f"qpos: got shape {posture.shape}, expected ({self._model.nq},)")
@@ -152,6 +171,9 @@ class UserRenderer:
         mujoco.mj_fwdPosition(self._model, self._data)
         relaxed = np.zeros(len(self._muscles))
         colour_muscles(self._model, self._muscles, relaxed if activations is None else activations)
+
+    def _view(self, camera: str | OrbitView) -> mujoco.MjvCamera:
+        """Return MuJoCo's camera of a name, or of a view."""
         view = mujoco.MjvCamera()
         if isinstance(camera, str):
             view.type = mujoco.mjtCamera.mjCAMERA_FIXED
@@ -160,22 +182,15 @@ class UserRenderer:
             view.type = mujoco.mjtCamera.mjCAMERA_FREE
             view.lookat[:], view.distance = camera.towards_m, camera.distance_m
             view.azimuth, view.elevation = camera.azimuth_deg, camera.elevation_deg
-        mujoco.mjv_updateScene(
-            self._model,
-            self._data,
-            self._options,
-            None,
-            view,
-            mujoco.mjtCatBit.mjCAT_ALL.value,
-            self._scene,
-        )
-        if scene is not None:
-            put_objects(self._model, self._scene, scene, self._meshes)
+        return view
+
+    def _pixels(self, painter: mujoco.MjrContext) -> NDArray[np.uint8]:
+        """Return the scene as (height, width, 3) RGB."""
         self._context.make_current()
         window = mujoco.MjrRect(0, 0, self.width, self.height)
-        mujoco.mjr_render(window, self._scene, self._painter)
+        mujoco.mjr_render(window, self._scene, painter)
         image = np.empty((self.height, self.width, 3), dtype=np.uint8)
-        mujoco.mjr_readPixels(image, None, window, self._painter)
+        mujoco.mjr_readPixels(image, None, window, painter)
         return np.ascontiguousarray(image[::-1])  # OpenGL's first row is the bottom one
 
     def close(self) -> None:

@@ -8,7 +8,7 @@ import torch
 from beats_both import USERS, Played, play
 
 from sim2vr_harness.games.beats import sabers, twin
-from sim2vr_harness.games.beats.twin import points
+from sim2vr_harness.games.beats.cuts import points
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 

@@ -10,10 +10,11 @@ import pytest
 import torch
 
 from sim2vr_harness.games import imagined_game, imagined_settings
+from sim2vr_harness.games.beats.cuts import points
 from sim2vr_harness.games.beats.levels import Levels, made_of
 from sim2vr_harness.games.beats.sabers import Blades, distances
 from sim2vr_harness.games.beats.settings import GameModelSettings, Relaxation
-from sim2vr_harness.games.beats.twin import EVENTS, FIELDS, ImaginedBeats, points
+from sim2vr_harness.games.beats.twin import EVENTS, FIELDS, ImaginedBeats
 
 STEP_S = 0.05
 SOFT = Relaxation(contact_m=0.05, speed_mps=0.3, angle_deg=15.0, near=5.0, error=20.0, hazard=20.0)

@@ -356,7 +356,7 @@ def test_other_errors() -> None:
         batch.reset([2], _rngs(1))
     with pytest.raises(ValueError, match=r"ids: got .*, expected each user at most once"):
         batch.reset([1, 1], _rngs(1, 2))
-    with pytest.raises(ValueError, match="rngs: got 1 generators, expected 2, one per id"):
+    with pytest.raises(ValueError, match="rngs: got 1, expected 2, one per id"):
         batch.reset([0, 1], _rngs(1))
     with pytest.raises(ValueError, match="n: got 0, expected a whole number, at least 1"):
         UserBatch(BODY, 0)

@@ -8,25 +8,26 @@ happen if blade and box met a little elsewhere, a little faster or at a little o
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor
 
+from sim2vr_harness.games.beats.cuts import (
+    CONTACT_MARGIN_M,
+    Contact,
+    aside,
+    first_or_closest,
+    off_stroke,
+    turns,
+)
 from sim2vr_harness.games.beats.lane import Coming, Lane
 from sim2vr_harness.games.beats.levels import Levels
 from sim2vr_harness.games.beats.rules import (
     ANGLE_LIMIT_DEG,
-    ANGLE_POINTS,
-    BASE_POINTS,
-    BLADE_M,
     BLADE_RADIUS_M,
     CUT_PLANE_M,
-    FULL_CUT_MPS,
     HEAD_RADIUS_M,
-    MIN_CUT_MPS,
     MINE_RADIUS_M,
-    SPEED_POINTS,
     STAB_MPS,
     TOLD_BOXES,
     TOLD_MINES,
@@ -56,27 +57,9 @@ FIELDS = (*_HEAD, *_ROOT, *_AXIS, *_TIP)
 
 _MOMENTS = (0.25, 0.5, 0.75, 1.0)
 """Shares of a frame in which blades and boxes are tested for contact."""
-_CONTACT_MARGIN_M, _SPEED_MARGIN_MPS, _ANGLE_MARGIN_DEG = 0.01, 0.1, 5.0
 _NEAR_M, _NEAR_S, _NEAR_MPS = 0.3, 0.12, 2.0
-_STROKE_S, _STROKE_MPS, _DRAWN_M, _STROKE_OFF_M = 0.5, 3.0, 0.4, 0.5
+_STROKE_S, _STROKE_OFF_M = 0.5, 0.5
 _WALL_SOFT_M, _CLEAR_M, _GONE_M = 0.03, 0.06, 10.0
-
-
-@dataclass(frozen=True)
-class _Contact:
-    """Where blades and boxes are closest, or meet first, in a frame: (B, 2 blades, K boxes).
-
-    Attributes:
-        apart: distance of the surfaces, m.
-        speed: of the blade across itself, m/s.
-        angle: between the blade's motion and the demanded direction, degrees; 0 for any.
-        forward: speed along the demanded direction, m/s.
-    """
-
-    apart: Tensor
-    speed: Tensor
-    angle: Tensor
-    forward: Tensor
 
 
 class ImaginedBeats:
@@ -280,46 +263,41 @@ class ImaginedBeats:
         contact = self._contact(before, after, across, cut, half, coming)
         own = torch.eye(2).repeat_interleave(TOLD_BOXES, 1)  # (blade, box): hand is the box's
         there = coming.there[:, None]
-
-        # By the true rules.
-        cuts = there & (contact.apart <= 0.0) & (contact.speed >= MIN_CUT_MPS)
-        right = cuts & (contact.angle <= ANGLE_LIMIT_DEG) & (own > 0)
-        self._count("sliced", right)
-        self._count("wrong hand", (cuts & (own == 0)).any(1) & ~right.any(1))
-        self._count("wrong direction", cuts & (own > 0) & ~right)
-        gone = cuts.any(1)
-        sliced = right.any(1)
-        self.counts[0, :, 0].index_add_(0, lane.condition, sliced.sum(1).float())
-        wrong = gone & ~sliced
-        self.counts[1, :, 0].index_add_(0, lane.condition, wrong.sum(1).float())
-        lane.box_gone = lane.box_gone.scatter(
-            1, coming.which, lane.box_gone.gather(1, coming.which) | gone
-        )
-
-        # Relaxed.
+        self._cut_boxes(contact, coming, own)
         left = self._box_left.gather(1, coming.which)
-        chance = there * torch.sigmoid((_CONTACT_MARGIN_M - contact.apart) / soft.contact_m - 1.0)
-        speed = (contact.speed - MIN_CUT_MPS - _SPEED_MARGIN_MPS) / soft.speed_mps
-        chance = chance * torch.sigmoid(speed)
-        good = torch.sigmoid((ANGLE_LIMIT_DEG - _ANGLE_MARGIN_DEG - contact.angle) / soft.angle_deg)
-        worth = good * points(contact.speed, contact.angle) - (1.0 - good) * soft.error
-        worth = own * worth - (1.0 - own) * soft.error
+        chance = there * contact.chance(soft)
+        worth = own * contact.worth(soft) - (1.0 - own) * soft.error
         reward = (left[:, None] * chance * worth).sum((1, 2))
         left = left * (1.0 - chance).prod(1)
         self._box_left = self._box_left.scatter(1, coming.which, left)
         if soft.near > 0.0:
             arrives = torch.exp(-(coming.until_s / _NEAR_S).square())[:, None]
-            around = torch.exp(-_aside(after, across, cut, half) / _NEAR_M)
+            around = torch.exp(-aside(after, across, cut, half) / _NEAR_M)
             towards = 0.5 + 0.5 * torch.tanh(contact.forward / _NEAR_MPS)
             near = own * there * arrives * around * towards * left.detach()[:, None]
             reward = reward + soft.near * near.sum((1, 2))
         if soft.stroke > 0.0:
             first = slice(None, None, TOLD_BOXES)  # the next box of each hand
             until_s = coming.until_s[:, first] - self._step_s
-            off = _off_stroke(after, across[:, first], cut[:, first], until_s)
+            off = off_stroke(after, across[:, first], cut[:, first], until_s)
             due = coming.there[:, first] & (until_s.abs() < _STROKE_S)
             reward = reward + soft.stroke * (due * (1.0 - off / _STROKE_OFF_M)).sum(1)
         return reward
+
+    def _cut_boxes(self, contact: Contact, coming: Coming, own: Tensor) -> None:
+        """Take cut boxes away and count them, by the true rules."""
+        lane = self.lane
+        cuts = coming.there[:, None] & contact.cuts()
+        right = cuts & (contact.angle <= ANGLE_LIMIT_DEG) & (own > 0)
+        self._count("sliced", right)
+        self._count("wrong hand", (cuts & (own == 0)).any(1) & ~right.any(1))
+        self._count("wrong direction", cuts & (own > 0) & ~right)
+        gone, sliced = cuts.any(1), right.any(1)
+        for row, ended in enumerate((sliced, gone & ~sliced)):
+            self.counts[row, :, 0].index_add_(0, lane.condition, ended.sum(1).float())
+        lane.box_gone = lane.box_gone.scatter(
+            1, coming.which, lane.box_gone.gather(1, coming.which) | gone
+        )
 
     def _contact(
         self,
@@ -329,7 +307,7 @@ class ImaginedBeats:
         cut: Tensor,
         half: Tensor,
         coming: Coming,
-    ) -> _Contact:
+    ) -> Contact:
         """Blades and boxes in this frame.
 
         Args:
@@ -344,10 +322,10 @@ class ImaginedBeats:
         blades = swing(before, after, shares)
         middles = self._during(across, coming, shares)
         free = cut.abs().sum(-1) == 0.0
-        apart, along = distances(blades, middles, _turns(cut), half)
+        apart, along = distances(blades, middles, turns(cut), half)
         passed = (middles[..., 2] <= 0.0)[:, None]  # missed on the way, nobody can cut it
         apart = torch.where(passed, _GONE_M, apart - BLADE_RADIUS_M)
-        when = _first_or_closest(apart)
+        when = first_or_closest(apart)
         apart, along = (values.gather(-1, when)[..., 0] for values in (apart, along))
         axis = blades.axis[:, :, None].expand(*when.shape[:3], len(_MOMENTS), 3)
         axis = axis.gather(3, when[..., None].expand(*when.shape, 3))[..., 0, :]
@@ -359,7 +337,7 @@ class ImaginedBeats:
         angle = torch.atan2((sideways.square() + 1e-8).sqrt(), forward).rad2deg()
         angle = torch.where(flat.detach().norm(dim=-1) < STAB_MPS, 180.0, angle)
         angle = torch.where(free[:, None], 0.0, angle)
-        return _Contact(apart, speed, angle, forward)
+        return Contact(apart, speed, angle, forward)
 
     def _during(self, across: Tensor, coming: Coming, shares: Tensor) -> Tensor:
         """(B, K, S, 3) middles at moments of the frame that begins now, from the origin."""
@@ -387,7 +365,7 @@ class ImaginedBeats:
         gone = lane.mine_gone.gather(1, coming.which) | touched
         lane.mine_gone = lane.mine_gone.scatter(1, coming.which, gone)
         left = self._mine_left.gather(1, coming.which)
-        chance = coming.there * torch.sigmoid((_CONTACT_MARGIN_M - apart) / soft.contact_m)
+        chance = coming.there * torch.sigmoid((CONTACT_MARGIN_M - apart) / soft.contact_m)
         self._mine_left = self._mine_left.scatter(1, coming.which, left * (1.0 - chance))
         return soft.hazard * (left * chance).sum(1)
 
@@ -423,57 +401,6 @@ class ImaginedBeats:
 
 
 EVENTS = ("sliced", "missed", "wrong hand", "wrong direction", "mines", "avoided", "walls")
-
-
-def points(speed: Tensor, angle: Tensor) -> Tensor:
-    """What a correct slice is worth, not rounded."""
-    swift = ((speed - MIN_CUT_MPS) / (FULL_CUT_MPS - MIN_CUT_MPS)).clamp(0.0, 1.0)
-    straight = (1.0 - angle / ANGLE_LIMIT_DEG).clamp(min=0.0)
-    return BASE_POINTS + SPEED_POINTS * swift + ANGLE_POINTS * straight
-
-
-def _turns(cut: Tensor) -> Tensor:
-    """(B, K, 2) cosine and sine of how boxes are turned, by their demanded directions."""
-    free = cut.abs().sum(-1, keepdim=True) == 0.0
-    return torch.where(free, torch.tensor([1.0, 0.0]), cut)
-
-
-def _aside(blades: Blades, across: Tensor, cut: Tensor, half: Tensor) -> Tensor:
-    """(B, 2, K) how far blades are from where boxes will be in the cut plane, m; 0 inside."""
-    plane = torch.full_like(across[..., :1], CUT_PLANE_M)
-    middles = torch.cat([across, plane], -1)[:, :, None]
-    now = Blades(blades.root[:, :, None], blades.axis[:, :, None])
-    apart, _ = distances(now, middles, _turns(cut), half)
-    return apart[..., 0].clamp(min=0.0)
-
-
-def _off_stroke(blades: Blades, across: Tensor, cut: Tensor, until_s: Tensor) -> Tensor:
-    """(B, 2) how far each blade is from the stroke that would cut its next box, m.
-
-    The stroke goes through the box's middle in the cut plane when the box is there, at even speed
-    from where it is drawn back to; in the middle itself where any direction will do.
-
-    Args:
-        blades: (B, 2, 3).
-        across: (B, 2, 2) x and y of the next box of each hand.
-        cut: (B, 2, 2) demanded directions.
-        until_s: (B, 2) until they arrive.
-    """
-    drawn = (_STROKE_MPS * until_s).clamp(-_DRAWN_M, _DRAWN_M)
-    plane = torch.full_like(across[..., :1], CUT_PLANE_M)
-    goal = torch.cat([across - drawn[..., None] * cut, plane], -1)
-    from_root = goal - blades.root
-    along = (from_root * blades.axis).sum(-1, keepdim=True).clamp(0.0, BLADE_M)
-    return (from_root - along * blades.axis).square().sum(-1).add(1e-6).sqrt()
-
-
-def _first_or_closest(apart: Tensor) -> Tensor:
-    """(..., 1) the first moment of contact, or where there is none the closest."""
-    moments = apart.shape[-1]
-    order = torch.arange(moments, 0, -1)
-    touches = (apart <= 0.0) * order
-    first, closest = touches.argmax(-1, keepdim=True), apart.argmin(-1, keepdim=True)
-    return torch.where(touches.amax(-1, keepdim=True) > 0, first, closest)
 
 
 def _told(coming: Coming, middle: Tensor, cut: Tensor | None = None) -> Tensor:

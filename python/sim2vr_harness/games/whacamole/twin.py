@@ -15,12 +15,12 @@ import torch
 from torch import Tensor
 
 from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.games.whacamole.areas import areas_of
 from sim2vr_harness.games.whacamole.hammer import POSE_FIELDS, Hammer, depths, points
 from sim2vr_harness.games.whacamole.rules import (
     BAN_S,
     CELL_M,
     CELLS,
-    COLUMNS,
     FADING_FRAMES,
     FRAME_S,
     GROWING_FRAMES,
@@ -28,8 +28,6 @@ from sim2vr_harness.games.whacamole.rules import (
     LIFE_S,
     MOST_TARGETS,
     START_M,
-    VOLUME_BEHIND_M,
-    area_of,
 )
 from sim2vr_harness.games.whacamole.settings import (
     FAILING_CELLS,
@@ -71,7 +69,7 @@ class ImaginedWhacAMole:
         n: number of users B.
         conditions: of each condition, the privileged numbers named ``round.*``.
         settings: what is relaxed, and which cells come up.
-        step_s: duration of a user step; targets come, live and go by steps of 50 ms.
+        step_s: duration of a user step.
         frames: F, app frames of a step, in each of which the hammer may hit.
         seed: of spawns.
         gamma: how much of a reward is left to who learns a user step later.
@@ -95,12 +93,9 @@ class ImaginedWhacAMole:
         frames: int = 1,
         options: Sequence[Mapping[str, OptionValue]] | None = None,
     ) -> None:
-        changes = [{} for _ in conditions] if options is None else options
         if abs(step_s - FRAME_S) > 1e-6:
-            raise ValueError(
-                f"action_frequency_hz: got {1.0 / step_s:g}, expected 20, the frames that the "
-                "imagined game is made of"
-            )
+            expected = "20, the frames that the imagined game is made of"
+            raise ValueError(f"action_frequency_hz: got {1.0 / step_s:g}, expected {expected}")
         self.n, self.settings, self.hammer = n, settings, Hammer()
         self._gamma = gamma
         self.frames = 1 if settings.whole_steps else frames
@@ -108,28 +103,13 @@ class ImaginedWhacAMole:
         self._follows = 1.0 - 0.5 ** (frames / self.frames)
         """Share of a frame's speed in the velocity that is judged: a half in each of the app's."""
         self.generator = torch.Generator().manual_seed(seed)
-        placements = ("round.low", "round.mid", "round.high")
-        place = torch.tensor([[c[name] for name in placements] for c in conditions]).argmax(1)
         self._threshold = torch.tensor([c["round.strike_threshold_mps"] for c in conditions])
         self._constrained = torch.tensor([c["round.constrained"] for c in conditions])
         self._most = torch.tensor([int(c["round.max_targets"]) for c in conditions])
         self._single = torch.arange(n) < round(SINGLE_TARGETS * n)
         self._rules = torch.tensor([[c[name] for name in _ROUND] for c in conditions])
-        cell = torch.arange(CELLS)
-        across, up = (cell % COLUMNS - 1.0) * CELL_M, (1.0 - cell // COLUMNS) * CELL_M
-        where = [area_of(int(row), options) for row, options in zip(place, changes, strict=True)]
-        area, ups, behind, strike = (
-            torch.tensor([getattr(one, name) for one in where])
-            for name in ("middle_m", "up", "behind", "strike")
-        )
-        right = torch.tensor([1.0, 0.0, 0.0]).expand_as(ups)
-        self._axes = torch.stack([right, ups, behind], 1)
-        self._area, self._strike = area, strike
-        self._cells = (
-            area[:, None]
-            + across[None, :, None] * right[:, None]
-            + up[None, :, None] * ups[:, None]
-            + VOLUME_BEHIND_M * behind[:, None]
+        self._area, self._axes, self._strike, self._cells = areas_of(
+            conditions, [{} for _ in conditions] if options is None else options
         )
         self.spawn_weights = torch.full((len(conditions), CELLS), 1.0 / CELLS)
         """By condition and cell."""
@@ -141,6 +121,11 @@ class ImaginedWhacAMole:
         """What hits were worth for where and how hard they were since :meth:`clear_counts`."""
         self._foregone = torch.zeros(len(conditions), LAST_FRAME + 1)
         """What hitting a target takes away, in hits at that age; by condition and age."""
+        self.names = _names()
+        self._begin(n)
+
+    def _begin(self, n: int) -> None:
+        """Make the state of rounds in which nothing has happened."""
         self.condition = torch.zeros(n, dtype=torch.long)
         self._velocity, self._root, self._face = (torch.zeros(n, 3) for _ in range(3))
         self._age = torch.full((n, CELLS), -1)
@@ -149,7 +134,6 @@ class ImaginedWhacAMole:
         self._inside = torch.zeros(n, CELLS, dtype=torch.bool)
         self._hit = torch.zeros(n, CELLS, dtype=torch.bool)
         self._left = torch.ones(n, CELLS)
-        self.names = _names()
 
     # --- rounds ------------------------------------------------------------------------------
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any, Literal
 
 import numpy as np
@@ -189,25 +190,10 @@ def track(
         InputError: no motor layer fits the body, or it has none of the recorded hands.
     """
     env, stature_m, estimated = _cut(path, env, settings)
-    try:
-        body = body_of(env.user)
-    except ValueError as error:
-        raise InputError(
-            "--stature, --mass", str(error), "a body that can be cut to size"
-        ) from error
+    body = _body(env)
     step_s = 1.0 / env.action_frequency_hz
     layer = layer_for(body, step_s)
-
-    def bodies(n: int) -> UserBatch:
-        return UserBatch(
-            body,
-            n,
-            threads=1 if n == 1 else budget(env.cores),
-            effort=env.user.effort.model,
-            effort_params=env.user.effort.options(),
-            substeps=round(step_s / body.timestep),
-        )
-
+    bodies = partial(_bodies, body, env, step_s)
     users = bodies(1)
     placement = place(
         path,
@@ -216,35 +202,52 @@ def track(
         scale=settings.scale,
         offset_m=np.array(settings.offset_m),
     )
-    wanted = wanted_of(path, placement, layer.hands, step_s, pointed=settings.pointed)
     followed = follow(
         users,
         layer,
-        wanted,
+        wanted_of(path, placement, layer.hands, step_s, pointed=settings.pointed),
         passes=settings.passes,
         many=bodies if settings.refined else None,
         seed=settings.seed,
         on_progress=on_progress,
     )
-    beyond = np.zeros(followed.errors_m.shape)
-    for hand in np.flatnonzero(wanted.followed):
-        beyond[:, hand] = beyond_reach_m(
-            body, layer.hands[hand], followed.targets[:, hand], followed.angles, settings.seed
-        )
-    played = settings.play and path.recording is not None and bool(path.recording.events)
+    beyond = _beyond_m(body, followed, settings.seed)
+    game = path.recording if settings.play else None
     return Tracked(
-        path=path,
-        body=body,
-        stature_m=stature_m,
-        estimated=estimated,
-        placement=placement,
-        followed=followed,
-        beyond_m=beyond,
-        hands=_hands(followed, beyond),
-        muscles=_muscles(body, followed),
-        outcomes=outcomes(path.recording, placement, followed) if played and path.recording else {},
+        *(path, body, stature_m, estimated, placement, followed, beyond),
+        *(_hands(followed, beyond), _muscles(body, followed)),
+        outcomes=outcomes(game, placement, followed) if game is not None and game.events else {},
         settings=settings,
     )
+
+
+def _body(env: EnvConfig) -> Body:
+    try:
+        return body_of(env.user)
+    except ValueError as error:
+        expected = "a body that can be cut to size"
+        raise InputError("--stature, --mass", str(error), expected) from error
+
+
+def _bodies(body: Body, env: EnvConfig, step_s: float, n: int) -> UserBatch:
+    """Return n of a body, without motor noise."""
+    return UserBatch(
+        body,
+        n,
+        threads=1 if n == 1 else budget(env.cores),
+        effort=env.user.effort.model,
+        effort_params=env.user.effort.options(),
+        substeps=round(step_s / body.timestep),
+    )
+
+
+def _beyond_m(body: Body, followed: Followed, seed: int) -> FloatArray:
+    """(K, H) how far the wanted places are beyond reach, m; 0 of hands that rest."""
+    beyond, wanted = np.zeros(followed.errors_m.shape), followed.wanted
+    for hand in np.flatnonzero(wanted.followed):
+        targets = followed.targets[:, hand]
+        beyond[:, hand] = beyond_reach_m(body, wanted.hands[hand], targets, followed.angles, seed)
+    return beyond
 
 
 def _cut(

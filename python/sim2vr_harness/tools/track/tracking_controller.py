@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -204,38 +204,23 @@ def follow(
         InputError: the simulation of the body broke.
     """
     start = posture_at(layer, wanted.places[0], wanted.axes[0], wanted.followed, seed)
+    follower = _Follower(users, layer, wanted, start, seed)
     correction = Correction(wanted.places)
-    best: Followed | None = None
-    best_shift, least = correction.shift, np.inf
-    records: list[Pass] = []
     goes = passes + (0 if many is None else _REFINED_TAKES)
 
-    def go(shift: FloatArray, done: int, takes: int, refinement: Refinement | None) -> FloatArray:
-        nonlocal best, best_shift, least
+    def tell(done: int, takes: int) -> Callable[[float], None]:
+        return lambda share: on_progress((done + takes * share) / goes)
 
-        def tell(share: float) -> None:
-            on_progress((done + takes * share) / goes)
-
-        followed, went = _one_pass(users, layer, wanted, shift, start, seed, refinement, tell)
-        errors = followed.errors_m[:, wanted.followed]
-        records.append(Pass(float(np.median(errors)), float(np.quantile(errors, 0.95))))
-        if best is None or went.missed_m < least:
-            best, best_shift, least = followed, shift, went.missed_m
-        return went.places
-
+    found: list[_Went] = []
     for number in range(passes):
-        correction.learn(go(correction.shift, number, 1, None))
+        found.append(follower.go(correction.shift, tell(number, 1)))
+        correction.learn(found[-1].places)
     if many is not None:
-        shift = best_shift
-        refinement = Refinement(
-            many,
-            lambda bodies, step: _actions(layer, bodies, wanted, shift, step),
-            lambda bodies, step: _misses(bodies, wanted, step),
-            wanted.steps,
-        )
-        go(shift, passes, _REFINED_TAKES, refinement)
-    assert best is not None
-    return Followed(**{**vars(best), "passes": tuple(records)})
+        shift = min(found, key=lambda went: went.missed_m).shift
+        refinement = follower.refinement(many, shift)
+        found.append(follower.go(shift, tell(passes, _REFINED_TAKES), refinement))
+    best = min(found, key=lambda went: went.missed_m)
+    return replace(best.followed, passes=tuple(went.error for went in found))
 
 
 @dataclass(frozen=True)
@@ -243,80 +228,126 @@ class _Went:
     """How a go went.
 
     Attributes:
+        shift: (J, H, 3) of the goals.
         places: (J', H, 3) where the hands were from the warm-up on.
         missed_m: mean of what was missed by, the way hands point included where it counts.
+        followed: what the body did.
     """
 
+    shift: FloatArray
     places: FloatArray
     missed_m: float
+    followed: Followed
+
+    @property
+    def error(self) -> Pass:
+        """How near the recorded hands were."""
+        errors = self.followed.errors_m[:, self.followed.wanted.followed]
+        return Pass(float(np.median(errors)), float(np.quantile(errors, 0.95)))
 
 
-def _one_pass(
-    users: UserBatch,
-    layer: MotorPolicy,
-    wanted: Wanted,
-    shift: FloatArray,
-    start: FloatArray,
-    seed: int,
-    refinement: Refinement | None,
-    on_progress: Callable[[float], None],
-) -> tuple[Followed, _Went]:
-    """Follow once."""
-    users.reset([0], [np.random.default_rng([seed, 77])], [start])
-    source = BodySource(users)
-    hands = wanted.hands
-    now = np.stack([users.device_poses(name)[0][0] for name in hands])
-    places, missed = [now], []
-    rows: list[Any] = []
-    kept: dict[str, list[Any]] = {name: [] for name in ("effort", "qpos", "act", "fatigued")}
-    samples: dict[str, tuple[list[Any], list[Any]]] = {name: ([], []) for name in hands}
-    for step in range(wanted.steps):
-        if step == wanted.first:
-            users.effort.reset([0])  # fatigue counts from the recording's beginning
-        if step % 20 == 0:
-            on_progress(step / wanted.steps)
-        if refinement is not None and step >= wanted.first - AHEAD:
-            actions = refinement.action(users, step)
-        else:
-            actions = _actions(layer, users, wanted, shift, step)
-        users.step(actions, pose_samples=POSE_SAMPLES)
-        if users.diverged[0]:
-            got = f"a simulation that broke at {wanted.times_s[step]:.2f} s"
-            raise InputError("RECORDING", got, "movement that the body can follow")
-        now = np.stack([users.device_poses(name)[0][0] for name in hands])
-        places.append(now)
-        if step < wanted.first:
-            continue
-        missed.append(np.linalg.norm(_misses(users, wanted, step)))
-        rows.append(source.take()[0])
-        kept["effort"].append(users.effort_cost[0])
-        kept["qpos"].append(users.qpos[0])
-        kept["act"].append(users.act[0])
+@dataclass(frozen=True)
+class _Follower:
+    """A body that goes at a recording; fields as the arguments of :func:`follow`, and a posture."""
+
+    users: UserBatch
+    layer: MotorPolicy
+    wanted: Wanted
+    start: FloatArray
+    seed: int
+
+    def go(
+        self,
+        shift: FloatArray,
+        on_progress: Callable[[float], None],
+        refinement: Refinement | None = None,
+    ) -> _Went:
+        """Follow once.
+
+        Raises:
+            InputError: the simulation of the body broke.
+        """
+        users, wanted = self.users, self.wanted
+        users.reset([0], [np.random.default_rng([self.seed, 77])], [self.start])
+        record = _Record(users, wanted)
+        for step in range(wanted.steps):
+            if step == wanted.first:
+                users.effort.reset([0])  # fatigue counts from the recording's beginning
+            if step % 20 == 0:
+                on_progress(step / wanted.steps)
+            if refinement is not None and step >= wanted.first - AHEAD:
+                actions = refinement.action(users, step)
+            else:
+                actions = _actions(self.layer, users, wanted, shift, step)
+            users.step(actions, pose_samples=POSE_SAMPLES)
+            if users.diverged[0]:
+                got = f"a simulation that broke at {wanted.times_s[step]:.2f} s"
+                raise InputError("RECORDING", got, "movement that the body can follow")
+            record.take(step)
+        missed_m = float(np.mean(record.missed))
+        return _Went(shift, np.array(record.places), missed_m, record.followed(self.layer.step_s))
+
+    def refinement(self, many: Callable[[int], UserBatch], shift: FloatArray) -> Refinement:
+        """Return what plans muscles ahead from a go with these shifts."""
+        return Refinement(
+            many,
+            lambda bodies, step: _actions(self.layer, bodies, self.wanted, shift, step),
+            lambda bodies, step: _misses(bodies, self.wanted, step),
+            self.wanted.steps,
+        )
+
+
+class _Record:
+    """What a body does in a go: its hands from now on, the rest from the recording's beginning."""
+
+    def __init__(self, users: UserBatch, wanted: Wanted) -> None:
+        self._users, self._wanted = users, wanted
+        self._source = BodySource(users)
+        self.places = [self._hands()]
+        self.missed: list[Any] = []
+        self._rows: list[Any] = []
+        self._kept: dict[str, list[Any]] = {k: [] for k in ("effort", "qpos", "act", "fatigued")}
+        self._samples: dict[str, tuple[list[Any], list[Any]]] = {n: ([], []) for n in wanted.hands}
+
+    def _hands(self) -> FloatArray:
+        return np.stack([self._users.device_poses(name)[0][0] for name in self._wanted.hands])
+
+    def take(self, step: int) -> None:
+        """Keep what the users are like after a step."""
+        users = self._users
+        self.places.append(self._hands())
+        if step < self._wanted.first:
+            return
+        self.missed.append(np.linalg.norm(_misses(users, self._wanted, step)))
+        self._rows.append(self._source.take()[0])
+        self._kept["effort"].append(users.effort_cost[0])
+        self._kept["qpos"].append(users.qpos[0])
+        self._kept["act"].append(users.act[0])
         if "MF" in (state := users.effort.state()):
-            kept["fatigued"].append(state["MF"][0, : users.muscle_count])
-        for name, (positions, turns) in samples.items():
+            self._kept["fatigued"].append(state["MF"][0, : users.muscle_count])
+        for name, (positions, turns) in self._samples.items():
             for sample in range(POSE_SAMPLES):
                 position, turn = users.device_poses(name, sample)
                 positions.append(position[0])
                 turns.append(turn[0])
-    qpos = np.array(kept["qpos"])
-    count = len(rows) * POSE_SAMPLES
-    moved = np.array(places)
-    followed = Followed(
-        wanted=wanted,
-        places=moved[wanted.first :],
-        columns=tuple(source.columns),
-        values=np.array(rows),
-        effort=np.array(kept["effort"]),
-        angles=qpos[:, users.body.qpos_independent],
-        qpos=qpos,
-        activations=np.array(kept["act"]).reshape(len(rows), -1),
-        fatigued=np.array(kept["fatigued"]) if kept["fatigued"] else None,
-        sampled_s=(np.arange(count) + 1) * layer.step_s / POSE_SAMPLES,
-        sampled={name: (np.array(p), np.array(t)) for name, (p, t) in samples.items()},
-        passes=(),
-    )
-    return followed, _Went(moved, float(np.mean(missed)))
+
+    def followed(self, step_s: float) -> Followed:
+        """Return all of it, for user steps of this duration."""
+        kept, steps = {name: np.array(rows) for name, rows in self._kept.items()}, len(self._rows)
+        return Followed(
+            wanted=self._wanted,
+            places=np.array(self.places)[self._wanted.first :],
+            columns=tuple(self._source.columns),
+            values=np.array(self._rows),
+            effort=kept["effort"],
+            angles=kept["qpos"][:, self._users.body.qpos_independent],
+            qpos=kept["qpos"],
+            activations=kept["act"].reshape(steps, -1),
+            fatigued=kept["fatigued"] if len(kept["fatigued"]) else None,
+            sampled_s=(np.arange(steps * POSE_SAMPLES) + 1) * step_s / POSE_SAMPLES,
+            sampled={name: (np.array(p), np.array(t)) for name, (p, t) in self._samples.items()},
+            passes=(),
+        )
 
 
 def _actions(

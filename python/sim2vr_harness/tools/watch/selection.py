@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import with_task
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import load_config
@@ -13,8 +14,6 @@ from sim2vr_harness.tools.users import environment_of
 from sim2vr_harness.tools.watch.frames import Playlist, person_show, recorded_show, user_show
 
 __all__ = ["choose"]
-
-_BODY = "mobl_arms_wrist"
 
 
 def choose(
@@ -29,22 +28,21 @@ def choose(
     page: Sequence[str] = (),
     untrained: str | None = None,
 ) -> Playlist:
-    """Return what is meant.
+    """Return what to watch.
 
     Args:
-        run: a user, configuration or body; the folder or files of a logged or recorded round.
+        run: a user, configuration or body, or a logged or recorded round's folder or file.
         person: whether a person plays.
         game: another game than the user's.
         condition: of the game.
         seed: of the round.
-        deterministic: whether actions are the policy's mean; None: as the user's own
-            ``evaluation.deterministic`` says.
+        deterministic: whether actions are the policy's mean; None: as the user's configuration.
         trust_app: whether the app that it names may be started, though you never have.
         page: instead of a user, overrides of the configuration that name a page.
-        untrained: who plays the page; see :func:`user_show`.
+        untrained: the page's user, see :func:`user_show`.
 
     Raises:
-        InputError: It is none of them, or does not go together.
+        InputError: It is none of them, or options exclude each other.
     """
     if page:
         if run is not None or person or game is not None or condition is not None:
@@ -59,22 +57,27 @@ def choose(
         if game is not None or condition is not None:
             raise InputError("--game or --condition", "it with a recording", "neither of them")
         return recorded_show(Path(run))
-    who = run or _BODY
+    who = run or "mobl_arms_wrist"
+    env = _environment(who, game, condition, trust_app=trust_app)
+    if person:
+        return person_show(env, seed=seed)
+    if (user := _trained(who)) is not None:
+        require_contract(user, env)
+        if deterministic is None:
+            deterministic = user.config.evaluation.deterministic
+    return user_show(user, env, seed=seed, deterministic=bool(deterministic))
+
+
+def _environment(
+    who: str, game: str | None, condition: str | None, *, trust_app: bool
+) -> EnvConfig:
     try:
-        env = environment_of(who, game=game, condition=condition, trust_app=trust_app)
+        return environment_of(who, game=game, condition=condition, trust_app=trust_app)
     except InputError as error:
         if error.field != "USER":
             raise
         expected = f"the folder of a logged or recorded round, {error.expected}"
         raise InputError("RUN", error.got, expected) from error
-    if person:
-        return person_show(env, seed=seed)
-    user = _trained(who)
-    if user is not None:
-        require_contract(user, env)
-        if deterministic is None:
-            deterministic = user.config.evaluation.deterministic
-    return user_show(user, env, seed=seed, deterministic=bool(deterministic))
 
 
 def _recorded(path: Path) -> bool:

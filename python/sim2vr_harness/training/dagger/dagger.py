@@ -161,23 +161,7 @@ class Student:
         self._optimizer = torch.optim.AdamW(
             self._parameters, config.learning_rate, weight_decay=_WEIGHT_DECAY, fused=True
         )
-        shapes = {
-            key: (value.shape[1:], value.dtype) for key, value in simulation.observation().items()
-        }
-        actions = simulation.action_space.shape[0]
-        each = self.n * config.rollout_steps
-        self.store = FrameStore(
-            folder,
-            -(-min(config.frames, config.kept_frames or config.frames) // each) * each,
-            shapes
-            | {
-                "label": ((actions,), np.float32),
-                "facts": ((self._facts,), np.float32),
-                "numbers": ((self._tell.out_features if self._tell else 0,), np.float32),
-                "glances": ((self._looked_at, 3), np.float32),
-            },
-            slack=config.checkpoint_rounds * each if config.kept_frames else 0,
-        )
+        self.store = self._frame_store(folder)
         self.round = 0
         # Rounds end at different times, so that every minibatch has all phases of a round in it.
         longest = min(simulation.max_steps, config.stagger_steps)
@@ -185,6 +169,24 @@ class Student:
         self._acted = np.zeros(self.n)
         self._episodes: deque[dict[str, Any]] = deque(maxlen=_STATISTICS_EPISODES)
         self._ended = 0
+
+    def _frame_store(self, folder: Path) -> FrameStore:
+        """Return the store of observations and of what the student learns from them."""
+        config, each = self.config, self.n * self.config.rollout_steps
+        observation = self.simulation.observation()
+        shapes = {key: (value.shape[1:], value.dtype) for key, value in observation.items()}
+        sizes = {
+            "label": self.simulation.action_space.shape,
+            "facts": (self._facts,),
+            "numbers": (self._tell.out_features if self._tell else 0,),
+            "glances": (self._looked_at, 3),
+        }
+        return FrameStore(
+            folder,
+            -(-min(config.frames, config.kept_frames or config.frames) // each) * each,
+            shapes | {name: (size, np.float32) for name, size in sizes.items()},
+            slack=config.checkpoint_rounds * each if config.kept_frames else 0,
+        )
 
     @property
     def _dropped(self) -> dict[str, nn.Module]:

@@ -41,7 +41,7 @@ def require_memory(config: TrainingConfig) -> None:
     Raises:
         InputError: They cannot, however little the rest takes.
     """
-    from sim2vr_harness.envs.simulation import observation_space_of
+    from sim2vr_harness.envs.senses import observation_space_of
 
     have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     space = observation_space_of(config.env)

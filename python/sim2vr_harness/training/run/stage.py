@@ -216,15 +216,7 @@ def run_stages(
             callbacks = Callbacks(stage, number, len(stages), folder, display, report, stop)
             outcome.status = "failed"
             try:
-                if stage is not opened:
-                    stage.open()
-                with display:
-                    stage.run(callbacks)
-                outcome.status = "finished"
-            except KeyboardInterrupt:
-                outcome.status = "interrupted"
-            except StageStopped:
-                outcome.status = "stopped"
+                outcome.status = _run(stage, callbacks, display, opened=stage is opened)
             finally:
                 with interrupts_ignored():
                     stage.save()
@@ -236,6 +228,20 @@ def run_stages(
             if outcome.status != "finished":
                 break
     return outcome
+
+
+def _run(stage: Stage, callbacks: Callbacks, display: StageDisplay, *, opened: bool) -> str:
+    """Run a stage and return its status."""
+    try:
+        if not opened:
+            stage.open()
+        with display:
+            stage.run(callbacks)
+    except KeyboardInterrupt:
+        return "interrupted"
+    except StageStopped:
+        return "stopped"
+    return "finished"
 
 
 def _say(console: Console, text: str) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from itertools import count
@@ -26,7 +26,7 @@ from sim2vr_harness.runs.trust import remember
 from sim2vr_harness.training.run.loggers import require_wandb
 from sim2vr_harness.training.run.memory import keep_freed_memory, require_memory
 from sim2vr_harness.training.run.pipelines import MakeSimulation, Run, stages_of
-from sim2vr_harness.training.run.stage import Report, remaining, run_stages
+from sim2vr_harness.training.run.stage import Report, Stage, StageOutcome, remaining, run_stages
 
 __all__ = ["MakeSimulation", "TrainResult", "make_simulation", "train"]
 
@@ -94,28 +94,113 @@ def train(
     Args:
         config: The configuration; with ``resume`` it must agree with the run's own.
         out: The run's folder.
-        timesteps: Where this session stops, counted from the start of the run's last stage and
-            rounded up to whole iterations; None goes to ``config.total_timesteps``. The
-            learning-rate schedule runs over ``config.total_timesteps`` either way.
-        resume: Continue the run in ``out`` from what it has saved; a run that has reached
-            ``timesteps`` is left as it is.
+        timesteps: Where this session stops, from the start of the run's last stage, rounded up to
+            whole iterations; None: ``config.total_timesteps``, over which schedules run anyway.
+        resume: Continue the run in ``out``; one that has reached ``timesteps`` is left as it is.
         overwrite: Delete the run in ``out`` first.
-        set_aside: With ``resume``: rename files of the run that cannot be used (to ``NAME.aside``)
-            and go on from the newest ones that can.
+        set_aside: With ``resume``: rename files that cannot be used (to ``NAME.aside``) and
+            continue from the newest ones that can.
         console: Where to print; None prints to the standard error stream.
-        report: Called after every cycle, round or iteration with a :class:`.Report`: how far which
-            stage is, and the row of its log.
+        report: Called with a :class:`.Report` after every cycle, round or iteration.
         stop: Asked at every step; once it returns True the training saves and ends, as after
             Ctrl-C. It may be called some thousand times a second.
         simulation: How to make the users of the last stage.
 
     Raises:
         InputError: An argument cannot be used; nothing has been written then.
-        UnusableFile: With ``resume``: what the run would go on from is damaged, or not finite.
+        UnusableFile: With ``resume``: a file to continue from is damaged, or not finite.
         NotFinite: What is learned has become NaN or infinite; the moment before it is saved.
     """
     console = console or Console(stderr=True)
     until = config.total_timesteps if timesteps is None else timesteps
+    _check(config, until)
+    folder = RunFolder(out)
+    if resume:
+        _check_resumable(folder, config)
+    elif not overwrite:
+        folder.require_free()
+    keep_freed_memory()
+    session = _Session(config, folder, until, simulation, resume, console, report, stop)
+    with torch_threads(torch_budget(config.env.cores)):
+        return session.train(overwrite=overwrite, set_aside=set_aside)
+
+
+@dataclass(frozen=True)
+class _Session:
+    """A session of training in a run's folder; fields as the arguments of :func:`train`."""
+
+    config: TrainingConfig
+    folder: RunFolder
+    until: int
+    simulation: MakeSimulation
+    resume: bool
+    console: Console
+    report: Callable[[Report], None] | None
+    stop: Callable[[], bool] | None
+
+    def train(self, *, overwrite: bool, set_aside: bool) -> TrainResult:
+        """Hold the folder and run the stages, again after a file has been set aside."""
+        began, folder = time.monotonic(), self.folder
+        with ExitStack() as held:
+            if folder.path.is_dir():
+                held.enter_context(sole_training(folder.path, folder.lock_file))
+            stages = self._stages(resumed=self.resume)
+            opened = None if self.resume else self._create(stages[0], held, overwrite=overwrite)
+            while True:
+                try:
+                    outcome = self._run(stages, opened)
+                    break
+                except UnusableFile as error:
+                    if not set_aside:
+                        raise _with_offer(error, folder) from error
+                    _put_aside(error, self.console)
+                    stages = self._stages(resumed=True)
+        return _result(folder, stages, outcome, began)
+
+    def _stages(self, *, resumed: bool) -> list[Stage]:
+        return stages_of(
+            Run(self.config, self.folder, self.until, self.simulation, resumed=resumed)
+        )
+
+    def _create(self, first: Stage, held: ExitStack, *, overwrite: bool) -> Stage:
+        """Open the first stage, then create the folder; return the stage.
+
+        A setting that cannot be used shows before a run that is there is deleted.
+        """
+        folder = self.folder
+        try:
+            first.open()
+            if not folder.path.is_dir():
+                held.enter_context(sole_training(folder.path, folder.lock_file))
+            folder.create(self.config, overwrite)
+        except BaseException:
+            first.close()
+            raise
+        return first
+
+    def _run(self, stages: Sequence[Stage], opened: Stage | None) -> StageOutcome:
+        """Run the stages that are left, and note the session in the folder."""
+        folder = self.folder
+        if self.resume and not remaining(stages):
+            require_readable(folder.latest_checkpoint())
+            reached = f"{folder.path} has reached {stages[-1].saved}"
+            self.console.print(f"Nothing to train: {reached}.")
+            return StageOutcome()
+        if self.resume:
+            folder.store_config(self.config)
+        remember(self.config.env.app, folder.path)
+        folder.begin_session(start_step=folder.step)
+        try:
+            return run_stages(
+                stages, folder, self.console, opened=opened, report=self.report, stop=self.stop
+            )
+        finally:
+            if not folder.exists:  # the folder was removed meanwhile: nobody else knows it
+                folder.store_config(self.config)
+
+
+def _check(config: TrainingConfig, until: int) -> None:
+    """Refuse settings that this machine cannot train with."""
     if until < 1:
         raise InputError("--timesteps", str(until), "at least 1")
     if config.wandb.enabled:
@@ -127,61 +212,6 @@ def train(
         expected = "0: left-handers are mirror images of those who learn; evaluate them"
         raise InputError("env.user.people.left_handed", f"{people.left_handed:g}", expected)
     require_memory(config)
-    folder = RunFolder(out)
-    if resume:
-        _check_resumable(folder, config)
-    elif not overwrite:
-        folder.require_free()
-    began = time.monotonic()
-    keep_freed_memory()
-    with torch_threads(torch_budget(config.env.cores)), ExitStack() as held:
-        if folder.path.is_dir():
-            held.enter_context(sole_training(folder.path, folder.lock_file))
-        stages = stages_of(Run(config, folder, until, simulation, resumed=resume))
-        opened = None
-        if not resume:
-            # Whatever cannot be used shows before a run that is there is deleted.
-            opened = stages[0]
-            try:
-                opened.open()
-                if not folder.path.is_dir():
-                    held.enter_context(sole_training(folder.path, folder.lock_file))
-                folder.create(config, overwrite)
-            except BaseException:
-                opened.close()
-                raise
-        while True:
-            try:
-                if resume and not remaining(stages):
-                    require_readable(folder.latest_checkpoint())
-                    reached = f"{folder.path} has reached {stages[-1].saved}"
-                    console.print(f"Nothing to train: {reached}.")
-                    return _result(folder, began)
-                if resume:
-                    folder.store_config(config)
-                remember(config.env.app, folder.path)
-                folder.begin_session(start_step=folder.step)
-                try:
-                    outcome = run_stages(
-                        stages, folder, console, opened=opened, report=report, stop=stop
-                    )
-                finally:
-                    if not folder.exists:  # the folder was removed meanwhile: nobody else knows it
-                        folder.store_config(config)
-                break
-            except UnusableFile as error:
-                if not set_aside:
-                    raise _with_offer(error, folder) from error
-                _put_aside(error, console)
-                stages = stages_of(Run(config, folder, until, simulation, resumed=True))
-    return _result(
-        folder,
-        began,
-        interrupted=outcome.status != "finished",
-        lost_steps=getattr(stages[-1], "lost_steps", 0),
-        stage=outcome.stage,
-        saved=outcome.saved,
-    )
 
 
 def _with_offer(error: UnusableFile, folder: RunFolder) -> UnusableFile:
@@ -208,24 +238,19 @@ def _aside(file: Path) -> Path:
 
 
 def _result(
-    folder: RunFolder,
-    began: float,
-    *,
-    interrupted: bool = False,
-    lost_steps: int = 0,
-    stage: str = "",
-    saved: str = "",
+    folder: RunFolder, stages: Sequence[Stage], outcome: StageOutcome, began: float
 ) -> TrainResult:
     files = folder.checkpoints()
+    interrupted = outcome.status != "finished"
     return TrainResult(
         folder=folder,
         checkpoint=files[-1] if files else None,
         step=folder.step,
         interrupted=interrupted,
-        lost_steps=lost_steps if interrupted else 0,
+        lost_steps=getattr(stages[-1], "lost_steps", 0) if interrupted else 0,
         seconds=time.monotonic() - began,
-        stage=stage,
-        saved=saved,
+        stage=outcome.stage,
+        saved=outcome.saved,
     )
 
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
@@ -70,43 +71,51 @@ def evaluate_teacher(
     game = game_of(env)
     names = list(conditions or config.conditions or game.conditions)
     jobs = [(name, seed + k) for name in names for k in range(rounds)]
-    simulation = Simulation(blind_env(env), len(jobs))
-    try:
+    rng = None if deterministic else np.random.default_rng(seed)
+    with closing(Simulation(blind_env(env), len(jobs))) as simulation:
         senses = privileged_senses(simulation, config, game, env)
         for i, (name, round_seed) in enumerate(jobs):
             simulation.reset([i], [round_seed], game.options(name))
-        rng = None if deterministic else np.random.default_rng(seed)
-        logs: list[dict[str, float] | None] = [None] * len(jobs)
-        effort, returns = np.zeros(len(jobs)), np.zeros(len(jobs))
-        steps = np.zeros(len(jobs))
-        while any(log is None for log in logs):
-            decided = policy.act({OBSERVATION: senses.observe()}, rng)
-            result = simulation.step(decided)
-            ended = np.flatnonzero(result.over)
-            playing = np.array([log is None for log in logs])
-            effort += playing * result.effort_cost
-            returns += playing * result.game_reward
-            steps += playing
-            for i in map(int, ended):
-                if logs[i] is None:
-                    logs[i] = dict(result.logs[i])
-            if len(ended) and any(log is None for log in logs):
-                simulation.reset([int(i) for i in ended])
-    finally:
-        simulation.close()
+        played = _played(simulation, lambda: policy.act({OBSERVATION: senses.observe()}, rng))
     return [
         _score(
             name,
-            [
-                game.outcomes(log or {})
-                for log, job in zip(logs, jobs, strict=True)
-                if job[0] == name
-            ],
-            float(np.sum(effort[_of(jobs, name)]) / np.sum(steps[_of(jobs, name)])),
-            float(np.mean(returns[_of(jobs, name)])),
+            [game.outcomes(played.logs[i]) for i in _of(jobs, name)],
+            float(np.sum(played.effort[_of(jobs, name)]) / np.sum(played.steps[_of(jobs, name)])),
+            float(np.mean(played.returns[_of(jobs, name)])),
         )
         for name in names
     ]
+
+
+@dataclass(frozen=True)
+class _Rounds:
+    """A round of each of N users: last logs, and (N,) sums of effort cost, reward and steps."""
+
+    logs: dict[int, dict[str, float]]
+    effort: NDArray[np.float64]
+    returns: NDArray[np.float64]
+    steps: NDArray[np.float64]
+
+
+def _played(simulation: Simulation, act: Callable[[], NDArray[np.float32]]) -> _Rounds:
+    """Play until every user's round is over; those who are done play on without being counted."""
+    n = simulation.n
+    found = _Rounds({}, np.zeros(n), np.zeros(n), np.zeros(n))
+    while len(found.logs) < n:
+        result = simulation.step(act())
+        playing = np.array([i not in found.logs for i in range(n)])
+        for total, now in (
+            (found.effort, result.effort_cost),
+            (found.returns, result.game_reward),
+            (found.steps, 1.0),
+        ):
+            total += playing * now
+        ended = np.flatnonzero(result.over).tolist()
+        found.logs.update({i: dict(result.logs[i]) for i in ended if i not in found.logs})
+        if ended and len(found.logs) < n:
+            simulation.reset(ended)
+    return found
 
 
 def _of(jobs: Sequence[tuple[str, int]], name: str) -> list[int]:

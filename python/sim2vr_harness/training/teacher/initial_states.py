@@ -69,9 +69,8 @@ def find_start_postures(
 ) -> InitialStates:
     """Look for postures that hold the tool where an action may begin, by asking the game.
 
-    Half of the postures tried are drawn from the box of joint angles, half are neighbours of those
-    found already. The game says how far each is from a good start and for which cell
-    (:attr:`ImaginedGame.start_fields`).
+    Half of the postures tried are drawn from the joints' ranges, half are neighbours of those found
+    already; the game says how far each is from a start (:attr:`ImaginedGame.start_fields`).
 
     Args:
         simulation: users to try with; their rounds are lost.
@@ -91,16 +90,13 @@ def find_start_postures(
     columns = [list(batch.privileged_names).index(name) for name in game.start_fields]
     rng = np.random.default_rng(seed)
     low, high = joint_box(simulation, game.start_limits)
-    found: dict[str, dict[int, FloatArray]] = {}
-    for condition in conditions:
+
+    def found(condition: str) -> dict[int, FloatArray]:
         kept: dict[int, list[FloatArray]] = {}
+        options = game.options(condition)
         for _ in range(most_rounds):
             tried = _candidates(kept, low, high, simulation.n, rng)
-            simulation.reset(
-                seeds=[0] * simulation.n,
-                options=game.options(condition),
-                postures=list(tried),
-            )
+            simulation.reset(seeds=[0] * simulation.n, options=options, postures=list(tried))
             distances, cells = batch.privileged[:, columns].T
             for i in np.flatnonzero(distances <= near_m):
                 postures = kept.setdefault(int(cells[i]), [])
@@ -108,8 +104,9 @@ def find_start_postures(
                     postures.append(tried[i])
             if len(kept) == game.cells and all(len(k) == per_cell for k in kept.values()):
                 break
-        found[condition] = {cell: np.array(postures) for cell, postures in sorted(kept.items())}
-    return InitialStates(found)
+        return {cell: np.array(postures) for cell, postures in sorted(kept.items())}
+
+    return InitialStates({condition: found(condition) for condition in conditions})
 
 
 def _candidates(

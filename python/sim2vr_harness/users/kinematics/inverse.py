@@ -45,22 +45,21 @@ def solve(
     """
     low, high = linkage.limits.T
     q = np.clip(start, low, high)
-    x, slope = linkage.place_and_slope(q)
-    error = places - x
+    place, slope = linkage.place_and_slope(q)
+    error = places - place
     distance = np.linalg.norm(error, axis=1)
-    damping = np.full(len(q), _DAMPING)
+    damping, stuck = np.full(len(q), _DAMPING), np.zeros(len(q), dtype=int)
     going = distance > close_m
-    stuck = np.zeros(len(q), dtype=int)
     for _ in range(iterations):
         rows = np.flatnonzero(going)
         if not len(rows):
             break
         tried = _tried(q[rows], slope[rows], error[rows], damping[rows], low, high)
-        new_x, new_slope = linkage.place_and_slope(tried)
-        new_error = places[rows] - new_x
+        place, new_slope = linkage.place_and_slope(tried)
+        new_error = places[rows] - place
         new_distance = np.linalg.norm(new_error, axis=1)
-        better = new_distance < distance[rows]
         gain = distance[rows] - new_distance
+        better = new_distance < distance[rows]
         won = rows[better]
         q[won], slope[won] = tried[better], new_slope[better]
         error[won], distance[won] = new_error[better], new_distance[better]

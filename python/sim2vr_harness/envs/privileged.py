@@ -131,7 +131,7 @@ class Layout:
         """
         if pictured is None:
             pictured = at(self.lag.game)
-        parts = [at(self.lag.body)[:, list(self.felt)], pictured[:, list(self.seen)]]
+        parts = [at(self.lag.body)[:, self.felt], pictured[:, self.seen]]
         return join([*parts, *(did(back + 1) for back in range(self.actions))])
 
 

@@ -222,7 +222,7 @@ class ImaginedWhacAMole:
         """Let cells that are missed come up more often, and be worth more."""
         counts, share = self.counts, FAILING_CELLS
         total = counts.sum(0)
-        fails = torch.where(total > 0, counts[1] / total.clamp(min=1.0), torch.ones(())) + 0.02
+        fails = torch.where(total > 0, counts[1] / total.clamp(min=1.0), 1.0) + 0.02
         uniform = 1.0 / fails.shape[1]
         weights = (1.0 - share) * uniform + share * fails / fails.sum(1, keepdim=True)
         self.spawn_weights.lerp_(weights, 0.5)
@@ -276,7 +276,7 @@ class ImaginedWhacAMole:
         alive = (self._age >= GROWING_FRAMES).float()
         life = present * (LIFE_S - FRAME_S * self._age)
         oldest = torch.where(
-            self._age >= 0, self._age + 1e-3 * torch.arange(CELLS).flip(0), torch.tensor(-1.0)
+            self._age >= 0, self._age + 1e-3 * torch.arange(CELLS).flip(0), -1.0
         ).topk(MOST_TARGETS, 1)
         there, which = (oldest.values >= 0).float(), oldest.indices
         rows = torch.arange(self.n)[:, None]
@@ -343,9 +343,7 @@ class ImaginedWhacAMole:
         """Targets of the next frame, after hits at the poses of this one."""
         old = (self._age >= LAST_FRAME) & ~self._hit
         for number, ended in enumerate((self._hit, old)):
-            row, cell = torch.nonzero(ended, as_tuple=True)
-            where = (self.condition[row], cell)
-            self.counts[number].index_put_(where, torch.ones(len(row)), accumulate=True)
+            self.counts[number].index_add_(0, self.condition, ended.float())
         gone = self._hit | old
         self._age = torch.where(gone, -1, torch.where(self._age >= 0, self._age + 1, self._age))
         self._fading = torch.where(gone, FADING_FRAMES, (self._fading - 1).clamp(min=0))
@@ -356,14 +354,12 @@ class ImaginedWhacAMole:
         # The largest of the logarithms plus Gumbel noise: a draw by the weights.
         noise = torch.rand(self.n, CELLS, generator=self.generator).clamp(1e-9, 1.0 - 1e-7)
         scores = self.spawn_weights[self.condition].log() - (-noise.log()).log()
-        cell = torch.where(free, scores, torch.tensor(-1e9)).argmax(1)
-        rows = torch.arange(self.n)[wanted]
-        self._age[rows, cell[wanted]] = 0
+        cell = torch.where(free, scores, -1e9).argmax(1)
+        new = wanted[:, None] & (torch.arange(CELLS) == cell[:, None])
+        self._age = torch.where(new, 0, self._age)
         ban = BAN_S * torch.rand(self.n, generator=self.generator)
         self._ban_s = torch.where(wanted, ban, self._ban_s)
-        left = torch.where(gone, torch.ones(()), self._left)
-        left[rows, cell[wanted]] = 1.0
-        self._left = left
+        self._left = torch.where(gone | new, 1.0, self._left)
 
     def _judge(self, depth: Tensor, strike: Tensor, soft: Relaxation) -> _Touch:
         """What hits in a frame, by the true rules; and what it is worth, relaxed."""
@@ -376,7 +372,7 @@ class ImaginedWhacAMole:
         self._hit = self._hit | (inside & counts & fast[:, None])  # only coming in is a hit
         within = inside & self._inside
         speed = torch.sigmoid((strike - threshold - _SPEED_MARGIN_MPS) / soft.speed_mps)
-        speed = torch.where(constrained, speed, torch.ones(()))[:, None]
+        speed = torch.where(constrained, speed, 1.0)[:, None]
         overlap = torch.sigmoid((depth - _OVERLAP_MARGIN_M) / soft.overlap_m).prod(2)
         self._inside = inside
         return _Touch(counts * overlap * speed, counts, within)
@@ -387,7 +383,7 @@ class ImaginedWhacAMole:
         cells, alive = self._cells[condition], self._age >= GROWING_FRAMES
         towards = self._strike_mps(self._velocity) - self._threshold[condition]
         towards = torch.sigmoid(towards / 0.5)
-        towards = torch.where(self._constrained[condition] > 0.0, towards, torch.ones(()))
+        towards = torch.where(self._constrained[condition] > 0.0, towards, 1.0)
         around = torch.sigmoid(depth / _NEAR_M).prod(2)
         near = (touch.counts * self._left.detach() * around * towards[:, None]).sum(1)
         distance = (cells - marker[:, None]).norm(dim=2)
@@ -448,7 +444,7 @@ class ImaginedWhacAMole:
     def _in_plane(self, marker: Tensor) -> Tensor:
         """(B,) 1 in the plane, 2 well behind it, 0 well before it or at a target."""
         near = (1.0 + self._depth(marker) / _CLEAR_M).clamp(0.0, 2.0)
-        aside = torch.where(self._age >= 0, self._aside(marker), torch.tensor(_AWAY_M))
+        aside = torch.where(self._age >= 0, self._aside(marker), _AWAY_M)
         return near * (aside.amin(1) / _AWAY_M).clamp(max=1.0)
 
     def _going_blind(self, marker: Tensor) -> Tensor:

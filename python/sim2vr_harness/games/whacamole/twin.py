@@ -107,7 +107,9 @@ class ImaginedWhacAMole:
         self._frame_s = FRAME_S / self.frames
         self._follows = 1.0 - 0.5 ** (frames / self.frames)
         """Share of a frame's speed in the velocity that is judged: a half in each of the app's."""
-        self.generator = torch.Generator().manual_seed(seed)
+        on_cpu = torch.get_default_device().type == "cpu"
+        self.generator = torch.Generator().manual_seed(seed) if on_cpu else None
+        """Of spawns; on a GPU they come from torch's own, which a captured graph draws from."""
         placements = ("round.low", "round.mid", "round.high")
         place = torch.tensor([[c[name] for name in placements] for c in conditions]).argmax(1)
         self._threshold = torch.tensor([c["round.strike_threshold_mps"] for c in conditions])
@@ -255,14 +257,16 @@ class ImaginedWhacAMole:
     def state(self) -> dict[str, Tensor]:
         """See the protocol."""
         own = {name: getattr(self, name).clone() for name in self._STATE}
-        return own | {"hammer": self.hammer.fixed.clone(), "generator": self.generator.get_state()}
+        own["hammer"] = self.hammer.fixed.clone()
+        return own if self.generator is None else own | {"generator": self.generator.get_state()}
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
         """See the protocol."""
         for name in self._STATE:
             setattr(self, name, state[name].clone())
         self.hammer.fixed = state["hammer"].clone()
-        self.generator.set_state(state["generator"])
+        if self.generator is not None and "generator" in state:
+            self.generator.set_state(state["generator"])
 
     # --- what is observed --------------------------------------------------------------------
 

@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from stable_baselines3.common.utils import get_device
 from torch import Tensor
 
 from sim2vr_harness.base.finite import require_finite
@@ -82,11 +83,13 @@ class ImaginedStage:
             config.teacher.policy,
             seed=config.seed,
         )
+        game = self._simulation.game
         self._rollouts = ImaginedRollouts(
             config.teacher.imagined,
             policy,
             self._simulation,
             seed=config.seed,
+            device=get_device(config.device) if game.on_gpu else "cpu",
         )
 
     def run(self, callbacks: Callbacks) -> None:
@@ -97,6 +100,7 @@ class ImaginedStage:
             _restore(rollouts, self.folder / _STATE)
             callbacks.say(f"Continuing after cycle {rollouts.cycle}.")
         self._cycles_saved = rollouts.cycle
+        callbacks.say(f"Imagined rollouts on {rollouts.device}.")
         imagined = self._config.teacher.imagined
         if 0 < imagined.cycles <= imagined.easier_cycles:
             callbacks.say(

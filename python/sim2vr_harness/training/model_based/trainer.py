@@ -16,6 +16,7 @@ from sim2vr_harness.envs.privileged import OBSERVATION
 from sim2vr_harness.policies.state_actor_critic import TeacherPolicy
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
 from sim2vr_harness.training.model_based.collector import Collector
+from sim2vr_harness.training.model_based.learning_device import LearningDevice
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.world_models.body_dynamics import BodyModel, fit_body
 from sim2vr_harness.world_models.effort import imagined_effort, volume_shares
@@ -30,6 +31,8 @@ from sim2vr_harness.world_models.weight_average import WeightAverage
 __all__ = ["CycleReport", "ImaginedRollouts"]
 
 STATE_FORMAT = 8
+_ON_DEVICE = ("users", "game", "senses", "seen")
+"""Parts of the state that are tensors of the device that learns."""
 _PLAYED, _FITTED = 0.2, 0.4
 """Shares of a cycle's time that are over after playing, and after fitting the body model."""
 _CRITIC_LEARNING_RATE, _LAMBDA = 1e-3, 0.9
@@ -79,6 +82,7 @@ class ImaginedRollouts:
         policy: what learns; its statistics of observations are set here.
         simulation: users in the true game.
         seed: of everything drawn here.
+        device: that the body model and the policy learn on; the true game is played on the CPU.
 
     Raises:
         InputError: the policy observes something that the game's twin does not know, or the twin
@@ -92,14 +96,15 @@ class ImaginedRollouts:
         simulation: TeacherSimulation,
         *,
         seed: int,
+        device: str | torch.device = "cpu",
     ) -> None:
         self.config, self.policy, self.simulation = config, policy, simulation
         self.cycle = self.updates = 0
         self._persons = ImaginedPersons(simulation.simulation)
         self._collector = Collector(config, policy, simulation, self._persons, seed=seed)
         self._torch_seed = int(np.random.SeedSequence([seed, 92]).generate_state(1)[0])
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(self._torch_seed)
+        self._device = LearningDevice(device)
+        with self._device.seeded(self._torch_seed), self._device.active():
             self.body = BodyModel(
                 simulation.simulation.body,
                 simulation.game.devices,
@@ -108,10 +113,10 @@ class ImaginedRollouts:
                 persons=self._persons,
             )
         self._conditions = [simulation.describe(k) for k in range(len(simulation.conditions))]
-        self.users, self.game = self.imagine(config.users)
-        self.senses = self.imagined_senses(self.users, self.game)
-        with torch.random.fork_rng(devices=[]):
-            torch.manual_seed(self._torch_seed + 1)
+        with self._device.active():
+            self.users, self.game = self.imagine(config.users)
+            self.senses = self.imagined_senses(self.users, self.game)
+        with self._device.seeded(self._torch_seed + 1), self._device.active():
             self._critic = ValueFunction(
                 self.senses.size,
                 config.critic_width,
@@ -126,12 +131,16 @@ class ImaginedRollouts:
         ]
         betas = (0.8, 0.97)  # gradients change fast as the body model does
         self._optimizer = torch.optim.Adam(self._actor, lr=config.learning_rate, betas=betas)
+        self._window = self._device.window(
+            self._imagined_window, [self.users, self.game, self.senses]
+        )
         self._critic_first_updates = config.critic_first_updates
-        self._average = WeightAverage(self._actor, config.average_updates)
+        with self._device.active(policy):
+            self._average = WeightAverage(self._actor, config.average_updates)
         self._seen: list[TransitionStore] = []
         self._pool: TransitionStore | None = None
         self._near: dict[tuple[int, int], Tensor] = {}
-        self._torch_state: Tensor | None = None
+        self._random_state: list[Tensor] | None = None
         self._best: tuple[float, dict[str, Tensor]] | None = None
         """The highest rate played so far, and the weights that played it."""
 
@@ -183,6 +192,11 @@ class ImaginedRollouts:
             ) from None
 
     @property
+    def device(self) -> torch.device:
+        """What learns on."""
+        return self._device.device
+
+    @property
     def finished(self) -> bool:
         """Whether all cycles are done."""
         return self.cycle >= self.config.cycles
@@ -192,11 +206,7 @@ class ImaginedRollouts:
     def step(self, on_progress: OnProgress = lambda doing, share: None) -> CycleReport:
         """Play, fit the body model to it, and learn from imagined rollouts."""
         config = self.config
-        with torch.random.fork_rng(devices=[]):
-            if self._torch_state is None:
-                torch.manual_seed(self._torch_seed + 2)
-            else:
-                torch.set_rng_state(self._torch_state)
+        with self._device.seeded(self._random_state or self._torch_seed + 2):
             first = self.cycle == 0
             self._grow()
             with self._average.in_place():
@@ -206,38 +216,12 @@ class ImaginedRollouts:
                     on_progress=lambda share: on_progress("playing", _PLAYED * share),
                 )
                 self._keep_best(played)
-            self._seen.append(new)
-            if len(self._seen) > 1 + KEPT_CYCLES:
-                del self._seen[1]
-            if first:
-                self.body.scale_by(new)
-                self.users.rest_as(self._seen[0].before.drives)
-                self.game.calibrate(self._place(new), new.fields)
-            fit = fit_body(
-                self.body,
-                self._to_learn(),
-                minibatches=config.first_fit_minibatches if first else config.fit_minibatches,
-                learning_rate=4e-3 if first else 1.5e-3,
-                on_progress=lambda share: on_progress(
-                    "fitting the body model", _PLAYED + share * (_FITTED - _PLAYED)
-                ),
-            )
-            self._choose_pool()
-            if first:
-                self._fit_statistics()
-                everyone = torch.arange(self.users.n)
-                self._restart(everyone)
-            self.game.clear_counts()
-            for update in range(config.updates):
-                share = update / config.updates
-                on_progress("imagined rollouts", _FITTED + (1.0 - _FITTED) * share)
-                self._update()
-            imagined, worst = self._rates()
-            self.game.adapt()
+            with self._device.active(self.policy):
+                fit, imagined, worst = self._learn(new.to(self._device.device), on_progress)
             self.cycle += 1
             if self.finished:
                 self._settle()
-            self._torch_state = torch.get_rng_state()
+            self._random_state = self._device.random_state()
         return CycleReport(
             cycle=self.cycle,
             step=self.simulation.step_count,
@@ -247,6 +231,45 @@ class ImaginedRollouts:
             worst_cell=worst,
             place_error_m=fit["place_m"],
         )
+
+    def _learn(
+        self, new: TransitionStore, on_progress: OnProgress
+    ) -> tuple[dict[str, float], tuple[float, ...], float]:
+        """Fit the body model, also to new user steps, and learn from imagined rollouts.
+
+        Returns:
+            The body model's errors, and success rates as :meth:`_rates` has them.
+        """
+        config, first = self.config, self.cycle == 0
+        self._seen.append(new)
+        if len(self._seen) > 1 + KEPT_CYCLES:
+            del self._seen[1]
+        if first:
+            self.body.scale_by(new)
+            self.users.rest_as(self._seen[0].before.drives)
+            self.game.calibrate(self._place(new), new.fields)
+        fit = fit_body(
+            self.body,
+            self._to_learn(),
+            minibatches=config.first_fit_minibatches if first else config.fit_minibatches,
+            learning_rate=4e-3 if first else 1.5e-3,
+            on_progress=lambda share: on_progress(
+                "fitting the body model", _PLAYED + share * (_FITTED - _PLAYED)
+            ),
+        )
+        self._choose_pool()
+        if first:
+            self._fit_statistics()
+            self._restart(torch.arange(self.users.n))
+        self.game.clear_counts()
+        self._window.forget()  # delays, noise and costs are those of the next cycle
+        for update in range(config.updates):
+            share = update / config.updates
+            on_progress("imagined rollouts", _FITTED + (1.0 - _FITTED) * share)
+            self._update()
+        rates = self._rates()
+        self.game.adapt()
+        return fit, *rates
 
     def _settle(self) -> None:
         """Let the policy be the mean of the last updates', or the one that played best."""
@@ -320,7 +343,7 @@ class ImaginedRollouts:
         distance, cell = self.game.nearest(self._place(self._pool), condition)
         close = distance < _NEAR_M
         self._near = {
-            (c, k): torch.nonzero(close & (condition == c) & (cell == k)).flatten()
+            (c, k): torch.nonzero(close & (condition == c) & (cell == k)).flatten().cpu()
             for c in range(len(self._conditions))
             for k in range(self.simulation.game.cells)
         }
@@ -329,14 +352,18 @@ class ImaginedRollouts:
         """Let users go on from states of the true game, some of them near a target."""
         assert self._pool is not None
         pool, count = self._pool, len(ids)
-        rows = torch.randint(len(pool), (count,))
-        cells = torch.full((count,), -1)
-        for i in torch.nonzero(torch.rand(count) < self.config.near_starts).flatten().tolist():
-            c = int(torch.randint(len(self._conditions), ()))
-            k = int(torch.multinomial(self.game.spawn_weights[c], 1))
-            there = self._near[c, k]
-            if len(there):
-                rows[i], cells[i] = there[int(torch.randint(len(there), ()))], k
+        weights = self.game.spawn_weights.cpu()
+        with torch.device("cpu"):  # one number after the other
+            rows = torch.randint(len(pool), (count,))
+            cells = torch.full((count,), -1)
+            near = torch.rand(count) < self.config.near_starts
+            for i in torch.nonzero(near).flatten().tolist():
+                c = int(torch.randint(len(self._conditions), ()))
+                k = int(torch.multinomial(weights[c], 1))
+                there = self._near[c, k]
+                if len(there):
+                    rows[i], cells[i] = there[int(torch.randint(len(there), ()))], k
+        rows, cells = rows.to(ids.device), cells.to(ids.device)
         begin = pool.rows(rows)
         self.users.start(ids, begin.after)
         self.game.start(ids, self._place(begin), begin.fields, cells)
@@ -387,9 +414,29 @@ class ImaginedRollouts:
     def _update(self) -> None:
         """One window of imagined user steps, and what is learned from it."""
         config = self.config
-        done = self.updates / (config.updates * config.cycles)
+        done = self._done()
         for group in self._optimizer.param_groups:
             group["lr"] = config.learning_rate * min(1.0, 2.0 * (1.0 - done)) + 2e-5
+        norm, seen, rewards = self._window()
+        if torch.isfinite(norm) and self.updates >= self._critic_first_updates:
+            self._optimizer.step()
+            self._average.add()
+        self._critic.learn(seen, rewards)
+        again = (torch.rand(self.users.n, device="cpu") < config.restart_share).to(norm.device)
+        self._restart(torch.nonzero(again | self.users.broken()).flatten())
+        self.updates += 1
+
+    def _done(self) -> float:
+        """Share of the updates that are over."""
+        return self.updates / (self.config.updates * self.config.cycles)
+
+    def _imagined_window(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Imagine a window of user steps, and set the policy's gradients, clipped to length 1.
+
+        Returns:
+            Their length before that; (T + 1, B, size) what was observed; (T, B) rewards.
+        """
+        config, done = self.config, self._done()
         limit = config.gradient_limit
         if limit is not None:  # the loss is a mean
             limit /= config.window_steps * self.users.n
@@ -411,14 +458,8 @@ class ImaginedRollouts:
         self._optimizer.zero_grad()
         (-total.mean() / config.window_steps).backward()  # type: ignore[no-untyped-call]
         norm = nn.utils.clip_grad_norm_(self._actor, 1.0)
-        if torch.isfinite(norm) and self.updates >= self._critic_first_updates:
-            self._optimizer.step()
-            self._average.add()
-        self._critic.learn(torch.stack(seen).detach(), torch.stack(rewards).detach())
         self._cut()
-        again = (torch.rand(self.users.n) < config.restart_share) | self.users.broken()
-        self._restart(torch.nonzero(again).flatten())
-        self.updates += 1
+        return norm, torch.stack(seen).detach(), torch.stack(rewards).detach()
 
     def _rates(self) -> tuple[tuple[float, ...], float]:
         """Rate of successes of every condition, cells alike, and the worst cell's."""
@@ -443,7 +484,7 @@ class ImaginedRollouts:
             "critic": self._critic.state(),
             "optimizer": self._optimizer.state_dict(),
             "average": self._average.state(),
-            "torch": self._torch_state,
+            "torch": self._random_state,
             "users": self.users.state(),
             "game": self.game.state(),
             "senses": self.senses.state(),
@@ -466,18 +507,21 @@ class ImaginedRollouts:
         self.cycle, self.updates = header["cycle"], header["updates"]
         self._collector.rng.bit_generator.state = header["rng"]
         self._collector.started = True
-        self.policy.load_state_dict(state["policy"])
-        self.body.load_state_dict(state["body"])
-        for parameter in self.body.parameters():
-            parameter.requires_grad_(False)
-        self._critic.load_state(state["critic"])
-        self._optimizer.load_state_dict(state["optimizer"])
-        self._average.load_state(state["average"])
-        self._torch_state = state["torch"]
-        self.users.load_state(state["users"])
-        self.game.load_state(state["game"])
-        self.senses.load_state(state["senses"])
+        tensors = {name: self._device.moved(state[name]) for name in _ON_DEVICE}
+        with self._device.active(self.policy):
+            self.policy.load_state_dict(state["policy"])
+            self.body.load_state_dict(state["body"])
+            for parameter in self.body.parameters():
+                parameter.requires_grad_(False)
+            self._critic.load_state(state["critic"])
+            self._optimizer.load_state_dict(state["optimizer"])
+            self._average.load_state(state["average"])
+            self.users.load_state(tensors["users"])
+            self.game.load_state(tensors["game"])
+            self.senses.load_state(tensors["senses"])
+            self._seen = [TransitionStore.of(parts) for parts in tensors["seen"]]
+            self.users.rest_as(self._seen[0].before.drives)
+        random = state["torch"]
+        self._random_state = [random] if isinstance(random, Tensor) else random
         self._best = None if state["best"] is None else (state["best"][0], state["best"][1])
-        self._seen = [TransitionStore.of(tensors) for tensors in state["seen"]]
-        self.users.rest_as(self._seen[0].before.drives)
         self.simulation.load_state(state["simulation"].numpy().tobytes())

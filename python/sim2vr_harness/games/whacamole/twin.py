@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import torch
 from torch import Tensor
@@ -377,7 +378,7 @@ class ImaginedWhacAMole:
         within = inside & self._inside
         speed = torch.sigmoid((strike - threshold - _SPEED_MARGIN_MPS) / soft.speed_mps)
         speed = torch.where(constrained, speed, 1.0)[:, None]
-        overlap = torch.sigmoid((depth - _OVERLAP_MARGIN_M) / soft.overlap_m).prod(2)
+        overlap = _product(torch.sigmoid((depth - _OVERLAP_MARGIN_M) / soft.overlap_m))
         self._inside = inside
         return _Touch(counts * overlap * speed, counts, within)
 
@@ -388,7 +389,7 @@ class ImaginedWhacAMole:
         towards = self._strike_mps(self._velocity) - self._threshold[condition]
         towards = torch.sigmoid(towards / 0.5)
         towards = torch.where(self._constrained[condition] > 0.0, towards, 1.0)
-        around = torch.sigmoid(depth / _NEAR_M).prod(2)
+        around = _product(torch.sigmoid(depth / _NEAR_M))
         near = (touch.counts * self._left.detach() * around * towards[:, None]).sum(1)
         distance = (cells - marker[:, None]).norm(dim=2)
         far = (alive * (torch.exp(-10.0 * distance) - 1.0) / 10.0).sum(1)
@@ -503,6 +504,13 @@ class _Touch:
 def _each(values: Tensor, frames: int) -> Tensor:
     """(B, ...) -> (B F, ...), the same in every frame of a user's step."""
     return values if frames == 1 else values.repeat_interleave(frames, 0)
+
+
+def _product(values: Tensor) -> Tensor:
+    """The product over the last dimension; on a GPU without the gradient's count of zeros."""
+    if values.device.type == "cpu":
+        return values.prod(-1)
+    return reduce(torch.mul, values.unbind(-1))
 
 
 def _names() -> tuple[str, ...]:

@@ -18,6 +18,7 @@ from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.world_models.actuator_state import ActuatorState
 from sim2vr_harness.world_models.joint_groups import JointGroup, limbs_of
+from sim2vr_harness.world_models.learning_device import LearningDevice
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
@@ -326,6 +327,7 @@ def fit_body(
     learning_rate: float,
     batch_size: int = 1024,
     held_out: int = 4096,
+    device: LearningDevice | None = None,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, float]:
     """Fit a body model to user steps; the learning rate rises and falls once.
@@ -337,6 +339,7 @@ def fit_body(
         learning_rate: the highest.
         batch_size: steps in a minibatch.
         held_out: at most so many, and at most a tenth, are not learned from.
+        device: where the model and the steps are; None: the CPU.
         on_progress: called with the share of the minibatches that is done.
 
     Returns:
@@ -351,17 +354,23 @@ def fit_body(
     learned = body.learned()
     for parameter in learned:
         parameter.requires_grad_(True)
-    optimizer = torch.optim.Adam(learned, lr=learning_rate)
+    device = device or LearningDevice("cpu")
+    optimizer = torch.optim.Adam(learned, lr=learning_rate, fused=device.is_gpu or None)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimizer, learning_rate, total_steps=minibatches, pct_start=0.1
     )
-    for done in range(minibatches):
-        on_progress(done / minibatches)
+
+    def set_gradients() -> None:
         batch = steps.rows(known[torch.randint(len(known), (batch_size,))])
         loss = body.loss(batch)
         optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(learned, 5.0)
+
+    minibatch = device.window(set_gradients, [])
+    for done in range(minibatches):
+        on_progress(done / minibatches)
+        minibatch()
         optimizer.step()
         schedule.step()
     for parameter in learned:

@@ -16,11 +16,11 @@ from sim2vr_harness.envs.privileged import OBSERVATION
 from sim2vr_harness.policies.state_actor_critic import TeacherPolicy
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
 from sim2vr_harness.training.model_based.collector import Collector
-from sim2vr_harness.training.model_based.learning_device import LearningDevice
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.world_models.body_dynamics import BodyModel, fit_body
 from sim2vr_harness.world_models.effort import imagined_effort, volume_shares
 from sim2vr_harness.world_models.gradient_clipping import limited
+from sim2vr_harness.world_models.learning_device import LearningDevice
 from sim2vr_harness.world_models.observation import ImaginedSenses
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
@@ -130,7 +130,9 @@ class ImaginedRollouts:
             *policy.action_net.parameters(),
         ]
         betas = (0.8, 0.97)  # gradients change fast as the body model does
-        self._optimizer = torch.optim.Adam(self._actor, lr=config.learning_rate, betas=betas)
+        self._optimizer = torch.optim.Adam(
+            self._actor, lr=config.learning_rate, betas=betas, fused=self._device.is_gpu or None
+        )
         self._window = self._device.window(
             self._imagined_window, [self.users, self.game, self.senses]
         )
@@ -253,6 +255,7 @@ class ImaginedRollouts:
             self._to_learn(),
             minibatches=config.first_fit_minibatches if first else config.fit_minibatches,
             learning_rate=4e-3 if first else 1.5e-3,
+            device=self._device,
             on_progress=lambda share: on_progress(
                 "fitting the body model", _PLAYED + share * (_FITTED - _PLAYED)
             ),

@@ -137,6 +137,7 @@ class Window:
             self._returned = self._run()
             for kept, part in zip(self._kept, self._parts, strict=True):
                 _copy(part.state(), kept)
+        self._take()  # capturing computes nothing
 
     def _take(self) -> None:
         for kept, part in zip(self._kept, self._parts, strict=True):

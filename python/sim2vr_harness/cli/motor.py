@@ -17,7 +17,7 @@ from sim2vr_harness.cli.options import (
 
 if TYPE_CHECKING:
     from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
-    from sim2vr_harness.training.motor_control.practice import MotorTraining
+    from sim2vr_harness.training.motor_control.goal_task import MotorTrainer
     from sim2vr_harness.users import Body
 
 __all__ = ["app"]
@@ -60,7 +60,7 @@ def practise(
     from sim2vr_harness.base.signals import sigterm_interrupts
     from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, save_motor_layer
     from sim2vr_harness.runs.config import apply_overrides, parse_config
-    from sim2vr_harness.training.motor_control.practice import MotorTraining
+    from sim2vr_harness.training.motor_control.goal_task import motor_trainer
 
     changes = [f"skills.motor_training.{change}" for change in set_ or ()]
     config = parse_config(apply_overrides({}, changes)).skills.motor_training
@@ -68,7 +68,7 @@ def practise(
     if begin is not None:
         first = load_motor_layer(begin, of, step_s)
         config = config.model_copy(update={"width": first.width})
-    practice = MotorTraining(config, of, step_s, seed=seed, begin=first)
+    practice = motor_trainer(config, of, step_s, seed=seed, begin=first)
     begun = out.with_name(out.name + ".part")
     try:
         with sigterm_interrupts():
@@ -78,28 +78,28 @@ def practise(
         return 130
     if config.strikes:
         known["following"] = True
-    save_motor_layer(out, practice.layer, body=practice.layer.body.name, **known)
+    save_motor_layer(out, practice.policy, body=practice.policy.body.name, **known)
     begun.unlink(missing_ok=True)
     typer.echo(f"Written: {out}")
     return 0
 
 
-def _cycles(practice: MotorTraining, begun: Path) -> dict[str, Any]:
+def _cycles(practice: MotorTrainer, begun: Path) -> dict[str, Any]:
     from dataclasses import asdict
 
     from sim2vr_harness.cli.progress import Share
     from sim2vr_harness.runs.checkpoint import take_in, write_tensors
-    from sim2vr_harness.training.motor_control.practice import PRACTICE
+    from sim2vr_harness.training.motor_control.goal_task import MOTOR_STATE
 
     if begun.is_file():
-        take_in(begun, PRACTICE, practice.load_state)
+        take_in(begun, MOTOR_STATE, practice.load_state_dict)
         typer.echo(f"Continuing after cycle {practice.cycle}.", err=True)
     known: dict[str, Any] = {}
     while not practice.finished:
         with Share(f"cycle {practice.cycle + 1} of {practice.config.cycles}") as share:
             report = practice.step(lambda doing, done: share.show(done))
         known = asdict(report)
-        write_tensors(begun, practice.state())
+        write_tensors(begun, practice.state_dict())
         typer.echo(report.in_words(practice.config.cycles), err=True)
     return known
 

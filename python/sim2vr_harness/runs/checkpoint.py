@@ -34,9 +34,11 @@ __all__ = [
     "load_policy_weights",
     "preserved_random_state",
     "random_state",
+    "read_header",
     "read_tensors",
     "require_readable",
     "set_random_state",
+    "state_header",
     "write_tensors",
     "write_user",
 ]
@@ -81,6 +83,23 @@ def read_tensors(path: Path, expected: str) -> dict[str, Any]:
         return files.read_tensors(path, expected)
     except InputError as error:
         raise UnusableFile(path, error.got, expected) from error
+
+
+def state_header(number: int, **values: Any) -> str:
+    """Return the header of a training's state: its format's number, and plain values."""
+    return json.dumps({"format": number, **values})
+
+
+def read_header(state: Mapping[str, Any], number: int) -> dict[str, Any]:
+    """Return the values of a state's header, whose format must be of this number.
+
+    Raises:
+        ValueError: it is of another format.
+    """
+    header: dict[str, Any] = json.loads(state["header"])
+    if header["format"] != number:
+        raise ValueError(f"got format {header['format']}, expected {number}")
+    return header
 
 
 def load_policy_weights(path: Path, policy: torch.nn.Module) -> int:

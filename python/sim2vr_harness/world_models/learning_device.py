@@ -9,15 +9,17 @@ from typing import Any, Protocol
 import torch
 from torch import Tensor, nn
 
-__all__ = ["LearningDevice", "Window"]
+__all__ = ["LearningDevice", "Part", "Window"]
 
 
-class _Part(Protocol):
+class Part(Protocol):
     """What changes in a window; its state is tensors by name."""
 
-    def state(self) -> dict[str, Tensor]: ...
+    def state(self) -> dict[str, Tensor]:
+        """Return its tensors, copies."""
 
-    def load_state(self, state: dict[str, Tensor]) -> None: ...
+    def load_state(self, state: dict[str, Tensor]) -> None:
+        """Take such tensors."""
 
 
 class LearningDevice:
@@ -71,7 +73,7 @@ class LearningDevice:
                 module.zero_grad(set_to_none=True)
                 module.to("cpu")
 
-    def window(self, run: Callable[[], Any], parts: Sequence[_Part]) -> Window:
+    def window(self, run: Callable[[], Any], parts: Sequence[Part]) -> Window:
         """Return ``run`` as it is on the CPU, as a captured graph on a GPU."""
         return Window(run, parts, self._stream)
 
@@ -100,7 +102,7 @@ class Window:
     """
 
     def __init__(
-        self, run: Callable[[], Any], parts: Sequence[_Part], stream: torch.cuda.Stream | None
+        self, run: Callable[[], Any], parts: Sequence[Part], stream: torch.cuda.Stream | None
     ) -> None:
         self._run, self._parts, self._stream = run, parts, stream
         self._graph: torch.cuda.CUDAGraph | None = None

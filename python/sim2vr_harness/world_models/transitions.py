@@ -85,6 +85,10 @@ class TransitionStore:
         """The same on a device."""
         return TransitionStore.of([values.to(device) for values in self.tensors()])
 
+    def drawn(self, count: int) -> TransitionStore:
+        """So many of the steps, drawn from torch's generator, with repetition."""
+        return self.rows(torch.randint(len(self), (count,)))
+
     @staticmethod
     def joined(parts: Sequence[TransitionStore]) -> TransitionStore:
         """All steps of all parts."""

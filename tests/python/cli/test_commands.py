@@ -17,7 +17,7 @@ from fake_simulation import FakeSimulation
 
 from sim2vr_harness import __version__
 from sim2vr_harness.cli.main import app, main
-from sim2vr_harness.training.motor_control.practice import MotorTraining
+from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer
 
 TINY = [
     "policy.net_arch=[16]",
@@ -171,7 +171,7 @@ def test_changes_are_told_in_words(capsys: Any, trained: Path, tmp_path: Path) -
 def test_practice_that_is_stopped_says_how_to_go_on(
     capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
-    monkeypatch.setattr(MotorTraining, "step", lambda self, told: os.kill(os.getpid(), number))
+    monkeypatch.setattr(ModelBasedTrainer, "step", lambda self, told: os.kill(os.getpid(), number))
     small = ("--set", "users=8", "--set", "width=16", "--set", "body_width=16")
     out = ("--out", str(tmp_path / "layer.pt"))
     status, _, err = call(capsys, "motor", "practise", "mobl_arms_wrist", *out, *small)

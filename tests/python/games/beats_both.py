@@ -19,7 +19,7 @@ from sim2vr_harness.games.beats.twin import EVENTS, FIELDS
 from sim2vr_harness.policies.state_actor_critic import new_teacher
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
-from sim2vr_harness.training.model_based.trainer import ImaginedRollouts
+from sim2vr_harness.training.model_based.game_task import GameTrainer, game_trainer
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 
 USERS, STEPS = 12, 199
@@ -67,7 +67,7 @@ class Played:
         return dict(zip(EVENTS, self.events[-1].tolist(), strict=True))
 
 
-def rollouts(options: Mapping[str, OptionValue], *, torso: bool = False) -> ImaginedRollouts:
+def rollouts(options: Mapping[str, OptionValue], *, torso: bool = False) -> GameTrainer:
     user = UserConfig(
         model="mobl_arms_bimanual_motor",
         skull_rotation_deg=0.0,
@@ -80,7 +80,7 @@ def rollouts(options: Mapping[str, OptionValue], *, torso: bool = False) -> Imag
     simulation = TeacherSimulation(env, settings, seed=4)
     spaces = simulation.observation_space, simulation.action_space
     policy = new_teacher(*spaces, settings.policy, seed=1)
-    return ImaginedRollouts(settings.imagined, policy, simulation, seed=4)
+    return game_trainer(settings.imagined, policy, simulation, seed=4)
 
 
 def play(
@@ -100,16 +100,16 @@ def play(
     """
     made = rollouts(options, torso=torso)
     made.step()
-    sim = made.simulation
-    users, game = made.imagine(USERS)
-    game.sabers.fixed = made.game.sabers.fixed
+    sim = made.task.simulation
+    users, game = made.task.imagine(USERS)
+    game.sabers.fixed = made.task.game.sabers.fixed
     sim.reset(seeds=list(range(USERS)))
     sim._limit[:] = 10 * STEPS
     everyone = torch.arange(USERS)
-    users.start(everyone, motion_of(made.simulation.simulation.users, made.body.drives))
+    users.start(everyone, motion_of(made.task.simulation.simulation.users, made.body.drives))
     columns = [sim.senses.names.index(name) for name in FIELDS]
     fields = torch.tensor(sim.senses.values()[:, columns], dtype=torch.float32)
-    game.start(everyone, worn_by(made.simulation), fields, everyone)
+    game.start(everyone, worn_by(made.task.simulation), fields, everyone)
     game.begin(everyone)
     game.clear_counts()
     rng = np.random.default_rng(0)
@@ -121,11 +121,11 @@ def play(
         actions = 0.2 * rng.standard_normal((USERS, sim.action_space.shape[0]))
         control = made.body.drives.control(users.motion.drives, torch.tensor(actions))
         result = sim.step(actions)
-        users.motion = motion_of(made.simulation.simulation.users, made.body.drives)
+        users.motion = motion_of(made.task.simulation.simulation.users, made.body.drives)
         torch.testing.assert_close(users.motion.drives, control.float(), atol=1e-5, rtol=0.0)
         users._control = control.float()
         effort.append((users.costs()[0].numpy(), result.effort_cost))
-        place = worn_by(made.simulation)
+        place = worn_by(made.task.simulation)
         rewards.append(float(game.play(place, soft).sum()))
         events.append(game.events.tolist())
         seen = torch.cat([users.observe(), game.observe(place)], 1)

@@ -18,7 +18,7 @@ from sim2vr_harness.policies.state_actor_critic import new_teacher
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import append_row, keep_rows
-from sim2vr_harness.training.model_based.trainer import CycleReport, ImaginedRollouts
+from sim2vr_harness.training.model_based.game_task import CycleReport, GameTrainer, game_trainer
 from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.stage import Callbacks
 from sim2vr_harness.training.teacher.env import TeacherSimulation
@@ -47,7 +47,7 @@ class ImaginedStage:
         self._config, self.folder = config, folder
         self.total = float(config.teacher.imagined.cycles)
         self._simulation: TeacherSimulation | None = None
-        self._rollouts: ImaginedRollouts | None = None
+        self._rollouts: GameTrainer | None = None
         self._state: dict[str, Any] | None = None
         """After the last cycle, unless it is on disk."""
         self._cycle_s: float | None = None
@@ -83,13 +83,12 @@ class ImaginedStage:
             config.teacher.policy,
             seed=config.seed,
         )
-        game = self._simulation.game
-        self._rollouts = ImaginedRollouts(
+        self._rollouts = game_trainer(
             config.teacher.imagined,
             policy,
             self._simulation,
             seed=config.seed,
-            device=get_device(config.device) if game.on_gpu else "cpu",
+            device=get_device(config.device) if self._simulation.game.on_gpu else "cpu",
         )
 
     def run(self, callbacks: Callbacks) -> None:
@@ -113,7 +112,7 @@ class ImaginedStage:
         while not rollouts.finished:
             report = self._cycle(rollouts, callbacks)
             append_row(log, asdict(report))
-            state, file = rollouts.state(), self.folder / _STATE
+            state, file = rollouts.state_dict(), self.folder / _STATE
             _require_finite(state, file if file.is_file() else None)
             self._state = state
             self.save()
@@ -122,7 +121,7 @@ class ImaginedStage:
         write_tensors(self.folder / _POLICY, rollouts.policy.state_dict())
         self.tidy()
 
-    def _cycle(self, rollouts: ImaginedRollouts, callbacks: Callbacks) -> CycleReport:
+    def _cycle(self, rollouts: GameTrainer, callbacks: Callbacks) -> CycleReport:
         began, cycle, cycle_s = time.monotonic(), rollouts.cycle, self._cycle_s
 
         def show(doing: str, share: float) -> None:
@@ -136,7 +135,7 @@ class ImaginedStage:
 
             callbacks.show(view)
 
-        report = rollouts.step(show)
+        report: CycleReport = rollouts.step(show)
         if cycle > 0:  # the first one takes longer
             self._cycle_s = time.monotonic() - began
         return report
@@ -162,10 +161,10 @@ class ImaginedStage:
         self._simulation = self._rollouts = self._state = None
 
 
-def _restore(rollouts: ImaginedRollouts, file: Path) -> None:
+def _restore(rollouts: GameTrainer, file: Path) -> None:
     def take(state: dict[str, Any]) -> None:
         _require_finite(state, None)
-        rollouts.load_state(state)
+        rollouts.load_state_dict(state)
 
     take_in(file, "the state of these rollouts", take)
 

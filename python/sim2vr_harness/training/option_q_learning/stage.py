@@ -35,7 +35,11 @@ from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors,
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import append_row, keep_rows
 from sim2vr_harness.training.dagger.option_expert import OptionExpert
-from sim2vr_harness.training.motor_control.practice import PRACTICE, MotorTraining
+from sim2vr_harness.training.motor_control.goal_task import (
+    MOTOR_STATE,
+    MotorTrainer,
+    motor_trainer,
+)
 from sim2vr_harness.training.option_q_learning.q_learning import (
     N_STEP,
     UPDATES_PER_DECISION,
@@ -89,7 +93,7 @@ class MotorStage:
     def __init__(self, config: TrainingConfig, folder: Path) -> None:
         self._config, self.folder = config, folder
         self.total = float(config.skills.motor_training.cycles)
-        self._practice: MotorTraining | None = None
+        self._practice: MotorTrainer | None = None
         self._state: dict[str, Any] | None = None
         self._cycles_saved = 0
 
@@ -117,7 +121,7 @@ class MotorStage:
         """See the protocol."""
         config = self._config
         env = config.env
-        self._practice = MotorTraining(
+        self._practice = motor_trainer(
             config.skills.motor_training,
             body_of(env.user),
             1.0 / env.action_frequency_hz,
@@ -132,7 +136,7 @@ class MotorStage:
         assert practice is not None
         self.folder.mkdir(parents=True, exist_ok=True)
         if (self.folder / _STATE).is_file():
-            take_in(self.folder / _STATE, PRACTICE, practice.load_state)
+            take_in(self.folder / _STATE, MOTOR_STATE, practice.load_state_dict)
             callbacks.say(f"Continuing after cycle {practice.cycle}.")
         self._cycles_saved = practice.cycle
         log = self.folder / _LOG
@@ -152,11 +156,11 @@ class MotorStage:
                 cycle_s = time.monotonic() - began
             known = asdict(report)
             append_row(log, known)
-            self._state = practice.state()
+            self._state = practice.state_dict()
             self.save()
             callbacks.say(report.in_words(practice.config.cycles))
             callbacks.report(report.cycle, known)
-        save_motor_layer(self.layer_file, practice.layer, **known)
+        save_motor_layer(self.layer_file, practice.policy, **known)
         self.tidy()
 
     def save(self) -> None:

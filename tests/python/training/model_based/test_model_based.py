@@ -21,8 +21,8 @@ from sim2vr_harness.games.whacamole.twin import FIELDS
 from sim2vr_harness.policies.state_actor_critic import new_teacher
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
+from sim2vr_harness.training.model_based.game_task import CycleReport, GameTrainer, game_trainer
 from sim2vr_harness.training.model_based.stage import describe
-from sim2vr_harness.training.model_based.trainer import CycleReport, ImaginedRollouts
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.world_models.body_dynamics import fit_body
@@ -44,31 +44,31 @@ SOFT = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0)
 
 
 @pytest.fixture(scope="module")
-def rollouts() -> ImaginedRollouts:
+def rollouts() -> GameTrainer:
     """After its first cycle, in which users of the true game moved about at random."""
     made = new_rollouts()
     made.step()
     return made
 
 
-def new_rollouts(*overrides: str, env: EnvConfig = ENV) -> ImaginedRollouts:
+def new_rollouts(*overrides: str, env: EnvConfig = ENV) -> GameTrainer:
     settings = TeacherConfig.model_validate(apply_overrides({}, [*SMALL, *overrides]))
     simulation = TeacherSimulation(env, settings, seed=4)
     policy = new_teacher(
         simulation.observation_space, simulation.action_space, settings.policy, seed=1
     )
-    return ImaginedRollouts(settings.imagined, policy, simulation, seed=4)
+    return game_trainer(settings.imagined, policy, simulation, seed=4)
 
 
-def experience(rollouts: ImaginedRollouts) -> TransitionStore:
+def experience(rollouts: GameTrainer) -> TransitionStore:
     return rollouts._seen[0]
 
 
 # --- the body ----------------------------------------------------------------------------------
 
 
-def test_the_chain_places_the_hand_as_mujoco_does(rollouts: ImaginedRollouts) -> None:
-    user = rollouts.simulation.simulation.body
+def test_the_chain_places_the_hand_as_mujoco_does(rollouts: GameTrainer) -> None:
+    user = rollouts.task.simulation.simulation.body
     data = mujoco.MjData(user.physics_model)
     low, high = user.joint_ranges.T
     angles = np.random.default_rng(1).uniform(low, high, (20, 7))
@@ -77,14 +77,14 @@ def test_the_chain_places_the_hand_as_mujoco_does(rollouts: ImaginedRollouts) ->
     for each, place in zip(angles, places, strict=True):
         data.qpos[:] = user.coupled_qpos(each)
         mujoco.mj_kinematics(user.physics_model, data)
-        site = data.site(rollouts.simulation.game.devices[0])
+        site = data.site(rollouts.task.simulation.game.devices[0])
         np.testing.assert_allclose(place[:3, 3], site.xpos, atol=2e-6)
         np.testing.assert_allclose(place[:3, :3].ravel(), site.xmat, atol=5e-6)
 
 
-def test_the_hammer_is_where_the_game_says(rollouts: ImaginedRollouts) -> None:
+def test_the_hammer_is_where_the_game_says(rollouts: GameTrainer) -> None:
     steps = experience(rollouts)
-    marker, axes = rollouts.game.hammer(
+    marker, axes = rollouts.task.game.hammer(
         rollouts.body.places(steps.after.angles, steps.after.persons)
     )
     said = {name: steps.fields[:, i] for i, name in enumerate(FIELDS)}
@@ -106,17 +106,17 @@ def test_a_body_learns_what_users_did() -> None:
     assert fit["place_m"] < fit["moved_m"] / 3.0
     assert fit["drives"] < 0.03
     assert (made.body.error > 0.0).all()
-    made.simulation.close()
+    made.task.simulation.close()
 
 
 # --- users in a game ---------------------------------------------------------------------------
 
 
-def test_the_twin_observes_what_the_true_game_says(rollouts: ImaginedRollouts) -> None:
+def test_the_twin_observes_what_the_true_game_says(rollouts: GameTrainer) -> None:
     """The same moment, in both: every number that a teacher observes."""
-    sim = rollouts.simulation
-    users, game = rollouts.imagine(16)
-    game.hammer.fixed = rollouts.game.hammer.fixed
+    sim = rollouts.task.simulation
+    users, game = rollouts.task.imagine(16)
+    game.hammer.fixed = rollouts.task.game.hammer.fixed
     sim.explore(5.0)
     sim.reset(seeds=list(range(16)))
     sim.explore(None)
@@ -150,13 +150,13 @@ def test_the_twin_observes_what_the_true_game_says(rollouts: ImaginedRollouts) -
     assert ((overlap == 0) | (there > 0)).all()
 
 
-def test_the_reward_s_gradient_is_that_of_finite_differences(rollouts: ImaginedRollouts) -> None:
+def test_the_reward_s_gradient_is_that_of_finite_differences(rollouts: GameTrainer) -> None:
     steps = experience(rollouts).rows(torch.arange(0, 60, 10))
     places = rollouts.body.places(steps.after.angles, steps.after.persons)
 
     def total(actions: torch.Tensor) -> torch.Tensor:
-        users, game = rollouts.imagine(6)
-        game.hammer.fixed = rollouts.game.hammer.fixed
+        users, game = rollouts.task.imagine(6)
+        game.hammer.fixed = rollouts.task.game.hammer.fixed
         users.start(torch.arange(6), steps.after)
         game.start(torch.arange(6), places, steps.fields, torch.tensor([4, 4, 1, 3, 5, 7]))
         worth = torch.zeros(())
@@ -180,9 +180,9 @@ def test_the_reward_s_gradient_is_that_of_finite_differences(rollouts: ImaginedR
     assert float(slope) == pytest.approx(expected, rel=0.05)
 
 
-def test_the_hammer_is_seen_where_a_user_goes_on(rollouts: ImaginedRollouts) -> None:
-    users, game = rollouts.imagine(2)
-    game.hammer.fixed = rollouts.game.hammer.fixed
+def test_the_hammer_is_seen_where_a_user_goes_on(rollouts: GameTrainer) -> None:
+    users, game = rollouts.task.imagine(2)
+    game.hammer.fixed = rollouts.task.game.hammer.fixed
     columns = [game.names.index(f"hammer.{axis}_m") for axis in "xyz"]
     game.observe(users.place)
     begin = experience(rollouts).rows(torch.tensor([3, 50]))
@@ -194,9 +194,9 @@ def test_the_hammer_is_seen_where_a_user_goes_on(rollouts: ImaginedRollouts) -> 
     )
 
 
-def test_what_a_motion_costs_by_hand(rollouts: ImaginedRollouts) -> None:
-    users, _ = rollouts.imagine(2)
-    low, high = rollouts.simulation.simulation.body.joint_ranges.T
+def test_what_a_motion_costs_by_hand(rollouts: GameTrainer) -> None:
+    users, _ = rollouts.task.imagine(2)
+    low, high = rollouts.task.simulation.simulation.body.joint_ranges.T
     angles = torch.tensor(np.stack([(low + high) / 2.0] * 2), dtype=torch.float32)
     angles[1, 0] = float(high[0] + 0.1 * (high[0] - low[0]))  # 0.2 of half its range beyond
     speeds, act = torch.zeros(2, 7), torch.zeros(2, 32)
@@ -244,20 +244,20 @@ def test_users_with_motor_noise_are_imagined_with_it() -> None:
     controls, without = experience(made).control, experience(quiet).control
     assert controls.shape == without.shape
     assert not torch.equal(controls, without)
-    state = copy.deepcopy(made.state())
+    state = copy.deepcopy(made.state_dict())
     after = made.step()
     again = new_rollouts(env=env)
-    again.load_state(state)
+    again.load_state_dict(state)
     assert again.step() == after
     assert float(made.users.state()["constant_red"].abs().max()) > 0.0
     for each in (made, again, quiet):
-        each.simulation.close()
+        each.task.simulation.close()
 
 
 # --- learning ----------------------------------------------------------------------------------
 
 
-def test_imagined_rollouts_move_the_actor_alone(rollouts: ImaginedRollouts) -> None:
+def test_imagined_rollouts_move_the_actor_alone(rollouts: GameTrainer) -> None:
     before = {key: value.clone() for key, value in rollouts.policy.state_dict().items()}
     rollouts.step()
     after = rollouts.policy.state_dict()
@@ -268,13 +268,12 @@ def test_imagined_rollouts_move_the_actor_alone(rollouts: ImaginedRollouts) -> N
 
 def test_the_cycle_that_played_best_is_kept(monkeypatch: pytest.MonkeyPatch) -> None:
     made = new_rollouts("imagined.cycles=3", "imagined.keep_best=true")
-    play, rates = made._collector.play, iter([math.nan, 0.2, 0.6, 0.1])
+    rates = iter([math.nan, 0.2, 0.6, 0.1])
 
-    def told(*args: Any, **kwargs: Any) -> Any:
-        steps, _ = play(*args, **kwargs)
-        return steps, (next(rates), math.nan)
+    def measured(*, randomly: bool) -> None:
+        made.task.success_rates = (next(rates), math.nan)
 
-    monkeypatch.setattr(made._collector, "play", told)
+    monkeypatch.setattr(made.task, "end_collecting", measured)
     after = []
     for _ in range(3):
         made.step()
@@ -283,8 +282,8 @@ def test_the_cycle_that_played_best_is_kept(monkeypatch: pytest.MonkeyPatch) -> 
     for name, value in after[1].items():
         torch.testing.assert_close(after[2][name], value, rtol=0.0, atol=0.0)
     assert any(not torch.equal(after[0][name], after[1][name]) for name in after[1])
-    assert made.state()["best"][0] == 0.6
-    made.simulation.close()
+    assert made.state_dict()["best"][0] == 0.6
+    made.task.simulation.close()
 
 
 def test_only_what_the_twin_knows_may_be_observed() -> None:

@@ -25,7 +25,7 @@ from sim2vr_harness.policies.hierarchical.primitives import MOVES, OptionChoice,
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConfig
-from sim2vr_harness.training.motor_control.practice import MotorTraining
+from sim2vr_harness.training.motor_control.goal_task import motor_trainer
 from sim2vr_harness.training.option_q_learning.q_learning import N_STEP, OptionQLearning
 from sim2vr_harness.users import UserBatch, list_bodies, load_body
 
@@ -242,20 +242,20 @@ TINY = MotorTrainingConfig(
 
 def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
     body = load_body("mobl_arms_wrist")
-    whole = MotorTraining(TINY, body, STEP_S, threads=1, seed=3)
+    whole = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
     reports = [whole.step(), whole.step()]
     assert reports[0].in_words(2).startswith("Cycle 1/2: moved at random, ")
     assert reports[1].in_words(2).startswith("Cycle 2/2: arrives ")
-    parts = MotorTraining(TINY, body, STEP_S, threads=1, seed=3)
+    parts = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
     assert parts.step() == reports[0]
-    again = MotorTraining(TINY, body, STEP_S, threads=1, seed=3)
-    again.load_state(parts.state())
+    again = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
+    again.load_state_dict(parts.state_dict())
     assert again.step() == reports[1]
-    for name, values in whole.layer.weights().items():
-        assert torch.equal(values, again.layer.weights()[name]), name
-    save_motor_layer(tmp_path / "layer.pt", whole.layer, body=body.name)
+    for name, values in whole.policy.weights().items():
+        assert torch.equal(values, again.policy.weights()[name]), name
+    save_motor_layer(tmp_path / "layer.pt", whole.policy, body=body.name)
     read = load_motor_layer(tmp_path / "layer.pt", body, STEP_S)
-    for name, values in whole.layer.weights().items():
+    for name, values in whole.policy.weights().items():
         assert torch.equal(values, read.weights()[name]), name
     with pytest.raises(InputError, match="user steps differ"):
         load_motor_layer(tmp_path / "layer.pt", body, 0.1)
@@ -266,20 +266,20 @@ def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
 
 def test_practice_goes_on_from_a_layer() -> None:
     body = load_body("mobl_arms_wrist")
-    first = MotorTraining(TINY, body, STEP_S, threads=1, seed=3)
+    first = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
     first.step()
-    known = {name: values.clone() for name, values in first.layer.weights().items()}
+    known = {name: values.clone() for name, values in first.policy.weights().items()}
     config = TINY.model_copy(update={"updates": 12})  # layers stay as they are for 20
-    more = MotorTraining(config, body, STEP_S, threads=1, seed=4, begin=first.layer)
-    for name, values in more.layer.weights().items():
+    more = motor_trainer(config, body, STEP_S, threads=1, seed=4, begin=first.policy)
+    for name, values in more.policy.weights().items():
         assert torch.equal(values, known[name]), name
     more.step()
     more.step()
     # What it learned is in units of what was met in its own first cycle.
-    assert torch.equal(more.layer.mean, known["mean"])
-    assert torch.equal(more.layer.std, known["std"])
-    assert torch.equal(first.layer.net[0].weight, known["net.0.weight"])
-    assert not torch.equal(more.layer.net[0].weight, known["net.0.weight"])
+    assert torch.equal(more.policy.mean, known["mean"])
+    assert torch.equal(more.policy.std, known["std"])
+    assert torch.equal(first.policy.net[0].weight, known["net.0.weight"])
+    assert not torch.equal(more.policy.net[0].weight, known["net.0.weight"])
 
 
 def test_a_body_without_a_layer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

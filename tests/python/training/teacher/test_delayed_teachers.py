@@ -17,7 +17,7 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.state_actor_critic import new_teacher
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
-from sim2vr_harness.training.model_based.trainer import ImaginedRollouts
+from sim2vr_harness.training.model_based.game_task import GameTrainer, game_trainer
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.world_models.person_features import ImaginedPersons
@@ -61,12 +61,12 @@ def teachers(n: int = 3, *overrides: str, **user: object) -> TeacherSimulation:
     return TeacherSimulation(env(**user), settings, 3, n=n)
 
 
-def rollouts(*overrides: str, **user: object) -> ImaginedRollouts:
+def rollouts(*overrides: str, **user: object) -> GameTrainer:
     simulation = teachers(6, *overrides, **user)
     policy = new_teacher(
         simulation.observation_space, simulation.action_space, simulation.teacher.policy, seed=1
     )
-    return ImaginedRollouts(simulation.teacher.imagined, policy, simulation, seed=4)
+    return game_trainer(simulation.teacher.imagined, policy, simulation, seed=4)
 
 
 @pytest.mark.parametrize(
@@ -162,17 +162,17 @@ def test_teachers_recognise_so_many_steps_after_a_picture_shows_it() -> None:
 def test_imagined_users_know_as_late_as_true_ones() -> None:
     """Moments by hand: what was four user steps ago is seen, what was three ago is felt."""
     made = rollouts()
-    with closing(made.simulation):
+    with closing(made.task.simulation):
         made.step()
-        senses, users = made.senses, made.users
-        names = made.simulation.senses.observed_names
+        senses, users = made.task.senses, made.users
+        names = made.task.simulation.senses.observed_names
         everyone = torch.arange(users.n)
         made._restart(everyone)
-        x = [made.game.hammer(users.place)[0][:, 0]]
+        x = [made.task.game.hammer(users.place)[0][:, 0]]
         acted = torch.linspace(-1.0, 1.0, users.n * users.actions).reshape(users.n, -1)
         for k in range(4):
             made.advance(acted / (k + 1), 0.0, error_share=0.0)
-            x.append(made.game.hammer(users.place)[0][:, 0])
+            x.append(made.task.game.hammer(users.place)[0][:, 0])
         known, now = senses.observe(), senses.present()
         seen, felt = names.index("hammer.x_m"), names.index("felt hammer.x_m")
         assert torch.equal(known[:, seen], x[0])
@@ -198,27 +198,27 @@ def test_senses_become_late_in_the_true_and_in_the_imagined_game() -> None:
     made = rollouts(
         "imagined.cycles=4", "imagined.undelayed_cycles=1", "imagined.delay_ramp_cycles=2"
     )
-    with closing(made.simulation):
-        seen = made.simulation.senses.observed_names.index("hammer.x_m")
+    with closing(made.task.simulation):
+        seen = made.task.simulation.senses.observed_names.index("hammer.x_m")
         for late in (0, 0, 2, 4):
             made.step()
-            made.simulation.reset(seeds=list(range(6)))
-            history = [made.simulation.senses.field("hammer.x_m")]
+            made.task.simulation.reset(seeds=list(range(6)))
+            history = [made.task.simulation.senses.field("hammer.x_m")]
             for _ in range(4):
-                made.simulation.step(np.full((6, 32), 0.2))
-                history.append(made.simulation.senses.field("hammer.x_m"))
-            known = made.simulation.observation()[OBSERVATION][:, seen]
+                made.task.simulation.step(np.full((6, 32), 0.2))
+                history.append(made.task.simulation.senses.field("hammer.x_m"))
+            known = made.task.simulation.observation()[OBSERVATION][:, seen]
             np.testing.assert_array_equal(known, history[-1 - late])
-            assert made.senses._layout.lag == made.simulation.senses.layout.lag
+            assert made.task.senses._layout.lag == made.task.simulation.senses.layout.lag
 
 
 def test_the_present_ends_at_once_where_no_lag_grows() -> None:
     made = rollouts("imagined.cycles=2", "imagined.undelayed_cycles=1", "imagined.keep_best=true")
-    with closing(made.simulation):
+    with closing(made.task.simulation):
         for game in (0, 4):
             assert made._best is None  # what is done in the present is no merit
             made.step()
-            assert made.senses._layout.lag.game == game
+            assert made.task.senses._layout.lag.game == game
     assert made._best is not None
 
 
@@ -226,7 +226,7 @@ def test_noise_grows_to_what_it_is() -> None:
     """Constant noise of .2 on all muscles alike: none, half and all of it in the first cycles."""
     noise = {"constant": "white", "constant_level": 0.2}
     made = rollouts("imagined.cycles=4", "imagined.noise_ramp_cycles=2", noise=noise)
-    with closing(made.simulation):
+    with closing(made.task.simulation):
         for share in (0.0, 0.5, 1.0, 1.0):
             made.step()
             assert made.users.noise_share == share
@@ -251,7 +251,7 @@ def test_effort_and_carrying_grow_to_what_they_cost() -> None:
         "imagined.cost_ramp_cycles=2",
         "imagined.keep_best=true",
     )
-    with closing(made.simulation):
+    with closing(made.task.simulation):
         users = made.users
         for share in (0.0, 0.5, 1.0, 1.0):
             if share < 1.0:
@@ -275,16 +275,16 @@ def test_effort_and_carrying_grow_to_what_they_cost() -> None:
 def test_a_tool_on_its_way_through_a_step_is_where_the_true_one_is() -> None:
     """Five app frames a step: the cubic between the ends against MuJoCo's own substeps."""
     made = rollouts()
-    with closing(made.simulation):
+    with closing(made.task.simulation):
         made.step()
-        sim = made.simulation.simulation
-        made.simulation.reset(seeds=list(range(6)))
+        sim = made.task.simulation.simulation
+        made.task.simulation.reset(seeds=list(range(6)))
         rng = np.random.default_rng(2)
         joints, dofs = sim.body.qpos_independent, sim.body.qvel_independent
         worst, moved = 0.0, 0.0
         for _ in range(8):
             before = (sim.users.qpos[:, joints], sim.users.qvel[:, dofs])
-            made.simulation.step(rng.uniform(-0.6, 0.6, (6, 32)))
+            made.task.simulation.step(rng.uniform(-0.6, 0.6, (6, 32)))
             after = (sim.users.qpos[:, joints], sim.users.qvel[:, dofs])
             ends = [
                 type(made.users.motion)(
@@ -335,12 +335,12 @@ def test_chains_of_people_place_devices_as_their_own_bodies_do() -> None:
 
 def test_people_are_told_to_teachers_and_go_on_exactly() -> None:
     made, other = rollouts(**PEOPLE), rollouts(**PEOPLE)
-    with closing(made.simulation), closing(other.simulation):
-        names = made.simulation.senses.observed_names
+    with closing(made.task.simulation), closing(other.task.simulation):
+        names = made.task.simulation.senses.observed_names
         assert "person stature_m" in names
         made.step()
-        column = made.senses.observe()[:, names.index("person stature_m")]
+        column = made.task.senses.observe()[:, names.index("person stature_m")]
         assert len(column.unique()) > 1
-        other.load_state(copy.deepcopy(made.state()))
+        other.load_state_dict(copy.deepcopy(made.state_dict()))
         assert made.step() == other.step()
-        assert torch.equal(made.senses.observe(), other.senses.observe())
+        assert torch.equal(made.task.senses.observe(), other.task.senses.observe())

@@ -1,0 +1,307 @@
+"""Goals of hands as the task of a model-based training, whose policy is a motor policy."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
+from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.workspace import INSIDE, reachable_poses
+from sim2vr_harness.runs.option_config import MotorTrainingConfig
+from sim2vr_harness.runs.teacher_config import ImaginedConfig
+from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer, value_function
+from sim2vr_harness.users import Body, UserBatch
+from sim2vr_harness.users.noise import MotorNoiseSettings
+from sim2vr_harness.world_models.body_dynamics import BodyModel
+from sim2vr_harness.world_models.effort import Effort
+from sim2vr_harness.world_models.rollout_env import ImaginedUsers
+from sim2vr_harness.world_models.transitions import TransitionStore
+
+__all__ = ["MOTOR_STATE", "GoalTask", "MotorTrainer", "MotorTrainingCycle", "motor_trainer"]
+
+MOTOR_STATE = "the state of a motor layer's practice"
+"""What a file of a motor trainer's state is called in errors."""
+
+_EPISODE_STEPS, _RANDOM_EPISODE_STEPS = 60, 20
+_EFFORT = 0.3
+"""Cost of the mean square of the drives per user step; arriving well is worth about 10."""
+
+
+def _settings(config: MotorTrainingConfig) -> ImaginedConfig:
+    """Return the settings of the cycles.
+
+    Goals are reached within about 20 user steps, which the discount factor fits. The policy is
+    small, and learns fast. Policies above it are not exact, hence the noise on the actions.
+    """
+    same = ("cycles", "first_play_steps", "play_steps", "first_fit_minibatches", "fit_minibatches")
+    same = (*same, "body_width", "users", "updates", "window_steps")
+    return ImaginedConfig(
+        **{name: getattr(config, name) for name in same},
+        critic_width=config.width,
+        gamma=0.95,
+        learning_rate=1.5e-3,
+        critic_first_updates=20,
+        action_noise=0.06,
+        restart_share=0.15,
+        actuator_range_cost=0.1,
+    )
+
+
+@dataclass(frozen=True)
+class MotorTrainingCycle:
+    """What a cycle was like; medians, over the simulated bodies in MuJoCo.
+
+    In the first one bodies move at random: nothing is asked of their hands, and errors are 0.
+
+    Attributes:
+        cycle: its number, from 1.
+        place_m: how far from their goals tips were at the time of arrival.
+        speed_mps: how far their velocities were from those wanted then.
+        follow_m: how far from the paths that they were to follow.
+        model_m: error of the body model: of the hands' places after a user step, mean.
+    """
+
+    cycle: int
+    place_m: float
+    speed_mps: float
+    follow_m: float
+    model_m: float
+
+    def in_words(self, cycles: int) -> str:
+        """One line, for people, of a cycle among so many."""
+        if self.cycle == 1:
+            return (
+                f"Cycle 1/{cycles}: moved at random, to learn what muscles and motors do "
+                f"(it predicts hands to {1000 * self.model_m:.0f} mm a step)"
+            )
+        return (
+            f"Cycle {self.cycle}/{cycles}: arrives {1000 * self.place_m:.0f} mm from its goals and "
+            f"{self.speed_mps:.2f} m/s from the speeds wanted, follows "
+            f"{1000 * self.follow_m:.0f} mm beside its paths (medians)"
+        )
+
+
+class GoalTask:
+    """Hands that arrive where and when goals say; see ``model_based.trainer.Task``.
+
+    Args:
+        config: of the training.
+        body: whose hands.
+        step_s: duration of a user step.
+        noise: motor noise of the muscles, imagined and simulated; None: none.
+        threads: of the physics.
+        seed: of everything drawn here, but for the networks.
+        begin: a motor policy of this body to continue from, of the same width; None: a new one.
+            The body model is learned anew.
+    """
+
+    recent_per_early, warm_up, random_size = 3, 0, (0.05, 0.7)
+    success_rates: tuple[float, ...] = ()
+
+    def __init__(
+        self,
+        config: MotorTrainingConfig,
+        body: Body,
+        step_s: float,
+        *,
+        noise: MotorNoiseSettings | None,
+        threads: int,
+        seed: int,
+        begin: MotorPolicy | None,
+    ) -> None:
+        self.starts = 8 if begin is None else 0
+        self._user = body
+        substeps = round(step_s / body.timestep)
+        self.batch = UserBatch(
+            body, config.bodies, threads=threads, effort="zero", noise=noise, substeps=substeps
+        )
+        self.rng = np.random.default_rng([seed, 31])
+        self.policy = MotorPolicy(body, step_s, width=config.width)
+        self.actor = list(self.policy.net.parameters())
+        self.body = BodyModel(body, self.policy.hands, step_s, width=config.body_width)
+        self.users = ImaginedUsers(
+            body,
+            self.body,
+            config.users,
+            effort=self._effort(),
+            noise=noise,
+            actuator_range_cost=_settings(config).actuator_range_cost,
+        )
+        poses, strikes = reachable_poses(self.policy, seed), config.strikes
+        self.goals = GoalSampler(poses, config.users, step_s, seed + 5, strikes=strikes)
+        self._played = GoalSampler(poses, config.bodies, step_s, seed + 6, strikes=strikes)
+        """Goals of the simulated bodies."""
+        self.parts = (self.goals,)
+        self._observed: Tensor | None = None
+        self._age = np.zeros(config.bodies, dtype=np.int64)
+        self._random = False
+
+    def _effort(self) -> Effort:
+        muscles = self.policy.drives.muscle_columns
+
+        def activations(after: Tensor, control: Tensor) -> Tensor:
+            return _EFFORT * after[:, muscles].square().mean(1)
+
+        def nothing(after: Tensor, control: Tensor) -> Tensor:
+            return torch.zeros(len(after))
+
+        return activations if len(muscles) else nothing
+
+    # --- simulated bodies --------------------------------------------------------------------
+
+    def begin_collecting(self, *, randomly: bool) -> None:
+        """See the protocol."""
+        self._random = randomly
+        self._played.clear()
+        self.restart(np.arange(self.batch.n))
+
+    @property
+    def _longest(self) -> int:
+        """User steps of an episode."""
+        return _RANDOM_EPISODE_STEPS if self._random else _EPISODE_STEPS
+
+    def stagger(self, *, randomly: bool) -> None:
+        """See the protocol."""
+        self._age[:] = self.rng.integers(0, self._longest, self.batch.n)
+
+    def motion(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
+        """See the protocol; float32."""
+        angles, speeds, drives = self.policy.motion(self.batch)
+        return angles.numpy(), speeds.numpy(), drives.numpy()
+
+    def policy_actions(self) -> NDArray[Any]:
+        """See the protocol."""
+        return self.policy.act(self.batch, self._played.goals)
+
+    def simulate(
+        self, actions: NDArray[Any]
+    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[Any], NDArray[Any]]:
+        """See the protocol."""
+        self.batch.step(np.clip(actions, -1.0, 1.0))
+        if not self._random:
+            with torch.no_grad():
+                self._played.step(*self.policy.places(*self.policy.motion(self.batch)[:2]))
+        self._age += 1
+        diverged, none = self.batch.diverged, np.zeros((self.batch.n, 0))
+        return ~diverged, (self._age >= self._longest) | diverged, none, none
+
+    def restart(self, ids: NDArray[np.int64]) -> None:
+        """See the protocol; in any posture."""
+        low, high = self._user.joint_ranges.T
+        middle, half = 0.5 * (low + high), 0.5 * INSIDE * (high - low)
+        postures = middle + half * self.rng.uniform(-1.0, 1.0, (len(ids), len(low)))
+        seeds = self.rng.integers(2**31, size=len(ids))
+        self.batch.reset(ids, [np.random.default_rng(s) for s in seeds], list(postures))
+        self._age[ids] = 0
+        rows = torch.from_numpy(ids)
+        with torch.no_grad():
+            angles, speeds, _ = self.policy.motion(self.batch)
+            self._played.start(rows, self.policy.places(angles[rows], speeds[rows])[0])
+
+    def end_collecting(self, *, randomly: bool) -> None:
+        """See the protocol; goals measure themselves."""
+
+    # --- a cycle -----------------------------------------------------------------------------
+
+    def begin_cycle(self, cycle: int) -> None:
+        """See the protocol; all cycles are equally difficult."""
+
+    def calibrate(self, steps: TransitionStore) -> None:
+        """See the protocol; goals say where the tools' tips are."""
+
+    def begin_updates(self, pool: TransitionStore) -> None:
+        """See the protocol."""
+
+    def report(
+        self, cycle: int, updates: int, success_rates: tuple[float, ...], place_error_m: float
+    ) -> MotorTrainingCycle:
+        """See the protocol."""
+        return MotorTrainingCycle(cycle, **self._played.measured(), model_m=place_error_m)
+
+    # --- imagined users ----------------------------------------------------------------------
+
+    def start(self, ids: Tensor, pool: TransitionStore, rows: Tensor) -> None:
+        """See the protocol."""
+        begin = pool.rows(rows)
+        self.users.start(ids, begin.after)
+        with torch.no_grad():
+            place, _ = self.policy.places(begin.after.angles, begin.after.speeds)
+        self.goals.start(ids, place)
+        self._observed = None
+
+    def _places(self) -> tuple[Tensor, Tensor]:
+        motion = self.users.motion
+        return self.policy.places(motion.angles, motion.speeds)
+
+    def observe(self) -> Tensor:
+        """See the protocol; worked out once per user step."""
+        if self._observed is None:
+            motion = self.users.motion
+            goals = self.goals.observe(*self._places())
+            self._observed = self.policy.observe(motion.angles, motion.speeds, motion.drives, goals)
+        return self._observed
+
+    present = observe
+
+    def normalise(self, observations: Tensor) -> None:
+        """See the protocol."""
+        self.policy.mean.copy_(observations.mean(0))
+        self.policy.std.copy_(observations.std(0).clamp(min=0.05))
+
+    def action_mean(self, observation: Tensor) -> Tensor:
+        """See the protocol."""
+        mean: Tensor = self.policy(observation)
+        return mean
+
+    def step(self, actions: Tensor, done: float) -> Tensor:
+        """See the protocol."""
+        self._observed = None
+        return self.goals.step(*self._places())
+
+    def cut(self) -> None:
+        """See the protocol."""
+        self._observed = None
+
+    # --- exact resume ------------------------------------------------------------------------
+
+    def state_dict(self) -> dict[str, Any]:
+        """See the protocol; the simulated bodies begin every cycle anew."""
+        return {"exercises": self.goals.state(), "played": self._played.state()}
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """See the protocol."""
+        self.goals.load_state(state["exercises"])
+        self._played.load_state(state["played"])
+        self._observed = None
+
+
+MotorTrainer = ModelBasedTrainer[GoalTask]
+
+
+def motor_trainer(
+    config: MotorTrainingConfig,
+    body: Body,
+    step_s: float,
+    *,
+    noise: MotorNoiseSettings | None = None,
+    threads: int = 0,
+    seed: int = 1,
+    begin: MotorPolicy | None = None,
+) -> MotorTrainer:
+    """Return the training of a body's motor policy; see :class:`GoalTask`."""
+    settings = _settings(config)
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(seed)
+        task = GoalTask(config, body, step_s, noise=noise, threads=threads, seed=seed, begin=begin)
+        policy = task.policy
+        critic = value_function(policy.size, config.width, policy.normalised, settings.gamma)
+        if begin is not None:
+            policy.take(begin.weights())
+        return ModelBasedTrainer(task, settings, critic)

@@ -20,7 +20,9 @@ import pytest
 import zmq
 
 from sim2vr_harness.base.paths import app_executable
+from sim2vr_harness.cli.main import main
 from sim2vr_harness.client import DevicePoses, InProcessApp, frame_time_ns
+from sim2vr_harness.client.launch import options_beside, unity_arguments
 from sim2vr_harness.evaluation.first_look import look
 from sim2vr_harness.runs.config import load_config
 
@@ -94,6 +96,52 @@ def test_the_program_plays_as_a_unity_build_is_started(
     assert list(found) == ["easy"]
     # Nobody hits: every target of the condition comes and goes.
     assert found["easy"]["misses"] == in_process_misses()
+
+
+@pytest.mark.parametrize("protocol", ["1", "2"])
+@pytest.mark.parametrize("conditions", [("--condition", "easy"), ()])
+def test_a_trained_user_plays_with_the_arguments_of_a_unity_build(
+    protocol: str, conditions: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The run's own condition, random and adaptive, gives way to the app's arguments."""
+    words = ["evaluate", "pretrained:whacamole_constrained", *conditions, "--no-steps"]
+    words += ["--app", str(app_executable()), "--protocol", protocol]
+    words += ["--app-arg", "-condition", "--app-arg", "easy", "--episodes", "1"]
+    words += ["--set", "env.app.options.round_seconds=2", "--out", str(tmp_path)]
+    with pytest.raises(SystemExit) as left:
+        main(words)
+    assert not left.value.code, capsys.readouterr().err
+    assert list(json.loads((tmp_path / "results.json").read_text())) == ["easy"]
+
+
+def test_an_argument_and_another_condition_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    words = ["evaluate", "pretrained:whacamole_constrained", "--condition", "hard"]
+    words += ["--app", "build.x86_64", "--app-arg", "-condition", "--app-arg", "easy"]
+    with pytest.raises(SystemExit) as left:
+        main([*words, "--out", str(tmp_path)])
+    assert left.value.code == 2
+    assert capsys.readouterr().err.strip() == (
+        "error: --condition: got hard together with --app-arg -condition easy, expected one of the "
+        "two"
+    )
+
+
+def test_what_is_passed_to_which_app() -> None:
+    options = {"condition": "random", "adaptive": True, "life_seconds": 1.0}
+    given = ["-condition", "easy"]
+    assert unity_arguments(options, given, None) == [*given, "-adaptive"]
+    assert unity_arguments(options, ["-condition=easy", "-adaptive"], None) == [
+        *("-condition=easy", "-adaptive")
+    ]
+    assert options_beside("whacamole", options, given) == {"adaptive": True, "life_seconds": 1.0}
+    assert options_beside("whacamole", options, ["--adaptive"]) == {
+        "condition": "random",
+        "life_seconds": 1.0,
+    }
+    level = {"level": "first", "end_on_miss": True, "energy": True}
+    assert options_beside("beats", level, ["-condition", "full"]) == {"energy": True}
 
 
 @cache

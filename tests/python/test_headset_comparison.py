@@ -1,4 +1,4 @@
-"""Our headset view looks like the published one; docs/examples/headset_comparison.py shows it."""
+"""Our headset view looks like the published one, as headset_comparison.py shows."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-SCRIPT = Path(__file__).resolve().parents[2] / "docs/examples/headset_comparison.py"
+SCRIPT = Path(__file__).resolve().parents[2] / "docs/research/scripts/headset_comparison.py"
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""docs/examples/tracking_rate.py still runs, and its strikes are what it says they are."""
+"""docs/research/scripts/tracking_rate.py still runs, and its strikes are what it says they are."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-SCRIPT = Path(__file__).resolve().parents[2] / "docs/examples/tracking_rate.py"
+SCRIPT = Path(__file__).resolve().parents[2] / "docs/research/scripts/tracking_rate.py"
 
 
 @pytest.fixture(scope="module")

@@ -223,6 +223,7 @@ def _first_look(
     json: bool,
 ) -> None:
     from sim2vr_harness.envs.games import with_task
+    from sim2vr_harness.evaluation.conditions import named_options
     from sim2vr_harness.evaluation.first_look import look
     from sim2vr_harness.evaluation.tables import results_table
     from sim2vr_harness.runs.config import load_config
@@ -233,6 +234,7 @@ def _first_look(
             with_task(config.env),
             user,
             conditions=conditions,
+            named=named_options(config.env, overrides),
             episodes=2 if episodes is None else episodes,
             seed=1 if seed is None else seed,
             record=record,

@@ -14,7 +14,8 @@ __all__ = ["export"]
 
 def export(
     folder: Annotated[
-        Path, typer.Argument(metavar="FOLDER", help="Of an evaluation that kept its steps.")
+        Path,
+        typer.Argument(metavar="FOLDER", help="Of an evaluation or study that kept its steps."),
     ],
     episode: Annotated[
         list[str] | None,
@@ -26,8 +27,16 @@ def export(
         Path, typer.Option(help="Folder for the files.", callback=writable_folder)
     ] = Path("opensim"),
 ) -> None:
-    """Write joint angles (.mot), activations and forces (.sto) for OpenSim."""
-    from sim2vr_harness.evaluation.data import export_opensim, read_data
+    """Write joint angles (.mot), activations and forces (.sto) for OpenSim.
 
-    for file in export_opensim(read_data(folder), out, episode or ()):
+    Of a study, every cell has a folder of its name.
+    """
+    from sim2vr_harness.evaluation.data import export_opensim, read_data
+    from sim2vr_harness.studies.data import STUDY_FILE, read_study
+
+    if (folder / STUDY_FILE).is_file():
+        files = read_study(folder).export_opensim(out, episode or ())
+    else:
+        files = export_opensim(read_data(folder), out, episode or ())
+    for file in files:
         typer.echo(f"Written: {file}")

@@ -23,7 +23,10 @@ _Terms = Annotated[
     Path | None,
     typer.Option(metavar="FILE.yaml", help="Terms of one's own instead of the game's."),
 ]
-_Game = Annotated[str | None, typer.Option(metavar="NAME", help="Another game than the user's.")]
+_Game = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="Another game than that of a body or configuration."),
+]
 _Condition = Annotated[str | None, typer.Option(metavar="NAME", help="The game's condition.")]
 _Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
 _Set = Annotated[
@@ -57,7 +60,7 @@ def rewards(
     from sim2vr_harness.tools.rewards.description import read_terms
     from sim2vr_harness.tools.rewards.files import sums, write
     from sim2vr_harness.tools.rewards.warnings import warnings_of
-    from sim2vr_harness.tools.users import environment_of
+    from sim2vr_harness.tools.users import environment_of, require_own_game
 
     needed("plotly", "studies", "rewards")
     own = None if terms is None else read_terms(terms)
@@ -65,6 +68,7 @@ def rewards(
         user, game=game, condition=condition, overrides=set_ or (), trust_app=trust_app
     )
     if own is None:
+        require_own_game(user, env)
         if env.app.game not in rewarding_games():
             expected = f"--terms FILE.yaml, or a game of {', '.join(rewarding_games())}"
             raise InputError("--game", repr(env.app.game), expected)

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -12,11 +13,13 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from sim2vr_harness.base.errors import InputError
+
 if TYPE_CHECKING:
     from sim2vr_harness.studies import StudyData
     from sim2vr_harness.studies.runner import StudyProgress
 
-__all__ = ["Shown", "comparison_table"]
+__all__ = ["Shown", "comparison_table", "plan_tables"]
 
 _CONVINCING = 0.001
 
@@ -53,6 +56,49 @@ def comparison_table(data: StudyData) -> Iterator[RenderableType]:
         yield _results_table(found["results"])
         for note in dict.fromkeys(_notes(found["results"])):
             yield Text(f"note: {note}")
+
+
+def plan_tables(
+    file: Path, out: Path | None, differences: Sequence[str], *, trust_app: bool = False
+) -> Iterator[RenderableType]:
+    """Yield what a study would play, and how many units its comparisons need."""
+    from sim2vr_harness.studies.comparisons import sample_sizes, wanted_differences
+    from sim2vr_harness.studies.config import load_study
+    from sim2vr_harness.studies.data import STUDY_FILE, open_study, unit_of
+    from sim2vr_harness.studies.plan import plan_of
+
+    study = load_study(file)
+    if study.optimise is not None:
+        raise InputError("--plan", "a study with optimise", "one with comparisons")
+    plan = plan_of(study, folder=file.parent, trust_app=trust_app)
+    root = Path("studies") / study.name if out is None else out
+    earlier = open_study(root) if (root / STUDY_FILE).is_file() else None
+    rounds = len(plan.cells) * study.episodes * (study.people or 1)
+    yield Text(f"{len(plan.cells)} cells, {len(plan.trainings)} trainings, {rounds} rounds")
+    wanted = wanted_differences(differences, plan.measures)
+    sizes = sample_sizes(study, plan.measures, earlier, wanted)
+    if not sizes:
+        yield Text("No comparison of units: there is no number of units to plan.")
+        return
+    unit = {"person": "persons", "user": "users"}.get(unit_of(study), unit_of(study))
+    table = Table(box=box.SIMPLE, title=f"{unit.capitalize()} needed (power 0.8, p < 0.05)")
+    for name in ("compared", "measure", "SD", "difference", "in SD", "tests", unit):
+        table.add_column(name, justify="left" if name in ("compared", "measure") else "right")
+    for one in sizes:
+        table.add_row(
+            " - ".join(one.levels),
+            one.measure,
+            "-" if one.sd is None else f"{one.sd:.3g}",
+            "-" if one.difference is None else f"{one.difference:.3g}",
+            f"{one.standardised:.2f}",
+            str(one.tests),
+            str(one.units) if one.paired else f"{one.units} each",
+        )
+    yield table
+    known = (
+        "of the results in " + str(root) if earlier is not None else "unknown: no earlier results"
+    )
+    yield Text(f"SD: {known}. Tests: how many Holm's correction counts.")
 
 
 def _best_of(data: StudyData) -> Iterator[RenderableType]:

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.cli.options import TrustOption, writable_folder
 
 __all__ = ["study"]
@@ -48,6 +49,24 @@ _ReplayDamaged = Annotated[
 ]
 
 
+_Plan = Annotated[
+    bool,
+    typer.Option(
+        "--plan",
+        help="Play nothing: check the study, and print how many persons or trainings its "
+        "comparisons need, from the results in --out if it has been run.",
+    ),
+]
+_Difference = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--difference",
+        metavar="MEASURE=VALUE",
+        help="With --plan: a difference that is to be found; may be repeated.",
+    ),
+]
+
+
 def study(
     file: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study's file.")],
     out: _Out = None,
@@ -56,6 +75,8 @@ def study(
     ray: _Ray = None,
     storage: _Storage = None,
     replay_damaged: _ReplayDamaged = False,
+    plan: _Plan = False,
+    difference: _Difference = None,
     trust_app: TrustOption = False,
 ) -> None:
     """Play the cells of a study, train or search what it needs, compare, and write the report.
@@ -65,10 +86,16 @@ def study(
     """
     from rich.console import Console
 
-    from sim2vr_harness.cli.studies import Shown, comparison_table
+    from sim2vr_harness.cli.studies import Shown, comparison_table, plan_tables
     from sim2vr_harness.studies import run_study
 
-    with Shown() as shown:
+    if difference and not plan:
+        raise InputError("--difference", shown(difference[0]), "it together with --plan")
+    if plan:
+        for table in plan_tables(file, out, difference or (), trust_app=trust_app):
+            Console().print(table)
+        return
+    with Shown() as progress:
         found = run_study(
             file,
             out,
@@ -77,10 +104,12 @@ def study(
             storage=storage,
             trust_app=trust_app,
             replay_damaged=replay_damaged,
-            on_progress=shown.show,
+            on_progress=progress.show,
         )
     for table in comparison_table(found.data):
         Console().print(table)
+    for line, cells in found.data.unpractised.items():
+        typer.echo(f"note: these users never practised {line} ({len(cells)} cells)", err=True)
     typer.echo(f"Played: {found.played} of {found.played + found.found} cells and trainings")
     typer.echo(f"Written: {found.data.root}")
     if report:

@@ -14,19 +14,26 @@ from pathlib import Path
 
 from sim2vr_harness.client.base import OptionValue, plain_options
 from sim2vr_harness.client.channel import Channel, checked_duration_s
+from sim2vr_harness.client.games import describe_game
 from sim2vr_harness.client.process import AppProcess, log_folder
+from sim2vr_harness.client.runtime import list_games
 
 __all__ = [
     "StartingApp",
     "connect",
     "is_sim2vr_app",
+    "named_condition",
+    "options_beside",
     "sim2vr_arguments",
     "start_sim2vr_app",
     "start_unity_app",
     "unity_arguments",
 ]
 
+_FLAGS = ("adaptive", "sparse")
+"""Options of the reference that are flags."""
 _LISTENING = re.compile(r"^sim2vr-app: listening on (.+)$", re.MULTILINE)
+_CONDITION = re.compile(r"--?condition(?:[= ](.*))?", re.DOTALL)
 _MAX_PATH_BYTES = 107
 """Longest path of a Unix socket."""
 _ABANDONED_S = 60.0
@@ -124,6 +131,32 @@ def _sweep_sockets() -> None:
                     file.unlink()
 
 
+def named_condition(arguments: Sequence[str]) -> str | None:
+    """Return the value of ``-condition`` among an app's arguments; None without it."""
+    for word, after in zip(arguments, [*arguments[1:], ""], strict=False):
+        match = _CONDITION.fullmatch(word)
+        if match is not None:
+            return after if match[1] is None else match[1]
+    return None
+
+
+def options_beside(
+    game: str, options: Mapping[str, OptionValue], arguments: Sequence[str]
+) -> dict[str, OptionValue]:
+    """Return the options of our server's game that its arguments do not set.
+
+    Args:
+        game: the game.
+        options: of the configuration.
+        arguments: given by the user; ``-condition``, ``-adaptive`` and ``-sparse`` win.
+    """
+    condition = named_condition(arguments)
+    known = describe_game(game).conditions if game in list_games() else ()
+    own = {key for one in known if one.name == condition for key in one.options}
+    own |= {name for name in _FLAGS if {f"-{name}", f"--{name}"} & set(arguments)}
+    return {key: value for key, value in options.items() if key not in own}
+
+
 def sim2vr_arguments(
     game: str,
     options: Mapping[str, OptionValue],
@@ -158,9 +191,9 @@ def unity_arguments(
         log_dir: folder for the app's logs, or None.
     """
     added = []
-    if "condition" in options and "-condition" not in arguments:
+    if "condition" in options and named_condition(arguments) is None:
         added += ["-condition", str(options["condition"])]
-    for name in ("adaptive", "sparse"):
+    for name in _FLAGS:
         if options.get(name) is True and f"-{name}" not in arguments:
             added.append(f"-{name}")
     if log_dir is not None and "-logging" not in arguments:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import closing
+from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
 
@@ -22,6 +23,7 @@ from sim2vr_harness.client.launch import (
     StartingApp,
     connect,
     is_sim2vr_app,
+    options_beside,
     sim2vr_arguments,
     start_sim2vr_app,
     start_unity_app,
@@ -67,6 +69,9 @@ class AppServers:
     """
 
     def __init__(self, wanted: AppsWanted, per_server: int, open_session: Open) -> None:
+        if _is_ours(wanted.place):
+            own = options_beside(wanted.game, wanted.options, wanted.place.arguments)
+            wanted = replace(wanted, options=own)
         self._wanted, self._place = wanted, wanted.place
         self._per_server = per_server
         self._open = open_session

@@ -20,8 +20,10 @@ from sim2vr_harness.client.devices import INPUT_NAMES
 from sim2vr_harness.client.tasks import TaskRules
 from sim2vr_harness.perception.registry import SenseConfig, check_list
 from sim2vr_harness.users import (
+    FATIGUE_PRESETS,
     Body,
     EffortName,
+    FatiguePreset,
     PeopleSettings,
     Physique,
     Population,
@@ -61,12 +63,18 @@ class EffortConfig(Settings):
     weight: Weight | None = None
     """Reward per unit of the model's cost; None takes the model's own: 0.1 for
     cumulative_fatigue_3ccr, the reference's value for Whac-A-Mole."""
+    preset: FatiguePreset = "reference"
+    """cumulative_fatigue_3ccr: published values of ``r``, ``fatigue`` and ``recovery``.
+    ``shoulder`` lasts as long as people's shoulders do, ``reference`` is the SIM2VR paper's
+    (docs/concepts/user_model.md)."""
     r: Rate | None = None
-    """cumulative_fatigue_3ccr: how many times faster units recover while the load is met; 7.5."""
+    """The same model: how many times faster units recover while the load is met; None: 7.5, or
+    15 with the preset ``shoulder``."""
     fatigue: Rate | None = None
-    """The same model: rate at which active units tire, 1/s; 0.0146."""
+    """The same model: rate at which active units tire, 1/s; None: 0.0146, ``shoulder`` 0.0182."""
     recovery: Rate | None = None
-    """The same model: rate at which tired units recover, 1/s; 0.0022."""
+    """The same model: rate at which tired units recover, 1/s; None: 0.0022, ``shoulder``
+    0.00168."""
     development: Rate | None = None
     """The same model: gain with which force is built up, 1/s; 10."""
     relaxation: Rate | None = None
@@ -85,19 +93,24 @@ class EffortConfig(Settings):
                 f"{wrong[0]}: got {getattr(self, wrong[0])} for {self.model}, expected "
                 f"{'one of ' + ', '.join(known) if known else 'no options'}"
             )
+        if self.preset != "reference" and "fatigue" not in known:
+            raise ValueError(
+                f"preset: got {self.preset} for {self.model}, expected cumulative_fatigue_3ccr"
+            )
         return self
 
     def _given(self) -> dict[str, float]:
         return {
             name: value
-            for name, value in self.model_dump(exclude={"model", "finger_effort"}).items()
+            for name, value in self.model_dump(exclude={"model", "preset", "finger_effort"}).items()
             if value is not None
         }
 
     def options(self) -> dict[str, float]:
         """What is set, as `make_effort` takes it."""
         known = effort_options(self.model)
-        return {name: value for name, value in self._given().items() if name in known}
+        usual = {} if self.preset == "reference" else FATIGUE_PRESETS[self.preset]
+        return {k: value for k, value in {**usual, **self._given()}.items() if k in known}
 
 
 class NoiseConfig(Settings):

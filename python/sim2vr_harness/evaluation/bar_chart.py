@@ -10,6 +10,7 @@ from typing import Any
 from sim2vr_harness.base.errors import InputError, shown, unknown_name
 from sim2vr_harness.base.files import file_name, naming, read_json
 from sim2vr_harness.client import GameFacts, Measure, facts_of_outside
+from sim2vr_harness.evaluation.fatigue import fatigue_measures
 from sim2vr_harness.evaluation.metrics import measures_of
 
 __all__ = ["EXERTION", "chart"]
@@ -134,7 +135,8 @@ def _measures(found: Sequence[_Result], names: Sequence[str]) -> list[Measure]:
     if any(result.facts.name != facts.name for result in found):
         games = ", ".join(dict.fromkeys(result.facts.name for result in found))
         raise InputError("RESULTS", f"rounds of {games}", "rounds of one game")
-    known = {measure.name: measure for measure in (*measures_of(facts), EXERTION)}
+    fatigue = fatigue_measures(key for key in found[0].summary if not key.endswith("_sd"))
+    known = {measure.name: measure for measure in (*measures_of(facts), EXERTION, *fatigue)}
     if not names:
         return [*facts.headlines, EXERTION]
     for name in names:

@@ -13,7 +13,7 @@ from PIL import Image
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.games import game_facts, with_condition
-from sim2vr_harness.evaluation.environment import evaluation_env
+from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
 from sim2vr_harness.evaluation.scene_images import BodyPainter, Painter, Picture, score_text
 from sim2vr_harness.evaluation.video import Film
 from sim2vr_harness.policies.protocol import episode_of
@@ -103,7 +103,7 @@ def film_side_by_side(
     seed: int = 1,
     seconds: float = 60.0,
     trust_app: bool = False,
-    simulation: Callable[..., Any] | None = None,
+    simulation: Callable[..., Any] = make_simulation,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Path:
     """Let users play a round of the same condition and seed, and film them side by side.
@@ -131,10 +131,6 @@ def film_side_by_side(
         raise InputError("--seconds", f"{seconds:g}", "more than 0, at most 3600")
     if not 0 <= seed < 2**31:
         raise InputError("--seed", str(seed), "0 to 2147483647")
-    if simulation is None:
-        from sim2vr_harness.envs.simulation import Simulation
-
-        simulation = Simulation
     with ExitStack() as stack:
         seats = []
         for run in runs:

@@ -13,12 +13,18 @@ from typing import Any
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Condition, GameFacts
-from sim2vr_harness.envs.apps import knows_options
-from sim2vr_harness.envs.config import EnvConfig, UserConfig, with_options
+from sim2vr_harness.envs.config import EnvConfig, UserConfig
 from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.evaluation.conditions import (
+    asked_conditions,
+    chosen_conditions,
+    condition_groups,
+    facts_of_chosen,
+    named_options,
+)
 from sim2vr_harness.evaluation.data.folder import EvaluationData
 from sim2vr_harness.evaluation.data.recording import DataRecorder
-from sim2vr_harness.evaluation.environment import evaluation_env
+from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.results import EvaluationResults
 from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
@@ -139,18 +145,12 @@ class Evaluation:
         return self.data.frames()
 
 
-def _simulation(config: EnvConfig, n: int, *, log_dir: Path | None = None) -> Any:
-    from sim2vr_harness.envs.simulation import Simulation
-
-    return Simulation(config, n, log_dir=log_dir)
-
-
 def evaluate(
     run: str | Path,
     request: Request | None = None,
     *,
     on_progress: Callable[[float], None] = lambda share: None,
-    simulation: SimulationFactory = _simulation,
+    simulation: SimulationFactory = make_simulation,
 ) -> Evaluation:
     """Let a trained user play and measure it.
 
@@ -164,14 +164,11 @@ def evaluate(
         InputError: The run, a number, a condition or the place for the results cannot be used.
     """
     plan = _Plan.of(run, request or Request())
-    out = plan.out
-    logs = None
-    if plan.request.log or _logs_by_itself(plan.env):
-        logs = RoundLogs(out / ("logs" if plan.request.log else _PASSING_LOGS))
-    filmer = None
-    if plan.request.record:
-        filmer = RoundFilmer(out, plan.facts, seconds=plan.request.film_seconds)
-    recorder = DataRecorder(out, plan.facts, plan.env, moments=plan.request.steps)
+    wanted, out = plan.request, plan.out
+    kept = wanted.log or _logs_by_itself(plan.env)
+    logs = RoundLogs(out / ("logs" if wanted.log else _PASSING_LOGS)) if kept else None
+    filmer = RoundFilmer(out, plan.facts, seconds=wanted.film_seconds) if wanted.record else None
+    recorder = DataRecorder(out, plan.facts, plan.env, moments=wanted.steps)
     watchers: list[Watcher] = [*recorder.watchers, *(each for each in (logs, filmer) if each)]
     with ExitStack() as stack:
         stack.callback(shutil.rmtree, out / _PASSING_LOGS, ignore_errors=True)
@@ -180,14 +177,13 @@ def evaluate(
         rounds = _play(plan, recorder, logs, watchers, simulation, on_progress)
         if logs is not None:
             settled = logs.settle(rounds, out)
-            rounds = settled if plan.request.log else rounds
+            rounds = settled if wanted.log else rounds
             recorder.take_logs(settled)
         recorder.finish(rounds, plan.settings, plan.effort_weight)
     summaries = plan.summaries(rounds)
-    files = [plan.results.add(summaries, overwrite=plan.request.overwrite), recorder.root]
+    files = [plan.results.add(summaries, overwrite=wanted.overwrite), recorder.root]
     files += filmer.files if filmer else []
-    if plan.request.log and logs is not None and logs.any:
-        files.append(out / "logs")
+    files += [out / "logs"] if wanted.log and logs is not None and logs.any else []
     return Evaluation(
         summaries,
         plan.facts,
@@ -242,7 +238,11 @@ class _Plan:
             env = env.model_copy(update={"cores": request.cores})
         require_contract(user, env)
         facts = game_facts(env.app)
-        conditions = chosen_conditions(facts, request.conditions or usual.conditions or met(config))
+        named = named_options(env, request.overrides, request.app)
+        typed = bool(request.app.get("arguments"))
+        asked = asked_conditions(env.app, request.conditions, typed=typed)
+        conditions = chosen_conditions(facts, asked, usual.conditions or met(config), named)
+        facts = facts_of_chosen(facts, conditions)
         batch = batch_for(env, request.batch)
         rounds = episodes * (request.people or 1) * len(conditions)
         _check_numbers(episodes, seed, min(batch, rounds))
@@ -276,6 +276,7 @@ class _Plan:
                 **summarise(own, self.facts),
                 **self.settings,
                 "game": self.facts.name,
+                "score": self.facts.score,
                 "effort_weight": self.effort_weight,
                 "unpractised": self.unpractised,
                 "rounds": [result.as_dict() for result in own],
@@ -352,26 +353,6 @@ def name_of(user: TrainedUser) -> str:
     return f"{Path(os.path.realpath(user.source)).parents[1].name}/{user.source.stem}"
 
 
-def chosen_conditions(facts: GameFacts, names: Sequence[str] | None) -> list[Condition]:
-    """Return the conditions of these names, or those that the game evaluates.
-
-    Raises:
-        InputError: The game does not know one, or one comes twice.
-    """
-    chosen = list(names or facts.evaluated)
-    if not chosen:
-        raise InputError(
-            "--condition", "none", f"one: the app of {facts.name!r} does not say which it has"
-        )
-    if len(set(chosen)) != len(chosen):
-        raise InputError("--condition", ", ".join(chosen), "every condition once")
-    try:
-        return [facts.condition(name) for name in chosen]
-    except ValueError as error:
-        got, _, expected = str(error).partition(": got ")[2].partition(", expected ")
-        raise InputError("--condition", got, expected) from error
-
-
 def _folder_of(config: TrainingConfig, request: Request) -> str:
     """A folder's name that says what is different from the run's own settings; empty if nothing."""
     usual = config.evaluation
@@ -384,18 +365,6 @@ def _folder_of(config: TrainingConfig, request: Request) -> str:
             told.append(f"{key}={value}".lower())
     told += [f"{key}={value}" for key, value in request.app.items() if value]
     return re.sub(r"[^\w.,=-]+", "_", ",".join(told))[:_LONGEST_NAME]
-
-
-def condition_groups(
-    env: EnvConfig, conditions: Sequence[Condition]
-) -> list[tuple[EnvConfig, Sequence[Condition]]]:
-    """Return the conditions that can be played by the same apps, and these apps' settings.
-
-    An app that takes its options at its start only is started anew for every condition.
-    """
-    if knows_options(env.app):
-        return [(env, conditions)]
-    return [(with_options(env, condition.options), [condition]) for condition in conditions]
 
 
 def batch_for(env: EnvConfig, batch: int) -> int:

@@ -6,7 +6,7 @@ Somebody sits still, moves at random, or reaches for an object.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing, nullcontext
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,6 +17,7 @@ import numpy as np
 from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.client import (
     GameFacts,
+    OptionValue,
     TaskedApp,
     TaskMoment,
     WebXRApp,
@@ -26,10 +27,16 @@ from sim2vr_harness.client import (
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.evaluation.evaluate import batch_for, chosen_conditions, condition_groups
+from sim2vr_harness.evaluation.conditions import (
+    asked_conditions,
+    chosen_conditions,
+    condition_groups,
+)
+from sim2vr_harness.evaluation.environment import make_simulation
+from sim2vr_harness.evaluation.evaluate import batch_for
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.results import EvaluationResults
-from sim2vr_harness.evaluation.rollouts import jobs_for, play
+from sim2vr_harness.evaluation.rollouts import Job, Watcher, jobs_for, play
 from sim2vr_harness.evaluation.video import RoundFilmer
 from sim2vr_harness.policies.protocol import Act
 from sim2vr_harness.users.kinematics.reach_controller import ReachController
@@ -40,6 +47,8 @@ USERS = ("still", "random", "reach NAME")
 """Who can play without having learned anything."""
 
 _REACH = "reach "
+_SIDE_BY_SIDE = 2
+"""Rounds at once."""
 _NEAR_M = 0.05
 """As near as a hand comes that can get there."""
 
@@ -121,29 +130,27 @@ def look(
     user: str,
     *,
     conditions: Sequence[str] = (),
+    named: Mapping[str, OptionValue] | None = None,
     episodes: int = 2,
     seed: int = 1,
     record: bool = False,
     out: Path | None = None,
     overwrite: bool = False,
-    batch: int = 2,
     on_progress: Callable[[float], None] = lambda share: None,
-    simulation: Callable[..., Any] | None = None,
 ) -> BaselineRun:
-    """Let somebody play who has learned nothing, measure it, and check the app's task against it.
+    """Let an untrained user play, measure it, and check the app's task against the rounds.
 
     Args:
         env: users and app.
         user: of :data:`USERS`.
         conditions: names of those to play; none: the app's default.
+        named: options of the game that win over the conditions' own.
         episodes: rounds per condition.
         seed: of the first one.
         record: whether to film the first round.
         out: folder for results and films; None writes nothing.
         overwrite: whether to begin with new results where there are others.
-        batch: rounds side by side at most.
         on_progress: called with the share of the work done.
-        simulation: how to make the users: (EnvConfig, n) -> simulation.
 
     Raises:
         InputError: a number or the user cannot be used.
@@ -152,43 +159,85 @@ def look(
         raise InputError("--episodes", str(episodes), "at least 1")
     if record and out is None:
         raise InputError("--record", "it without --out", "a folder for the film, --out FOLDER")
-    if simulation is None:
-        from sim2vr_harness.envs.simulation import Simulation
-
-        simulation = Simulation
-    judges: list[TaskedApp] = []
-    gaps_m: list[float] = []
-
-    def make(config: EnvConfig, n: int) -> Any:
-        users = simulation(config, n)
-        if not judges and isinstance(users.apps[0], TaskedApp):
-            judges.append(users.apps[0])
-            users.apps[0].record()
-        return users
-
-    batch = batch_for(env, 1 if user.startswith(_REACH) else batch)
     facts = game_facts(env.app)
-    chosen = chosen_conditions(facts, conditions or [facts.default_condition])
-    groups = condition_groups(env, chosen)
-    filmer = RoundFilmer(out, facts) if record and out is not None else None
-    rounds: list[RoundResult] = []
-    with closing(filmer) if filmer is not None else nullcontext():
-        for number, (config, group) in enumerate(groups):
+    asked = asked_conditions(env.app, conditions, typed=True)
+    chosen = chosen_conditions(facts, asked, [facts.default_condition], named)
+    jobs = [
+        (config, jobs_for(group, episodes, seed)) for config, group in condition_groups(env, chosen)
+    ]
+    baseline = _Baseline(user)
+    files: list[Path] = []
+    with ExitStack() as stack:
+        watchers = []
+        if record and out is not None:
+            filmer = stack.enter_context(closing(RoundFilmer(out, facts)))
+            watchers, files = [filmer], filmer.files
+        rounds = baseline.play(jobs, facts, watchers, on_progress)
+    settings = _settings(env, user, episodes, seed)
+    summaries = {one.name: _summary(one.name, rounds, facts) | settings for one in chosen}
+    if out is not None:
+        files = [_saved(summaries, settings, out, overwrite=overwrite), *files]
+    return BaselineRun(summaries, facts, files, baseline.problems(env, facts, summaries))
+
+
+class _Baseline:
+    """An untrained user at play, and what its rounds say of the app and its task."""
+
+    def __init__(self, user: str) -> None:
+        self._user = user
+        self._judge: TaskedApp | None = None
+        self._gaps_m: list[float] = []
+
+    def play(
+        self,
+        groups: Sequence[tuple[EnvConfig, Sequence[Job]]],
+        facts: GameFacts,
+        watchers: Sequence[Watcher],
+        on_progress: Callable[[float], None],
+    ) -> list[RoundResult]:
+        """Return the rounds of all groups, each with apps of its own."""
+        rounds: list[RoundResult] = []
+        for number, (config, jobs) in enumerate(groups):
 
             def advance(share: float, done: int = number) -> None:
                 on_progress((done + share) / len(groups))
 
             rounds += play(
-                partial(make, config),
-                lambda users: act_of(user, users, gaps_m),
-                jobs_for(group, episodes, seed),
+                partial(self._make, config),
+                lambda users: act_of(self._user, users, self._gaps_m),
+                jobs,
                 facts,
                 deterministic=False,
-                batch=batch,
-                watchers=[] if filmer is None else [filmer],
+                batch=batch_for(config, 1 if self._user.startswith(_REACH) else _SIDE_BY_SIDE),
+                watchers=watchers,
                 on_progress=advance,
             )
-    settings = {
+        return rounds
+
+    def _make(self, config: EnvConfig, n: int) -> Any:
+        users = make_simulation(config, n)
+        if self._judge is None and isinstance(users.apps[0], TaskedApp):
+            self._judge = users.apps[0]
+            self._judge.record()
+        return users
+
+    def problems(
+        self, env: EnvConfig, facts: GameFacts, summaries: Mapping[str, Mapping[str, Any]]
+    ) -> list[str]:
+        """Return what is wrong with the app or its task, a sentence each."""
+        found = []
+        if self._judge is not None:
+            wrong = check_task(load_task(env.app.task), _first_round(self._judge))
+            found = [f"the task: {one}" for one in wrong]
+        score, gaps_m = facts.score, self._gaps_m
+        if gaps_m and score and all(one.get(score) == 0 for one in summaries.values()):
+            found.append(_reached_for_nothing(self._user, min(gaps_m), score))
+        return found
+
+
+def _settings(env: EnvConfig, user: str, episodes: int, seed: int) -> dict[str, Any]:
+    """Return what the results say of how they were played."""
+    return {
         "user": user,
         "episodes": episodes,
         "seed": seed,
@@ -197,20 +246,16 @@ def look(
         "app": env.app.model_dump(mode="json", exclude_defaults=True),
         "trained_steps": 0,
     }
-    summaries = {
-        condition.name: _summary(condition.name, rounds, facts) | settings for condition in chosen
-    }
-    files = list(filmer.files) if filmer is not None else []
-    if out is not None:
-        results = EvaluationResults(out)
-        if not overwrite:
-            results.require_room(list(summaries), settings)
-        files.insert(0, results.add(summaries, overwrite=overwrite))
-    wrong = check_task(load_task(env.app.task), _first_round(judges[0])) if judges else []
-    problems = [f"the task: {one}" for one in wrong]
-    if gaps_m and facts.score and all(one.get(facts.score) == 0 for one in summaries.values()):
-        problems.append(_reached_for_nothing(user, min(gaps_m), facts.score))
-    return BaselineRun(summaries, facts, files, problems)
+
+
+def _saved(
+    summaries: dict[str, dict[str, Any]], settings: dict[str, Any], out: Path, *, overwrite: bool
+) -> Path:
+    """Write results into a folder and return their file."""
+    results = EvaluationResults(out)
+    if not overwrite:
+        results.require_room(list(summaries), settings)
+    return results.add(summaries, overwrite=overwrite)
 
 
 def _summary(condition: str, rounds: list[RoundResult], facts: GameFacts) -> dict[str, Any]:

@@ -14,6 +14,8 @@ from typing import Any
 import numpy as np
 
 from sim2vr_harness.client import GameFacts, Measure
+from sim2vr_harness.evaluation.exertion import ARM_MEASURES
+from sim2vr_harness.evaluation.fatigue import fatigue_measures
 
 __all__ = ["PLAYER_MEASURES", "RoundResult", "measures_of", "round_result", "summarise"]
 
@@ -26,6 +28,7 @@ PLAYER_MEASURES = (
         digits=3,
         description="Tired share of a muscle's motor units at its worst, mean of all",
     ),
+    *ARM_MEASURES,
     Measure(
         "action_change",
         "Jerkiness",
@@ -58,7 +61,10 @@ and the one before it; ``effort`` the summed cost of effort; ``return`` = ``game
 
 
 def measures_of(facts: GameFacts) -> tuple[Measure, ...]:
-    """All numbers of a round of a game, in the order of the tables, grids left out."""
+    """All numbers of a round of a game, in the order of the tables, grids left out.
+
+    Those of fatigue per muscle and body part depend on the body: :mod:`.fatigue`.
+    """
     return (*facts.scalars, *PLAYER_MEASURES)
 
 
@@ -73,12 +79,13 @@ class RoundResult:
         game_seed: The game's own, drawn from ``seed``: the "random seed" of the game's logs.
         steps: User steps.
         ended: ``finished``, ``max_steps_reached``, ``diverged`` or ``app_failed``.
-        values: The numbers of :func:`measures_of`; None where a round has none.
+        values: The numbers of :func:`measures_of` and of fatigue; None where a round has none.
         log: The game's last log.
         log_folder: Where the game's CSV logs of the round are, relative to the results; None
             without.
         person: The person who played, field by field (``users.Person``); None where all users are
             the same.
+        fatigue_parts: Measures of fatigue that are of a body part, not of a muscle.
     """
 
     condition: str
@@ -91,6 +98,7 @@ class RoundResult:
     log: dict[str, float]
     log_folder: str | None = None
     person: dict[str, Any] | None = None
+    fatigue_parts: tuple[str, ...] = ()
 
     @property
     def key(self) -> str:
@@ -105,6 +113,7 @@ class RoundResult:
         """Return everything, ready for JSON; ``person`` is the number, with ``person_fields``."""
         content = asdict(self)
         content |= content.pop("values")
+        del content["fatigue_parts"]
         fields = content.pop("person")
         if fields is not None:
             content |= {"person": fields.pop("index"), "person_fields": fields}
@@ -124,34 +133,35 @@ def round_result(
     game_seed: int | None = None,
     action_change: float | None = None,
     person: Mapping[str, Any] | None = None,
+    fatigue: Mapping[str, float] | None = None,
+    fatigue_parts: Sequence[str] = (),
+    exertion: Mapping[str, float | None] | None = None,
     info: Mapping[str, Any],
     log: Mapping[str, float],
 ) -> RoundResult:
     """Work out the numbers of a finished round.
 
-    A round whose app failed has none: it is cut short, and would not compare with the others.
+    A round whose app failed has none. Other arguments are fields of :class:`RoundResult`.
 
     Args:
         facts: What the game publishes.
-        condition: The game's condition.
-        episode: Number of the round within its condition.
-        seed: Its seed.
-        steps: User steps taken.
         game_return: Sum of the game's rewards.
         effort: Sum of the costs of effort.
-        game_seed: The game's own seed, if known.
         action_change: Mean absolute difference of successive actions, if known.
-        person: Who played, where users are people who differ.
+        fatigue: Largest share of fatigued motor units by measure, where a model of fatigue runs.
+        fatigue_parts: Which of them are of a body part.
+        exertion: The :data:`ARM_MEASURES`, if known.
         info: The last step's info.
-        log: The game's last log.
     """
     values: dict[str, float | None] = {
         **{measure.name: measure.value(log) for measure in facts.with_log(log).scalars},
         "max_fatigued": info.get("max_fatigued"),
+        **{measure.name: (exertion or {}).get(measure.name) for measure in ARM_MEASURES},
         "action_change": action_change,
         "effort": effort,
         "game_return": game_return,
         "return": game_return - effort,
+        **(fatigue or {}),
     }
     ended = str(info.get("termination", "unknown"))
     if ended == "app_failed":
@@ -166,6 +176,7 @@ def round_result(
         values={key: _finite(value) for key, value in values.items()},
         log=dict(log),
         person=None if person is None else dict(person),
+        fatigue_parts=tuple(fatigue_parts),
     )
 
 
@@ -192,12 +203,15 @@ def summarise(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, Any]
     persons = _by_person(rounds)
     if persons:
         summary["persons"] = len(persons)
-    for measure in measures_of(facts):
+    fatigue = fatigue_measures(name for result in rounds for name in result.values)
+    for measure in (*measures_of(facts), *fatigue):
         groups = persons or [[result] for result in rounds]
         values = [_mean([result.values.get(measure.name) for result in group]) for group in groups]
         known = np.array([value for value in values if value is not None], dtype=np.float64)
         summary[measure.name] = float(known.mean()) if len(known) else None
         summary[f"{measure.name}_sd"] = float(known.std(ddof=1)) if len(known) > 1 else None
+    if fatigue:
+        summary["fatigue_parts"] = list(rounds[0].fatigue_parts)
     for measure in facts.scalars:
         if measure.rate_with is not None:
             sums = {

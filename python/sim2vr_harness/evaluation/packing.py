@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -14,7 +15,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import GameFacts, Measure
 from sim2vr_harness.envs.simulation import observation_space_of
 from sim2vr_harness.evaluation.curves import pack_curves
-from sim2vr_harness.evaluation.evaluate import Request, evaluate
+from sim2vr_harness.evaluation.evaluate import Evaluation, Request, evaluate
 from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.policies.registry import new_network
 from sim2vr_harness.policies.store import TrainedUser, find_user, pack
@@ -36,24 +37,21 @@ def pack_measured(
     other_seeds: Sequence[str | Path] = (),
     trust_app: bool = False,
 ) -> dict[str, Any]:
-    """Write the user of a run into ``folder`` and its card with measured results.
+    """Write the user of a run into ``folder``; return its card, with measured results.
 
-    With runs of other seeds, all are measured, the one in the middle is packed (of an even number
-    the lower of the two), by the mean of the conditions' scores, and the card shows all. The score
-    is the measure that the game names, or the return.
+    With runs of other seeds, all are measured and the median one (of an even number the lower of
+    the two) is packed, by the conditions' mean score: the measure that the game names, or the
+    return.
 
     Args:
         run: as of :func:`~sim2vr_harness.policies.store.find_user`.
         name: what it will be called.
         folder: where it goes.
-        conditions: to measure; None takes those of the run's configuration.
+        conditions: to measure; None: the run's.
         episodes: rounds per condition.
         details: further entries of the card; what the run says of itself need not be given.
         other_seeds: runs that differ from ``run`` in their seed alone.
         trust_app: whether the app that they name may be started, though this user never has.
-
-    Returns:
-        The card.
 
     Raises:
         InputError: A run or a number cannot be used, or runs differ in more than their seed.
@@ -63,45 +61,53 @@ def pack_measured(
     for each, user in zip((run, *other_seeds), users, strict=True):
         require_trust(user.config.env, each, trust=trust_app)
     with TemporaryDirectory() as scratch:
-        cards = {}
+        request = Request(conditions=conditions, episodes=episodes, steps=False, trust_app=True)
+        cards, facts = {}, GameFacts("")
         for user in users:
-            place = Path(scratch) / str(user.config.seed)
-            policy = new_network(user, observation_space_of(user.config.env))
-            card = pack(user, policy, place, name, {**_of_the_run(user), **details})
-            pack_curves(user.source.parent.parent, place)
-            measured = Path(scratch) / f"measured_{user.config.seed}"
-            request = Request(
-                conditions=conditions,
-                episodes=episodes,
-                steps=False,
-                out=measured,
-                trust_app=True,
-            )
-            found = evaluate(place, request)
-            card["results"] = {
-                condition: {key: _rounded(summary.get(key)) for key in measured_keys(found.facts)}
-                for condition, summary in found.summaries.items()
-            }
+            card, facts = _packed(user, Path(scratch), name, details, request)
             cards[user.config.seed] = card
-            facts = found.facts
-        score = facts.score or "return"
-        seeds = sorted(cards, key=lambda seed: _mean_score(cards[seed], score))
+        seeds = sorted(cards, key=lambda seed: _mean_score(cards[seed], facts.score or "return"))
         middle = seeds[(len(seeds) - 1) // 2]
         card = cards[middle]
         if other_seeds:
-            card["seed"] = middle
-            card["seeds"] = sorted(cards)
-            card["seed_results"] = {
-                str(seed): {
-                    condition: {key: row[key] for key in seed_keys(facts)}
-                    for condition, row in cards[seed]["results"].items()
-                }
-                for seed in sorted(cards)
-            }
+            card |= {"seed": middle, "seeds": sorted(cards), "seed_results": _by_seed(cards, facts)}
         text = json.dumps(card, indent=2) + "\n"
         write_atomically(Path(scratch) / str(middle) / "card.json", text.encode())
         shutil.copytree(Path(scratch) / str(middle), folder, dirs_exist_ok=True)
     return card
+
+
+def _packed(
+    user: TrainedUser, scratch: Path, name: str, details: Mapping[str, Any], request: Request
+) -> tuple[dict[str, Any], GameFacts]:
+    """Pack a user into a folder named after its seed; return its measured card and the game."""
+    seed = user.config.seed
+    place = scratch / str(seed)
+    network = new_network(user, observation_space_of(user.config.env))
+    card = pack(user, network, place, name, {**_of_the_run(user), **details})
+    pack_curves(user.source.parent.parent, place)
+    found = evaluate(place, replace(request, out=scratch / f"measured_{seed}"))
+    return card | {"results": _results(found)}, found.facts
+
+
+def _results(found: Evaluation) -> dict[str, dict[str, Any]]:
+    """Return condition -> measure -> value, rounded, of an evaluation."""
+    keys = measured_keys(found.facts)
+    return {
+        condition: {key: _rounded(summary.get(key)) for key in keys}
+        for condition, summary in found.summaries.items()
+    }
+
+
+def _by_seed(cards: Mapping[int, Mapping[str, Any]], facts: GameFacts) -> dict[str, Any]:
+    """Return seed -> condition -> measure -> value of the cards, by :func:`seed_keys`."""
+    return {
+        str(seed): {
+            condition: {key: row[key] for key in seed_keys(facts)}
+            for condition, row in card["results"].items()
+        }
+        for seed, card in sorted(cards.items())
+    }
 
 
 def _check_seeds(users: Sequence[TrainedUser]) -> None:

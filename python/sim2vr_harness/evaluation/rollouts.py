@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.client import Condition, GameFacts, OptionValue
 from sim2vr_harness.envs.protocols import SimulationLike
+from sim2vr_harness.evaluation.exertion import ExertionRecorder
+from sim2vr_harness.evaluation.fatigue import groups_of
 from sim2vr_harness.evaluation.metrics import RoundResult, round_result
 from sim2vr_harness.policies.protocol import Act, FunctionPolicy, Policy, episode_of
 
@@ -135,6 +137,7 @@ class _Wave:
         chosen = policy if isinstance(policy, Policy) else FunctionPolicy(policy)
         self._acts = [episode_of(chosen) for _ in jobs]
         self._facts, self._watchers = facts, watchers
+        self._fatigue = groups_of(simulation)
         self._rngs: list[np.random.Generator | None] = [
             None if deterministic else np.random.default_rng([job.seed, 1]) for job in jobs
         ]
@@ -147,6 +150,7 @@ class _Wave:
             )
             self._game_seeds.append(started.get("seed"))
             self._persons.append(started.get("person"))
+        self._exertion = ExertionRecorder(simulation)
         self._steps = 0
         self._game_returns = np.zeros(len(jobs))
         self._efforts = np.zeros(len(jobs))
@@ -175,8 +179,9 @@ class _Wave:
     def _step(self, actions: NDArray[np.float32]) -> None:
         outcome = self._simulation.step(actions)
         self._steps += 1
+        playing = np.array([result is None for result in self._results])
+        self._exertion.step(playing)
         if self._before is not None:
-            playing = np.array([result is None for result in self._results])
             self._changes += playing * np.abs(actions - self._before).mean(axis=1)
         self._before = actions
         over = outcome.over
@@ -207,15 +212,25 @@ class _Wave:
                 effort=float(self._efforts[i]),
                 game_seed=self._game_seeds[i],
                 person=self._persons[i],
+                exertion=self._exertion.values(i),
                 action_change=float(self._changes[i] / (self._steps - 1))
                 if self._steps > 1
                 else None,
                 info=info,
                 log=self._logs[i],
+                **self._fatigued(i),
             )
             self._results[i] = result
             for watcher in self._watchers:
                 watcher.ended(i, result)
+
+    def _fatigued(self, i: int) -> dict[str, Any]:
+        """Return the arguments of :func:`round_result` about the fatigue of user ``i``."""
+        if self._fatigue is None:
+            return {}
+        worst = self._simulation.users.effort.state()["max_MF"][i]
+        parts = self._fatigue.part_names
+        return {"fatigue": self._fatigue.values(worst), "fatigue_parts": parts}
 
     def _share(self, observation: dict[str, NDArray]) -> float:
         feature = observation.get("stateful_information", np.zeros((len(self._jobs), 1)))

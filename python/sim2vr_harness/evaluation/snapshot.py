@@ -15,11 +15,11 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.games import game_facts, with_condition, with_game, with_task
-from sim2vr_harness.evaluation.environment import evaluation_env
+from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
 from sim2vr_harness.evaluation.scene_images import BodyPainter, compose, score_text
 from sim2vr_harness.policies.protocol import Act, episode_of
 from sim2vr_harness.policies.registry import load_policy
-from sim2vr_harness.policies.store import find_user, require_contract
+from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 
 __all__ = ["parse_size", "snapshot"]
 
@@ -50,17 +50,16 @@ def snapshot(
     run: str | Path | None = None,
     app: Mapping[str, Any] | None = None,
     trust_app: bool = False,
-    simulation: Callable[..., Any] | None = None,
+    simulation: Callable[..., Any] = make_simulation,
 ) -> list[Path]:
     """Play a little and write what it looks like.
 
-    An app that draws no views, such as a page, is played once more with pictures of that size:
-    the same moves, hence the same moment.
+    An app that draws no views, such as a page, is not seen from outside; it is played once more,
+    with the same actions, for pictures of that size.
 
     Args:
         out: Folder for ``headset.png``, ``third_person.png``, ``recorder.png``, ``body.png``, the
             user's own image ``observation.png`` (colour left, depth right) and ``overview.png``.
-            An app that draws no views is not seen from outside.
         condition: The game's condition; None leaves it at its default.
         size: (width, height) of the pictures, pixels.
         seconds: How long to play first.
@@ -71,50 +70,55 @@ def snapshot(
         trust_app: Whether the app that the run names may be started, though this user never has.
         simulation: How to make the user: (EnvConfig, n) -> simulation.
 
-    Returns:
-        The files.
-
     Raises:
         InputError: A number or the run cannot be used.
         ValueError: The game does not know the condition.
     """
-    if not 0.0 <= seconds <= 60.0:
-        raise InputError("--seconds", str(seconds), "0 to 60")
-    if out.exists() and not out.is_dir():
-        raise InputError("--out", f"{str(out)!r}, which is a file", "a folder")
-    if simulation is None:
-        from sim2vr_harness.envs.simulation import Simulation
-
-        simulation = Simulation
-    user = None if run is None else find_user(run, code=True)
-    config = EnvConfig()
-    if user is not None:
-        config = evaluation_env(user.config, app, source=str(run), trust_app=trust_app)
-    elif app:
-        config = with_task(EnvConfig(app=AppConfig(**app)))
-    config = with_game(config, game)
-    if user is not None:
-        require_contract(user, config)
+    _check(out, seconds)
+    user, config = _played(run, app, game, trust_app=trust_app)
     facts = game_facts(config.app)
     shown = condition or facts.condition_of(config.app.options)
     config = with_condition(config, condition)
     with closing(simulation(config, 1)) as users:
         users.reset(seeds=[seed])
-        act: Callable[..., Any] = partial(_gentle, users.action_space.shape[0])
-        if user is not None:
-            policy, _ = load_policy(user, users.observation_space, users.action_space)
-            act = episode_of(policy)
-            if user.config.evaluation.deterministic:
-                act = partial(_mean, act)
-        log, total, moves = _play(users, act, seconds, seed)
+        log, total, moves = _play(users, _act_of(user, users), seconds, seed)
         pictures = _draw(users, size)
-        text = score_text(facts, log, len(moves) / users.config.action_frequency_hz, total)
     if "headset" not in pictures:
         pictures["headset"] = _drawn_larger(simulation, config, seed, moves, size)
-    views = {"body": "play", "headset": "headset"}
-    panels = {label: pictures[name] for name, label in views.items()}
+    text = score_text(facts, log, len(moves) / config.action_frequency_hz, total)
+    panels = {"play": pictures["body"], "headset": pictures["headset"]}
     pictures["overview"] = compose(panels, f"{facts.name} {shown}".strip(), text)
     return _write(out, pictures)
+
+
+def _check(out: Path, seconds: float) -> None:
+    if not 0.0 <= seconds <= 60.0:
+        raise InputError("--seconds", str(seconds), "0 to 60")
+    if out.exists() and not out.is_dir():
+        raise InputError("--out", f"{str(out)!r}, which is a file", "a folder")
+
+
+def _played(
+    run: str | Path | None, app: Mapping[str, Any] | None, game: str | None, *, trust_app: bool
+) -> tuple[TrainedUser | None, EnvConfig]:
+    """Return the user of a run, None without one, and the environment to play in."""
+    if run is None:
+        config = with_task(EnvConfig(app=AppConfig(**app))) if app else EnvConfig()
+        return None, with_game(config, game)
+    user = find_user(run, code=True)
+    config = evaluation_env(user.config, app, source=str(run), trust_app=trust_app)
+    config = with_game(config, game)
+    require_contract(user, config)
+    return user, config
+
+
+def _act_of(user: TrainedUser | None, users: Any) -> Callable[..., Any]:
+    """Return the policy of a trained user, its mean if its configuration says so, or noise."""
+    if user is None:
+        return partial(_gentle, users.action_space.shape[0])
+    policy, _ = load_policy(user, users.observation_space, users.action_space)
+    act = episode_of(policy)
+    return partial(_mean, act) if user.config.evaluation.deterministic else act
 
 
 def _gentle(actions: int, observation: Mapping[str, Any], rng: np.random.Generator) -> Any:

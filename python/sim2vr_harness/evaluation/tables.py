@@ -12,6 +12,8 @@ from rich.table import Table
 from rich.text import Text
 
 from sim2vr_harness.client import GameFacts, Measure
+from sim2vr_harness.evaluation.exertion import ARM_MEASURES
+from sim2vr_harness.evaluation.fatigue import FATIGUE, fatigue_measures, full_name
 from sim2vr_harness.evaluation.metrics import measures_of
 
 __all__ = ["cell", "results_table"]
@@ -59,7 +61,9 @@ def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Tabl
         table.add_column(heading, justify="right", overflow="fold")
     rounds = (len(s["rounds"]) if "rounds" in s else s["episodes"] for s in summaries.values())
     table.add_row("Rounds", *map(str, rounds))
-    for measure in measures_of(facts):
+    for measure in (*measures_of(facts), *_fatigue_of_parts(summaries)):
+        if measure in ARM_MEASURES and not any(_has(s, measure) for s in summaries.values()):
+            continue  # an arm that the body does not have
         cells = [
             cell(
                 summary.get(measure.name),
@@ -70,6 +74,9 @@ def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Tabl
             for summary in summaries.values()
         ]
         table.add_row(measure.heading, *cells)
+    if any("fatigue_parts" in summary for summary in summaries.values()):
+        worst = [_most_fatigued(summary, tight=tight) for summary in summaries.values()]
+        table.add_row("Most fatigued muscle (0-1)", *worst)
     labels = {term.log_key: term.label for term in facts.reward_terms}
     labels |= {"rest": facts.reward_rest, "effort": "effort"}
     terms = list(
@@ -92,6 +99,26 @@ def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Tabl
         if any(counts):
             table.add_row(heading, *map(str, counts))
     return table
+
+
+def _fatigue_of_parts(summaries: Mapping[str, Mapping[str, Any]]) -> tuple[Measure, ...]:
+    return fatigue_measures(name for s in summaries.values() for name in s.get("fatigue_parts", ()))
+
+
+def _most_fatigued(summary: Mapping[str, Any], *, tight: bool) -> str:
+    """The muscle whose mean is the highest, by its full name."""
+    parts = summary.get("fatigue_parts", ())
+    muscles = [
+        (summary[measure.name], measure.name)
+        for measure in fatigue_measures(summary)
+        if measure.name not in parts and not measure.name.endswith("_sd")
+    ]
+    known = [(value, name) for value, name in muscles if value is not None]
+    if not known:
+        return "-"
+    value, name = max(known)
+    words = full_name(name.removeprefix(FATIGUE))
+    return f"{fill(words, _CONDITION_COLUMNS)}\n{value:.3f}" if tight else f"{words} {value:.3f}"
 
 
 def _over_what(summaries: Mapping[str, Mapping[str, Any]]) -> str:

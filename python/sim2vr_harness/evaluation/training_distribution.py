@@ -31,7 +31,12 @@ def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str
         conditions: The conditions that it is to play.
     """
     facts = game_facts(env.app)
-    by_condition = {key for condition in facts.conditions for key in condition.options}
+    by_condition = {
+        key
+        for condition in facts.conditions
+        for key, value in condition.options.items()
+        if env.app.options.get(key, value) == value
+    }
     ignored = {
         *(f"app.options.{key}" for key in by_condition | set(facts.evaluation_options)),
         "cores",

@@ -10,61 +10,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-__all__ = ["Behaviour", "Bounds", "Contrast", "Goal", "Goals", "Ratings"]
+__all__ = ["Behaviour", "Contrast", "Ratings"]
 
 Vector = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Bounds:
-    """Numbers that are good; None: no end on that side."""
-
-    low: float | None = None
-    high: float | None = None
-
-    def hold(self, value: float) -> bool:
-        """Whether a number lies within, ends included."""
-        return (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
-
-    def __str__(self) -> str:
-        if self.low is None:
-            return "" if self.high is None else f"<= {self.high:.3g}"
-        return f">= {self.low:.3g}" if self.high is None else f"{self.low:.3g} to {self.high:.3g}"
-
-
-@dataclass(frozen=True)
-class Goal:
-    """What is asked of a user in one measure.
-
-    Attributes:
-        condition: as people call it.
-        measure: of ``human_comparison/measures.py``.
-        bar: for the mean over the user's persons.
-        aim: beyond that; None: every one of its persons is within people's range.
-    """
-
-    condition: str
-    measure: str
-    bar: Bounds
-    aim: Bounds | None = None
-
-
-@dataclass(frozen=True)
-class Goals:
-    """What is asked of users who are to pass for people.
-
-    Attributes:
-        inside: share of the cells (measure, condition) within people's range: bar.
-        inside_aim: and aim.
-        measures: single ones.
-        rate: the measure whose mean has to be within people's range in every condition, and whose
-            spread over persons has to be like people's.
-    """
-
-    inside: float
-    inside_aim: float
-    measures: tuple[Goal, ...]
-    rate: str
 
 
 @dataclass(frozen=True)
@@ -75,15 +23,12 @@ class Ratings:
         scale: what they were asked.
         medians: group -> condition -> median rating.
         people: group -> how many.
-        z: group -> contrast, as in :attr:`Behaviour.contrasts` -> z of Wilcoxon's signed-rank test,
-            positive where the first condition is rated higher.
         source: of the figures.
     """
 
     scale: str
     medians: Mapping[str, Mapping[str, float]]
     people: Mapping[str, int]
-    z: Mapping[str, Mapping[str, float]]
     source: str
 
 
@@ -120,7 +65,6 @@ class Behaviour:
         tiring: conditions that tire differently, in the order of the tables.
         ratings: how tiring people find them; None: not known.
         headlines: (condition, measure) shown first.
-        goals: what is asked of users; None: nothing.
     """
 
     game: str
@@ -137,7 +81,6 @@ class Behaviour:
     tiring: tuple[str, ...] = ()
     ratings: Ratings | None = None
     headlines: tuple[tuple[str, str], ...] = field(default_factory=tuple)
-    goals: Goals | None = None
 
     def recognise(self, name: str) -> tuple[str, str] | None:
         """Group and condition of a game's name of a condition; None if it is not compared."""

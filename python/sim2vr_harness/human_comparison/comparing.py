@@ -14,6 +14,8 @@ from sim2vr_harness.statistics.distances import (
     distance,
     inside,
     kolmogorov,
+    percentile,
+    standard_deviations,
     wasserstein,
     wasserstein_ratio,
 )
@@ -54,6 +56,8 @@ class ComparisonRow:
         inside: 1 inside people's range and 0 outside; between for shares of cells.
         distance: from people's mean, in units of a person's from the others.
         persons_inside: share of the user's persons inside; None of one person.
+        percentile: percentage of people below the user.
+        deviations: distance from people's mean in their standard deviations; None: all are alike.
     """
 
     group: str
@@ -70,6 +74,8 @@ class ComparisonRow:
     inside: float
     distance: float
     persons_inside: float | None
+    percentile: float
+    deviations: float | None
 
 
 @dataclass(frozen=True)
@@ -179,6 +185,8 @@ def _rows(
             persons_inside=float(np.mean([inside(x, theirs) for x in own]))
             if len(own) > 1
             else None,
+            percentile=percentile(value, theirs),
+            deviations=standard_deviations(value, theirs),
         )
 
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from scipy import stats
+from numpy.typing import NDArray
 
 from sim2vr_harness.games.behaviour import Behaviour
 from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson
-from sim2vr_harness.statistics.effect_sizes import CONFIDENCE, wilcoxon_effect
+from sim2vr_harness.statistics.intervals import mean_interval, welch_interval
+from sim2vr_harness.statistics.significance import wilcoxon
 
 __all__ = [
     "COMPARED",
@@ -121,21 +121,16 @@ def contrasts(
                 own, theirs = (_differences(who, pair, measure) for who in (user, people))
                 if not own or len(theirs) < 2:
                     continue
-                mean = float(np.mean(theirs))
-                half = float(
-                    stats.t.ppf(0.5 + CONFIDENCE / 2.0, len(theirs) - 1)
-                    * np.std(theirs, ddof=1)
-                    / math.sqrt(len(theirs))
-                )
+                interval = mean_interval(np.array(theirs))
+                assert interval is not None
                 found.append(
                     ContrastRow(
                         group,
                         contrast.name,
                         measure,
                         float(np.mean(own)),
-                        mean,
-                        mean - half,
-                        mean + half,
+                        float(np.mean(theirs)),
+                        *interval,
                         min(theirs),
                         max(theirs),
                         len(theirs),
@@ -162,7 +157,6 @@ def group_contrasts(
                 (own_a, own_b), (a, b) = pairs
                 if not own_a or not own_b or min(len(a), len(b)) < 2:
                     continue
-                interval = stats.ttest_ind(a, b, equal_var=False).confidence_interval(CONFIDENCE)
                 found.append(
                     ContrastRow(
                         f"{one}, {other}",
@@ -170,8 +164,7 @@ def group_contrasts(
                         measure,
                         float(np.mean(own_a) - np.mean(own_b)),
                         float(np.mean(a) - np.mean(b)),
-                        float(interval.low),
-                        float(interval.high),
+                        *welch_interval(np.array(a), np.array(b)),
                         None,
                         None,
                         len(a) + len(b),
@@ -212,10 +205,17 @@ def fatigue_of(
                         mean,
                         spread,
                         mean / spread if spread else None,
-                        None if spread is None else wilcoxon_effect(each),
+                        _rank_effect(np.array(each)),
                     )
                 )
     return rows, differences
+
+
+def _rank_effect(differences: NDArray[np.float64]) -> float | None:
+    """Return z / sqrt(n) of Wilcoxon's test; None of one person, or without a difference."""
+    if len(differences) < 2 or not differences.any():
+        return None
+    return float(wilcoxon(differences, np.zeros(len(differences)))["r"])
 
 
 def _numbers(persons: Sequence[RecordedPerson], measure: str) -> list[float]:

@@ -42,7 +42,6 @@ def as_json(report: ComparisonReport) -> dict[str, Any]:
             compared.name: _user(report, i, compared) for i, compared in enumerate(report.compared)
         },
         "together": _total(report.together),
-        "goals": [asdict(row) for row in report.goals],
         "between_groups": [
             {"user": name, **_contrast(row)} for name, row in report.group_contrasts()
         ],
@@ -143,7 +142,7 @@ def write_json(report: ComparisonReport, file: Path) -> Path:
 
 
 def write_csv(report: ComparisonReport, folder: Path) -> list[Path]:
-    """Write measures, samples, contrasts and goals as CSV, a row per user and number.
+    """Write measures, samples and contrasts as CSV, a row per user and number.
 
     ``users.csv`` has a row per user and group, with what is shown first.
     """
@@ -168,7 +167,6 @@ def write_csv(report: ComparisonReport, folder: Path) -> list[Path]:
                 *report.group_contrasts(),
             )
         ],
-        "goals": [asdict(row) for row in report.goals],
     }
     files = []
     for name, rows in tables.items():

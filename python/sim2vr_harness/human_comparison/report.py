@@ -24,7 +24,6 @@ from sim2vr_harness.human_comparison.contrasts import (
     fatigue_of,
     group_contrasts,
 )
-from sim2vr_harness.human_comparison.goals import GoalRow, goal_rows, inside_row, sign_rows
 from sim2vr_harness.human_comparison.sources import Source
 
 __all__ = ["ComparisonReport"]
@@ -98,26 +97,3 @@ class ComparisonReport:
     def fatigue(self, user: Source) -> tuple[list[Fatigue], list[FatigueDifference]]:
         """How tiring a user's conditions are; see contrasts.fatigue_of."""
         return fatigue_of(user.fatigue, self.behaviour)
-
-    @cached_property
-    def goals(self) -> list[GoalRow]:
-        """What is asked of users who are to pass for people; empty if the game asks nothing."""
-        goals = self.behaviour.goals
-        if goals is None:
-            return []
-        between = self.group_contrasts()
-        found: list[GoalRow] = []
-        signs: list[ContrastRow] = []
-        for each, user in zip(self.compared, self.users, strict=True):
-            own = self.contrasts(user)
-            signs += own
-            if self.together is None:
-                found += inside_row(each.name, total(each.rows), goals)
-            found += goal_rows(each, self.fatigue(user)[1], self.behaviour)
-            if self.together is None:
-                found += sign_rows(each.name, [*own, *(r for n, r in between if n == each.name)])
-        if self.together is not None:
-            name = " and ".join(user.name for user in self.users)
-            found = [*inside_row(name, self.together, goals), *found]
-            found += sign_rows(name, [*signs, *(row for _, row in between)])
-        return found

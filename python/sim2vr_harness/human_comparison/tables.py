@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
+import numpy as np
 from rich import box
 from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from sim2vr_harness.human_comparison.agreement import cell_disagreement, fatigue_order
 from sim2vr_harness.human_comparison.comparing import (
     Compared,
     ComparisonRow,
@@ -18,7 +20,6 @@ from sim2vr_harness.human_comparison.comparing import (
 )
 from sim2vr_harness.human_comparison.contrasts import COMPARED, ContrastRow
 from sim2vr_harness.human_comparison.files import as_json
-from sim2vr_harness.human_comparison.goals import GoalRow
 from sim2vr_harness.human_comparison.report import ComparisonReport
 
 __all__ = ["report_tables"]
@@ -36,10 +37,10 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
     parts: list[RenderableType] = [_totals(report)]
     if len(report.users) > 1:
         parts += _side_by_side(report)
-    parts += _goals(report)
     for index, compared in enumerate(report.compared):
         parts.append(_headlines(report, compared))
         parts += _fatigue(report, index)
+        parts += _cells(report, index)
         parts.append(_rows(compared, _farthest(compared)) if not every else _rows(compared, None))
     parts += _contrasts(report)
     return Group(*parts)
@@ -108,37 +109,6 @@ def _value(row: ComparisonRow | None) -> str:
     return "" if row is None else f"{row.value:.3g}" + ("" if row.inside == 1.0 else "*")
 
 
-def _goals(report: ComparisonReport) -> Iterator[RenderableType]:
-    """What is asked of users: a plus for what is so, a minus for what is not."""
-    found: dict[tuple[str, str], list[GoalRow]] = {}
-    for row in report.goals:
-        found.setdefault((row.user, row.group), []).append(row)
-    for (user, group), rows in found.items():
-        whose = f"{user}, {group}" if group else f"{user}, over all"
-        table = Table(
-            title=f"Asked of {whose}", box=box.SIMPLE_HEAD, title_justify="left", pad_edge=False
-        )
-        table.add_column("What", min_width=16)
-        for heading in ("User", "People", "Bar", "Aim"):
-            table.add_column(heading, justify="right", no_wrap=True)
-        for row in rows:
-            people = ""
-            if row.people_low is not None and row.people_high is not None:
-                people = f"{row.people_low:.3g} to {row.people_high:.3g}"
-            table.add_row(
-                row.what,
-                f"{row.value:.3g}" + ("" if row.spread is None else f" ± {row.spread:.2g}"),
-                people,
-                _asked(row.bar, row.bar_met),
-                _asked(row.aim, row.aim_met),
-            )
-        yield table
-
-
-def _asked(text: str, met: bool | None) -> str:
-    return text if met is None else f"{text} {'+' if met else '-'}"
-
-
 def _add(table: Table, name: str, group: str, found: Total | None, *, dim: bool = False) -> None:
     if found is None:
         return
@@ -178,7 +148,7 @@ def _table(title: str, rows: Sequence[ComparisonRow]) -> Table:
     several = len({row.group for row in rows}) > 1
     for heading in ("Condition", "Measure"):
         table.add_column(heading, no_wrap=True)
-    for heading in ("User", "People", "Away"):
+    for heading in ("User", "People", "Percentile", "SD", "Away"):
         table.add_column(heading, justify="right", no_wrap=True)
     for row in rows:
         spread = "" if row.spread is None else f" ± {row.spread:.2g}"
@@ -190,6 +160,8 @@ def _table(title: str, rows: Sequence[ComparisonRow]) -> Table:
             row.measure.name + unit,
             f"{row.value:.3g}{spread}{mark}",
             people,
+            f"{row.percentile:.0f}",
+            "" if row.deviations is None else f"{row.deviations:+.1f}",
             f"{row.distance:.1f}",
         )
     return table
@@ -218,6 +190,31 @@ def _fatigue(report: ComparisonReport, index: int) -> Iterator[RenderableType]:
             text = ", ".join(f"{condition} {median:g}" for condition, median in rated.items())
             count = ratings.people[group]
             yield Text(f"{count} people, {group} ({ratings.scale}, medians): {text}")
+            means = {row.condition: row.mean for row in tired if row.group == group}
+            both = [condition for condition in rated if condition in means]
+            if len(both) > 1:
+                order = fatigue_order({c: means[c] for c in both}, {c: rated[c] for c in both})
+                yield Text(f"{group}: {order}")
+
+
+def _cells(report: ComparisonReport, index: int) -> Iterator[RenderableType]:
+    """Say where users and people differ in the hit rates of the cells, and whether in their order.
+
+    Places are named on a square grid, as the player sees it.
+    """
+    side = round(len(report.behaviour.places_m) ** 0.5)
+    for cell, persons in report.users[index].persons.items():
+        people = report.people.persons.get(cell, ())
+        if len(people) < 2:
+            continue
+        own, theirs = (
+            np.ma.masked_invalid([person.cell_rates for person in group]).mean(axis=0)
+            for group in (persons, people)
+        )
+        if side**2 != len(own) or np.ma.is_masked(own) or np.ma.is_masked(theirs):
+            continue
+        words, r = cell_disagreement(own.data, theirs.data, (side, side))
+        yield Text(f"{', '.join(cell)}: {words}; {r}")
 
 
 def _contrasts(report: ComparisonReport) -> Iterator[RenderableType]:

@@ -6,13 +6,15 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import wasserstein_distance
+from scipy.stats import percentileofscore, wasserstein_distance
 
 __all__ = [
     "MOST",
     "distance",
     "inside",
     "kolmogorov",
+    "percentile",
+    "standard_deviations",
     "typical",
     "wasserstein",
     "wasserstein_ratio",
@@ -27,6 +29,17 @@ MOST = 10.0
 def inside(value: float, people: Sequence[float]) -> bool:
     """Whether a number lies in the range of people's."""
     return min(people) <= value <= max(people)
+
+
+def percentile(value: float, people: Sequence[float]) -> float:
+    """Return the percentage of people below a number; equal ones count half."""
+    return float(percentileofscore(people, value, kind="mean"))
+
+
+def standard_deviations(value: float, people: Sequence[float]) -> float | None:
+    """Return the distance to people's mean in their standard deviations; None if they are alike."""
+    spread = float(np.std(people, ddof=1))
+    return (value - float(np.mean(people))) / spread if spread > 0.0 else None
 
 
 def typical(people: Sequence[float]) -> float:

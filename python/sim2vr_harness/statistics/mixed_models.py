@@ -31,19 +31,9 @@ def mixed_model(
         ValueError: The model cannot be fitted to these rows.
     """
     import numpy as np
-    import pandas as pd
     import statsmodels.formula.api as smf
 
-    table = episodes.dropna(subset=[measure])
-    frame = pd.DataFrame(
-        {"value": table[measure].to_numpy(float), "unit": table["unit"].to_numpy()}
-    )
-    terms = []
-    for number, (column, own) in enumerate(zip(factors.values(), levels, strict=True)):
-        present = [label for label in own if label in set(table[column])]
-        frame[f"f{number}"] = pd.Categorical(table[column], categories=present)
-        if len(present) > 1:
-            terms.append(f"C(f{number})")
+    frame, terms = _frame(episodes, measure, list(factors.values()), levels)
     formula = f"value ~ {' * '.join(terms) or '1'}"
     try:
         with warnings.catch_warnings():  # what they say is in `converged` and the variances
@@ -51,10 +41,42 @@ def mixed_model(
             fit = smf.mixedlm(formula, frame, groups=frame["unit"]).fit(reml=True)
     except (np.linalg.LinAlgError, ValueError) as error:
         raise ValueError(f"the model does not fit: {error}") from error
+    return {
+        "formula": f"{measure} ~ {' * '.join(factors) or '1'} + (1 | unit)",
+        "groups": int(frame["unit"].nunique()),
+        "rounds": len(frame),
+        "converged": bool(fit.converged),
+        "unit_variance": float(fit.cov_re.iloc[0, 0]),
+        "residual_variance": float(fit.scale),
+        "effects": _effects(fit, list(factors)),
+    }
+
+
+def _frame(
+    episodes: Any, measure: str, columns: Sequence[str], levels: Sequence[Sequence[str]]
+) -> tuple[Any, list[str]]:
+    """Return the data frame of the model, and its terms: factors with two levels or more."""
+    import pandas as pd
+
+    table = episodes.dropna(subset=[measure])
+    frame = pd.DataFrame(
+        {"value": table[measure].to_numpy(float), "unit": table["unit"].to_numpy()}
+    )
+    terms = []
+    for number, (column, own) in enumerate(zip(columns, levels, strict=True)):
+        present = [label for label in own if label in set(table[column])]
+        frame[f"f{number}"] = pd.Categorical(table[column], categories=present)
+        if len(present) > 1:
+            terms.append(f"C(f{number})")
+    return frame, terms
+
+
+def _effects(fit: Any, factors: Sequence[str]) -> list[dict[str, Any]]:
+    """Return the fixed effects of a fitted model, the intercept first."""
     intervals = fit.conf_int()
-    effects = [
+    return [
         {
-            "name": _plain(name, list(factors)),
+            "name": _plain(name, factors),
             "estimate": float(fit.fe_params[name]),
             "error": float(fit.bse_fe[name]),
             "z": float(fit.tvalues[name]),
@@ -64,15 +86,6 @@ def mixed_model(
         }
         for name in fit.fe_params.index
     ]
-    return {
-        "formula": f"{measure} ~ {' * '.join(factors) or '1'} + (1 | unit)",
-        "groups": int(frame["unit"].nunique()),
-        "rounds": len(frame),
-        "converged": bool(fit.converged),
-        "unit_variance": float(fit.cov_re.iloc[0, 0]),
-        "residual_variance": float(fit.scale),
-        "effects": effects,
-    }
 
 
 def _plain(name: str, factors: Sequence[str]) -> str:

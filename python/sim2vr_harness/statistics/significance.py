@@ -1,10 +1,12 @@
 """Tests of differences, with their effect sizes; arrays in, plain numbers out.
 
-By SciPy and statsmodels. Every test takes one value per unit and level.
+By SciPy and statsmodels. Every test takes one value per unit and level. A test of two levels also
+has the ``interval`` of the difference that inverts it: it excludes 0 where p is below 0.05.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, Literal
 
@@ -12,23 +14,95 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import stats
 
+from sim2vr_harness.statistics.intervals import CONFIDENCE, hodges_lehmann, inverted
+
 __all__ = [
+    "FEW",
     "Alternative",
-    "bootstrap",
     "friedman",
     "holm",
     "kruskal_wallis",
     "mann_whitney",
     "normality",
+    "paired_t",
+    "smallest_p",
+    "welch_t",
     "wilcoxon",
 ]
 
 FloatArray = NDArray[np.float64]
 Alternative = Literal["two-sided", "less", "greater"]
 
-_RESAMPLES = 10_000
+FEW = 10
+"""Units; with fewer, t tests are the default, because ranks of so few allow few values of p."""
 _EXACT_UP_TO = 50
-"""Pairs; above, the normal approximation is as good."""
+"""Pairs without ties; above, the normal approximation is as good."""
+_TIED_UP_TO = 13
+"""Pairs with ties or zeros, whose signs are enumerated."""
+
+
+def paired_t(
+    first: FloatArray, second: FloatArray, alternative: Alternative = "two-sided"
+) -> dict[str, Any]:
+    """Student's t test of pairs.
+
+    Args:
+        first: (N,) values of the first level.
+        second: (N,) of the same units in the second.
+        alternative: ``less``: the first level is less than the second.
+
+    Returns:
+        ``statistic`` (t), ``df``, ``p``, ``effect``: Cohen's d of the differences, ``estimate``
+        (mean difference) and ``interval``.
+
+    Raises:
+        ValueError: All pairs differ by the same.
+    """
+    differences = first - second
+    spread = float(np.std(differences, ddof=1))
+    if np.ptp(differences) == 0.0:
+        raise ValueError(
+            "no pair differs" if differences[0] == 0.0 else "all pairs differ by the same"
+        )
+    found = stats.ttest_rel(first, second, alternative=alternative)
+    mean = float(differences.mean())
+    return _of_t(found) | {"effect": mean / spread, "estimate": mean}
+
+
+def welch_t(
+    first: FloatArray, second: FloatArray, alternative: Alternative = "two-sided"
+) -> dict[str, Any]:
+    """Welch's t test of two independent samples.
+
+    Returns:
+        As :func:`paired_t`; ``effect`` is Cohen's d by the pooled standard deviation.
+
+    Raises:
+        ValueError: The values of each level are equal.
+    """
+    if np.ptp(first) == 0.0 and np.ptp(second) == 0.0:
+        raise ValueError("no unit differs from another of its level")
+    found = stats.ttest_ind(first, second, equal_var=False, alternative=alternative)
+    mean = float(first.mean() - second.mean())
+    return _of_t(found) | {"effect": mean / pooled_sd(first, second), "estimate": mean}
+
+
+def pooled_sd(first: FloatArray, second: FloatArray) -> float:
+    """Standard deviation within two samples, pooled by their degrees of freedom."""
+    parts = [(len(x) - 1, float(np.var(x, ddof=1))) for x in (first, second)]
+    return math.sqrt(sum(df * var for df, var in parts) / sum(df for df, _ in parts))
+
+
+def _of_t(found: Any) -> dict[str, Any]:
+    interval = found.confidence_interval(CONFIDENCE)
+    return {
+        "statistic": float(found.statistic),
+        "df": float(found.df),
+        "p": float(found.pvalue),
+        "interval": tuple(
+            float(end) if math.isfinite(end) else None for end in (interval.low, interval.high)
+        ),
+    }
 
 
 def wilcoxon(
@@ -38,7 +112,7 @@ def wilcoxon(
 
     Pairs without a difference are left out (Wilcoxon's way), and ties share their ranks. ``z`` and
     ``p_normal`` are the normal approximation without continuity correction, as the SIM2VR paper
-    reports it; ``p`` is exact up to 50 pairs, over all signs that the ranks can have.
+    reports it. ``p`` is exact up to 50 pairs, with ties or zeros up to 13; else it is ``p_normal``.
 
     Args:
         first: (N,) values of the first level.
@@ -48,57 +122,65 @@ def wilcoxon(
     Returns:
         ``statistic`` (sum of the ranks of positive differences), ``z``, ``p``, ``p_normal``,
         ``exact``, ``effect``: the matched-pairs rank-biserial correlation (-1 to 1; Kerby 2014),
-        and ``dz``, Cohen's d of the differences.
+        ``r``: z / sqrt(N), ``dz``: Cohen's d of the differences, ``estimate`` (Hodges and Lehmann:
+        median of the pairs' averages) and ``interval``.
 
     Raises:
         ValueError: No pair differs.
     """
     differences = first - second
-    unlike = differences[differences != 0.0]
-    n = len(unlike)
+    n = int(np.count_nonzero(differences))
     if n == 0:
         raise ValueError("no pair differs")
-    ranks = stats.rankdata(np.abs(unlike))
-    positive = float(ranks[unlike > 0].sum())
-    total = n * (n + 1) / 2
-    sizes = np.unique(ranks, return_counts=True)[1].astype(float)
-    variance = n * (n + 1) * (2 * n + 1) / 24 - float((sizes**3 - sizes).sum()) / 48
-    z = (positive - total / 2) / np.sqrt(variance)
-    p_normal = _tail(float(z), alternative)
-    exact = n <= _EXACT_UP_TO
+    upper = _asymptotic(differences, "greater")
     spread = float(np.std(differences, ddof=1)) if len(differences) > 1 else 0.0
+    p, exact = _signed_rank_p(differences, alternative)
+    i, j = np.triu_indices(len(differences))
+    averages = np.sort((differences[i] + differences[j]) / 2.0)
+    interval = inverted(
+        lambda shift: _signed_rank_p(differences - shift, alternative)[0], averages, p
+    )
     return {
-        "statistic": positive,
-        "z": float(z),
-        "p": _exact(ranks, positive, alternative) if exact else p_normal,
-        "p_normal": p_normal,
+        "statistic": float(upper.statistic),
+        "z": float(upper.zstatistic),
+        "p": p,
+        "p_normal": float(_asymptotic(differences, alternative).pvalue),
         "exact": exact,
-        "effect": 2.0 * positive / total - 1.0,
+        "effect": 4.0 * float(upper.statistic) / (n * (n + 1)) - 1.0,
+        "r": float(upper.zstatistic) / math.sqrt(len(differences)),
         "dz": float(differences.mean()) / spread if spread > 0.0 else None,
+        "estimate": hodges_lehmann(averages),
+        "interval": interval,
     }
 
 
-def _exact(ranks: FloatArray, positive: float, alternative: Alternative) -> float:
-    """How probable so great, or small, a sum of ranks is if every sign is a toss-up."""
-    doubled = np.rint(2.0 * ranks).astype(int)  # ties have half ranks
-    ways = np.zeros(int(doubled.sum()) + 1)
-    ways[0] = 1.0
-    for rank in doubled.tolist():
-        ways[rank:] = ways[rank:] + ways[: len(ways) - rank].copy()
-    chances = ways / ways.sum()
-    here = round(2.0 * positive)
-    less, greater = float(chances[: here + 1].sum()), float(chances[here:].sum())
-    if alternative == "two-sided":
-        return min(1.0, 2.0 * min(less, greater))
-    return less if alternative == "less" else greater
+def _asymptotic(differences: FloatArray, alternative: Alternative) -> Any:
+    return stats.wilcoxon(
+        differences, alternative=alternative, correction=False, method="asymptotic"
+    )
 
 
-def _tail(z: float, alternative: Alternative) -> float:
-    if alternative == "less":
-        return float(stats.norm.cdf(z))
-    if alternative == "greater":
-        return float(stats.norm.sf(z))
-    return float(2.0 * stats.norm.sf(abs(z)))
+def _signed_rank_p(differences: FloatArray, alternative: Alternative) -> tuple[float, bool]:
+    """Return p and whether it is exact."""
+    unlike = differences[differences != 0.0]
+    n = len(unlike)
+    if n == 0:
+        return 1.0, True
+    tied = n < len(differences) or len(np.unique(np.abs(unlike))) < n
+    if not tied and n <= _EXACT_UP_TO:
+        return float(stats.wilcoxon(unlike, alternative=alternative, method="exact").pvalue), True
+    if n > _TIED_UP_TO:
+        return float(_asymptotic(differences, alternative).pvalue), False
+    ranks = np.copysign(stats.rankdata(np.abs(unlike)), unlike)
+    found = stats.permutation_test(
+        (ranks,),
+        lambda x, axis: np.sum(x, axis=axis),
+        permutation_type="samples",
+        n_resamples=np.inf,
+        vectorized=True,
+        alternative=alternative,
+    )
+    return float(found.pvalue), True
 
 
 def mann_whitney(
@@ -107,12 +189,41 @@ def mann_whitney(
     """Mann and Whitney's test of two independent samples, such as trainings of two kinds.
 
     Returns:
-        ``statistic`` (U of the first), ``p`` and ``effect``: the rank-biserial correlation, which
-        is Cliff's delta.
+        ``statistic`` (U of the first), ``p``, ``effect``: the rank-biserial correlation, which is
+        Cliff's delta, ``estimate`` (Hodges and Lehmann: median of all differences) and
+        ``interval``.
     """
-    found = stats.mannwhitneyu(first, second, alternative=alternative)
-    effect = 2.0 * float(found.statistic) / (len(first) * len(second)) - 1.0
-    return {"statistic": float(found.statistic), "p": float(found.pvalue), "effect": effect}
+
+    def tested(shift: float) -> Any:
+        return stats.mannwhitneyu(first - shift, second, alternative=alternative)
+
+    found = tested(0.0)
+    differences = np.sort(np.subtract.outer(first, second).ravel())
+    return {
+        "statistic": float(found.statistic),
+        "p": float(found.pvalue),
+        "effect": 2.0 * float(found.statistic) / (len(first) * len(second)) - 1.0,
+        "estimate": hodges_lehmann(differences),
+        "interval": inverted(
+            lambda shift: float(tested(shift).pvalue), differences, float(found.pvalue)
+        ),
+    }
+
+
+def smallest_p(test: str, n: int | Sequence[int], alternative: Alternative) -> float | None:
+    """Return the smallest p that so few units allow; None of tests without such a bound.
+
+    Args:
+        test: ``wilcoxon`` (n pairs) or ``mann-whitney`` (n of each sample).
+        n: How many.
+        alternative: Of the test.
+    """
+    sides = 2 if alternative == "two-sided" else 1
+    if test == "wilcoxon" and isinstance(n, int):
+        return min(1.0, sides * 2.0**-n)
+    if test == "mann-whitney" and not isinstance(n, int):
+        return min(1.0, sides / math.comb(sum(n), n[0]))
+    return None
 
 
 def friedman(levels: Sequence[FloatArray]) -> dict[str, Any]:
@@ -172,34 +283,10 @@ def normality(values: FloatArray) -> dict[str, Any] | None:
     return {"statistic": float(statistic), "p": float(p)}
 
 
-def bootstrap(values: FloatArray, other: FloatArray | None = None) -> tuple[float, float] | None:
-    """95 % interval of the mean, or of the difference of two means, by resampling units.
-
-    Percentiles of 10,000 resamples with a fixed seed: the same values are the same interval.
-
-    Args:
-        values: (N,) of one sample; of pairs, their differences.
-        other: Of an independent second sample, whose mean is subtracted.
-
-    Returns:
-        Its ends; None of a single unit.
-    """
-    if len(values) < 2 or (other is not None and len(other) < 2):
-        return None
-    rng = np.random.default_rng(20241)
-    means = values[rng.integers(len(values), size=(_RESAMPLES, len(values)))].mean(axis=1)
-    if other is not None:
-        means -= other[rng.integers(len(other), size=(_RESAMPLES, len(other)))].mean(axis=1)
-    low, high = np.percentile(means, [2.5, 97.5])
-    return float(low), float(high)
-
-
 def holm(p_values: Sequence[float]) -> list[float]:
     """P values that account for how many there are (Holm 1979), in the same order."""
-    m = len(p_values)
-    adjusted = [0.0] * m
-    highest = 0.0
-    for rank, i in enumerate(sorted(range(m), key=lambda i: p_values[i])):
-        highest = max(highest, min(1.0, (m - rank) * p_values[i]))
-        adjusted[i] = highest
-    return adjusted
+    if not p_values:
+        return []
+    from statsmodels.stats.multitest import multipletests
+
+    return [float(p) for p in multipletests(p_values, method="holm")[1]]

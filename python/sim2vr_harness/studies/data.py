@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -14,7 +15,7 @@ import pyarrow as pa
 from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.base.files import file_name, read_json
 from sim2vr_harness.client import Measure
-from sim2vr_harness.evaluation.data import Column, EvaluationData, read_data
+from sim2vr_harness.evaluation.data import Column, EvaluationData, export_opensim, read_data
 from sim2vr_harness.evaluation.data.columns import column_name, merged, row_table
 from sim2vr_harness.evaluation.data.folder import (
     FOLDER,
@@ -25,7 +26,6 @@ from sim2vr_harness.evaluation.data.folder import (
     read_table,
     write_table,
 )
-from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.studies.cells import content_hash
 from sim2vr_harness.studies.config import StudyConfig, parse_study
@@ -42,6 +42,7 @@ __all__ = [
     "factor_column",
     "open_study",
     "read_study",
+    "results_in",
     "write_data",
 ]
 
@@ -50,6 +51,8 @@ STUDY_FILE = "study.json"
 STATISTICS_FILE = "statistics.json"
 _CELL = Column("design_cell", "text", "", "Cell of the study's design; a key of the table cells")
 _EXPECTED = "what a study wrote, or another folder"
+_LONGEST_NAME = 120
+"""Of a cell's folder of exported files, in characters."""
 _UNCHANGED = "what the study wrote; run the study again, which writes its tables anew"
 
 
@@ -91,7 +94,7 @@ def write_data(plan: StudyPlan, root: Path, found: Found | None = None) -> None:
         "game": plan.facts.name,
         "score": plan.facts.score,
         "unit": unit_of(plan.study),
-        "measures": [_told(measure) for measure in measures_of(plan.facts)
+        "measures": [_told(measure) for measure in plan.known
                      if measure.name in plan.measures],
         "grids": [_told(measure) for measure in plan.facts.grids],
         HASHES: hashes_of(root / FOLDER),
@@ -101,6 +104,13 @@ def write_data(plan: StudyPlan, root: Path, found: Found | None = None) -> None:
         sought = {"optimise": optimise, "sampler": found.sampler}
         about |= {"search": sought | {"measures": list(found.search.measures)}}
     write_atomically(root / STUDY_FILE, (json.dumps(about, indent=2) + "\n").encode())
+
+
+def results_in(folder: Path, condition: str) -> dict[str, Any]:
+    """Return an evaluation's results of a condition; empty where the file was not passed on."""
+    file = folder / "results.json"
+    found = read_json(file, "results of an evaluation").get(condition) if file.is_file() else None
+    return found if isinstance(found, dict) else {}
 
 
 def unit_of(study: StudyConfig) -> str:
@@ -253,6 +263,18 @@ class StudyData:
             raise InputError(file_name(file), "other content than the study wrote", _UNCHANGED)
         return found
 
+    @cached_property
+    def unpractised(self) -> dict[str, list[str]]:
+        """What users were not trained for -> names of the cells."""
+        found: dict[str, list[str]] = {}
+        cells = self.cells
+        for cell, place, condition in zip(
+            cells["design_cell"], cells["folder"], cells["condition"], strict=True
+        ):
+            for line in results_in(self.root / place, str(condition)).get("unpractised", ()):
+                found.setdefault(str(line), []).append(str(cell))
+        return found
+
     def of_cell(self, cell: str) -> EvaluationData:
         """One cell's own tables, with steps and frames.
 
@@ -271,6 +293,35 @@ class StudyData:
     def frames(self, cell: str, *episodes: str, columns: Sequence[str] | None = None) -> Any:
         """App frames of a cell; see :meth:`EvaluationData.frames`."""
         return self.of_cell(cell).frames(*episodes, columns=columns)
+
+    def export_opensim(self, out: Path, episodes: Sequence[str] = ()) -> list[Path]:
+        """Write every cell's episodes for OpenSim; see :func:`.export_opensim`.
+
+        Args:
+            out: Folder for a folder per cell, named as the cell; characters that are unusual in
+                names of files become ``_``.
+            episodes: Which, in the cells that have them; all without any.
+
+        Returns:
+            The files.
+
+        Raises:
+            InputError: No cell has such an episode, or a cell kept no steps.
+        """
+        there = self.episodes.groupby("design_cell")["episode"].agg(list)
+        for key in episodes:
+            if not any(key in keys for keys in there):
+                raise unknown_name("episode", key, sorted(set(self.episodes["episode"])))
+        files: list[Path] = []
+        taken: set[str] = set()
+        for number, cell in enumerate(self.cells["design_cell"]):
+            chosen = [key for key in there[cell] if not episodes or key in episodes]
+            name = re.sub(r"[^\w.,=+-]+", "_", cell)[:_LONGEST_NAME]
+            name = f"{name}_{number}" if name in taken else name
+            taken.add(name)
+            if chosen:
+                files += export_opensim(self.of_cell(cell), out / name, chosen)
+        return files
 
 
 def read_study(folder: str | Path) -> StudyData:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import InputError, unknown_name
-from sim2vr_harness.client import GameFacts, InProcessBatch
-from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.client import GameFacts, InProcessBatch, Measure
+from sim2vr_harness.envs.config import AppConfig, body_of, with_options
+from sim2vr_harness.evaluation.fatigue import fatigue_groups, fatigue_measures
 from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.studies.cells import Cell, cells_of, content_hash
 from sim2vr_harness.studies.config import StudyConfig
@@ -16,6 +18,9 @@ from sim2vr_harness.studies.jobs import CellTask, Limits, TrainingTask
 from sim2vr_harness.studies.policy_selection import FORMAT, SelectionSource, Users, player_of
 
 __all__ = ["StudyPlan", "plan_of"]
+
+_TIRING = "cumulative_fatigue_3ccr"
+"""The effort model with motor units that tire."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +34,9 @@ class StudyPlan:
         trainings: What has to be trained first.
         facts: What the game publishes.
         measures: Names of the measures that are looked at.
+        known: Every measure that can be named, those of fatigue included.
+        alike: Names of cells with the same user, resolved configuration and seeds, whose rounds are
+            therefore the same; a tuple each.
     """
 
     study: StudyConfig
@@ -37,6 +45,8 @@ class StudyPlan:
     trainings: tuple[TrainingTask, ...]
     facts: GameFacts
     measures: tuple[str, ...]
+    known: tuple[Measure, ...]
+    alike: tuple[tuple[str, ...], ...] = ()
 
 
 def plan_of(
@@ -75,8 +85,10 @@ def plan_of(
                 f"a user of {one.facts.name}",
                 f"one of {facts.name}, as in cell {found[0].task.cell}",
             )
-    names = [measure.name for measure in measures_of(facts)]
-    wanted = study.measures or tuple(names)
+    usual = measures_of(facts)
+    known = (*usual, *_fatigue(found))
+    names = [measure.name for measure in known]
+    wanted = study.measures or tuple(measure.name for measure in usual)
     asked = [name for comparison in study.comparisons for name in comparison.measures or ()]
     for name in (*wanted, *asked):
         if name not in names:
@@ -89,7 +101,27 @@ def plan_of(
         tuple(trainings.values()),
         facts,
         (*wanted, *dict.fromkeys(name for name in asked if name not in wanted)),
+        known,
+        _alike(found),
     )
+
+
+def _fatigue(found: Sequence[_Resolved]) -> tuple[Measure, ...]:
+    """Measures of fatigue that the users of all cells have."""
+    users = {one.task.env.user.model_dump_json(): one.task.env.user for one in found}
+    names: dict[str, None] | None = None
+    for user in users.values():
+        own = () if user.effort.model != _TIRING else fatigue_groups(body_of(user)).names
+        names = {name: None for name in own if names is None or name in names}
+    return fatigue_measures(names or ())
+
+
+def _alike(found: Sequence[_Resolved]) -> tuple[tuple[str, ...], ...]:
+    """Names of cells whose rounds are the same, in the order of the first of each."""
+    groups: dict[str, list[str]] = {}
+    for one in found:
+        groups.setdefault(one.content, []).append(one.cell.name)
+    return tuple(tuple(names) for names in groups.values() if len(names) > 1)
 
 
 @dataclass(frozen=True)
@@ -98,6 +130,8 @@ class _Resolved:
     task: CellTask
     training: TrainingTask | None
     facts: GameFacts
+    content: str
+    """Hash of what decides about its rounds, names and defaults resolved."""
 
     @classmethod
     def of(cls, study: StudyConfig, cell: Cell, where: SelectionSource) -> _Resolved:
@@ -111,13 +145,14 @@ class _Resolved:
     def _of(cls, study: StudyConfig, cell: Cell, where: SelectionSource) -> _Resolved:
         player = player_of(study.name, cell, where)
         training = player.training
-        _check_options(player.env, player.facts, player.condition)
+        condition = player.condition
+        _check_options(with_options(player.env, condition.options).app)
         task = CellTask(
             key="",
             cell=cell.name,
             user=player.user,
             training=None if training is None else training.key,
-            condition=player.condition,
+            condition=condition.name,
             overrides=tuple(cell.of("env.")),
             env=player.env,
             trust_app=where.trust_app,
@@ -143,16 +178,23 @@ class _Resolved:
             "logs": task.logs,
             "film_seconds": task.film_seconds,
         }
-        return cls(cell, replace(task, key=content_hash(identity)), training, player.facts)
+        if condition.options != player.facts.condition(condition.name).options:
+            identity["options"] = condition.options  # the cell's own win
+        resolved = {
+            **player.identity,
+            "env": with_options(player.env, condition.options).model_dump(mode="json"),
+            **{key: identity[key] for key in ("episodes", "seed", "people", "deterministic")},
+        }
+        task = replace(task, key=content_hash(identity))
+        return cls(cell, task, training, player.facts, content_hash(resolved))
 
 
-def _check_options(env: EnvConfig, facts: GameFacts, condition: str) -> None:
+def _check_options(app: AppConfig) -> None:
     """Refuse game options that the app would refuse, where it is ours and costs nothing."""
-    if env.app.transport != "in_process":
+    if app.transport != "in_process":
         return
-    options = {**env.app.options, **facts.condition(condition).options}
     try:
-        InProcessBatch(1, env.app.game, options, renderer="null", width=8, height=8)
+        InProcessBatch(1, app.game, app.options, renderer="null", width=8, height=8)
     except ValueError as error:
         field, _, rest = str(error).partition(": got ")
         got, _, expected = rest.partition(", expected ")

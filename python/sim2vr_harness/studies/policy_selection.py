@@ -12,9 +12,10 @@ from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import InputError, shown
 from sim2vr_harness.base.files import read_bytes
 from sim2vr_harness.base.settings import MOST_STEPS
-from sim2vr_harness.client import GameFacts
+from sim2vr_harness.client import Condition, GameFacts
 from sim2vr_harness.envs.config import EnvConfig, with_options
 from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.evaluation.conditions import chosen_conditions, named_options
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import name_of
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
@@ -76,7 +77,7 @@ class SelectedPolicy:
         training: What has to be trained first.
         env: Where it plays.
         facts: What the game publishes.
-        condition: That it plays.
+        condition: That it plays, with the options that the cell names.
         identity: What decides about who it is, for the cell's hash.
         deterministic: Whether the user's own configuration evaluates the policy's mean.
     """
@@ -85,7 +86,7 @@ class SelectedPolicy:
     training: TrainingTask | None
     env: EnvConfig
     facts: GameFacts
-    condition: str
+    condition: Condition
     identity: Mapping[str, Any]
     deterministic: bool
 
@@ -114,14 +115,14 @@ def player_of(study: str, cell: Cell, where: SelectionSource) -> SelectedPolicy:
     env = _env(known.config, cell, user, where)
     require_contract(known, env)
     facts = game_facts(env.app)
-    condition = _condition(facts, known.config, settings.get("condition"))
+    condition = _condition(facts, known.config, env, cell)
     identity = {"user": Path(user).name, "weights": weights}
     steps = _steps(settings.get("adapt", 0))
     if steps == 0:
         whole = identity | {"config": to_yaml(known.config)}
         mean = known.config.evaluation.deterministic
         return SelectedPolicy(user, None, env, facts, condition, whole, mean)
-    there = with_options(env, dict(facts.condition(condition).options))
+    there = with_options(env, condition.options)
     wanted = [f"total_timesteps={steps}", *cell.of("training.")]
     config = adapting(known, user, wanted, env=there)
     return _trained(study, cell, config, where, user, adapts=(name_of(known), identity))
@@ -153,7 +154,7 @@ def _trained(
     task = TrainingTask(key, to_yaml(config), cell.name, where.limits, where.may_diverge, name)
     env = _env(config, cell, named, where)
     facts = game_facts(env.app)
-    condition = _condition(facts, config, cell.settings.get("condition"))
+    condition = _condition(facts, config, env, cell)
     mean = config.evaluation.deterministic
     return SelectedPolicy(None, task, env, facts, condition, {"training": key}, mean)
 
@@ -186,10 +187,10 @@ def _steps(value: Any) -> int:
     return value
 
 
-def _condition(facts: GameFacts, config: TrainingConfig, name: Any) -> str:
-    chosen = name or facts.condition_of(config.env.app.options) or facts.default_condition
-    try:
-        return facts.condition(str(chosen)).name
-    except ValueError as error:
-        got, _, expected = str(error).partition(": got ")[2].partition(", expected ")
-        raise InputError("condition", got, expected) from error
+def _condition(facts: GameFacts, config: TrainingConfig, env: EnvConfig, cell: Cell) -> Condition:
+    """What a cell plays, whose dotted keys win over the condition's own options."""
+    name = cell.settings.get("condition")
+    usual = facts.condition_of(config.env.app.options) or facts.default_condition
+    names = None if name is None else [str(name)]
+    named = named_options(env, cell.of("env."))
+    return chosen_conditions(facts, names, [usual], named, field="condition")[0]

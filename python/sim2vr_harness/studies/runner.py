@@ -15,6 +15,7 @@ from sim2vr_harness.base.cores import available
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.file_lock import sole_training
 from sim2vr_harness.base.files import read_json
+from sim2vr_harness.base.notices import notice_once
 from sim2vr_harness.base.signals import sigterm_interrupts
 from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.studies.cells import content_hash
@@ -102,6 +103,11 @@ def run_study(
     plan = None
     if study.optimise is None:
         plan = plan_of(study, folder=beside, trust_app=trust_app)
+        for names in plan.alike:
+            notice_once(
+                f"note: cells {', '.join(names[:-1])} and {names[-1]} are the same: they have the "
+                "same user, configuration and seeds, so their rounds are the same"
+            )
     if study.comparisons and find_spec("statsmodels") is None:
         expected = "it: pip install 'sim2vr-harness[studies]'"
         raise InputError("comparisons", "no statsmodels in this installation", expected)
@@ -158,7 +164,7 @@ def _require_own(root: Path, study: StudyConfig) -> None:
 
 
 def _compare(plan: StudyPlan, root: Path) -> None:
-    from sim2vr_harness.studies.statistics import compare_all, summaries
+    from sim2vr_harness.studies.comparisons import compare_all, summaries
 
     data = open_study(root)
     found = {

@@ -7,14 +7,15 @@ from pathlib import Path
 
 from sim2vr_harness.base import paths
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.envs.games import game_facts, with_condition, with_game
+from sim2vr_harness.envs.config import EnvConfig, with_options
+from sim2vr_harness.envs.games import game_facts, with_game
+from sim2vr_harness.evaluation.conditions import chosen_conditions, named_options
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config, parse_config, read_mapping
 from sim2vr_harness.users import list_bodies
 
-__all__ = ["environment_of", "settings_of"]
+__all__ = ["environment_of", "require_own_game", "settings_of"]
 
 
 def settings_of(who: str) -> TrainingConfig:
@@ -73,10 +74,26 @@ def environment_of(
             game_facts(env.app)
     except ValueError as error:
         raise _named("--game", error) from error
+    if condition is None:
+        return env
+    named = named_options(env, overrides)
+    (chosen,) = chosen_conditions(game_facts(env.app), [condition], named=named)
+    return with_options(env, chosen.options)
+
+
+def require_own_game(who: str, env: EnvConfig) -> None:
+    """Refuse a trained user in another game than that of its training.
+
+    Raises:
+        InputError: The environment is of another game; bodies and configurations are of any.
+    """
     try:
-        return with_condition(env, condition)
-    except ValueError as error:
-        raise _named("--condition", error) from error
+        trained = find_user(who, code=True).config.env.app.game
+    except InputError:
+        return
+    if env.app.game != trained:
+        got = f"{env.app.game!r} for {who}, which was trained for {trained!r}"
+        raise InputError("--game", got, f"{trained!r}, or a body instead of the user")
 
 
 def _named(option: str, error: ValueError) -> InputError:

@@ -17,10 +17,12 @@ from sim2vr_harness.users.bodies import (
     load_body,
 )
 from sim2vr_harness.users.effort import (
+    FATIGUE_PRESETS,
     ConsumedEndurance,
     CumulativeFatigue3CCr,
     EffortModel,
     EffortName,
+    FatiguePreset,
     MuscleState,
     Neural,
     Zero,
@@ -41,6 +43,7 @@ from sim2vr_harness.users.people import (
 
 __all__ = [
     "AVERAGE",
+    "FATIGUE_PRESETS",
     "FEATURES",
     "ActuatorGroup",
     "Body",
@@ -51,6 +54,7 @@ __all__ = [
     "EffortInputs",
     "EffortModel",
     "EffortName",
+    "FatiguePreset",
     "MotorNoise",
     "MotorNoiseSettings",
     "MuscleState",

@@ -26,6 +26,16 @@ EffortName = Literal[
 ]
 """What configurations and `make_effort` call the effort models."""
 
+FatiguePreset = Literal["reference", "shoulder"]
+FATIGUE_PRESETS: Mapping[FatiguePreset, Mapping[str, float]] = {
+    "reference": {"r": 7.5, "fatigue": 0.0146, "recovery": 0.0022},
+    "shoulder": {"r": 15.0, "fatigue": 0.0182, "recovery": 0.00168},
+}
+"""Rates of 3CC-r. `reference`: the SIM2VR paper's. `shoulder`: F and R of Frey-Law, Looft and
+Heitsman (2012), fitted to people's endurance at the shoulder; r of Looft and Frey-Law (2020)."""
+
+_REFERENCE = FATIGUE_PRESETS["reference"]
+
 
 class EffortModel(ABC):
     """Base of the effort models: N users side by side, none of which affects another.
@@ -213,9 +223,9 @@ class CumulativeFatigue3CCr(EffortModel):
         actuator_count: int | None = None,
         weight: float | None = None,
         dt: float = 0.05,
-        r: float = 7.5,
-        fatigue: float = 0.0146,
-        recovery: float = 0.0022,
+        r: float = _REFERENCE["r"],
+        fatigue: float = _REFERENCE["fatigue"],
+        recovery: float = _REFERENCE["recovery"],
         development: float = 10.0,
         relaxation: float = 10.0,
     ) -> None:

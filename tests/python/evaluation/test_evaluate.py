@@ -26,7 +26,9 @@ from sim2vr_harness.runs.run_folder import RunFolder
 WHACAMOLE = describe_game("whacamole")
 METRICS = (
     *("hits", "misses", "contacts", "hit_rate", "hit_speed_mps", "hammer_depth_m"),
-    *("max_fatigued", "action_change", "effort", "game_return", "return"),
+    *("max_fatigued", "exertion.nicer_right", "exertion.nicer_left"),
+    *("exertion.consumed_endurance_right", "exertion.consumed_endurance_left"),
+    *("action_change", "effort", "game_return", "return"),
 )
 """Names in results that cards and people's scripts rely on."""
 

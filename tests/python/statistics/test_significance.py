@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 from scipy import stats
 
+from sim2vr_harness.statistics.intervals import mean_interval
+from sim2vr_harness.statistics.power import detectable, units_needed
 from sim2vr_harness.statistics.significance import (
-    bootstrap,
+    Alternative,
     friedman,
     holm,
     kruskal_wallis,
     mann_whitney,
     normality,
+    paired_t,
+    smallest_p,
+    welch_t,
     wilcoxon,
 )
 
@@ -117,17 +124,66 @@ def test_normality_by_hand() -> None:
     assert normality(np.arange(3.0)) is None
 
 
-def test_bootstrap_intervals() -> None:
-    # Two units of 0 and 1: the mean of a resample is 0, 1/2 or 1; 0 and 1 a quarter each.
-    assert bootstrap(np.array([0.0, 1.0])) == (0.0, 1.0)
-    assert bootstrap(np.full(9, 4.0)) == (4.0, 4.0)
-    assert bootstrap(np.array([4.0])) is None
-    values = np.random.default_rng(3).normal(10.0, 2.0, 400)
-    low, high = bootstrap(values) or (0.0, 0.0)
-    # About mean +- 1.96 SD / sqrt(n).
-    half = 1.96 * values.std() / 20.0
-    assert low == pytest.approx(values.mean() - half, abs=0.02)
-    assert high == pytest.approx(values.mean() + half, abs=0.02)
-    apart = bootstrap(np.array([3.0, 3.0]), np.array([1.0, 1.0]))
-    assert apart == (2.0, 2.0)
-    assert bootstrap(values) == bootstrap(values), "the same again"
+def excludes_zero(interval: tuple[float | None, float | None]) -> bool:
+    low, high = interval
+    return (low is not None and low > 0.0) or (high is not None and high < 0.0)
+
+
+@pytest.mark.parametrize("alternative", ["two-sided", "less", "greater"])
+@pytest.mark.parametrize("test", [wilcoxon, mann_whitney, paired_t, welch_t])
+def test_intervals_agree_with_their_test(test: Any, alternative: Alternative) -> None:
+    """Whole numbers, so that there are ties and zeros."""
+    rng = np.random.default_rng(4)
+    rejected = 0
+    for n in (3, 4, 5, 6, 7, 9, 12, 14):
+        for shift in (0.0, 1.0, -2.0, 3.0):
+            first = np.rint(rng.normal(shift, 1.5, n))
+            second = np.rint(rng.normal(0.0, 1.5, n))
+            if np.ptp(first - second) == 0.0:
+                continue
+            found = test(first, second, alternative)
+            rejected += found["p"] < 0.05
+            assert not (excludes_zero(found["interval"]) and found["p"] > 0.05)
+            low, high = found["interval"]
+            inside = (low is None or low < 0.0) and (high is None or high > 0.0)
+            assert not (inside and found["p"] < 0.05)
+    assert 3 <= rejected < 25
+
+
+def test_rank_intervals_by_hand() -> None:
+    # Six pairs: sums of ranks up to 0 have p = 2 / 64 = .031, up to 1 .0625: the interval reaches
+    # from the least of the averages of pairs to the greatest, 1 and 6.
+    found = wilcoxon(*pairs(1, 2, 3, 4, 5, 6.5))
+    assert (found["interval"], found["p"]) == ((1.0, 6.5), 2 / 64)
+    assert found["estimate"] == pytest.approx(3.5)
+    assert wilcoxon(*pairs(1, 2, 3, 4, 5))["interval"] == (None, None), "p is .0625 at best"
+    # Of four and four, U = 0 has p = 2 / 70 = .029 and U = 1 4 / 70 = .057.
+    apart = mann_whitney(np.array([5.0, 6.0, 7.0, 9.0]), np.array([0.1, 1.2, 2.3, 3.4]))
+    assert apart["interval"] == pytest.approx((5.0 - 3.4, 9.0 - 0.1))
+
+
+def test_the_smallest_p() -> None:
+    assert smallest_p("wilcoxon", 4, "two-sided") == 0.125
+    assert smallest_p("wilcoxon", 4, "less") == 0.0625
+    assert smallest_p("mann-whitney", [3, 3], "two-sided") == pytest.approx(2 / 20)
+    assert smallest_p("paired-t", 4, "two-sided") is None
+
+
+def test_how_many_units_a_difference_needs() -> None:
+    # G*Power 3.1 (Faul et al. 2007): d_z = 0.5 needs 34 pairs, d = 0.5 64 a group, d = 0.8 26.
+    assert units_needed(0.5, 1.0, paired=True) == 34
+    assert units_needed(-1.0, 2.0, paired=False) == 64
+    assert units_needed(0.8, 1.0, paired=False) == 26
+    assert units_needed(0.5, 1.0, paired=True, tests=3) > 34
+    assert 0.49 < (detectable(34, 1.0) or 0.0) < 0.5 < (detectable(33, 1.0) or 0.0)
+    assert detectable([64, 64], 2.0) == pytest.approx(1.0, abs=0.01)
+    assert (detectable(34, 1.0, ranks=True) or 0.0) > (detectable(34, 1.0) or 0.0)
+
+
+def test_mean_intervals_are_student_s() -> None:
+    values = np.array([0.0, 1.0])
+    # The quantile of one degree of freedom is tan(0.475 pi); the mean's error is 1/2.
+    half = np.tan(0.475 * np.pi) / 2.0
+    assert mean_interval(values) == pytest.approx((0.5 - half, 0.5 + half))
+    assert mean_interval(np.full(9, 4.0)) == (4.0, 4.0)
+    assert mean_interval(np.array([4.0])) is None

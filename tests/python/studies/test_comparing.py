@@ -8,11 +8,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
+from statsmodels.stats.multitest import multipletests
 
 from sim2vr_harness.statistics.mixed_models import mixed_model
+from sim2vr_harness.studies.comparisons import compare, summaries
 from sim2vr_harness.studies.config import ComparisonConfig, parse_study
 from sim2vr_harness.studies.data import StudyData
-from sim2vr_harness.studies.statistics import compare, summaries
 
 
 def study_of(values: dict[tuple[str, str], list[list[float]]], **settings: Any) -> StudyData:
@@ -54,6 +56,7 @@ def asked(**settings: Any) -> ComparisonConfig:
     return ComparisonConfig(factor="difficulty", **settings)
 
 
+FOUR = {("easy", "A"): [4.0, 7.0, 9.0, 11.0], ("hard", "A"): [1.0, 5.0, 8.0, 7.0]}
 THREE = {
     ("easy", "A"): [[4.0, 6.0], [7.0, 7.0], [9.0, 9.0]],
     ("hard", "A"): [[1.0, 1.0], [2.0, 4.0], [3.0, 5.0]],
@@ -63,17 +66,63 @@ THREE = {
 
 def test_n_counts_persons_and_rounds_are_averaged_first() -> None:
     (found,) = compare(study_of(THREE), asked(), ["coins"])
-    assert (found["test"], found["n"], found["unit"]) == ("wilcoxon", 3, "person")
+    assert (found["test"], found["n"], found["unit"]) == ("paired-t", 3, "person")
     assert found["means"] == pytest.approx([7.0, 8.0 / 3.0])
     assert found["medians"] == [7.0, 3.0]
-    # Differences 4, 4, 5: all positive, 2 / 2^3 two-sided.
-    assert found["p"] == pytest.approx(0.25)
-    assert found["effect"] == 1.0
+    # Differences 4, 4, 5: mean 13/3, SD sqrt(1/3), error 1/3; t = 13 with two degrees of freedom,
+    # whose distribution is 1/2 + t / (2 sqrt(2 + t^2)).
+    assert found["statistic"] == pytest.approx(13.0)
+    assert found["p"] == pytest.approx(1.0 - 13.0 / np.sqrt(171.0))
     assert found["difference"]["mean"] == pytest.approx(13.0 / 3.0)
-    assert (found["difference"]["low"], found["difference"]["high"]) == (4.0, 5.0)
-    assert found["note"] == "with n = 3 no exact p can be below 0.25"
-    (greater,) = compare(study_of(THREE), asked(alternative="greater"), ["coins"])
+    assert found["difference"]["low"] == pytest.approx(13.0 / 3.0 - 4.302653 / 3.0)
+    assert found["difference"]["high"] == pytest.approx(13.0 / 3.0 + 4.302653 / 3.0)
+    assert found["note"] is None
+
+
+def test_the_smallest_p_that_n_allows_is_said() -> None:
+    (found,) = compare(study_of(THREE), asked(test="wilcoxon"), ["coins"])
+    # Differences 4, 4, 5: all positive, 2 / 2^3 two-sided.
+    assert (found["test"], found["p"], found["effect"]) == ("wilcoxon", 0.25, 1.0)
+    assert found["note"] == "with n = 3 the smallest possible p is 0.25"
+    difference = found["difference"]
+    assert (difference["low"], difference["high"], difference["detectable"]) == (None, None, None)
+    (greater,) = compare(study_of(THREE), asked(test="wilcoxon", alternative="greater"), ["coins"])
     assert greater["p"] == pytest.approx(0.125)
+    four = {key: [[value] for value in values] for key, values in FOUR.items()}
+    (found,) = compare(study_of(four), asked(test="wilcoxon"), ["coins"])
+    assert found["note"] == "with n = 4 the smallest possible p is 0.125"
+
+
+def test_pairs_that_differ_by_the_same_have_no_p() -> None:
+    values = {**THREE, ("hard", "A"): [[3.0], [5.0], [7.0]]}
+    (found,) = compare(study_of(values), asked(), ["coins"])
+    assert found["refused"] == "all pairs differ by the same: there is nothing to test"
+    assert found["difference"]["mean"] == 2.0
+
+
+def test_holm_s_correction_runs_over_measures_strata_and_pairs() -> None:
+    four = {key: [[value] for value in values] for key, values in FOUR.items()}
+    data = study_of(four)
+    data.episodes["gems"] = data.episodes["coins"] ** 2
+    first, second = compare(data, asked(), ["coins", "gems"])
+    assert {first["family"], second["family"]} == {2}
+    low, high = sorted([first["p"], second["p"]])
+    assert sorted([first["p_holm"], second["p_holm"]]) == pytest.approx(
+        [2 * low, max(2 * low, high)]
+    )
+    assert first["p_holm"] != first["p"]
+
+
+def test_the_difference_that_n_could_have_found() -> None:
+    four = {key: [[value] for value in values] for key, values in FOUR.items()}
+    (found,) = compare(study_of(four), asked(), ["coins"])
+    detectable = found["difference"]["detectable"]
+    # Noncentral t: with this mean difference a paired t test of four rejects 80 % of the time.
+    shift = detectable / found["difference"]["sd"] * np.sqrt(4)
+    limit = stats.t.ppf(0.975, 3)
+    assert stats.nct.sf(limit, 3, shift) + stats.nct.cdf(-limit, 3, shift) == pytest.approx(
+        0.8, abs=1e-3
+    )
 
 
 def test_one_person_has_no_p_however_many_rounds() -> None:
@@ -85,7 +134,9 @@ def test_one_person_has_no_p_however_many_rounds() -> None:
         "is no p value; let persons play (people), or train with several seeds"
     )
     assert found["means"] == [5.0, 1.0]
-    assert found["difference"] == {"mean": 4.0, "low": None, "high": None}
+    assert found["difference"] == {
+        "mean": 4.0, "sd": None, "estimate": 4.0, "low": None, "high": None,
+    }  # fmt: skip
 
 
 def test_rounds_as_units_are_marked() -> None:
@@ -95,16 +146,17 @@ def test_rounds_as_units_are_marked() -> None:
 
 
 def test_three_levels_give_friedman_s_test_and_corrected_pairs() -> None:
-    values = {**THREE, ("middle", "A"): [[3.0], [5.0], [6.0]]}
+    values = {**THREE, ("middle", "A"): [[3.0], [4.0], [6.0]]}
     found = compare(study_of(values), asked(), ["coins"])
-    assert [one["test"] for one in found] == ["friedman", "wilcoxon", "wilcoxon", "wilcoxon"]
+    assert [one["test"] for one in found] == ["friedman", "paired-t", "paired-t", "paired-t"]
     assert [one["levels"] for one in found[1:]] == [
         ["easy", "hard"], ["easy", "middle"], ["hard", "middle"],
     ]  # fmt: skip
     assert found[0]["effect"] == pytest.approx(1.0)
-    # Each pair has p = 0.25; three of them: 0.75.
-    assert [one["p_holm"] for one in found[1:]] == pytest.approx([0.75] * 3)
+    expected = multipletests([one["p"] for one in found[1:]], method="holm")[1]
+    assert [one["p_holm"] for one in found[1:]] == pytest.approx(list(expected))
     assert {one["family"] for one in found[1:]} == {3}
+    assert (found[0]["p_holm"], found[0]["family"]) == (found[0]["p"], 1)
 
 
 def test_other_factors_are_looked_at_apart_or_together() -> None:
@@ -142,9 +194,9 @@ def test_levels_that_one_user_plays_are_that_user_s() -> None:
     data = StudyData(Path("nowhere"), study, {"unit": "user"})
     data.__dict__.update(episodes=pd.DataFrame(rows), cells=pd.DataFrame(rows))
     (own,) = compare(data, ComparisonConfig(factor="task", levels=("easy", "hard")), ["coins"])
-    assert (own["test"], own["n"], own["p"]) == ("wilcoxon", 1, None)
+    assert (own["test"], own["n"], own["p"]) == ("paired-t", 1, None)
     (other,) = compare(data, ComparisonConfig(factor="task", levels=("hard", "other")), ["coins"])
-    assert (other["test"], other["n"], other["p"]) == ("mann-whitney", [1, 1], None)
+    assert (other["test"], other["n"], other["p"]) == ("welch-t", [1, 1], None)
 
 
 def test_trainings_of_two_kinds_are_independent() -> None:
@@ -161,7 +213,11 @@ def test_trainings_of_two_kinds_are_independent() -> None:
     study = parse_study({"name": "w", "fixed": {"config": "x.yaml"}, "factors": factors})
     data = StudyData(Path("nowhere"), study, {"unit": "seed"})
     data.__dict__.update(episodes=pd.DataFrame(rows), cells=pd.DataFrame(rows))
-    (found,) = compare(data, ComparisonConfig(factor="weight"), ["coins"])
+    (few,) = compare(data, ComparisonConfig(factor="weight"), ["coins"])
+    assert (few["test"], few["n"], few["unit"]) == ("welch-t", [3, 3], "seed")
+    # Variances 1 and 1: t = -3 / sqrt(2/3) with four degrees of freedom.
+    assert few["p"] == pytest.approx(2 * stats.t.sf(3.0 / np.sqrt(2 / 3), 4))
+    (found,) = compare(data, ComparisonConfig(factor="weight", test="wilcoxon"), ["coins"])
     assert (found["test"], found["n"], found["unit"]) == ("mann-whitney", [3, 3], "seed")
     # One of the 20 ways to choose three ranks is so low: two-sided 2 / 20.
     assert found["p"] == pytest.approx(0.1)

@@ -14,17 +14,24 @@ from PIL import Image
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Measure
+from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.figures.figure import Bars, Figure, Heat, Line, Panel, colour_of, keys_of
 from sim2vr_harness.figures.matplotlib_backend import write_stills
 from sim2vr_harness.figures.plotly_backend import plotly_of
-from sim2vr_harness.games.published import published_of
+from sim2vr_harness.games.published import Published, PublishedPeople, published_of
+from sim2vr_harness.human_comparison.agreement import (
+    cell_name,
+    fatigue_order,
+    order_agreement,
+)
+from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.studies.config import load_study
 from sim2vr_harness.studies.plan import plan_of
 from sim2vr_harness.studies.report import write_report
 from sim2vr_harness.studies.report.body import _view_of, load_of
-from sim2vr_harness.studies.report.methods import PlayedBy, methods_of
+from sim2vr_harness.studies.report.methods import PlayedBy, methods_of, varied_in
 from sim2vr_harness.studies.report.numbers import summary_of
-from sim2vr_harness.studies.report.sentences import sentences_of
+from sim2vr_harness.studies.report.sentences import n_sentence, sentences_of
 from sim2vr_harness.studies.report.source import ReportSource, read_source
 from sim2vr_harness.studies.report.strategy import depth_of, figures_of_strategy
 from sim2vr_harness.studies.report.tables import test_table as table_of_tests
@@ -86,18 +93,17 @@ def test_fatigue_of_a_round_is_the_one_at_its_end(source: ReportSource) -> None:
 
 
 def test_sentences_have_the_numbers_behind_them(source: ReportSource) -> None:
-    loads = [load_of(group) for group in source.groups]
-    told = {one.text: one.numbers for one in sentences_of(source, NOBODY, loads)}
-    # The return is 2 sparks - 2: 22 and 44.
-    assert (
-        told["The return is highest in wild <!--<script> and lowest in calm."]
-        == "44.0 against 22.0"
+    told = {one.text: one.numbers for one in sentences_of(source, NOBODY)}
+    # The return is 2 sparks - 2: 22 and 44, rounds 18, 26 and 38, 50.
+    first = (
+        "Return: 22.0 in calm; 44.0 in wild <!--<script>. No comparison was asked for: whether the "
+        "groups differ was not tested."
     )
-    tired = "The most tired muscles are BETA, GAMMA and ALPHA (in calm)."
-    assert told[tired].endswith("BETA 0.30, GAMMA 0.20, ALPHA 0.10")
-    assert told["wild <!--<script> tires the muscles most, calm least."].endswith(
-        "0.230 against 0.120"
+    assert next(iter(told)) == first
+    assert told[first] == (
+        "calm: SD 5.7, 1 unit, 2 rounds; wild <!--<script>: SD 8.5, 1 unit, 2 rounds"
     )
+    assert not any(word in " ".join(told) for word in ("highest", "lowest", "most", "fatigue"))
     text = next(text for text in told if text.startswith("n is 1"))
     assert "no p value" in text and told[text] == "n = 1, 4 rounds in 2 groups"
 
@@ -117,15 +123,26 @@ def test_comparisons_say_what_n_is_and_why_there_is_no_p(source: ReportSource) -
     html = table_of_tests(tested)
     assert html is not None and "no p value: n = 1: one unit" in html
     assert "10 rounds of one policy (no sample of people)" in html
-    assert "Z = -2.803" in html and "0.0020" in html and "0.0060" in html
+    assert "Z = -2.803" in html and "0.0020" in html and "0.0060 (3)" in html
     assert "1 trained user<" in html, "one is no plural"
     assert "12.00, 23.00" in html and "-11.00 [-13.00 to -9.00]" in html
     assert "calm – wild" in html
     directed = replace(source, comparisons=[by_round | {"alternative": "less"}])
     assert "calm &lt; wild" in str(table_of_tests(directed)), "one-sided tests say of what"
-    told = [one for one in sentences_of(tested, NOBODY, [None, None]) if "than in" in one.text]
-    assert [one.text for one in told] == ["Sparks: lower in calm than in wild."]
-    assert "95 % -13.00 to -9.00" in told[0].numbers and "rounds of one policy" in told[0].numbers
+    told = [one for one in sentences_of(tested, NOBODY) if "than in" in one.text]
+    assert [one.text for one in told] == [
+        "Sparks is 11.00 V lower in calm than in wild (difference -11.00, 95 % interval -13.00 to "
+        "-9.00, p = 0.0060 after Holm's correction for 3 tests, n = 10 rounds of one policy (no "
+        "sample of people)). No sample of persons."
+    ]
+    assert "uncorrected p = 0.0020" in told[0].numbers
+    alike = replace(source, comparisons=[by_round | {"p": 0.4, "p_holm": 1.0}])
+    first = sentences_of(alike, NOBODY)[0].text
+    assert first.startswith("No difference in sparks was found between calm and wild (")
+    refused = replace(source, comparisons=[about])
+    asked = sentences_of(refused, NOBODY)[0]
+    assert asked.text == "Whether there is a difference was not tested: n = 1: one unit."
+    assert asked.numbers == "Sparks in calm and wild"
 
 
 def test_the_methods_name_the_versions_of_the_recording(source: ReportSource) -> None:
@@ -295,3 +312,92 @@ def test_a_raised_hand_is_in_the_picture() -> None:
     half = view.distance_m * np.tan(np.radians(body.model.vis.global_.fovy / 2))
     assert view.towards_m[2] + half > data.xpos[:, 2].max() + 0.1
     assert view.towards_m[2] - half == pytest.approx(0.39)
+
+
+# --- populations, warnings and people -------------------------------------------------------------
+
+
+def test_persons_differ_in_what_is_switched_on() -> None:
+    """Delays need late senses, noise a noise model, head movement the reflex."""
+    plain = EnvConfig.model_validate({"user": {"people": {}}})
+    assert varied_in(plain) == ("size", "arm proportions", "strength", "cost of effort")
+    whole = load_config("whacamole_people").env
+    assert varied_in(whole) == (
+        "size", "arm proportions", "strength", "visual delay", "proprioceptive delay",
+        "motor noise", "cost of effort", "head movement",
+    )  # fmt: skip
+    some = EnvConfig.model_validate(
+        {"user": {"people": {"vary": ["strength", "motor_noise"]}, "effort": {"weight": 0.0}}}
+    )
+    assert varied_in(some) == ("strength",)
+    assert varied_in(EnvConfig.model_validate({"user": {"people": {"spread": 0.0}}})) == ()
+
+
+def test_methods_name_what_persons_differ_in(source: ReportSource) -> None:
+    persons = replace(source, unit="person")
+    text = methods_of(persons, [PlayedBy("somebody", 1000, differs=("size", "strength"))])
+    assert "Users were simulated persons (n = 1); they differ in size and strength." in text
+    assert "delays" not in text and "noise" not in text
+    assert "they do not differ" in methods_of(persons, [PlayedBy("somebody", 1, differs=())])
+    assert "differ" not in methods_of(persons, [PlayedBy("somebody", 1)])
+
+
+def test_warnings_of_the_evaluation_are_in_the_report(tmp_path: Path) -> None:
+    folder = strange_game.write_tables(tmp_path)
+    lines = {"calm": ["people: yes (trained: none)", "torso: yes (trained: no)"]}
+    results = {
+        name: {"unpractised": lines.get(name, []), "score": "sparks"}
+        for name in strange_game.CONDITIONS
+    }
+    (folder / "results.json").write_text(json.dumps(results))
+    told = read_source(folder)
+    texts = [one.text for one in sentences_of(told, NOBODY)]
+    assert texts[0].startswith("Sparks: 12.00 V in calm; 23.00 V"), "the score of the task leads"
+    assert texts[1:3] == [
+        "The users in calm were never trained on people: their policies have learned with one "
+        "average body.",
+        "The users in calm were never trained with torso: yes (trained: no).",
+    ]
+    assert texts[1] in methods_of(told, [PlayedBy("somebody", 1000)])
+
+
+def test_users_have_a_place_among_people(source: ReportSource) -> None:
+    people = PublishedPeople(title="", file="", citation="", duration_s=4.0)
+    rows = tuple({"condition": "calm", "return": value} for value in (10.0, 20.0, 30.0, 40.0))
+    published = Published(people=people, rows=rows)
+    told = {one.text: one.numbers for one in sentences_of(source, published)}
+    # 22 is above two of four; people 25 +- 12.9.
+    text = (
+        "Return beside people (distance to their mean in their SD): calm: percentile 50 of 4 "
+        "people, -0.2 SD."
+    )
+    assert told[text] == "calm: 22.0, people 25.0, SD 12.9"
+    assert not any("range" in text for text in told)
+
+
+def test_disagreement_with_people_is_said_in_words() -> None:
+    assert fatigue_order(
+        {"low": 0.2, "mid": 0.3, "high": 0.4}, {"low": 9, "mid": 9, "high": 10}
+    ) == (
+        "fatigue of users is high > mid > low, people rate high > low = mid: users and people "
+        "disagree about low and mid."
+    )
+    assert fatigue_order({"low": 0.2, "high": 0.4}, {"low": 9, "high": 10}).endswith(
+        ": both agree."
+    )
+    words, r = order_agreement(np.array([0.9, 0.5, 0.4]), np.array([0.4, 0.5, 0.9]))
+    assert (words, r) == ("disagree", "Spearman's r = -1.00, n = 3")
+    assert [cell_name(i, 3, 3) for i in (0, 4, 8)] == ["top left", "the middle", "bottom right"]
+
+
+def test_axes_have_units_and_words_have_number(page: str, source: ReportSource) -> None:
+    assert "0-1" not in page.partition("<script>")[0]
+    panels = re.search(r'id="panels">(.*?)</script>', page, re.S)
+    assert panels is not None and '"0-1"' not in panels.group(1)
+    fatigue = source.measure("max_fatigued")
+    assert fatigue is not None and fatigue.heading == "Muscle fatigue (proportion)"
+    one = replace(
+        source, groups=[replace(g, episodes=g.episodes.iloc[:1]) for g in source.groups[:1]]
+    )
+    assert n_sentence(one).numbers == "n = 1, 1 round in 1 group"
+    assert "1 rounds" not in methods_of(one, [PlayedBy("somebody", 1000)])

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -19,6 +20,9 @@ from fake_simulation import FakeSimulation
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.notices import set_notice
+from sim2vr_harness.cli.main import main
+from sim2vr_harness.evaluation.data import DataFolder, read_data
+from sim2vr_harness.evaluation.data.columns import Column, number_table
 from sim2vr_harness.evaluation.evaluate import evaluate
 from sim2vr_harness.studies import StudyConfig, read_study, run_study
 from sim2vr_harness.studies import worker as work
@@ -177,12 +181,53 @@ def test_people_are_the_units(trained: Path, quick: list[str], tmp_path: Path) -
     summary = found.data.statistics["summaries"][0]
     assert (summary["n"], summary["rounds"], summary["unit"]) == (4, 8, "person")
     (result,) = found.data.statistics["results"]
-    assert (result["test"], result["n"], result["refused"]) == ("wilcoxon", 4, None)
+    assert (result["test"], result["n"], result["refused"]) == ("paired-t", 4, None)
     # Each person counts with the mean of its two rounds.
     means = episodes.groupby(["unit", "factor_actions"])["return"].mean().unstack()
     assert result["means"] == pytest.approx([means["mean"].mean(), means["drawn"].mean()])
-    assert result["note"] == "with n = 4 no exact p can be below 0.0625"
+    assert result["difference"]["high"] is None, "a one-sided test bounds one side"
     assert "person_stature_m" in episodes
+
+
+def test_a_plan_says_how_many_persons_a_difference_needs(
+    trained: Path,
+    quick: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
+    file, out = tmp_path / "study.yaml", tmp_path / "out"
+    factors = {"actions": {"key": "deterministic", "levels": {"mean": True, "drawn": False}}}
+    tree = {
+        "name": "quick", "fixed": {"user": str(trained), "condition": "easy"}, "factors": factors,
+        "people": 4, "episodes": 2, "measures": ["return"], "comparisons": [{"factor": "actions"}],
+    }  # fmt: skip
+    file.write_text(yaml.safe_dump(tree))
+
+    def planned(*options: str) -> tuple[int, str]:
+        with pytest.raises(SystemExit) as exit_:
+            main(["study", str(file), "--out", str(out), *options])
+        return int(exit_.value.code or 0), "".join(capsys.readouterr())
+
+    code, text = planned("--plan")
+    assert code == 0 and not out.exists() and quick == [], "nothing is played"
+    # G*Power: 34, 15 and 8 pairs for d_z = 0.5, 0.8 and 1.2.
+    rows = [line.split() for line in text.splitlines() if "drawn - mean" in line]
+    assert [(row[-3], row[-1]) for row in rows] == [("0.50", "34"), ("0.80", "15"), ("1.20", "8")]
+    assert "SD: unknown: no earlier results" in text
+    code, text = planned("--plan", "--difference", "return=1")
+    assert code == 2 and "--difference: got return=1 without a standard deviation" in text
+    code, text = planned("--plan", "--difference", "return=few")
+    assert code == 2 and "--difference: got 'return=few', expected MEASURE=VALUE with a" in text
+    code, text = planned("--difference", "return=1")
+    assert code == 2 and "expected it together with --plan" in text
+    episodes = run_study(file, out, jobs=1).data.episodes
+    means = episodes.groupby(["unit", "factor_actions"])["return"].mean().unstack()
+    sd = (means["mean"] - means["drawn"]).std(ddof=1)
+    code, text = planned("--plan", "--difference", f"return={sd / 2}")
+    row = next(line.split() for line in text.splitlines() if "drawn - mean" in line)
+    assert row[3:] == ["return", f"{sd:.3g}", f"{sd / 2:.3g}", "0.50", "1", "34"]
 
 
 def test_the_user_s_own_way_of_choosing_actions_counts(
@@ -265,7 +310,7 @@ def test_a_factor_may_need_training(
     }  # fmt: skip
     result = data.statistics["results"][0]
     # Trainings of two weights have nothing in common, whatever their seeds are called.
-    assert (result["test"], result["n"]) == ("mann-whitney", [2, 2])
+    assert (result["test"], result["n"]) == ("welch-t", [2, 2])
     before = content(tmp_path / "out")
     run_study(asked, tmp_path / "out", jobs=1)
     assert len(trainings) == 4
@@ -343,3 +388,81 @@ def test_cells_from_before_hashes_are_taken_with_one_note(
     finally:
         set_notice(None)
     assert [note.partition(":")[0] for note in notes] == ["note"]
+
+
+def test_a_study_is_exported_for_opensim_by_cell(
+    trained: Path, quick: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    levels = {"a/b": "easy", "a b": "hard"}
+    wanted = {"which": {"key": "condition", "levels": levels}}
+    found = run_study(study(trained, factors=wanted, comparisons=[]), tmp_path / "out", jobs=1)
+    export = ["export", str(tmp_path / "out"), "--out", str(tmp_path / "sto")]
+    with pytest.raises(SystemExit) as left:
+        main(export)
+    assert left.value.code == 2
+    assert "got no steps, expected those of an evaluation that kept" in capsys.readouterr().err
+    joint = Column("q_elbow", "number", "rad", "Angle")
+    time = Column("time_s", "number", "s", "Time")
+    for cell in found.data.cells["folder"]:
+        tables = DataFolder(tmp_path / "out" / cell / "data")
+        rows = read_data(tables.root).episodes.to_dict("records")
+        for row in rows:
+            values = np.full((1, 1), np.radians(10.0 * row["seed"]))
+            times = [(time, np.array([0.05]))]
+            tables.write_moments(
+                "steps", row["episode"], number_table(row["episode"], times, values, [joint])
+            )
+        dictionary = b"table,column,type,unit,description\nsteps,q_elbow,number,rad,Angle\n"
+        (tables.root / "dictionary.csv").write_bytes(dictionary)
+        about = json.loads((tmp_path / "out" / cell / "cell.json").read_text())
+        about.pop("sha256")
+        (tmp_path / "out" / cell / "cell.json").write_text(json.dumps(about))
+    with pytest.raises(SystemExit):
+        main(export)
+    written = sorted((tmp_path / "sto").rglob("*.mot"))
+    assert [str(file.relative_to(tmp_path / "sto")) for file in written] == [
+        *("which=a_b/easy_seed1_joints.mot", "which=a_b/easy_seed2_joints.mot"),
+        *("which=a_b_1/hard_seed1_joints.mot", "which=a_b_1/hard_seed2_joints.mot"),
+    ]
+    assert written[3].read_text().splitlines()[-1].split() == ["0.050000", "20"]
+    some = read_study(tmp_path / "out").export_opensim(tmp_path / "some", ["hard_seed1"])
+    assert [file.name for file in some if file.suffix == ".mot"] == ["hard_seed1_joints.mot"]
+    with pytest.raises(InputError, match="episode: got 'hard_seed3', expected one of"):
+        read_study(tmp_path / "out").export_opensim(tmp_path / "some", ["hard_seed3"])
+
+
+def test_cells_play_the_options_that_they_name(
+    trained: Path, quick: list[str], tmp_path: Path
+) -> None:
+    factors = {"what": {"key": "env.app.options.condition", "levels": ["easy", "hard"]}}
+    found = run_study(study(trained, factors=factors, comparisons=[]), tmp_path / "out", jobs=1)
+    assert quick == ["easy", "hard"]
+    assert found.data.cells["condition"].tolist() == ["easy", "hard"]
+    fixed = {"user": str(trained), "condition": "medium"}
+    both = study(trained, fixed=fixed, factors=factors, comparisons=[])
+    message = r"^cell what=easy: condition: got 'medium' together with .*condition=easy, which is"
+    with pytest.raises(InputError, match=message):
+        run_study(both, tmp_path / "both", jobs=1)
+
+
+def test_cells_that_are_the_same_are_noticed(
+    trained: Path, quick: list[str], tmp_path: Path
+) -> None:
+    told: list[str] = []
+    set_notice(told.append)
+    noise = {"key": "env.user.noise.constant_level", "levels": {"usual": 0.185, "more": 0.3}}
+    levels = {"plain": {"condition": "easy"}, "named": {"env.app.options.condition": "easy"}}
+    factors = {"noise": noise, "way": {"levels": levels}}
+    try:
+        run_study(study(trained, factors=factors, comparisons=[]), tmp_path / "out", jobs=1)
+        assert told == [
+            f"note: cells noise={level},way=plain and noise={level},way=named are the same: they "
+            "have the same user, configuration and seeds, so their rounds are the same"
+            for level in ("usual", "more")
+        ]
+        told.clear()
+        own = study(trained, factors=factors, comparisons=[], seeds="own")
+        run_study(own, tmp_path / "own", jobs=1)
+        assert told == []
+    finally:
+        set_notice(None)

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.cli.main import main
 from sim2vr_harness.envs.config import EffortConfig
 from sim2vr_harness.games.registry import reward_terms
 from sim2vr_harness.games.rewards import Formula, RewardTerms, Term
@@ -163,3 +164,22 @@ def test_files(body: Body, tmp_path: Path) -> None:
     rows = (tmp_path / "rewards.csv").read_text().splitlines()
     assert len(rows) == 1 + 4 * 20
     assert "one &lt;two>" in (tmp_path / "rewards.html").read_text()
+
+
+def test_a_trained_user_in_another_game_is_refused(
+    trained: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for option in (["--game", "beats"], ["--set", "env.app.game=beats"]):
+        with pytest.raises(SystemExit) as left:
+            main(["rewards", str(trained), *option, "--out", str(tmp_path / "out")])
+        assert left.value.code == 2
+        told = capsys.readouterr().err.strip().splitlines()
+        assert told == [
+            f"error: --game: got 'beats' for {trained}, which was trained for 'whacamole', "
+            "expected 'whacamole', or a body instead of the user"
+        ]
+    assert not (tmp_path / "out").exists()
+    with pytest.raises(SystemExit) as left:
+        main(["rewards", "mobl_arms_wrist", "--game", "beats", "--out", str(tmp_path / "body")])
+    assert not left.value.code
+    assert (tmp_path / "body" / "rewards.csv").is_file()

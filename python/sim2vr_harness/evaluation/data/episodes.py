@@ -9,6 +9,7 @@ from typing import Any
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.evaluation.data.columns import Column, column_name, columns_of, merged
+from sim2vr_harness.evaluation.fatigue import fatigue_measures
 from sim2vr_harness.evaluation.metrics import RoundResult, measures_of
 
 __all__ = ["EPISODE_COLUMNS", "episode_columns", "episode_rows"]
@@ -111,7 +112,7 @@ def episode_columns(rows: Sequence[Mapping[str, Any]], facts: GameFacts) -> list
     facts = facts.with_log({key: 0.0 for row in rows for key in row})
     told = {
         measure.name: (measure.unit, _about(measure.label, measure.description))
-        for measure in measures_of(facts)
+        for measure in (*measures_of(facts), *fatigue_measures(key for row in rows for key in row))
     }
     told |= {
         f"{measure.name}_{i}": (measure.unit, f"{measure.label}, item {i}, row by row")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sim2vr_harness.games.behaviour import Behaviour, Bounds, Contrast, Goal, Goals, Ratings
+from sim2vr_harness.games.behaviour import Behaviour, Contrast, Ratings
 
 __all__ = ["BEHAVIOUR"]
 
@@ -43,7 +43,6 @@ BEHAVIOUR = Behaviour(
             "unconstrained": {"low": 8.5, "medium": 8.0, "high": 10.0},
         },
         people={"constrained": 12, "unconstrained": 6},
-        z={"constrained": {"high - low": 2.213, "high - medium": 2.414}},
         source="Fischer et al., SIM2VR, UIST 2024",
     ),
     headlines=(
@@ -54,20 +53,6 @@ BEHAVIOUR = Behaviour(
         ("easy", "hits"),
         ("medium", "wrist_ratio"),
         *((condition, "hit_rate") for condition in ("easy", "medium", "hard", "low", "high")),
-    ),
-    # Bars and aims were set before any user was trained for them, from nine people's ranges.
-    goals=Goals(
-        inside=0.55,
-        inside_aim=0.65,
-        measures=(
-            Goal("easy", "vm_latency", Bounds(0.17, 0.22)),
-            Goal("easy", "strike_early", Bounds(high=0.27), Bounds(high=0.1)),
-            Goal("easy", "tth_median", Bounds(0.35, 0.52)),
-            Goal("medium", "tth_median", Bounds(0.45, 0.70)),
-            Goal("easy", "hits", Bounds(high=85.0), Bounds(58.0, 82.0)),
-            Goal("medium", "wrist_ratio", Bounds(low=1.5), Bounds(1.6, 2.1)),
-        ),
-        rate="hit_rate",
     ),
 )
 """Nine cells, a hammer, and two rules: a hit needs speed, or any touch is one."""

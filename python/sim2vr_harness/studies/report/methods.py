@@ -10,8 +10,12 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import read_bytes
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.contract import contract, contract_hash
+from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.studies.report.body import trained_users_of
+from sim2vr_harness.studies.report.numbers import counted
+from sim2vr_harness.studies.report.sentences import warnings_of
 from sim2vr_harness.studies.report.source import ReportSource, changes_of
+from sim2vr_harness.users import effort_weight
 
 __all__ = ["BIBTEX", "PlayedBy", "methods_of", "played_by"]
 
@@ -23,6 +27,18 @@ _RECORDING = {
     "stable-baselines3": "Stable-Baselines3",
 }
 """Package -> name: what decides the numbers of a round."""
+_TRAITS = {
+    "stature_m": "size",
+    "upper_arm_factor": "arm proportions",
+    "forearm_factor": "arm proportions",
+    "strength": "strength",
+    "visual_delay_s": "visual delay",
+    "proprioceptive_delay_s": "proprioceptive delay",
+    "motor_noise": "motor noise",
+    "effort_weight": "cost of effort",
+    "head_movement": "head movement",
+}
+"""Trait -> its name in a paper."""
 _ANALYSIS = {"scipy": "SciPy", "statsmodels": "statsmodels"}
 """What works out statistics."""
 
@@ -73,6 +89,7 @@ class PlayedBy:
         contract: Hash of what the policy relies on.
         weights: First 16 digits of the SHA-256 of its weights.
         deterministic: Whether its own configuration evaluates the policy's mean; None: not known.
+        differs: What persons differ in, of a population; None: not known.
     """
 
     name: str
@@ -83,6 +100,7 @@ class PlayedBy:
     contract: str = ""
     weights: str = ""
     deterministic: bool | None = None
+    differs: tuple[str, ...] | None = None
 
 
 def played_by(source: ReportSource) -> list[PlayedBy]:
@@ -112,6 +130,7 @@ def played_by(source: ReportSource) -> list[PlayedBy]:
                 contract_hash(contract(env)),
                 weights,
                 user.config.evaluation.deterministic,
+                varied_in(_played_in(source, name, env)) if source.unit == "person" else None,
             )
         )
     return found
@@ -138,11 +157,60 @@ def _effort(env: EnvConfig) -> str:
     return f"{model}, its own weight" if weight is None else f"{model}, weight {weight:g}"
 
 
+def _played_in(source: ReportSource, user: str, env: EnvConfig) -> EnvConfig:
+    """Return the environment of a user's first group: the training's, with its changes."""
+    group = next(group for group in source.groups if group.user == user)
+    changes = [change for change in changes_of(group) if not change.startswith("env.app.")]
+    tree = apply_overrides({"env": env.model_dump()}, changes)["env"]
+    tree["user"]["people"] = tree["user"]["people"] or {}
+    return EnvConfig.model_validate(tree)
+
+
+def varied_in(env: EnvConfig) -> tuple[str, ...]:
+    """Return what persons of a population differ in: traits that vary and have an effect."""
+    people, noise, effort = env.user.people, env.user.noise, env.user.effort
+    if people is None or people.spread == 0.0:
+        return ()
+    late = {sense.sense for sense in env.senses if sense.delay_ms == "person"}
+    acts = {
+        "stature_m": True,
+        "upper_arm_factor": True,
+        "forearm_factor": True,
+        "strength": True,
+        "visual_delay_s": bool(late - {"proprioception"}),
+        "proprioceptive_delay_s": "proprioception" in late,
+        "motor_noise": bool(noise.signal_dependent or noise.constant),
+        "effort_weight": effort_weight(effort.model, effort.weight) > 0.0,
+        "head_movement": env.user.head == "reflex",
+    }
+    return tuple(
+        dict.fromkeys(_TRAITS[name] for name in acts if acts[name] and name in people.vary)
+    )
+
+
+def _population(source: ReportSource, users: Sequence[PlayedBy]) -> str:
+    """Return what the simulated persons differ in, as far as it is known."""
+    n = len(source.units)
+    told = [
+        f"differ in {_and(user.differs)}" if user.differs else "do not differ"
+        for user in users
+        if user.differs is not None
+    ]
+    if not told:
+        return f"Users were simulated persons (n = {n})."
+    return f"Users were simulated persons (n = {n}); they {' or '.join(dict.fromkeys(told))}."
+
+
+def _and(words: Sequence[str]) -> str:
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}"
+
+
 def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:
     """Return the paragraph, ready to paste."""
     groups = source.groups
     rounds = sorted({len(group.episodes) for group in groups})
-    per = str(rounds[0]) if len(rounds) == 1 else f"{rounds[0]} to {rounds[-1]}"
+    per = f"{rounds[0]} to {counted(rounds[-1], 'round')}"
+    per = counted(rounds[0], "round") if len(rounds) == 1 else per
     first = groups[0].episodes
     frequency = (first["steps"] / first["duration_s"]).round(3).median()
     seeds = sorted({int(seed) for group in groups for seed in group.episodes["seed"]})
@@ -153,15 +221,13 @@ def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:
     parts = [
         f"{_count(len(users), 'simulated user')} ({'; '.join(map(_user, users))}) played "
         f"{source.facts.name} ({', '.join(conditions)}) in {_own(source)}, in lockstep at "
-        f"{frequency:g} user steps a second, {per} rounds per group.",
+        f"{frequency:g} user steps a second, {per} per group.",
         f"Round seeds were {_seeds(seeds)}{', the same in all groups' if paired else ''}; actions "
         f"were {_actions(source, users)}.",
     ]
     if source.unit == "person":
-        parts.append(
-            f"Users were {len(source.units)} simulated persons who differ in size, strength, "
-            "delays, noise and effort."
-        )
+        parts.append(_population(source, users))
+    parts += [f"{line[0].upper()}{line[1:]}" for line in warnings_of(source)]
     if source.search is not None:
         count = len(source.search.trials)
         parts.append(
@@ -191,6 +257,8 @@ def methods_of(source: ReportSource, users: list[PlayedBy]) -> str:
 
 def _tests(source: ReportSource) -> str:
     names = {
+        "paired-t": "paired t tests",
+        "welch-t": "Welch's t tests",
         "wilcoxon": "Wilcoxon's signed-rank test",
         "friedman": "Friedman's test",
         "mann-whitney": "Mann and Whitney's test",
@@ -202,8 +270,8 @@ def _tests(source: ReportSource) -> str:
         return "No test was made: n is too small for a p value."
     text = f"Groups were compared by {', '.join(names.get(name, name) for name in used)}"
     if any(result.get("p_holm") is not None for result in source.comparisons):
-        text += ", p values of pairs corrected after Holm"
-    text = f"{text}; intervals are 95 % bootstrap intervals over units."
+        text += ", p corrected after Holm over all measures of a comparison"
+    text = f"{text}; 95 % intervals of differences invert these tests, those of means are t."
     if any(result.get("unit") == "round" for result in source.comparisons):
         text += " Where it is said, units are rounds of one policy instead, no sample of people."
     return text

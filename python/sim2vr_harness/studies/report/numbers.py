@@ -9,9 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sim2vr_harness.client import Measure
-from sim2vr_harness.studies.report.source import Group
+from sim2vr_harness.studies.report.source import PROPORTION, Group
 
-__all__ = ["Summary", "in_words", "known", "summary_of", "with_spread"]
+__all__ = ["Summary", "counted", "in_words", "known", "summary_of", "with_spread"]
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,14 @@ def known(values: Sequence[float | None]) -> list[float]:
     return [value for value in values if value is not None and math.isfinite(value)]
 
 
+def counted(n: int, what: str) -> str:
+    """Return a number of things: ``1 round``, ``2 rounds``."""
+    return f"{n} {what}" if n == 1 else f"{n} {what}s"
+
+
 def in_words(value: float, measure: Measure) -> str:
     """A number with its unit, as many digits as the game publishes."""
-    unit = f" {measure.unit}" if measure.unit and "-" not in measure.unit else ""
+    unit = f" {measure.unit}" if measure.unit and measure.unit != PROPORTION else ""
     return f"{value:,.{measure.digits}f}{unit}"
 
 

@@ -131,7 +131,7 @@ def _grid(groups: Sequence[Group], grid: Measure, published: Published) -> Figur
         )
         for title, table in (*tables, *theirs.items())
     ]
-    caption = "As the player sees it; mean over rounds. Dark is much."
+    caption = "As the player sees it; mean over rounds. Darker: higher."
     return Figure(f"grid_{grid.name}", grid.heading, caption, panels)
 
 
@@ -189,11 +189,11 @@ def _outcomes(groups: Sequence[Group]) -> Figure:
         if len(numbers) > _MOST_COUNTS:
             counts = f"{min(numbers)} to {max(numbers)} in each"
         panels.append(
-            Panel(f"{_several(name)} ({counts})", layers, y_label="share", stacked=True,
+            Panel(f"{_several(name)} ({counts})", layers, y_label="proportion", stacked=True,
                   legend=True, y_range=(0.0, 1.02))
         )  # fmt: skip
-    text = "Share of each outcome among the items that had one; their numbers are in the titles."
-    return Figure("outcomes", "How items ended", text, panels)
+    text = "Proportion of each outcome among the items that had one; titles have their numbers."
+    return Figure("outcomes", "Outcomes of items", text, panels)
 
 
 def _several(name: str) -> str:

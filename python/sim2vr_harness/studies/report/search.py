@@ -76,25 +76,7 @@ def figures_of_search(source: ReportSource) -> Iterator[Figure]:
     rule = " Diamonds: the best."
     rule += f" Grey crosses: beyond a limit ({limits})." if limits else ""
     objectives = [_measure_axis(source, search, name) for name in search.wanted.objectives]
-    if len(objectives) == 1:
-        yield Figure(
-            "search",
-            "The search",
-            f"Every trial, and the best so far that keeps the limits.{rule}",
-            [_progress(search, objectives[0])],
-        )
-    else:
-        yield Figure(
-            "search",
-            "The best compromises",
-            "Every trial; on the line (the Pareto front) none is better in one objective without "
-            f"being worse in another.{rule}",
-            [
-                _front(search, first, second)
-                for k, first in enumerate(objectives)
-                for second in objectives[k + 1 :]
-            ],
-        )
+    yield _objectives_figure(search, objectives, rule)
     parameters = [_parameter_axis(search, name) for name in search.wanted.parameters]
     constraints = [
         _measure_axis(source, search, name)
@@ -117,6 +99,28 @@ def figures_of_search(source: ReportSource) -> Iterator[Figure]:
         "All parameters side by side",
         "A line per trial, from the least to the greatest value of each; the best are coloured.",
         [_parallel(search, [*parameters, *constraints, *objectives])],
+    )
+
+
+def _objectives_figure(search: Search, objectives: Sequence[_Axis], rule: str) -> Figure:
+    """Progress of one objective, or the Pareto front of several."""
+    if len(objectives) == 1:
+        return Figure(
+            "search",
+            "The search",
+            f"Every trial, and the best so far that keeps the limits.{rule}",
+            [_progress(search, objectives[0])],
+        )
+    return Figure(
+        "search",
+        "The best compromises",
+        "Every trial; on the line (the Pareto front) none is better in one objective without "
+        f"being worse in another.{rule}",
+        [
+            _front(search, first, second)
+            for k, first in enumerate(objectives)
+            for second in objectives[k + 1 :]
+        ],
     )
 
 

@@ -1,4 +1,4 @@
-"""What came out, in plain words: a sentence each, and the numbers that it says no more than."""
+"""The summary of a report: answers to what was asked, each with its numbers."""
 
 from __future__ import annotations
 
@@ -6,21 +6,28 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
-import numpy as np
-
 from sim2vr_harness.client import Measure
 from sim2vr_harness.games.published import Published
-from sim2vr_harness.studies.report.body import Load
-from sim2vr_harness.studies.report.effort import effort_share
-from sim2vr_harness.studies.report.numbers import Summary, in_words, known, summary_of
-from sim2vr_harness.studies.report.source import Group, ReportSource
+from sim2vr_harness.studies.report.numbers import counted, in_words, summary_of
+from sim2vr_harness.studies.report.people import people_sentences
+from sim2vr_harness.studies.report.source import ReportSource
 
-__all__ = ["Sentence", "n_sentence", "sentences_of"]
+__all__ = ["Sentence", "n_sentence", "sentences_of", "warnings_of"]
 
 _MOST_TESTS = 6
+"""Of a kind that are told one by one; the table of tests has all."""
 _MOST_GROUPS = 6
 """That are named one by one; of more the table has the numbers."""
 _SIGNIFICANT = 0.05
+_TESTS = {
+    "paired-t": "paired t test",
+    "welch-t": "Welch's t test",
+    "wilcoxon": "Wilcoxon's signed-rank test",
+    "mann-whitney": "Mann and Whitney's test",
+    "friedman": "Friedman's test",
+    "kruskal-wallis": "Kruskal and Wallis' test",
+    "mixed": "linear mixed model",
+}
 
 
 @dataclass(frozen=True)
@@ -31,235 +38,159 @@ class Sentence:
     numbers: str
 
 
-def sentences_of(
-    source: ReportSource, published: Published, loads: Sequence[Load | None]
-) -> list[Sentence]:
-    """Return the summary; only statements that these data allow."""
+def sentences_of(source: ReportSource, published: Published) -> list[Sentence]:
+    """Return the summary: the answer to the title first, nothing of measures nobody asked for."""
     return [
-        *_score(source),
-        *_people(source, published),
-        *_places(source),
-        *_times(source, published),
-        *_tiring(source),
-        *_muscles(source, loads),
-        *_effort(source),
-        *_tests(source),
+        *(_answers(source) if source.comparisons else _described(source)),
+        *(Sentence(*words) for words in people_sentences(source, published, _asked(source))),
+        *(Sentence(text, "") for text in warnings_of(source)),
         n_sentence(source),
     ]
+
+
+def warnings_of(source: ReportSource) -> Iterator[str]:
+    """Yield what the users were not trained for, a sentence each."""
+    for line, labels in source.unpractised.items():
+        where = "" if len(labels) == len(source.groups) else f" in {_groups(labels, len(labels))}"
+        if line.startswith("people: yes"):
+            yield (
+                f"The users{where} were never trained on people: their policies have learned with "
+                "one average body."
+            )
+        else:
+            yield f"The users{where} were never trained with {line}."
+
+
+def _asked(source: ReportSource) -> list[Measure]:
+    """The measures that somebody asked for; the score if nobody named any."""
+    named = list(source.planned.get("measures") or ())
+    for comparison in source.planned.get("comparisons", ()):
+        named += comparison.get("measures") or ()
+    found = [m for name in dict.fromkeys(named) if (m := source.measure(str(name)))]
+    return found or [source.score]
 
 
 def n_sentence(source: ReportSource) -> Sentence:
     """What n is, and what it allows to say."""
     n, rounds = len(source.units), sum(len(group.episodes) for group in source.groups)
-    who = {"person": "simulated persons", "user": "trained users"}.get(
-        source.unit, f"levels of {source.unit}"
-    )
+    who = {"person": "simulated person", "user": "trained user"}.get(source.unit)
+    what = f"levels of {source.unit}" if who is None else counted(n, who).partition(" ")[2]
     if n == 1:
         text = (
-            "n is 1: one trained user. Its rounds show how much it varies, not how much other "
-            "users or people do, so there is no p value for differences between conditions."
+            f"n is 1: one {who or f'level of {source.unit}'}. Its rounds show how much it varies, "
+            "not how much other users or people do, so there is no p value for differences between "
+            "conditions."
         )
     elif source.unit == "user":
         text = (
-            f"n is {n} trained users, each in its own right: what distinguishes them is seen here, "
-            "but not whether another training of the same kind would be the same."
+            f"n is {n} trained users, each in its own right: differences between them are shown, "
+            "but not whether another training of the same kind would have the same."
         )
     else:
-        text = f"n is {n} {who}; rounds of one of them count as one value, their mean."
-    return Sentence(text, f"n = {n}, {rounds} rounds in {len(source.groups)} groups")
+        text = f"n is {n} {what}; rounds of one of them count as one value, their mean."
+    groups = counted(len(source.groups), "group")
+    return Sentence(text, f"n = {n}, {counted(rounds, 'round')} in {groups}")
 
 
-def _score(source: ReportSource) -> Iterator[Sentence]:
-    score = source.score
-    found = [(g, s) for g in source.groups if (s := summary_of(g, score.name)) is not None]
-    if not found:
-        return
-    label = _lower(score.label)
-    if len(found) == 1:
-        group, summary = found[0]
+def _described(source: ReportSource) -> Iterator[Sentence]:
+    """Describe what was asked for where nothing was compared."""
+    for measure in _asked(source):
+        found = [(g, s) for g in source.groups if (s := summary_of(g, measure.name)) is not None]
+        if not found:
+            continue
+        told = [f"{in_words(s.mean, measure)} in {group.label}" for group, s in found]
+        text = f"{measure.label}: {_some(told)}."
+        if len(found) > 1:
+            text += " No comparison was asked for: whether the groups differ was not tested."
+        spreads = [
+            "" if s.spread is None else f"SD {s.spread:.{measure.digits}f}, " for _, s in found
+        ]
         yield Sentence(
-            f"The {label} in {group.label} is {in_words(summary.mean, score)}.",
-            _numbers(summary, score),
-        )
-        return
-    ordered = sorted(found, key=lambda pair: pair[1].mean)
-    low, high = ordered[0][1], ordered[-1][1]
-    if in_words(high.mean, score) == in_words(low.mean, score):
-        yield Sentence(
-            f"The {label} is the same in all: {in_words(low.mean, score)}.", _numbers(low, score)
-        )
-        return
-    highest, lowest = (
-        [g.label for g, s in found if in_words(s.mean, score) == in_words(end.mean, score)]
-        for end in (high, low)
-    )
-    yield Sentence(
-        f"The {label} is highest in {_groups(highest, len(found))} and lowest in "
-        f"{_groups(lowest, len(found))}.",
-        f"{in_words(high.mean, score)} against {in_words(low.mean, score)}",
-    )
+            text,
+            _some([
+                f"{group.label}: {spread}{counted(s.n, 'unit')}, {counted(s.rounds, 'round')}"
+                for (group, s), spread in zip(found, spreads, strict=True)
+            ]),
+        )  # fmt: skip
 
 
-def _numbers(summary: Summary, measure: Measure) -> str:
-    text = f"mean {in_words(summary.mean, measure)}"
-    if summary.spread is not None:
-        text += f", SD {summary.spread:.{measure.digits}f}"
-    return f"{text}, {summary.rounds} rounds"
+def _answers(source: ReportSource) -> Iterator[Sentence]:
+    """Answer the comparisons: the first that was asked, then differences, then none."""
+    results = sorted(source.comparisons, key=lambda r: not source.leads(str(r["measure"])))
+    questions = [one for result in results for one in _questions(result)]
+    different = [one for one in questions[1:] if _p(one) < _SIGNIFICANT]
+    alike = [one for one in questions[1:] if _p(one) >= _SIGNIFICANT]
+    for one in (*questions[:1], *different[:_MOST_TESTS], *alike[:_MOST_TESTS]):
+        yield _answer(one, source.measure(str(one["measure"])))
+    for part, words in ((different, "with"), (alike, "without")):
+        if len(part) > _MOST_TESTS:
+            more = counted(len(part) - _MOST_TESTS, "more comparison")
+            yield Sentence(f"{more} {words} a difference: see the table of tests.", "")
+    refused: dict[str, list[str]] = {}
+    for result in results:
+        if result.get("refused"):
+            label = _label(result, source.measure(str(result["measure"])))
+            question = f"{label} in {_list(result['levels'])}{place_of(result)}"
+            refused.setdefault(str(result["refused"]), []).append(question)
+    for reason, unanswered in refused.items():
+        text = f"Whether there is a difference was not tested: {reason}."
+        yield Sentence(text, _some(unanswered))
 
 
-def _people(source: ReportSource, published: Published) -> Iterator[Sentence]:
-    score = source.score
-    inside: list[str] = []
-    above: list[str] = []
-    below: list[str] = []
-    told = []
-    for group in source.groups:
-        people = published.people_in(group.condition, score.name)
-        summary = summary_of(group, score.name)
-        if len(people) < 2 or summary is None:
-            continue
-        fewer = sum(value < summary.mean for value in people)
-        place = inside if min(people) <= summary.mean <= max(people) else (
-            above if summary.mean > max(people) else below)  # fmt: skip
-        place.append(group.label)
-        told.append(
-            f"{group.label}: {in_words(summary.mean, score)}, people {in_words(min(people), score)}"
-            f" to {in_words(max(people), score)} (higher than {fewer} of {len(people)} people)"
-        )
-    parts = [
-        f"{words} in {_groups(groups, len(told))}"
-        for words, groups in (
-            ("inside the range of the people", inside),
-            ("above all of them", above),
-            ("below all of them", below),
-        )
-        if groups
-    ]
-    if parts:
-        yield Sentence(f"The {_lower(score.label)} is {', '.join(parts)}.", _some(told))
+def _questions(result: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """A result with a p; of a mixed model its effects, in the form of results."""
+    if result.get("effects"):
+        shared = {key: result[key] for key in ("measure", "by", "unit", "n", "test", "levels")}
+        return [
+            {**shared, **effect, "difference": {"mean": effect["estimate"], **effect}}
+            for effect in result["effects"][1:]
+        ]
+    return [] if result.get("p") is None else [result]
 
 
-def _places(source: ReportSource) -> Iterator[Sentence]:
-    for grid in source.grids:
-        if grid.grid is None:
-            continue
-        means = []
-        for i in range(grid.grid[0] * grid.grid[1]):
-            per_group = [known(group.values(f"{grid.name}_{i}")) for group in source.groups]
-            pooled = [float(np.mean(values)) for values in per_group if values]
-            means.append(float(np.mean(pooled)) if pooled else np.nan)
-        if np.isfinite(means).sum() < 2 or np.nanmax(means) == np.nanmin(means):
-            continue
-        low, high = int(np.nanargmin(means)), int(np.nanargmax(means))
-        yield Sentence(
-            f"{grid.label}: the hardest place is {_cell(low, grid)}, the easiest "
-            f"{_cell(high, grid)}.",
-            f"{means[low]:.2f} against {means[high]:.2f}, mean over {_count(source.groups)}",
-        )
+def _p(result: Mapping[str, Any]) -> float:
+    """The corrected p where there is one."""
+    return float(result["p"] if result.get("p_holm") is None else result["p_holm"])
 
 
-def _cell(index: int, grid: Measure) -> str:
-    rows, columns = grid.grid or (1, 1)
-    row, column = divmod(index, columns)
-    if (rows, columns) != (3, 3):
-        return f"row {row + 1}, column {column + 1}"
-    words = (("top", "middle", "bottom")[row], ("left", "middle", "right")[column])
-    return "the middle" if words == ("middle", "middle") else " ".join(words)
+def _label(result: Mapping[str, Any], measure: Measure | None) -> str:
+    return measure.label if measure else str(result["measure"])
 
 
-def _times(source: ReportSource, published: Published) -> Iterator[Sentence]:
-    told, faster = [], []
-    for group in source.groups:
-        rows = group.events.dropna(subset=["latency_s", "success"])
-        rows = rows[rows["success"].astype(bool)]
-        if not len(rows):
-            continue
-        middle = float(rows["latency_s"].median())
-        people = published.people_in(group.condition, "latency_s")
-        text = f"{group.label}: {middle:.2f} s ({len(rows)} items)"
-        if people:
-            text += f", people {min(people):.2f} to {max(people):.2f} s"
-            faster.append(middle < min(people))
-        told.append((middle, text))
-    if not told:
-        return
-    (low, low_text), (high, high_text) = min(told), max(told)
-    labels = (low_text.partition(":")[0], high_text.partition(":")[0])
-    text = f"Half of the successes come within {low:.2f} s"
-    text += f" ({labels[0]}) to {high:.2f} s ({labels[1]})" if high - low > 0.005 else ""
-    text += " of the item's coming"
-    if faster and all(faster):
-        text += "; all of the people are slower"
-    yield Sentence(f"{text}.", _some([words for _, words in told]))
-
-
-def _tiring(source: ReportSource) -> Iterator[Sentence]:
-    measure = source.measure("max_fatigued")
-    if measure is None or len(source.groups) < 2:
-        return
-    found = [(g, s) for g in source.groups if (s := summary_of(g, measure.name)) is not None]
-    if len(found) < 2:
-        return
-    ordered = sorted(found, key=lambda pair: pair[1].mean)
-    (low_group, low), (high_group, high) = ordered[0], ordered[-1]
-    if f"{high.mean:.3f}" == f"{low.mean:.3f}":
-        yield Sentence(
-            "All tire the muscles alike.",
-            f"largest share of fatigued motor units, mean of the muscles: {high.mean:.3f}",
-        )
-        return
-    yield Sentence(
-        f"{high_group.label} tires the muscles most, {low_group.label} least.",
-        f"largest share of fatigued motor units, mean of the muscles: {high.mean:.3f} against "
-        f"{low.mean:.3f}",
-    )
-
-
-def _muscles(source: ReportSource, loads: Sequence[Load | None]) -> Iterator[Sentence]:
-    told = [(g, load) for g, load in zip(source.groups, loads, strict=True) if load is not None]
-    if not told:
-        return
-    group, load = max(told, key=lambda pair: float(pair[1].values.max()))
-    order = np.argsort(-load.values)[:3]
-    names = _list([load.names[i] for i in order])
-    numbers = ", ".join(f"{load.names[i]} {load.values[i]:.2f}" for i in order)
-    verb = "The most tired muscles are" if load.fatigue else "Most is asked of"
-    yield Sentence(f"{verb} {names} (in {group.label}).", f"{load.what}: {numbers}")
-
-
-def _effort(source: ReportSource) -> Iterator[Sentence]:
-    shares = [(effort_share(group), group.label) for group in source.groups]
-    found = [(share, label) for share, label in shares if share is not None]
-    if not found:
-        return
-    low, high = min(found), max(found)
-    if len(found) == 1 or f"{low[0]:.1%}" == f"{high[0]:.1%}":
-        text = f"Effort costs {high[0]:.0%} of the game's reward."
-    else:
-        text = (
-            f"Effort takes the largest share of the game's reward in {high[1]}, the smallest in "
-            f"{low[1]}."
-        )
-    yield Sentence(text, _some([f"{label}: {share:.1%}" for share, label in found]))
-
-
-def _tests(source: ReportSource) -> Iterator[Sentence]:
-    shown = 0
-    for result in source.comparisons:
-        p = result.get("p_holm") if result.get("p_holm") is not None else result.get("p")
-        difference = result.get("difference")
-        if p is None or p >= _SIGNIFICANT or not difference or shown == _MOST_TESTS:
-            continue
-        shown += 1
-        measure = source.measure(str(result["measure"]))
-        label = measure.label if measure else str(result["measure"])
+def _answer(result: Mapping[str, Any], measure: Measure | None) -> Sentence:
+    """Name a difference with its interval, p, correction and n, or say that none was found."""
+    difference = result.get("difference") or {}
+    label, levels = _label(result, measure), _list(result["levels"])
+    found = _p(result) < _SIGNIFICANT
+    if "name" in result:
+        text = f"{'An' if found else 'No'} effect of {result['name']} on {_lower(label)} was found"
+    elif not found:
+        text = f"No difference in {_lower(label)} was found between {levels}"
+    elif difference:
+        size = difference.get("estimate", difference["mean"])
+        amount = number(abs(size), None) if measure is None else in_words(abs(size), measure)
+        word = "higher" if size > 0 else "lower"
         first, second = result["levels"][:2]
-        word = "higher" if difference["mean"] > 0 else "lower"
-        where = place_of(result)
-        yield Sentence(
-            f"{label}: {word} in {first} than in {second}{where}.",
-            test_numbers(result, measure),
-        )
+        text = f"{label} is {amount} {word} in {first} than in {second}"
+    else:
+        text = f"{label} differs between {levels}"
+    text = f"{text}{place_of(result)} ({_evidence(result, measure)})."
+    if not found and difference.get("detectable") is not None:
+        detectable = number(difference["detectable"], measure)
+        text += f" A difference of {detectable} would be found with power .8."
+    note = str(result.get("note") or "")
+    text = f"{text} {note[:1].upper()}{note[1:]}." if note else text
+    return Sentence(text, test_numbers(result, measure))
+
+
+def _evidence(result: Mapping[str, Any], measure: Measure | None) -> str:
+    """Difference, interval, p with its correction, and n."""
+    difference = difference_words(result, measure, "()")
+    parts = [f"difference {difference}"] if difference else []
+    tests = result.get("family", 1)
+    p = f"p {_equal(p_words(_p(result)))}"
+    parts.append(p if tests == 1 else f"{p} after Holm's correction for {tests} tests")
+    return ", ".join([*parts, f"n = {counted_units(result)}"])
 
 
 def place_of(result: Mapping[str, Any]) -> str:
@@ -270,17 +201,19 @@ def place_of(result: Mapping[str, Any]) -> str:
 
 def test_numbers(result: Mapping[str, Any], measure: Measure | None) -> str:
     """The numbers of a test, in a line."""
-    parts = []
-    difference = difference_words(result, measure, "()")
-    if difference:
-        parts.append(f"difference {difference}")
+    parts = [_TESTS.get(str(result["test"]), str(result["test"]))]
+    means = [m for m in result.get("means") or () if m is not None]
+    if len(means) == 2:
+        parts.append(f"means {number(means[0], measure)} and {number(means[1], measure)}")
     if result.get("z") is not None:
         parts.append(f"Z = {result['z']:.3f}")
+    elif result.get("df") is not None:
+        letter = "t" if str(result["test"]).endswith("-t") else "chi square"
+        parts.append(f"{letter}({result['df']:.3g}) = {result['statistic']:.3f}")
     if result.get("p") is not None:
-        parts.append(f"p {_equal(p_words(result['p']))}")
-    if result.get("p_holm") is not None and result.get("family", 1) > 1:
-        parts.append(f"Holm p {_equal(p_words(result['p_holm']))}")
-    parts.append(f"n = {counted_units(result)}")
+        parts.append(f"uncorrected p {_equal(p_words(result['p']))}")
+    if result.get("effect") is not None:
+        parts.append(f"{result.get('effect_name', 'effect')} {result['effect']:.2f}")
     return ", ".join(parts)
 
 
@@ -296,11 +229,17 @@ def difference_words(
     difference = result.get("difference")
     if not difference:
         return ""
-    text = number(difference["mean"], measure)
-    if difference.get("low") is not None:
-        inside = f"{number(difference['low'], measure)} to {number(difference['high'], measure)}"
-        text += f" [{inside}]" if brackets == "[]" else f" (95 % {inside})"
-    return text
+    text = number(difference.get("estimate", difference["mean"]), measure)
+    low, high = (
+        None if difference.get(end) is None else number(difference[end], measure)
+        for end in ("low", "high")
+    )
+    if low is None and high is None:
+        return f"{text} [no interval]" if brackets == "[]" else f"{text}, without a 95 % interval"
+    inside = f"{low} to {high}"
+    if low is None or high is None:
+        inside = f"at most {high}" if low is None else f"at least {low}"
+    return f"{text} [{inside}]" if brackets == "[]" else f"{text}, 95 % interval {inside}"
 
 
 def counted_units(result: Mapping[str, Any]) -> str:
@@ -341,7 +280,3 @@ def _groups(names: Sequence[str], count: int) -> str:
 
 def _list(names: Sequence[str]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _count(groups: Sequence[Group]) -> str:
-    return "one group" if len(groups) == 1 else f"{len(groups)} groups"

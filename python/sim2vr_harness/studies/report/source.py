@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
@@ -16,12 +16,20 @@ from sim2vr_harness.base.files import file_name
 from sim2vr_harness.client import GameFacts, Measure, facts_of_outside
 from sim2vr_harness.evaluation.data import EvaluationData, read_data
 from sim2vr_harness.evaluation.metrics import PLAYER_MEASURES
-from sim2vr_harness.studies.data import STUDY_FILE, StudyData, factor_column, read_study
+from sim2vr_harness.studies.data import (
+    STUDY_FILE,
+    StudyData,
+    factor_column,
+    read_study,
+    results_in,
+)
 from sim2vr_harness.studies.search.config import OptimiseConfig
 from sim2vr_harness.studies.search.table import parameter_column
 
-__all__ = ["Group", "ReportSource", "Search", "changes_of", "read_source"]
+__all__ = ["PROPORTION", "Group", "ReportSource", "Search", "changes_of", "read_source"]
 
+PROPORTION = "proportion"
+"""Unit of numbers from 0 to 1."""
 _MOST_SHOWN = 6
 """Trials of a search whose rounds are looked at closely."""
 
@@ -161,6 +169,23 @@ class ReportSource:
     search: Search | None = None
 
     @cached_property
+    def unpractised(self) -> dict[str, list[str]]:
+        """What users were not trained for -> labels of the groups."""
+        found: dict[str, list[str]] = {}
+        for group in self.groups:
+            for line in dict.fromkeys(
+                line
+                for data, _ in group.parts
+                for line in results_in(data.root.parent, group.condition).get("unpractised", ())
+            ):
+                found.setdefault(str(line), []).append(group.label)
+        return found
+
+    def leads(self, measure: str) -> bool:
+        """Whether a measure is the score of a page or another app, which comes first."""
+        return not self.facts.measures and measure == self.facts.score
+
+    @cached_property
     def recorded_with(self) -> list[dict[str, str]]:
         """Package -> version that rounds were recorded with, one entry for each difference."""
         found: list[dict[str, str]] = []
@@ -219,6 +244,8 @@ def _of_evaluation(root: Path, data: EvaluationData) -> ReportSource:
         parts = [(data, list(own["episode"]))]
         groups.append(Group(label, str(user), str(condition), own, mine, parts))
     facts = facts_of_outside(str(episodes["game"].iloc[0]))
+    told = results_in(data.root.parent, groups[0].condition)
+    facts = replace(facts, score=told.get("score") or facts.score)
     measures = _told_measures(facts, data)
     title = f"{', '.join(map(str, episodes['user'].unique()))} in {facts.name}"
     grids = [grid for grid in facts.grids if f"{grid.name}_0" in episodes]
@@ -254,6 +281,7 @@ def _of_study(root: Path) -> ReportSource:
         mine = events[events["design_cell"].isin(names)]
         groups.append(Group(label, user, condition, own, mine, parts))
     facts = facts_of_outside(str(study.about["game"]))
+    facts = replace(facts, score=study.about.get("score") or facts.score)
     return ReportSource(
         root,
         study.study.title or study.study.name,
@@ -288,13 +316,20 @@ def _level(column: str, label: Any) -> str:
 
 def _measure(told: Mapping[str, Any]) -> Measure:
     grid = told.get("grid")
-    return Measure(**{**told, "grid": None if grid is None else tuple(grid)})
+    made = Measure(**{**told, "grid": None if grid is None else tuple(grid)})
+    return replace(made, unit=_unit(made.unit))
+
+
+def _unit(unit: str) -> str:
+    """Return the unit for people: a range of numbers is none."""
+    return PROPORTION if unit == "0-1" else "" if unit == "0-2" else unit
 
 
 def _told_measures(facts: GameFacts, data: EvaluationData) -> list[Measure]:
     """The measures that these episodes have; of an unknown game by the data dictionary."""
     known = [*facts.scalars, *PLAYER_MEASURES]
     found = [m for m in known if m.name in data.episodes and data.episodes[m.name].notna().any()]
+    found = [replace(m, unit=_unit(m.unit)) for m in found]
     if facts.scalars:
         return found
     own = PLAYER_MEASURES[0].name

@@ -192,7 +192,7 @@ def _in_space(groups: Sequence[Group], depths: Sequence[Sequence[Depth]]) -> Fig
         "with the mouse or a finger; a click on a name hides it."
     )
     panel = Panel("", layers, legend=True, wide=True)
-    return Figure("paths", "Ways through space", caption, [panel])
+    return Figure("paths", "Tool paths", caption, [panel])
 
 
 def _distributions(groups: Sequence[Group], published: Published) -> Iterator[Figure]:
@@ -218,7 +218,7 @@ def _distributions(groups: Sequence[Group], published: Published) -> Iterator[Fi
         if layers:
             range_ = (0.0, 1.02)
             panels.append(
-                Panel(title, layers, label, "share of successes up to it", y_range=range_,
+                Panel(title, layers, label, "cumulative proportion of successes", y_range=range_,
                       legend=True)
             )  # fmt: skip
     speeds = [_speeds(group) for group in groups]
@@ -228,12 +228,12 @@ def _distributions(groups: Sequence[Group], published: Published) -> Iterator[Fi
             layers += _share_line(group.label, own, colour_of(index))
     if layers:
         panels.append(
-            Panel("Speed of the hand", layers, "speed (m/s)", "share of time up to it",
+            Panel("Speed of the hand", layers, "speed (m/s)", "cumulative proportion of time",
                   y_range=(0.0, 1.02), legend=True)
         )  # fmt: skip
     if panels:
         text = (
-            "Cumulative shares: the curve that rises earlier belongs to the faster times, or the "
+            "Cumulative proportions: the curve that rises earlier belongs to faster times, or "
             "slower speeds; where it crosses 0.5 is the median (dot)."
             " Diamonds: people's medians, one each."
             if any(published.people_in(group.condition, "latency_s") for group in groups)

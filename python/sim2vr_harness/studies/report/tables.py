@@ -12,6 +12,7 @@ from sim2vr_harness.client import Measure
 from sim2vr_harness.games.published import Published
 from sim2vr_harness.studies.report.methods import PlayedBy
 from sim2vr_harness.studies.report.numbers import summary_of, with_spread
+from sim2vr_harness.studies.report.people import place_among
 from sim2vr_harness.studies.report.sentences import (
     counted_units,
     difference_words,
@@ -120,11 +121,10 @@ def _beside(source: ReportSource, published: Published, measure: Measure) -> str
         beside = ["", ""]
         if people:
             mean, extent = _people(people, measure)
-            inside = min(people) <= own.mean <= max(people)
             difference = own.mean - float(np.mean(people))
             beside = [
                 _pieces(f"{mean} {extent},", f"n = {len(people)}"),
-                _pieces(f"{difference:+,.{digits}f},", "inside" if inside else "outside"),
+                _pieces(f"{difference:+,.{digits}f},", place_among(own.mean, people)),
             ]
         here = _pieces(with_spread(own, measure))
         rows.append(([group.label, here, *beside], dict(others)))
@@ -136,7 +136,7 @@ def _beside(source: ReportSource, published: Published, measure: Measure) -> str
     with_people = any(row[2] for row, _ in rows)
     headings = ["", "Here"]
     if with_people:
-        headings += ["People: mean [range]", "Here − people, and their range"]
+        headings += ["People: mean [range]", "Here − people, and place among them"]
     headings += [f"{name[:1].upper()}{name[1:]} (here − it)" for name in used]
     cells = [
         [
@@ -165,56 +165,54 @@ def published_tests(published: Published) -> str | None:
 
 
 def test_table(source: ReportSource) -> str | None:
-    """What a study's comparisons came to, those that were refused with the reason."""
+    """The results of a study's comparisons, those that were refused with the reason."""
     if not source.comparisons:
         return None
     rows = []
     notes: list[str] = []
     for result in source.comparisons:
         measure = source.measure(str(result["measure"]))
-        label = measure.label if measure else str(result["measure"])
-        sign = {"less": " < ", "greater": " > "}.get(str(result.get("alternative")), " – ")
-        levels = sign.join(map(str, result.get("levels") or ()))
-        means = ", ".join(
-            "–" if m is None else number(m, measure) for m in result.get("means") or ()
-        )
-        if result.get("refused"):
-            outcome: list[str] = [
-                Html(f'<span class="refused">no p value: {escape(result["refused"])}</span>')
-            ]
-            outcome += ["", "", ""]
-        else:
-            statistic = (
-                f"Z = {result['z']:.3f}" if result.get("z") is not None else _statistic(result)
-            )
-            adjusted = result.get("p_holm")
-            outcome = [
-                statistic,
-                p_words(result["p"]) if result.get("p") is not None else "",
-                p_words(adjusted) if adjusted is not None else "",
-                _effect(result),
-            ]
         counted = escape(counted_units(result))
         note = result.get("note")
         if note:
             if note not in notes:
                 notes.append(note)
             counted += f" <sup>{notes.index(note) + 1}</sup>"
-        rows.append(
-            [
-                f"{label}{place_of(result)}",
-                levels,
-                means,
-                difference_words(result, measure, "[]"),
-                Html(counted),
-                str(result["test"]),
-                *outcome,
-            ]
-        )
+        rows.append(_test_row(result, measure, counted))
     headings = ["Measure", "Compared", "Means", "Difference [95 %]", "n", "Test", "Statistic", "p"]
-    told = "".join(f"<li>{escape(note)}</li>" for note in notes)
-    below = f'<ol class="notes">{told}</ol>' if notes else ""
-    return table([*headings, "p, Holm", "Effect"], rows) + below
+    items = "".join(f"<li>{escape(note)}</li>" for note in notes)
+    below = f'<ol class="notes">{items}</ol>' if notes else ""
+    return table([*headings, "p, Holm (tests)", "Effect", "Found with power .8"], rows) + below
+
+
+def _test_row(result: Mapping[str, Any], measure: Measure | None, counted: str) -> list[str]:
+    sign = {"less": " < ", "greater": " > "}.get(str(result.get("alternative")), " – ")
+    means = ", ".join("–" if m is None else number(m, measure) for m in result.get("means") or ())
+    detectable = (result.get("difference") or {}).get("detectable")
+    return [
+        f"{measure.label if measure else result['measure']}{place_of(result)}",
+        sign.join(map(str, result.get("levels") or ())),
+        means,
+        difference_words(result, measure, "[]"),
+        Html(counted),
+        str(result["test"]),
+        *_outcome(result),
+        "" if detectable is None else number(detectable, measure),
+    ]
+
+
+def _outcome(result: Mapping[str, Any]) -> list[str]:
+    """Statistic, p, corrected p and effect size; or why there is no p."""
+    if result.get("refused"):
+        reason = Html(f'<span class="refused">no p value: {escape(result["refused"])}</span>')
+        return [reason, "", "", ""]
+    z, adjusted = result.get("z"), result.get("p_holm")
+    return [
+        _statistic(result) if z is None else f"Z = {z:.3f}",
+        p_words(result["p"]) if result.get("p") is not None else "",
+        "" if adjusted is None else f"{p_words(adjusted)} ({result.get('family', 1)})",
+        _effect(result),
+    ]
 
 
 def _statistic(result: Mapping[str, Any]) -> str:

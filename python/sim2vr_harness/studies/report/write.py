@@ -79,7 +79,7 @@ def write_report(
     content = Content(
         source,
         published,
-        [*search_sentences(source), *sentences_of(source, published, loads)],
+        [*search_sentences(source), *sentences_of(source, published)],
         figures,
         body_pictures(source.groups, loads, body),
         examples_of(source.groups, source.root),

@@ -14,7 +14,6 @@ from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.base.files import read_json
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.data.folder import FOLDER, read_table
-from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.runs.config import TrainingConfig, parse_config
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.studies.config import StudyConfig
@@ -122,7 +121,7 @@ class _Search:
             }
             plan = self._plan(name, levels)
         assert plan is not None
-        known = measures_of(plan.facts)
+        known = plan.known
         self._check_measures(known)
         for training in plan.trainings:
             self._check_stop(training)
@@ -263,6 +262,7 @@ class _Search:
             tuple(trainings.values()),
             first.facts,
             tuple(measures),
+            first.known,
         )
 
 

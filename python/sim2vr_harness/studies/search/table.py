@@ -10,7 +10,6 @@ import pyarrow as pa
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.data import Column
 from sim2vr_harness.evaluation.data.columns import column_name, row_table
-from sim2vr_harness.evaluation.metrics import measures_of
 from sim2vr_harness.studies.search.config import ParameterConfig
 from sim2vr_harness.studies.search.searching import TRIAL, Found
 
@@ -25,7 +24,7 @@ def parameter_column(name: str) -> str:
 def trials_table(found: Found) -> pa.Table:
     """Return a row per trial."""
     wanted = found.search
-    known = {measure.name: measure for measure in measures_of(found.plan.facts)}
+    known = {measure.name: measure for measure in found.plan.known}
     columns = [
         Column("trial", "integer", "", "Number of the trial; a key"),
         Column("design_cell", "text", "", "Its cell; none where its training was stopped"),

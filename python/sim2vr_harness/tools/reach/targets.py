@@ -17,6 +17,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import AppScene, SceneObject
 from sim2vr_harness.client.frames import position_to_mujoco
 from sim2vr_harness.envs.config import EnvConfig
+from sim2vr_harness.evaluation.environment import make_simulation
 from sim2vr_harness.evaluation.replay.state_log import read_lines
 from sim2vr_harness.users.kinematics.forward import Point
 
@@ -118,7 +119,7 @@ def seen_targets(
     seconds: float = 10.0,
     seed: int = 1,
     rounds: int = 3,
-    simulation: Callable[..., Any] | None = None,
+    simulation: Callable[..., Any] = make_simulation,
 ) -> list[Target]:
     """Let the user sit still in a game, and note where objects come up.
 
@@ -136,10 +137,6 @@ def seen_targets(
     Raises:
         InputError: The app does not tell of its scene, or nothing fits the pattern.
     """
-    if simulation is None:
-        from sim2vr_harness.envs.simulation import Simulation
-
-        simulation = Simulation
     seen: list[Target] = []
     names: set[str] = set()
     with closing(simulation(config, 1)) as users:

@@ -251,10 +251,10 @@ def test_the_command_puts_users_beside_people(tmp_path: Path) -> None:
     bits = math.log2(0.1 / (4.133 * 0.002) + 1.0)
     times = [0.3 + 0.1 * math.log2(0.1 / width + 1.0) for width in (0.04, 0.02, 0.01)]
     assert theirs["low"] == pytest.approx(np.mean([bits / time for time in times]), rel=1e-3)
-    law, throughput = found["goals"]
-    assert (law["value"], law["aim_met"]) == (pytest.approx(1.0), False), "three indices, not nine"
-    assert throughput["people_low"] == pytest.approx(theirs["low"])
-    assert throughput["aim_met"] is False
+    assert line["r2"] == pytest.approx(1.0)
+    own = numbers["throughput"]
+    assert own["inside"] is (theirs["low"] <= own["mean"] <= theirs["high"]) is False
+    assert f"{own['mean']:.3g}* ±" in result.output
 
 
 def test_without_recordings_published_figures_are_beside(tmp_path: Path) -> None:

@@ -7,7 +7,7 @@ hammer's outline. The headset's field of view is not stated there; the fit gives
 top to bottom, and the sky, which took no part in it, then agrees to a few levels. Our head camera
 sees 90 degrees, so a panel is the middle of a larger picture.
 
-Usage: python docs/examples/headset_comparison.py REFERENCE.png [--out PICTURE.png]
+Usage: python docs/research/scripts/headset_comparison.py REFERENCE.png [--out PICTURE.png]
 """
 
 from __future__ import annotations

@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from sim2vr_harness.statistics.significance import bootstrap
+from sim2vr_harness.statistics.intervals import mean_interval
+from sim2vr_harness.studies.comparisons.units import rows_of, strata
 from sim2vr_harness.studies.data import StudyData
-from sim2vr_harness.studies.statistics.units import rows_of, strata
 
 __all__ = ["summaries"]
 
@@ -36,7 +36,7 @@ def summaries(data: StudyData, measures: Sequence[str]) -> list[dict[str, Any]]:
             known = rows.dropna(subset=[measure])
             units = known.groupby("unit")[measure].mean().to_numpy(float)
             rounds = known[measure].to_numpy(float)
-            interval = bootstrap(units)
+            interval = mean_interval(units)
             found.append(
                 {
                     "levels": levels,

@@ -5,7 +5,7 @@ and asks the real app (no display needed) what it noticed. Part B plays rounds t
 in the original game, resampled to 20 and 100 Hz; it is skipped where there are no recordings
 ($SIM2VR_SHARED or ../shared beside the repository, data/human_rounds).
 
-    python docs/examples/tracking_rate.py [--out FIGURE.png] [--strikes 61] [--rounds 54]
+    python docs/research/scripts/tracking_rate.py [--out FIGURE.png] [--strikes 61] [--rounds 54]
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from sim2vr_harness.client import ClockSettings, DevicePoses, InProcessApp, frame_time_ns
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[3]
 FIGURE = ROOT / "docs/images/tracking_rate.png"
 ROUNDS = Path(os.environ.get("SIM2VR_SHARED", ROOT.parent / "shared")) / "data/human_rounds"
 

@@ -1,4 +1,4 @@
-"""The comparisons that a study asks for, each with what its n is, or why there is no p value."""
+"""The comparisons that a study asks for: which values of which units, and by which test."""
 
 from __future__ import annotations
 
@@ -8,26 +8,36 @@ from typing import Any
 
 import numpy as np
 
-from sim2vr_harness.statistics import significance
+from sim2vr_harness.statistics import power, significance
 from sim2vr_harness.statistics.mixed_models import mixed_model
-from sim2vr_harness.studies.config import ComparisonConfig
-from sim2vr_harness.studies.data import StudyData, factor_column
-from sim2vr_harness.studies.statistics.units import (
+from sim2vr_harness.studies.comparisons.units import (
     independent,
     other_factors,
     rows_of,
     strata,
     unit_table,
 )
+from sim2vr_harness.studies.config import ComparisonConfig
+from sim2vr_harness.studies.data import StudyData, factor_column
 
 __all__ = ["compare", "compare_all"]
 
 _EFFECTS = {
+    "paired-t": "Cohen's d of the differences",
+    "welch-t": "Cohen's d",
     "wilcoxon": "matched-pairs rank-biserial correlation",
     "mann-whitney": "rank-biserial correlation",
     "friedman": "Kendall's W",
     "kruskal-wallis": "epsilon squared",
 }
+_PAIRS = {
+    "paired-t": significance.paired_t,
+    "welch-t": significance.welch_t,
+    "wilcoxon": significance.wilcoxon,
+    "mann-whitney": significance.mann_whitney,
+}
+_OVERALL = {"friedman": significance.friedman, "kruskal-wallis": significance.kruskal_wallis}
+_ALPHA = 0.05
 _ROUNDS = (
     "n counts rounds of one policy, as in the publication that this is compared with; they are no "
     "sample of persons, and p says nothing of people"
@@ -35,7 +45,7 @@ _ROUNDS = (
 
 
 def compare_all(data: StudyData, measures: Sequence[str]) -> list[dict[str, Any]]:
-    """Return what comes out of all of a study's comparisons.
+    """Return the results of all of a study's comparisons.
 
     Args:
         data: Of the study.
@@ -51,32 +61,30 @@ def compare_all(data: StudyData, measures: Sequence[str]) -> list[dict[str, Any]
 def compare(
     data: StudyData, comparison: ComparisonConfig, measures: Sequence[str]
 ) -> list[dict[str, Any]]:
-    """Return what comes out of one comparison: a dictionary per measure, stratum and test.
+    """Return the results of one comparison: a dictionary per measure, stratum and test.
 
-    It has ``test``, ``factor``, ``levels``, ``by``, ``measure``, ``unit``, ``n``, ``means``, what
-    the test gives (:mod:`.significance`), ``p_holm`` over the ``family`` of pairs of this
-    comparison and measure, ``difference`` with its bootstrap interval (``low``, ``high``), and
-    ``normality`` of the differences. Where there can be no p value ``refused`` says why, and ``p``
-    is None; ``note`` is what a reader has to know.
+    It has ``test``, ``factor``, ``levels``, ``by``, ``measure``, ``unit``, ``n``, ``means``, the
+    test's numbers (:mod:`.significance`) and ``p_holm``, corrected over the ``family``: all pairs
+    (or all overall tests, or effects) of this comparison, whatever their measure. Pairs have
+    ``difference``: ``mean``, ``sd``, the ``estimate`` and interval (``low``, ``high``) that belong
+    to the test, and ``detectable``, the difference that n finds with power 0.8; and ``normality``
+    of the differences. ``p`` is None where ``refused`` says why; ``note`` is what a reader must
+    know.
 
     Args:
         data: Of the study.
         comparison: What is asked.
         measures: Those of a comparison that names none.
     """
-    found = []
+    found: list[dict[str, Any]] = []
     for measure in comparison.measures or measures:
         if comparison.test == "mixed":
-            own = [_mixed(data, comparison, measure)]
+            found.append(_mixed(data, comparison, measure))
         else:
-            own = [
-                result
-                for stratum in _strata(data, comparison)
-                for result in _tests(data, comparison, measure, stratum)
-            ]
-        _adjust(own)
-        found += own
-    return found
+            for stratum in _strata(data, comparison):
+                found += _tests(data, comparison, measure, stratum)
+    _adjust(found)
+    return [result | _read_with(result) for result in found]
 
 
 def _levels(data: StudyData, comparison: ComparisonConfig) -> list[str]:
@@ -116,10 +124,9 @@ def _tests(
         found.append(about | {"alternative": "two-sided"} | _omnibus(table, levels, apart(levels)))
     if comparison.test != "friedman":
         found += [
-            about | _pair(table, pair, comparison.alternative, apart(pair))
-            for pair in combinations(levels, 2)
+            about | _pair(table, pair, comparison, apart(pair)) for pair in combinations(levels, 2)
         ]
-    return [result | {"note": _noted(result)} for result in found]
+    return found
 
 
 def _columns(table: Any, levels: Sequence[str], apart: bool) -> list[Any]:
@@ -134,32 +141,38 @@ def _columns(table: Any, levels: Sequence[str], apart: bool) -> list[Any]:
 def _omnibus(table: Any, levels: Sequence[str], apart: bool) -> dict[str, Any]:
     columns = _columns(table, levels, apart)
     test = "kruskal-wallis" if apart else "friedman"
-    run = significance.kruskal_wallis if apart else significance.friedman
     about = _about(test, levels, columns, apart)
-    return about | _tried(about, lambda: run(columns))
+    return about | _tried(about, lambda: _OVERALL[test](columns))
 
 
 def _pair(
-    table: Any, levels: Sequence[str], alternative: significance.Alternative, apart: bool
+    table: Any, levels: Sequence[str], comparison: ComparisonConfig, apart: bool
 ) -> dict[str, Any]:
     first, second = _columns(table, levels, apart)
-    test = "mann-whitney" if apart else "wilcoxon"
-    run = significance.mann_whitney if apart else significance.wilcoxon
+    few = comparison.test == "auto" and comparison.unit != "round"
+    few = few and min(len(first), len(second)) < significance.FEW
+    test = ("welch-t" if few else "mann-whitney") if apart else "paired-t" if few else "wilcoxon"
     about = _about(test, levels, [first, second], apart)
-    found = about | _tried(about, lambda: run(first, second, alternative))
-    if len(first) and len(second):
-        interval = (
-            significance.bootstrap(first, second)
-            if apart
-            else significance.bootstrap(first - second)
-        )
+    found = about | _tried(about, lambda: _PAIRS[test](first, second, comparison.alternative))
+    low, high = found.pop("interval", (None, None))
+    mean = float(first.mean() - second.mean()) if len(first) and len(second) else None
+    if mean is not None:
         found["difference"] = {
-            "mean": float(first.mean() - second.mean()),
-            "low": None if interval is None else interval[0],
-            "high": None if interval is None else interval[1],
+            "mean": mean,
+            "sd": _spread(first, second, apart),
+            "estimate": found.pop("estimate", mean),
+            "low": low,
+            "high": high,
         }
         found["normality"] = None if apart else significance.normality(first - second)
     return found
+
+
+def _spread(first: Any, second: Any, apart: bool) -> float | None:
+    """Standard deviation of the pairs' differences, or within two samples."""
+    if min(len(first), len(second)) < 2:
+        return None
+    return significance.pooled_sd(first, second) if apart else float(np.std(first - second, ddof=1))
 
 
 def _about(test: str, levels: Sequence[str], columns: Sequence[Any], apart: bool) -> dict[str, Any]:
@@ -195,16 +208,26 @@ def _tried(about: dict[str, Any], run: Any) -> dict[str, Any]:
     return result
 
 
-def _noted(result: dict[str, Any]) -> str | None:
-    """The note, with the smallest p that so few pairs can give, where that is no small one."""
-    n = result["n"]
-    if result["test"] != "wilcoxon" or not isinstance(n, int) or result["p"] is None:
-        return result["note"]
-    least = 2.0**-n * (2 if result["alternative"] == "two-sided" else 1)
-    if least <= 0.05:
-        return result["note"]
-    words = f"with n = {n} no exact p can be below {least:.3g}"
-    return words if result["note"] is None else f"{result['note']}; {words}"
+def _read_with(result: dict[str, Any]) -> dict[str, Any]:
+    """What a result is read with: the smallest p and the smallest difference that n can show."""
+    if result["test"] not in _PAIRS or result["p"] is None:
+        return {}
+    notes = [] if result["note"] is None else [result["note"]]
+    alternative, tests = result["alternative"], result["family"]
+    least = significance.smallest_p(result["test"], result["n"], alternative)
+    reachable = least is None or least * tests < _ALPHA
+    if least is not None and not reachable:
+        n = result["n"] if isinstance(result["n"], int) else " and ".join(map(str, result["n"]))
+        corrected = f", {min(1.0, tests * least):.3g} after correction" if tests > 1 else ""
+        notes.append(f"with n = {n} the smallest possible p is {least:.3g}{corrected}")
+    detectable = None
+    spread = result["difference"]["sd"]
+    if reachable and spread:
+        sides = 2 if alternative == "two-sided" else 1
+        ranks = result["test"] in ("wilcoxon", "mann-whitney")
+        detectable = power.detectable(result["n"], spread, tests=tests, sides=sides, ranks=ranks)
+    difference = result["difference"] | {"detectable": detectable}
+    return {"note": "; ".join(notes) or None, "difference": difference}
 
 
 def _mixed(data: StudyData, comparison: ComparisonConfig, measure: str) -> dict[str, Any]:
@@ -247,7 +270,12 @@ def _mixed(data: StudyData, comparison: ComparisonConfig, measure: str) -> dict[
 
 
 def _adjust(results: list[dict[str, Any]]) -> None:
-    """Holm's correction over the pairs of one comparison and measure."""
-    pairs = [r for r in results if r["test"] in ("wilcoxon", "mann-whitney") and r["p"] is not None]
-    for result, p in zip(pairs, significance.holm([r["p"] for r in pairs]), strict=True):
-        result |= {"p_holm": p, "family": len(pairs)}
+    """Correct by Holm's method over all measures, strata and pairs of one comparison."""
+    for tests in (_PAIRS, _OVERALL):
+        _correct([r for r in results if r["test"] in tests and r["p"] is not None])
+    _correct([effect for r in results for effect in r.get("effects", ())[1:]])
+
+
+def _correct(family: list[dict[str, Any]]) -> None:
+    for result, p in zip(family, significance.holm([r["p"] for r in family]), strict=True):
+        result |= {"p_holm": p, "family": len(family)}

@@ -1,6 +1,0 @@
-"""Comparisons of a study's conditions; n counts persons or trainings, never rounds of one user."""
-
-from sim2vr_harness.studies.statistics.comparing import compare, compare_all
-from sim2vr_harness.studies.statistics.summaries import summaries
-
-__all__ = ["compare", "compare_all", "summaries"]

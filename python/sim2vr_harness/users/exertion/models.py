@@ -1,0 +1,206 @@
+"""Endurance of the shoulder by load, and the measures of arm fatigue that rest on it.
+
+Sources:
+
+- Consumed Endurance: Hincapie-Ramos, Guo, Moghadasian, Irani (CHI 2014). Constants as in the
+  authors' published code.
+- NICER: Li et al. (ACM Trans. Graph. 43, 4, 2024). Constants as in the authors' published code.
+- Endurance of the shoulder: Frey-Law and Avin (2010), the curve that NICER uses.
+- Strength of the shoulder by posture: Chaffin, Andersson, Martin (2006), as NICER quotes it.
+- 3CC-r: Looft, Herkert, Frey-Law (2018), held at a constant load.
+
+Angles are in degrees, torques in Nm, times in s; arrays broadcast.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+FloatArray = NDArray[np.float64]
+Ids = NDArray[np.integer] | slice
+
+Sex = Literal["male", "female"]
+
+_GRAVITY = 9.8
+_CORRECTED_FROM_DEG = (90.0, 145.0)
+"""Least angles of shoulder and elbow at which NICER corrects the torque."""
+_RESTING_DEG = (25.0, 125.0)
+"""NICER: an arm rests with the shoulder up to the first and the elbow from the second angle on."""
+_RECOVERY_PER_S = 0.04
+_ENDURANCE_S, _ENDURANCE_POWER = 14.86, 1.83
+
+
+@dataclass(frozen=True)
+class Strength:
+    """How strong an arm is.
+
+    Attributes:
+        sex: whose published constants count.
+        factor: (N,) or a number: factor on the torques, such as a person's strength.
+    """
+
+    sex: Sex = "male"
+    factor: ArrayLike = 1.0
+
+    def shoulder_torque(self, shoulder_deg: ArrayLike, elbow_deg: ArrayLike) -> FloatArray:
+        """Return the largest torque at the shoulder in a posture, Nm (Chaffin et al.)."""
+        scale = 0.2845 if self.sex == "male" else 0.1495
+        torque = 227.338 + 0.525 * np.asarray(elbow_deg) - 0.296 * np.asarray(shoulder_deg)
+        return np.asarray(torque * scale * np.asarray(self.factor), dtype=np.float64)
+
+    @property
+    def consumed_endurance_torque(self) -> FloatArray:
+        """The torque that Consumed Endurance counts as the maximum, in every posture, Nm.
+
+        A force at the elbow times the upper arm, less the weight of the outstretched arm.
+        """
+        men = self.sex == "male"
+        force = 101.6 if men else 87.2
+        upper, fore, hand = (0.33, 0.269, 0.191) if men else (0.31, 0.234, 0.183)
+        masses = (2.1, 1.2, 0.4) if men else (1.7, 1.0, 0.4)
+        arms = (0.452 * upper, upper + 0.424 * fore, upper + fore + 0.397 * hand)
+        weight = _GRAVITY * sum(m * arm for m, arm in zip(masses, arms, strict=True))
+        return np.asarray((force * upper - weight) * np.asarray(self.factor), dtype=np.float64)
+
+
+def endurance_time(share: ArrayLike) -> FloatArray:
+    """Return how long people's shoulders hold a share of their maximum, s.
+
+    ``14.86 share^-1.83``, from 194 publications (Frey-Law and Avin 2010); endless at 0.
+    """
+    share = np.asarray(share, dtype=np.float64)
+    with np.errstate(divide="ignore"):
+        return np.asarray(_ENDURANCE_S * share**-_ENDURANCE_POWER)
+
+
+def consumed_endurance_time(share: ArrayLike) -> FloatArray:
+    """Return the endurance of Consumed Endurance, s: endless up to .15 of the maximum.
+
+    ``1236.5 / (100 share - 15)^0.618 - 72.5``, Rohmert's curve; at least 0, beyond the maximum.
+    """
+    percent = 100.0 * np.asarray(share, dtype=np.float64) - 15.0
+    tiring = percent > 0.0
+    time = 1236.5 / np.where(tiring, percent, 1.0) ** 0.618 - 72.5
+    return np.where(tiring, np.maximum(time, 0.0), np.inf)
+
+
+def fatigue_endurance_time(share: ArrayLike, fatigue: float, recovery: float) -> FloatArray:
+    """Return how long 3CC-r holds a share of the maximum, s; endless where recovery keeps up.
+
+    As long as a load f is met, fatigued units follow dMF/dt = F f - R MF. It can no longer be met
+    when they are 1 - f: after ``-ln(1 - (1 - f) R / (F f)) / R``.
+
+    Args:
+        share: f.
+        fatigue: F, 1/s.
+        recovery: R, 1/s.
+    """
+    share = np.asarray(share, dtype=np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        if recovery == 0.0:
+            time = (1.0 - share) / (fatigue * share)
+        else:
+            left = 1.0 - (1.0 - share) * recovery / (fatigue * share)
+            time = np.where(left > 0.0, -np.log(left) / recovery, np.inf)
+    return np.where(share <= 0.0, np.inf, np.maximum(time, 0.0))
+
+
+def nicer_correction(
+    shoulder_deg: ArrayLike, elbow_deg: ArrayLike, sex: Sex = "male"
+) -> FloatArray:
+    """Return what NICER adds to the torque of a raised, outstretched arm, Nm.
+
+    Gravity's torque falls above 90 degrees, the measured activity of the muscles does not.
+
+    Args:
+        shoulder_deg: between upper arm and straight down: 90 is horizontal.
+        elbow_deg: between upper arm and forearm: 180 is outstretched.
+        sex: whose constants.
+    """
+    shoulder, elbow = np.asarray(shoulder_deg), np.asarray(elbow_deg)
+    gain, slope = (1230.0, 0.09) if sex == "male" else (1005.0, 0.11)
+    activity = 0.0095 * gain / (1.0 + np.exp((66.40 - shoulder) / 7.83))
+    raised = (shoulder >= _CORRECTED_FROM_DEG[0]) & (elbow >= _CORRECTED_FROM_DEG[1])
+    return np.where(raised, activity - np.sin(np.radians(shoulder)) / slope, 0.0)
+
+
+class ConsumedEnduranceMeter:
+    """Consumed Endurance of N arms: elapsed time as a percentage of the endurance.
+
+    The endurance is that of the mean torque since the start; nothing recovers.
+
+    Args:
+        n: number of arms N.
+        strength: how strong they are.
+    """
+
+    def __init__(self, n: int, strength: Strength | None = None) -> None:
+        self._strength = strength or Strength()
+        self._impulse, self._time = np.zeros((2, n))
+
+    def update(self, torque: FloatArray, dt: float) -> None:
+        """Add a step: (N,) torques at the shoulder, Nm, that acted for ``dt`` s."""
+        self._impulse += torque * dt
+        self._time += dt
+
+    @property
+    def value(self) -> FloatArray:
+        """(N,) per cent; 100 is exhaustion. 0 before the first step."""
+        mean = self._impulse / np.maximum(self._time, 1e-12)
+        share = mean / self._strength.consumed_endurance_torque
+        with np.errstate(divide="ignore"):
+            return np.asarray(100.0 * self._time / consumed_endurance_time(share))
+
+
+class NicerMeter:
+    """NICER of N arms: elapsed time as a percentage of the endurance, with recovery at rest.
+
+    The endurance is that of the mean corrected torque as a share of the strength in the present
+    posture. At rest the value decays by 0.04/s; afterwards the mean torque is the one whose
+    value that is.
+
+    Args:
+        n: number of arms N.
+        strength: how strong they are.
+    """
+
+    def __init__(self, n: int, strength: Strength | None = None) -> None:
+        self._strength = strength or Strength()
+        self._value, self._mean, self._time = np.zeros((3, n))
+        self._maximum = np.ones(n)
+        self._rested = np.zeros(n, dtype=bool)
+
+    def update(
+        self, torque: FloatArray, shoulder_deg: FloatArray, elbow_deg: FloatArray, dt: float
+    ) -> None:
+        """Add a step.
+
+        Args:
+            torque: (N,) at the shoulder, Nm.
+            shoulder_deg, elbow_deg: (N,) as of `nicer_correction`.
+            dt: duration in s.
+        """
+        resting = (shoulder_deg <= _RESTING_DEG[0]) & (elbow_deg >= _RESTING_DEG[1])
+        before = self._time
+        time = before + dt
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = (before / (self._value / 100.0) / _ENDURANCE_S) ** (-1.0 / _ENDURANCE_POWER)
+        resumed = np.where(self._value > 0.0, share * self._maximum, 0.0)
+        mean = np.where(self._rested, resumed, self._mean)
+        corrected = torque + nicer_correction(shoulder_deg, elbow_deg, self._strength.sex)
+        mean = (corrected * dt + mean * before) / time
+        maximum = self._strength.shoulder_torque(shoulder_deg, elbow_deg)
+        active = 100.0 * time / endurance_time(mean / maximum)
+        self._value = np.where(resting, self._value * np.exp(-_RECOVERY_PER_S * dt), active)
+        self._mean = np.where(resting, self._mean, mean)
+        self._maximum = np.where(resting, self._maximum, maximum)
+        self._time, self._rested = time, resting
+
+    @property
+    def value(self) -> FloatArray:
+        """(N,) per cent; 100 is exhaustion. 0 before the first step."""
+        return self._value.copy()

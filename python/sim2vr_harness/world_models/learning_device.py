@@ -1,4 +1,4 @@
-"""Where imagined rollouts are computed: on the CPU, or on a GPU that replays whole windows."""
+"""The device of imagined rollouts: the CPU, or a GPU that replays captured windows."""
 
 from __future__ import annotations
 

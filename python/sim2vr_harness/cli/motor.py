@@ -78,7 +78,7 @@ def practise(
         return 130
     if config.strikes:
         known["following"] = True
-    save_motor_layer(out, practice.policy, body=practice.policy.body.name, **known)
+    save_motor_layer(out, practice.task.policy, body=of.name, **known)
     begun.unlink(missing_ok=True)
     typer.echo(f"Written: {out}")
     return 0

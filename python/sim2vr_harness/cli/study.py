@@ -109,7 +109,9 @@ def study(
     for table in comparison_table(found.data):
         Console().print(table)
     for line, cells in found.data.unpractised.items():
-        typer.echo(f"note: these users never practised {line} ({len(cells)} cells)", err=True)
+        typer.echo(
+            f"note: these users were never trained with {line} ({len(cells)} cells)", err=True
+        )
     typer.echo(f"Played: {found.played} of {found.played + found.found} cells and trainings")
     typer.echo(f"Written: {found.data.root}")
     if report:

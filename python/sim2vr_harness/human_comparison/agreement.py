@@ -1,4 +1,4 @@
-"""Where users and people agree, in words: orders of cells, and of conditions by fatigue."""
+"""Agreement of users with people in words: order of cells, and of conditions by fatigue."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which difference a number of units can show, and how many units a difference needs."""
+"""Power of t tests: detectable differences and sample sizes."""
 
 from __future__ import annotations
 

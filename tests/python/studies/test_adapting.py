@@ -125,7 +125,7 @@ def test_a_study_adapts_its_user_to_what_it_plays(
     # Before and after it is the same user: n = 1, a pair.
     assert data.episodes["unit"].nunique() == 1
     (result,) = data.statistics["results"]
-    assert (result["test"], result["n"]) == ("wilcoxon", 1) and result["refused"]
+    assert (result["test"], result["n"]) == ("paired-t", 1) and result["refused"]
     rows = data.episodes.groupby("factor_steps")["trained_steps"].unique()
     assert rows["as it is"].tolist() == [120] and rows["gone on"].tolist() == [40]
     # Again: nothing to do. A copy of the user elsewhere is the same user.

@@ -96,7 +96,7 @@ def test_sentences_have_the_numbers_behind_them(source: ReportSource) -> None:
     told = {one.text: one.numbers for one in sentences_of(source, NOBODY)}
     # The return is 2 sparks - 2: 22 and 44, rounds 18, 26 and 38, 50.
     first = (
-        "Return: 22.0 in calm; 44.0 in wild <!--<script>. No comparison was asked for: whether the "
+        "Return: 22.0 in calm; 44.0 in wild <!--<script>. No comparison was requested: whether the "
         "groups differ was not tested."
     )
     assert next(iter(told)) == first

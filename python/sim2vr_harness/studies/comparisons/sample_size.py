@@ -1,4 +1,4 @@
-"""How many units a study's comparisons need to find a difference."""
+"""Sample sizes of a study's comparisons for given differences."""
 
 from __future__ import annotations
 
@@ -125,6 +125,7 @@ def _spreads(
     for result in compare(earlier, comparison, measures):
         sd = (result.get("difference") or {}).get("sd")
         if sd:
-            key = (str(result["measure"]), *map(str, result["levels"]))
+            one, other = map(str, result["levels"])
+            key = str(result["measure"]), one, other
             found[key] = max(sd, found.get(key, 0.0))
     return found

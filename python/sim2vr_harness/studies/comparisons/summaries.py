@@ -1,4 +1,4 @@
-"""What a study measured, condition by condition, over its units."""
+"""Means, deviations and intervals of a study's conditions over its units."""
 
 from __future__ import annotations
 

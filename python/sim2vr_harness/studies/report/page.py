@@ -211,7 +211,7 @@ def _tests(content: Content) -> str:
     tested = test_table(content.source)
     if tested is None:
         parts.append(
-            "<p class='caption'>No comparisons were asked for: those of a study's file are made "
+            "<p class='caption'>No comparison was requested: a study's file has them "
             "(sim2vr-harness study).</p>"
         )
     else:

@@ -15,7 +15,7 @@ from sim2vr_harness.studies.report.source import ReportSource
 __all__ = ["Sentence", "n_sentence", "sentences_of", "warnings_of"]
 
 _MOST_TESTS = 6
-"""Of a kind that are told one by one; the table of tests has all."""
+"""Of a kind that have a sentence each; the table of tests has all."""
 _MOST_GROUPS = 6
 """That are named one by one; of more the table has the numbers."""
 _SIGNIFICANT = 0.05
@@ -39,7 +39,7 @@ class Sentence:
 
 
 def sentences_of(source: ReportSource, published: Published) -> list[Sentence]:
-    """Return the summary: the answer to the title first, nothing of measures nobody asked for."""
+    """Return the summary: the answer to the title first, only requested measures."""
     return [
         *(_answers(source) if source.comparisons else _described(source)),
         *(Sentence(*words) for words in people_sentences(source, published, _asked(source))),
@@ -62,7 +62,7 @@ def warnings_of(source: ReportSource) -> Iterator[str]:
 
 
 def _asked(source: ReportSource) -> list[Measure]:
-    """The measures that somebody asked for; the score if nobody named any."""
+    """Return the requested measures; the score if the study names none."""
     named = list(source.planned.get("measures") or ())
     for comparison in source.planned.get("comparisons", ()):
         named += comparison.get("measures") or ()
@@ -93,7 +93,7 @@ def n_sentence(source: ReportSource) -> Sentence:
 
 
 def _described(source: ReportSource) -> Iterator[Sentence]:
-    """Describe what was asked for where nothing was compared."""
+    """Describe the requested measures where nothing was compared."""
     for measure in _asked(source):
         found = [(g, s) for g in source.groups if (s := summary_of(g, measure.name)) is not None]
         if not found:
@@ -101,7 +101,7 @@ def _described(source: ReportSource) -> Iterator[Sentence]:
         told = [f"{in_words(s.mean, measure)} in {group.label}" for group, s in found]
         text = f"{measure.label}: {_some(told)}."
         if len(found) > 1:
-            text += " No comparison was asked for: whether the groups differ was not tested."
+            text += " No comparison was requested: whether the groups differ was not tested."
         spreads = [
             "" if s.spread is None else f"SD {s.spread:.{measure.digits}f}, " for _, s in found
         ]
@@ -115,7 +115,7 @@ def _described(source: ReportSource) -> Iterator[Sentence]:
 
 
 def _answers(source: ReportSource) -> Iterator[Sentence]:
-    """Answer the comparisons: the first that was asked, then differences, then none."""
+    """Answer the comparisons: the first requested one, then differences, then none."""
     results = sorted(source.comparisons, key=lambda r: not source.leads(str(r["measure"])))
     questions = [one for result in results for one in _questions(result)]
     different = [one for one in questions[1:] if _p(one) < _SIGNIFICANT]
@@ -268,7 +268,7 @@ def _lower(label: str) -> str:
 
 
 def _some(told: Sequence[str]) -> str:
-    """What is told of groups, of the first ones only where there are many."""
+    """Join words on groups; of many only the first ones."""
     more = len(told) - _MOST_GROUPS
     return "; ".join([*told[:_MOST_GROUPS], *([f"and {more} more below"] if more > 0 else [])])
 

@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from sim2vr_harness.users import UserBatch
-from sim2vr_harness.world_models.body_dynamics import BodyModel
+from sim2vr_harness.training.model_based.task import Task
 from sim2vr_harness.world_models.transitions import TransitionStore
 
-__all__ = ["SimulatedUsers", "collect"]
+__all__ = ["collect"]
 
 _KEPT = (0.0, 0.6, 0.9)
 """Proportion of random noise that lasts from one user step to the next; drawn per user."""
@@ -21,47 +20,8 @@ _RETURN = 0.3
 """Proportion of their way to rest that actuators of such users return in a user step."""
 
 
-class SimulatedUsers(Protocol):
-    """N users in MuJoCo, and what they do there."""
-
-    body: BodyModel
-    rng: np.random.Generator
-    """Of what they do, noise on the actions included."""
-    batch: UserBatch
-    random_size: tuple[float, float]
-    """Smallest and largest standard deviation of random actions; drawn per user."""
-
-    def begin_collecting(self, *, randomly: bool) -> None:
-        """Start episodes, or go on with those that were; random ones are short."""
-
-    def stagger(self, *, randomly: bool) -> None:
-        """Let the episodes' ends be spread over time."""
-
-    def motion(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """Return angles (rad), speeds (rad/s), (N, J) each, and drives (N, A) as they are now."""
-
-    def policy_actions(self) -> NDArray[Any]:
-        """Return the policy's (N, A) mean actions."""
-
-    def simulate(
-        self, actions: NDArray[Any]
-    ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[Any], NDArray[Any]]:
-        """Advance by one user step.
-
-        Returns:
-            (N,) whose user step is one of a body; (N,) whose episode is over; (N, P) persons and
-            (N, F) privileged numbers after it.
-        """
-
-    def restart(self, ids: NDArray[np.int64]) -> None:
-        """Start new episodes of users (K,)."""
-
-    def end_collecting(self, *, randomly: bool) -> None:
-        """Measure what was done since :meth:`begin_collecting`."""
-
-
 def collect(
-    task: SimulatedUsers,
+    task: Task,
     steps: int,
     *,
     action_noise: float,
@@ -83,7 +43,7 @@ def collect(
     rest = drives.rest(drives.of(batch))
     keep = rng.choice(_KEPT, (batch.n, 1))
     size = rng.uniform(*task.random_size, (batch.n, 1))
-    task.stagger(randomly=randomly)
+    task.stagger()
     rows: list[tuple[NDArray[Any], ...]] = []
     for step in range(steps):
         on_progress(step / steps)
@@ -101,6 +61,6 @@ def collect(
         if len(ids):
             task.restart(ids)
             rest[ids] = drives.rest(drives.of(batch))[ids]
-    task.end_collecting(randomly=randomly)
+    task.end_collecting()
     columns = (np.concatenate(column) for column in zip(*rows, strict=True))
     return TransitionStore.of([torch.tensor(c, dtype=torch.float32) for c in columns])

@@ -15,6 +15,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.privileged import OBSERVATION
 from sim2vr_harness.policies.state_actor_critic import TeacherPolicy
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
+from sim2vr_harness.training.model_based.task import Task
 from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer, value_function
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.world_models.body_dynamics import BodyModel
@@ -58,7 +59,7 @@ class CycleReport:
     place_error_m: float
 
 
-class GameTask:
+class GameTask(Task):
     """Success in a game; see :class:`~.trainer.Task`.
 
     Args:
@@ -72,6 +73,7 @@ class GameTask:
             cannot be used with this user.
     """
 
+    policy: TeacherPolicy
     starts, recent_per_early = 9, 2
     random_size = (0.05, 0.8)
 
@@ -88,6 +90,7 @@ class GameTask:
             *policy.mlp_extractor.policy_net.parameters(),
             *policy.action_net.parameters(),
         ]
+        self.batch = simulation.simulation.users
         self.rng = np.random.default_rng([seed, 91])
         self._seed = seed
         self.persons = ImaginedPersons(simulation.simulation)
@@ -105,7 +108,7 @@ class GameTask:
         self.warm_up = self.senses.warm_up
         self.success_rates: tuple[float, ...] = ()
         self._near: dict[tuple[int, int], Tensor] = {}
-        self._started = False
+        self._started = self._random = False
         self._outcomes = np.zeros((2, len(simulation.conditions)))
         """Successes and failures of the simulated users since they began to collect."""
 
@@ -156,40 +159,26 @@ class GameTask:
 
     # --- simulated users ---------------------------------------------------------------------
 
-    @property
-    def batch(self) -> Any:
-        """See the protocol."""
-        return self.simulation.simulation.users
-
     def begin_collecting(self, *, randomly: bool) -> None:
-        """See the protocol."""
+        """See :class:`Task`."""
         sim = self.simulation
         if not self._started:
             seeds = np.random.SeedSequence([self._seed, 93]).generate_state(sim.n, np.uint32)
             sim.reset(seeds=[int(seed) for seed in seeds])
             self._started = True
-        if randomly:
-            sim.explore(_RANDOM_SECONDS)
+        self._random = randomly
+        sim.explore(_RANDOM_SECONDS if randomly else None)
         self._outcomes[:] = 0.0
         self._count(range(sim.n), -1.0)  # what was before does not count
 
-    def stagger(self, *, randomly: bool) -> None:
-        """See the protocol; the simulation does it at its first reset."""
-
-    def motion(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """See the protocol."""
-        users = self.batch
-        joints, dofs = users.body.qpos_independent, users.body.qvel_independent
-        return users.qpos[:, joints], users.qvel[:, dofs], self.body.drives.of(users)
-
     def policy_actions(self) -> NDArray[Any]:
-        """See the protocol."""
+        """See :class:`Task`."""
         return self.policy.act(self.simulation.observation(), None)
 
     def simulate(
         self, actions: NDArray[Any]
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[Any], NDArray[Any]]:
-        """See the protocol; user steps that end an episode are not a body's."""
+        """See :class:`Task`; user steps that end an episode are not a body's."""
         sim = self.simulation
         over = sim.step(actions).over
         columns = [sim.senses.names.index(name) for name in sim.game.fields]
@@ -197,19 +186,18 @@ class GameTask:
         return ~over & ~self.batch.diverged, over, persons, fields
 
     def restart(self, ids: NDArray[np.int64]) -> None:
-        """See the protocol."""
+        """See :class:`Task`."""
         self._count(ids, 1.0)
         self.simulation.reset(ids.tolist())  # with new logs, which begin with 0
 
-    def end_collecting(self, *, randomly: bool) -> None:
-        """See the protocol."""
+    def end_collecting(self) -> None:
+        """See :class:`Task`."""
         self._count(range(self.simulation.n), 1.0)
         shown = self._outcomes.sum(0)
-        known = (shown > 0.0) & (not randomly)
+        known = (shown > 0.0) & (not self._random)
         rates = np.where(known, self._outcomes[0] / np.maximum(shown, 1.0), np.nan)
         self.success_rates = tuple(map(float, rates))
-        if randomly:
-            self.simulation.explore(None)
+        self.simulation.explore(None)
 
     def _count(self, ids: Any, sign: float) -> None:
         """Add the outcomes of users' rounds, as far as they are."""
@@ -237,20 +225,14 @@ class GameTask:
         self.users.noise_share = reached(config.noise_ramp_cycles)
         self.users.cost_share = reached(config.cost_ramp_cycles)
 
-    def _place(self, steps: TransitionStore) -> Tensor:
-        """(K, D, 4, 4) where the devices were after user steps."""
-        with torch.no_grad():
-            place: Tensor = self.body.places(steps.after.angles, steps.after.persons)
-        return place
-
     def calibrate(self, steps: TransitionStore) -> None:
-        """See the protocol."""
-        self.game.calibrate(self._place(steps), steps.fields)
+        """See :class:`Task`."""
+        self.game.calibrate(self.place(steps), steps.fields)
 
     def begin_updates(self, pool: TransitionStore) -> None:
         """Find the states near a good start of an action, by condition and cell."""
         condition = self.game.condition_of(pool.fields)
-        distance, cell = self.game.nearest(self._place(pool), condition)
+        distance, cell = self.game.nearest(self.place(pool), condition)
         close = distance < _NEAR_M
         self._near = {
             (c, k): torch.nonzero(close & (condition == c) & (cell == k)).flatten().cpu()
@@ -262,7 +244,7 @@ class GameTask:
     def report(
         self, cycle: int, updates: int, success_rates: tuple[float, ...], place_error_m: float
     ) -> CycleReport:
-        """See the protocol."""
+        """See :class:`Task`."""
         counts = self.game.counts
         rates = counts[0] / counts.sum(0).clamp(min=1.0)
         self.game.adapt()
@@ -279,7 +261,7 @@ class GameTask:
     # --- imagined users ----------------------------------------------------------------------
 
     def start(self, ids: Tensor, pool: TransitionStore, rows: Tensor) -> None:
-        """See the protocol; some start near a target."""
+        """See :class:`Task`; some start near a target."""
         weights = self.game.spawn_weights.cpu()
         with rows.device:
             cells = torch.full((len(ids),), -1)
@@ -293,19 +275,19 @@ class GameTask:
         rows, cells = rows.to(ids.device), cells.to(ids.device)
         begin = pool.rows(rows)
         self.users.start(ids, begin.after)
-        self.game.start(ids, self._place(begin), begin.fields, cells)
+        self.game.start(ids, self.place(begin), begin.fields, cells)
         self.senses.start(ids)
 
     def observe(self) -> Tensor:
-        """See the protocol."""
+        """See :class:`Task`."""
         return self.senses.observe()
 
     def present(self) -> Tensor:
-        """See the protocol."""
+        """See :class:`Task`."""
         return self.senses.present()
 
     def normalise(self, observations: Tensor) -> None:
-        """See the protocol."""
+        """See :class:`Task`."""
         normaliser = self.policy.normaliser
         normaliser.mean.copy_(observations.mean(0))
         spread = self.senses.spread(observations.std(0).clamp(min=0.05))
@@ -313,24 +295,24 @@ class GameTask:
         normaliser.count.fill_(float(len(observations) * 100))
 
     def action_mean(self, observation: Tensor) -> Tensor:
-        """See the protocol."""
+        """See :class:`Task`."""
         return self.policy.action_mean({OBSERVATION: observation})
 
     def step(self, actions: Tensor, done: float) -> Tensor:
-        """See the protocol."""
+        """See :class:`Task`."""
         reward: Tensor = self.game.step(self.users.places(self.game.frames), done)
         self.senses.look(actions)
         return reward
 
     def cut(self) -> None:
-        """See the protocol."""
+        """See :class:`Task`."""
         self.game.cut()
         self.senses.cut()
 
     # --- exact resume ------------------------------------------------------------------------
 
     def state_dict(self) -> dict[str, Any]:
-        """See the protocol."""
+        """See :class:`Task`."""
         simulation = bytearray(self.simulation.save_state())
         return {
             "game": self.game.state(),
@@ -339,7 +321,7 @@ class GameTask:
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """See the protocol."""
+        """See :class:`Task`."""
         self.game.load_state(state["game"])
         self.senses.load_state(state["senses"])
         self.simulation.load_state(state["simulation"].cpu().numpy().tobytes())

@@ -1,14 +1,14 @@
-"""The stage of imagined rollouts: cycle after cycle, saved after each."""
+"""Stages of model-based trainings: cycle after cycle, saved after each."""
 
 from __future__ import annotations
 
-import json
 import math
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from stable_baselines3.common.utils import get_device
 from torch import Tensor
@@ -18,39 +18,41 @@ from sim2vr_harness.policies.state_actor_critic import new_teacher
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import append_row, keep_rows
-from sim2vr_harness.training.model_based.game_task import CycleReport, GameTrainer, game_trainer
+from sim2vr_harness.training.model_based.game_task import CycleReport, game_trainer
+from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer
 from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.stage import Callbacks
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 
-__all__ = ["ImaginedStage"]
+__all__ = ["CycleStage", "ImaginedStage"]
 
-_STATE, _POLICY, _LOG = "state.pt", "policy.pt", "cycles.jsonl"
+_STATE, _LOG = "state.pt", "cycles.jsonl"
 
 
-class ImaginedStage:
+class CycleStage(ABC):
     """See :class:`~sim2vr_harness.training.run.stage.Stage`.
 
     Args:
         config: of the run.
         folder: of the stage.
-        resumed: whether it goes on with what is in there.
-
-    Raises:
-        InputError: it shall begin with a teacher that is not there, or is of another kind.
+        cycles: how many.
     """
 
-    name, unit = "imagined", "cycles"
-    title = "a teacher learns from imagined rollouts, by gradients through a body model."
+    name: str
+    title: str
+    unit = "cycles"
+    result: ClassVar[str]
+    """Name of the file that holds what is learned, once all cycles are over."""
+    state_of: ClassVar[str]
+    """What the file of the trainer's state is called in errors."""
 
-    def __init__(self, config: TrainingConfig, folder: Path) -> None:
+    def __init__(self, config: TrainingConfig, folder: Path, cycles: int) -> None:
         self._config, self.folder = config, folder
-        self.total = float(config.teacher.imagined.cycles)
-        self._simulation: TeacherSimulation | None = None
-        self._rollouts: GameTrainer | None = None
+        self.total = float(cycles)
+        self._trainer: ModelBasedTrainer[Any] | None = None
         self._state: dict[str, Any] | None = None
         """After the last cycle, unless it is on disk."""
-        self._cycle_s: float | None = None
+        self._cycles_saved = 0
 
     @property
     def begun(self) -> bool:
@@ -60,69 +62,57 @@ class ImaginedStage:
     @property
     def finished(self) -> bool:
         """See the protocol."""
-        return (self.folder / _POLICY).is_file()
+        return (self.folder / self.result).is_file()
 
     @property
     def saved(self) -> str:
         """See the protocol."""
-        if self._cycles_saved == 0:
-            return ""
-        return f"cycle {self._cycles_saved} of {self.total:.0f}"
+        return f"cycle {self._cycles_saved} of {self.total:.0f}" if self._cycles_saved else ""
 
-    def weights(self) -> dict[str, Tensor]:
-        """Return the policy's weights after the last cycle."""
-        return read_tensors(self.folder / _POLICY, "the weights of imagined rollouts")
-
+    @abstractmethod
     def open(self) -> None:
-        """See the protocol."""
-        config = self._config
-        self._simulation = TeacherSimulation(config.env, config.teacher, config.seed)
-        policy = new_teacher(
-            self._simulation.observation_space,
-            self._simulation.action_space,
-            config.teacher.policy,
-            seed=config.seed,
-        )
-        self._rollouts = game_trainer(
-            config.teacher.imagined,
-            policy,
-            self._simulation,
-            seed=config.seed,
-            device=get_device(config.device) if self._simulation.game.on_gpu else "cpu",
-        )
+        """See the protocol; makes the trainer."""
+
+    @abstractmethod
+    def describe(self, report: Any) -> str:
+        """Return one line, for people, of a cycle."""
+
+    @abstractmethod
+    def write_result(self, file: Path, trainer: ModelBasedTrainer[Any], report: Any) -> None:
+        """Write what is learned; ``report`` is that of the last cycle, None before a first one."""
 
     def run(self, callbacks: Callbacks) -> None:
         """See the protocol."""
-        rollouts = self._rollouts
-        assert rollouts is not None
-        if (self.folder / _STATE).is_file():
-            _restore(rollouts, self.folder / _STATE)
-            callbacks.say(f"Continuing after cycle {rollouts.cycle}.")
-        self._cycles_saved = rollouts.cycle
-        callbacks.say(f"Imagined rollouts on {rollouts.device}.")
-        imagined = self._config.teacher.imagined
-        if 0 < imagined.cycles <= imagined.easier_cycles:
-            callbacks.say(
-                f"All of the {imagined.cycles} cycles are easier than the game: senses as late, "
-                f"muscles as noisy and ways as dear as they will be after {imagined.easier_cycles}."
-            )
+        trainer, file = self._trainer, self.folder / _STATE
+        assert trainer is not None
+        if file.is_file():
+            take_in(file, self.state_of, lambda state: _load(trainer, state))
+            callbacks.say(f"Continuing after cycle {trainer.cycle}.")
+        self._cycles_saved = trainer.cycle
+        callbacks.say(f"Imagined rollouts on {trainer.device}.")
         log = self.folder / _LOG
         self.folder.mkdir(parents=True, exist_ok=True)
-        keep_rows(log, lambda row: row["cycle"] <= rollouts.cycle)
-        while not rollouts.finished:
-            report = self._cycle(rollouts, callbacks)
+        keep_rows(log, lambda row: row["cycle"] <= trainer.cycle)
+        report, cycle_s = None, None
+        while not trainer.finished:
+            began, first = time.monotonic(), trainer.cycle == 0
+            report = self._cycle(trainer, callbacks, cycle_s)
+            if not first:  # which takes longer
+                cycle_s = time.monotonic() - began
             append_row(log, asdict(report))
-            state, file = rollouts.state_dict(), self.folder / _STATE
-            _require_finite(state, file if file.is_file() else None)
+            state = trainer.state_dict()
+            _require_finite(state, trainer.cycle, file if file.is_file() else None)
             self._state = state
             self.save()
-            callbacks.say(describe(report, self.total))
+            callbacks.say(self.describe(report))
             callbacks.report(report.cycle, asdict(report))
-        write_tensors(self.folder / _POLICY, rollouts.policy.state_dict())
+        self.write_result(self.folder / self.result, trainer, report)
         self.tidy()
 
-    def _cycle(self, rollouts: GameTrainer, callbacks: Callbacks) -> CycleReport:
-        began, cycle, cycle_s = time.monotonic(), rollouts.cycle, self._cycle_s
+    def _cycle(
+        self, trainer: ModelBasedTrainer[Any], callbacks: Callbacks, cycle_s: float | None
+    ) -> Any:
+        began, cycle = time.monotonic(), trainer.cycle
 
         def show(doing: str, share: float) -> None:
             def view() -> View:
@@ -135,20 +125,14 @@ class ImaginedStage:
 
             callbacks.show(view)
 
-        report: CycleReport = rollouts.step(show)
-        if cycle > 0:  # the first one takes longer
-            self._cycle_s = time.monotonic() - began
-        return report
-
-    _cycles_saved = 0
+        return trainer.step(show)
 
     def save(self) -> None:
         """See the protocol."""
-        if self._state is None:
-            return
-        assert self._rollouts is not None
-        write_tensors(self.folder / _STATE, self._state)
-        self._state, self._cycles_saved = None, self._rollouts.cycle
+        if self._state is not None:
+            assert self._trainer is not None
+            write_tensors(self.folder / _STATE, self._state)
+            self._state, self._cycles_saved = None, self._trainer.cycle
 
     def tidy(self) -> None:
         """See the protocol."""
@@ -156,28 +140,82 @@ class ImaginedStage:
 
     def close(self) -> None:
         """See the protocol."""
-        if self._simulation is not None:
-            self._simulation.close()
-        self._simulation = self._rollouts = self._state = None
+        self._trainer = self._state = None
 
 
-def _restore(rollouts: GameTrainer, file: Path) -> None:
-    def take(state: dict[str, Any]) -> None:
-        _require_finite(state, None)
-        rollouts.load_state_dict(state)
-
-    take_in(file, "the state of these rollouts", take)
+def _load(trainer: ModelBasedTrainer[Any], state: Mapping[str, Any]) -> None:
+    trainer.load_state_dict(state)
+    _require_finite(trainer.state_dict(), trainer.cycle, None)
 
 
-def _require_finite(state: Mapping[str, Any], last_good: Path | None) -> None:
+def _require_finite(state: Mapping[str, Any], cycle: int, last_good: Path | None) -> None:
+    """Check what is learned of a trainer's state; see :func:`require_finite`."""
     learned = {
         "policy": state["policy"],
         "body model": state["body"],
         "critic": state["critic"],
         "optimizer": state["optimizer"],
     }
-    cycle = json.loads(state["header"])["cycle"]
     require_finite(learned, f"after cycle {cycle}", last_good)
+
+
+class ImaginedStage(CycleStage):
+    """The training of a teacher in a game's model.
+
+    Args:
+        config: of the run.
+        folder: of the stage.
+
+    Raises:
+        InputError: it shall begin with a teacher that is not there, or is of another kind.
+    """
+
+    name = "imagined"
+    title = "a teacher learns from imagined rollouts, by gradients through a body model."
+    result, state_of = "policy.pt", "the state of these rollouts"
+
+    def __init__(self, config: TrainingConfig, folder: Path) -> None:
+        super().__init__(config, folder, config.teacher.imagined.cycles)
+        self._simulation: TeacherSimulation | None = None
+
+    def weights(self) -> dict[str, Tensor]:
+        """Return the policy's weights after the last cycle."""
+        return read_tensors(self.folder / self.result, "the weights of imagined rollouts")
+
+    def open(self) -> None:
+        """See the protocol."""
+        config = self._config
+        sim = self._simulation = TeacherSimulation(config.env, config.teacher, config.seed)
+        spaces = sim.observation_space, sim.action_space
+        policy = new_teacher(*spaces, config.teacher.policy, seed=config.seed)
+        device = get_device(config.device) if sim.game.on_gpu else "cpu"
+        imagined, seed = config.teacher.imagined, config.seed
+        self._trainer = game_trainer(imagined, policy, sim, seed=seed, device=device)
+
+    def run(self, callbacks: Callbacks) -> None:
+        """See the protocol."""
+        imagined = self._config.teacher.imagined
+        if 0 < imagined.cycles <= imagined.easier_cycles:
+            callbacks.say(
+                f"All of the {imagined.cycles} cycles are easier than the game: senses as late, "
+                f"muscles as noisy and ways as dear as they will be after {imagined.easier_cycles}."
+            )
+        super().run(callbacks)
+
+    def describe(self, report: CycleReport) -> str:
+        """See :class:`CycleStage`."""
+        return describe(report, self.total)
+
+    def write_result(self, file: Path, trainer: ModelBasedTrainer[Any], report: Any) -> None:
+        """See :class:`CycleStage`."""
+        write_tensors(file, trainer.task.policy.state_dict())
+
+    def close(self) -> None:
+        """See the protocol."""
+        super().close()
+        if self._simulation is not None:
+            self._simulation.close()
+        self._simulation = None
 
 
 def describe(report: CycleReport, cycles: float) -> str:

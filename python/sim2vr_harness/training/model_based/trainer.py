@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Generic, Protocol, TypeVar
+from collections.abc import Callable, Mapping
+from typing import Any, Generic, TypeVar
 
 import torch
 from torch import Tensor, nn
 
 from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
-from sim2vr_harness.training.model_based.collector import SimulatedUsers, collect
-from sim2vr_harness.world_models.body_dynamics import BodyModel, fit_body
+from sim2vr_harness.training.model_based.collector import collect
+from sim2vr_harness.training.model_based.task import Task
+from sim2vr_harness.world_models.body_dynamics import fit_body
 from sim2vr_harness.world_models.gradient_clipping import limited
-from sim2vr_harness.world_models.learning_device import LearningDevice, Part
-from sim2vr_harness.world_models.rollout_env import ImaginedUsers
+from sim2vr_harness.world_models.learning_device import LearningDevice
 from sim2vr_harness.world_models.transitions import KEPT_CYCLES, TransitionStore
 from sim2vr_harness.world_models.value_function import ValueFunction
 from sim2vr_harness.world_models.weight_average import WeightAverage
 
-__all__ = ["ModelBasedTrainer", "OnProgress", "Task", "value_function"]
+__all__ = ["ModelBasedTrainer", "OnProgress", "value_function"]
 
 STATE_FORMAT = 8
 _PLAYED, _FITTED = 0.2, 0.4
@@ -37,88 +37,6 @@ _STATISTICS_STARTS = 8
 
 OnProgress = Callable[[str, float], None]
 """Called with what is being done, and which share of the cycle's time is over, more or less."""
-
-
-class Task(SimulatedUsers, Protocol):
-    """What B imagined users are trained to do: a game model's rounds, or goals of hands.
-
-    Observations are (B, size), actions (B, A).
-    """
-
-    policy: nn.Module
-    """What learns."""
-    actor: Sequence[nn.Parameter]
-    """The policy's weights that gradients move."""
-    body: BodyModel
-    users: ImaginedUsers
-    parts: Sequence[Part]
-    """What imagined user steps change, beside the users."""
-    starts: int
-    """Starts of all imagined users before the first update; 0: they continue from the rest pose,
-    and the policy has its statistics of observations already."""
-    recent_per_early: int
-    """Start states of the last cycles for each of the first cycle, whose states are everywhere."""
-    warm_up: int
-    """User steps after a start until an observation's past is the user's own."""
-    success_rates: tuple[float, ...]
-    """Of the simulated users in the last collection, by condition; NaN: not known."""
-
-    def begin_cycle(self, cycle: int) -> None:
-        """Set how difficult this cycle is, the first being 0."""
-
-    def calibrate(self, steps: TransitionStore) -> None:
-        """Fit what the task has to know of the tools to the user steps of the first cycle."""
-
-    def begin_updates(self, pool: TransitionStore) -> None:
-        """Take note of the states that imagined users start from in this cycle."""
-
-    def start(self, ids: Tensor, pool: TransitionStore, rows: Tensor) -> None:
-        """Let imagined users ``ids`` (K,) continue from rows (K,) of the pool, or better ones.
-
-        Rows are on the CPU, where random numbers are cheap one by one.
-        """
-
-    def observe(self) -> Tensor:
-        """Return what the policy observes."""
-
-    def present(self) -> Tensor:
-        """Return the same without delays, for the critic."""
-
-    def normalise(self, observations: Tensor) -> None:
-        """Set the policy's statistics of observations by (K, size) of them."""
-
-    def action_mean(self, observation: Tensor) -> Tensor:
-        """Return the policy's mean actions."""
-
-    def step(self, actions: Tensor, done: float) -> Tensor:
-        """Return the (B,) rewards of the user step that the imagined users have just taken.
-
-        Args:
-            actions: that they took.
-            done: proportion of the training that is over; rewards may be relaxed at first.
-        """
-
-    def cut(self) -> None:
-        """Detach the present from what led to it."""
-
-    def report(
-        self, cycle: int, updates: int, success_rates: tuple[float, ...], place_error_m: float
-    ) -> Any:
-        """Return what the cycle that has just ended was like, and adapt the next one to it.
-
-        Args:
-            cycle: its number, from 1.
-            updates: of the policy so far.
-            success_rates: of its simulated users, by condition.
-            place_error_m: of the body model, mean over devices, in one user step.
-        """
-
-    def state_dict(self) -> dict[str, Any]:
-        """Return what the task's future depends on, but for policy, body model and users."""
-
-    def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Continue from :meth:`state_dict`."""
-
 
 AnyTask = TypeVar("AnyTask", bound=Task)
 
@@ -153,13 +71,13 @@ class ModelBasedTrainer(Generic[AnyTask]):
     ) -> None:
         self._device = device or LearningDevice("cpu")
         self.task, self.config = task, config
-        self.policy, self.body, self.users = task.policy, task.body, task.users
+        self.body, self.users = task.body, task.users
         self.cycle = self.updates = 0
         self._critic = critic
         self._optimizer = torch.optim.Adam(
             task.actor, lr=config.learning_rate, betas=_BETAS, fused=self._device.is_gpu or None
         )
-        with self._device.active(self.policy):
+        with self._device.active(self.task.policy):
             self._average = WeightAverage(task.actor, config.average_updates)
         self._window = self._device.window(self._imagined_window, [self.users, *task.parts])
         self._seen: list[TransitionStore] = []
@@ -196,7 +114,7 @@ class ModelBasedTrainer(Generic[AnyTask]):
         with self._average.in_place():
             self._seen.append(self._collect(on_progress).to(self.device))
             self._keep_best()
-        with self._device.active(self.policy):
+        with self._device.active(self.task.policy):
             place_error_m = self._learn(on_progress)
         self.cycle += 1
         rates = self.task.success_rates
@@ -256,7 +174,7 @@ class ModelBasedTrainer(Generic[AnyTask]):
         self._collect(lambda doing, share: None)
         self._keep_best()
         if self._best is not None:
-            self.policy.load_state_dict(self._best[1])
+            self.task.policy.load_state_dict(self._best[1])
 
     def _keep_best(self) -> None:
         """Keep the weights that the simulated users have just had, if none were more successful.
@@ -269,7 +187,7 @@ class ModelBasedTrainer(Generic[AnyTask]):
             return
         rate = sum(known) / len(known)
         if self._best is None or rate > self._best[0]:
-            weights = {name: value.clone() for name, value in self.policy.state_dict().items()}
+            weights = {name: value.clone() for name, value in self.task.policy.state_dict().items()}
             self._best = (rate, weights)
 
     def _to_fit(self) -> TransitionStore:
@@ -402,7 +320,7 @@ class ModelBasedTrainer(Generic[AnyTask]):
         )
         return {
             "header": header,
-            "policy": self.policy.state_dict(),
+            "policy": self.task.policy.state_dict(),
             "body": self.body.state_dict(),
             "critic": self._critic.state(),
             "optimizer": self._optimizer.state_dict(),
@@ -428,8 +346,8 @@ class ModelBasedTrainer(Generic[AnyTask]):
         random = state["torch"]
         self._random_state = [random] if isinstance(random, Tensor) else random
         self._best = None if state["best"] is None else (state["best"][0], state["best"][1])
-        with self._device.active(self.policy):
-            self.policy.load_state_dict(state["policy"])
+        with self._device.active(self.task.policy):
+            self.task.policy.load_state_dict(state["policy"])
             self.body.load_state_dict(state["body"])
             for parameter in self.body.parameters():
                 parameter.requires_grad_(False)

@@ -16,6 +16,7 @@ from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.workspace import INSIDE, reachable_poses
 from sim2vr_harness.runs.option_config import MotorTrainingConfig
 from sim2vr_harness.runs.teacher_config import ImaginedConfig
+from sim2vr_harness.training.model_based.task import Task
 from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer, value_function
 from sim2vr_harness.users import Body, UserBatch
 from sim2vr_harness.users.noise import MotorNoiseSettings
@@ -40,10 +41,9 @@ def _settings(config: MotorTrainingConfig) -> ImaginedConfig:
     Goals are reached within about 20 user steps, which the discount factor fits. The policy is
     small, and learns fast. Policies above it are not exact, hence the noise on the actions.
     """
-    same = ("cycles", "first_play_steps", "play_steps", "first_fit_minibatches", "fit_minibatches")
-    same = (*same, "body_width", "users", "updates", "window_steps")
+    same = config.model_dump(exclude={"bodies", "width", "strikes"})
     return ImaginedConfig(
-        **{name: getattr(config, name) for name in same},
+        **same,
         critic_width=config.width,
         gamma=0.95,
         learning_rate=1.5e-3,
@@ -88,8 +88,8 @@ class MotorTrainingCycle:
         )
 
 
-class GoalTask:
-    """Hands that arrive where and when goals say; see ``model_based.trainer.Task``.
+class GoalTask(Task):
+    """Hands that arrive where and when goals say.
 
     Args:
         config: of the training.
@@ -102,8 +102,8 @@ class GoalTask:
             The body model is learned anew.
     """
 
-    recent_per_early, warm_up, random_size = 3, 0, (0.05, 0.7)
-    success_rates: tuple[float, ...] = ()
+    policy: MotorPolicy
+    recent_per_early, random_size = 3, (0.05, 0.7)
 
     def __init__(
         self,
@@ -157,7 +157,7 @@ class GoalTask:
     # --- simulated bodies --------------------------------------------------------------------
 
     def begin_collecting(self, *, randomly: bool) -> None:
-        """See the protocol."""
+        """See :class:`Task`."""
         self._random = randomly
         self._played.clear()
         self.restart(np.arange(self.batch.n))
@@ -167,23 +167,23 @@ class GoalTask:
         """User steps of an episode."""
         return _RANDOM_EPISODE_STEPS if self._random else _EPISODE_STEPS
 
-    def stagger(self, *, randomly: bool) -> None:
-        """See the protocol."""
+    def stagger(self) -> None:
+        """See :class:`Task`."""
         self._age[:] = self.rng.integers(0, self._longest, self.batch.n)
 
     def motion(self) -> tuple[NDArray[Any], NDArray[Any], NDArray[Any]]:
-        """See the protocol; float32."""
+        """See :class:`Task`; float32."""
         angles, speeds, drives = self.policy.motion(self.batch)
         return angles.numpy(), speeds.numpy(), drives.numpy()
 
     def policy_actions(self) -> NDArray[Any]:
-        """See the protocol."""
+        """See :class:`Task`."""
         return self.policy.act(self.batch, self._played.goals)
 
     def simulate(
         self, actions: NDArray[Any]
     ) -> tuple[NDArray[np.bool_], NDArray[np.bool_], NDArray[Any], NDArray[Any]]:
-        """See the protocol."""
+        """See :class:`Task`."""
         self.batch.step(np.clip(actions, -1.0, 1.0))
         if not self._random:
             with torch.no_grad():
@@ -193,7 +193,7 @@ class GoalTask:
         return ~diverged, (self._age >= self._longest) | diverged, none, none
 
     def restart(self, ids: NDArray[np.int64]) -> None:
-        """See the protocol; in any posture."""
+        """See :class:`Task`; in any posture."""
         low, high = self._user.joint_ranges.T
         middle, half = 0.5 * (low + high), 0.5 * INSIDE * (high - low)
         postures = middle + half * self.rng.uniform(-1.0, 1.0, (len(ids), len(low)))
@@ -205,30 +205,18 @@ class GoalTask:
             angles, speeds, _ = self.policy.motion(self.batch)
             self._played.start(rows, self.policy.places(angles[rows], speeds[rows])[0])
 
-    def end_collecting(self, *, randomly: bool) -> None:
-        """See the protocol; goals measure themselves."""
-
     # --- a cycle -----------------------------------------------------------------------------
-
-    def begin_cycle(self, cycle: int) -> None:
-        """See the protocol; all cycles are equally difficult."""
-
-    def calibrate(self, steps: TransitionStore) -> None:
-        """See the protocol; goals say where the tools' tips are."""
-
-    def begin_updates(self, pool: TransitionStore) -> None:
-        """See the protocol."""
 
     def report(
         self, cycle: int, updates: int, success_rates: tuple[float, ...], place_error_m: float
     ) -> MotorTrainingCycle:
-        """See the protocol."""
+        """See :class:`Task`."""
         return MotorTrainingCycle(cycle, **self._played.measured(), model_m=place_error_m)
 
     # --- imagined users ----------------------------------------------------------------------
 
     def start(self, ids: Tensor, pool: TransitionStore, rows: Tensor) -> None:
-        """See the protocol."""
+        """See :class:`Task`."""
         begin = pool.rows(rows)
         self.users.start(ids, begin.after)
         with torch.no_grad():
@@ -241,7 +229,7 @@ class GoalTask:
         return self.policy.places(motion.angles, motion.speeds)
 
     def observe(self) -> Tensor:
-        """See the protocol; worked out once per user step."""
+        """See :class:`Task`; worked out once per user step."""
         if self._observed is None:
             motion = self.users.motion
             goals = self.goals.observe(*self._places())
@@ -251,32 +239,32 @@ class GoalTask:
     present = observe
 
     def normalise(self, observations: Tensor) -> None:
-        """See the protocol."""
+        """See :class:`Task`."""
         self.policy.mean.copy_(observations.mean(0))
         self.policy.std.copy_(observations.std(0).clamp(min=0.05))
 
     def action_mean(self, observation: Tensor) -> Tensor:
-        """See the protocol."""
+        """See :class:`Task`."""
         mean: Tensor = self.policy(observation)
         return mean
 
     def step(self, actions: Tensor, done: float) -> Tensor:
-        """See the protocol."""
+        """See :class:`Task`."""
         self._observed = None
         return self.goals.step(*self._places())
 
     def cut(self) -> None:
-        """See the protocol."""
+        """See :class:`Task`."""
         self._observed = None
 
     # --- exact resume ------------------------------------------------------------------------
 
     def state_dict(self) -> dict[str, Any]:
-        """See the protocol; the simulated bodies begin every cycle anew."""
+        """See :class:`Task`; the simulated bodies begin every cycle anew."""
         return {"exercises": self.goals.state(), "played": self._played.state()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """See the protocol."""
+        """See :class:`Task`."""
         self.goals.load_state(state["exercises"])
         self._played.load_state(state["played"])
         self._observed = None

@@ -1,4 +1,4 @@
-"""The stages of the recipe ``skills``: a motor layer, if there is none, then looking and trying."""
+"""The Q-learning stage of the recipe ``skills``, which follows that of the motor policy."""
 
 from __future__ import annotations
 
@@ -13,19 +13,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.finite import require_finite
 from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.config import EnvConfig, body_of
-from sim2vr_harness.envs.simulation import Simulation, motor_noise
+from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
     load_motor_layer,
     motor_layer_for,
-    save_motor_layer,
 )
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, require_senses
 from sim2vr_harness.policies.hierarchical.primitives import PrimitiveController
@@ -35,11 +33,7 @@ from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors,
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import append_row, keep_rows
 from sim2vr_harness.training.dagger.option_expert import OptionExpert
-from sim2vr_harness.training.motor_control.goal_task import (
-    MOTOR_STATE,
-    MotorTrainer,
-    motor_trainer,
-)
+from sim2vr_harness.training.motor_control.stage import MotorStage
 from sim2vr_harness.training.option_q_learning.q_learning import (
     N_STEP,
     UPDATES_PER_DECISION,
@@ -48,15 +42,9 @@ from sim2vr_harness.training.option_q_learning.q_learning import (
 from sim2vr_harness.training.run.progress import View, duration
 from sim2vr_harness.training.run.stage import Callbacks
 
-__all__ = ["MotorStage", "QLearningStage", "needs_practice"]
+__all__ = ["QLearningStage"]
 
-_STATE, _LAYER, _LOG, _PICTURES, _VALUES = (
-    "state.pt",
-    "layer.pt",
-    "cycles.jsonl",
-    "pictures.bin",
-    "values.pt",
-)
+_STATE, _LOG, _PICTURES, _VALUES = "state.pt", "cycles.jsonl", "pictures.bin", "values.pt"
 _STUDENT_RATE, _PPO_RATE = 0.8, 1.4
 """User steps a second of the stages, relative to those of users who do nothing but step."""
 _SAVE_DECISIONS, _REPORT_DECISIONS, _PACE_DECISIONS = 100, 20, 10
@@ -65,118 +53,6 @@ _HOLDS, _HOLD_S = (1, 3, 5), 10.0
 played to find out which is best."""
 _HOPELESS = 0.35
 """Share of the stage after which a user should do better than one who does nothing."""
-
-
-def needs_practice(config: TrainingConfig) -> bool:
-    """Whether a run has to make its motor layer first."""
-    if config.skills.motor is not None:
-        return False
-    env = config.env
-    try:
-        motor_layer_for(body_of(env.user), 1.0 / env.action_frequency_hz)
-    except InputError:
-        return True
-    return False
-
-
-class MotorStage:
-    """See :class:`~sim2vr_harness.training.run.stage.Stage`.
-
-    Args:
-        config: of the run.
-        folder: of the stage.
-    """
-
-    name, unit = "motor", "cycles"
-    title = "hands learn to come where they are told (no motor layer ships for this body)."
-
-    def __init__(self, config: TrainingConfig, folder: Path) -> None:
-        self._config, self.folder = config, folder
-        self.total = float(config.skills.motor_training.cycles)
-        self._practice: MotorTrainer | None = None
-        self._state: dict[str, Any] | None = None
-        self._cycles_saved = 0
-
-    @property
-    def layer_file(self) -> Path:
-        """Where the layer is, once there is one."""
-        return self.folder / _LAYER
-
-    @property
-    def begun(self) -> bool:
-        """See the protocol."""
-        return self.finished or (self.folder / _STATE).is_file()
-
-    @property
-    def finished(self) -> bool:
-        """See the protocol."""
-        return self.layer_file.is_file()
-
-    @property
-    def saved(self) -> str:
-        """See the protocol."""
-        return f"cycle {self._cycles_saved} of {self.total:.0f}" if self._cycles_saved else ""
-
-    def open(self) -> None:
-        """See the protocol."""
-        config = self._config
-        env = config.env
-        self._practice = motor_trainer(
-            config.skills.motor_training,
-            body_of(env.user),
-            1.0 / env.action_frequency_hz,
-            noise=motor_noise(env.user.noise),
-            threads=budget(env.cores),
-            seed=config.seed,
-        )
-
-    def run(self, callbacks: Callbacks) -> None:
-        """See the protocol."""
-        practice = self._practice
-        assert practice is not None
-        self.folder.mkdir(parents=True, exist_ok=True)
-        if (self.folder / _STATE).is_file():
-            take_in(self.folder / _STATE, MOTOR_STATE, practice.load_state_dict)
-            callbacks.say(f"Continuing after cycle {practice.cycle}.")
-        self._cycles_saved = practice.cycle
-        log = self.folder / _LOG
-        keep_rows(log, lambda row: row["cycle"] <= practice.cycle)
-        known: dict[str, float] = {}
-        cycle_s: float | None = None
-        while not practice.finished:
-            began, cycle = time.monotonic(), practice.cycle
-
-            def show(doing: str, share: float) -> None:
-                left = None if cycle_s is None else (self.total - cycle - share) * cycle_s  # noqa: B023
-                text = f"cycle {cycle + 1} of {self.total:.0f}: {doing}"  # noqa: B023
-                callbacks.show(lambda: View(cycle + share, text, left))  # noqa: B023
-
-            report = practice.step(show)
-            if cycle > 0:
-                cycle_s = time.monotonic() - began
-            known = asdict(report)
-            append_row(log, known)
-            self._state = practice.state_dict()
-            self.save()
-            callbacks.say(report.in_words(practice.config.cycles))
-            callbacks.report(report.cycle, known)
-        save_motor_layer(self.layer_file, practice.policy, **known)
-        self.tidy()
-
-    def save(self) -> None:
-        """See the protocol."""
-        if self._state is not None:
-            assert self._practice is not None
-            write_tensors(self.folder / _STATE, self._state)
-            self._state, self._cycles_saved = None, self._practice.cycle
-
-    def tidy(self) -> None:
-        """See the protocol."""
-        (self.folder / _STATE).unlink(missing_ok=True)
-
-    def close(self) -> None:
-        """See the protocol."""
-        self._practice = self._state = None
 
 
 class QLearningStage:

@@ -15,11 +15,8 @@ from sim2vr_harness.training.dagger.dagger import Expert
 from sim2vr_harness.training.dagger.expert import TeacherExpert
 from sim2vr_harness.training.dagger.stage import StudentStage
 from sim2vr_harness.training.model_based.stage import ImaginedStage
-from sim2vr_harness.training.option_q_learning.stage import (
-    MotorStage,
-    QLearningStage,
-    needs_practice,
-)
+from sim2vr_harness.training.motor_control.stage import MotorStage, needs_motor_policy
+from sim2vr_harness.training.option_q_learning.stage import QLearningStage
 from sim2vr_harness.training.ppo import ppo
 from sim2vr_harness.training.ppo.fine_tune import user_to_adapt
 from sim2vr_harness.training.ppo.stage import PPOStage
@@ -107,7 +104,7 @@ def _skills(run: Run) -> list[Stage]:
     With ``skills.user: hierarchical`` who knows what is worth doing is the user.
     """
     config, path = run.config, run.folder.path
-    motor = MotorStage(config, path / MotorStage.name) if needs_practice(config) else None
+    motor = MotorStage(config, path / MotorStage.name) if needs_motor_policy(config) else None
     steps = config.skills.q_learning.user_steps
     user = run.folder.checkpoint_file(steps) if config.policy_kind == "hierarchical" else None
     looking = QLearningStage(config, path / QLearningStage.name, motor, user)

@@ -237,9 +237,9 @@ def test_users_with_motor_noise_are_imagined_with_it() -> None:
 
 
 def test_imagined_rollouts_move_the_actor_alone(rollouts: GameTrainer) -> None:
-    before = {key: value.clone() for key, value in rollouts.policy.state_dict().items()}
+    before = {key: value.clone() for key, value in rollouts.task.policy.state_dict().items()}
     rollouts.step()
-    after = rollouts.policy.state_dict()
+    after = rollouts.task.policy.state_dict()
     moved = {key for key in before if not torch.equal(before[key], after[key])}
     assert "action_net.weight" in moved
     assert all("policy_net" in key or key.startswith("action_net") for key in moved)
@@ -249,14 +249,14 @@ def test_the_cycle_that_played_best_is_kept(monkeypatch: pytest.MonkeyPatch) -> 
     made = new_rollouts("imagined.cycles=3", "imagined.keep_best=true")
     rates = iter([math.nan, 0.2, 0.6, 0.1])
 
-    def measured(*, randomly: bool) -> None:
+    def measured() -> None:
         made.task.success_rates = (next(rates), math.nan)
 
     monkeypatch.setattr(made.task, "end_collecting", measured)
     after = []
     for _ in range(3):
         made.step()
-        after.append({k: v.clone() for k, v in made.policy.state_dict().items()})
+        after.append({k: v.clone() for k, v in made.task.policy.state_dict().items()})
     # What plays in a cycle was learned in the one before it.
     for name, value in after[1].items():
         torch.testing.assert_close(after[2][name], value, rtol=0.0, atol=0.0)

@@ -251,11 +251,11 @@ def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
     again = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
     again.load_state_dict(parts.state_dict())
     assert again.step() == reports[1]
-    for name, values in whole.policy.weights().items():
-        assert torch.equal(values, again.policy.weights()[name]), name
-    save_motor_layer(tmp_path / "layer.pt", whole.policy, body=body.name)
+    for name, values in whole.task.policy.weights().items():
+        assert torch.equal(values, again.task.policy.weights()[name]), name
+    save_motor_layer(tmp_path / "layer.pt", whole.task.policy, body=body.name)
     read = load_motor_layer(tmp_path / "layer.pt", body, STEP_S)
-    for name, values in whole.policy.weights().items():
+    for name, values in whole.task.policy.weights().items():
         assert torch.equal(values, read.weights()[name]), name
     with pytest.raises(InputError, match="user steps differ"):
         load_motor_layer(tmp_path / "layer.pt", body, 0.1)
@@ -268,18 +268,18 @@ def test_practice_goes_on_from_a_layer() -> None:
     body = load_body("mobl_arms_wrist")
     first = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
     first.step()
-    known = {name: values.clone() for name, values in first.policy.weights().items()}
+    known = {name: values.clone() for name, values in first.task.policy.weights().items()}
     config = TINY.model_copy(update={"updates": 12})  # layers stay as they are for 20
-    more = motor_trainer(config, body, STEP_S, threads=1, seed=4, begin=first.policy)
-    for name, values in more.policy.weights().items():
+    more = motor_trainer(config, body, STEP_S, threads=1, seed=4, begin=first.task.policy)
+    for name, values in more.task.policy.weights().items():
         assert torch.equal(values, known[name]), name
     more.step()
     more.step()
     # What it learned is in units of what was met in its own first cycle.
-    assert torch.equal(more.policy.mean, known["mean"])
-    assert torch.equal(more.policy.std, known["std"])
-    assert torch.equal(first.policy.net[0].weight, known["net.0.weight"])
-    assert not torch.equal(more.policy.net[0].weight, known["net.0.weight"])
+    assert torch.equal(more.task.policy.mean, known["mean"])
+    assert torch.equal(more.task.policy.std, known["std"])
+    assert torch.equal(first.task.policy.net[0].weight, known["net.0.weight"])
+    assert not torch.equal(more.task.policy.net[0].weight, known["net.0.weight"])
 
 
 def test_a_body_without_a_layer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,77 @@
+"""The stage that trains the motor policy of a body for which none ships."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from sim2vr_harness.base.cores import budget
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.envs.config import body_of
+from sim2vr_harness.envs.simulation import motor_noise
+from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for, save_motor_layer
+from sim2vr_harness.runs.config import TrainingConfig
+from sim2vr_harness.training.model_based.stage import CycleStage
+from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer
+from sim2vr_harness.training.motor_control.goal_task import (
+    MOTOR_STATE,
+    MotorTrainingCycle,
+    motor_trainer,
+)
+
+__all__ = ["MotorStage", "needs_motor_policy"]
+
+
+def needs_motor_policy(config: TrainingConfig) -> bool:
+    """Whether a run has to make its motor layer first."""
+    if config.skills.motor is not None:
+        return False
+    env = config.env
+    try:
+        motor_layer_for(body_of(env.user), 1.0 / env.action_frequency_hz)
+    except InputError:
+        return True
+    return False
+
+
+class MotorStage(CycleStage):
+    """The training of a motor policy.
+
+    Args:
+        config: of the run.
+        folder: of the stage.
+    """
+
+    name = "motor"
+    title = "hands learn to reach their goals (no motor policy ships for this body)."
+    result, state_of = "layer.pt", MOTOR_STATE
+
+    def __init__(self, config: TrainingConfig, folder: Path) -> None:
+        super().__init__(config, folder, config.skills.motor_training.cycles)
+
+    @property
+    def layer_file(self) -> Path:
+        """Where the motor policy is, once there is one."""
+        return self.folder / self.result
+
+    def open(self) -> None:
+        """See the protocol."""
+        config = self._config
+        env = config.env
+        self._trainer = motor_trainer(
+            config.skills.motor_training,
+            body_of(env.user),
+            1.0 / env.action_frequency_hz,
+            noise=motor_noise(env.user.noise),
+            threads=budget(env.cores),
+            seed=config.seed,
+        )
+
+    def describe(self, report: MotorTrainingCycle) -> str:
+        """See :class:`CycleStage`."""
+        return report.in_words(round(self.total))
+
+    def write_result(self, file: Path, trainer: ModelBasedTrainer[Any], report: Any) -> None:
+        """See :class:`CycleStage`."""
+        save_motor_layer(file, trainer.task.policy, **({} if report is None else asdict(report)))

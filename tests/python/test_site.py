@@ -57,7 +57,7 @@ def test_a_dead_link_and_a_page_without_a_section_are_errors(tmp_path: Path) -> 
     docs.mkdir()
     (docs / "conf.py").write_text((ROOT / "docs/conf.py").read_text(encoding="utf-8"))
     (docs / "index.md").write_text("# Site\n\n[Dead](gone.md) and [folder](.).\n")
-    (docs / "tools.md").write_text("# Tools\n")
+    (docs / "architecture.md").write_text("# Architecture\n")
     (docs / "stray.md").write_text("# Stray\n")
     done = build(docs, tmp_path / "site")
     assert done.returncode != 0

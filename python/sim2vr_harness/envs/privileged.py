@@ -101,15 +101,15 @@ class Layout:
 
     Attributes:
         names: of its entries.
-        felt: columns of what is known as late as the body is.
-        seen: columns of what is known as late as pictures are.
+        felt: columns of what is known as late as the body is; numbers, or a tensor of them.
+        seen: columns of what is known as late as pictures are, likewise.
         actions: last user steps whose actions follow, the newest first.
         lag: how late.
     """
 
     names: tuple[str, ...]
-    felt: tuple[int, ...]
-    seen: tuple[int, ...]
+    felt: Any
+    seen: Any
     actions: int
     lag: Lag
 
@@ -131,7 +131,7 @@ class Layout:
         """
         if pictured is None:
             pictured = at(self.lag.game)
-        parts = [at(self.lag.body)[:, list(self.felt)], pictured[:, list(self.seen)]]
+        parts = [at(self.lag.body)[:, self.felt], pictured[:, self.seen]]
         return join([*parts, *(did(back + 1) for back in range(self.actions))])
 
 

@@ -139,6 +139,7 @@ class ImaginedGame(Protocol):
             the app's frame. A student may learn to look at them (``policy.attention_crops``).
         start_fields: the privileged numbers that say how far the tool is from the nearest good
             start of an action, m, and for which cell; None: rounds start where they start.
+        on_gpu: whether imagined rounds can run on a GPU: a user step reads no tensor's values.
         start_limits: joint -> lowest and highest angle, rad, of the postures that rounds of the
             curriculum may start in; joints not named have their whole range.
     """
@@ -154,6 +155,7 @@ class ImaginedGame(Protocol):
     facts: str
     glances: tuple[str, ...]
     start_fields: tuple[str, str] | None
+    on_gpu: bool
     start_limits: Mapping[str, tuple[float, float]]
 
     def options(

@@ -171,10 +171,13 @@ class TeacherPolicy(StagePolicy):
             rng: Draws the deviation from the mean; None takes the mean.
         """
         with torch.no_grad():
-            tensors = {key: torch.as_tensor(value) for key, value in observations.items()}
-            mean = self.action_mean(tensors).numpy()
+            tensors = {
+                key: torch.as_tensor(value, device=self.device)
+                for key, value in observations.items()
+            }
+            mean = self.action_mean(tensors).cpu().numpy()
             if rng is not None:
-                deviation = np.exp(self.standard_log().numpy())
+                deviation = np.exp(self.standard_log().cpu().numpy())
                 mean = mean + deviation * rng.standard_normal(mean.shape, dtype=np.float32)
         return np.clip(mean, -1.0, 1.0).astype(np.float32)
 

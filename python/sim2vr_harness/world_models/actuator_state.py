@@ -37,6 +37,10 @@ class ActuatorState:
         self.muscles, self.motors = _where(rules, Muscle), _where(rules, Motor)
         """Which actions are those of muscles, and of motors with smoothed targets."""
         self._direct = _where(rules, Direct)
+        self.muscle_columns = torch.tensor(self.muscles)
+        self._observed = torch.tensor([*self.muscles, *self.motors], dtype=torch.long)
+        self._is_motor = torch.tensor([rule is Motor for rule in rules])
+        self._is_direct = torch.tensor([rule is Direct for rule in rules])
         names = body.action_names
         self.names = (
             *(f"{names[i]} act" for i in self.muscles),
@@ -75,9 +79,9 @@ class ActuatorState:
         aim = within(aim, 0.0, 1.0) if inwards else aim.clamp(0.0, 1.0)
         if len(self.motors):
             smoothed = Motor.KEPT * drives + (1.0 - Motor.KEPT) * aim
-            aim = torch.where(self._are(self.motors), smoothed, aim)
+            aim = torch.where(self._is_motor, smoothed, aim)
         if len(self._direct):
-            aim = torch.where(self._are(self._direct), 0.5 * (actions + 1.0), aim)
+            aim = torch.where(self._is_direct, 0.5 * (actions + 1.0), aim)
         return aim
 
     def shares(self, drives: NDArray[np.float64], actions: NDArray[Any]) -> NDArray[np.float64]:
@@ -100,23 +104,18 @@ class ActuatorState:
         aim = drives + actions
         over = (torch.relu(aim - 1.0) + torch.relu(-aim)).square()
         if len(self._direct):
-            over = torch.where(self._are(self._direct), 0.0, over)
+            over = torch.where(self._is_direct, 0.0, over)
         return over.sum(1)
 
     def observe(self, drives: Tensor) -> Tensor:
         """(B, F) drives scaled to [-1, 1], in the order of :attr:`names`."""
-        return 2.0 * drives[:, [*self.muscles, *self.motors]] - 1.0
+        return 2.0 * drives[:, self._observed] - 1.0
 
     def rest(self, start: NDArray[np.float64]) -> NDArray[np.float64]:
         """(N, A) where users who move at random come back to: motors to where they began."""
         rest = start.copy()
         rest[:, self.muscles] = REST_ACT
         return rest
-
-    def _are(self, columns: NDArray[np.int64]) -> Tensor:
-        chosen = torch.zeros(self.count, dtype=torch.bool)
-        chosen[columns] = True
-        return chosen
 
 
 def _where(rules: list[type], rule: type) -> NDArray[np.int64]:

@@ -18,6 +18,7 @@ from sim2vr_harness.users import Body
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 from sim2vr_harness.world_models.actuator_state import ActuatorState
 from sim2vr_harness.world_models.joint_groups import JointGroup, limbs_of
+from sim2vr_harness.world_models.learning_device import LearningDevice
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
@@ -93,8 +94,12 @@ class _Acceleration(nn.Module):
         self._joints, self._drives, self._limbs = joints, drives, len(limbs)
         self._step_s, self._persons = step_s, persons
         self.joint_columns = [j for limb in limbs for j in limb.joints]
-        self.drive_columns = [a for limb in limbs for a in limb.actuators]
         self.seen_columns, self.base_columns = list(seen), list(base)
+        drive_columns = [a for limb in limbs for a in limb.actuators]
+        self._of_joint, self._of_drive, self._of_seen, self._of_base = (
+            torch.tensor(columns, dtype=torch.long)
+            for columns in (self.joint_columns, drive_columns, self.seen_columns, base)
+        )
         """Of limbs alike, which are more than one, there is nothing else to be seen."""
         for name in ("mean", "spread", "speed", "gain", "remainder"):
             self.register_buffer(name, torch.ones(joints))
@@ -113,10 +118,10 @@ class _Acceleration(nn.Module):
 
     def _of_joints(self, values: Tensor) -> Tensor:
         """(B, J) of a body -> (B L, joints), limb by limb of every user."""
-        return values[:, self.joint_columns].reshape(-1, self._joints)
+        return values[:, self._of_joint].reshape(-1, self._joints)
 
     def _of_drives(self, values: Tensor) -> Tensor:
-        return values[:, self.drive_columns].reshape(-1, self._drives)
+        return values[:, self._of_drive].reshape(-1, self._drives)
 
     def scale_by(self, steps: TransitionStore) -> None:
         """Take the units of inputs and outputs from what happened."""
@@ -131,18 +136,18 @@ class _Acceleration(nn.Module):
         self.speed.copy_(v.std(0))
         self.gain.copy_((after_v - v).std(0))
         self.remainder.copy_((after_q - free).std(0))
-        seen, base = self.seen_columns, self.base_columns
-        if not seen:
+        seen, base = self._of_seen, self._of_base
+        if not self.seen_columns:
             return
         self.seen_mean.copy_(steps.before.angles[:, seen].mean(0))
         self.seen_spread.copy_(steps.before.angles[:, seen].std(0))
         self.seen_speed.copy_(steps.before.speeds[:, seen].std(0))
-        if base:
+        if self.base_columns:
             self.base_gain.copy_((steps.after.speeds - steps.before.speeds)[:, base].std(0))
 
     def loss(self, before: Motion, wanted: Motion) -> Tensor:
         """Mean squared error of the motion after a step, in units of what happens."""
-        base = self.base_columns
+        base = self._of_base
         carried = wanted.speeds[:, base] - before.speeds[:, base]
         angles, speeds = self(before, wanted.drives, carried)
         wrong_v = (speeds - self._of_joints(wanted.speeds)) / self.gain
@@ -167,8 +172,8 @@ class _Acceleration(nn.Module):
             torch.relu(low + 0.03 - q) * 30.0,
         ]
         if self.seen_columns:
-            seen_q = before.angles[:, self.seen_columns]
-            seen_v = before.speeds[:, self.seen_columns]
+            seen_q = before.angles[:, self._of_seen]
+            seen_v = before.speeds[:, self._of_seen]
             scaled = (seen_q - self.seen_mean) / self.seen_spread
             parts += [scaled, seen_v / self.seen_speed, seen_q.sin(), seen_q.cos()]
         if self._limbs > 1:
@@ -231,7 +236,7 @@ class BodyModel(nn.Module):
             [_Acceleration(user, limbs, step_s, width, persons) for limbs in groups]
         )
         columns = [j for each in self._each() for j in each.joint_columns]
-        self._order = [columns.index(j) for j in range(len(columns))]
+        self._order = torch.tensor([columns.index(j) for j in range(len(columns))])
         self._in_order = columns == sorted(columns)
         self._persons = persons
         self._chains = Chains(user, devices, persons.references if persons else ())
@@ -269,19 +274,19 @@ class BodyModel(nn.Module):
         if not len(self.drives.muscles):
             return loss
         drives = self.drives_after(steps.before, steps.control)
-        wrong = (drives - wanted.drives)[:, self.drives.muscles]
+        wrong = (drives - wanted.drives)[:, self.drives.muscle_columns]
         return loss + 1000.0 * wrong.square().mean()
 
     def drives_after(self, before: Motion, control: Tensor) -> Tensor:
         """(B, A): muscles follow their controls, of all others the control is the drive."""
-        muscles = self.drives.muscles
+        muscles = self.drives.muscle_columns
         if len(muscles) == self.drives.count:
             after: Tensor = self.activation(before.drives, control)
             return after
         if not len(muscles):
             return control
         followed = self.activation(before.drives[:, muscles], control[:, muscles])
-        return control.index_copy(1, torch.from_numpy(muscles), followed)
+        return control.index_copy(1, muscles, followed)
 
     def forward(self, before: Motion, control: Tensor) -> Motion:
         """The motion after a user step with these controls, (B, A) in [0, 1]."""
@@ -322,6 +327,7 @@ def fit_body(
     learning_rate: float,
     batch_size: int = 1024,
     held_out: int = 4096,
+    device: LearningDevice | None = None,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, float]:
     """Fit a body model to user steps; the learning rate rises and falls once.
@@ -333,6 +339,7 @@ def fit_body(
         learning_rate: the highest.
         batch_size: steps in a minibatch.
         held_out: at most so many, and at most a tenth, are not learned from.
+        device: where the model and the steps are; None: the CPU.
         on_progress: called with the share of the minibatches that is done.
 
     Returns:
@@ -347,17 +354,23 @@ def fit_body(
     learned = body.learned()
     for parameter in learned:
         parameter.requires_grad_(True)
-    optimizer = torch.optim.Adam(learned, lr=learning_rate)
+    device = device or LearningDevice("cpu")
+    optimizer = torch.optim.Adam(learned, lr=learning_rate, fused=device.is_gpu or None)
     schedule = torch.optim.lr_scheduler.OneCycleLR(
         optimizer, learning_rate, total_steps=minibatches, pct_start=0.1
     )
-    for done in range(minibatches):
-        on_progress(done / minibatches)
+
+    def set_gradients() -> None:
         batch = steps.rows(known[torch.randint(len(known), (batch_size,))])
         loss = body.loss(batch)
         optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         nn.utils.clip_grad_norm_(learned, 5.0)
+
+    minibatch = device.window(set_gradients, [])
+    for done in range(minibatches):
+        on_progress(done / minibatches)
+        minibatch()
         optimizer.step()
         schedule.step()
     for parameter in learned:

@@ -46,7 +46,7 @@ def imagined_effort(
             forces.
         shares: (M,) what muscles count in that mean; None: alike.
     """
-    muscles, weight = torch.from_numpy(drives.muscles), model.weight
+    muscles, weight = drives.muscle_columns, model.weight
     low = torch.tensor(drives.low, dtype=torch.float32)
     span = torch.tensor(drives.span, dtype=torch.float32)
 

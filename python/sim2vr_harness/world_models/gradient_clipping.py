@@ -28,7 +28,7 @@ def limited(values: Tensor, most: float) -> Tensor:
 def _shortened(gradient: Tensor, most: float) -> Tensor:
     length = gradient.norm(dim=1, keepdim=True)
     shorter = gradient * (most / length.clamp(min=most))
-    return torch.where(torch.isfinite(length), shorter, torch.zeros(()))
+    return torch.where(torch.isfinite(length), shorter, 0.0)
 
 
 def within(values: Tensor, low: float, high: float) -> Tensor:

@@ -38,8 +38,8 @@ class ImaginedSenses:
         known = {name: column for column, name in enumerate(names)}
         self._layout = dataclasses.replace(
             layout,
-            felt=tuple(known[everything[i]] for i in layout.felt),
-            seen=tuple(known[everything[i]] for i in layout.seen),
+            felt=torch.tensor([known[everything[i]] for i in layout.felt], dtype=torch.long),
+            seen=torch.tensor([known[everything[i]] for i in layout.seen], dtype=torch.long),
         )
         self._users, self._rounds, self._lag = users, rounds, layout.lag
         actions = users.actions

@@ -59,8 +59,9 @@ class ImaginedUsers:
     ) -> None:
         self._actuator_range_cost, self._activation_cost = actuator_range_cost, activation_cost
         self._action_rate_cost, self._movement_cost = action_rate_cost, movement_cost
-        self._hands = [body.devices.index(name) for name in held(body.devices)]
-        if movement_cost > 0.0 and not self._hands:
+        hands = [body.devices.index(name) for name in held(body.devices)]
+        self._hands = torch.tensor(hands, dtype=torch.long)
+        if movement_cost > 0.0 and not hands:
             got = f"{movement_cost:g}, where hands hold nothing"
             raise InputError("teacher.imagined.movement_cost", got, "0")
         self.n, self.body, self._effort, self._drives = n, body, effort, body.drives
@@ -89,7 +90,7 @@ class ImaginedUsers:
         """Factor on the costs of effort and of carrying."""
         self.gradient_limit: float | None = None
         """Longest gradient of a user by the angles, 1/rad; see :func:`~.gradients.limited`."""
-        self._muscles = torch.from_numpy(self._drives.muscles)
+        self._muscles = self._drives.muscle_columns
         self._placed: tuple[Motion, Tensor] | None = None
         self._before = self.motion
 
@@ -99,6 +100,10 @@ class ImaginedUsers:
         if self._placed is None or self._placed[0] is not self.motion:
             self._placed = (self.motion, self.body.places(self.motion.angles, self.motion.persons))
         return self._placed[1]
+
+    def _hands_at(self) -> Tensor:
+        """(B, H, 3) where the hands' devices are now, m."""
+        return self.place[:, :, :3, 3].index_select(1, self._hands)
 
     def places(self, frames: int) -> Tensor:
         """(B, F, D, 4, 4) where the devices were in the F app frames of the last user step.
@@ -161,14 +166,14 @@ class ImaginedUsers:
             control = control.index_copy(1, self._muscles, noisy)
         self._control = control
         self._before = self.motion
-        begun = self.place[:, self._hands, :3, 3] if self._movement_cost > 0.0 else None
+        begun = self._hands_at() if self._movement_cost > 0.0 else None
         after = self.body(self.motion, control)
         if self.gradient_limit is not None:
             limited(after.angles, self.gradient_limit)
             limited(after.speeds, self.gradient_limit * self.body.step_s)
         self.motion = self.body.disturbed(after, error_share) if error_share > 0.0 else after
         if begun is not None:
-            way = self.place[:, self._hands, :3, 3] - begun
+            way = self._hands_at() - begun
             self._carried = way.square().sum(-1).mean(-1) / self.body.step_s**2
 
     def rest_as(self, drives: Tensor) -> None:

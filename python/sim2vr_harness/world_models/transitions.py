@@ -81,6 +81,10 @@ class TransitionStore:
         """Some of the steps."""
         return TransitionStore.of([values[ids] for values in self.tensors()])
 
+    def to(self, device: torch.device) -> TransitionStore:
+        """The same on a device."""
+        return TransitionStore.of([values.to(device) for values in self.tensors()])
+
     def drawn(self, count: int) -> TransitionStore:
         """So many of the steps, drawn from torch's generator, with repetition."""
         return self.rows(torch.randint(len(self), (count,)))

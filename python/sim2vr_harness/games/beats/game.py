@@ -30,6 +30,7 @@ class Beats:
     hidden_fields = ("aid.*", "* qacc", "controller_* ?")
     felt_fields = ("left.*", "right.*", "head.*")
     facts = "*.present"
+    on_gpu = False
     glances = ("left0", "right0", "mine0", "left1", "right1", "mine1", "mine2")
     start_fields: tuple[str, str] | None = None
     start_limits: Mapping[str, tuple[float, float]] = {}

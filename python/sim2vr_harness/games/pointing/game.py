@@ -31,6 +31,7 @@ class Pointing:
     )
     felt_fields = ("tip.*",)
     facts = "shown.*"
+    on_gpu = False
     glances: tuple[str, ...] = ()
     start_fields: tuple[str, str] | None = ("aid.start_distance_m", "aid.start_cell")
     start_limits: Mapping[str, tuple[float, float]] = {"elbow_flexion": (0.5, 1.9)}

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import torch
 from torch import Tensor
 
@@ -31,8 +33,8 @@ class Hammer:
     def calibrate(self, place: Tensor, pose: Tensor) -> None:
         """Find how the hammer is fixed, from (K, 2, 4, 4) places and (K, 9) poses that belong."""
         known = self._known(place)
-        solution = torch.linalg.lstsq(known.double(), pose.double(), driver="gelsd").solution
-        self.fixed.copy_(solution)
+        least = known.double().cpu(), pose.double().cpu()  # GPUs do not have this driver
+        self.fixed.copy_(torch.linalg.lstsq(*least, driver="gelsd").solution)
 
     @staticmethod
     def _known(place: Tensor) -> Tensor:
@@ -47,10 +49,18 @@ class Hammer:
         return pose[:, :3], torch.stack([x, y, torch.cross(x, y, dim=1)], 1)
 
 
+@cache
+def _sizes(device: torch.device) -> tuple[Tensor, ...]:
+    """(3,) from root to marker and to the collider, and the half extents of hammer and target."""
+    sizes = MARKER_M, BOX_M, HAMMER_HALF_M, TARGET_HALF_M
+    return tuple(torch.tensor(size, device=device) for size in sizes)
+
+
 def points(marker: Tensor, axes: Tensor) -> tuple[Tensor, Tensor]:
     """Root of the hammer and middle of its collider, (B, 3) m each."""
-    root = marker - torch.einsum("k,bkx->bx", torch.tensor(MARKER_M), axes)
-    box = root + torch.einsum("k,bkx->bx", torch.tensor(BOX_M), axes)
+    to_marker, to_box, _, _ = _sizes(axes.device)
+    root = marker - torch.einsum("k,bkx->bx", to_marker, axes)
+    box = root + torch.einsum("k,bkx->bx", to_box, axes)
     return root, box
 
 
@@ -68,7 +78,7 @@ def depths(frame: Tensor, cells: Tensor, axes: Tensor, box: Tensor) -> Tensor:
         directions across an edge of each. Without the last, 8 % more boxes seem to overlap, and
         without the hammer's axes 60 %.
     """
-    hammer, target = torch.tensor(HAMMER_HALF_M), torch.tensor(TARGET_HALF_M)
+    _, _, hammer, target = _sizes(axes.device)
     edges = torch.cross(frame[:, :, None], axes[:, None], dim=3).flatten(1, 2)  # (B, 9, 3)
     length = edges.norm(dim=2, keepdim=True)
     edges = edges / length.clamp(min=1e-3)
@@ -78,5 +88,5 @@ def depths(frame: Tensor, cells: Tensor, axes: Tensor, box: Tensor) -> Tensor:
     apart = ((cells - box[:, None]) @ directions.transpose(1, 2)).abs()
     deep = reach[:, None] - apart  # (B, C, 15)
     parallel = (length[..., 0] < 1e-2)[:, None]  # no direction of its own
-    across = torch.where(parallel, torch.ones(()), deep[..., 6:]).amin(2, keepdim=True)
+    across = torch.where(parallel, 1.0, deep[..., 6:]).amin(2, keepdim=True)
     return torch.cat([deep[..., :6], across], 2)

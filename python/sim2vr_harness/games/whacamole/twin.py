@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import reduce
 
 import torch
 from torch import Tensor
@@ -102,7 +103,9 @@ class ImaginedWhacAMole:
         self._frame_s = FRAME_S / self.frames
         self._follows = 1.0 - 0.5 ** (frames / self.frames)
         """Share of a frame's speed in the velocity that is judged: a half in each of the app's."""
-        self.generator = torch.Generator().manual_seed(seed)
+        on_cpu = torch.get_default_device().type == "cpu"
+        self.generator = torch.Generator().manual_seed(seed) if on_cpu else None
+        """Of spawns; on a GPU they come from torch's own, which a captured graph draws from."""
         self._threshold = torch.tensor([c["round.strike_threshold_mps"] for c in conditions])
         self._constrained = torch.tensor([c["round.constrained"] for c in conditions])
         self._most = torch.tensor([int(c["round.max_targets"]) for c in conditions])
@@ -206,7 +209,7 @@ class ImaginedWhacAMole:
         """Let cells that are missed come up more often, and be worth more."""
         counts, share = self.counts, FAILING_CELLS
         total = counts.sum(0)
-        fails = torch.where(total > 0, counts[1] / total.clamp(min=1.0), torch.ones(())) + 0.02
+        fails = torch.where(total > 0, counts[1] / total.clamp(min=1.0), 1.0) + 0.02
         uniform = 1.0 / fails.shape[1]
         weights = (1.0 - share) * uniform + share * fails / fails.sum(1, keepdim=True)
         self.spawn_weights.lerp_(weights, 0.5)
@@ -239,14 +242,16 @@ class ImaginedWhacAMole:
     def state(self) -> dict[str, Tensor]:
         """See the protocol."""
         own = {name: getattr(self, name).clone() for name in self._STATE}
-        return own | {"hammer": self.hammer.fixed.clone(), "generator": self.generator.get_state()}
+        own["hammer"] = self.hammer.fixed.clone()
+        return own if self.generator is None else own | {"generator": self.generator.get_state()}
 
     def load_state(self, state: Mapping[str, Tensor]) -> None:
         """See the protocol."""
         for name in self._STATE:
             setattr(self, name, state[name].clone())
         self.hammer.fixed = state["hammer"].clone()
-        self.generator.set_state(state["generator"])
+        if self.generator is not None and "generator" in state:
+            self.generator.set_state(state["generator"])
 
     # --- what is observed --------------------------------------------------------------------
 
@@ -260,7 +265,7 @@ class ImaginedWhacAMole:
         alive = (self._age >= GROWING_FRAMES).float()
         life = present * (LIFE_S - FRAME_S * self._age)
         oldest = torch.where(
-            self._age >= 0, self._age + 1e-3 * torch.arange(CELLS).flip(0), torch.tensor(-1.0)
+            self._age >= 0, self._age + 1e-3 * torch.arange(CELLS).flip(0), -1.0
         ).topk(MOST_TARGETS, 1)
         there, which = (oldest.values >= 0).float(), oldest.indices
         rows = torch.arange(self.n)[:, None]
@@ -327,9 +332,7 @@ class ImaginedWhacAMole:
         """Targets of the next frame, after hits at the poses of this one."""
         old = (self._age >= LAST_FRAME) & ~self._hit
         for number, ended in enumerate((self._hit, old)):
-            row, cell = torch.nonzero(ended, as_tuple=True)
-            where = (self.condition[row], cell)
-            self.counts[number].index_put_(where, torch.ones(len(row)), accumulate=True)
+            self.counts[number].index_add_(0, self.condition, ended.float())
         gone = self._hit | old
         self._age = torch.where(gone, -1, torch.where(self._age >= 0, self._age + 1, self._age))
         self._fading = torch.where(gone, FADING_FRAMES, (self._fading - 1).clamp(min=0))
@@ -340,14 +343,12 @@ class ImaginedWhacAMole:
         # The largest of the logarithms plus Gumbel noise: a draw by the weights.
         noise = torch.rand(self.n, CELLS, generator=self.generator).clamp(1e-9, 1.0 - 1e-7)
         scores = self.spawn_weights[self.condition].log() - (-noise.log()).log()
-        cell = torch.where(free, scores, torch.tensor(-1e9)).argmax(1)
-        rows = torch.arange(self.n)[wanted]
-        self._age[rows, cell[wanted]] = 0
+        cell = torch.where(free, scores, -1e9).argmax(1)
+        new = wanted[:, None] & (torch.arange(CELLS) == cell[:, None])
+        self._age = torch.where(new, 0, self._age)
         ban = BAN_S * torch.rand(self.n, generator=self.generator)
         self._ban_s = torch.where(wanted, ban, self._ban_s)
-        left = torch.where(gone, torch.ones(()), self._left)
-        left[rows, cell[wanted]] = 1.0
-        self._left = left
+        self._left = torch.where(gone | new, 1.0, self._left)
 
     def _judge(self, depth: Tensor, strike: Tensor, soft: Relaxation) -> _Touch:
         """What hits in a frame, by the true rules; and what it is worth, relaxed."""
@@ -360,8 +361,8 @@ class ImaginedWhacAMole:
         self._hit = self._hit | (inside & counts & fast[:, None])  # only coming in is a hit
         within = inside & self._inside
         speed = torch.sigmoid((strike - threshold - _SPEED_MARGIN_MPS) / soft.speed_mps)
-        speed = torch.where(constrained, speed, torch.ones(()))[:, None]
-        overlap = torch.sigmoid((depth - _OVERLAP_MARGIN_M) / soft.overlap_m).prod(2)
+        speed = torch.where(constrained, speed, 1.0)[:, None]
+        overlap = _product(torch.sigmoid((depth - _OVERLAP_MARGIN_M) / soft.overlap_m))
         self._inside = inside
         return _Touch(counts * overlap * speed, counts, within)
 
@@ -371,8 +372,8 @@ class ImaginedWhacAMole:
         cells, alive = self._cells[condition], self._age >= GROWING_FRAMES
         towards = self._strike_mps(self._velocity) - self._threshold[condition]
         towards = torch.sigmoid(towards / 0.5)
-        towards = torch.where(self._constrained[condition] > 0.0, towards, torch.ones(()))
-        around = torch.sigmoid(depth / _NEAR_M).prod(2)
+        towards = torch.where(self._constrained[condition] > 0.0, towards, 1.0)
+        around = _product(torch.sigmoid(depth / _NEAR_M))
         near = (touch.counts * self._left.detach() * around * towards[:, None]).sum(1)
         distance = (cells - marker[:, None]).norm(dim=2)
         far = (alive * (torch.exp(-10.0 * distance) - 1.0) / 10.0).sum(1)
@@ -432,7 +433,7 @@ class ImaginedWhacAMole:
     def _in_plane(self, marker: Tensor) -> Tensor:
         """(B,) 1 in the plane, 2 well behind it, 0 well before it or at a target."""
         near = (1.0 + self._depth(marker) / _CLEAR_M).clamp(0.0, 2.0)
-        aside = torch.where(self._age >= 0, self._aside(marker), torch.tensor(_AWAY_M))
+        aside = torch.where(self._age >= 0, self._aside(marker), _AWAY_M)
         return near * (aside.amin(1) / _AWAY_M).clamp(max=1.0)
 
     def _going_blind(self, marker: Tensor) -> Tensor:
@@ -487,6 +488,13 @@ class _Touch:
 def _each(values: Tensor, frames: int) -> Tensor:
     """(B, ...) -> (B F, ...), the same in every frame of a user's step."""
     return values if frames == 1 else values.repeat_interleave(frames, 0)
+
+
+def _product(values: Tensor) -> Tensor:
+    """The product over the last dimension; on a GPU without the gradient's count of zeros."""
+    if values.device.type == "cpu":
+        return values.prod(-1)
+    return reduce(torch.mul, values.unbind(-1))
 
 
 def _names() -> tuple[str, ...]:

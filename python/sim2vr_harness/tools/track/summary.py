@@ -39,13 +39,13 @@ def facts_of(one: Tracked) -> list[str]:
 
 
 def _cut_short(one: Tracked) -> list[str]:
-    """Hands whose fastest strokes the body does not follow (docs/tools.md, "Track")."""
+    """Hands whose fastest strokes the body does not follow (docs/reference/tools.md, "Track")."""
     helps = []
     if not one.settings.refined:
         helps.append("without --no-refine")
     if one.muscles:
         helps.append("--set env.user.person.strength=1.5")
-    mending = f"; closer, perhaps, {' or '.join(helps)} (docs/tools.md)" if helps else ""
+    mending = f"; closer, perhaps, {' or '.join(helps)} (docs/reference/tools.md)" if helps else ""
     return [
         f"{hand.hand.removeprefix('controller_')} hand: one step in twenty is more than "
         f"{1e3 * hand.reachable_most_m:.0f} mm off within reach. Its fastest strokes are cut "

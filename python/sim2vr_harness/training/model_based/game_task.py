@@ -20,6 +20,7 @@ from sim2vr_harness.training.model_based.trainer import ModelBasedTrainer, value
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.world_models.body_dynamics import BodyModel
 from sim2vr_harness.world_models.effort import imagined_effort, volume_shares
+from sim2vr_harness.world_models.learning_device import LearningDevice
 from sim2vr_harness.world_models.observation import ImaginedSenses
 from sim2vr_harness.world_models.person_features import ImaginedPersons
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
@@ -103,6 +104,7 @@ class GameTask(Task):
         self._conditions = [simulation.describe(k) for k in range(len(simulation.conditions))]
         self.users, self.game = self.imagine(config.users)
         self.senses = self.imagined_senses(self.users, self.game)
+        self.parts = (self.game, self.senses)
         self.warm_up = self.senses.warm_up
         self.success_rates: tuple[float, ...] = ()
         self._near: dict[tuple[int, int], Tensor] = {}
@@ -233,7 +235,7 @@ class GameTask(Task):
         distance, cell = self.game.nearest(self.place(pool), condition)
         close = distance < _NEAR_M
         self._near = {
-            (c, k): torch.nonzero(close & (condition == c) & (cell == k)).flatten()
+            (c, k): torch.nonzero(close & (condition == c) & (cell == k)).flatten().cpu()
             for c in range(len(self._conditions))
             for k in range(self.simulation.game.cells)
         }
@@ -260,14 +262,17 @@ class GameTask(Task):
 
     def start(self, ids: Tensor, pool: TransitionStore, rows: Tensor) -> None:
         """See :class:`Task`; some start near a target."""
-        cells = torch.full((len(ids),), -1)
-        near = torch.rand(len(ids)) < self.config.near_starts
-        for i in torch.nonzero(near).flatten().tolist():
-            c = int(torch.randint(len(self._conditions), ()))
-            k = int(torch.multinomial(self.game.spawn_weights[c], 1))
-            there = self._near[c, k]
-            if len(there):
-                rows[i], cells[i] = there[int(torch.randint(len(there), ()))], k
+        weights = self.game.spawn_weights.cpu()
+        with rows.device:
+            cells = torch.full((len(ids),), -1)
+            near = torch.rand(len(ids)) < self.config.near_starts
+            for i in torch.nonzero(near).flatten().tolist():
+                c = int(torch.randint(len(self._conditions), ()))
+                k = int(torch.multinomial(weights[c], 1))
+                there = self._near[c, k]
+                if len(there):
+                    rows[i], cells[i] = there[int(torch.randint(len(there), ()))], k
+        rows, cells = rows.to(ids.device), cells.to(ids.device)
         begin = pool.rows(rows)
         self.users.start(ids, begin.after)
         self.game.start(ids, self.place(begin), begin.fields, cells)
@@ -319,7 +324,7 @@ class GameTask(Task):
         """See :class:`Task`."""
         self.game.load_state(state["game"])
         self.senses.load_state(state["senses"])
-        self.simulation.load_state(state["simulation"].numpy().tobytes())
+        self.simulation.load_state(state["simulation"].cpu().numpy().tobytes())
         self._started = True
 
 
@@ -332,12 +337,16 @@ def torch_seed(seed: int) -> int:
 
 
 def game_trainer(
-    config: ImaginedConfig, policy: TeacherPolicy, simulation: TeacherSimulation, *, seed: int
+    config: ImaginedConfig,
+    policy: TeacherPolicy,
+    simulation: TeacherSimulation,
+    *,
+    seed: int,
+    device: str | torch.device = "cpu",
 ) -> GameTrainer:
     """Return the training of a policy in a game's model; see :class:`GameTask`."""
-    first = torch_seed(seed)
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(first)
+    first, learning = torch_seed(seed), LearningDevice(device)
+    with learning.seeded(first), learning.active():
         task = GameTask(config, policy, simulation, seed=seed)
         torch.manual_seed(first + 1)
         critic = value_function(
@@ -347,4 +356,4 @@ def game_trainer(
             config.gamma,
         )
         torch.manual_seed(first + 2)
-        return ModelBasedTrainer(task, config, critic)
+        return ModelBasedTrainer(task, config, critic, learning)

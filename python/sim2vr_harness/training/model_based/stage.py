@@ -10,6 +10,7 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any, ClassVar
 
+from stable_baselines3.common.utils import get_device
 from torch import Tensor
 
 from sim2vr_harness.base.finite import require_finite
@@ -88,6 +89,7 @@ class CycleStage(ABC):
             take_in(file, self.state_of, lambda state: _load(trainer, state))
             callbacks.say(f"Continuing after cycle {trainer.cycle}.")
         self._cycles_saved = trainer.cycle
+        callbacks.say(f"Imagined rollouts on {trainer.device}.")
         log = self.folder / _LOG
         self.folder.mkdir(parents=True, exist_ok=True)
         keep_rows(log, lambda row: row["cycle"] <= trainer.cycle)
@@ -186,7 +188,9 @@ class ImaginedStage(CycleStage):
         sim = self._simulation = TeacherSimulation(config.env, config.teacher, config.seed)
         spaces = sim.observation_space, sim.action_space
         policy = new_teacher(*spaces, config.teacher.policy, seed=config.seed)
-        self._trainer = game_trainer(config.teacher.imagined, policy, sim, seed=config.seed)
+        device = get_device(config.device) if sim.game.on_gpu else "cpu"
+        imagined, seed = config.teacher.imagined, config.seed
+        self._trainer = game_trainer(imagined, policy, sim, seed=seed, device=device)
 
     def run(self, callbacks: Callbacks) -> None:
         """See the protocol."""

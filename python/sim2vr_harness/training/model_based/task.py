@@ -13,6 +13,7 @@ from torch import Tensor, nn
 
 from sim2vr_harness.users import UserBatch
 from sim2vr_harness.world_models.body_dynamics import BodyModel
+from sim2vr_harness.world_models.learning_device import Part
 from sim2vr_harness.world_models.rollout_env import ImaginedUsers
 from sim2vr_harness.world_models.transitions import TransitionStore
 
@@ -32,6 +33,8 @@ class Task(ABC):
     """The policy's weights that gradients move."""
     body: BodyModel
     users: ImaginedUsers
+    parts: Sequence[Part]
+    """What imagined user steps change, beside the users."""
     starts: int
     """Starts of all imagined users before the first update; 0: they continue from the rest pose,
     and the policy has its statistics of observations already."""
@@ -119,7 +122,10 @@ class Task(ABC):
 
     @abstractmethod
     def start(self, ids: Tensor, pool: TransitionStore, rows: Tensor) -> None:
-        """Let imagined users ``ids`` (K,) continue from rows (K,) of the pool, or better ones."""
+        """Let imagined users ``ids`` (K,) continue from rows (K,) of the pool, or better ones.
+
+        Rows are on the CPU, where random numbers are cheap one by one.
+        """
 
     @abstractmethod
     def observe(self) -> Tensor:

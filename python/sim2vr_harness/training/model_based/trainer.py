@@ -14,6 +14,7 @@ from sim2vr_harness.training.model_based.collector import collect
 from sim2vr_harness.training.model_based.task import Task
 from sim2vr_harness.world_models.body_dynamics import fit_body
 from sim2vr_harness.world_models.gradient_clipping import limited
+from sim2vr_harness.world_models.learning_device import LearningDevice
 from sim2vr_harness.world_models.transitions import KEPT_CYCLES, TransitionStore
 from sim2vr_harness.world_models.value_function import ValueFunction
 from sim2vr_harness.world_models.weight_average import WeightAverage
@@ -58,20 +59,37 @@ class ModelBasedTrainer(Generic[AnyTask]):
         task: what is trained.
         config: of the cycles.
         critic: of the task's observations.
+        device: that all of it is on, but for the policy and the simulated users.
     """
 
-    def __init__(self, task: AnyTask, config: ImaginedConfig, critic: ValueFunction) -> None:
+    def __init__(
+        self,
+        task: AnyTask,
+        config: ImaginedConfig,
+        critic: ValueFunction,
+        device: LearningDevice | None = None,
+    ) -> None:
+        self._device = device or LearningDevice("cpu")
         self.task, self.config = task, config
         self.body, self.users = task.body, task.users
         self.cycle = self.updates = 0
         self._critic = critic
-        self._optimizer = torch.optim.Adam(task.actor, lr=config.learning_rate, betas=_BETAS)
-        self._average = WeightAverage(task.actor, config.average_updates)
+        self._optimizer = torch.optim.Adam(
+            task.actor, lr=config.learning_rate, betas=_BETAS, fused=self._device.is_gpu or None
+        )
+        with self._device.active(self.task.policy):
+            self._average = WeightAverage(task.actor, config.average_updates)
+        self._window = self._device.window(self._imagined_window, [self.users, *task.parts])
         self._seen: list[TransitionStore] = []
         self._pool: TransitionStore | None = None
-        self._torch_state = torch.get_rng_state()
+        self._random_state = self._device.random_state()
         self._best: tuple[float, dict[str, Tensor]] | None = None
         """The highest success rate of the simulated users, and the weights they had."""
+
+    @property
+    def device(self) -> torch.device:
+        """Where imagined rollouts are computed."""
+        return self._device.device
 
     @property
     def finished(self) -> bool:
@@ -86,18 +104,32 @@ class ModelBasedTrainer(Generic[AnyTask]):
         Returns:
             The task's report of the cycle.
         """
-        with torch.random.fork_rng(devices=[]):
-            torch.set_rng_state(self._torch_state)
+        with self._device.seeded(self._random_state):
             report = self._cycle(on_progress)
-            self._torch_state = torch.get_rng_state()
+            self._random_state = self._device.random_state()
         return report
 
     def _cycle(self, on_progress: OnProgress) -> Any:
-        config, first = self.config, self.cycle == 0
         self.task.begin_cycle(self.cycle)
         with self._average.in_place():
-            self._seen.append(self._collect(on_progress))
+            self._seen.append(self._collect(on_progress).to(self.device))
             self._keep_best()
+        with self._device.active(self.task.policy):
+            place_error_m = self._learn(on_progress)
+        self.cycle += 1
+        rates = self.task.success_rates
+        if self.finished:
+            self._settle()
+        with self._device.active():
+            return self.task.report(self.cycle, self.updates, rates, place_error_m)
+
+    def _learn(self, on_progress: OnProgress) -> float:
+        """Fit the body model, and learn from imagined rollouts.
+
+        Returns:
+            The body model's error, mean distance of the devices from where they go, m.
+        """
+        config, first = self.config, self.cycle == 0
         if len(self._seen) > 1 + KEPT_CYCLES:
             del self._seen[1]
         if first:
@@ -109,6 +141,7 @@ class ModelBasedTrainer(Generic[AnyTask]):
             self._to_fit(),
             minibatches=config.first_fit_minibatches if first else config.fit_minibatches,
             learning_rate=4e-3 if first else 1.5e-3,
+            device=self._device,
             on_progress=lambda share: on_progress(
                 "fitting the body model", _PLAYED + share * (_FITTED - _PLAYED)
             ),
@@ -116,15 +149,12 @@ class ModelBasedTrainer(Generic[AnyTask]):
         self._choose_pool()
         if first:
             self._first_starts()
+        self._window.forget()  # delays, noise and costs are those of the next cycle
         for update in range(config.updates):
             share = update / config.updates
             on_progress("imagined rollouts", _FITTED + (1.0 - _FITTED) * share)
             self._update()
-        self.cycle += 1
-        rates = self.task.success_rates
-        if self.finished:
-            self._settle()
-        return self.task.report(self.cycle, self.updates, rates, fit["place_m"])
+        return fit["place_m"]
 
     def _collect(self, on_progress: OnProgress) -> TransitionStore:
         config, first = self.config, self.cycle == 0
@@ -181,7 +211,8 @@ class ModelBasedTrainer(Generic[AnyTask]):
     def _restart(self, ids: Tensor) -> None:
         """Let imagined users ``ids`` (K,) continue from states of simulated ones."""
         assert self._pool is not None
-        self.task.start(ids, self._pool, torch.randint(len(self._pool), (len(ids),)))
+        rows = torch.randint(len(self._pool), (len(ids),), device="cpu")
+        self.task.start(ids, self._pool, rows)
 
     def _first_starts(self) -> None:
         """Start all imagined users, and set the policy's statistics by what they observe."""
@@ -239,27 +270,42 @@ class ModelBasedTrainer(Generic[AnyTask]):
         total = total + config.gamma**config.window_steps * self._critic(seen[-1])
         return total, torch.stack(seen), torch.stack(rewards)
 
-    def _update(self) -> None:
-        """Advance imagined users by a window, learn from it, and restart some of them."""
-        config = self.config
-        done = self.updates / (config.updates * config.cycles)
-        for group in self._optimizer.param_groups:
-            group["lr"] = config.learning_rate * min(1.0, 2.0 * (1.0 - done)) + 2e-5
-        if config.gradient_limit is not None:  # the loss is a mean
-            self.users.gradient_limit = config.gradient_limit / (config.window_steps * self.users.n)
+    @property
+    def _done(self) -> float:
+        """Proportion of the training that is over."""
+        return self.updates / (self.config.updates * self.config.cycles)
+
+    def _imagined_window(self) -> tuple[Tensor, Tensor, Tensor]:
+        """Advance all imagined users by a window, and set the policy's gradients by it.
+
+        Returns:
+            The gradients' norm before they were clipped; (T + 1, B, size) observations without
+            delays; (T, B) rewards.
+        """
+        done = self._done
         self._warm_up(done)
         self._cut()
         total, seen, rewards = self._roll_window(done)
         self._optimizer.zero_grad()
-        (-total.mean() / config.window_steps).backward()  # type: ignore[no-untyped-call]
+        (-total.mean() / self.config.window_steps).backward()  # type: ignore[no-untyped-call]
         norm = nn.utils.clip_grad_norm_(self.task.actor, 1.0)
+        self._cut()
+        return norm, seen.detach(), rewards.detach()
+
+    def _update(self) -> None:
+        """Learn from a window of imagined user steps, and restart some of the users."""
+        config, done = self.config, self._done
+        for group in self._optimizer.param_groups:
+            group["lr"] = config.learning_rate * min(1.0, 2.0 * (1.0 - done)) + 2e-5
+        if config.gradient_limit is not None:  # the loss is a mean
+            self.users.gradient_limit = config.gradient_limit / (config.window_steps * self.users.n)
+        norm, seen, rewards = self._window()
         if torch.isfinite(norm) and self.updates >= config.critic_first_updates:
             self._optimizer.step()
             self._average.add()
-        self._critic.learn(seen.detach(), rewards.detach())
-        self._cut()
-        again = (torch.rand(self.users.n) < config.restart_share) | self.users.broken()
-        self._restart(torch.nonzero(again).flatten())
+        self._critic.learn(seen, rewards)
+        again = torch.rand(self.users.n, device="cpu") < config.restart_share
+        self._restart(torch.nonzero(again.to(self.device) | self.users.broken()).flatten())
         self.updates += 1
 
     # --- exact resume ------------------------------------------------------------------------
@@ -279,7 +325,7 @@ class ModelBasedTrainer(Generic[AnyTask]):
             "critic": self._critic.state(),
             "optimizer": self._optimizer.state_dict(),
             "average": self._average.state(),
-            "torch": self._torch_state,
+            "torch": self._random_state,
             "users": self.users.state(),
             "seen": [part.tensors() for part in self._seen],
             "best": None if self._best is None else list(self._best),
@@ -297,19 +343,21 @@ class ModelBasedTrainer(Generic[AnyTask]):
         header = read_header(state, STATE_FORMAT)
         self.cycle, self.updates = header["cycle"], header["updates"]
         self.task.rng.bit_generator.state = header["rng"]
-        self.task.policy.load_state_dict(state["policy"])
-        self.body.load_state_dict(state["body"])
-        for parameter in self.body.parameters():
-            parameter.requires_grad_(False)
-        self._critic.load_state(state["critic"])
-        self._optimizer.load_state_dict(state["optimizer"])
-        self._average.load_state(state["average"])
-        self._torch_state = state["torch"]
-        self.users.load_state(state["users"])
+        random = state["torch"]
+        self._random_state = [random] if isinstance(random, Tensor) else random
         self._best = None if state["best"] is None else (state["best"][0], state["best"][1])
-        self._seen = [TransitionStore.of(tensors) for tensors in state["seen"]]
-        self.users.rest_as(self._seen[0].before.drives)
-        self.task.load_state_dict(state)
+        with self._device.active(self.task.policy):
+            self.task.policy.load_state_dict(state["policy"])
+            self.body.load_state_dict(state["body"])
+            for parameter in self.body.parameters():
+                parameter.requires_grad_(False)
+            self._critic.load_state(state["critic"])
+            self._optimizer.load_state_dict(state["optimizer"])
+            self._average.load_state(state["average"])
+            self.users.load_state(self._device.moved(state["users"]))
+            self._seen = [TransitionStore.of(self._device.moved(each)) for each in state["seen"]]
+            self.users.rest_as(self._seen[0].before.drives)
+            self.task.load_state_dict(self._device.moved(state))
 
 
 def _of_motor_policies(state: Mapping[str, Any]) -> dict[str, Any]:

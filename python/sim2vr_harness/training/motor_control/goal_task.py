@@ -138,12 +138,13 @@ class GoalTask(Task):
         self.goals = GoalSampler(poses, config.users, step_s, seed + 5, strikes=strikes)
         self._played = GoalSampler(poses, config.bodies, step_s, seed + 6, strikes=strikes)
         """Goals of the simulated bodies."""
+        self.parts = (self.goals,)
         self._observed: Tensor | None = None
         self._age = np.zeros(config.bodies, dtype=np.int64)
         self._random = False
 
     def _effort(self) -> Effort:
-        muscles = torch.from_numpy(self.policy.drives.muscles)
+        muscles = self.policy.drives.muscle_columns
 
         def activations(after: Tensor, control: Tensor) -> Tensor:
             return _EFFORT * after[:, muscles].square().mean(1)

@@ -63,7 +63,7 @@ class Chain(nn.Module):
     def __init__(self, user: Body, device: str, references: Sequence[Reference] = ()) -> None:
         super().__init__()
         links = _Links(user, device)
-        self._drivers = links.drivers
+        self._drivers = torch.tensor(links.drivers, dtype=torch.long)
         buffers = {
             "fixed": links.parts[0],
             "by_sin": links.parts[1],
@@ -85,7 +85,7 @@ class Chain(nn.Module):
         if sizes is not None:
             moved = torch.einsum("bs,skx->bkx", sizes, self.by_size[1:]) + self.by_size[0]
             tail = _with_translation(tail.expand(len(angles), 4, 4), moved[:, -1])
-        if not self._drivers:  # it does not move
+        if not len(self._drivers):  # it does not move
             return tail.expand(len(angles), 4, 4)
         x = angles[:, self._drivers]
         turned = self.polynomials[:, 4]

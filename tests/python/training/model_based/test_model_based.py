@@ -11,19 +11,16 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from tiny_game_training import ENV, new_rollouts
 from true_users import motion_of
 
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import AppConfig, EnvConfig, NoiseConfig, UserConfig
+from sim2vr_harness.envs.config import NoiseConfig, UserConfig
 from sim2vr_harness.envs.privileged import OBSERVATION
 from sim2vr_harness.games.whacamole.settings import Relaxation
 from sim2vr_harness.games.whacamole.twin import FIELDS
-from sim2vr_harness.policies.state_actor_critic import new_teacher
-from sim2vr_harness.runs.config import apply_overrides
-from sim2vr_harness.runs.teacher_config import TeacherConfig
-from sim2vr_harness.training.model_based.game_task import CycleReport, GameTrainer, game_trainer
+from sim2vr_harness.training.model_based.game_task import CycleReport, GameTrainer
 from sim2vr_harness.training.model_based.stage import describe
-from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.world_models.body_dynamics import fit_body
 from sim2vr_harness.world_models.motor_noise import ImaginedNoise
@@ -31,15 +28,6 @@ from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 
-ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), cores=1)
-SMALL = (
-    *("ppo.n_envs=16", "ppo.n_steps=10", "ppo.batch_size=20"),
-    *("curriculum.starts_per_cell=2", "evaluate_rounds=0", "total_timesteps=160"),
-    *("imagined.cycles=3", "imagined.first_play_steps=30", "imagined.play_steps=10"),
-    *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),
-    *("imagined.users=12", "imagined.updates=3", "imagined.critic_first_updates=1"),
-    *("imagined.body_width=16", "imagined.critic_width=16"),
-)
 SOFT = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0)
 
 
@@ -49,15 +37,6 @@ def rollouts() -> GameTrainer:
     made = new_rollouts()
     made.step()
     return made
-
-
-def new_rollouts(*overrides: str, env: EnvConfig = ENV) -> GameTrainer:
-    settings = TeacherConfig.model_validate(apply_overrides({}, [*SMALL, *overrides]))
-    simulation = TeacherSimulation(env, settings, seed=4)
-    policy = new_teacher(
-        simulation.observation_space, simulation.action_space, settings.policy, seed=1
-    )
-    return game_trainer(settings.imagined, policy, simulation, seed=4)
 
 
 def experience(rollouts: GameTrainer) -> TransitionStore:

@@ -1,0 +1,91 @@
+"""Imagined rollouts on a GPU: what is captured reads no values, and runs as it does eagerly."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+import torch
+from tiny_game_training import new_rollouts
+from torch.utils._python_dispatch import TorchDispatchMode
+
+from sim2vr_harness.world_models.learning_device import LearningDevice, Window
+
+
+class _Recorder(TorchDispatchMode):
+    """Notes operations that a captured graph cannot have: they wait for values, or bring some."""
+
+    FORBIDDEN = ("_local_scalar_dense", "nonzero", "masked_select", "lift_fresh")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: set[str] = set()
+        self.count = 0
+
+    def __torch_dispatch__(
+        self, func: Any, types: Any, args: Any = (), kwargs: dict[str, Any] | None = None
+    ) -> Any:
+        self.count += 1
+        self.found |= {name for name in self.FORBIDDEN if name in str(func)}
+        indices = args[1] if "index" in str(func) and len(args) > 1 else ()
+        if isinstance(indices, (list, tuple)):
+            masks = (each for each in indices if isinstance(each, torch.Tensor))
+            self.found |= {"a mask" for each in masks if each.dtype == torch.bool}
+        return func(*args, **(kwargs or {}))
+
+
+def test_a_window_reads_no_values() -> None:
+    made = new_rollouts()
+    made.step()
+    with _Recorder() as recorder:
+        made._imagined_window()
+        torch.zeros(3)[torch.tensor([True, False, True])]
+        assert recorder.found == {"lift_fresh", "a mask"}  # the recorder sees what it shall see
+        recorder.found.clear()
+        made._imagined_window()
+    assert recorder.found == set()
+    assert recorder.count > 10_000
+    made.task.simulation.close()
+
+
+def test_on_a_cpu_a_window_is_the_function() -> None:
+    window = Window(lambda: torch.rand(2), [], None)
+    with LearningDevice("cpu").seeded(3):
+        first = window()
+        assert not torch.equal(first, window())
+    with LearningDevice("cpu").seeded(3):
+        torch.testing.assert_close(window(), first, atol=0.0, rtol=0.0)
+
+
+def test_random_numbers_continue_where_they_stood() -> None:
+    device = LearningDevice("cpu")
+    outside = torch.get_rng_state()
+    with device.seeded(5):
+        torch.rand(4)
+        state = device.random_state()
+        following = torch.rand(4)
+    with device.seeded(state):
+        assert torch.equal(torch.rand(4), following)
+    assert torch.equal(torch.get_rng_state(), outside)
+
+
+@pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")
+def test_a_captured_window_is_as_the_eager_one() -> None:
+    made = new_rollouts("imagined.updates=4", device="cuda")
+    made.step()
+    device = made._device
+    with device.seeded(made._random_state), device.active(made.policy):
+        before = [part.state() for part in (made.users, *made.task.parts)]
+        made._window.forget()
+        made._window()  # captures, and runs
+        captured = made.users.motion.angles.clone()
+        for part, state in zip((made.users, *made.task.parts), before, strict=True):
+            part.load_state(state)
+        made._imagined_window()
+        eager = made.users.motion.angles
+        # Noise on actions and motion is drawn anew: alike on average.
+        torch.testing.assert_close(captured.mean(0), eager.mean(0), atol=0.2, rtol=0.0)
+        assert torch.isfinite(captured).all()
+    made.step()
+    assert made.policy.device.type == "cpu"
+    made.task.simulation.close()

@@ -138,7 +138,12 @@ def _exertion(
         savgol_filter(angles, 7, 3, deriv=order, delta=DT_S, axis=0) for order in range(3)
     )
     nicer, consumed = NicerMeter(1), ConsumedEnduranceMeter(1)
-    fatigue = [CumulativeFatigue3CCr(1, 1, dt=DT_S, **rates) for rates in FATIGUE_PRESETS.values()]
+    fatigue = [
+        CumulativeFatigue3CCr(
+            1, 1, dt=DT_S, r=rates["r"], fatigue=rates["fatigue"], recovery=rates["recovery"]
+        )
+        for rates in FATIGUE_PRESETS.values()
+    ]
     for q, v, a in zip(smooth, speed, acceleration, strict=True):
         load = dynamics.load(*_moving(body, columns, q, v, a))
         torque, shoulder, elbow = np.array([[load.torque], [load.shoulder_deg], [load.elbow_deg]])

@@ -276,11 +276,11 @@ class ModelBasedTrainer(Generic[AnyTask]):
             "header": header,
             "policy": self.task.policy.state_dict(),
             "body": self.body.state_dict(),
-            "critic": self._critic.state(),
+            "critic": self._critic.state_dict(),
             "optimizer": self._optimizer.state_dict(),
-            "average": self._average.state(),
+            "average": self._average.state_dict(),
             "torch": self._torch_state,
-            "users": self.users.state(),
+            "users": self.users.state_dict(),
             "seen": [part.tensors() for part in self._seen],
             "best": None if self._best is None else list(self._best),
             **self.task.state_dict(),
@@ -301,11 +301,11 @@ class ModelBasedTrainer(Generic[AnyTask]):
         self.body.load_state_dict(state["body"])
         for parameter in self.body.parameters():
             parameter.requires_grad_(False)
-        self._critic.load_state(state["critic"])
+        self._critic.load_state_dict(state["critic"])
         self._optimizer.load_state_dict(state["optimizer"])
-        self._average.load_state(state["average"])
+        self._average.load_state_dict(state["average"])
         self._torch_state = state["torch"]
-        self.users.load_state(state["users"])
+        self.users.load_state_dict(state["users"])
         self._best = None if state["best"] is None else (state["best"][0], state["best"][1])
         self._seen = [TransitionStore.of(tensors) for tensors in state["seen"]]
         self.users.rest_as(self._seen[0].before.drives)

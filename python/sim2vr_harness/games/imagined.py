@@ -111,11 +111,11 @@ class ImaginedRounds(Protocol):
     def adapt(self) -> None:
         """Change spawns and worth of the cells by what :attr:`counts` says has failed."""
 
-    def state(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Tensor]:
         """Everything that the rounds' future depends on."""
 
-    def load_state(self, state: Mapping[str, Tensor]) -> None:
-        """Go on from :meth:`state`."""
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Go on from :meth:`state_dict`."""
 
 
 class ImaginedGame(Protocol):

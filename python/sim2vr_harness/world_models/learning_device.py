@@ -15,10 +15,10 @@ __all__ = ["LearningDevice", "Part", "Window"]
 class Part(Protocol):
     """What changes in a window; its state is tensors by name."""
 
-    def state(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Tensor]:
         """Return its tensors, copies."""
 
-    def load_state(self, state: dict[str, Tensor]) -> None:
+    def load_state_dict(self, state: dict[str, Tensor]) -> None:
         """Take such tensors."""
 
 
@@ -36,7 +36,9 @@ class LearningDevice:
         self.device = torch.device(device)
         self.is_gpu = self.device.type == "cuda"
         self._gpus: Sequence[torch.device] = [self.device] if self.is_gpu else []
-        self._stream = torch.cuda.Stream(self.device) if self.is_gpu else None
+        self._stream: Any = None
+        if self.is_gpu:
+            self._stream = torch.cuda.Stream(self.device)  # type: ignore[no-untyped-call]
 
     @contextmanager
     def seeded(self, seed: int | Sequence[Tensor]) -> Iterator[None]:
@@ -124,26 +126,26 @@ class Window:
         if self._graph is None:
             self._capture()
         for kept, part in zip(self._kept, self._parts, strict=True):
-            _copy(part.state(), kept)
+            _copy(part.state_dict(), kept)
         assert self._graph is not None
         self._graph.replay()
         self._take()
         return self._returned
 
     def _capture(self) -> None:
-        self._kept = [part.state() for part in self._parts]
+        self._kept = [part.state_dict() for part in self._parts]
         self._pool = self._pool or torch.cuda.graph_pool_handle()
         self._graph = torch.cuda.CUDAGraph()
         with torch.cuda.graph(self._graph, pool=self._pool, stream=self._stream):
             self._take()
             self._returned = self._run()
             for kept, part in zip(self._kept, self._parts, strict=True):
-                _copy(part.state(), kept)
+                _copy(part.state_dict(), kept)
         self._take()  # capturing computes nothing
 
     def _take(self) -> None:
         for kept, part in zip(self._kept, self._parts, strict=True):
-            part.load_state(kept)
+            part.load_state_dict(kept)
 
 
 def _copy(values: dict[str, Tensor], to: dict[str, Tensor]) -> None:

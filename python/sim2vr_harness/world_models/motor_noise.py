@@ -54,11 +54,11 @@ class ImaginedNoise:
         """Let accumulated noise of some users start anew."""
         self._signal_red[ids], self._constant_red[ids] = 0.0, 0.0
 
-    def state(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Tensor]:
         """What has accumulated."""
         return {"signal_red": self._signal_red.clone(), "constant_red": self._constant_red.clone()}
 
-    def load_state(self, state: Mapping[str, Tensor]) -> None:
-        """Go on from :meth:`state`."""
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Go on from :meth:`state_dict`."""
         self._signal_red = state["signal_red"].clone()
         self._constant_red = state["constant_red"].clone()

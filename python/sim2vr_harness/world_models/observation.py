@@ -101,12 +101,12 @@ class ImaginedSenses:
         self._past = [moment.detach() for moment in self._past]
         self._did = [did.detach() for did in self._did]
 
-    def state(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Tensor]:
         """The past."""
         return {"past": torch.stack(self._past), "did": torch.stack(self._did or [torch.zeros(0)])}
 
-    def load_state(self, state: Mapping[str, Tensor]) -> None:
-        """Go on from :meth:`state`."""
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Go on from :meth:`state_dict`."""
         self._past = list(state["past"])
         self._did = list(state["did"]) if self._did else []
 

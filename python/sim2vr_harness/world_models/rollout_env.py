@@ -225,9 +225,9 @@ class ImaginedUsers:
             parts.append(self._persons.features(motion.persons))
         return torch.cat(parts, 1)
 
-    def state(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Tensor]:
         """Everything that their future depends on, but for the body model."""
-        own = {} if self._noise is None else self._noise.state()
+        own = {} if self._noise is None else self._noise.state_dict()
         return own | {
             "angles": self.motion.angles.clone(),
             "speeds": self.motion.speeds.clone(),
@@ -236,12 +236,12 @@ class ImaginedUsers:
             "control": self._control.clone(),
         }
 
-    def load_state(self, state: Mapping[str, Tensor]) -> None:
-        """Go on from :meth:`state`."""
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Go on from :meth:`state_dict`."""
         self._placed = None
         parts = ("angles", "speeds", "drives", "persons")
         self.motion = Motion(*(state[name].clone() for name in parts))
         self._control = state["control"].clone()
         self._before = self.motion
         if self._noise is not None:
-            self._noise.load_state(state)
+            self._noise.load_state_dict(state)

@@ -84,7 +84,7 @@ class ValueFunction:
             for slow, fast in pairs:
                 slow.lerp_(fast, _FOLLOW)
 
-    def state(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Everything that its future depends on, but for the normalisation."""
         return {
             "value": self._value.state_dict(),
@@ -92,8 +92,8 @@ class ValueFunction:
             "optimizer": self._optimizer.state_dict(),
         }
 
-    def load_state(self, state: dict[str, Any]) -> None:
-        """Go on from :meth:`state`."""
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Go on from :meth:`state_dict`."""
         self._value.load_state_dict(state["value"])
         self._slow.load_state_dict(state["slow"])
         self._optimizer.load_state_dict(state["optimizer"])

@@ -50,12 +50,12 @@ class WeightAverage:
             for weight, value in zip(self._weights, values, strict=False):
                 weight.copy_(value)
 
-    def state(self) -> list[Tensor]:
+    def state_dict(self) -> list[Tensor]:
         """Everything that the next mean depends on."""
         return [torch.tensor(self._count), *self._mean]
 
-    def load_state(self, state: Sequence[Tensor]) -> None:
-        """Go on from :meth:`state`."""
+    def load_state_dict(self, state: Sequence[Tensor]) -> None:
+        """Go on from :meth:`state_dict`."""
         self._count = int(state[0])
         for mean, value in zip(self._mean, state[1:], strict=True):
             mean.copy_(value)

@@ -269,10 +269,10 @@ def test_a_saved_game_goes_on_to_the_same_bits() -> None:
     game = begun(places[0], condition(targets=3))
     for place in places[:7]:
         played(game, place, SOFT)
-    state = game.state()
+    state = game.state_dict()
     after = [played(game, place, SOFT) for place in places]
     other = begun(places[0], condition(targets=3))
-    other.load_state(state)
+    other.load_state_dict(state)
     assert all(
         torch.equal(value, played(other, place, SOFT))
         for value, place in zip(after, places, strict=True)

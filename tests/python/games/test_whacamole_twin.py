@@ -488,10 +488,10 @@ def test_a_saved_game_goes_on_to_the_same_bits() -> None:
     game, place = resting_game(12)
     for _ in range(5):
         game.play(place[:, None], SOFT)
-    state = game.state()
+    state = game.state_dict()
     after = [game.play(place[:, None], SOFT) for _ in range(20)]
     other, _ = resting_game(12)
-    other.load_state(state)
+    other.load_state_dict(state)
     assert all(torch.equal(value, other.play(place[:, None], SOFT)) for value in after)
 
 

@@ -45,7 +45,7 @@ def test_goes_on_from_its_state(updates: int) -> None:
     first = WeightAverage([stopped], updates)
     updated(first, stopped, values[:2])
     second = WeightAverage([stopped], updates)
-    second.load_state(first.state())
+    second.load_state_dict(first.state_dict())
     updated(second, stopped, values[2:])
     average.settle()
     second.settle()

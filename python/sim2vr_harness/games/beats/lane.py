@@ -151,13 +151,13 @@ class Lane:
 
     _STATE = ("level", "time_s", "box_gone", "mine_gone", "wall_gone")
 
-    def state(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Tensor]:
         """Everything that the future depends on."""
         own = {name: getattr(self, name).clone() for name in self._STATE}
         return own | {"generator": self.generator.get_state()}
 
-    def load_state(self, state: Mapping[str, Tensor]) -> None:
-        """Go on from :meth:`state`."""
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Go on from :meth:`state_dict`."""
         for name in self._STATE:
             setattr(self, name, state[name].clone())
         self.generator.set_state(state["generator"])

@@ -157,20 +157,20 @@ class ImaginedBeats:
 
     _STATE = ("_origin", "_tip_velocity", "_box_left", "_mine_left", "_wall_left")
 
-    def state(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Tensor]:
         """See the protocol."""
         own = {name: getattr(self, name).clone() for name in self._STATE}
         before = self._before or Blades(torch.zeros(0), torch.zeros(0))
-        own |= {f"lane.{name}": value for name, value in self.lane.state().items()}
+        own |= {f"lane.{name}": value for name, value in self.lane.state_dict().items()}
         own |= {"root": before.root.clone(), "axis": before.axis.clone()}
         return own | {"sabers": self.sabers.fixed.clone()}
 
-    def load_state(self, state: Mapping[str, Tensor]) -> None:
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """See the protocol."""
         for name in self._STATE:
             setattr(self, name, state[name].clone())
         lane = {k.removeprefix("lane."): v for k, v in state.items() if k.startswith("lane.")}
-        self.lane.load_state(lane)
+        self.lane.load_state_dict(lane)
         self._before = Blades(state["root"].clone(), state["axis"].clone())
         self.sabers.fixed = state["sabers"].clone()
 

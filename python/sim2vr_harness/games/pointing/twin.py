@@ -164,13 +164,13 @@ class ImaginedPointing:
         *("block_weights", "score"),
     )
 
-    def state(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Tensor]:
         """See the protocol."""
         own = {name: getattr(self, name).detach().clone() for name in self._STATE}
         more = {"stylus": self.stylus.fixed.clone(), "generator": self.generator.get_state()}
         return own | more
 
-    def load_state(self, state: Mapping[str, Tensor]) -> None:
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """See the protocol."""
         for name in self._STATE:
             setattr(self, name, state[name].clone())

@@ -239,13 +239,13 @@ class ImaginedWhacAMole:
         *("condition", "spawn_weights", "hit_values", "_foregone"),
     )
 
-    def state(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Tensor]:
         """See the protocol."""
         own = {name: getattr(self, name).clone() for name in self._STATE}
         own["hammer"] = self.hammer.fixed.clone()
         return own if self.generator is None else own | {"generator": self.generator.get_state()}
 
-    def load_state(self, state: Mapping[str, Tensor]) -> None:
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
         """See the protocol."""
         for name in self._STATE:
             setattr(self, name, state[name].clone())

@@ -310,14 +310,14 @@ class GoalSampler:
 
     _STATE = ("_kind", "_clock_s", "_until_s", "_center", "_waves", "_hand_goal", "_wrong_m")
 
-    def state(self) -> dict[str, Tensor]:
+    def state_dict(self) -> dict[str, Tensor]:
         """Everything that their future depends on."""
         own = {name: getattr(self, name).clone() for name in self._STATE}
         goals = {f"goals.{name}": value.clone() for name, value in self.goals.tensors().items()}
         return own | goals | {"generator": self.generator.get_state()}
 
-    def load_state(self, state: Mapping[str, Tensor]) -> None:
-        """Go on from :meth:`state`."""
+    def load_state_dict(self, state: Mapping[str, Tensor]) -> None:
+        """Go on from :meth:`state_dict`."""
         for name in self._STATE:
             setattr(self, name, state[name].clone())
         for name in self.goals.tensors():

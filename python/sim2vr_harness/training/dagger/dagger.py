@@ -10,7 +10,6 @@ Structured Prediction to No-Regret Online Learning".
 from __future__ import annotations
 
 import copy
-import json
 import math
 import time
 from collections import deque
@@ -30,13 +29,16 @@ from sim2vr_harness.client import GameFacts
 from sim2vr_harness.policies.attention_crops import AttentionCrops
 from sim2vr_harness.policies.sharding import in_shards
 from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
+from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.dagger_config import StudentConfig
-from sim2vr_harness.training.dagger.dataset import FrameStore
+from sim2vr_harness.training.replay import ReplayStore
 from sim2vr_harness.training.run.episode_stats import episode_means
 
-__all__ = ["Expert", "Student", "StudentProgress"]
+__all__ = ["PICTURE_FILES", "Expert", "Student", "StudentProgress"]
 
 STATE_FORMAT = 4
+PICTURE_FILES = "frames.*.bin"
+"""Files of what the student has seen, the star being the sense's key."""
 _IMITATION_WEIGHT, _FACTS_WEIGHT, _CROPS_WEIGHT = 4.0, 0.2, 0.2
 """Weights in the loss: actions, facts of the picture, places of the attention crops."""
 _WEIGHT_DECAY, _MAX_GRAD_NORM = 1e-4, 1.0
@@ -170,7 +172,7 @@ class Student:
         self._episodes: deque[dict[str, Any]] = deque(maxlen=_STATISTICS_EPISODES)
         self._ended = 0
 
-    def _frame_store(self, folder: Path) -> FrameStore:
+    def _frame_store(self, folder: Path) -> ReplayStore:
         """Return the store of observations and of what the student learns from them."""
         config, each = self.config, self.n * self.config.rollout_steps
         observation = self.simulation.observation()
@@ -181,8 +183,8 @@ class Student:
             "numbers": (self._tell.out_features if self._tell else 0,),
             "glances": (self._looked_at, 3),
         }
-        return FrameStore(
-            folder,
+        return ReplayStore(
+            folder / PICTURE_FILES,
             -(-min(config.frames, config.kept_frames or config.frames) // each) * each,
             shapes | {name: (size, np.float32) for name, size in sizes.items()},
             slack=config.checkpoint_rounds * each if config.kept_frames else 0,
@@ -403,16 +405,16 @@ class Student:
 
     # --- exact resume ------------------------------------------------------------------------
 
-    def snapshot(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Copy everything that the next round depends on; images stay in the store's file."""
-        header = {
-            "format": STATE_FORMAT,
-            "round": self.round,
-            "count": self.store.count,
-            "ended": self._ended,
-            "episodes": list(self._episodes),
-            "rng": self._rng.bit_generator.state,
-        }
+        header = state_header(
+            STATE_FORMAT,
+            round=self.round,
+            count=self.store.count,
+            ended=self._ended,
+            episodes=list(self._episodes),
+            rng=self._rng.bit_generator.state,
+        )
         simulation = torch.frombuffer(bytearray(self.simulation.save_state()), dtype=torch.uint8)
         return {
             "policy": copy.deepcopy(self.policy.state_dict()),
@@ -424,40 +426,28 @@ class Student:
                 "simulation": simulation,
                 "cut": torch.from_numpy(self._cut.copy()),
                 "acted": torch.from_numpy(self._acted.copy()),
-                # What is appended later is written over no frame that this state can ask for.
-                **{
-                    f"store.{key}": torch.from_numpy(value)
-                    for key, value in self.store.state().items()
-                },
+                **{f"store.{key}": value for key, value in self.store.state_dict().items()},
             },
-            "header": json.dumps(header),
+            "header": header,
         }
 
-    def load_snapshot(self, state: Mapping[str, Any]) -> None:
-        """Go on from :meth:`snapshot`.
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from :meth:`state_dict`.
 
         Raises:
             ValueError: it is of another format.
         """
-        header = json.loads(state["header"])
-        if header["format"] != STATE_FORMAT:
-            raise ValueError(f"got format {header['format']}, expected {STATE_FORMAT}")
-        arrays = {key: value.cpu().numpy() for key, value in state["arrays"].items()}
+        header, arrays = read_header(state, STATE_FORMAT), state["arrays"]
         self.policy.load_state_dict(state["policy"])
         for name, head in self._dropped.items():
             head.load_state_dict(state[name])
         self._optimizer.load_state_dict(state["optimizer"])
         torch.set_rng_state(state["torch_rng"].cpu())
-        self.simulation.load_state(arrays["simulation"].tobytes())
-        self._cut, self._acted = arrays["cut"].copy(), arrays["acted"].copy()
-        self.store.restore(
-            header["count"],
-            {
-                key.removeprefix("store."): value
-                for key, value in arrays.items()
-                if key.startswith("store.")
-            },
-        )
+        self.simulation.load_state(arrays["simulation"].cpu().numpy().tobytes())
+        self._cut = arrays["cut"].cpu().numpy().copy()
+        self._acted = arrays["acted"].cpu().numpy().copy()
+        kept = {k.removeprefix("store."): v for k, v in arrays.items() if k.startswith("store.")}
+        self.store.load_state_dict(header["count"], kept)
         self.round, self._ended = header["round"], header["ended"]
         self._episodes.extend(header["episodes"])
         self._rng.bit_generator.state = header["rng"]

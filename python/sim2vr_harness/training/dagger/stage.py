@@ -22,8 +22,7 @@ from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import append_row, keep_rows, metric_key
-from sim2vr_harness.training.dagger.dagger import Expert, Student, StudentProgress
-from sim2vr_harness.training.dagger.dataset import PICTURE_FILES
+from sim2vr_harness.training.dagger.dagger import PICTURE_FILES, Expert, Student, StudentProgress
 from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.stage import Callbacks
 
@@ -122,7 +121,7 @@ class StudentStage:
     def _restore(self, student: Student, file: Path) -> None:
         def take(state: dict[str, Any]) -> None:
             _require_finite(state, None)
-            student.load_snapshot(state)
+            student.load_state_dict(state)
 
         take_in(file, "the state of this student", take)
 
@@ -132,7 +131,7 @@ class StudentStage:
         Raises:
             NotFinite: the round has spoilt the student; the snapshot before it is written.
         """
-        snapshot = student.snapshot()
+        snapshot = student.state_dict()
         try:
             _require_finite(snapshot, None)
         except NotFinite:

@@ -315,15 +315,15 @@ class GameTask(Task):
         """See :class:`Task`."""
         simulation = bytearray(self.simulation.save_state())
         return {
-            "game": self.game.state(),
-            "senses": self.senses.state(),
+            "game": self.game.state_dict(),
+            "senses": self.senses.state_dict(),
             "simulation": torch.frombuffer(simulation, dtype=torch.uint8),
         }
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """See :class:`Task`."""
-        self.game.load_state(state["game"])
-        self.senses.load_state(state["senses"])
+        self.game.load_state_dict(state["game"])
+        self.senses.load_state_dict(state["senses"])
         self.simulation.load_state(state["simulation"].cpu().numpy().tobytes())
         self._started = True
 

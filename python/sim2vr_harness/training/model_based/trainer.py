@@ -322,11 +322,11 @@ class ModelBasedTrainer(Generic[AnyTask]):
             "header": header,
             "policy": self.task.policy.state_dict(),
             "body": self.body.state_dict(),
-            "critic": self._critic.state(),
+            "critic": self._critic.state_dict(),
             "optimizer": self._optimizer.state_dict(),
-            "average": self._average.state(),
+            "average": self._average.state_dict(),
             "torch": self._random_state,
-            "users": self.users.state(),
+            "users": self.users.state_dict(),
             "seen": [part.tensors() for part in self._seen],
             "best": None if self._best is None else list(self._best),
             **self.task.state_dict(),
@@ -351,10 +351,10 @@ class ModelBasedTrainer(Generic[AnyTask]):
             self.body.load_state_dict(state["body"])
             for parameter in self.body.parameters():
                 parameter.requires_grad_(False)
-            self._critic.load_state(state["critic"])
+            self._critic.load_state_dict(state["critic"])
             self._optimizer.load_state_dict(state["optimizer"])
-            self._average.load_state(state["average"])
-            self.users.load_state(self._device.moved(state["users"]))
+            self._average.load_state_dict(state["average"])
+            self.users.load_state_dict(self._device.moved(state["users"]))
             self._seen = [TransitionStore.of(self._device.moved(each)) for each in state["seen"]]
             self.users.rest_as(self._seen[0].before.drives)
             self.task.load_state_dict(self._device.moved(state))

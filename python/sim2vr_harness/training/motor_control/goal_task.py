@@ -261,12 +261,12 @@ class GoalTask(Task):
 
     def state_dict(self) -> dict[str, Any]:
         """See :class:`Task`; the simulated bodies begin every cycle anew."""
-        return {"exercises": self.goals.state(), "played": self._played.state()}
+        return {"exercises": self.goals.state_dict(), "played": self._played.state_dict()}
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
         """See :class:`Task`."""
-        self.goals.load_state(state["exercises"])
-        self._played.load_state(state["played"])
+        self.goals.load_state_dict(state["exercises"])
+        self._played.load_state_dict(state["played"])
         self._observed = None
 
 

@@ -9,7 +9,6 @@ rare colours more often than to common ones, and are seen through.
 from __future__ import annotations
 
 import copy
-import json
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
@@ -30,7 +29,9 @@ from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX
 from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
 from sim2vr_harness.policies.hierarchical.primitives import MOVES, OptionChoice, PrimitiveController
+from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.option_config import QLearningConfig
+from sim2vr_harness.training.replay import ReplayStore
 
 __all__ = ["OptionQLearning", "OptionScene", "QLearningReport"]
 
@@ -62,8 +63,8 @@ _PARTS = 2
 """Of a batch, which cores can learn from side by side."""
 _TIMED = 3
 _Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
-_SCENE = ("head", "turned", "tips", "velocities")
-"""What is remembered of a scene beside its pictures."""
+_SCENE = ("pictures", "head", "turned", "tips", "velocities")
+"""What a scene is made of, in the order of its fields."""
 
 
 @dataclass(frozen=True)
@@ -81,71 +82,6 @@ class QLearningReport:
     reward: float
     loss: float
     explore: float
-
-
-class _Memory:
-    """Decisions of N users in the order in which they were made, pictures in a file.
-
-    The file is only ever appended to, so that a resumed stage sees what the stopped one saw.
-
-    Args:
-        file: where pictures go; made or reused.
-        length: decisions of everybody.
-        n: number of users.
-        hands: H.
-        picture: shape of a user's pictures.
-    """
-
-    def __init__(
-        self, file: Path, length: int, n: int, hands: int, picture: tuple[int, ...]
-    ) -> None:
-        shape = (length, n)
-        mode: Any = "r+" if file.is_file() else "w+"
-        self.pictures = np.memmap(file, np.uint8, mode, shape=(*shape, *picture))
-        self.known: dict[str, NDArray[Any]] = {
-            "head": np.zeros((*shape, 3), np.float32),
-            "turned": np.zeros((*shape, 9), np.float32),
-            "tips": np.zeros((*shape, hands, 3), np.float32),
-            "velocities": np.zeros((*shape, hands, 3), np.float32),
-            "chosen": np.zeros((*shape, hands), np.int64),
-            "reward": np.zeros(shape, np.float32),
-            "over": np.zeros(shape, bool),
-        }
-        self.count = 0
-
-    def append(self, scene: OptionScene, chosen: NDArray[np.int64]) -> None:
-        """A decision; what came of it is told by :meth:`outcome`."""
-        row = self.count
-        self.pictures[row] = scene.pictures
-        for name in _SCENE:
-            self.known[name][row] = getattr(scene, name)
-        self.known["chosen"][row] = chosen
-        self.count += 1
-
-    def outcome(self, reward: NDArray[np.float32], over: NDArray[np.bool_]) -> None:
-        """Rewards of the latest decision, and whose episodes ended after it."""
-        self.known["reward"][self.count - 1] = reward
-        self.known["over"][self.count - 1] = over
-
-    def scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:
-        """What was seen."""
-        known = self.known
-        pictures = np.asarray(self.pictures[rows, users])
-        return OptionScene(pictures, *(known[name][rows, users] for name in _SCENE))
-
-    def state(self) -> dict[str, Tensor]:
-        """All but the pictures, which are made sure to be in the file."""
-        self.pictures.flush()
-        return {
-            name: torch.from_numpy(values[: self.count].copy())
-            for name, values in self.known.items()
-        }
-
-    def load_state(self, count: int, state: Mapping[str, Tensor]) -> None:
-        """Go back to the first ``count`` decisions."""
-        self.count = count
-        for name, values in self.known.items():
-            values[:count] = state[name].numpy()
 
 
 class OptionQLearning:
@@ -182,9 +118,20 @@ class OptionQLearning:
         self.step_count = 0
         self.scale = 1.0
         """What rewards are divided by."""
-        picture = (8, vision.height, vision.width)
+        n, hands = self.n, self.hands
+        shapes: dict[str, tuple[tuple[int, ...], Any]] = {
+            "pictures": ((n, 8, vision.height, vision.width), np.uint8),
+            "head": ((n, 3), np.float32),
+            "turned": ((n, 9), np.float32),
+            "tips": ((n, hands, 3), np.float32),
+            "velocities": ((n, hands, 3), np.float32),
+            "chosen": ((n, hands), np.int64),
+            "reward": ((n,), np.float32),
+            "over": ((n,), np.bool_),
+        }
         length = -(-config.user_steps // (self.n * config.decide_steps)) + 1
-        self._memory = _Memory(pictures, length, self.n, self.hands, picture)
+        self._memory = ReplayStore(pictures, length, shapes)
+        """Decisions of all users, and what came of them."""
         seeds = np.random.SeedSequence([seed, 56]).generate_state(self.n, np.uint32)
         simulation.reset(seeds=[int(value) for value in seeds])
         self._choice = OptionChoice(self.n, self.hands)
@@ -287,7 +234,8 @@ class OptionQLearning:
         explore = self.explore
         scene = self._chooser.scene()
         chosen = self._decide(scene, explore)
-        self._memory.append(scene, chosen)
+        seen = {name: getattr(scene, name)[None] for name in _SCENE}
+        self._memory.append({**seen, "chosen": chosen[None]})
         updates = 0
         if self.step_count >= self.config.try_steps:
             self._settle_scale()
@@ -295,7 +243,7 @@ class OptionQLearning:
             updates = int(self._owed)
             self._owed -= updates
         reward, over, loss = self._play_and_learn(updates)
-        self._memory.outcome(reward, over)
+        self._memory.amend({"reward": reward[None], "over": over[None]})
         step_s = 1.0 / self.simulation.config.action_frequency_hz
         self._rewards.append(float(reward.mean()) * 60.0 / (self.config.decide_steps * step_s))
         return QLearningReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
@@ -372,8 +320,7 @@ class OptionQLearning:
         """Let a good decision be worth about 1."""
         if self.scale != 1.0:
             return
-        memory = self._memory
-        known = np.abs(memory.known["reward"][: memory.count])
+        known = np.abs(self._memory.read("reward", np.arange(self._memory.count)))
         known = known[known > 0.0]
         self.scale = float(np.percentile(known, _TRUSTED_PERCENTILE)) if len(known) else 1.0
 
@@ -433,21 +380,25 @@ class OptionQLearning:
         weight = np.ones(len(rows), np.float32)
         for k in range(N_STEP):
             at = (rows + k, users)
-            total += weight * memory.known["reward"][at] / self.scale
-            over = memory.known["over"][at]
+            total += weight * memory.read("reward", *at) / self.scale
+            over = memory.read("over", *at)
             weight = np.where(over, 0.0, weight * _GAMMA).astype(np.float32)
-        then = memory.scene(rows + N_STEP, users)
+        then = self._scene(rows + N_STEP, users)
         with torch.no_grad():
             places = self._chooser.places(then)
             best = self._chooser.best(self._chooser.values(self.net, then, places), then)
             worth = self._worth(self._chooser.values(self._slow, then, places), best)
             wanted = torch.from_numpy(total) + torch.from_numpy(weight) * worth
-        scene = memory.scene(rows, users)
-        chosen = torch.from_numpy(memory.known["chosen"][rows, users])
+        scene = self._scene(rows, users)
+        chosen = torch.from_numpy(memory.read("chosen", rows, users))
         values = self._chooser.values(self.net, scene, self._chooser.places(scene))
         guessed = self._worth(values, chosen)
         loss = functional.smooth_l1_loss(guessed, wanted, reduction="sum") / config.batch_size
         return float(loss.detach()), torch.autograd.grad(loss, tuple(self.net.parameters()))
+
+    def _scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:
+        """What was seen in decisions (K,) of users (K,)."""
+        return OptionScene(*(self._memory.read(name, rows, users) for name in _SCENE))
 
     @staticmethod
     def _worth(values: Tensor, chosen: Tensor) -> Tensor:
@@ -465,21 +416,21 @@ class OptionQLearning:
         if len(near):
             away = [self.mover.distance(hand, near).numpy() for hand in range(self.hands)]
             within = float((np.minimum.reduce(away) < _REACHED_M).mean())
-        known = self._memory.known["reward"][: self._memory.count]
+        known = self._memory.read("reward", np.arange(self._memory.count))
         return float((known > 0.0).mean()), within
 
     # --- exact resume ------------------------------------------------------------------------
 
-    def state(self) -> dict[str, Any]:
+    def state_dict(self) -> dict[str, Any]:
         """Copy everything that the next decision depends on; pictures stay in their file."""
-        header = {
-            "format": STATE_FORMAT,
-            "step": self.step_count,
-            "scale": self.scale,
-            "owed": self._owed,
-            "rewards": list(self._rewards),
-            "rng": self.rng.bit_generator.state,
-        }
+        header = state_header(
+            STATE_FORMAT,
+            step=self.step_count,
+            scale=self.scale,
+            owed=self._owed,
+            rewards=list(self._rewards),
+            rng=self.rng.bit_generator.state,
+        )
         arrays = {
             "trying": self._trying,
             "tried": self._tried,
@@ -487,24 +438,22 @@ class OptionQLearning:
             "simulation": np.frombuffer(self.simulation.save_state(), np.uint8),
         }
         return {
-            "header": json.dumps(header),
+            "header": header,
             "net": copy.deepcopy(self.net.state_dict()),
             "slow": copy.deepcopy(self._slow.state_dict()),
             "optimizer": copy.deepcopy(self._optimizer.state_dict()),
-            "memory": self._memory.state(),
+            "memory": {key: value.clone() for key, value in self._memory.state_dict().items()},
             "choice": {"move": self._choice.move.clone(), "place": self._choice.place.clone()},
             "arrays": {name: torch.from_numpy(values.copy()) for name, values in arrays.items()},
         }
 
-    def load_state(self, state: Mapping[str, Any]) -> None:
-        """Go on from :meth:`state`.
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Continue from :meth:`state_dict`.
 
         Raises:
             ValueError: it is of another format.
         """
-        header = json.loads(state["header"])
-        if header["format"] != STATE_FORMAT:
-            raise ValueError(f"got format {header['format']}, expected {STATE_FORMAT}")
+        header = read_header(state, STATE_FORMAT)
         self.step_count, self.scale = header["step"], header["scale"]
         self._owed = header["owed"]
         self._rewards.extend(header["rewards"])
@@ -512,7 +461,7 @@ class OptionQLearning:
         self.net.load_state_dict(state["net"])
         self._slow.load_state_dict(state["slow"])
         self._optimizer.load_state_dict(state["optimizer"])
-        self._memory.load_state(len(state["memory"]["over"]), state["memory"])
+        self._memory.load_state_dict(len(state["memory"]["over"]), state["memory"])
         self._choice.move = state["choice"]["move"].clone()
         self._choice.place = state["choice"]["place"].clone()
         arrays = {name: values.numpy() for name, values in state["arrays"].items()}

@@ -149,7 +149,7 @@ class QLearningStage:
                 seed=seed,
             )
             if (self.folder / _STATE).is_file():
-                take_in(self.folder / _STATE, "the state of looking and trying", looker.load_state)
+                take_in(self.folder / _STATE, "the state of Q-learning", looker.load_state_dict)
                 callbacks.say(f"Continuing with {looker.step_count:,} user steps.")
             self._steps_saved = looker.step_count
             log = self.folder / _LOG
@@ -246,7 +246,7 @@ class QLearningStage:
         callbacks.say("Looking: " + doing)
 
     def _remember(self, looker: OptionQLearning) -> None:
-        state = looker.state()
+        state = looker.state_dict()
         file = self.folder / _STATE
         learned = {"values": state["net"], "optimizer": state["optimizer"]}
         where = f"after {looker.step_count:,} user steps"

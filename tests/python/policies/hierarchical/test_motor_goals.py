@@ -71,7 +71,7 @@ def test_a_hand_that_is_where_it_shall_be_earns_most() -> None:
     for _ in range(40):
         goals = exercises.goals
         other = GoalSampler(poses(), 64, 0.05, seed=1)
-        other.load_state(exercises.state())
+        other.load_state_dict(exercises.state_dict())
         # Paths run ahead: where the hand shall be now is what was shown LEAD_STEPS ago.
         arrives = (goals.left_s <= 0.051) & (goals.left_s > 0.0)
         at[..., :3, 3] = torch.where(arrives[..., None], goals.place, at[..., :3, 3])
@@ -114,7 +114,7 @@ def test_exercises_go_on_from_a_state_to_the_bit() -> None:
     start = poses()[:16]
     one.start(torch.arange(16), start)
     one.step(start, start)
-    other.load_state(one.state())
+    other.load_state_dict(one.state_dict())
     for _ in range(30):
         assert torch.equal(one.step(start, start), other.step(start, start))
     for name, values in one.goals.tensors().items():

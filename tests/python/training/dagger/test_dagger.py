@@ -138,10 +138,10 @@ def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path, kept: int | None
     parts = make(tmp_path / "parts", config)
     for _ in range(3):
         parts.step()
-    state = parts.snapshot()
+    state = parts.state_dict()
     parts.step()  # lost: its frames are in the file, and are written over
     resumed = make(tmp_path / "parts", config, seed=1)
-    resumed.load_snapshot(state)
+    resumed.load_state_dict(state)
     assert resumed.round == 3
     for _ in range(3):
         again = resumed.step()
@@ -150,7 +150,7 @@ def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path, kept: int | None
     for key, value in whole.policy.state_dict().items():
         assert torch.equal(value, resumed.policy.state_dict()[key]), key
     with pytest.raises(ValueError, match="got format 9, expected 4"):
-        make(tmp_path / "new").load_snapshot({"header": '{"format": 9}'})
+        make(tmp_path / "new").load_state_dict({"header": '{"format": 9}'})
 
 
 def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> None:
@@ -177,7 +177,7 @@ def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> Non
     for _ in range(6):
         parts.step()
     resumed = student("parts")
-    resumed.load_snapshot(parts.snapshot())
+    resumed.load_state_dict(parts.state_dict())
     for _ in range(6):
         again = resumed.step()
     assert again == dataclasses.replace(
@@ -195,8 +195,8 @@ def test_heads_depend_on_the_seed_alone(tmp_path: Path) -> None:
     (tmp_path / "other").mkdir()
     other = Student(config, one.policy, one.simulation, GazingGuide(), tmp_path / "other", seed=1)
     for head in ("heads", "tell", "read"):
-        for key, value in one.snapshot()[head].items():
-            assert torch.equal(value, other.snapshot()[head][key]), (head, key)
+        for key, value in one.state_dict()[head].items():
+            assert torch.equal(value, other.state_dict()[head][key]), (head, key)
 
 
 def test_only_students_learn_where_to_look(tmp_path: Path) -> None:
@@ -244,12 +244,12 @@ def test_a_student_learns_on_a_gpu_and_goes_on_there(tmp_path: Path) -> None:
     student = make(tmp_path / "whole", config, device="cuda")
     rows = [student.step() for _ in range(3)]
     file = tmp_path / "state.pt"
-    write_tensors(file, student.snapshot())
+    write_tensors(file, student.state_dict())
     rows += [student.step() for _ in range(12)]
     assert all(weight.is_cuda for weight in student.policy.parameters())
     assert rows[-1].imitation_error < 0.5 * rows[0].imitation_error
     again = make(tmp_path / "whole", config, seed=5, device="cuda")
-    again.load_snapshot(read_tensors(file, "a student"))
+    again.load_state_dict(read_tensors(file, "a student"))
     assert again.store.count == 3 * config.n_envs * config.rollout_steps
     assert np.isfinite(again.step().imitation_error)
 

@@ -75,12 +75,12 @@ def test_a_captured_window_is_as_the_eager_one() -> None:
     made.step()
     device = made._device
     with device.seeded(made._random_state), device.active(made.policy):
-        before = [part.state() for part in (made.users, *made.task.parts)]
+        before = [part.state_dict() for part in (made.users, *made.task.parts)]
         made._window.forget()
         made._window()  # captures, and runs
         captured = made.users.motion.angles.clone()
         for part, state in zip((made.users, *made.task.parts), before, strict=True):
-            part.load_state(state)
+            part.load_state_dict(state)
         made._imagined_window()
         eager = made.users.motion.angles
         # Noise on actions and motion is drawn anew: alike on average.

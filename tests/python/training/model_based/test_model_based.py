@@ -209,7 +209,7 @@ def test_imagined_motor_noise_is_as_large_as_the_users(colour: Any) -> None:
     assert control.grad is not None
     assert float(control.grad.sum()) == pytest.approx(3.0, abs=0.01)  # more control is more
     imagined_noise.forget(torch.arange(n))
-    assert not any(float(value.abs().max()) for value in imagined_noise.state().values())
+    assert not any(float(value.abs().max()) for value in imagined_noise.state_dict().values())
 
 
 def test_users_with_motor_noise_are_imagined_with_it() -> None:
@@ -228,7 +228,7 @@ def test_users_with_motor_noise_are_imagined_with_it() -> None:
     again = new_rollouts(env=env)
     again.load_state_dict(state)
     assert again.step() == after
-    assert float(made.users.state()["constant_red"].abs().max()) > 0.0
+    assert float(made.users.state_dict()["constant_red"].abs().max()) > 0.0
     for each in (made, again, quiet):
         each.task.simulation.close()
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import json
 from dataclasses import asdict
 from pathlib import Path
 
@@ -175,10 +177,10 @@ def test_looking_goes_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path: P
     parts = looker(layer, tmp_path / "parts")
     for _ in range(15):
         parts.step()
-    state = parts.state()
+    state = parts.state_dict()
     parts.step()  # lost
     again = looker(layer, tmp_path / "parts")
-    again.load_state(state)
+    again.load_state_dict(state)
     while not again.finished:
         report = again.step()
     assert report == last
@@ -262,6 +264,23 @@ def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
     other = load_body("mobl_arms_bimanual_motor")
     with pytest.raises(InputError, match="joints differ"):
         load_motor_layer(tmp_path / "layer.pt", other, STEP_S)
+
+
+def test_a_state_of_format_2_of_a_motor_training_is_read() -> None:
+    body = load_body("mobl_arms_wrist")
+    whole = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
+    whole.step()
+    state = copy.deepcopy(whole.state_dict())
+    header = {**json.loads(state["header"]), "format": 2}
+    old = {"header": json.dumps(header), "layer": state["policy"], "model": state["body"]}
+    old["rest"] = whole.users.rest.clone()
+    same = ("critic", "optimizer", "torch", "users", "exercises", "played", "seen")
+    again = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
+    again.load_state_dict(old | {name: state[name] for name in same})
+    assert torch.equal(again.users.rest, whole.users.rest)
+    assert again.step() == whole.step()
+    for name, values in whole.task.policy.weights().items():
+        assert torch.equal(values, again.task.policy.weights()[name]), name
 
 
 def test_practice_goes_on_from_a_layer() -> None:

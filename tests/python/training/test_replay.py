@@ -1,4 +1,4 @@
-"""The store of what a student has seen: pictures in files, the last frames only if told so."""
+"""The replay store: pictures in files, the last frames only where it has a slack."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sim2vr_harness.training.dagger.dataset import FrameStore
+from sim2vr_harness.training.replay import ReplayStore
 
 SHAPES = {"vision": ((1, 2, 3), np.uint8), "label": ((2,), np.float32)}
 
 
-def append(store: FrameStore, frames: int) -> None:
+def append(store: ReplayStore, frames: int) -> None:
     """Two at a time; everything in frame k is k."""
     for k in range(store.count, store.count + frames, 2):
         number = np.array([k, k + 1])
@@ -22,7 +22,7 @@ def append(store: FrameStore, frames: int) -> None:
 
 
 def test_a_store_that_keeps_all_knows_every_frame(tmp_path: Path) -> None:
-    store = FrameStore(tmp_path, 8, SHAPES)
+    store = ReplayStore(tmp_path / "frames.*.bin", 8, SHAPES)
     append(store, 8)
     assert (store.first, store.count) == (0, 8)
     rows = store.rows(np.array([0, 3, 7]))
@@ -31,7 +31,7 @@ def test_a_store_that_keeps_all_knows_every_frame(tmp_path: Path) -> None:
 
 
 def test_a_store_that_goes_round_knows_the_last_frames(tmp_path: Path) -> None:
-    store = FrameStore(tmp_path, 4, SHAPES, slack=2)
+    store = ReplayStore(tmp_path / "frames.*.bin", 4, SHAPES, slack=2)
     append(store, 20)
     assert (store.first, store.count) == (16, 20)
     rows = store.rows(np.arange(16, 20))
@@ -43,13 +43,28 @@ def test_a_store_that_goes_round_knows_the_last_frames(tmp_path: Path) -> None:
 @pytest.mark.parametrize("later", [0, 2])
 def test_a_stopped_store_goes_on_with_the_frames_of_its_state(tmp_path: Path, later: int) -> None:
     """What was written after the state was taken, in the slack, is not missed."""
-    store = FrameStore(tmp_path, 4, SHAPES, slack=2)
+    store = ReplayStore(tmp_path / "frames.*.bin", 4, SHAPES, slack=2)
     append(store, 14)
-    state = {key: value.copy() for key, value in store.state().items()}
+    state = {key: value.clone() for key, value in store.state_dict().items()}
     append(store, later)
-    again = FrameStore(tmp_path, 4, SHAPES, slack=2)
-    again.restore(14, state)
+    again = ReplayStore(tmp_path / "frames.*.bin", 4, SHAPES, slack=2)
+    again.load_state_dict(14, state)
     assert (again.first, again.count) == (10, 14)
     rows = again.rows(np.arange(10, 14))
     assert rows["vision"][:, 0, 1, 1].tolist() == [10, 11, 12, 13]
     assert rows["label"][:, 1].tolist() == [10.0, 11.0, 12.0, 13.0]
+
+
+def test_frames_of_several_users_are_read_by_user_and_amended(tmp_path: Path) -> None:
+    """A frame holds two users; rewards follow after the pictures."""
+    shapes = {"vision": ((2, 1, 2, 3), np.uint8), "reward": ((2,), np.float32)}
+    store = ReplayStore(tmp_path / "pictures.bin", 3, shapes)
+    for k in range(3):
+        vision = np.array([10 * k, 10 * k + 1], np.uint8).reshape(1, 2, 1, 1, 1)
+        store.append({"vision": np.broadcast_to(vision, (1, 2, 1, 2, 3))})
+        store.amend({"reward": np.array([[k, -k]], np.float32)})
+    at = (np.array([2, 0, 1]), np.array([1, 0, 1]))
+    assert store.read("vision", *at)[:, 0, 1, 2].tolist() == [21, 0, 11]
+    assert store.read("reward", *at).tolist() == [-2.0, 0.0, -1.0]
+    assert (tmp_path / "pictures.bin").stat().st_size == 3 * 2 * 6
+    assert set(store.state_dict()) == {"reward"}

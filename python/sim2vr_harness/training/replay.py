@@ -1,0 +1,103 @@
+"""The replay store: user steps or decisions in the order of collection, pictures in files."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+__all__ = ["ReplayStore"]
+
+
+class ReplayStore:
+    """Collected frames, in the order of collection, pictures in files.
+
+    The files are only ever appended to, so that a resumed stage reads just the frames that the
+    stopped one had. A store that keeps the last frames only goes round in its files, and is
+    ``slack`` frames longer than what can be read: what a stage collects between two of its
+    checkpoints overwrites nothing that the older one needs.
+
+    Args:
+        file: of pictures (bytes of three or more axes); ``*`` in its name stands for their key. It
+            is made, or reused.
+        capacity: number of frames that can be read.
+        shapes: key -> (shape, dtype) of what a frame holds.
+        slack: frames beyond these; a multiple of how many are appended at a time, as is capacity.
+    """
+
+    def __init__(
+        self,
+        file: Path,
+        capacity: int,
+        shapes: Mapping[str, tuple[tuple[int, ...], Any]],
+        slack: int = 0,
+    ) -> None:
+        self.count = 0
+        """Frames so far, whether they are still there or not."""
+        self.capacity = capacity
+        self._length = length = capacity + slack
+        self._arrays: dict[str, NDArray[Any]] = {}
+        for key, (shape, dtype) in shapes.items():
+            if dtype == np.uint8 and len(shape) >= 3:
+                own = file.with_name(file.name.replace("*", key))
+                self._arrays[key] = np.memmap(
+                    own, dtype, "r+" if own.is_file() else "w+", shape=(length, *shape)
+                )
+            else:
+                self._arrays[key] = np.zeros((length, *shape), dtype)
+
+    @property
+    def first(self) -> int:
+        """The oldest frame that is there."""
+        return max(0, self.count - self.capacity)
+
+    def append(self, frame: Mapping[str, NDArray[Any]]) -> None:
+        """Take (N, ...) of keys; those that are left out follow by :meth:`amend`."""
+        rows = len(next(iter(frame.values())))
+        self.count += rows
+        self.amend(frame)
+
+    def amend(self, frame: Mapping[str, NDArray[Any]]) -> None:
+        """Replace (N, ...) of keys in the latest N frames."""
+        for key, values in frame.items():
+            at = (self.count - len(values)) % self._length
+            self._arrays[key][at : at + len(values)] = values
+
+    def read(self, key: str, *indices: NDArray[np.integer]) -> NDArray[Any]:
+        """Return a copy of one key of frames, by :attr:`first` to :attr:`count`.
+
+        Args:
+            key: which.
+            indices: frames, and entries of the axes within them, as NumPy broadcasts them.
+        """
+        frames, *within = indices
+        return np.asarray(self._arrays[key][(frames % self._length, *within)])
+
+    def rows(self, indices: NDArray[np.integer]) -> dict[str, Tensor]:
+        """Return copies of all keys of frames, by :attr:`first` to :attr:`count`."""
+        return {key: torch.from_numpy(self.read(key, indices)) for key in self._arrays}
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """Return all but the pictures, which are made sure to be in their files.
+
+        What is appended later overwrites no frame that this state can ask for, if it is within the
+        slack.
+        """
+        known = {}
+        for key, array in self._arrays.items():
+            if isinstance(array, np.memmap):
+                array.flush()
+            else:
+                known[key] = torch.from_numpy(array[: self.count])
+        return known
+
+    def load_state_dict(self, count: int, state: Mapping[str, Tensor]) -> None:
+        """Go back to the first ``count`` frames."""
+        self.count = count
+        for key, values in state.items():
+            self._arrays[key][: len(values)] = values.cpu().numpy()

@@ -8,8 +8,7 @@ from typing import Any
 
 from sim2vr_harness.base.cores import budget
 from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.envs.config import body_of
-from sim2vr_harness.envs.simulation import motor_noise
+from sim2vr_harness.envs.config import body_of, motor_noise
 from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for, save_motor_layer
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.training.model_based.stage import CycleStage

@@ -49,7 +49,7 @@ def shown(value: object, longest: int = _LONGEST) -> str:
 
 
 def reason(error: BaseException) -> str:
-    """Return what an error of somebody else's says, in one short line; its kind if it is silent."""
+    """Return what an error of someone else's says, in one short line; its kind if it is silent."""
     system = isinstance(error, OSError) and error.strerror
     text = " ".join((str(system) if system else str(error)).split())
     text = printable(text)

@@ -79,5 +79,5 @@ def sweep(folder: Path) -> list[Path]:
 
 
 def _lives(number: int) -> bool:
-    """Whether another process with this number is there, whoever it belongs to."""
+    """Whether another process with this number is there, no matter to which user it belongs."""
     return number != os.getpid() and Path(f"/proc/{number}").exists()

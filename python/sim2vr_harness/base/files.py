@@ -227,7 +227,7 @@ def parse_tensors(
 
 
 def _decoded(source: str, problem: str, expected: str, decode: Callable[[], T]) -> T:
-    """Run a decoder of somebody else's, whose errors on wrong bytes can be of any type."""
+    """Run a decoder of someone else's, whose errors on wrong bytes can be of any type."""
     try:
         return decode()
     except Exception as error:

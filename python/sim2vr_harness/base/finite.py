@@ -1,4 +1,4 @@
-"""What is saved of a training is finite: one that has gone astray stops, and says what went."""
+"""What is saved of a training is finite: one that has diverged stops, and says what went."""
 
 from __future__ import annotations
 

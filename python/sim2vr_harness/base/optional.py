@@ -16,7 +16,7 @@ def needed(package: str, extra: str, option: str) -> Any:
     Args:
         package: Its name.
         extra: Of this project, that brings it.
-        option: What the user asked for, that needs it.
+        option: What the user requested, that needs it.
 
     Raises:
         InputError: It is not installed.

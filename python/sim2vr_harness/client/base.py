@@ -190,7 +190,7 @@ class AppClient(Protocol):
             poses: of K frames, (K, ...).
             drawn: as in :meth:`step_frames`.
             last: the user ends the round after this step (a time limit); an app of the reference
-                is told so, for the others the next reset says it.
+                is informed, for the others the next reset says it.
 
         Raises:
             ValueError, RuntimeError: as :meth:`step`, here or in :meth:`finish_step`.

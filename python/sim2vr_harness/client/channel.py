@@ -15,10 +15,10 @@ LONGEST_S = 1e9
 """Longest time that is taken as one to wait for something, as of sim2vr-app: some 30 years."""
 
 _SLICE_S = 0.25
-"""How often a process is looked at whose end does not wake anybody."""
+"""How often a process is looked at whose end does not wake anyone."""
 
 _CONNECT_S = 5.0
-"""How long somebody may take to accept the connection where nothing is known to be starting."""
+"""How long someone may take to accept the connection where nothing is known to be starting."""
 
 
 def checked_duration_s(field: str, value_s: float) -> float:
@@ -38,15 +38,15 @@ class Channel:
     """A connection that never waits for ever and is given up after the first failure.
 
     While it waits for an answer it watches the connection and, where it knows it, the app's
-    process, so that a death is told at once and only silence takes the whole time. After a lost
-    answer nobody knows which answer comes next, so a channel that failed once does not go on: every
+    process, so that a death is reported at once and only silence takes the whole time. After a lost
+    answer no one knows which answer comes next, so a channel that failed once does not go on: every
     later call repeats the failure.
 
     Args:
         endpoint: ZeroMQ address, for example ``tcp://127.0.0.1:5555``.
         timeout_s: how long to wait for an answer.
-        process: the app's process where this side has started it. Without one somebody must
-            listen already: that nobody does is told after five seconds.
+        process: the app's process where this side has started it. Without one someone must
+            listen already: that no one does is reported after five seconds.
 
     Raises:
         ValueError: ``timeout_s`` is no time to wait.
@@ -117,7 +117,7 @@ class Channel:
 
         Raises:
             AppDied: the process ended or the connection was closed.
-            AppTimeout: no answer came in time, or nobody listens there.
+            AppTimeout: no answer came in time, or no one listens there.
         """
         self._require_open()
         if not self.awaiting:
@@ -140,14 +140,14 @@ class Channel:
             if self._unanswered():
                 raise self.give_up(
                     AppTimeout(
-                        f"app.connect: got {self.endpoint}, where nobody listens (no connection "
+                        f"app.connect: got {self.endpoint}, where no one listens (no connection "
                         f"within {_CONNECT_S:g} s), expected the address of an app that runs: "
                         "start it first"
                     )
                 )
 
     def _unanswered(self) -> bool:
-        """Whether nobody has accepted the connection, though somebody should be there by now."""
+        """Whether no one has accepted the connection, though someone should be there by now."""
         late = self.process is None and time.monotonic() > self._connect_by
         return late and not self._connection.connected
 

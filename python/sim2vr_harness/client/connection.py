@@ -43,7 +43,7 @@ class Connection:
         if pidfd is not None:
             self._poller.register(pidfd, zmq.POLLIN)
         self.connected = False
-        """Whether somebody has taken the connection, as far as :meth:`wait` has seen."""
+        """Whether someone has taken the connection, as far as :meth:`wait` has seen."""
         self._socket.connect(endpoint)
 
     def send(self, frames: Sequence[bytes]) -> None:

@@ -101,7 +101,7 @@ class Condition:
         description: In a line.
         options: The options.
         draws: Conditions that a round may turn out to be, where that is not this one itself.
-        evaluated: Whether evaluations play it when nobody says which.
+        evaluated: Whether evaluations play it when no one says which.
     """
 
     name: str
@@ -239,7 +239,7 @@ class GameFacts:
 
     @property
     def evaluated(self) -> tuple[str, ...]:
-        """Names of the conditions that an evaluation plays when nobody says which."""
+        """Names of the conditions that an evaluation plays when no one says which."""
         found = tuple(condition.name for condition in self.conditions if condition.evaluated)
         return found or ((self.default_condition,) if self.default_condition else ())
 

@@ -243,7 +243,7 @@ class InProcessBatch:
         )
 
     def haptics(self, index: int) -> tuple[HapticPulse, ...]:
-        """The pulses that an app's last step or reset asked for."""
+        """The pulses that an app's last step or reset requested."""
         if self.haptic_counts[index] == 0:
             return ()
         return tuple(

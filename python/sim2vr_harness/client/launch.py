@@ -37,7 +37,7 @@ _CONDITION = re.compile(r"--?condition(?:[= ](.*))?", re.DOTALL)
 _MAX_PATH_BYTES = 107
 """Longest path of a Unix socket."""
 _ABANDONED_S = 60.0
-"""A socket's file that is older and that nobody listens on was left behind by a killed server."""
+"""A socket's file that is older and that no one listens on was left behind by a killed server."""
 _SILENCE_S = 24 * 3600
 """How long our server waits for the next message: a learner's update may take long, and a client
 that is gone shows by its connection."""
@@ -64,7 +64,7 @@ class StartingApp:
 
     Args:
         process: the process.
-        port: the port it was told to take, or None when it says itself where it listens.
+        port: the port it has to take, or None when it says itself where it listens.
     """
 
     def __init__(self, process: AppProcess, port: PortReservation | None = None) -> None:

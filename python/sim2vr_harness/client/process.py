@@ -46,7 +46,7 @@ def log_folder() -> Path:
     """Return the folder for the output and the sockets of child processes, made when missing.
 
     Raises:
-        AppRefused: somebody else has made it, and could read or replace what is put there.
+        AppRefused: someone else has made it, and could read or replace what is put there.
     """
     folder = Path(tempfile.gettempdir()) / f"sim2vr-app-logs-{os.getuid()}"
     folder.mkdir(mode=0o700, exist_ok=True)
@@ -138,7 +138,7 @@ class AppProcess:
     def exit_status(self) -> int | None:
         """None while the process runs; the negative number of the signal that killed it."""
         if self._popen.returncode is None:
-            # Left a zombie, so that its process group cannot be anybody else's yet.
+            # Left a zombie, so that its process group cannot be anyone else's yet.
             found = os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT)
             if found is None:
                 return None
@@ -236,7 +236,7 @@ class AppProcess:
     # --- ending ------------------------------------------------------------------------------
 
     def stop(self, grace_s: float = 5.0) -> None:
-        """Ends a process that was told to end: waits for it, then SIGTERM, then SIGKILL.
+        """Ends a process that has to end: waits for it, then SIGTERM, then SIGKILL.
 
         Idempotent.
 

@@ -236,8 +236,8 @@ class Protocol1App:
         if not reply.finished:
             raise self._channel.give_up(
                 ProtocolError(
-                    f"{self._channel.app} was told that the round is over (isFinished), and its "
-                    "reply does not say so"
+                    f"{self._channel.app} was informed that the round is over (isFinished), and "
+                    "its reply does not say so"
                 )
             )
         # Whether the game would have ended it as well cannot be known.

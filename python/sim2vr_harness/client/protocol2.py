@@ -74,8 +74,8 @@ class Protocol2Connection:
     """A session with a server that plays N apps.
 
     The steps of several apps that were started before the first of them is finished travel in one
-    message; it is sent as soon as every app of the connection has one, or else when the first is
-    asked for its reply.
+    message; it is sent as soon as every app of the connection has one, or else when the reply
+    of the first is requested.
 
     Args:
         channel: to the server; owned by this object from now on, its process too.
@@ -291,7 +291,7 @@ class Protocol2Connection:
     def _take_images(self, data: bytes, flags: int, apps: Sequence[int]) -> None:
         if flags & IN_SHARED_MEMORY:
             if self._shared is None:
-                raise ValueError("images in shared memory that was not asked for")
+                raise ValueError("images in shared memory that was not requested")
             return
         images = np.frombuffer(data, np.uint8).reshape(len(apps), *self.shape)
         for app, image in zip(apps, images, strict=True):

@@ -23,7 +23,7 @@ Float64Array = NDArray[np.float64]
 
 PLAYER_LAYER = 31
 """Of what stands for the player in pictures from outside (``rl::kPlayerLooksLayer``): headset,
-hands. Whoever draws the body itself leaves it out."""
+hands. Code that draws the body itself leaves it out."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +89,7 @@ class AppScene:
 
     @classmethod
     def of_columns(cls, columns: Sequence[Any], meshes: Sequence[SceneMesh]) -> AppScene:
-        """Return the scene that the extension module told of.
+        """Return the scene that the extension module reported.
 
         Args:
             columns: paths, objects, layers, meshes, poses, scales, colours, unlit.

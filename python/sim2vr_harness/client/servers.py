@@ -59,7 +59,7 @@ Open = Callable[[Channel, AppsWanted, int, Path | None], Served]
 class AppServers:
     """The source of apps outside this process.
 
-    All processes are started when the first app is asked for, so that they start side by side.
+    All processes are started when the first app is requested, so that they start in parallel.
     With several users per process the steps of those who share travel in one message.
 
     Args:

@@ -74,7 +74,7 @@ class _Place:
         self.path = Path(tempfile.mkdtemp(prefix=f"sim2vr-{self.owner}-"))
         locked = self.path / f"{_LOCK}.new"
         self._lock = os.open(locked, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
-        with suppress(OSError):  # a file system without locks: nobody sweeps there
+        with suppress(OSError):  # a file system without locks: no one sweeps there
             fcntl.flock(self._lock, fcntl.LOCK_EX)
         locked.rename(self.path / _LOCK)  # never there unlocked
         watched, self._alive = os.pipe()
@@ -129,7 +129,7 @@ os.register_at_fork(after_in_child=_forked)
 def _sweep(folder: Path) -> None:
     """Delete the folders in ``folder`` of processes that were killed with their watchers.
 
-    They are this user's own, have such a name, and a lock that nobody holds; links are not
+    They are this user's own, have such a name, and a lock that no one holds; links are not
     followed.
     """
     with os.scandir(folder) as entries:

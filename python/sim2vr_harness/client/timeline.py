@@ -53,7 +53,7 @@ class Timeline:
         lanes: Their names, bottom up.
         beats_s: Times of the beats, s.
         items: In no order.
-        facts: Label and text or number, in the order in which they are told.
+        facts: Label and text or number, in the order of display.
         level: The level as the game has it, for those who play it elsewhere.
     """
 

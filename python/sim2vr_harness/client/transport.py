@@ -1,4 +1,4 @@
-"""What a way to an app says of itself, so that nobody else needs to know it by name.
+"""What a way to an app says of itself, so that no one else needs to know it by name.
 
 A new one is a file with an entry of its own and a line in :mod:`sim2vr_harness.client.transports`.
 """
@@ -108,7 +108,7 @@ class Transport:
         facts: asks the apps of a place what their game publishes, (place, name of the game); None
             where they do not say.
         batch: for apps of this process that are stepped as arrays: makes them all, (wanted, root
-            of the logs, channels of the pictures to put side by side).
+            of the logs, channels of the pictures to concatenate).
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""The apps of N users, stepped by one call: in this process as arrays, elsewhere side by side."""
+"""The apps of N users, stepped by one call: in this process as arrays, elsewhere in parallel."""
 
 from __future__ import annotations
 
@@ -267,7 +267,7 @@ class BatchGroup:
 
 
 class _LogRows:
-    """Rows of numbers that become dictionaries only when somebody looks."""
+    """Rows of numbers that become dictionaries only when someone looks."""
 
     def __init__(self, names: Sequence[str], rows: NDArray[np.float64]) -> None:
         self._names, self._rows = names, rows

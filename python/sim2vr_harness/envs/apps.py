@@ -40,7 +40,7 @@ IPD_M = 0.064
 def apps_wanted(
     config: EnvConfig, n: int, ipd_m: float = IPD_M, task: Task | None = None
 ) -> AppsWanted:
-    """Return what the transport is asked for.
+    """Return the request to the transport.
 
     Args:
         config: of the users.
@@ -117,7 +117,7 @@ def judged(app: AppConfig) -> bool:
 
 
 def _require(transport: Transport, capability: str, wanted: bool, got: str) -> None:
-    """Refuse what nobody over this transport can do, before anything is started."""
+    """Refuse what no one over this transport can do, before anything is started."""
     if wanted and capability not in transport.capabilities:
         able = [repr(one.name) for one in list_transports() if capability in one.capabilities]
         raise AppUnsupported(
@@ -136,7 +136,7 @@ def knows_options(app: AppConfig) -> bool:
 
 
 def facts_told(app: AppConfig) -> GameFacts | None:
-    """What an app outside says of its game, asked for; None where it does not say.
+    """The reply of an app outside about its game; None where it does not say.
 
     Raises:
         RuntimeError: it runs already, as is written, and does not answer.

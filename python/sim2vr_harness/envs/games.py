@@ -86,7 +86,7 @@ def with_task(config: EnvConfig) -> EnvConfig:
 def _body_wearing(devices: tuple[str, ...], usual: str) -> str:
     """The usual body; where it cannot wear the devices, the one with the fewest muscles that can.
 
-    The usual one, too, when nobody can. Without muscles the usual effort has nothing to go by.
+    The usual one, too, when no one can. Without muscles the usual effort has nothing to go by.
     """
     if set(devices) <= set(load_body(usual).devices):
         return usual

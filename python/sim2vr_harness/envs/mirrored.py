@@ -29,7 +29,7 @@ _POSE = np.array([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0, 1.0])
 
 
 class MirroredGroup:
-    """Apps of users some of whom are mirror images; see :class:`~.app_group.AppGroup`.
+    """Apps of users of which some are mirror images; see :class:`~.app_group.AppGroup`.
 
     Args:
         group: the apps.

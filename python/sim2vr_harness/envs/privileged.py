@@ -1,7 +1,7 @@
 """What a teacher knows: its body and the game's privileged numbers, no earlier than its student.
 
 A user whose senses are late has a teacher whose knowledge is as late, rounded up to whole user
-steps: one that knew the present would do what nobody can who sees the past. Where the tool was felt
+steps: one that knew the present would do what no one can who sees the past. Where the tool was felt
 to be a user knows before it sees it. Who remembers what it did for as long as it feels late can
 work out how its own body is now (an efference copy and a forward model: Wolpert, Ghahramani and
 Jordan 1995), so the teacher knows that, and the student learns to work it out.

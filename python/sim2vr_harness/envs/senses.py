@@ -68,7 +68,7 @@ def make_perception(
         proprioception: of their bodies.
         substeps: physics steps per user step.
         actions: how many each of them has.
-        who: the users' persons; None: nothing will be sensed, the spaces alone are asked for.
+        who: the users' persons; None: nothing will be sensed, the spaces alone are requested.
 
     Raises:
         ValueError: a setting that cannot be used; names it, what was got and what was expected.

@@ -151,7 +151,7 @@ class Simulation:
         return self.apps[0].renderer_description
 
     def watch(self, sense: Sense) -> None:
-        """Let somebody beside the users take in what they go through, from the next reset on.
+        """Let someone beside the users take in what they go through, from the next reset on.
 
         Args:
             sense: see :meth:`Perception.watch`; a saved state holds its past, too.
@@ -261,7 +261,7 @@ class Simulation:
         return {} if self.people is None else {"person": self.users.persons[i].as_dict()}
 
     def body_for(self, physique: Physique) -> Body:
-        """Return the users' body, cut to somebody."""
+        """Return the users' body, cut to someone."""
         return body_of(self.config.user.model_copy(update={"person": physique}))
 
     @property
@@ -289,7 +289,7 @@ class Simulation:
         return self._over.copy()
 
     def renew(self, outcome: StepBatch) -> list[int]:
-        """Start new episodes for whoever has none after a step; returns who that is."""
+        """Start new episodes for users without one after a step; returns which."""
         ended = np.flatnonzero(outcome.over).tolist()
         if ended:
             self.reset(ids=ended)

@@ -64,5 +64,5 @@ class StepBatch:
 
     @cached_property
     def infos(self) -> list[dict[str, Any]]:
-        """:meth:`info` of all users; made when first asked for."""
+        """:meth:`info` of all users; made when first requested."""
         return [self.info(i) for i in range(len(self.reward))]

@@ -141,7 +141,7 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
     def step(
         self, actions: NDArray[np.float32]
     ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
-        """One user step of everybody; see the class for what happens at the end of episodes."""
+        """One step of all users; see the class for what happens at the end of episodes."""
         waiting = np.zeros(0, dtype=np.int64)
         if self.autoreset_mode == AutoresetMode.NEXT_STEP:
             waiting = np.flatnonzero(self.simulation.over)

@@ -106,7 +106,7 @@ def film_side_by_side(
     simulation: Callable[..., Any] = make_simulation,
     on_progress: Callable[[float], None] = lambda share: None,
 ) -> Path:
-    """Let users play a round of the same condition and seed, and film them side by side.
+    """Let users play a round of the same condition and seed, and film them in one video.
 
     Who is done first stands still until the last one is.
 

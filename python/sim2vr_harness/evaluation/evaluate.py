@@ -72,7 +72,7 @@ class Request:
             after what is different from the run's own settings, if anything is. Results are added
             to those that are there.
         overwrite: Whether to begin with new results where there are others.
-        batch: Rounds played side by side at most.
+        batch: Rounds played in parallel at most.
         app: Settings that replace those of ``env.app``, for example another executable.
         overrides: ``env.key=value``, what else is different from the training's environment.
         trust_app: Whether the program that the run names as its app may be started, though this
@@ -109,7 +109,7 @@ class Evaluation:
         checkpoint: The evaluated checkpoint or packed weights.
         files: Results, tables, videos and logs that were written.
         rounds: Every round.
-        unpractised: What the user never practised, a line each.
+        unpractised: What the user was not trained for, a line each.
         data: The tables, as data frames: of everything that is in the folder.
         unread: Logs of the app that the tables lack, and why, a line each.
     """
@@ -328,7 +328,7 @@ def _play(
 
 
 def _logs_by_itself(env: EnvConfig) -> bool:
-    """Whether the app is ours and started here, so that its logs cost nobody an argument."""
+    """Whether the app is ours and started here, so that its logs cost no one an argument."""
     app = env.app
     return app.connect is None and app.executable is None and app.page is None
 
@@ -337,7 +337,7 @@ def with_people(env: EnvConfig, people: int, seed: int) -> EnvConfig:
     """The environment with so many people of this seed, as the training's differ or as usual.
 
     Raises:
-        InputError: There is nobody, or the configuration says what people differ in.
+        InputError: There is no one, or the configuration says what people differ in.
     """
     if people < 1:
         raise InputError("--people", str(people), "at least 1")
@@ -368,7 +368,7 @@ def _folder_of(config: TrainingConfig, request: Request) -> str:
 
 
 def batch_for(env: EnvConfig, batch: int) -> int:
-    """Return how many rounds can be played side by side: one in an app that runs already."""
+    """Return how many rounds can be played in parallel: one in an app that runs already."""
     return 1 if env.app.connect is not None else batch
 
 
@@ -383,6 +383,6 @@ def _check_numbers(episodes: int, seed: int, batch: int) -> None:
     if batch * _USER_BYTES > have:
         raise InputError(
             "--batch",
-            f"{batch:,} rounds side by side, which need {batch * _USER_BYTES / 2**30:,.0f} GiB",
+            f"{batch:,} rounds in parallel, which need {batch * _USER_BYTES / 2**30:,.0f} GiB",
             f"at most {have // _USER_BYTES:,} with the memory that is free",
         )

@@ -1,6 +1,6 @@
 """A first look at an app without a trained user.
 
-Somebody sits still, moves at random, or reaches for an object.
+Someone sits still, moves at random, or reaches for an object.
 """
 
 from __future__ import annotations
@@ -47,14 +47,14 @@ USERS = ("still", "random", "reach NAME")
 """Who can play without having learned anything."""
 
 _REACH = "reach "
-_SIDE_BY_SIDE = 2
+_PARALLEL = 2
 """Rounds at once."""
 _NEAR_M = 0.05
 """As near as a hand comes that can get there."""
 
 
 def act_of(user: str, simulation: Any, gaps_m: list[float] | None = None) -> Act:
-    """Return what somebody who has learned nothing does.
+    """Return what someone who has learned nothing does.
 
     Args:
         user: of :data:`USERS`: ``still`` keeps all activations as they are; ``random`` changes them
@@ -208,7 +208,7 @@ class _Baseline:
                 jobs,
                 facts,
                 deterministic=False,
-                batch=batch_for(config, 1 if self._user.startswith(_REACH) else _SIDE_BY_SIDE),
+                batch=batch_for(config, 1 if self._user.startswith(_REACH) else _PARALLEL),
                 watchers=watchers,
                 on_progress=advance,
             )

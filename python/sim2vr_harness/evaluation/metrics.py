@@ -211,7 +211,7 @@ def summarise(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, Any]
     """Return mean and standard deviation (ddof 1) of every number over rounds, or over people.
 
     Where users are people who differ, a number's value of a person is the mean of that person's
-    rounds, and mean and deviation are those over persons, of whom there are ``persons``: rounds of
+    rounds, and mean and deviation are over the ``persons``: rounds of
     one person are no independent samples of people.
 
     A share such as ``hit_rate`` is the mean of the rounds' shares, as in the study;

@@ -59,7 +59,7 @@ class EvaluationResults:
         Args:
             conditions: To be added.
             settings: ``user``, ``trained_steps``, ``episodes``, ``seed``, ``deterministic``,
-                ``overrides`` and ``app`` of all of them, and ``people`` where some were asked for.
+                ``overrides`` and ``app`` of all of them, and ``people`` where some were requested.
 
         Raises:
             InputError: There are results of another user, or of a condition with other settings.

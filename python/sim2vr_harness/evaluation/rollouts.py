@@ -1,4 +1,4 @@
-"""Playing rounds side by side, each as if it were alone."""
+"""Playing rounds in parallel, each as if it were alone."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Job:
         episode: Number within the condition, from 0.
         seed: Seed of body, game and policy.
         options: The condition's options of the game.
-        person: Number of the person who plays it; None: whoever the seed says, if users differ.
+        person: Number of the person who plays it; None: drawn by the seed, if users differ.
     """
 
     condition: str
@@ -61,7 +61,7 @@ def jobs_for(
         conditions: To be played.
         episodes: Rounds per condition, and per person.
         seed: Of the first round.
-        people: How many persons play them, one after the other; None: whoever the seeds say.
+        people: How many persons play them, one after the other; None: drawn by the seeds.
     """
     players = [None] if people is None else range(people)
     rounds = [person for person in players for _ in range(episodes)]
@@ -91,7 +91,7 @@ def play(
         jobs: The rounds.
         facts: What the game publishes.
         deterministic: Whether actions are the policy's mean instead of samples.
-        batch: How many rounds are played side by side at most.
+        batch: How many rounds are played in parallel at most.
         watchers: Look on.
         on_progress: Called with the share of the work done, from 0 to 1.
 

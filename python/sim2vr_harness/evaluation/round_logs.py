@@ -1,7 +1,7 @@
 """The game's CSV logs of evaluated rounds, in folders that are named by their round.
 
 Apps number the rounds that they log and know nothing of jobs; which app plays which job depends on
-how many are played side by side.
+how many are played in parallel.
 """
 
 from __future__ import annotations

@@ -172,7 +172,7 @@ def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
         body = painter.draw(0)
     vision = users.config.vision
     views = "views" in app.capabilities
-    own = app.render_headset(*vision.drawn) if views else _side_by_side(app.image)
+    own = app.render_headset(*vision.drawn) if views else _concatenated(app.image)
     depth = np.repeat(own[..., 3:], 3, axis=2)
     if not views:
         return {"body": body, "observation": np.concatenate([own[..., :3], depth], axis=1)}
@@ -185,7 +185,7 @@ def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
     }
 
 
-def _side_by_side(image: Any) -> Any:
+def _concatenated(image: Any) -> Any:
     """(H, W, 4), of two eyes (H, 2 W, 4)."""
     return image.copy() if image.ndim == 3 else np.concatenate(list(image), axis=1)
 

@@ -17,7 +17,7 @@ from sim2vr_harness.evaluation.metrics import ARM_MEASURES, measures_of
 
 __all__ = ["cell", "results_table"]
 
-_SIDE_BY_SIDE = 4
+_COLUMNS = 4
 """Conditions that fit 80 columns beside the names of the numbers."""
 
 _LABEL_COLUMNS = 28
@@ -40,8 +40,8 @@ def results_table(
     facts = facts.with_log({key: 0.0 for s in summaries.values() for key in _log_keys(s)})
     conditions = list(summaries)
     parts: list[RenderableType] = [Text(title, style="bold"), Text(_over_what(summaries))]
-    for first in range(0, len(conditions), _SIDE_BY_SIDE):
-        chosen = conditions[first : first + _SIDE_BY_SIDE]
+    for first in range(0, len(conditions), _COLUMNS):
+        chosen = conditions[first : first + _COLUMNS]
         parts.append(_table({condition: summaries[condition] for condition in chosen}, facts))
     parts += [
         Text(f"{measure.label}: {_lower(measure.description)}.", style="dim")
@@ -52,7 +52,7 @@ def results_table(
 
 
 def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Table:
-    tight = len(summaries) == _SIDE_BY_SIDE
+    tight = len(summaries) == _COLUMNS
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 0) if tight else (0, 1))
     table.add_column("Per round", max_width=_LABEL_COLUMNS, no_wrap=False)
     for condition in summaries:
@@ -126,7 +126,7 @@ def _over_what(summaries: Mapping[str, Mapping[str, Any]]) -> str:
     if people != {None}:
         several = len(people) > 1
         number = "several" if several else str(next(iter(people)))
-        return f"Mean ± SD over {number} people, of whom each counts with the mean of its rounds."
+        return f"Mean ± SD over {number} people, each counts with the mean of its rounds."
     counts = {summary["episodes"] for summary in summaries.values()}
     if counts == {1}:
         return "One round of one user for each condition."

@@ -56,10 +56,10 @@ def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str
             new.append(
                 f"{words_of_change(key, now.get(key))} (trained: {_plain(trained.get(key))})"
             )
-    practised = _practised_conditions(config)
-    unknown = [name for name in conditions if practised and not facts.drawn(name) <= practised]
+    trained = _trained_conditions(config)
+    unknown = [name for name in conditions if trained and not facts.drawn(name) <= trained]
     if unknown:
-        names = ", ".join(sorted(practised))
+        names = ", ".join(sorted(trained))
         kind = "condition" if len(unknown) == 1 else "conditions"
         new.append(f"{kind} {', '.join(unknown)} (trained: {names})")
     return new
@@ -73,7 +73,7 @@ def met(config: TrainingConfig) -> list[str]:
     """
     if config.recipe != "skills":
         return []
-    known = _practised_conditions(config)
+    known = _trained_conditions(config)
     return [c.name for c in game_facts(config.env.app).conditions if c.name in known]
 
 
@@ -84,7 +84,7 @@ def words_of_change(key: str, value: Any) -> str:
     return f"{key.replace('.', ' ').replace('_', ' ')}: {_plain(value)}"
 
 
-def _practised_conditions(config: TrainingConfig) -> set[str]:
+def _trained_conditions(config: TrainingConfig) -> set[str]:
     """The conditions that a training's rounds had; empty if the game does not say."""
     facts = game_facts(config.env.app)
     names = {facts.condition_of(config.env.app.options)}

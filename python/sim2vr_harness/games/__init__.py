@@ -1,4 +1,4 @@
-"""What Python knows of a game: its twin for imagined rollouts, and its curriculum.
+"""What Python knows of a game: its differentiable model for imagined rollouts, and its curriculum.
 
 A game needs nothing here to be trained, evaluated or filmed. One that the fast recipe shall learn
 (``recipe: distill``) has a room of its own, found by its name; nothing else in the harness names a

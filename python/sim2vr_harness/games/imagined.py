@@ -127,9 +127,9 @@ class ImaginedGame(Protocol):
         devices: the worn devices whose places decide, by the names of their sites.
         fields: the privileged numbers that :class:`ImaginedRounds` take.
         cells: how many places targets come up in.
-        conditions: those that a teacher practises unless the configuration names others.
+        conditions: those that a teacher trains in unless the configuration names others.
         hidden_fields: patterns of privileged numbers, and of the own body's, that a teacher does
-            not observe: the twin does not know them, or they would help too much.
+            not observe: the model does not know them, or they would help too much.
         felt_fields: patterns of the privileged numbers that a user feels as well as sees: where the
             tool in its hand is.
         facts: pattern of the privileged numbers, 0 or 1, that the picture shows: a student's
@@ -194,5 +194,5 @@ class ImaginedGame(Protocol):
             gamma: how much of a reward is left to who learns a user step later.
 
         Raises:
-            ValueError: the twin does not know this duration of a step, or so many frames.
+            ValueError: the model does not know this duration of a step, or so many frames.
         """

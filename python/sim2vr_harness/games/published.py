@@ -42,7 +42,7 @@ class PublishedPeople(Settings):
 
 
 class PublishedValues(Settings):
-    """A measure of somebody else's users."""
+    """A measure of someone else's users."""
 
     source: str
     measure: str
@@ -54,7 +54,7 @@ class PublishedValues(Settings):
 
 
 class PublishedTest(Settings):
-    """A test that somebody else made."""
+    """A test that someone else made."""
 
     source: str
     what: str
@@ -83,7 +83,7 @@ class Published(Settings):
             return self
         told = (
             f"Length: rounds here lasted {duration_s:.0f} s, theirs "
-            f"{self.people.duration_s:.0f} s; {', '.join(self.per_round)} are not put side by side."
+            f"{self.people.duration_s:.0f} s; {', '.join(self.per_round)} are not compared."
         )
         rows = [
             {key: value for key, value in row.items() if key not in self.per_round}

@@ -34,7 +34,7 @@ settings of its differentiable model. A new game is one line."""
 
 _MEASURED = {"whacamole": "sim2vr_harness.games.whacamole"}
 """Name of the game -> its package, whose ``behaviour.BEHAVIOUR`` describes how players' behaviour
-is measured; it needs no twin."""
+is measured; it needs no differentiable model."""
 
 _AIMED = ("pointing",)
 """Games of aimed movements, whose logs have the selections that Fitts' law is about."""
@@ -46,7 +46,7 @@ def room_of(name: str) -> str | None:
 
 
 def imagined_games() -> tuple[str, ...]:
-    """Return the names of the games that have a twin."""
+    """Return the names of the games that have a differentiable model."""
     return tuple(_ROOMS)
 
 
@@ -59,7 +59,7 @@ def imagined_game(name: str) -> ImaginedGame | None:
 
 
 def imagined_settings(name: str) -> type[Settings] | None:
-    """Return what may be set of a game's twin, without loading torch; None if it has none."""
+    """Return the settings of a game's model, without loading torch; None if it has none."""
     if name not in _ROOMS:
         return None
     settings: type[Settings] = import_module(f"{_ROOMS[name]}.settings").GameModelSettings

@@ -148,7 +148,7 @@ class Term:
     Attributes:
         name: For people.
         when: ``step``: in every user step, until the target is gone; ``arrival``: once, at the
-            target; ``absence``: once, at the end, where nobody came.
+            target; ``absence``: once, at the end, where no one came.
         value: What it is worth.
     """
 

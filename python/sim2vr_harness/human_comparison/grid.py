@@ -1,6 +1,6 @@
 """Positions on an even grid of time, and what is worked out from them.
 
-Everybody is measured at the same rate, whatever frames were logged: at 20 Hz, the rate of the
+Every user is measured at the same rate, whatever frames were logged: at 20 Hz, the rate of the
 study's simulated users. Velocities are differences of neighbouring positions.
 """
 

@@ -72,7 +72,7 @@ class Plays:
         seed: of the first round.
         overrides: ``env.KEY=VALUE``, what is different from the training's environment.
         conditions: the game's names; None takes all compared ones of the user's groups.
-        batch: rounds side by side at most.
+        batch: rounds in parallel at most.
         persons: how many persons, who differ, play ``episodes`` rounds per condition each; None for
             the user alone.
         trust_app: whether the program that the user names as its app may be started.
@@ -222,7 +222,7 @@ class LoggedRound:
     """A round of an evaluation.
 
     Attributes:
-        person: who played; the user's name where it is nobody in particular.
+        person: who played; the user's name where it is no particular person.
         folder: of its logs.
         row: what the evaluation says of it.
     """

@@ -36,7 +36,7 @@ def report_tables(report: ComparisonReport, *, every: bool = False) -> Renderabl
     """
     parts: list[RenderableType] = [_totals(report)]
     if len(report.users) > 1:
-        parts += _side_by_side(report)
+        parts += _in_one_table(report)
     for index, compared in enumerate(report.compared):
         parts.append(_headlines(report, compared))
         parts += _fatigue(report, index)
@@ -73,14 +73,14 @@ def _totals(report: ComparisonReport) -> Table:
     return table
 
 
-def _side_by_side(report: ComparisonReport) -> Iterator[RenderableType]:
+def _in_one_table(report: ComparisonReport) -> Iterator[RenderableType]:
     """What is shown first of every user, a column each."""
     for group in report.behaviour.groups:
         users = [each for each in report.compared if group in each.groups]
         if len(users) < 2:
             continue
         table = Table(
-            title=f"Side by side, {group} (* outside people's range)",
+            title=f"Compared, {group} (* outside people's range)",
             box=box.SIMPLE_HEAD,
             title_justify="left",
         )

@@ -20,7 +20,7 @@ FloatArray = NDArray[np.float64]
 class Foveation:
     """Coarsens pictures, of unchanged size, the more the farther from the gaze.
 
-    The smallest detail that is told apart grows linearly with the eccentricity e, the angle from
+    The smallest detail that is distinguished grows linearly with the eccentricity e, the angle from
     the gaze: detail(e) = detail(0) (1 + e / E2), with E2 about 2.3 degrees for letters and
     gratings (Weymouth 1958; Strasburger, Rentschler and Juettner 2011, "Peripheral vision and
     pattern recognition: A review", J. Vision 11(5):13). A pixel shows the mean of the aligned block

@@ -22,7 +22,7 @@ class Haptics(Sensed):
     Each number is the largest amplitude, 0 to 1, of the vibrations that went on in that time. As in
     OpenXR a new vibration of a hand ends the one before, amplitude 0 ends it too, and one without a
     duration is as short as can be: it is felt once. Vibrations begin when the app's reply comes,
-    at the end of the user step in whose frames it asked for them.
+    at the end of the user step in whose frames it requested them.
 
     Args:
         name: key in the observation.

@@ -125,7 +125,7 @@ def _is_time(given: Any) -> bool:
 
 @dataclass(frozen=True)
 class SenseKind:
-    """A sense that can be asked for.
+    """A sense that can be requested.
 
     Attributes:
         key: in the observation unless it is renamed.
@@ -149,7 +149,7 @@ def _fovea(name: str, around: Surroundings) -> Sense:
 
 
 def _pictures(around: Surroundings) -> dict[str, Any]:
-    """What senses of pictures are told of them."""
+    """What senses of pictures receive of them."""
     return {
         "channels": around.channels,
         "eyes": around.eyes,

@@ -180,7 +180,7 @@ class Sensed:
         """See :class:`Sense`; there is no past."""
 
     def glimpse(self, moment: StepContext, substep: int) -> None:
-        """See :class:`Sense`; never asked for."""
+        """See :class:`Sense`; never requested."""
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:
         """See :class:`Sense`."""

@@ -46,7 +46,7 @@ class Perception:
         return None
 
     def watch(self, sense: Sense) -> None:
-        """Let somebody beside the users take in what they go through; no part of the observation.
+        """Let someone beside the users take in what they go through; no part of the observation.
 
         Args:
             sense: takes whole steps; its past is saved and restored with the users'.

@@ -61,7 +61,7 @@ class Ring:
         name: of the sense, for errors.
         n: number of users N.
         space: of one value.
-        back: how many takes back the oldest is that can be asked for, at least 0.
+        back: how many takes back the oldest is that can be requested, at least 0.
     """
 
     def __init__(self, name: str, n: int, space: spaces.Box[Any], back: int) -> None:

@@ -1,4 +1,4 @@
-"""Whom a tool is about: a run, a shipped user, a configuration, or a body."""
+"""The user that a tool is about: a run, a shipped user, a configuration, or a body."""
 
 from __future__ import annotations
 

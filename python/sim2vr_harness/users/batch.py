@@ -1,4 +1,4 @@
-"""N simulated users stepped side by side on a thread pool.
+"""N simulated users stepped in parallel on a thread pool.
 
 A user's motion depends on its own seed and actions only: neither the number of threads nor the
 other users of the batch change a single bit of it.
@@ -56,7 +56,7 @@ class UserBatch:
         effort_params: parameters of the effort model, `weight` too.
         noise: motor noise settings of the muscles; None for none.
         substeps: simulation steps of `body.timestep` per `step`: 25 make 0.05 s (20 Hz).
-        people: whom `reset` may be given persons of; None: all users are average.
+        people: the population whose persons `reset` may be given; None: all users are average.
         cut: makes the body of a person's physique, with the joints and actuators of `body`; None:
             persons do not differ in their bodies.
         head: "reflex" has the headset follow the hand and sway (`head.py`).

@@ -38,7 +38,7 @@ _REFERENCE = FATIGUE_PRESETS["reference"]
 
 
 class EffortModel(ABC):
-    """Base of the effort models: N users side by side, none of which affects another.
+    """Base of the effort models: N users in parallel, none of which affects another.
 
     Args:
         n: number of users.

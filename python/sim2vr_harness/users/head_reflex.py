@@ -33,7 +33,7 @@ FOLLOWS = 0.1
 """Share of the hand's direction that the head turns: slope in the rounds of nine people, .08 about
 the vertical and .06 up and down on average, 0 to .38. Eyes do most of gaze within 14 degrees."""
 MOST_RAD = np.radians(30.0)
-"""Directions count up to here: nobody watches a hand that hangs down."""
+"""Directions count up to here: no one watches a hand that hangs down."""
 TURNS_HZ = 0.9
 """Natural frequency of the head's turning, critically damped. Driven by noise, its speed is 2 pi
 times this times its deviation: so read, people's are .5 (easy, left) to 1.4 (hard, down)."""

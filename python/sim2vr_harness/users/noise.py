@@ -1,4 +1,4 @@
-"""Motor noise on muscle controls, off unless asked for.
+"""Motor noise on muscle controls, off unless requested.
 
 Levels and forms follow the SIM2VR paper's User-in-the-Box reference: signal-dependent noise whose
 standard deviation is 0.103 times the control, and constant noise of 0.185 that all muscles share.

@@ -2,7 +2,7 @@
 
 A body model that a network stands for is steep in a few states, and a gradient that goes through
 sixteen of its steps now and then a hundred thousand times too long: one user then decides where
-everybody's policy goes. Of the others nothing is changed.
+every user's policy goes. Of the others nothing is changed.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Who imagined users are: what a network is told of a person, and what acts exactly."""
+"""Who imagined users are: what a network observes of a person, and what acts exactly."""
 
 from __future__ import annotations
 

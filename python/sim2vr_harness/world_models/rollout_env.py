@@ -85,7 +85,7 @@ class ImaginedUsers:
         """(A,) drives of a body that has nothing to do."""
         self._noise = None if noise is None else ImaginedNoise(noise, n, len(user.muscles))
         self.noise_share = 1.0
-        """Factor on everybody's motor noise."""
+        """Factor on every user's motor noise."""
         self.cost_share = 1.0
         """Factor on the costs of effort and of carrying."""
         self.gradient_limit: float | None = None

@@ -331,7 +331,7 @@ def test_malformed_hello(liar: str, message: str) -> None:
             (lambda n: results(n, values=b"\0" * 8), "of another number than the records say"),
             (lambda n: results(n, names=b"[]"), "names: got .*, expected a JSON obj"),
             (lambda n: results(n, images=IMAGE[1:]), "ValueError"),
-            (lambda n: results(n, images=b"", flags=1), "not asked for"),
+            (lambda n: results(n, images=b"", flags=1), "not requested"),
             (lambda n: results(n, LOG_RECORD, values=b"\0" * 8), "KeyError"),
             (lambda n: results(n, NAN_RECORD), "that is not finite"),
             (lambda n: results(n, PULSE_RECORD), "of another number than the records say"),
@@ -407,7 +407,7 @@ def test_a_closed_port_is_told_in_seconds() -> None:
         closed.bind(("127.0.0.1", 0))
         port = closed.getsockname()[1]
         started = time.monotonic()
-        with pytest.raises(AppTimeout, match=f"127.0.0.1:{port}, where nobody listens"):
+        with pytest.raises(AppTimeout, match=f"127.0.0.1:{port}, where no one listens"):
             Protocol2Connection(connect(f"127.0.0.1:{port}", 60.0))
     assert time.monotonic() - started < 10.0
 

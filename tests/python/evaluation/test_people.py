@@ -82,7 +82,7 @@ def test_people_of_a_seed_play(trained: Path, tmp_path: Path) -> None:
     console = Console(file=io.StringIO(), width=80)
     console.print(results_table(found.summaries, WHACAMOLE, "Title"))
     text = console.file.getvalue()  # type: ignore[attr-defined]
-    assert "Mean ± SD over 3 people, of whom each counts with the mean of its rounds." in text
+    assert "Mean ± SD over 3 people, each counts with the mean of its rounds." in text
     with pytest.raises(InputError, match=r"with people 3, not 2, expected another folder"):
         evaluate(trained, Request(**request | {"people": 2}, out=tmp_path), simulation=FakePeople)
     batches = evaluate(

@@ -266,7 +266,7 @@ def test_a_study_s_users_are_put_beside_people(
         main(command)
     assert not ended.value.code
     assert ran == [(file, out / "studies" / "parts")]
-    assert "Side by side, constrained" in capsys.readouterr().out
+    assert "Compared, constrained" in capsys.readouterr().out
     users = json.loads((out / "comparison.json").read_text())["users"]
     times = {
         name: next(row["value"] for row in user["measures"] if row["measure"] == "tth_median")

@@ -46,7 +46,7 @@ class TaskedApp:
     def __init__(self, app: AppClient, task: Task) -> None:
         self.app, self.task = app, task
         self.moments: list[TaskMoment] | None = None
-        """What the task was told, where somebody wants it recorded; see :meth:`record`."""
+        """What the task received, where someone wants it recorded; see :meth:`record`."""
         self._time_s = self._start_s = 0.0
         self._poses: DevicePoses | None = None
         self._times_ns: Int64Array = np.zeros(1, np.int64)

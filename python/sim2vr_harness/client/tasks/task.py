@@ -19,14 +19,14 @@ DEVICES = ("head", "left_controller", "right_controller")
 
 @dataclass(frozen=True)
 class TaskMoment:
-    """What a task is told after a user step, or at the start of a round.
+    """What a task receives after a user step, or at the start of a round.
 
     Attributes:
         time_s: since the round began.
         step_s: since the moment before; 0 at the start.
         poses: of the devices at the end of the step, (7,) each: position x y z (m), rotation
             x y z w, app frame (left-handed, x right, y up, z forward, origin on the floor).
-        haptics: vibrations that the app asked for in the step.
+        haptics: vibrations that the app requested in the step.
         sounds: that began in it.
         values: what the app answers for :attr:`Task.values`: numbers, truths, or places x y z
             (m, app frame); None: it has none now.
@@ -52,7 +52,7 @@ class TaskMoment:
         """Return a value as a number, ``default`` where the app has none.
 
         Raises:
-            KeyError: no value of that name was asked for.
+            KeyError: no value of that name was requested.
             TypeError: it is a place.
         """
         value = self.values[name]
@@ -64,7 +64,7 @@ class TaskMoment:
         """Return a value that is a place, (3,) x y z in m, app frame.
 
         Raises:
-            KeyError: no value of that name was asked for.
+            KeyError: no value of that name was requested.
             TypeError: it is a number.
         """
         value = self.values[name]
@@ -105,7 +105,7 @@ class Outcome:
 class Task:
     """Base of tasks; an instance judges the rounds of one user, one after the other.
 
-    What a round depends on is set in :meth:`reset`: a task is told of every round's start, and its
+    What a round depends on is set in :meth:`reset`: a task learns of every round's start, and its
     outcomes may depend on nothing but the moments since.
 
     Attributes:

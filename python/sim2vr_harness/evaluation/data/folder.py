@@ -258,7 +258,7 @@ def data_frame(table: pa.Table) -> Any:
 
 @dataclass(frozen=True)
 class EvaluationData:
-    """The tables of an evaluation as data frames of pandas, read when asked for.
+    """The tables of an evaluation as data frames of pandas, read when requested.
 
     Attributes:
         root: The folder ``data`` of the evaluation.

@@ -195,7 +195,7 @@ def _places(log: Sequence[LogLine], item: LoggedItem) -> dict[int, Sequence[floa
 
 
 def item_columns(rows: Sequence[Mapping[str, Any]]) -> list[Column]:
-    """Return the columns that these rows need: everybody's, then what this game's log adds."""
+    """Return the columns that these rows need: every user's, then what this game's log adds."""
     known = {column.name for column in EVENT_COLUMNS}
     further: list[Column] = []
     for row in rows:

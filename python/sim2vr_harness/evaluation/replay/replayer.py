@@ -138,7 +138,7 @@ def replay_all(
     film: ReplayFilm | None = None,
     threads: int = 2,
 ) -> Iterator[Replay]:
-    """Replay many recordings in their order, side by side unless they are filmed.
+    """Replay many recordings in their order, in parallel unless they are filmed.
 
     See :func:`replay`.
     """

@@ -1,4 +1,4 @@
-"""Beats for the fast recipe: a differentiable twin of its rules.
+"""Beats for the fast recipe: a differentiable model of its rules.
 
 - :mod:`.rules`: the numbers of the true game, checked against it by tests
 - :mod:`.settings`: the keys of ``teacher.imagined.game``

@@ -141,7 +141,7 @@ class Lane:
         until = torch.where(there, time - self.time_s[:, None], torch.tensor(torch.inf))
         first = until.topk(count, dim=1, largest=False)
         present = first.values < torch.inf
-        nothing = time.shape[1] - 1  # the last one never comes: nobody else is written over
+        nothing = time.shape[1] - 1  # the last one never comes: no one else is written over
         which = torch.where(present, first.indices, nothing)
         return Coming(which, present, torch.where(present, first.values, 0.0))
 

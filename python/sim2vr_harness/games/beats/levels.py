@@ -33,7 +33,7 @@ NEVER_S = 1e6
 
 @dataclass(frozen=True)
 class Levels:
-    """P levels side by side; times in s from a level's first beat, places in m from the origin.
+    """P levels in parallel; times in s from a level's first beat, places in m from the origin.
 
     Attributes:
         condition: (P,) which one each belongs to.

@@ -25,7 +25,7 @@ STAB_MPS = 0.01
 BASE_POINTS, SPEED_POINTS, ANGLE_POINTS = 50.0, 75.0, 75.0
 
 FAR_M = 10.0
-"""How far the head's camera sees: what is nearer is told."""
+"""How far the head's camera sees: what is nearer is reported."""
 TOLD_BOXES, TOLD_MINES, TOLD_WALLS = 2, 3, 2
 """How many boxes of each hand, mines and walls the privileged numbers tell of."""
 

@@ -323,7 +323,7 @@ class ImaginedBeats:
         middles = self._during(across, coming, shares)
         free = cut.abs().sum(-1) == 0.0
         apart, along = distances(blades, middles, turns(cut), half)
-        passed = (middles[..., 2] <= 0.0)[:, None]  # missed on the way, nobody can cut it
+        passed = (middles[..., 2] <= 0.0)[:, None]  # missed on the way, no one can cut it
         apart = torch.where(passed, _GONE_M, apart - BLADE_RADIUS_M)
         when = first_or_closest(apart)
         apart, along = (values.gather(-1, when)[..., 0] for values in (apart, along))
@@ -357,7 +357,7 @@ class ImaginedBeats:
         along, from_root = nearest(blades, middles)
         gap = from_root - along[..., None] * blades.axis[:, :, None]
         apart = gap.square().sum(-1).add(1e-8).sqrt() - MINE_RADIUS_M - BLADE_RADIUS_M
-        # Avoided on the way, nobody can touch it.
+        # Avoided on the way, no one can touch it.
         apart = torch.where((middles[..., 2] <= 0.0)[:, None], _GONE_M, apart)
         apart = apart.amin((1, 3))  # (B, K)
         touched = coming.there & (apart <= 0.0)
@@ -375,7 +375,7 @@ class ImaginedBeats:
         if not bool(coming.there.any()):
             return torch.zeros(self.n)
         speed = lane.speed[:, None]
-        # They are told of at the time before; the head is where it is now.
+        # They are reported at the time before; the head is where it is now.
         front = speed * (lane.of(levels.wall_start, coming) - lane.time_s[:, None])
         back = speed * (lane.of(levels.wall_end, coming) - lane.time_s[:, None])
         z, reach = head[:, None, 2], HEAD_RADIUS_M
@@ -404,7 +404,7 @@ EVENTS = ("sliced", "missed", "wrong hand", "wrong direction", "mines", "avoided
 
 
 def _told(coming: Coming, middle: Tensor, cut: Tensor | None = None) -> Tensor:
-    """(B, K F) what is told of boxes or mines; 0 where there is none."""
+    """(B, K F) what is reported of boxes or mines; 0 where there is none."""
     parts = [torch.ones_like(coming.until_s)[..., None], coming.until_s[..., None], middle]
     if cut is not None:
         parts.append(cut)

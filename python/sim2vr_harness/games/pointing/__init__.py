@@ -1,4 +1,4 @@
-"""Pointing for the fast recipe: a differentiable twin of the tapping task.
+"""Pointing for the fast recipe: a differentiable model of the tapping task.
 
 - :mod:`.rules`: the numbers of the true game, checked against it by tests
 - :mod:`.settings`: the keys of ``teacher.imagined.game``

@@ -1,4 +1,4 @@
-"""Whac-A-Mole for the fast recipe: a differentiable twin of its rules, and what helps to practise.
+"""Whac-A-Mole for the fast recipe: a differentiable model of its rules, and what helps to train.
 
 - :mod:`.rules`: the numbers of the true game, checked against it by tests
 - :mod:`.settings`: the keys of ``teacher.imagined.game``

@@ -145,7 +145,7 @@ class Reach:
         b, s, k = first.shape
         q, distance = np.empty((b, k)), np.full(b, np.inf)
         for start in range(s):
-            # Whoever is there already needs no other start.
+            # A point that is there already needs no other start.
             rows = np.flatnonzero(distance > CLOSE_M)
             if not len(rows):
                 break

@@ -51,7 +51,7 @@ class Measured:
         extent_m: (2, 3) least and greatest right, up, ahead: the app's frame, m.
         volume: the cells that can be reached.
         sweep: the reference's, for comparison.
-        targets: the places asked for.
+        targets: the places requested.
         verdicts: on each of them.
     """
 

@@ -4,7 +4,7 @@ A hand that is led by goals lags behind fast ones and cuts their corners, the sa
 the recording is followed again with goals that are shifted against the error (S. Arimoto, S.
 Kawamura, F. Miyazaki: Bettering operation of robots by learning. Journal of Robotic Systems 1(2),
 1984). That needs the whole recording beforehand, which a person does not have: the activations are
-those of somebody who knows the movement by heart.
+those of a person who has learned the movement by heart.
 """
 
 from __future__ import annotations

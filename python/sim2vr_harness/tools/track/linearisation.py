@@ -1,4 +1,4 @@
-"""What a body's next state owes to its state and its controls: one body for each nudge tells."""
+"""What a body's next state owes to its state and its controls: one body for each perturbation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["DynamicsState", "Perturbations", "Response", "motion_of"]
 FloatArray = NDArray[np.float64]
 
 _ANGLE, _SPEED, _DRIVE = 1e-3, 1e-2, 0.03
-"""Nudges in rad (of a slide m), rad/s, and shares of the controls' ranges."""
+"""Perturbations in rad (of a slide m), rad/s, and shares of the controls' ranges."""
 _SAME = 0.1, 1.0
 """Who is less than this beside the angles, rad (of a slide m), and the speeds, rad/s, at which a
 response was measured responds the same, but for the activations: muscles pull in proportion."""
@@ -86,7 +86,7 @@ class Response:
 
 @dataclass(frozen=True)
 class _Measured:
-    """What nudges of a step came to.
+    """What perturbations of a step came to.
 
     Attributes:
         point: (2 J,) angles and speeds there.
@@ -105,7 +105,7 @@ class Perturbations:
 
     What an activation does, and what a muscle's control does, differ only by when in the step the
     muscle pulls, which its own dynamics say. So one body serves both: its activation and its
-    control are nudged together, and the difference is shared out.
+    control are perturbed together, and the difference is shared out.
 
     Args:
         many: makes N bodies such as the one that follows.
@@ -161,14 +161,14 @@ class Perturbations:
         at.qvel[1 + j : 1 + 2 * j] += _SPEED * together
         drives = shares.copy()
         drives[muscles] = 0.5 * (shares[muscles] + moment.act)
-        nudges = np.where(drives > 0.5, -_DRIVE, _DRIVE)
+        perturbations = np.where(drives > 0.5, -_DRIVE, _DRIVE)
         first = 1 + 2 * j
-        controls[first:] += np.diag(nudges)
-        at.act[first + muscles, np.arange(len(muscles))] += nudges[muscles]
+        controls[first:] += np.diag(perturbations)
+        at.act[first + muscles, np.arange(len(muscles))] += perturbations[muscles]
         at.put(bodies)
         bodies.step(self._drives.actions(self._drives.of(bodies), controls))
         after, missed = motion_of(DynamicsState.of(bodies), bodies), self._misses(bodies, step)
-        sizes = np.concatenate([np.full(j, _ANGLE), np.full(j, _SPEED), nudges])[:, None]
+        sizes = np.concatenate([np.full(j, _ANGLE), np.full(j, _SPEED), perturbations])[:, None]
         moved, errors = (after[1:] - after[0]) / sizes, (missed[1:] - missed[0]) / sizes
         broken = bodies.diverged[1:] | bodies.diverged[0]
         moved[broken], errors[broken] = 0.0, 0.0

@@ -1,4 +1,4 @@
-"""A body follows a hand's path: its motor layer is told where the hand shall be next."""
+"""A body follows a hand's path: its motor policy receives where the hand shall be next."""
 
 from __future__ import annotations
 
@@ -188,7 +188,7 @@ def follow(
 
     In each go goals are shifted by what the ones before it missed by (:class:`Correction`); the go
     that misses least counts, on average. In one more, muscles are planned ahead from what it does
-    (:class:`~sim2vr_harness.tools.track.trajectory_optimisation.Refinement`), if asked for.
+    (:class:`~sim2vr_harness.tools.track.trajectory_optimisation.Refinement`), if requested.
 
     Args:
         users: one body.

@@ -1,9 +1,8 @@
 """Optimal control: which controls of all muscles bring hands nearest, and at the least effort.
 
-A motor layer cuts fast strokes short, and shifted goals ask it for the same in vain; it pulls
-muscles against each other, too. So stretches of what comes are planned ahead: what every step
-responds is measured (:mod:`nudging`), the controls that would make the sum of squared errors and
-activations least are found backwards in time within the controls' ranges, and tried in several
+A motor policy cuts fast strokes short, shifted goals do not change that, and it co-contracts
+muscles. So stretches of what comes are planned ahead: the response of every step is measured
+(:mod:`linearisation`), the controls that minimise the sum of squared errors and activations are found backwards in time within the controls' ranges, and tried in several
 sizes; from the best one all begins anew. This is control-limited differential dynamic programming
 (Y. Tassa, N. Mansard, E. Todorov, ICRA 2014) without second derivatives of the dynamics. The plan's
 feedback keeps the body to it. Like the correction of goals it needs to know what comes.

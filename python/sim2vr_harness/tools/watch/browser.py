@@ -139,7 +139,7 @@ class ViewerStage:
 
 
 class Viewer:
-    """A server that shows a show to whoever opens its address.
+    """A server that shows a show to browsers that open its address.
 
     Args:
         show: what to show.
@@ -182,7 +182,7 @@ class Viewer:
 
     @property
     def address(self) -> str:
-        """Where to look; it holds the token without which the server answers nobody."""
+        """Where to look; it holds the token without which the server answers no one."""
         return self._gate.address(self._server.get_port())
 
     def _build(self) -> None:
@@ -309,7 +309,7 @@ class Viewer:
             bar.value = 100.0 * float(np.clip(share, 0.0, 1.0))
 
     def turn(self, seconds: float) -> None:
-        """Do what was asked for in the browser, let time go by, and draw what changed."""
+        """Do what was requested in the browser, let time go by, and draw what changed."""
         changed = False
         while self._wanted:
             changed |= self._wanted.pop(0)()
@@ -317,7 +317,7 @@ class Viewer:
             self.draw()
 
     def run(self, until: Callable[[], bool] = lambda: False) -> None:
-        """Go on until interrupted, or ``until`` says so; time goes by once somebody is there."""
+        """Go on until interrupted, or ``until`` says so; time goes by once someone is there."""
         before = time.monotonic()
         while not until():
             now = time.monotonic()
@@ -343,7 +343,7 @@ def middle_of(moment: ViewerFrame, otherwise: NDArray[np.float64]) -> NDArray[np
 
 
 def _require_own(host: str) -> None:
-    """Refuse an address that nobody can listen on here; viser would wait for ever."""
+    """Refuse an address that no one can listen on here; viser would wait for ever."""
     try:
         kind, *_, address = socket.getaddrinfo(host, 0, type=socket.SOCK_STREAM)[0]
         with socket.socket(kind, socket.SOCK_STREAM) as probe:

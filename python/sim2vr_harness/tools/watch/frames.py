@@ -50,7 +50,7 @@ class ViewerFrame:
         headset: (H, W, 3) uint8.
         text: the game's numbers now, for people.
         events: what happened since the moment before, a line each.
-        qpos: (nq,) of the user's body; None: nobody knows the body.
+        qpos: (nq,) of the user's body; None: no one knows the body.
         activations: (M,) of its muscles.
         bars: name -> 0 to 1.
         numbers: name -> value, to be plotted: reward, effort, the game's log.
@@ -69,14 +69,14 @@ class ViewerFrame:
 
 @dataclass
 class Playlist:
-    """A source of moments, made when they are asked for.
+    """A source of moments, made when they are requested.
 
     Attributes:
         title: for people.
         frequency_hz: moments per second.
         moments: yields them until the round is over; closes what it opened.
         body: of the user; None: only what stands for the player is known.
-        hands: where a person holds head and hand; None: nobody can take part.
+        hands: where a person holds head and hand; None: no one can take part.
     """
 
     title: str
@@ -154,7 +154,7 @@ def user_show(
         env: the environment.
         seed: of body, policy and game.
         deterministic: whether actions are the policy's mean.
-        untrained: how a body moves that nobody trained: one of :data:`first_look.USERS`; None:
+        untrained: how a body moves that no one trained: one of :data:`first_look.USERS`; None:
             at random, gently.
         simulation: how to make the user: (EnvConfig, n) -> simulation.
     """
@@ -162,7 +162,7 @@ def user_show(
 
     make = simulation or Simulation
     facts = game_facts(env.app)
-    name = untrained or "nobody in particular"
+    name = untrained or "no particular person"
     if user is not None:
         name = str(user.card.get("name") or user.source)
     # The body of a running simulation, drawn shapes included.

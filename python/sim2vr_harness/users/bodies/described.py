@@ -1,4 +1,4 @@
-"""Bodies made of somebody's MJCF, as a YAML file describes them (`description.py`)."""
+"""Bodies made of someone's MJCF, as a YAML file describes them (`description.py`)."""
 
 from __future__ import annotations
 
@@ -225,7 +225,7 @@ class _Described:
     # --- what is made of it ------------------------------------------------------------------
 
     def _strip(self, spec: mujoco.MjSpec) -> None:
-        """Takes away what nobody uses: other actuators and their tendons, sensors, keyframes."""
+        """Takes away what no one uses: other actuators and their tendons, sensors, keyframes."""
         used = {name for group in self._groups for name in group.actuators}
         idle = [actuator for actuator in spec.actuators if actuator.name not in used]
         targets = {actuator.target for actuator in idle}

@@ -1,4 +1,4 @@
-"""The YAML file that describes a body made of somebody's MJCF: its keys and what they mean."""
+"""The YAML file that describes a body made of someone's MJCF: its keys and what they mean."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ class SegmentDescription(Settings):
 
 
 class AnatomyDescription(Settings):
-    """Whom the body was measured on."""
+    """The persons that the body was measured on."""
 
     stature_m: float | None = Field(default=None, ge=0.3, le=3.0)
     mass_kg: float | None = Field(default=None, ge=1.0, le=500.0)

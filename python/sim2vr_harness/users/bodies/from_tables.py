@@ -81,7 +81,7 @@ def _tables(name: str) -> tuple[ModelTables, dict[str, DeviceRow]]:
 
 
 def _upright(plan: BodyPlan, looking_down_deg: float) -> BodyPlan:
-    """Has the trunk begin upright and stay so, until its motors are told otherwise."""
+    """Has the trunk begin upright and stay so, until its motors get other targets."""
     posture = {**plan.reset_rule.posture, NOD: math.radians(looking_down_deg)}
     return replace(
         plan,

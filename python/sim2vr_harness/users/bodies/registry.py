@@ -93,7 +93,7 @@ def load_body(
 
 
 def foreign_package(name: str | Path) -> str | None:
-    """Return the Python package that loading a body would import and that nobody vouches for.
+    """Return the Python package that loading a body would import and that no one vouches for.
 
     None where there is none. A file that cannot be read has none: loading it says what is wrong.
     """

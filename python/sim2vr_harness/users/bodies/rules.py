@@ -132,7 +132,7 @@ def list_rules() -> tuple[str, ...]:
 
 
 def usual_rule(model: mujoco.MjModel, i: int) -> str:
-    """Returns the rule that actuator i follows unless something else is asked for."""
+    """Returns the rule that actuator i follows unless something else is requested."""
     muscle = model.actuator_dyntype[i] == mujoco.mjtDyn.mjDYN_MUSCLE
     return Muscle.name if muscle else Motor.name
 

@@ -25,7 +25,7 @@ class Chains(nn.Module):
     Args:
         user: the body.
         devices: by the names of their sites.
-        references: bodies of other sizes, that those of everybody follow from; see :class:`Chain`.
+        references: bodies of other sizes, that those of every user follow from; see :class:`Chain`.
     """
 
     def __init__(

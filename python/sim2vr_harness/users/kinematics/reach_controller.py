@@ -1,4 +1,4 @@
-"""A hand that goes where it is told, without learning: muscles worked by the body's own mechanics.
+"""A hand that goes to given places, without learning: muscles worked by the body's own mechanics.
 
 A spring pulls the hand to its goal. Its force, and what gravity and motion ask for, become torques
 of the joints that are free to move, and these activations of muscles, as small as will do.
@@ -86,7 +86,7 @@ class ReachController:
         wanted: Callable[[], FloatArray],
         ease: float,
     ) -> FloatArray:
-        """(M,) activations for torques (nv,) that are asked for once the posture is set."""
+        """(M,) activations for torques (nv,) that are requested once the posture is set."""
         model, data = self._model, self._data
         data.qpos[:], data.qvel[:] = qpos, qvel
         columns = self._actuation.activations

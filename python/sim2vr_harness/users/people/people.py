@@ -1,4 +1,4 @@
-"""People as a distribution, of which every member can be asked for by its number."""
+"""People as a distribution, of which every member can be requested by its number."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ class Population:
         return self.sample(self.settings.seed, index)
 
     def longest(self, delay: str) -> float:
-        """The longest that somebody's ``visual_delay_s`` or ``proprioceptive_delay_s`` can be."""
+        """The longest that someone's ``visual_delay_s`` or ``proprioceptive_delay_s`` can be."""
         trait = next(trait for trait in TRAITS if trait.name == delay)
         if trait not in self.varied:
             return float(getattr(self.alike, delay))
@@ -142,7 +142,7 @@ class Population:
 
 
 def check_physique(settings: PeopleSettings, physique: Physique) -> None:
-    """Raises ValueError if everybody's physique sets what people differ in."""
+    """Raises ValueError if every user's physique sets what people differ in."""
     taken = {
         "stature_m": physique.stature_m is not None,
         "strength": physique.strength != 1.0,

@@ -17,7 +17,7 @@ class Person:
     """Who a user is.
 
     Attributes:
-        index: number among the people that it was drawn from; None: nobody in particular.
+        index: number among the people that it was drawn from; None: no particular person.
         stature_m: body height; segments are shares of it, masses go with its square.
         upper_arm_factor: length of the upper arm over its share of the stature.
         forearm_factor: the same of the forearm.
@@ -44,7 +44,7 @@ class Person:
 
     @property
     def features(self) -> NDArray[np.float32]:
-        """(F,) what a policy is told of the person, as `FEATURES` names it; about -1 to 1.
+        """(F,) what a policy observes of the person, as `FEATURES` names it; about -1 to 1.
 
         Zero is the mean of people, 1 two standard deviations above it (delays: 0.03 s and 0.02 s);
         the scale is fixed, whatever distribution the person was drawn from.

@@ -23,12 +23,12 @@ _KEPT_BODIES = 256
 
 
 class Persons:
-    """N users, each of them somebody.
+    """N users, each of them someone.
 
     Args:
         body: of people who have no body of their own.
         batch: the users' simulations.
-        people: whom they are drawn from; None: all are average.
+        people: the population that they are drawn from; None: all are average.
         cut: makes the body of a physique; None: bodies do not differ, whatever people do.
 
     Attributes:

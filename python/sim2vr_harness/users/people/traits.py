@@ -25,7 +25,7 @@ TraitName = Literal[
 """The fields of a `Person` that people differ in."""
 
 CUT = 2.0
-"""Standard deviations from the mean beyond which there is nobody."""
+"""Standard deviations from the mean beyond which there is no one."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ class Trait:
     grid: float = 0.0
 
     def value(self, deviation: float, sex: float, spread: float, mean: float) -> float:
-        """What somebody has.
+        """What someone has.
 
         Args:
             deviation: from the sex's mean, in standard deviations.
@@ -64,7 +64,7 @@ class Trait:
         return round(max(0, round(value / self.grid)) * self.grid, 9) if self.grid else value
 
     def farthest(self, spread: float, mean: float) -> float:
-        """The largest that somebody can have."""
+        """The largest that someone can have."""
         return self.value(CUT, 1.0, spread, mean)
 
     def feature(self, value: float) -> float:
@@ -105,4 +105,4 @@ TRAITS: tuple[Trait, ...] = (
 )
 
 TOLD = tuple(trait for trait in TRAITS if trait.name != "head_movement")
-"""What a policy is told, in the order of the features: a reflex moves the head, not the policy."""
+"""What a policy observes, in the order of the features: a reflex moves the head, not the policy."""

@@ -207,7 +207,7 @@ def test_an_app_that_does_not_take_the_end_of_a_round(fake_app: Path) -> None:
         app.reset(1, POSES)
         one = DevicePoses(POSES.head[None], POSES.right_controller[None])
         app.start_step(np.array([50_000_000]), one, last=True)
-        with pytest.raises(ProtocolError, match="told that the round is over"):
+        with pytest.raises(ProtocolError, match="informed that the round is over"):
             app.finish_step()
 
 

@@ -109,7 +109,7 @@ class Evaluation:
         checkpoint: The evaluated checkpoint or packed weights.
         files: Results, tables, videos and logs that were written.
         rounds: Every round.
-        unpractised: What the user never practised, a line each.
+        unpractised: What the user was not trained for, a line each.
         data: The tables, as data frames: of everything that is in the folder.
         unread: Logs of the app that the tables lack, and why, a line each.
     """

@@ -53,9 +53,9 @@ def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str
         if key in ignored or not plays or key.startswith(_COSTS_ONLY):
             continue
         if trained.get(key) != now.get(key):
-            new.append(
-                f"{words_of_change(key, now.get(key))} (trained: {_plain(trained.get(key))})"
-            )
+            before = trained.get(key)
+            was = "" if before is None else f" (trained: {_plain(before)})"
+            new.append(words_of_change(key, now.get(key)) + was)
     practised = _practised_conditions(config)
     unknown = [name for name in conditions if practised and not facts.drawn(name) <= practised]
     if unknown:
@@ -78,10 +78,10 @@ def met(config: TrainingConfig) -> list[str]:
 
 
 def words_of_change(key: str, value: Any) -> str:
-    """A changed setting for people: ``env.user.noise.constant``, white -> noise constant: white."""
+    """Return a changed setting: ``env.user.noise.constant``, white -> noise.constant = white."""
     for prefix in ("env.", "user.", "app.options.", "senses."):
         key = key.removeprefix(prefix)
-    return f"{key.replace('.', ' ').replace('_', ' ')}: {_plain(value)}"
+    return f"{key} = {_plain(value)}"
 
 
 def _practised_conditions(config: TrainingConfig) -> set[str]:

@@ -6,7 +6,16 @@ import difflib
 from collections.abc import Iterable
 from pathlib import Path
 
-__all__ = ["InputError", "UnusableFile", "closest", "printable", "reason", "shown", "unknown_name"]
+__all__ = [
+    "InputError",
+    "UnusableFile",
+    "closest",
+    "counted",
+    "printable",
+    "reason",
+    "shown",
+    "unknown_name",
+]
 
 _LONGEST = 100
 """Characters of a value or a reason that a sentence quotes."""
@@ -80,3 +89,8 @@ def unknown_name(field: str, got: str, names: Iterable[str]) -> InputError:
     best = closest(got, known)
     hint = f" (did you mean {best!r}?)" if best else ""
     return InputError(field, repr(got), f"one of {', '.join(known)}{hint}")
+
+
+def counted(n: int, what: str) -> str:
+    """Return a number of things: ``1 round``, ``2 rounds``."""
+    return f"{n:,} {what}" if n == 1 else f"{n:,} {what}s"

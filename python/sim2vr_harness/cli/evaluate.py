@@ -192,7 +192,7 @@ def _print(found: Evaluation, request: Request, json: bool) -> None:
     from sim2vr_harness.evaluation.training_distribution import words_of_change
 
     for line in found.unpractised:
-        typer.echo(f"note: this user never practised {line}", err=True)
+        typer.echo(f"note: not trained for: {line}", err=True)
     for line in found.unread[:1]:
         more = f" (and {len(found.unread) - 1} more)" if found.unread[1:] else ""
         typer.echo(f"note: not in the tables: {line}{more}", err=True)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
+import re
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
+from statistics import median
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -13,7 +16,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.errors import InputError, counted
 
 if TYPE_CHECKING:
     from sim2vr_harness.studies import StudyData
@@ -22,6 +25,10 @@ if TYPE_CHECKING:
 __all__ = ["Shown", "comparison_table", "plan_tables"]
 
 _CONVINCING = 0.001
+_NAME_COLUMNS = 16
+"""Longer names go on in the next line."""
+_MOST_BEST = 4
+"""Trials that fit 80 columns beside the names of their numbers."""
 
 
 class Shown:
@@ -51,9 +58,11 @@ def comparison_table(data: StudyData) -> Iterator[RenderableType]:
         return
     found = data.statistics
     if found["summaries"]:
-        yield _summary_table(found["summaries"])
+        yield _summary_table(found["summaries"], data.about["measures"])
     if found["results"]:
-        yield _results_table(found["results"])
+        yield from _results_table(
+            found["results"], _digits(found["summaries"], data.about["measures"])
+        )
         for note in dict.fromkeys(_notes(found["results"])):
             yield Text(f"note: {note}")
 
@@ -74,27 +83,28 @@ def plan_tables(
     root = Path("studies") / study.name if out is None else out
     earlier = open_study(root) if (root / STUDY_FILE).is_file() else None
     rounds = len(plan.cells) * study.episodes * (study.people or 1)
-    yield Text(f"{len(plan.cells)} cells, {len(plan.trainings)} trainings, {rounds} rounds")
+    counts = {"cell": len(plan.cells), "training": len(plan.trainings), "round": rounds}
+    yield Text(", ".join(counted(count, what) for what, count in counts.items()))
     wanted = wanted_differences(differences, plan.measures)
     sizes = sample_sizes(study, plan.measures, earlier, wanted)
     if not sizes:
         yield Text("No comparison of units: there is no number of units to plan.")
         return
     unit = {"person": "persons", "user": "users"}.get(unit_of(study), unit_of(study))
-    table = Table(box=box.SIMPLE, title=f"{unit.capitalize()} needed (power 0.8, p < 0.05)")
-    for name in ("compared", "measure", "SD", "difference", "in SD", "tests", unit):
-        table.add_column(name, justify="left" if name in ("compared", "measure") else "right")
-    for one in sizes:
-        table.add_row(
-            " - ".join(one.levels),
-            one.measure,
+    rows = [
+        [
+            " - ".join(map(_foldable, one.levels)),
+            _foldable(one.measure),
             "-" if one.sd is None else f"{one.sd:.3g}",
             "-" if one.difference is None else f"{one.difference:.3g}",
             f"{one.standardised:.2f}",
             str(one.tests),
             str(one.units) if one.paired else f"{one.units} each",
-        )
-    yield table
+        ]
+        for one in sizes
+    ]
+    names = ("compared", "measure", "SD", "difference", "in SD", "tests", unit)
+    yield _table(f"{unit.capitalize()} needed (power 0.8, p < 0.05)", names, rows)
     known = (
         "of the results in " + str(root) if earlier is not None else "unknown: no earlier results"
     )
@@ -113,56 +123,138 @@ def _best_of(data: StudyData) -> Iterator[RenderableType]:
         for name in trials.columns
         if name.startswith("parameter_") or name in data.about["search"]["measures"]
     ]
-    table = Table(box=box.SIMPLE, title=f"The best; {kept}")
-    for name in ("trial", *names):
-        table.add_column(name.removeprefix("parameter_"), justify="right")
-    for _, row in best.iterrows():
-        values = [row[name] for name in names]
-        table.add_row(
-            str(row["trial"]),
-            *(value if isinstance(value, str) else f"{value:.4g}" for value in values),
-        )
-    yield table
+    digits = {str(one["name"]): int(one["digits"]) for one in data.about["measures"]}
+    for first in range(0, len(best), _MOST_BEST):
+        chosen = best.iloc[first : first + _MOST_BEST]
+        rows = [
+            [
+                _foldable(name.removeprefix("parameter_")),
+                *(_value(v, digits.get(name)) for v in row),
+            ]
+            for name, row in ((name, chosen[name]) for name in names)
+        ]
+        yield _table(f"The best; {kept}", ["trial", *map(str, chosen["trial"])], rows)
 
 
-def _summary_table(summaries: list[dict[str, Any]]) -> Table:
-    unit, first = summaries[0]["unit"], summaries[0]
-    table = Table(box=box.SIMPLE, title=f"Mean ± SD over units (unit: {unit}), 95 % interval")
-    for name in first["levels"]:
-        table.add_column(name)
-    for name in ("measure", "n", "mean", "95 %"):
-        table.add_column(name, justify="left" if name == "measure" else "right")
+def _value(value: Any, decimals: int | None) -> str:
+    if isinstance(value, str):
+        return _foldable(value)
+    return f"{value:.4g}" if decimals is None else _plain(value, decimals)
+
+
+def _summary_table(summaries: list[dict[str, Any]], measures: Sequence[Mapping[str, Any]]) -> Table:
+    digits = _digits(summaries, measures)
+    rows = []
     for row in summaries:
-        sd = "" if row["sd"] is None else f" ± {row['sd']:.3g}"
-        mean = "-" if row["mean"] is None else f"{row['mean']:.4g}{sd}"
-        interval = "-" if row["low"] is None else f"{row['low']:.4g} to {row['high']:.4g}"
-        table.add_row(*row["levels"].values(), row["measure"], str(row["n"]), mean, interval)
-    return table
+        decimals = digits[row["measure"]]
+        rows.append([
+            *map(_foldable, row["levels"].values()),
+            _foldable(row["measure"]),
+            str(row["n"]),
+            _plain(row["mean"], decimals),
+            _plain(row["sd"], decimals),
+            _interval(row, decimals),
+        ])  # fmt: skip
+    names = [*map(_foldable, summaries[0]["levels"]), "measure", "n", "mean", "SD", "95 % interval"]
+    return _table(f"Mean and SD over units (unit: {summaries[0]['unit']})", names, rows)
 
 
-def _results_table(results: list[dict[str, Any]]) -> Table:
-    table = Table(box=box.SIMPLE, title="Comparisons")
-    for name in ("measure", "levels", "within", "test", "n", "p", "p (Holm)", "effect"):
-        table.add_column(name)
-    for row in results:
-        n = row["n"] if isinstance(row["n"], int) else "+".join(map(str, row["n"]))
-        within = ", ".join(row["by"].values())
-        if row["test"] == "mixed":
-            p = "refused" if row["refused"] else _of_effects(row["effects"])
-            table.add_row(row["measure"], ", ".join(row["levels"]), within, "mixed", str(n), p)
-            continue
-        effect = "-" if row["effect"] is None else f"{row['effect']:+.2f}"
-        p = "refused" if row["refused"] else _p(row["p"])
-        holm = _p(row["p_holm"]) if "p_holm" in row else "-"
-        sign = {"less": " < ", "greater": " > "}.get(row["alternative"], ", ")
-        table.add_row(
-            row["measure"], sign.join(row["levels"]), within, row["test"], str(n), p, holm, effect
+def _results_table(
+    results: list[dict[str, Any]], digits: Mapping[str, int]
+) -> Iterator[RenderableType]:
+    """Yield a table of comparisons per test, and a line on what the effect sizes are."""
+    for test in dict.fromkeys(row["test"] for row in results):
+        own = [one for row in results if row["test"] == test for one in _parts(row)]
+        p = "p (Holm)" if any("p_holm" in one for one in own) else "p"
+        names = ["measure", "compared", "n", "difference [95 %]", p, "effect"]
+        yield _table(f"Comparisons ({test})", names, [_row(one, digits) for one in own])
+        effects = dict.fromkeys(r["effect_name"] for r in own if r.get("effect") is not None)
+        if effects:
+            yield Text(f"Effect: {', '.join(effects)}.")
+
+
+def _parts(result: dict[str, Any]) -> list[dict[str, Any]]:
+    """A comparison; of a mixed model its effects, with the keys of comparisons."""
+    effects = result.get("effects")
+    if not effects:
+        return [result]
+    return [result | {"levels": [one["name"]], "difference": one} | one for one in effects[1:]]
+
+
+def _row(row: dict[str, Any], digits: Mapping[str, int]) -> list[str]:
+    decimals = digits.get(row["measure"], 3)
+    n = row["n"] if isinstance(row["n"], int) else "+".join(map(str, row["n"]))
+    sign = {"less": " < ", "greater": " > "}.get(row.get("alternative", ""), " - ")
+    difference = row.get("difference") or {}
+    p = row["p"] if row.get("p_holm") is None else row["p_holm"]
+    levels = sign.join(map(_foldable, row["levels"]))
+    within = [f"in {name} {label}" for name, label in row["by"].items()]
+    return [
+        _foldable(row["measure"]),
+        "\n".join([levels, *map(_foldable, within)]),
+        str(n),
+        _with_interval(difference, decimals),
+        "refused" if row["refused"] else _p(p),
+        _plain(row.get("effect"), 2),
+    ]
+
+
+def _table(title: str, names: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
+    """A table without empty columns, whose cells are folded and never cut."""
+    table = Table(box=box.SIMPLE_HEAD, title=title, padding=(0, 1, 0, 0), pad_edge=False)
+    filled = [k for k in range(len(names)) if any(row[k] not in ("", "-") for row in rows)]
+    for k in filled:
+        numbers = all(re.match(r"[-<\d]|$", row[k]) for row in rows)
+        table.add_column(
+            names[k], justify="right" if numbers else "left", no_wrap=numbers, overflow="fold"
         )
+    for row in rows:
+        table.add_row(*(row[k] for k in filled))
     return table
 
 
-def _of_effects(effects: list[dict[str, Any]]) -> str:
-    return "; ".join(f"{one['name']} {_p(one['p'])}" for one in effects[1:])
+def _foldable(name: Any) -> str:
+    """A long name in lines, broken behind its dots and underscores."""
+    pieces = re.findall(r"[^._\s-]*[._\s-]*", str(name))
+    lines = [""]
+    for piece in pieces:
+        if lines[-1] and len(lines[-1]) + len(piece) > _NAME_COLUMNS:
+            lines.append("")
+        lines[-1] += piece
+    return "\n".join(line.rstrip(" ") for line in lines)
+
+
+def _digits(
+    summaries: Sequence[Mapping[str, Any]], measures: Sequence[Mapping[str, Any]]
+) -> dict[str, int]:
+    """Measure -> decimals: two significant digits of its typical SD, or the game's own."""
+    own = {str(one["name"]): int(one["digits"]) for one in measures}
+    for name in dict.fromkeys(row["measure"] for row in summaries):
+        rows = [row for row in summaries if row["measure"] == name and row["sd"] is not None]
+        sds = [row["sd"] for row in rows if row["sd"] > 1e-9 * abs(row["mean"])]
+        if sds:
+            own[name] = min(6, max(0, 1 - math.floor(math.log10(median(sds)))))
+        own.setdefault(name, 3)
+    return own
+
+
+def _plain(value: float | None, decimals: int) -> str:
+    return "-" if value is None else f"{round(value, decimals) + 0.0:,.{decimals}f}"
+
+
+def _with_interval(difference: Mapping[str, Any], decimals: int) -> str:
+    """``-1.2 [-2.3, -0.2]``; an end that the test does not give is a dash."""
+    value = difference.get("estimate", difference.get("mean"))
+    if value is None:
+        return "-"
+    return f"{_plain(value, decimals)} {_interval(difference, decimals)}".rstrip()
+
+
+def _interval(of: Mapping[str, Any], decimals: int) -> str:
+    low, high = of.get("low"), of.get("high")
+    if low is None and high is None:
+        return ""
+    return f"[{_plain(low, decimals)}, {_plain(high, decimals)}]"
 
 
 def _p(p: float) -> str:

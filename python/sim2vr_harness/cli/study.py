@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from sim2vr_harness.base.errors import InputError, shown
+from sim2vr_harness.base.errors import InputError, counted, shown
 from sim2vr_harness.cli.options import TrustOption, writable_folder
 
 __all__ = ["study"]
@@ -109,9 +109,7 @@ def study(
     for table in comparison_table(found.data):
         Console().print(table)
     for line, cells in found.data.unpractised.items():
-        typer.echo(
-            f"note: these users were never trained with {line} ({len(cells)} cells)", err=True
-        )
+        typer.echo(f"note: not trained for: {line} ({counted(len(cells), 'cell')})", err=True)
     typer.echo(f"Played: {found.played} of {found.played + found.found} cells and trainings")
     typer.echo(f"Written: {found.data.root}")
     if report:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.base.errors import InputError, shown, unknown_name
+from sim2vr_harness.base.errors import InputError, counted, shown, unknown_name
 from sim2vr_harness.base.files import file_name, naming, read_json
 from sim2vr_harness.client import GameFacts, Measure, facts_of_outside
 from sim2vr_harness.evaluation.fatigue import fatigue_measures
@@ -176,7 +176,7 @@ def _draw(found: Sequence[_Result], measures: Sequence[Measure], condition: str,
         axes.set_axisbelow(True)
         axes.margins(x=0.05)
     counts = {result.summary.get("episodes") for result in found}
-    rounds_told = f", {counts.pop()} rounds each" if len(counts) == 1 else ""
+    rounds_told = f", {counted(counts.pop(), 'round')} each" if len(counts) == 1 else ""
     figure.suptitle(f"{found[0].facts.name} {condition}{rounds_told}", fontsize=10)
     out.parent.mkdir(parents=True, exist_ok=True)
     with naming(out):

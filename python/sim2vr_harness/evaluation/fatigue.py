@@ -82,7 +82,7 @@ def full_name(name: str) -> str:
 def fatigue_measure(name: str) -> Measure:
     """Return the measure of a name that begins with :data:`FATIGUE`."""
     who = full_name(name.removeprefix(FATIGUE))
-    return Measure(name, f"Fatigue of {who}", unit="0-1", better="lower", digits=3)
+    return Measure(name, f"Fatigue of {who}", unit="proportion", better="lower", digits=3)
 
 
 def fatigue_measures(names: Iterable[str]) -> tuple[Measure, ...]:

@@ -50,7 +50,7 @@ PLAYER_MEASURES = (
     Measure(
         "max_fatigued",
         "Muscle fatigue",
-        unit="0-1",
+        unit="proportion",
         better="lower",
         digits=3,
         description="Tired share of a muscle's motor units at its worst, mean of all",

@@ -53,13 +53,13 @@ def unpractised(config: TrainingConfig, env: EnvConfig, conditions: Sequence[str
         if key in ignored or not plays or key.startswith(_COSTS_ONLY):
             continue
         if trained.get(key) != now.get(key):
-            new.append(
-                f"{words_of_change(key, now.get(key))} (trained: {_plain(trained.get(key))})"
-            )
-    trained = _trained_conditions(config)
-    unknown = [name for name in conditions if trained and not facts.drawn(name) <= trained]
+            before = trained.get(key)
+            was = "" if before is None else f" (trained: {_plain(before)})"
+            new.append(words_of_change(key, now.get(key)) + was)
+    played = _trained_conditions(config)
+    unknown = [name for name in conditions if played and not facts.drawn(name) <= played]
     if unknown:
-        names = ", ".join(sorted(trained))
+        names = ", ".join(sorted(played))
         kind = "condition" if len(unknown) == 1 else "conditions"
         new.append(f"{kind} {', '.join(unknown)} (trained: {names})")
     return new
@@ -78,10 +78,10 @@ def met(config: TrainingConfig) -> list[str]:
 
 
 def words_of_change(key: str, value: Any) -> str:
-    """A changed setting for people: ``env.user.noise.constant``, white -> noise constant: white."""
+    """Return a changed setting: ``env.user.noise.constant``, white -> noise.constant = white."""
     for prefix in ("env.", "user.", "app.options.", "senses."):
         key = key.removeprefix(prefix)
-    return f"{key.replace('.', ' ').replace('_', ' ')}: {_plain(value)}"
+    return f"{key} = {_plain(value)}"
 
 
 def _trained_conditions(config: TrainingConfig) -> set[str]:

@@ -117,7 +117,7 @@ def test_a_level_that_no_condition_has_was_never_practised() -> None:
     config = TrainingConfig.model_validate(
         {"env": {"app": {"game": "beats", "options": {"level": "full", "end_on_miss": False}}}}
     )
-    for level, expected in (("generated", []), ("my.dat", ["level: my.dat (trained: full)"])):
+    for level, expected in (("generated", []), ("my.dat", ["level = my.dat (trained: full)"])):
         options = {"level": level, "end_on_miss": False}
         env = EnvConfig(app=AppConfig(game="beats", options=options))
         assert unpractised(config, env, ["full"]) == expected

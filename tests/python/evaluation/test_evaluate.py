@@ -294,8 +294,8 @@ def test_what_was_never_practised_is_said(trained: Path) -> None:
         ),
     )
     assert found.unpractised == [
-        "life seconds: 2.0 (trained: none)",
-        "noise constant: white (trained: none)",
+        "life_seconds = 2.0",
+        "noise.constant = white",
         "condition hard (trained: medium)",
     ]
     assert found.summaries["hard"]["unpractised"] == found.unpractised
@@ -308,12 +308,12 @@ def test_another_way_of_sensing_was_never_practised() -> None:
     env = EnvConfig.model_validate({"senses": senses, "vision": vision})
     assert unpractised(config, config.env, []) == []
     assert unpractised(config, env, []) == [
-        "vision delay ms: 100.0 (trained: 0.0)",
-        "vision foveation: yes (trained: none)",
+        "vision.delay_ms = 100.0 (trained: 0.0)",
+        "vision.foveation = yes",
     ]
     softer = EnvConfig.model_validate({"senses": senses, "vision": {"foveation": {"e2_deg": 5}}})
     assert unpractised(config.model_copy(update={"env": env}), softer, []) == [
-        "vision foveation e2 deg: 5.0 (trained: 2.3)"
+        "vision.foveation.e2_deg = 5.0 (trained: 2.3)"
     ]
 
 

@@ -74,7 +74,7 @@ def test_full_names() -> None:
     assert full_name("DELT1_r") == "deltoid anterior, right"
     assert full_name("shoulder_l") == "shoulder, left"
     assert full_name("biceps_r") == "biceps_r", "of an unknown body"
-    assert fatigue_measure("fatigue.DELT1").heading == "Fatigue of deltoid anterior (0-1)"
+    assert fatigue_measure("fatigue.DELT1").heading == "Fatigue of deltoid anterior (proportion)"
 
 
 def test_values_and_means_by_hand() -> None:
@@ -127,9 +127,11 @@ def test_an_evaluation_measures_and_prints_them(
     with console.capture() as capture:
         console.print(results_table(found.summaries, found.facts, "title"))
     printed = " ".join(capture.get().split())
-    assert f"Fatigue of shoulder (0-1) {played.values['fatigue.shoulder']:.3f}" in printed
+    assert f"Fatigue of shoulder (proportion) {played.values['fatigue.shoulder']:.3f}" in printed
     worst = muscles[int(np.argmax(of_muscles))].removeprefix("fatigue.")
-    assert f"Most fatigued muscle (0-1) {MUSCLE_NAMES[worst]} {max(of_muscles):.3f}" in printed
+    assert (
+        f"Most fatigued muscle (proportion) {MUSCLE_NAMES[worst]} {max(of_muscles):.3f}" in printed
+    )
     file = chart([tmp_path], tmp_path / "chart.png", measures=["fatigue.elbow"])
     assert file.stat().st_size > 1000
 

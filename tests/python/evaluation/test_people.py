@@ -78,7 +78,7 @@ def test_people_of_a_seed_play(trained: Path, tmp_path: Path) -> None:
     summary = found.summaries["medium"]
     told = {key: summary[key] for key in ("people", "persons", "episodes", "seed")}
     assert told == {"people": 3, "persons": 3, "episodes": 2, "seed": 7}
-    assert found.unpractised == ["people: yes (trained: none)"]
+    assert found.unpractised == ["people = yes"]
     console = Console(file=io.StringIO(), width=80)
     console.print(results_table(found.summaries, WHACAMOLE, "Title"))
     text = console.file.getvalue()  # type: ignore[attr-defined]

@@ -344,7 +344,7 @@ def test_methods_name_what_persons_differ_in(source: ReportSource) -> None:
 
 def test_warnings_of_the_evaluation_are_in_the_report(tmp_path: Path) -> None:
     folder = strange_game.write_tables(tmp_path)
-    lines = {"calm": ["people: yes (trained: none)", "torso: yes (trained: no)"]}
+    lines = {"calm": ["people = yes", "torso = yes (trained: no)"]}
     results = {
         name: {"unpractised": lines.get(name, []), "score": "sparks"}
         for name in strange_game.CONDITIONS
@@ -356,7 +356,7 @@ def test_warnings_of_the_evaluation_are_in_the_report(tmp_path: Path) -> None:
     assert texts[1:3] == [
         "The users in calm were never trained on people: their policies have learned with one "
         "average body.",
-        "The users in calm were never trained with torso: yes (trained: no).",
+        "The users in calm were not trained for torso = yes (trained: no).",
     ]
     assert texts[1] in methods_of(told, [PlayedBy("somebody", 1000)])
 

@@ -11,6 +11,7 @@ from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from sim2vr_harness.base.errors import counted
 from sim2vr_harness.human_comparison.fitts.published import STUDIES
 from sim2vr_harness.human_comparison.fitts.users import NUMBERS, AimedUser, Spread
 
@@ -71,7 +72,7 @@ def aimed_tables(report: AimedReport, *, every: bool = False) -> RenderableType:
     parts: list[RenderableType] = [_numbers(columns, report.people)]
     for user in columns:
         rounds = sum(person.rounds for person in user.persons)
-        who = f"{user.name}: {len(user.persons)} persons, {rounds} rounds"
+        who = f"{user.name}: {counted(len(user.persons), 'person')}, {counted(rounds, 'round')}"
         if user.line is not None:
             line = user.line
             who += (

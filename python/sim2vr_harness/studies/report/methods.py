@@ -6,13 +6,12 @@ import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
-from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.errors import InputError, counted
 from sim2vr_harness.base.files import read_bytes
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.contract import contract, contract_hash
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.studies.report.body import trained_users_of
-from sim2vr_harness.studies.report.numbers import counted
 from sim2vr_harness.studies.report.sentences import warnings_of
 from sim2vr_harness.studies.report.source import ReportSource, changes_of
 from sim2vr_harness.users import effort_weight

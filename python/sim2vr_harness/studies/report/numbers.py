@@ -11,7 +11,7 @@ import numpy as np
 from sim2vr_harness.client import Measure
 from sim2vr_harness.studies.report.source import PROPORTION, Group
 
-__all__ = ["Summary", "counted", "in_words", "known", "summary_of", "with_spread"]
+__all__ = ["Summary", "in_words", "known", "summary_of", "with_spread"]
 
 
 @dataclass(frozen=True)
@@ -49,11 +49,6 @@ def summary_of(group: Group, measure: str) -> Summary | None:
 def known(values: Sequence[float | None]) -> list[float]:
     """The values that there are."""
     return [value for value in values if value is not None and math.isfinite(value)]
-
-
-def counted(n: int, what: str) -> str:
-    """Return a number of things: ``1 round``, ``2 rounds``."""
-    return f"{n} {what}" if n == 1 else f"{n} {what}s"
 
 
 def in_words(value: float, measure: Measure) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.base.errors import counted
 from sim2vr_harness.client import Measure
 from sim2vr_harness.figures.figure import (
     Bars,
@@ -90,7 +91,9 @@ def _measure_panel(groups: Sequence[Group], measure: Measure, published: Publish
         layers.append(Points(f"{group.label}, rounds", beside, values, colour, 4))
         found = summary_of(group, measure.name)
         if found is not None:
-            text = f"{group.label}: {found.mean:.{measure.digits}f}, {found.rounds} rounds"
+            text = (
+                f"{group.label}: {found.mean:.{measure.digits}f}, {counted(found.rounds, 'round')}"
+            )
             layers.append(
                 Points(group.label, [place], [found.mean], colour, 11, text=[text],
                        spread=None if found.spread is None else [found.spread])

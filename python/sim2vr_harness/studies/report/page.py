@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from html import escape
 from pathlib import Path
 
+from sim2vr_harness.base.errors import counted
 from sim2vr_harness.figures.figure import Figure
 from sim2vr_harness.figures.html import embedded_json, plotly_code
 from sim2vr_harness.figures.plotly_backend import plotly_of
@@ -108,7 +109,7 @@ def _lead(content: Content) -> str:
     source = content.source
     rounds = sum(len(group.episodes) for group in source.groups)
     about = f"{source.facts.description}. " if source.facts.description else ""
-    return f"{about}{rounds} rounds of {source.facts.name} by {', '.join(source.users)}."
+    return f"{about}{counted(rounds, 'round')} of {source.facts.name} by {', '.join(source.users)}."
 
 
 def _summary(content: Content) -> str:

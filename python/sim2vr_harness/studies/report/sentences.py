@@ -6,9 +6,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
+from sim2vr_harness.base.errors import counted
 from sim2vr_harness.client import Measure
 from sim2vr_harness.games.published import Published
-from sim2vr_harness.studies.report.numbers import counted, in_words, summary_of
+from sim2vr_harness.studies.report.numbers import in_words, summary_of
 from sim2vr_harness.studies.report.people import people_sentences
 from sim2vr_harness.studies.report.source import ReportSource
 
@@ -52,13 +53,13 @@ def warnings_of(source: ReportSource) -> Iterator[str]:
     """Yield what the users were not trained for, a sentence each."""
     for line, labels in source.unpractised.items():
         where = "" if len(labels) == len(source.groups) else f" in {_groups(labels, len(labels))}"
-        if line.startswith("people: yes"):
+        if line.startswith(("people = yes", "people: yes")):
             yield (
                 f"The users{where} were never trained on people: their policies have learned with "
                 "one average body."
             )
         else:
-            yield f"The users{where} were never trained with {line}."
+            yield f"The users{where} were not trained for {line}."
 
 
 def _asked(source: ReportSource) -> list[Measure]:

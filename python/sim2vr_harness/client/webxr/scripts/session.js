@@ -1,7 +1,9 @@
 // navigator.xr and its one immersive session, whose frames run when the harness says so.
 {
   const { compose, inverse, fromApp, IDENTITY } = sim.spaces;
-  const { XRRigidTransform, XRPose, XRSpace, XRReferenceSpace, XRInputSource } = sim.classes;
+  const {
+    XRRigidTransform, XRPose, XRSpace, XRReferenceSpace, XRBoundedReferenceSpace, XRInputSource,
+  } = sim.classes;
   const HANDS = ['left', 'right'];
   const FEATURES = ['viewer', 'local', 'local-floor', 'bounded-floor', 'unbounded'];
   const ROOM_M = 2; // half the side of the square in which the user may move
@@ -82,7 +84,24 @@
     if (typeof handler === 'function') sim.call((given) => Reflect.apply(handler, target, [given]), event);
     Reflect.apply(dispatch, target, [event]);
   };
-  const eventOf = (type, members) => Object.assign(new Event(type), members);
+  class XRSessionEvent extends Event {
+    constructor(type, { session, ...init }) {
+      super(type, init);
+      this.session = session;
+    }
+  }
+  class XRInputSourceEvent extends Event {
+    constructor(type, { frame, inputSource, ...init }) {
+      super(type, init);
+      Object.assign(this, { frame, inputSource });
+    }
+  }
+  class XRInputSourcesChangeEvent extends XRSessionEvent {
+    constructor(type, { added, removed, ...init }) {
+      super(type, init);
+      Object.assign(this, { added, removed });
+    }
+  }
 
   class XRSession extends EventTarget {
     constructor(features) {
@@ -98,7 +117,6 @@
       this.inputSources = [];
       this.renderState = Object.freeze({
         baseLayer: null, depthNear: 0.1, depthFar: 1000, inlineVerticalFieldOfView: null,
-        layers: Object.freeze([]),
       });
       this._viewer = new XRSpace((state) => state.head);
       this._sources = Object.fromEntries(HANDS.map((hand) => [hand, new XRInputSource(hand)]));
@@ -112,7 +130,7 @@
         throw new DOMException('layers are not there', 'NotSupportedError');
       }
       const known = filter(Object.entries(changes),
-        ({ 0: key, 1: value }) => value !== undefined && key !== 'layers');
+        ({ 0: key, 1: value }) => value !== undefined && key in this.renderState);
       this._pending = { ...this._pending, ...Object.fromEntries(known) };
     }
     _settle() {
@@ -130,9 +148,9 @@
         return new XRReferenceSpace((state) => ({ p: [0, state.eyes_m, 0], q: IDENTITY.q }));
       }
       const corners = [[-1, -1], [-1, 1], [1, 1], [1, -1]];
-      const bounds = type === 'bounded-floor'
-        ? corners.map(([x, z]) => new DOMPointReadOnly(x * ROOM_M, 0, z * ROOM_M, 1)) : null;
-      return new XRReferenceSpace(() => IDENTITY, bounds);
+      if (type !== 'bounded-floor') return new XRReferenceSpace(() => IDENTITY);
+      return new XRBoundedReferenceSpace(() => IDENTITY,
+        corners.map(([x, z]) => new DOMPointReadOnly(x * ROOM_M, 0, z * ROOM_M, 1)));
     }
     requestAnimationFrame(callback) {
       if (this._ended) return 0;
@@ -141,11 +159,10 @@
     }
     cancelAnimationFrame(id) { this._callbacks.delete(id); }
     async updateTargetFrameRate() {}
-    async requestHitTestSource() { throw new DOMException('no hit tests', 'NotSupportedError'); }
     async end() {
       if (this._ended) return;
       this._ended = true;
-      fire(this, eventOf('end', { session: this }));
+      fire(this, new XRSessionEvent('end', { session: this }));
     }
 
     // Whether the page is ready to be shown frames.
@@ -166,7 +183,7 @@
         const source = this._sources[hand];
         forEach(source._take(inputs[k]), (type) => {
           const frame = new XRFrame(this, state, false);
-          fire(this, eventOf(type, { frame, inputSource: source }));
+          fire(this, new XRInputSourceEvent(type, { frame, inputSource: source }));
           frame._active = false;
         });
       });
@@ -186,7 +203,7 @@
       const removed = filter(this.inputSources, (source) => !includes(tracked, source));
       if (added.length + removed.length === 0) return;
       this.inputSources = tracked;
-      fire(this, eventOf('inputsourceschange', { session: this, added, removed }));
+      fire(this, new XRInputSourcesChangeEvent('inputsourceschange', { session: this, added, removed }));
     }
   }
   for (const type of [
@@ -232,11 +249,15 @@
   const system = new XRSystem();
   system.ondevicechange = null;
   Object.defineProperty(Navigator.prototype, 'xr', { get: () => system, configurable: true });
-  Object.assign(sim.classes, { XRView, XRViewerPose, XRFrame, XRSession, XRSystem });
+  Object.assign(sim.classes, {
+    XRView, XRViewerPose, XRFrame, XRSession, XRSystem, XRSessionEvent, XRInputSourceEvent,
+    XRInputSourcesChangeEvent,
+  });
+  // A page finds the parts of WebXR that are covered; of all others, not even the names.
+  for (const name of Object.getOwnPropertyNames(window)) if (/^XR/.test(name)) delete window[name];
   for (const [name, made] of Object.entries(sim.classes)) {
     Object.defineProperty(window, name, { value: made, configurable: true, writable: true });
   }
-  for (const name of ['XRWebGLBinding', 'XRMediaBinding', 'XRHand']) delete window[name];
   sim.system = system;
   sim.fire = fire;
 }

@@ -83,9 +83,10 @@
       if (bounds) this.boundsGeometry = bounds;
     }
     getOffsetReferenceSpace(offset) {
-      return new XRReferenceSpace((state) => compose(this._where(state), offset._pose), this.boundsGeometry);
+      return new this.constructor((state) => compose(this._where(state), offset._pose), this.boundsGeometry);
     }
   }
+  class XRBoundedReferenceSpace extends XRReferenceSpace {}
 
   // The app's frame is left-handed with z forward: position (x, y, -z), rotation (-x, -y, z, w).
   const fromApp = (row) => row && {
@@ -93,5 +94,5 @@
     q: [-row[3], -row[4], row[5], row[6]],
   };
   sim.spaces = { compose, inverse, fromApp, IDENTITY };
-  sim.classes = { XRRigidTransform, XRPose, XRSpace, XRReferenceSpace };
+  sim.classes = { XRRigidTransform, XRPose, XRSpace, XRReferenceSpace, XRBoundedReferenceSpace };
 }

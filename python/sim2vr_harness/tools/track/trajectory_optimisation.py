@@ -3,7 +3,8 @@
 A motor policy cuts fast strokes short, shifted goals do not change that, and it co-contracts
 muscles. So stretches of what comes are planned ahead: the response of every step is measured
 (:mod:`linearisation`). The controls that minimise squared errors and activations are found
-backwards in time within their ranges, and tried in several sizes; the best is the next start. This is control-limited differential dynamic programming
+backwards in time within their ranges, and tried in several sizes; the best is the next start. This
+is control-limited differential dynamic programming
 (Y. Tassa, N. Mansard, E. Todorov, ICRA 2014) without second derivatives of the dynamics. The plan's
 feedback keeps the body to it. Like the correction of goals it needs to know what comes.
 """

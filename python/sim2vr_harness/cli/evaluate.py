@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -22,8 +22,12 @@ from sim2vr_harness.cli.app_options import (
     as_overrides,
 )
 from sim2vr_harness.cli.options import (
+    AgainstOption,
+    CheckedRun,
     EnvSetOption,
+    ExpectOption,
     JsonOption,
+    JunitOption,
     TrustOption,
     print_json,
     writable_folder,
@@ -140,12 +144,16 @@ def evaluate(
     trust_app: TrustOption = False,
     overrides: EnvSetOption = None,
     json: JsonOption = False,
-) -> None:
+    expect: ExpectOption = None,
+    against: AgainstOption = None,
+    junit: JunitOption = None,
+) -> int:
     """Let a trained user play, and measure what it does."""
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.evaluation.evaluate import Request
     from sim2vr_harness.evaluation.evaluate import evaluate as evaluate_run
 
+    checked = CheckedRun(expect, against, junit, "evaluate")
     remote = app_settings(app, app_arg, connect, protocol, page, map_, task, browser)
     if user is not None:
         if run is not None:
@@ -157,7 +165,7 @@ def evaluate(
         ):
             if given:
                 raise InputError(option, "it together with --user", "one of them")
-        _first_look(
+        return _first_look(
             user,
             remote,
             overrides or [],
@@ -168,8 +176,8 @@ def evaluate(
             out,
             overwrite,
             json,
+            checked,
         )
-        return
     if run is None:
         expected = "a run's folder, or --user still or random for somebody untrained"
         raise InputError("RUN", "nothing", expected)
@@ -182,8 +190,9 @@ def evaluate(
     )
     # fmt: on
     with Share("Playing") as share:
-        found = evaluate_run(run, request, on_progress=share.show)
+        found = evaluate_run(run, request, on_progress=share.show, on_plan=checked.prepare)
     _print(found, request, json)
+    return _status(checked, found.summaries)
 
 
 def _print(found: Evaluation, request: Request, json: bool) -> None:
@@ -221,7 +230,8 @@ def _first_look(
     out: Path | None,
     overwrite: bool,
     json: bool,
-) -> None:
+    checked: CheckedRun,
+) -> int:
     from sim2vr_harness.envs.games import with_task
     from sim2vr_harness.evaluation.conditions import named_options
     from sim2vr_harness.evaluation.first_look import look
@@ -241,16 +251,24 @@ def _first_look(
             out=out,
             overwrite=overwrite,
             on_progress=share.show,
+            on_plan=checked.prepare,
         )
     for problem in found.problems:
         typer.echo(f"note: {problem}", err=True)
     if json:
         print_json(dict(found.summaries))
-        return
+        return _status(checked, found.summaries)
     title = f"A user who has learned nothing ({user})"
     Console().print(results_table(found.summaries, found.facts, title))
     for file in found.files:
         typer.echo(f"Written: {file}")
+    return _status(checked, found.summaries)
+
+
+def _status(checked: CheckedRun, summaries: Mapping[str, dict[str, Any]]) -> int:
+    from sim2vr_harness.evaluation.expectations import of_evaluation
+
+    return checked.status(lambda: of_evaluation(summaries))
 
 
 def _first(summaries: dict[str, dict[str, Any]]) -> dict[str, Any]:

@@ -10,16 +10,25 @@ import math
 import os
 import sys
 import tempfile
+import time
+from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from sim2vr_harness.base.errors import InputError
 
+if TYPE_CHECKING:
+    from sim2vr_harness.evaluation.expectations import Planned, Results
+
 __all__ = [
+    "AgainstOption",
+    "CheckedRun",
     "EnvSetOption",
+    "ExpectOption",
     "JsonOption",
+    "JunitOption",
     "SetOption",
     "TrustOption",
     "finite",
@@ -128,3 +137,88 @@ def _check(option: str, given: Path, folder: Path) -> None:
 def _name(parameter: Any) -> str:
     options = [name for name in parameter.opts if name.startswith("--")]
     return options[0] if options else str(parameter.name).upper()
+
+
+ExpectOption = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--expect",
+        metavar="TEXT",
+        help="Exit with status 1 unless the results keep a bound: 'hit_rate >= 0.8', or "
+        "'CONDITION_OR_CELL:hit_rate >= 0.8' for one of them; may be repeated.",
+    ),
+]
+AgainstOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--against",
+        metavar="BASELINE.json",
+        help="Exit with status 1 if a measure is worse than in earlier results by more than their "
+        "noise (95 % interval of the difference): results.json of evaluate, statistics.json of "
+        "study.",
+        callback=readable_file,
+    ),
+]
+JunitOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--junit",
+        metavar="FILE.xml",
+        help="With --expect or --against: write the checks as JUnit XML.",
+        callback=writable_file,
+    ),
+]
+
+
+class CheckedRun:
+    """The checks of ``--expect`` and ``--against`` around what a command plays.
+
+    Args:
+        expect: Texts of expectations.
+        against: File of the baseline.
+        junit: File to write.
+        command: Name of the test suite.
+
+    Raises:
+        InputError: One of the options cannot be used.
+    """
+
+    def __init__(
+        self,
+        expect: list[str] | None,
+        against: Path | None,
+        junit: Path | None,
+        command: str,
+    ) -> None:
+        self.asked = bool(expect) or against is not None
+        self._junit, self._command, self._began = junit, command, time.monotonic()
+        if junit is not None and not self.asked:
+            raise InputError("--junit", "it without --expect or --against", "one of them")
+        if self.asked:
+            from sim2vr_harness.evaluation.expectations import Checks
+
+            self._checks = Checks.of(expect or (), against)
+
+    def prepare(self, planned: Planned) -> None:
+        """Refuse what will not be measured, before anything is played."""
+        if self.asked:
+            self._checks.prepare(planned)
+
+    def status(self, results: Callable[[], Results]) -> int:
+        """Print a sentence per failed check, write the file, and return the exit status."""
+        if not self.asked:
+            return 0
+        from sim2vr_harness.evaluation.junit import write_junit
+
+        found = self._checks.run(results())
+        for one in found:
+            if one.skipped is not None:
+                typer.echo(f"note: {one.group}: {one.name} was skipped: {one.skipped}", err=True)
+        failures = [one.failure for one in found if one.failure is not None]
+        for failure in failures:
+            typer.echo(f"failed: {failure}", err=True)
+        typer.echo(f"{len(failures)} of {len(found)} checks failed", err=True)
+        if self._junit is not None:
+            seconds = time.monotonic() - self._began
+            write_junit(self._junit, f"sim2vr-harness {self._command}", found, seconds)
+        return 1 if failures else 0

@@ -8,7 +8,14 @@ from typing import Annotated
 import typer
 
 from sim2vr_harness.base.errors import InputError, counted, shown
-from sim2vr_harness.cli.options import TrustOption, writable_folder
+from sim2vr_harness.cli.options import (
+    AgainstOption,
+    CheckedRun,
+    ExpectOption,
+    JunitOption,
+    TrustOption,
+    writable_folder,
+)
 
 __all__ = ["study"]
 
@@ -78,7 +85,10 @@ def study(
     plan: _Plan = False,
     difference: _Difference = None,
     trust_app: TrustOption = False,
-) -> None:
+    expect: ExpectOption = None,
+    against: AgainstOption = None,
+    junit: JunitOption = None,
+) -> int:
     """Play the cells of a study, train or search what it needs, compare, and write the report.
 
     A study that names a program, a page, an address or Python code starts nothing before you have
@@ -87,14 +97,18 @@ def study(
     from rich.console import Console
 
     from sim2vr_harness.cli.studies import Shown, comparison_table, plan_tables
+    from sim2vr_harness.evaluation.expectations import of_study
     from sim2vr_harness.studies import run_study
 
     if difference and not plan:
         raise InputError("--difference", shown(difference[0]), "it together with --plan")
+    checked = CheckedRun(expect, against, junit, "study")
     if plan:
+        if checked.asked:
+            raise InputError("--plan", "it together with --expect or --against", "one of them")
         for table in plan_tables(file, out, difference or (), trust_app=trust_app):
             Console().print(table)
-        return
+        return 0
     with Shown() as progress:
         found = run_study(
             file,
@@ -105,6 +119,7 @@ def study(
             trust_app=trust_app,
             replay_damaged=replay_damaged,
             on_progress=progress.show,
+            on_plan=checked.prepare if checked.asked else None,
         )
     for table in comparison_table(found.data):
         Console().print(table)
@@ -116,3 +131,4 @@ def study(
         from sim2vr_harness.studies.report import write_report
 
         typer.echo(f"Written: {write_report(found.data.root).page}")
+    return checked.status(lambda: of_study(found.data.statistics["summaries"]))

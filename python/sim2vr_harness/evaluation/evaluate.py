@@ -25,6 +25,7 @@ from sim2vr_harness.evaluation.conditions import (
 from sim2vr_harness.evaluation.data.folder import EvaluationData
 from sim2vr_harness.evaluation.data.recording import DataRecorder
 from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
+from sim2vr_harness.evaluation.expectations import Planned
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.results import EvaluationResults
 from sim2vr_harness.evaluation.rollouts import Watcher, jobs_for, play
@@ -151,6 +152,7 @@ def evaluate(
     *,
     on_progress: Callable[[float], None] = lambda share: None,
     simulation: SimulationFactory = make_simulation,
+    on_plan: Callable[[Planned], None] | None = None,
 ) -> Evaluation:
     """Let a trained user play and measure it.
 
@@ -159,11 +161,14 @@ def evaluate(
         request: What to play.
         on_progress: Called with the share of the work done, from 0 to 1.
         simulation: How to make the users.
+        on_plan: Called with conditions and measures before anything is played.
 
     Raises:
         InputError: The run, a number, a condition or the place for the results cannot be used.
     """
     plan = _Plan.of(run, request or Request())
+    if on_plan is not None:
+        on_plan(Planned.of_evaluation(plan.facts, plan.conditions, plan.env.user))
     wanted, out = plan.request, plan.out
     kept = wanted.log or _logs_by_itself(plan.env)
     logs = RoundLogs(out / ("logs" if wanted.log else _PASSING_LOGS)) if kept else None

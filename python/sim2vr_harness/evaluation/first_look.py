@@ -34,6 +34,7 @@ from sim2vr_harness.evaluation.conditions import (
 )
 from sim2vr_harness.evaluation.environment import make_simulation
 from sim2vr_harness.evaluation.evaluate import batch_for
+from sim2vr_harness.evaluation.expectations import Planned
 from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.results import EvaluationResults
 from sim2vr_harness.evaluation.rollouts import Job, Watcher, jobs_for, play
@@ -137,6 +138,7 @@ def look(
     out: Path | None = None,
     overwrite: bool = False,
     on_progress: Callable[[float], None] = lambda share: None,
+    on_plan: Callable[[Planned], None] | None = None,
 ) -> BaselineRun:
     """Let an untrained user play, measure it, and check the app's task against the rounds.
 
@@ -151,6 +153,7 @@ def look(
         out: folder for results and films; None writes nothing.
         overwrite: whether to begin with new results where there are others.
         on_progress: called with the share of the work done.
+        on_plan: called with conditions and measures before anything is played.
 
     Raises:
         InputError: a number or the user cannot be used.
@@ -162,6 +165,8 @@ def look(
     facts = game_facts(env.app)
     asked = asked_conditions(env.app, conditions, typed=True)
     chosen = chosen_conditions(facts, asked, [facts.default_condition], named)
+    if on_plan is not None:
+        on_plan(Planned.of_evaluation(facts, chosen, env.user))
     jobs = [
         (config, jobs_for(group, episodes, seed)) for config, group in condition_groups(env, chosen)
     ]

@@ -10,11 +10,14 @@ import mujoco
 import numpy as np
 from numpy.typing import NDArray
 
+from sim2vr_harness.envs.config import UserConfig, body_of
 from sim2vr_harness.evaluation.fatigue import FATIGUE, PARTS, SIDES, split_side
 from sim2vr_harness.users import Body, UserBatch
 
-__all__ = ["FatigueGroups", "fatigue_groups", "groups_of", "worst_of"]
+__all__ = ["FatigueGroups", "fatigue_groups", "fatigue_names", "groups_of", "worst_of"]
 
+_TIRING = "cumulative_fatigue_3ccr"
+"""The effort model with motor units that tire."""
 _LEAST_ARM_M = 1e-5
 """A smaller moment arm is rounding."""
 _POSTURES = 8
@@ -71,6 +74,11 @@ def fatigue_groups(body: Body) -> FatigueGroups:
             if members and name not in muscles
         },
     )
+
+
+def fatigue_names(user: UserConfig) -> tuple[str, ...]:
+    """Return the names of a user's measures of fatigue; none without a model of fatigue."""
+    return fatigue_groups(body_of(user)).names if user.effort.model == _TIRING else ()
 
 
 def worst_of(simulation: Any, user: int) -> NDArray[np.float64]:

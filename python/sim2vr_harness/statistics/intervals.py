@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,11 +12,13 @@ from scipy import stats
 
 __all__ = [
     "CONFIDENCE",
+    "Moments",
     "effect_interval",
     "hodges_lehmann",
     "inverted",
     "mean_interval",
     "welch_interval",
+    "welch_interval_of_moments",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -43,6 +46,31 @@ def welch_interval(first: FloatArray, second: FloatArray) -> tuple[float, float]
     """Return Welch's interval of the difference of two independent samples' means."""
     found = stats.ttest_ind(first, second, equal_var=False).confidence_interval(CONFIDENCE)
     return float(found.low), float(found.high)
+
+
+class Moments(NamedTuple):
+    """What a t interval needs of a sample: n >= 2 values, their mean and SD (ddof 1)."""
+
+    mean: float
+    sd: float
+    n: int
+
+
+def welch_interval_of_moments(first: Moments, second: Moments) -> tuple[float, float]:
+    """Return :func:`welch_interval` of samples whose values were not kept.
+
+    Without any spread, both ends are the difference.
+    """
+    difference = first.mean - second.mean
+    parts = [sample.sd**2 / sample.n for sample in (first, second)]
+    if sum(parts) == 0.0:
+        return difference, difference
+    weights = [
+        part**2 / (sample.n - 1) for part, sample in zip(parts, (first, second), strict=True)
+    ]
+    df = sum(parts) ** 2 / sum(weights)
+    half = float(stats.t.ppf(0.5 + CONFIDENCE / 2.0, df)) * math.sqrt(sum(parts))
+    return difference - half, difference + half
 
 
 def hodges_lehmann(steps: FloatArray) -> float:

@@ -9,19 +9,17 @@ from pathlib import Path
 from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import InputError, unknown_name
 from sim2vr_harness.client import GameFacts, InProcessBatch, Measure
-from sim2vr_harness.envs.config import AppConfig, body_of, with_options
+from sim2vr_harness.envs.config import AppConfig, with_options
+from sim2vr_harness.evaluation.expectations import Planned, study_group
 from sim2vr_harness.evaluation.fatigue import fatigue_measures
 from sim2vr_harness.evaluation.metrics import measures_of
-from sim2vr_harness.evaluation.muscle_groups import fatigue_groups
+from sim2vr_harness.evaluation.muscle_groups import fatigue_names
 from sim2vr_harness.studies.cells import Cell, cells_of, content_hash
 from sim2vr_harness.studies.config import StudyConfig
 from sim2vr_harness.studies.jobs import CellTask, Limits, TrainingTask
 from sim2vr_harness.studies.policy_selection import FORMAT, SelectionSource, Users, player_of
 
 __all__ = ["StudyPlan", "plan_of"]
-
-_TIRING = "cumulative_fatigue_3ccr"
-"""The effort model with motor units that tire."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +46,17 @@ class StudyPlan:
     measures: tuple[str, ...]
     known: tuple[Measure, ...]
     alike: tuple[tuple[str, ...], ...] = ()
+
+    @property
+    def planned(self) -> Planned:
+        """Return what expectations can be about: cells, and the study's measures."""
+        unit = self.study.unit_factor
+        groups = dict.fromkeys(
+            study_group({name: label for name, label in cell.levels.items() if name != unit})
+            for cell in self.cells
+        )
+        compared = tuple(measure for measure in self.known if measure.name in self.measures)
+        return Planned(tuple(groups), self.measures, compared)
 
 
 def plan_of(
@@ -113,7 +122,7 @@ def _fatigue(found: Sequence[_Resolved]) -> tuple[Measure, ...]:
     users = {one.task.env.user.model_dump_json(): one.task.env.user for one in found}
     names: dict[str, None] | None = None
     for user in users.values():
-        own = () if user.effort.model != _TIRING else fatigue_groups(body_of(user)).names
+        own = fatigue_names(user)
         names = {name: None for name in own if names is None or name in names}
     return fatigue_measures(names or ())
 

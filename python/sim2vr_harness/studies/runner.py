@@ -17,6 +17,7 @@ from sim2vr_harness.base.file_lock import sole_training
 from sim2vr_harness.base.files import read_json
 from sim2vr_harness.base.notices import notice_once
 from sim2vr_harness.base.signals import sigterm_interrupts
+from sim2vr_harness.evaluation.expectations import Planned
 from sim2vr_harness.runs.run_folder import write_atomically
 from sim2vr_harness.studies.cells import content_hash
 from sim2vr_harness.studies.config import StudyConfig, load_study, parse_study
@@ -67,6 +68,7 @@ def run_study(
     replay_damaged: bool = False,
     on_progress: Callable[[StudyProgress], None] = lambda progress: None,
     make_pool: Callable[[Path, int], Pool] | None = None,
+    on_plan: Callable[[Planned], None] | None = None,
 ) -> StudyResult:
     """Run a study, or go on with it: what is done is not done again.
 
@@ -81,6 +83,7 @@ def run_study(
             are refused.
         on_progress: Called after every task.
         make_pool: Workers by folder and number of tasks at once; None: local processes.
+        on_plan: Called with cells and measures before anything is played; not of a search.
 
     Raises:
         InputError: Something of the study cannot be used (nothing is played then), it names code
@@ -94,6 +97,8 @@ def run_study(
     make = make_pool or partial(_pool, jobs=_jobs(jobs), ray=ray, storage=storage)
     _require_own(root, study)
     plan = None
+    if study.optimise is not None and on_plan is not None:
+        raise InputError("--expect, --against", "a study with optimise", "one with factors")
     if study.optimise is None:
         plan = plan_of(study, folder=beside, trust_app=trust_app)
         for names in plan.alike:
@@ -101,6 +106,8 @@ def run_study(
                 f"note: cells {', '.join(names[:-1])} and {names[-1]} are the same: they have the "
                 "same user, configuration and seeds, so their rounds are the same"
             )
+        if on_plan is not None:
+            on_plan(plan.planned)
     _require_statistics(study)
     (root / CELLS).mkdir(parents=True, exist_ok=True)
     with sole_training(root, root / ".lock", "study"), sigterm_interrupts():

@@ -1,0 +1,260 @@
+"""Checks of results: bounds, and comparisons with a baseline."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.client import Measure
+from sim2vr_harness.evaluation.expectations import (
+    CheckResult,
+    Checks,
+    Expectation,
+    Planned,
+    of_evaluation,
+    of_study,
+)
+from sim2vr_harness.evaluation.junit import write_junit
+from sim2vr_harness.statistics.intervals import (
+    Moments,
+    welch_interval,
+    welch_interval_of_moments,
+)
+
+HITS = Measure("hits", "Hits", better="higher")
+ERROR = Measure("error_m", "Error", better="lower")
+HEIGHT = Measure("height_m", "Height")
+PLANNED = Planned(("easy", "hard"), ("hits", "error_m", "height_m"), (HITS, ERROR, HEIGHT))
+
+
+def summary(persons: Sequence[int] | None = None, **values: Sequence[float | None]) -> dict:
+    """An evaluation's summary of one condition, of values over rounds."""
+    rounds = [dict(zip(values, row, strict=True)) for row in zip(*values.values(), strict=True)]
+    found: dict[str, Any] = {"episodes": len(rounds), "diverged": 0, "app_failed": 1}
+    for name, given in values.items():
+        of_unit: dict[int, list[float]] = {}
+        for number, value in enumerate(given):
+            if value is not None:
+                of_unit.setdefault(persons[number] if persons else number, []).append(value)
+        means = [float(np.mean(each)) for each in of_unit.values()]
+        found[name] = float(np.mean(means)) if means else None
+        found[f"{name}_sd"] = float(np.std(means, ddof=1)) if len(means) > 1 else None
+    if persons:
+        found["persons"] = len(set(persons))
+        rounds = [one | {"person": who} for one, who in zip(rounds, persons, strict=True)]
+    return found | {"rounds": rounds}
+
+
+def compare(tmp_path: Path, now: dict[str, Any], before: dict[str, Any]) -> list[CheckResult]:
+    """Compare one condition with a stored one."""
+    file = tmp_path / "results.json"
+    file.write_text(json.dumps({"easy": before}))
+    checks = Checks.of([], file)
+    checks.prepare(Planned(("easy",), PLANNED.known, PLANNED.compared))
+    return checks.run(of_evaluation({"easy": now}))
+
+
+@pytest.mark.parametrize(
+    ("text", "group", "measure", "sign", "number"),
+    [
+        ("hit_rate >= 0.8", None, "hit_rate", ">=", 0.8),
+        ("fatigue.ANC_r<=1e-1", None, "fatigue.ANC_r", "<=", 0.1),
+        ("easy:hits > -3", "easy", "hits", ">", -3.0),
+        ("difficulty=easy,life=0.5: hits == 4", "difficulty=easy,life=0.5", "hits", "==", 4.0),
+        ("a:b:hits < 4", "a:b", "hits", "<", 4.0),
+    ],
+)
+def test_expectations_are_parsed(
+    text: str, group: str | None, measure: str, sign: str, number: float
+) -> None:
+    assert Expectation.of(text) == Expectation(text, group, measure, sign, number)
+
+
+@pytest.mark.parametrize(
+    "text", ["hits", "hits => 1", "hits = 1", "hits != 1", ">= 1", "a b > 1", ""]
+)
+def test_another_form_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match=r"^--expect: got .*, expected \[CONDITION_OR_CELL:\]MEAS"):
+        Expectation.of(text)
+
+
+@pytest.mark.parametrize("number", ["80%", "nan", "inf", "1,5"])
+def test_the_bound_is_a_finite_number(number: str) -> None:
+    with pytest.raises(InputError, match=r"expected a finite number behind >="):
+        Expectation.of(f"hits >= {number}")
+
+
+@pytest.mark.parametrize(
+    ("text", "kept"),
+    [
+        ("hits >= 3", True), ("hits > 3", False), ("hits <= 3", True), ("hits < 3", False),
+        ("hits == 3", True), ("hits == 3.001", False), ("hits > 2.9", True), ("hits < 3.1", True),
+    ],
+)  # fmt: skip
+def test_bounds_hold_of_the_mean(text: str, kept: bool) -> None:
+    checks = Checks.of([f"easy:{text}"], None)
+    checks.prepare(PLANNED)
+    found = checks.run(of_evaluation({"easy": summary(hits=[2.0, 4.0, None]), "hard": summary()}))
+    expected = f"easy: hits is 3 (n = 2, unit: round), expected {text.removeprefix('hits ')}"
+    assert [one.failure for one in found] == [None if kept else expected]
+
+
+def test_every_condition_is_checked_and_no_value_fails() -> None:
+    checks = Checks.of(["hits >= 0", "app_failed == 0"], None)
+    checks.prepare(Planned(("easy", "hard"), ("hits", "app_failed"), (HITS,)))
+    results = of_evaluation({"easy": summary(hits=[1.0, 2.0]), "hard": summary(hits=[None, None])})
+    assert [(one.group, one.failure) for one in checks.run(results)] == [
+        ("easy", None),
+        ("hard", "hard: hits has no value (n = 0, unit: round), expected >= 0"),
+        ("easy", "easy: app_failed is 1 (n = 2, unit: round), expected == 0"),
+        ("hard", "hard: app_failed is 1 (n = 2, unit: round), expected == 0"),
+    ]
+
+
+def test_names_are_checked_before_anything_is_played() -> None:
+    with pytest.raises(
+        InputError, match=r"got 'hit', expected a measure \(did you mean 'hits'\?\)$"
+    ):
+        Checks.of(["hit > 1"], None).prepare(PLANNED)
+    with pytest.raises(InputError, match=r"got 'zzz', expected one of hits, error_m, height_m$"):
+        Checks.of(["zzz > 1"], None).prepare(PLANNED)
+    with pytest.raises(InputError, match=r"got 'harder', .*\(did you mean 'hard'\?\)"):
+        Checks.of(["harder:hits > 1"], None).prepare(PLANNED)
+    # An app that publishes no measures has those of its log, once it has run.
+    later = Checks.of(["hit > 1"], None)
+    later.prepare(Planned(("easy",), ("return",), (), complete=False))
+    with pytest.raises(InputError, match=r"did you mean 'hits'"):
+        later.run(of_evaluation({"easy": summary(hits=[1.0])}))
+
+
+def test_the_interval_of_moments_is_that_of_scipy() -> None:
+    rng = np.random.default_rng(5)
+    first, second = rng.normal(1.0, 2.0, 7), rng.normal(0.5, 0.3, 12)
+    moments = [Moments(x.mean(), x.std(ddof=1), len(x)) for x in (first, second)]
+    expected = stats.ttest_ind(first, second, equal_var=False).confidence_interval(0.95)
+    assert welch_interval_of_moments(*moments) == pytest.approx((expected.low, expected.high))
+    assert welch_interval_of_moments(*moments) == pytest.approx(welch_interval(first, second))
+    # By hand: equal n and SD; df = 2 (n - 1) = 4, se = sqrt(2 / 3), t(0.975; 4) = 2.776445.
+    half = 2.776445 * math.sqrt(2.0 / 3.0)
+    found = welch_interval_of_moments(Moments(5.0, 1.0, 3), Moments(2.0, 1.0, 3))
+    assert found == pytest.approx((3.0 - half, 3.0 + half), abs=1e-5)
+    assert welch_interval_of_moments(Moments(3.0, 0.0, 2), Moments(1.0, 0.0, 9)) == (2.0, 2.0)
+
+
+@pytest.mark.parametrize(("measure", "sign"), [("hits", 1.0), ("error_m", -1.0)])
+@pytest.mark.parametrize(("loss", "fails"), [(2.2, False), (2.3, True), (-9.0, False)])
+def test_worse_by_more_than_noise_fails(
+    tmp_path: Path, measure: str, sign: float, loss: float, fails: bool
+) -> None:
+    """SD 1 and n = 3 each: the interval is loss +- 2.776445 sqrt(2/3) = loss +- 2.267."""
+    before, now = [9.0, 10.0, 11.0], [9.0 - sign * loss, 10.0 - sign * loss, 11.0 - sign * loss]
+    found = compare(tmp_path, summary(**{measure: now}), summary(**{measure: before}))
+    assert [one.failure is not None for one in found] == [fails]
+    if fails:
+        low, high = 2.3 - 2.26696, 2.3 + 2.26696
+        assert found[0].failure == (
+            f"easy: {measure} is {10.0 - sign * 2.3:.4g} (n = 3, unit: round), worse than the "
+            f"baseline 10 (n = 3, unit: round) by 2.3 with 95 % interval {low:.4g} to {high:.4g}, "
+            "expected an interval that includes 0"
+        )
+
+
+def test_equal_results_pass_and_differences_without_spread_fail(tmp_path: Path) -> None:
+    same = summary(hits=[4.0, 4.0], error_m=[0.1, 0.3], height_m=[1.0, 2.0])
+    found = compare(tmp_path, same, same)
+    assert [(one.name, one.failure, one.skipped) for one in found] == [
+        ("hits against the baseline", None, None),
+        ("error_m against the baseline", None, None),
+    ]
+    lower = compare(tmp_path, summary(hits=[3.0, 3.0]), summary(hits=[4.0, 4.0]))
+    assert [one.failure is None for one in lower] == [False]
+
+
+def test_persons_are_the_units_where_persons_differ(tmp_path: Path) -> None:
+    """Two rounds each of two persons: n = 2, not 4."""
+    who = [0, 0, 1, 1]
+    now, before = summary(who, hits=[1.0, 1.0, 2.0, 2.0]), summary(who, hits=[9.0, 9.0, 8.0, 8.0])
+    (found,) = compare(tmp_path, now, before)
+    assert found.failure is not None and "1.5 (n = 2, unit: person)" in found.failure
+    low, high = stats.ttest_ind([9.0, 8.0], [1.0, 2.0], equal_var=False).confidence_interval(0.95)
+    assert f"by 7 with 95 % interval {low:.4g} to {high:.4g}" in found.failure
+
+
+def test_what_cannot_be_compared_is_skipped_and_nothing_at_all_fails(tmp_path: Path) -> None:
+    one_round = compare(
+        tmp_path,
+        summary(hits=[1.0, 1.0], error_m=[0.1, None]),
+        summary(hits=[1.0, 1.0], error_m=[0.1, 0.2]),
+    )
+    assert [(one.failure, one.skipped) for one in one_round] == [
+        (None, None),
+        (None, "n = 1 and in the baseline 2, at least 2 are needed"),
+    ]
+    units = compare(tmp_path, summary([0, 1], hits=[1.0, 2.0]), summary(hits=[1.0, 2.0]))
+    assert units[0].skipped == "units are person and in the baseline round"
+    assert units[1].failure is not None and "nothing can be compared" in units[1].failure
+
+
+def test_a_baseline_lacks_no_condition(tmp_path: Path) -> None:
+    file = tmp_path / "results.json"
+    file.write_text(json.dumps({"easy": summary(hits=[1.0, 2.0])}))
+    with pytest.raises(InputError, match=r"--against: got .* without 'hard', .*; it has easy$"):
+        Checks.of([], file).prepare(PLANNED)
+
+
+@pytest.mark.parametrize(
+    "content",
+    ['{"easy": 3}', '{"easy": {"hits_sd": 1}}', '{"summaries": [{}]}', "{}", "[]", "{",
+     '{"summaries": []}', '{"easy": {"rounds": [], "hits": NaN, "hits_sd": 1}}'],
+)  # fmt: skip
+def test_other_files_are_no_baseline(tmp_path: Path, content: str) -> None:
+    file = tmp_path / "other.json"
+    file.write_text(content)
+    with pytest.raises(InputError, match=r"expected results.json of an evaluation, or statistics"):
+        Checks.of([], file)
+
+
+def test_units_of_a_study_are_persons_or_the_rounds_of_one_user() -> None:
+    row = {"measure": "hits", "mean": 2.0, "rounds": 8, "rounds_sd": 0.5}
+    found = of_study(
+        [
+            row | {"levels": {"life": "0.5", "size": "big"}, "unit": "person", "n": 4, "sd": 1.0},
+            row | {"levels": {"life": "1"}, "unit": "user", "n": 1, "sd": None},
+            row | {"levels": {}, "unit": "person", "n": 1, "sd": None},
+        ]
+    )
+    assert {group: str(one["hits"]) for group, one in found.items()} == {
+        "life=0.5,size=big": "2 (n = 4, unit: person)",
+        "life=1": "2 (n = 8, unit: round)",
+        "all": "2 (n = 1, unit: person)",
+    }
+    assert (found["life=1"]["hits"].sd, found["all"]["hits"].sd) == (0.5, None)
+
+
+def test_junit_has_a_case_per_check(tmp_path: Path) -> None:
+    results = [
+        CheckResult("easy", "hits >= 1"),
+        CheckResult("<hard>", "hits >= 1", 'hard: "hits" & \x00 is 0'),
+        CheckResult("hard", "error_m against the baseline", skipped="n = 1"),
+    ]
+    write_junit(tmp_path / "new" / "out.xml", "sim2vr-harness evaluate", results, 1.25)
+    (suite,) = ElementTree.parse(tmp_path / "new" / "out.xml").getroot()
+    assert suite.tag == "testsuite"
+    assert suite.attrib == {
+        "name": "sim2vr-harness evaluate", "tests": "3", "failures": "1", "errors": "0",
+        "skipped": "1", "time": "1.250",
+    }  # fmt: skip
+    assert [case.tag for case in suite] == ["testcase"] * 3
+    assert [(case.get("classname"), [child.tag for child in case]) for case in suite] == [
+        ("easy", []), ("<hard>", ["failure"]), ("hard", ["skipped"]),
+    ]  # fmt: skip
+    assert suite[1][0].get("message") == 'hard: "hits" & \\x00 is 0'

@@ -112,6 +112,15 @@ _CONSTANTS: dict[str, Any] = {
     "teacher.policy.action_scale": 0.5,
     "teacher.policy.net_arch": [256, 256],
     "teacher.policy.observation_clip": 8.0,
+    "teacher.ppo.clip_range": 0.2,
+    "teacher.ppo.critic_learning_rate_factor": 1.0,
+    "teacher.ppo.ent_coef": 0.0,
+    "teacher.ppo.gae_lambda": 0.93,
+    "teacher.ppo.gamma": 0.96,
+    "teacher.ppo.learning_rate": {"initial": 3e-4, "final": 3e-4, "constant_fraction": 0.0},
+    "teacher.ppo.max_grad_norm": 1.0,
+    "teacher.ppo.target_kl": 0.05,
+    "teacher.ppo.vf_coef": 0.5,
     "teacher.start": None,
 }
 """Keys that no shipped configuration set -> the value that all trainings have now."""
@@ -220,7 +229,7 @@ def changed_constant(recorded: Any) -> tuple[str, Any, Any] | None:
     tree = _with_new_names(recorded) if isinstance(recorded, Mapping) else {}
     for key, value in _constants(tree).items():
         found = _take(tree, key)
-        if found is not None and found[0] != value:
+        if found is not None and not _same(found[0], value):
             return key, found[0], value
     return None
 
@@ -234,7 +243,7 @@ def settable(tree: Mapping[str, Any]) -> dict[str, Any]:
     copied = with_new_names(tree)
     for key, value in _constants(tree).items():
         found = _take(copied, key)
-        if found is not None and found[0] != value:
+        if found is not None and not _same(found[0], value):
             expected = f"it left out: it is {value!r} in all trainings now"
             raise InputError(key, repr(found[0]), expected)
     return copied
@@ -247,6 +256,13 @@ def _constants(tree: Mapping[str, Any]) -> dict[str, Any]:
     game = app.get("game", "whacamole") if isinstance(app, Mapping) else "whacamole"
     own = _GAME_CONSTANTS.get(game, {}) if isinstance(game, str) else {}
     return _CONSTANTS | {f"teacher.imagined.game.{key}": value for key, value in own.items()}
+
+
+def _same(recorded: Any, constant: Any) -> bool:
+    """Whether a value is the constant; a number stands for a learning rate that stays the same."""
+    if isinstance(constant, dict) and not isinstance(recorded, dict):
+        recorded = {"initial": recorded, "final": recorded, "constant_fraction": 0.0}
+    return bool(recorded == constant)
 
 
 def _take(tree: dict[str, Any], key: str) -> tuple[Any] | None:

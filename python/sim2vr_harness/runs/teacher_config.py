@@ -17,7 +17,13 @@ from sim2vr_harness.base.settings import (
     Width,
 )
 from sim2vr_harness.client.base import OptionValue
-from sim2vr_harness.runs.ppo_config import MOST_BATCH, MOST_USERS, LearningRateConfig, PPOConfig
+from sim2vr_harness.runs.ppo_config import (
+    MOST_BATCH,
+    MOST_USERS,
+    LearningRateConfig,
+    PPOConfig,
+    UpdateConfig,
+)
 
 __all__ = [
     "CurriculumConfig",
@@ -146,21 +152,33 @@ class TeacherPolicyConfig(Settings):
     """Smallest logarithm of the actions' standard deviation."""
 
 
-class TeacherPPOConfig(PPOConfig):
-    """The same PPO, with defaults for cheap updates on numbers."""
+class TeacherPPOConfig(UpdateConfig):
+    """The same PPO: more environments and fewer user steps each, as updates on numbers are cheap.
+
+    The other settings are those that all shipped teachers were trained with (``complete``).
+    """
 
     n_envs: int = Field(default=128, ge=1, le=MOST_USERS)
     n_steps: int = Field(default=32, ge=1, le=MOST_BATCH)
     batch_size: int = Field(default=1024, ge=2, le=MOST_BATCH)
     n_epochs: int = Field(default=6, ge=1, le=10_000)
-    gamma: Chance = 0.96
-    gae_lambda: Chance = 0.93
-    max_grad_norm: Norm = 1.0
-    target_kl: Factor | None = 0.05
     critic_first_updates: int = Field(default=10, ge=0, le=MOST_STEPS)
-    learning_rate: LearningRateConfig = LearningRateConfig(
-        initial=3.0e-4, final=3.0e-4, constant_fraction=0.0
-    )
+
+    def complete(self) -> PPOConfig:
+        """Return the settings of PPO.
+
+        The discount is that of the imagined rollouts, whose critic goes on learning, and the limit
+        on the divergence keeps what they taught.
+        """
+        rate = LearningRateConfig(initial=3.0e-4, final=3.0e-4, constant_fraction=0.0)
+        return PPOConfig(
+            **self.model_dump(),
+            gamma=0.96,
+            gae_lambda=0.93,
+            max_grad_norm=1.0,
+            target_kl=0.05,
+            learning_rate=rate,
+        )
 
 
 class TeacherConfig(Settings):

@@ -230,7 +230,7 @@ def test_recorded_configurations_are_read_with_today_s_keys() -> None:
     teacher = config.teacher
     assert (teacher.imagined.cycles, teacher.imagined.game["stuck_cost"]) == (12, 0.5)
     assert (teacher.ppo.critic_first_updates, teacher.reward_scale) == (4, 0.3)
-    assert teacher.ppo.learning_rate.initial == 3e-4
+    assert teacher.ppo.complete().learning_rate.initial == 3e-4
     assert teacher.curriculum.near_starts == 0.3
     assert changed_constant(recorded) == ("teacher.curriculum.near_start_m", 0.1, 0.08)
     assert renamed(recorded["env"]) == {"threads": 2}, "only where the key is"

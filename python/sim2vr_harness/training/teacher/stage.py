@@ -40,14 +40,15 @@ class TeacherStage(PPOStage):
     ) -> None:
         self._run_config = config
         teacher, place = config.teacher, RunFolder(folder)
+        learner = teacher.ppo.complete()
         super().__init__(
             "teacher",
             "the teacher plays the true game on what the game knows, without pictures.",
             place,
-            teacher.ppo,
+            learner,
             lambda: TeacherSimulation(config.env, teacher, config.seed),
             lambda env: ppo.new_learner(
-                teacher.ppo,
+                learner,
                 env,
                 TeacherPolicy,
                 {"config": teacher.policy},

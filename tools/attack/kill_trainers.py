@@ -44,8 +44,8 @@ IMAGINED = (
 )
 STUDENT = (
     *("policy.scale_proprioception=true", "ppo.critic_first_updates=1"),
-    *("student.n_envs=2", "student.frames=96", "student.rollout_steps=8"),
-    *("student.batch_size=16", "student.checkpoint_rounds=2", "student.stagger_steps=20"),
+    *("student.n_envs=2", "student.frames=96"),
+    *("student.batch_size=16", "student.stagger_steps=20"),
 )
 DISTILL = (
     *("recipe=distill", *STUDENT),
@@ -60,11 +60,10 @@ PRACTICE = (
     "window_steps=4",
 )
 LOOKING = (  # the stage saves itself every 100 decisions
-    *("users=2", "user_steps=440", "decide_steps=1", "try_steps=60", "explore_steps=200"),
-    *("batch_size=8", "kept=100", "width=8"),
+    *("users=2", "user_steps=1320", "try_steps=60", "explore_steps=200"),
 )
 SKILLS = (
-    *("recipe=skills", *STUDENT, "skills.baseline_seconds=0.5"),
+    *("recipe=skills", *STUDENT),
     "env.action_frequency_hz=10",  # no motor layer ships for steps of 0.1 s: the run makes one
     "env.vision.channels=[red, green, blue, depth]",
     *(f"skills.motor_training.{setting}" for setting in PRACTICE),

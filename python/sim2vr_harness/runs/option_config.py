@@ -55,18 +55,12 @@ class QLearningConfig(Settings):
     """Environments in which users play at the same time."""
     user_steps: int = Field(default=120_000, ge=1, le=MOST_STEPS)
     """User steps of the Q-learning, of all users together."""
-    decide_steps: int = Field(default=3, ge=1, le=100)
-    """User steps from one decision to the next."""
     try_steps: int = Field(default=8_000, ge=0, le=MOST_STEPS)
     """User steps at the start in which all is tried at random."""
     explore_last: Chance = 0.08
     """Proportion of exploratory decisions after ``explore_steps``."""
     explore_steps: int = Field(default=50_000, ge=1, le=MOST_STEPS)
     """User steps over which that proportion falls."""
-    batch_size: int = Field(default=64, ge=1, le=100_000)
-    """Decisions per minibatch."""
-    width: Width = 32
-    """Channels of the Q-network's convolutions."""
 
 
 class SkillsConfig(Settings):
@@ -83,5 +77,3 @@ class SkillsConfig(Settings):
     """Training of the motor layer."""
     q_learning: QLearningConfig = QLearningConfig()
     """Q-learning of what to do with what is seen."""
-    baseline_seconds: float = Field(default=6.0, ge=0.0, le=1e6)
-    """For how long somebody sits still, and then moves at random, to compare with."""

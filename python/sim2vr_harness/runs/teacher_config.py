@@ -137,10 +137,6 @@ class CurriculumConfig(Settings):
 
     near_starts: Chance = 0.3
     """Share of episodes that start near a good start of an action, instead of the true start."""
-    starts_per_cell: int = Field(default=40, ge=1, le=10_000)
-    """Start postures that are looked for, for each cell and condition."""
-    episode_seconds: float = Field(default=12.0, gt=0.0, le=1e6)
-    """Episodes are cut after this time; the value of the state stands for the rest."""
 
 
 class TeacherPolicyConfig(Settings):

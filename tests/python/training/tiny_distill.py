@@ -6,11 +6,13 @@ import io
 import zipfile
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import torch
 from rich.console import Console
 
 from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.training.dagger import dagger
 from sim2vr_harness.training.run import trainer
 
 SETTINGS = [
@@ -39,9 +41,7 @@ SETTINGS = [
     "teacher.evaluate_rounds=0",
     "student.n_envs=2",
     "student.frames=96",
-    "student.rollout_steps=8",
     "student.batch_size=16",
-    "student.checkpoint_rounds=20",
     "student.stagger_steps=20",
     "ppo.n_envs=2",
     "ppo.n_steps=10",
@@ -60,7 +60,8 @@ def config(*settings: str) -> TrainingConfig:
 def train(folder: Path, *settings: str, **how: Any) -> tuple[trainer.TrainResult, str]:
     text = io.StringIO()
     console = Console(file=text, width=200)
-    return trainer.train(config(*settings), folder, console=console, **how), text.getvalue()
+    with patch.object(dagger, "_ROLLOUT_STEPS", 8):
+        return trainer.train(config(*settings), folder, console=console, **how), text.getvalue()
 
 
 def weights(path: Path) -> dict[str, torch.Tensor]:

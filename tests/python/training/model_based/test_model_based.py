@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
+from unittest.mock import patch
 
 import mujoco
 import numpy as np
@@ -23,6 +25,7 @@ from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.model_based.game_task import CycleReport, GameTrainer, game_trainer
 from sim2vr_harness.training.model_based.stage import describe
+from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.world_models.body_dynamics import fit_body
@@ -34,13 +37,19 @@ pytest.importorskip("sim2vr_harness._app_runtime")
 ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), cores=1)
 SMALL = (
     *("ppo.n_envs=16", "ppo.n_steps=10", "ppo.batch_size=20"),
-    *("curriculum.starts_per_cell=2", "evaluate_rounds=0", "total_timesteps=160"),
+    *("evaluate_rounds=0", "total_timesteps=160"),
     *("imagined.cycles=3", "imagined.first_play_steps=30", "imagined.play_steps=10"),
     *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),
     *("imagined.users=12", "imagined.updates=3", "imagined.critic_first_updates=1"),
     *("imagined.body_width=16", "imagined.critic_width=16"),
 )
 SOFT = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def short_teacher() -> Iterator[None]:
+    with patch.multiple(teacher_env, _STARTS_PER_CELL=2):
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,11 @@ from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConfig
 from sim2vr_harness.training.motor_control.goal_task import motor_trainer
-from sim2vr_harness.training.option_q_learning.q_learning import N_STEP, OptionQLearning
+from sim2vr_harness.training.option_q_learning.q_learning import (
+    DECIDE_STEPS,
+    N_STEP,
+    OptionQLearning,
+)
 from sim2vr_harness.users import UserBatch, list_bodies, load_body
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -155,9 +159,7 @@ def test_an_empty_hand_holds_nothing(layer: MotorPolicy) -> None:
     assert not tool.tip.any()
 
 
-SMALL = QLearningConfig(
-    users=3, user_steps=240, try_steps=90, explore_steps=100, batch_size=8, decide_steps=3
-)
+SMALL = QLearningConfig(users=3, user_steps=240, try_steps=90, explore_steps=100)
 
 
 def looker(layer: MotorPolicy, folder: Path, cores: int = 1) -> OptionQLearning:
@@ -194,7 +196,7 @@ def test_timing_an_update_changes_nothing(layer: MotorPolicy, tmp_path: Path) ->
     while not timed.finished:
         other.step()
         report = timed.step()
-        if report.step // (SMALL.users * SMALL.decide_steps) > N_STEP:
+        if report.step // (SMALL.users * DECIDE_STEPS) > N_STEP:
             assert timed.update_seconds() > 0.0
     for name, values in timed.net.state_dict().items():
         assert torch.equal(values, other.net.state_dict()[name]), name

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from sim2vr_harness.runs.config import TrainingConfig, apply_overrides
 from sim2vr_harness.runs.run_folder import RunFolder, read_rows
 from sim2vr_harness.runs.teacher_config import TeacherConfig, TeacherPolicyConfig
 from sim2vr_harness.training.run.stage import run_stages
+from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.training.teacher.env import TeacherSimulation, blind_env
 from sim2vr_harness.training.teacher.evaluation import _score, describe, evaluate_teacher
 from sim2vr_harness.training.teacher.initial_states import InitialStates
@@ -31,8 +34,14 @@ ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), cores=1)
 SMALL = (
     *("ppo.n_envs=4", "ppo.n_steps=10", "ppo.batch_size=20", "ppo.n_epochs=2"),
     *("ppo.critic_first_updates=1", "total_timesteps=160"),
-    *("curriculum.episode_seconds=0.4", "curriculum.starts_per_cell=1", "evaluate_rounds=0"),
+    "evaluate_rounds=0",
 )
+
+
+@pytest.fixture(autouse=True, scope="module")
+def short_teacher() -> Iterator[None]:
+    with patch.multiple(teacher_env, _STARTS_PER_CELL=1, _EPISODE_S=0.4):
+        yield
 
 
 def config(*overrides: str) -> TeacherConfig:

@@ -25,24 +25,8 @@ class MotorTrainingConfig(Settings):
     learns from imagined rollouts."""
     bodies: int = Field(default=128, ge=1, le=MOST_USERS)
     """Simulated bodies that move in a cycle."""
-    first_play_steps: int = Field(default=400, ge=1, le=1_000_000)
-    """User steps of each body in the first cycle, in which it moves at random."""
-    play_steps: int = Field(default=100, ge=1, le=1_000_000)
-    """User steps of each body in a later cycle."""
-    first_fit_minibatches: int = Field(default=1500, ge=20, le=10_000_000)
-    """Minibatches that the body model is fitted to in the first cycle."""
-    fit_minibatches: int = Field(default=300, ge=20, le=10_000_000)
-    """Minibatches that the body model is fitted to in a later cycle."""
-    body_width: Width = 256
-    """Width of the body model's hidden layers."""
     width: Width = 256
     """Width of the two hidden layers of the motor layer, and of the critic's."""
-    users: int = Field(default=256, ge=1, le=100_000)
-    """Imagined users."""
-    updates: int = Field(default=100, ge=1, le=1_000_000)
-    """Updates of the motor layer in a cycle."""
-    window_steps: int = Field(default=16, ge=1, le=10_000)
-    """User steps through which gradients go."""
     strikes: bool = False
     """True: hands come through places when and as fast as they are told, as those do who follow
     other hands; they wait and wind up where there is time. Games' moves say where, not when."""

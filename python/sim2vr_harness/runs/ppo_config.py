@@ -15,7 +15,7 @@ from sim2vr_harness.base.settings import (
     check_whole_minibatches,
 )
 
-__all__ = ["MOST_BATCH", "MOST_USERS", "LearningRateConfig", "PPOConfig", "UpdateConfig"]
+__all__ = ["MOST_BATCH", "MOST_USERS", "LearningRateConfig", "PPOConfig"]
 
 MOST_USERS = 16_384
 """Users side by side; each has a body and an app of its own."""
@@ -36,8 +36,8 @@ class LearningRateConfig(Settings):
     """Share of ``total_timesteps`` during which ``initial`` holds."""
 
 
-class UpdateConfig(Settings):
-    """How many user steps PPO collects and learns from at a time."""
+class PPOConfig(Settings):
+    """Proximal policy optimisation; names are Stable-Baselines3's."""
 
     n_envs: int = Field(default=10, ge=1, le=MOST_USERS)
     """Environments that run at the same time."""
@@ -47,24 +47,6 @@ class UpdateConfig(Settings):
     """User steps per minibatch; divides ``n_envs * n_steps``."""
     n_epochs: int = Field(default=10, ge=1, le=10_000)
     """Passes over an iteration's user steps."""
-    critic_first_updates: int = Field(default=0, ge=0, le=MOST_STEPS)
-    """Updates at the start, one per iteration, in which the critic alone learns: a policy that can
-    play already is not to be judged by a critic that knows nothing."""
-
-    @property
-    def steps_per_iteration(self) -> int:
-        """User steps of all environments between two updates."""
-        return self.n_envs * self.n_steps
-
-    @model_validator(mode="after")
-    def _whole_minibatches(self) -> Self:
-        check_whole_minibatches(self.steps_per_iteration, self.batch_size)
-        return self
-
-
-class PPOConfig(UpdateConfig):
-    """Proximal policy optimisation; names are Stable-Baselines3's."""
-
     gamma: float = Field(default=0.99, ge=0.0, le=1.0)
     """Discount factor per user step."""
     gae_lambda: float = Field(default=0.95, ge=0.0, le=1.0)
@@ -79,11 +61,19 @@ class PPOConfig(UpdateConfig):
     """Norm that gradients are clipped to."""
     target_kl: Factor | None = 1.0
     """An update ends when the policy has moved by 1.5 times this KL divergence; None: no limit."""
+    critic_first_updates: int = Field(default=0, ge=0, le=MOST_STEPS)
+    """Updates at the start, one per iteration, in which the critic alone learns: a policy that can
+    play already is not to be judged by a critic that knows nothing."""
     learning_rate: LearningRateConfig = LearningRateConfig()
     """Learning rate; a plain number is a constant rate."""
     critic_learning_rate_factor: float = Field(default=1.0, gt=0.0, le=1e4)
     """Factor on the learning rate of the weights that only the values depend on: a critic that
     begins with nothing beside an actor that can play needs a higher rate than the actor bears."""
+
+    @property
+    def steps_per_iteration(self) -> int:
+        """User steps of all environments between two updates."""
+        return self.n_envs * self.n_steps
 
     @field_validator("learning_rate", mode="before")
     @classmethod
@@ -94,3 +84,8 @@ class PPOConfig(UpdateConfig):
             keys = ", ".join(LearningRateConfig.model_fields)
             raise ValueError(f"got {value!r}, expected a number, or {keys}")
         return value
+
+    @model_validator(mode="after")
+    def _whole_minibatches(self) -> Self:
+        check_whole_minibatches(self.steps_per_iteration, self.batch_size)
+        return self

@@ -13,6 +13,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from short_cycles import short_cycles
 from true_users import motion_of
 
 from sim2vr_harness.base.errors import InputError
@@ -36,11 +37,8 @@ pytest.importorskip("sim2vr_harness._app_runtime")
 
 ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), cores=1)
 SMALL = (
-    *("ppo.n_envs=16", "ppo.n_steps=10", "ppo.batch_size=20"),
-    *("evaluate_rounds=0", "total_timesteps=160"),
-    *("imagined.cycles=3", "imagined.first_play_steps=30", "imagined.play_steps=10"),
-    *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),
-    *("imagined.users=12", "imagined.updates=3", "imagined.critic_first_updates=1"),
+    *("ppo.n_envs=16", "ppo.batch_size=20", "total_timesteps=160"),
+    *("imagined.cycles=3", "imagined.first_play_steps=30", "imagined.users=12"),
     *("imagined.body_width=16", "imagined.critic_width=16"),
 )
 SOFT = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0)
@@ -48,7 +46,8 @@ SOFT = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0)
 
 @pytest.fixture(autouse=True, scope="module")
 def short_teacher() -> Iterator[None]:
-    with patch.multiple(teacher_env, _STARTS_PER_CELL=2):
+    starts = patch.object(teacher_env, "_STARTS_PER_CELL", 2)
+    with starts, short_cycles(updates=3, critic_first=1):
         yield
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -25,7 +27,9 @@ from sim2vr_harness.policies.hierarchical.primitives import MOVES, OptionChoice,
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConfig
+from sim2vr_harness.training.motor_control import goal_task
 from sim2vr_harness.training.motor_control.goal_task import motor_trainer
+from sim2vr_harness.training.option_q_learning import q_learning
 from sim2vr_harness.training.option_q_learning.q_learning import (
     DECIDE_STEPS,
     N_STEP,
@@ -162,6 +166,11 @@ def test_an_empty_hand_holds_nothing(layer: MotorPolicy) -> None:
 SMALL = QLearningConfig(users=3, user_steps=240, try_steps=90, explore_steps=100)
 
 
+@pytest.fixture(autouse=True)
+def small_minibatches(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(q_learning, "_BATCH_SIZE", 8)
+
+
 def looker(layer: MotorPolicy, folder: Path, cores: int = 1) -> OptionQLearning:
     folder.mkdir(exist_ok=True)
     config = env("sample").model_copy(update={"cores": cores})
@@ -227,21 +236,18 @@ def test_tries_and_steps_grow_smaller_in_the_end(layer: MotorPolicy, tmp_path: P
     one.simulation.close()
 
 
-TINY = MotorTrainingConfig(
-    cycles=2,
-    bodies=4,
-    first_play_steps=12,
-    play_steps=6,
-    first_fit_minibatches=20,
-    fit_minibatches=20,
-    body_width=16,
-    width=16,
-    users=8,
-    updates=3,
-    window_steps=4,
-)
+TINY = MotorTrainingConfig(cycles=2, bodies=4, width=16)
+TINY_SIZES = {"_FIRST_PLAY_STEPS": 12, "_BODY_WIDTH": 16, "_USERS": 8, "_WINDOW_STEPS": 4}
+TINY_CYCLES = {"play_steps": 6, "first_fit_minibatches": 20, "fit_minibatches": 20, "updates": 3}
 
 
+@pytest.fixture
+def tiny_practice() -> Iterator[None]:
+    with patch.multiple(goal_task, **TINY_SIZES), patch.multiple(goal_task._Cycles, **TINY_CYCLES):
+        yield
+
+
+@pytest.mark.usefixtures("tiny_practice")
 def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
     body = load_body("mobl_arms_wrist")
     whole = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
@@ -266,13 +272,14 @@ def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
         load_motor_layer(tmp_path / "layer.pt", other, STEP_S)
 
 
-def test_practice_goes_on_from_a_layer() -> None:
+@pytest.mark.usefixtures("tiny_practice")
+def test_practice_goes_on_from_a_layer(monkeypatch: pytest.MonkeyPatch) -> None:
     body = load_body("mobl_arms_wrist")
     first = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
     first.step()
     known = {name: values.clone() for name, values in first.policy.weights().items()}
-    config = TINY.model_copy(update={"updates": 12})  # layers stay as they are for 20
-    more = motor_trainer(config, body, STEP_S, threads=1, seed=4, begin=first.policy)
+    monkeypatch.setattr(goal_task._Cycles, "updates", 12)  # layers stay as they are for 20
+    more = motor_trainer(TINY, body, STEP_S, threads=1, seed=4, begin=first.policy)
     for name, values in more.policy.weights().items():
         assert torch.equal(values, known[name]), name
     more.step()

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import torch
 from rich.console import Console
+from short_cycles import short_cycles
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
@@ -31,16 +32,12 @@ from sim2vr_harness.training.teacher.stage import TeacherStage
 pytest.importorskip("sim2vr_harness._app_runtime")
 
 ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), cores=1)
-SMALL = (
-    *("ppo.n_envs=4", "ppo.n_steps=10", "ppo.batch_size=20", "ppo.n_epochs=2"),
-    *("ppo.critic_first_updates=1", "total_timesteps=160"),
-    "evaluate_rounds=0",
-)
+SMALL = (*("ppo.n_envs=4", "ppo.batch_size=20", "total_timesteps=160"),)
 
 
 @pytest.fixture(autouse=True, scope="module")
 def short_teacher() -> Iterator[None]:
-    with patch.multiple(teacher_env, _STARTS_PER_CELL=1, _EPISODE_S=0.4):
+    with short_cycles(n_epochs=2), patch.multiple(teacher_env, _STARTS_PER_CELL=1, _EPISODE_S=0.4):
         yield
 
 
@@ -234,7 +231,8 @@ def weights(path: Path) -> dict[str, torch.Tensor]:
 
 
 def test_the_critic_learns_first(tmp_path: Path) -> None:
-    train(tmp_path / "run", "ppo.critic_first_updates=3")
+    with short_cycles(n_epochs=2, ppo_critic_first=3):
+        train(tmp_path / "run")
     files = RunFolder(tmp_path / "run").checkpoints()
     assert [file.stem for file in files] == [f"step_{k:09d}" for k in (40, 80, 120, 160)]
     first, _, third, fourth = map(weights, files)
@@ -284,10 +282,11 @@ def test_what_a_score_counts_by_hand() -> None:
 
 
 def test_the_score_of_a_stage_is_written_down(tmp_path: Path) -> None:
-    settings = ("total_timesteps=40", "evaluate_rounds=1", "conditions=[easy]")
-    made = stage(tmp_path / "run", *settings)
+    settings = ("total_timesteps=40", "conditions=[easy]")
     text = io.StringIO()
-    run_stages([made], RunFolder(tmp_path), Console(file=text, width=200))
+    with short_cycles(judged_rounds=1):
+        made = stage(tmp_path / "run", *settings)
+        run_stages([made], RunFolder(tmp_path), Console(file=text, width=200))
     (row,) = read_rows(tmp_path / "run" / "scores.jsonl")
     assert row["step"] == 40
     assert row["scores"][0]["condition"] == "easy"

@@ -183,6 +183,36 @@ _GAME_CONSTANTS: dict[str, dict[str, Any]] = {
 }
 """The same for the keys of ``teacher.imagined.game``, by game."""
 
+_GAME_KEY = "teacher.imagined.game"
+_SHAPINGS: dict[str, tuple[str, dict[str, tuple[float, float]]]] = {
+    "beats": (
+        "whole_levels",
+        {
+            "busy_starts": (0.9, 0.6),
+            "angle_deg": (25.0, 50.0),
+            "near_reward": (20.0, 40.0),
+            "hazard_cost": (0.0, 200.0),
+            "look_cost": (0.0, 20.0),
+            "wall_cost": (0.0, 40.0),
+            "early_error_cost": (20.0, 1.0),
+        },
+    ),
+    "whacamole": (
+        "unhurried",
+        {
+            "plane_cost": (0.0, 1.0),
+            "blind_cost": (0.0, 1.0),
+            "centre_share": (0.0, 0.3),
+            "face_share": (0.0, 0.5),
+            "patience_per_s": (0.0, 2.5),
+            "patience_until_s": (1.098, 0.5),
+            "foregone_share": (0.0, 1.0),
+            "hit_reward": (10.0, 30.0),
+        },
+    ),
+}
+"""Game -> a value of ``shaping``, and keys of before that it stands for: without it, with it."""
+
 _CONVERTED: dict[str, Callable[[Any], Any]] = {
     # A ramp between two numbers is the number that it ended with.
     f"teacher.curriculum.{key}": lambda value: value["end"] if isinstance(value, dict) else value
@@ -207,7 +237,20 @@ def renamed(tree: Any) -> Any:
 def _with_new_names(tree: Mapping[str, Any]) -> dict[str, Any]:
     result = copy.deepcopy(dict(tree))
     _rename(result, _RENAMED | _RENAMED_SINCE_0_2)
+    _shape(result)
     return result
+
+
+def _shape(tree: dict[str, Any]) -> None:
+    """Put ``shaping`` where the keys of before have all values that it stands for, in place."""
+    shaping, values = _SHAPINGS.get(_game(tree), ("", {}))
+    node = _at(tree, _GAME_KEY)
+    if (
+        isinstance(node, dict)
+        and values
+        and all(node.get(key) == shaped for key, (_, shaped) in values.items())
+    ):
+        node["shaping"] = shaping
 
 
 def _rename(tree: dict[str, Any], names: Mapping[str, str]) -> list[tuple[str, str]]:
@@ -271,21 +314,33 @@ def settable(tree: Mapping[str, Any]) -> dict[str, Any]:
         InputError: such a key has another value.
     """
     copied = with_new_names(tree)
-    for key, value in _constants(tree).items():
+    _shape(copied)
+    for key, value in _constants(copied).items():
         found = _take(copied, key)
         if found is not None and not _same(found[0], value):
-            expected = f"it left out: it is {value!r} in all trainings now"
+            where = "in all trainings now"
+            if key.removeprefix(f"{_GAME_KEY}.") in _SHAPINGS.get(_game(copied), ("", {}))[1]:
+                where = f"with shaping: {_at(copied, f'{_GAME_KEY}.shaping') or 'none'}"
+            expected = f"it left out: it is {value!r} {where}"
             raise InputError(key, repr(found[0]), expected)
     return copied
 
 
 def _constants(tree: Mapping[str, Any]) -> dict[str, Any]:
     """Return the keys that can no longer be set in this configuration, and their values."""
+    game = _game(tree)
+    shaping, values = _SHAPINGS.get(game, ("", {}))
+    chosen = _at(tree, f"{_GAME_KEY}.shaping") == shaping
+    shaped = {key: value[chosen] for key, value in values.items()}
+    own = _GAME_CONSTANTS.get(game, {}) | shaped
+    return _CONSTANTS | {f"{_GAME_KEY}.{key}": value for key, value in own.items()}
+
+
+def _game(tree: Mapping[str, Any]) -> str:
     env = tree.get("env")
     app = env.get("app") if isinstance(env, Mapping) else None
     game = app.get("game", "whacamole") if isinstance(app, Mapping) else "whacamole"
-    own = _GAME_CONSTANTS.get(game, {}) if isinstance(game, str) else {}
-    return _CONSTANTS | {f"teacher.imagined.game.{key}": value for key, value in own.items()}
+    return game if isinstance(game, str) else ""
 
 
 def _same(recorded: Any, constant: Any) -> bool:
@@ -295,12 +350,18 @@ def _same(recorded: Any, constant: Any) -> bool:
     return bool(recorded == constant)
 
 
+def _at(tree: Mapping[str, Any], key: str) -> Any:
+    """Return the value of a dotted key; None if it is not there."""
+    node: Any = tree
+    for part in filter(None, key.split(".")):
+        node = node.get(part) if isinstance(node, Mapping) else None
+    return node
+
+
 def _take(tree: dict[str, Any], key: str) -> tuple[Any] | None:
     """Remove a dotted key and return its value in a tuple; None if it is not there."""
-    *parents, last = key.split(".")
-    node: Any = tree
-    for parent in parents:
-        node = node.get(parent) if isinstance(node, dict) else None
+    parents, _, last = key.rpartition(".")
+    node = _at(tree, parents)
     if not isinstance(node, dict) or last not in node:
         return None
     return (node.pop(last),)

@@ -404,3 +404,43 @@ def test_keys_that_became_constants() -> None:
         load_config("whacamole_constrained_distill", ["teacher.imagined.lam=0.8"])
     expected = "teacher.imagined.lam: got 0.8, expected it left out: it is 0.9 in all trainings now"
     assert str(caught.value) == expected
+
+
+def test_shaping_stands_for_keys_of_before() -> None:
+    """All its values together are the shaping; any other mixture is refused."""
+    keys = {
+        "busy_starts": 0.6,
+        "angle_deg": 50.0,
+        "near_reward": 40.0,
+        "hazard_cost": 200.0,
+        "look_cost": 20.0,
+        "wall_cost": 40.0,
+        "early_error_cost": 1.0,
+    }
+
+    def beats(**game: object) -> dict[str, Any]:
+        app = {"app": {"game": "beats"}}
+        return {"recipe": "distill", "env": app, "teacher": {"imagined": {"game": game}}}
+
+    whole = parse_config(beats(**keys))
+    assert (
+        whole == parse_config(renamed(beats(**keys))) == parse_config(beats(shaping="whole_levels"))
+    )
+    assert whole.teacher.imagined.game == {"shaping": "whole_levels", "stroke_reward": 0.0}
+    assert changed_constant(beats(**keys)) is None
+    plain = {"busy_starts": 0.9, "hazard_cost": 0.0}
+    assert parse_config(beats(**plain)).teacher.imagined.game["shaping"] == "none"
+    mixed = beats(**{**keys, "wall_cost": 0.0})
+    assert changed_constant(mixed) == ("teacher.imagined.game.busy_starts", 0.6, 0.9)
+    with pytest.raises(InputError, match=r"busy_starts: got 0.6, .* it is 0.9 with shaping: none"):
+        parse_config(mixed)
+    with pytest.raises(InputError, match=r"look_cost: got 0.0, .* 20.0 with shaping: whole_levels"):
+        parse_config(beats(shaping="whole_levels", look_cost=0.0))
+
+
+def test_a_constant_learning_rate_may_be_a_number() -> None:
+    assert parse_config({"teacher": {"ppo": {"learning_rate": 3e-4}}}) == parse_config({})
+    with pytest.raises(
+        InputError, match=r"^teacher.ppo.learning_rate: got 0.001, expected it left"
+    ):
+        parse_config({"teacher": {"ppo": {"learning_rate": 1e-3}}})

@@ -45,7 +45,7 @@ _NOISY_USERS = 0.25
 _ROLLOUT_STEPS = 32
 """User steps per user between two times of learning: 1.6 s at 20 Hz."""
 _TEACHER_ROUNDS = 3
-"""Rounds of collecting in which the teacher acts for everybody: an untrained student meets few of
+"""Rounds of collecting in which the teacher acts for every user: an untrained student meets few of
 the situations that it has to learn."""
 CHECKPOINT_ROUNDS = 20
 """Rounds of collecting between two checkpoints: 41,000 frames of 64 users."""

@@ -113,14 +113,14 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "decider"
     small = config(
         "skills.q_learning.users=3",
-        "skills.q_learning.user_steps=240",
+        "skills.q_learning.user_steps=243",
         "skills.q_learning.try_steps=90",
         "skills.q_learning.explore_steps=100",
         "env.app.options.round_seconds=2",
     )
     result = train(small, folder)
     assert not result.interrupted
-    assert result.step == 240
+    assert result.step == 243
     return folder
 
 
@@ -160,7 +160,7 @@ def test_it_is_packed_with_its_hands(run: Path, tmp_path: Path) -> None:
     card = pack_measured(
         run, "tiny", tmp_path / "tiny", conditions=["medium"], episodes=2, details={}
     )
-    assert card["steps"] == 240
+    assert card["steps"] == 243
     packed = find_user(tmp_path / "tiny")
     assert packed.config.policy_kind == "hierarchical"
     observation, _ = load_user_policy(run).make_env().reset(seed=3)

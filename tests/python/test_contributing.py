@@ -36,8 +36,8 @@ SHORTER = {
     "tests/contract/test_app_contract.py -k mygame",
     "--out runs/mygame": "--out runs/mygame --set total_timesteps=500 "
     "--set skills.q_learning.users=2 --set skills.q_learning.user_steps=120 "
-    "--set skills.q_learning.try_steps=60 --set skills.baseline_seconds=0.2 "
-    "--set student.n_envs=2 --set student.rollout_steps=8 --set student.frames=64 "
+    "--set skills.q_learning.try_steps=60 "
+    "--set student.n_envs=2 --set student.frames=64 "
     "--set ppo.n_envs=2 --set ppo.n_steps=250 "
     "--set ppo.batch_size=250 --set ppo.n_epochs=1 --set policy.net_arch=[16] "
     "--set evaluation.episodes_after_training=1 --set env.app.options.round_seconds=2.0",

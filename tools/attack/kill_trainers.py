@@ -31,40 +31,38 @@ import torch
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.runs.teacher_config import ImaginedConfig, TeacherPPOConfig
+from sim2vr_harness.training.dagger import dagger
+from sim2vr_harness.training.dagger import stage as student_stage
+from sim2vr_harness.training.motor_control import goal_task
+from sim2vr_harness.training.option_q_learning import q_learning
+from sim2vr_harness.training.option_q_learning import stage as q_learning_stage
 from sim2vr_harness.training.run import trainer
+from sim2vr_harness.training.teacher import stage as teacher_stage
 
 SHARED = (
     *("device=cpu", "env.cores=1", "env.app.options.round_seconds=2.0", "ppo.n_envs=2"),
     *("ppo.n_steps=10", "ppo.batch_size=10", "ppo.n_epochs=1", "total_timesteps=60"),
     *("checkpoint.every_steps=20", "policy.net_arch=[16]"),
 )
-IMAGINED = (
-    *("cycles=3", "first_play_steps=30", "play_steps=10", "first_fit_minibatches=20"),
-    *("fit_minibatches=20", "body_width=16", "users=8", "updates=2", "critic_first_updates=0"),
-)
+IMAGINED = ("cycles=3", "first_play_steps=30", "body_width=16", "users=8")
 STUDENT = (
     *("policy.scale_proprioception=true", "ppo.critic_first_updates=1"),
-    *("student.n_envs=2", "student.frames=96", "student.rollout_steps=8"),
-    *("student.batch_size=16", "student.checkpoint_rounds=2", "student.stagger_steps=20"),
+    *("student.n_envs=2", "student.frames=96"),
+    *("student.batch_size=16", "student.stagger_steps=20"),
 )
 DISTILL = (
     *("recipe=distill", *STUDENT),
     *(f"teacher.imagined.{setting}" for setting in IMAGINED),
-    *("teacher.total_timesteps=96", "teacher.ppo.n_envs=4", "teacher.ppo.n_steps=8"),
-    *("teacher.ppo.batch_size=16", "teacher.ppo.n_epochs=1", "teacher.ppo.critic_first_updates=1"),
-    *("teacher.curriculum.near_starts=0.0", "teacher.evaluate_rounds=1"),
+    *("teacher.total_timesteps=96", "teacher.ppo.n_envs=4", "teacher.ppo.batch_size=16"),
+    "teacher.curriculum.near_starts=0.0",
 )
-PRACTICE = (
-    *("cycles=3", "bodies=4", "first_play_steps=12", "play_steps=6", "first_fit_minibatches=20"),
-    *("fit_minibatches=20", "body_width=16", "width=16", "users=8", "updates=3"),
-    "window_steps=4",
-)
+PRACTICE = ("cycles=3", "bodies=4", "width=16")
 LOOKING = (  # the stage saves itself every 100 decisions
-    *("users=2", "user_steps=440", "decide_steps=1", "try_steps=60", "explore_steps=200"),
-    *("batch_size=8", "kept=100", "width=8"),
+    *("users=2", "user_steps=1320", "try_steps=60", "explore_steps=200"),
 )
 SKILLS = (
-    *("recipe=skills", *STUDENT, "skills.baseline_seconds=0.5"),
+    *("recipe=skills", *STUDENT),
     "env.action_frequency_hz=10",  # no motor layer ships for steps of 0.1 s: the run makes one
     "env.vision.channels=[red, green, blue, depth]",
     *(f"skills.motor_training.{setting}" for setting in PRACTICE),
@@ -74,6 +72,18 @@ DECIDER = (
     "skills.user=hierarchical",
     "env.senses=[{sense: vision, history_s: 0.2}, {sense: proprioception}, {sense: time}]",
 )
+CONSTANTS: list[tuple[Any, dict[str, object]]] = [  # of the algorithms, as small
+    (ImaginedConfig, {"play_steps": 10, "first_fit_minibatches": 20, "fit_minibatches": 20}),
+    (ImaginedConfig, {"updates": 2, "critic_first_updates": 0}),
+    (TeacherPPOConfig, {"n_steps": 8, "n_epochs": 1, "critic_first_updates": 1}),
+    (teacher_stage, {"_EVALUATE_ROUNDS": 1}),
+    (dagger, {"_ROLLOUT_STEPS": 8}),
+    (student_stage, {"CHECKPOINT_ROUNDS": 2}),
+    (goal_task, {"_FIRST_PLAY_STEPS": 12, "_BODY_WIDTH": 16, "_USERS": 8, "_WINDOW_STEPS": 4}),
+    (goal_task._Cycles, {"play_steps": 6, "fit_minibatches": 20, "updates": 3}),
+    (q_learning_stage, {"_BASELINE_S": 0.5}),
+    (q_learning, {"_BATCH_SIZE": 8}),
+]
 SETTINGS = {
     "ppo": SHARED,
     "distill": (*SHARED, *DISTILL),
@@ -301,6 +311,9 @@ def main() -> int:
     given = parser.parse_args()
     random.seed(given.seed)
     torch.set_num_threads(1)
+    for owner, values in CONSTANTS:
+        for constant, small in values.items():
+            setattr(owner, constant, small)
     fine = True
     with tempfile.TemporaryDirectory() as place:
         for recipe in given.recipes:

@@ -17,12 +17,14 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from sim2vr_harness.policies.conv import cast, centred, channels_last, convolutions, convolved
-from sim2vr_harness.runs.attention_config import AttentionCropConfig
+from sim2vr_harness.runs.attention_config import FOVEA_ZOOM, AttentionCropConfig
 
 __all__ = ["AttentionCrops"]
 
-_FOVEA_PIXELS = 32
-"""Side of the crop of ``fovea``."""
+_VISION_PIXELS, _FOVEA_PIXELS = 24, 32
+"""Sides of the crops of ``vision`` and ``fovea``; multiples of 8, which the encoder divides by."""
+_FEATURES = 96
+"""Of each crop: few beside those of the whole picture (256), as a crop shows one thing."""
 _CELL = 8
 """Pixels of the wide picture that a cell of the locator's grid is wide and high."""
 _LOCATOR = (8, 16, 24, 32)
@@ -37,7 +39,7 @@ class AttentionCrops(nn.Module):
 
     Args:
         shapes: (C, H, W) of the uint8 pictures ``vision`` and, if there is one, ``fovea``.
-        config: sizes.
+        config: how many.
         dtype: what is computed in; weights are float32 either way.
     """
 
@@ -48,23 +50,23 @@ class AttentionCrops(nn.Module):
         dtype: torch.dtype = torch.float32,
     ) -> None:
         super().__init__()
-        self.count, self.features, self.dtype = config.count, config.features, dtype
+        self.count, self.features, self.dtype = config.count, _FEATURES, dtype
         wide, height, width = shapes["vision"]
         self._half, self._width = height / 2.0, width
         self._size = -(-height // _CELL), -(-width // _CELL)
         self.locator = convolutions(wide, _LOCATOR, (2, 2, 2, 1))
         self.grid = nn.Conv2d(_LOCATOR[-1], 3 * config.count, 1)
-        self.looks = {"vision": (config.vision_pixels, 1)}
+        self.looks = {"vision": (_VISION_PIXELS, 1)}
         if "fovea" in shapes:
-            self.looks["fovea"] = (_FOVEA_PIXELS, config.fovea_zoom)
+            self.looks["fovea"] = (_FOVEA_PIXELS, FOVEA_ZOOM)
         encoders, flat = {}, 0
         for key, (side, _) in self.looks.items():
             encoders[key] = convolutions(shapes[key][0], _ENCODER)
             flat += _ENCODER[-1] * (-(-side // 2 ** len(_ENCODER))) ** 2
         self.encoders = nn.ModuleDict(encoders)
-        self.linear = nn.Linear(flat, config.features)
+        self.linear = nn.Linear(flat, self.features)
         self.teach(False)
-        self.outputs = config.count * (config.features + 3)
+        self.outputs = config.count * (self.features + 3)
         """Features in all: of each glimpse what it shows, its place, and how sure it is."""
 
     def parted(self, features: Tensor) -> Tensor:

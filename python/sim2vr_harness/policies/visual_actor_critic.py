@@ -178,17 +178,16 @@ class UserFeatures(BaseFeaturesExtractor):
 
 
 class _Mlp(nn.Module):
-    """Hidden layers of actor and critic, separate or shared."""
+    """Hidden layers of actor and critic."""
 
-    def __init__(self, inputs: int, widths: Sequence[int], shared: bool) -> None:
+    def __init__(self, inputs: int, widths: Sequence[int]) -> None:
         super().__init__()
         self.latent_dim_pi = self.latent_dim_vf = widths[-1] if widths else inputs
         self.actor = _hidden_layers(inputs, widths)
-        self.critic = self.actor if shared else _hidden_layers(inputs, widths)
+        self.critic = _hidden_layers(inputs, widths)
 
     def forward(self, features: Tensor) -> tuple[Tensor, Tensor]:
-        latent_pi = self.actor(features)
-        return latent_pi, latent_pi if self.critic is self.actor else self.critic(features)
+        return self.actor(features), self.critic(features)
 
     def forward_actor(self, features: Tensor) -> Tensor:
         return self.actor(features)
@@ -248,7 +247,7 @@ class VisualActorCritic(StagePolicy):
         self.features_extractor.to(memory_format=torch.channels_last)  # type: ignore[call-overload]
 
     def _build_mlp_extractor(self) -> None:
-        mlp = _Mlp(self.features_dim, self._config.net_arch, self._config.shared_mlp)
+        mlp = _Mlp(self.features_dim, self._config.net_arch)
         self.mlp_extractor = mlp.to(self.device)  # type: ignore[assignment]
 
     def _get_action_dist_from_latent(self, latent_pi: Tensor) -> Distribution:

@@ -4,10 +4,14 @@ from __future__ import annotations
 
 from pydantic import Field
 
-from sim2vr_harness.base.settings import Settings, Width
+from sim2vr_harness.base.settings import Settings
 from sim2vr_harness.envs.config import EnvConfig
 
-__all__ = ["AttentionCropConfig", "check_attention"]
+__all__ = ["FOVEA_ZOOM", "AttentionCropConfig", "check_attention"]
+
+
+FOVEA_ZOOM = 3
+"""How many times as large things are in ``fovea``, which crops of 32 pixels take in whole."""
 
 
 class AttentionCropConfig(Settings):
@@ -15,15 +19,9 @@ class AttentionCropConfig(Settings):
 
     count: int = Field(default=1, ge=1, le=64)
     """How many things are looked at, in the game's order (``ImaginedGame.glances``)."""
-    vision_pixels: int = Field(default=24, ge=1, le=1024)
-    """Side of the cut-out of ``vision``."""
-    fovea_zoom: int = Field(default=3, ge=1, le=5)
-    """How many times as large things are in ``fovea``: ``env.vision.zoom``."""
-    features: Width = 96
-    """Features of each crop."""
 
 
-def check_attention(crops: AttentionCropConfig, recipe: str, env: EnvConfig) -> None:
+def check_attention(recipe: str, env: EnvConfig) -> None:
     """Raise ValueError unless users of this environment can learn where to look."""
     if recipe not in ("distill", "adapt"):
         raise ValueError(
@@ -36,8 +34,8 @@ def check_attention(crops: AttentionCropConfig, recipe: str, env: EnvConfig) -> 
         raise ValueError(
             f"policy.attention_crops: got {got}, expected the sense vision, not delayed"
         )
-    if "fovea" in senses and crops.fovea_zoom != env.vision.zoom:
+    if "fovea" in senses and env.vision.zoom != FOVEA_ZOOM:
         raise ValueError(
-            f"policy.attention_crops.fovea_zoom: got {crops.fovea_zoom}, expected "
-            f"env.vision.zoom, {env.vision.zoom}"
+            f"env.vision.zoom: got {env.vision.zoom}, expected {FOVEA_ZOOM} with "
+            "policy.attention_crops and the sense fovea"
         )

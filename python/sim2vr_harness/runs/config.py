@@ -67,10 +67,8 @@ class PolicyConfig(Settings):
     proprioception_features: Width = 128
     """Number of features that the encoder of all senses without an image returns."""
     net_arch: tuple[Width, ...] = Field(default=(256, 256), max_length=20)
-    """Widths of the hidden layers behind the features, LeakyReLU."""
-    shared_mlp: bool = False
-    """True: actor and critic share ``net_arch``, as the paper says; False: two separate
-    networks, as the reference runs."""
+    """Widths of the hidden layers behind the features, LeakyReLU; actor and critic have their own,
+    as the reference runs (the paper says that they share them)."""
     log_std_init: float = Field(default=0.0, ge=-20.0, le=5.0)
     """Logarithm of the actions' standard deviation at the start."""
     vision_precision: Literal["float32", "bfloat16"] = "float32"
@@ -179,7 +177,7 @@ class TrainingConfig(Settings):
     @pydantic.model_validator(mode="after")
     def _clear_crops(self) -> Self:
         if self.policy.attention_crops is not None:
-            check_attention(self.policy.attention_crops, self.recipe, self.env)
+            check_attention(self.recipe, self.env)
         return self
 
 

@@ -23,8 +23,6 @@ class StudentConfig(Settings):
     stage is over, some 30 KB for a picture of three channels: more than the memory has are slow."""
     app_options: dict[str, OptionValue] = Field(default_factory=dict)
     """Options of the game in this stage that differ from ``env.app.options``."""
-    rollout_steps: int = Field(default=32, ge=1, le=1_000_000)
-    """User steps per user between two times of learning."""
     samples_per_frame: float = Field(default=3.0, gt=0.0, le=1000.0)
     """How often a frame is learned from, on average, per frame that is collected."""
     batch_size: int = Field(default=500, ge=1, le=MOST_BATCH)
@@ -35,10 +33,9 @@ class StudentConfig(Settings):
     """Weight in the loss of the head that tells what the teacher knows of the game (standardised,
     mean squared error) from all that the student senses; 0: there is none. Where much is to be made
     out in a small picture, actions alone teach too slowly what is there."""
-    teacher_rounds: int = Field(default=3, ge=0, le=1_000_000)
-    """Rounds of collecting in which the teacher acts for everybody."""
     teacher_share: Chance = 0.6
-    """Share of the steps on which the teacher acts in the round after those."""
+    """Share of the steps on which the teacher acts after the first rounds of collecting, in which
+    it acts for everybody."""
     teacher_share_decay: Chance = 0.9
     """Factor on that proportion from round to round."""
     noise_std: Weight = 0.1
@@ -48,5 +45,3 @@ class StudentConfig(Settings):
     stagger_steps: int = Field(default=1200, ge=1, le=1_000_000_000)
     """Users' first rounds are cut at random within so many steps, so that rounds do not run in
     phase."""
-    checkpoint_rounds: int = Field(default=20, ge=1, le=1_000_000)
-    """Rounds of collecting between two checkpoints."""

@@ -25,24 +25,8 @@ class MotorTrainingConfig(Settings):
     learns from imagined rollouts."""
     bodies: int = Field(default=128, ge=1, le=MOST_USERS)
     """Simulated bodies that move in a cycle."""
-    first_play_steps: int = Field(default=400, ge=1, le=1_000_000)
-    """User steps of each body in the first cycle, in which it moves at random."""
-    play_steps: int = Field(default=100, ge=1, le=1_000_000)
-    """User steps of each body in a later cycle."""
-    first_fit_minibatches: int = Field(default=1500, ge=20, le=10_000_000)
-    """Minibatches that the body model is fitted to in the first cycle."""
-    fit_minibatches: int = Field(default=300, ge=20, le=10_000_000)
-    """Minibatches that the body model is fitted to in a later cycle."""
-    body_width: Width = 256
-    """Width of the body model's hidden layers."""
     width: Width = 256
     """Width of the two hidden layers of the motor layer, and of the critic's."""
-    users: int = Field(default=256, ge=1, le=100_000)
-    """Imagined users."""
-    updates: int = Field(default=100, ge=1, le=1_000_000)
-    """Updates of the motor layer in a cycle."""
-    window_steps: int = Field(default=16, ge=1, le=10_000)
-    """User steps through which gradients go."""
     strikes: bool = False
     """True: hands come through places when and as fast as they are told, as those do who follow
     other hands; they wait and wind up where there is time. Games' moves say where, not when."""
@@ -55,18 +39,12 @@ class QLearningConfig(Settings):
     """Environments in which users play at the same time."""
     user_steps: int = Field(default=120_000, ge=1, le=MOST_STEPS)
     """User steps of the Q-learning, of all users together."""
-    decide_steps: int = Field(default=3, ge=1, le=100)
-    """User steps from one decision to the next."""
     try_steps: int = Field(default=8_000, ge=0, le=MOST_STEPS)
     """User steps at the start in which all is tried at random."""
     explore_last: Chance = 0.08
     """Proportion of exploratory decisions after ``explore_steps``."""
     explore_steps: int = Field(default=50_000, ge=1, le=MOST_STEPS)
     """User steps over which that proportion falls."""
-    batch_size: int = Field(default=64, ge=1, le=100_000)
-    """Decisions per minibatch."""
-    width: Width = 32
-    """Channels of the Q-network's convolutions."""
 
 
 class SkillsConfig(Settings):
@@ -83,5 +61,3 @@ class SkillsConfig(Settings):
     """Training of the motor layer."""
     q_learning: QLearningConfig = QLearningConfig()
     """Q-learning of what to do with what is seen."""
-    baseline_seconds: float = Field(default=6.0, ge=0.0, le=1e6)
-    """For how long somebody sits still, and then moves at random, to compare with."""

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from sim2vr_harness.base.settings import (
     MOST_STEPS,
@@ -15,6 +15,7 @@ from sim2vr_harness.base.settings import (
     Settings,
     Weight,
     Width,
+    check_whole_minibatches,
 )
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.runs.ppo_config import MOST_BATCH, MOST_USERS, LearningRateConfig, PPOConfig
@@ -40,20 +41,21 @@ class ImaginedConfig(Settings):
     """Cycles of imagined rollouts; 0: none, the teacher begins with nothing."""
     first_play_steps: int = Field(default=600, ge=1, le=1_000_000)
     """User steps of every user in the first cycle, in which they move about at random."""
-    play_steps: int = Field(default=100, ge=1, le=1_000_000)
-    """User steps of every user in a later cycle."""
-    first_fit_minibatches: int = Field(default=1500, ge=20, le=10_000_000)
-    """Minibatches of 1024 user steps that the body model is fitted to in the first cycle."""
-    fit_minibatches: int = Field(default=215, ge=20, le=10_000_000)
-    """Minibatches of 1024 user steps that the body model is fitted to."""
+    play_steps: ClassVar[int] = 100
+    """User steps of every user in a later cycle: 5 s at 20 Hz, a few targets of a game."""
+    first_fit_minibatches: ClassVar[int] = 1500
+    """Minibatches of 1024 user steps that the body model is fitted to in the first cycle: it knows
+    nothing yet."""
+    fit_minibatches: ClassVar[int] = 215
+    """Minibatches of 1024 user steps that it is fitted to in a later cycle, to what is new."""
     body_width: Width = 256
     """Width of the body model's hidden layers."""
     critic_width: Width = 256
     """Width of the critic's hidden layers."""
     users: int = Field(default=512, ge=1, le=100_000)
     """Imagined users."""
-    updates: int = Field(default=90, ge=1, le=1_000_000)
-    """Updates of the policy in a cycle."""
+    updates: ClassVar[int] = 90
+    """Updates of the policy in a cycle: with more it learns the errors of the body model."""
     window_steps: int = Field(default=16, ge=1, le=10_000)
     """User steps through which gradients go."""
     gamma: Chance = 0.96
@@ -61,8 +63,8 @@ class ImaginedConfig(Settings):
     learning_rate: LearningRate = 1e-3
     """Learning rate of the policy: constant for the first half of the updates, then linear to
     almost nothing."""
-    critic_first_updates: int = Field(default=30, ge=0, le=MOST_STEPS)
-    """Updates at the start in which the critic alone learns."""
+    critic_first_updates: ClassVar[int] = 30
+    """Updates at the start in which the critic alone learns: its gradients are noise at first."""
     action_noise: Weight = 0.12
     """Standard deviation on the actions, true and imagined, so that what is learned bears the noise
     of a policy that explores."""
@@ -131,10 +133,6 @@ class CurriculumConfig(Settings):
 
     near_starts: Chance = 0.3
     """Share of episodes that start near a good start of an action, instead of the true start."""
-    starts_per_cell: int = Field(default=40, ge=1, le=10_000)
-    """Start postures that are looked for, for each cell and condition."""
-    episode_seconds: float = Field(default=12.0, gt=0.0, le=1e6)
-    """Episodes are cut after this time; the value of the state stands for the rest."""
 
 
 class TeacherPolicyConfig(Settings):
@@ -146,21 +144,42 @@ class TeacherPolicyConfig(Settings):
     """Smallest logarithm of the actions' standard deviation."""
 
 
-class TeacherPPOConfig(PPOConfig):
-    """The same PPO, with defaults for cheap updates on numbers."""
+class TeacherPPOConfig(Settings):
+    """How many users PPO collects from at a time; its other settings are constants."""
 
     n_envs: int = Field(default=128, ge=1, le=MOST_USERS)
-    n_steps: int = Field(default=32, ge=1, le=MOST_BATCH)
+    """Environments that run at the same time."""
     batch_size: int = Field(default=1024, ge=2, le=MOST_BATCH)
-    n_epochs: int = Field(default=6, ge=1, le=10_000)
-    gamma: Chance = 0.96
-    gae_lambda: Chance = 0.93
-    max_grad_norm: Norm = 1.0
-    target_kl: Factor | None = 0.05
-    critic_first_updates: int = Field(default=10, ge=0, le=MOST_STEPS)
-    learning_rate: LearningRateConfig = LearningRateConfig(
-        initial=3.0e-4, final=3.0e-4, constant_fraction=0.0
-    )
+    """User steps per minibatch; divides ``n_envs * 32``, the user steps of an iteration."""
+    n_steps: ClassVar[int] = 32
+    """User steps per environment and iteration: few, as updates on numbers are cheap."""
+    n_epochs: ClassVar[int] = 6
+    critic_first_updates: ClassVar[int] = 10
+    """The critic of the imagined rollouts does not know the true game."""
+
+    def complete(self) -> PPOConfig:
+        """Return the settings of PPO, those of all shipped teachers.
+
+        Updates end early (``target_kl``), so that they keep what imagined rollouts have taught.
+        """
+        rate = LearningRateConfig(initial=3.0e-4, final=3.0e-4, constant_fraction=0.0)
+        return PPOConfig(
+            n_envs=self.n_envs,
+            n_steps=self.n_steps,
+            batch_size=self.batch_size,
+            n_epochs=self.n_epochs,
+            gamma=0.96,
+            gae_lambda=0.93,
+            max_grad_norm=1.0,
+            target_kl=0.05,
+            critic_first_updates=self.critic_first_updates,
+            learning_rate=rate,
+        )
+
+    @model_validator(mode="after")
+    def _whole_minibatches(self) -> Self:
+        check_whole_minibatches(self.n_envs * self.n_steps, self.batch_size)
+        return self
 
 
 class TeacherConfig(Settings):
@@ -186,6 +205,3 @@ class TeacherConfig(Settings):
     """The teacher's network."""
     ppo: TeacherPPOConfig = TeacherPPOConfig()
     """PPO with the teacher, after the imagined rollouts."""
-    evaluate_rounds: int = Field(default=4, ge=0, le=1_000_000)
-    """Rounds per condition by which the teacher is judged in the end: true rules, stochastic
-    policy."""

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from short_cycles import short_cycles
 from true_users import motion_of, worn_by
 
 from sim2vr_harness.client import OptionValue
@@ -24,11 +25,9 @@ from sim2vr_harness.training.teacher.env import TeacherSimulation
 
 USERS, STEPS = 12, 199
 SMALL = (
-    *(f"ppo.n_envs={USERS}", "ppo.n_steps=10", "ppo.batch_size=20"),
-    *("evaluate_rounds=0", "total_timesteps=120", "imagined.reward_scale=0.05"),
-    *("imagined.cycles=2", "imagined.first_play_steps=30", "imagined.play_steps=10"),
-    *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),
-    *("imagined.users=8", "imagined.updates=2", "imagined.critic_first_updates=0"),
+    *(f"ppo.n_envs={USERS}", "ppo.batch_size=24"),
+    *("total_timesteps=120", "imagined.reward_scale=0.05"),
+    *("imagined.cycles=2", "imagined.first_play_steps=30", "imagined.users=8"),
     *("imagined.body_width=16", "imagined.critic_width=16", "imagined.gradient_limit=2.0"),
 )
 
@@ -98,8 +97,9 @@ def play(
         soft: the twin's relaxation; None takes that of a training's end.
         counted: names of the log to add up after every step.
     """
-    made = rollouts(options, torso=torso)
-    made.step()
+    with short_cycles():
+        made = rollouts(options, torso=torso)
+        made.step()
     sim = made.task.simulation
     users, game = made.task.imagine(USERS)
     game.sabers.fixed = made.task.game.sabers.fixed

@@ -7,8 +7,10 @@ average over users, within what chance explains. Rules one by one are tested bes
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from sim2vr_harness.envs.config import AppConfig, EffortConfig, EnvConfig, UserC
 from sim2vr_harness.games import imagined_games
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
+from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -52,11 +55,14 @@ class Both:
     counts: NDArray[np.float64]
 
 
+@pytest.fixture(autouse=True, scope="module")
+def short_teacher() -> Iterator[None]:
+    with patch.multiple(teacher_env, _STARTS_PER_CELL=4, _EPISODE_S=60.0):
+        yield
+
+
 def users_of(game: str) -> TeacherSimulation:
-    settings = [
-        *(f"ppo.n_envs={N}", f"ppo.batch_size={4 * N}", "curriculum.episode_seconds=60"),
-        "curriculum.starts_per_cell=4",
-    ]
+    settings = [f"ppo.n_envs={N}", f"ppo.batch_size={4 * N}"]
     config = TeacherConfig.model_validate(apply_overrides({}, settings))
     user = UserConfig(
         model=BODIES.get(game, "mobl_arms_wrist"), effort=EffortConfig(model="zero", weight=0.0)

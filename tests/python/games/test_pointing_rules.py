@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ from sim2vr_harness.games.pointing.settings import GameModelSettings
 from sim2vr_harness.games.pointing.twin import FIELDS, ImaginedPointing
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
+from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -33,10 +36,16 @@ OPTIONS: dict[str, Any] = {
 }
 
 
+@pytest.fixture(autouse=True, scope="module")
+def short_teacher() -> Iterator[None]:
+    with patch.multiple(teacher_env, _STARTS_PER_CELL=8, _EPISODE_S=60.0):
+        yield
+
+
 def users_of(options: dict[str, Any], n: int = N) -> TeacherSimulation:
     settings = [
-        *(f"ppo.n_envs={n}", f"ppo.batch_size={4 * n}", "curriculum.starts_per_cell=8"),
-        *("curriculum.near_starts=1.0", "curriculum.episode_seconds=60", "conditions=[near]"),
+        *(f"ppo.n_envs={n}", f"ppo.batch_size={4 * n}"),
+        *("curriculum.near_starts=1.0", "conditions=[near]"),
     ]
     config = TeacherConfig.model_validate(apply_overrides({}, settings))
     app = AppConfig(game="pointing", options=options)

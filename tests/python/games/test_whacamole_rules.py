@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -13,12 +15,19 @@ from sim2vr_harness.games.whacamole import rules
 from sim2vr_harness.games.whacamole.hammer import depths, points
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
+from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 
 N, STEPS = 24, 240
 AXES = "xyz"
+
+
+@pytest.fixture(autouse=True, scope="module")
+def short_teacher() -> Iterator[None]:
+    with patch.multiple(teacher_env, _STARTS_PER_CELL=4, _EPISODE_S=60.0):
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -29,8 +38,8 @@ def played() -> dict[str, np.ndarray]:
             {},
             [
                 f"ppo.n_envs={N}",
-                *("ppo.batch_size=96", "curriculum.starts_per_cell=4"),
-                *("curriculum.near_starts=1.0", "curriculum.episode_seconds=60"),
+                "ppo.batch_size=96",
+                "curriculum.near_starts=1.0",
             ],
         )
     )

@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.policies import attention_crops
 from sim2vr_harness.policies.attention_crops import AttentionCrops, _cut_out
 from sim2vr_harness.runs.attention_config import AttentionCropConfig
 from sim2vr_harness.runs.config import load_config
@@ -72,12 +73,16 @@ def test_places_are_seen_as_the_head_is_turned() -> None:
 
 
 @pytest.mark.parametrize("precision", ["float32", "bfloat16"])
-def test_it_learns_to_look_at_a_square_and_to_read_it_anywhere(precision: str) -> None:
+def test_it_learns_to_look_at_a_square_and_to_read_it_anywhere(
+    precision: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A square of 6 px among darker ones, its upper or its lower half brighter than the other."""
     torch.manual_seed(1)
     rng = np.random.default_rng(1)
     shapes = {"vision": (1, 40, 56)}
-    config = AttentionCropConfig(count=1, vision_pixels=12, features=16)
+    monkeypatch.setattr(attention_crops, "_VISION_PIXELS", 12)
+    monkeypatch.setattr(attention_crops, "_FEATURES", 16)
+    config = AttentionCropConfig(count=1)
     made = AttentionCrops(shapes, config, getattr(torch, precision))
     read = torch.nn.Linear(made.outputs, 1)
     made.teach(True)
@@ -122,7 +127,7 @@ def test_it_learns_to_look_at_a_square_and_to_read_it_anywhere(precision: str) -
     ("changes", "field", "got"),
     [
         (["recipe=skills"], "policy.attention_crops", "some with recipe 'skills'"),
-        (["policy.attention_crops.fovea_zoom=5"], "policy.attention_crops.fovea_zoom", "5"),
+        (["env.vision.zoom=5"], "env.vision.zoom", "5"),
         (["env.senses=[{sense: proprioception}]"], "policy.attention_crops", "none"),
         (
             ["env.senses=[{sense: vision, delay_ms: 100}, {sense: proprioception}]"],

@@ -209,7 +209,7 @@ def test_recorded_configurations_are_read_with_today_s_keys() -> None:
             "coarse_physics_s": 0.005,
             "imagination": {"cycles": 12, "stuck_cost": 0.5},
             "ppo": {
-                "critic_first_iterations": 4,
+                "critic_first_iterations": 10,
                 "reward_scale": 0.3,
                 "net_arch": [16],
                 "learning_rate": 3e-4,
@@ -229,8 +229,8 @@ def test_recorded_configurations_are_read_with_today_s_keys() -> None:
     assert config.ppo.critic_first_updates == 3
     teacher = config.teacher
     assert (teacher.imagined.cycles, teacher.imagined.game["stuck_cost"]) == (12, 0.5)
-    assert (teacher.ppo.critic_first_updates, teacher.reward_scale) == (4, 0.3)
-    assert teacher.ppo.learning_rate.initial == 3e-4
+    assert teacher.reward_scale == 0.3
+    assert teacher.ppo.complete().learning_rate.initial == 3e-4
     assert teacher.curriculum.near_starts == 0.3
     assert changed_constant(recorded) == ("teacher.curriculum.near_start_m", 0.1, 0.08)
     assert renamed(recorded["env"]) == {"threads": 2}, "only where the key is"
@@ -437,3 +437,43 @@ def test_yes_and_no_of_games_that_do_not_say(app: str) -> None:
     )
     said = apply_overrides({}, [app, "env.app.options.mirror=false"])["env"]["app"]["options"]
     assert said == {"mirror": False}
+
+
+def test_shaping_stands_for_keys_of_before() -> None:
+    """All its values together are the shaping; any other mixture is refused."""
+    keys = {
+        "busy_starts": 0.6,
+        "angle_deg": 50.0,
+        "near_reward": 40.0,
+        "hazard_cost": 200.0,
+        "look_cost": 20.0,
+        "wall_cost": 40.0,
+        "early_error_cost": 1.0,
+    }
+
+    def beats(**game: object) -> dict[str, Any]:
+        app = {"app": {"game": "beats"}}
+        return {"recipe": "distill", "env": app, "teacher": {"imagined": {"game": game}}}
+
+    whole = parse_config(beats(**keys))
+    assert (
+        whole == parse_config(renamed(beats(**keys))) == parse_config(beats(shaping="whole_levels"))
+    )
+    assert whole.teacher.imagined.game == {"shaping": "whole_levels", "stroke_reward": 0.0}
+    assert changed_constant(beats(**keys)) is None
+    plain = {"busy_starts": 0.9, "hazard_cost": 0.0}
+    assert parse_config(beats(**plain)).teacher.imagined.game["shaping"] == "none"
+    mixed = beats(**{**keys, "wall_cost": 0.0})
+    assert changed_constant(mixed) == ("teacher.imagined.game.busy_starts", 0.6, 0.9)
+    with pytest.raises(InputError, match=r"busy_starts: got 0.6, .* it is 0.9 with shaping: none"):
+        parse_config(mixed)
+    with pytest.raises(InputError, match=r"look_cost: got 0.0, .* 20.0 with shaping: whole_levels"):
+        parse_config(beats(shaping="whole_levels", look_cost=0.0))
+
+
+def test_a_constant_learning_rate_may_be_a_number() -> None:
+    assert parse_config({"teacher": {"ppo": {"learning_rate": 3e-4}}}) == parse_config({})
+    with pytest.raises(
+        InputError, match=r"^teacher.ppo.learning_rate: got 0.001, expected it left"
+    ):
+        parse_config({"teacher": {"ppo": {"learning_rate": 1e-3}}})

@@ -6,11 +6,14 @@ import io
 import zipfile
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import torch
 from rich.console import Console
+from short_cycles import short_cycles
 
 from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.training.dagger import dagger
 from sim2vr_harness.training.run import trainer
 
 SETTINGS = [
@@ -23,25 +26,14 @@ SETTINGS = [
     "teacher.imagined.cycles=2",
     "teacher.imagined.average_updates=2",
     "teacher.imagined.first_play_steps=30",
-    "teacher.imagined.play_steps=10",
-    "teacher.imagined.first_fit_minibatches=20",
-    "teacher.imagined.fit_minibatches=20",
     "teacher.imagined.body_width=16",
     "teacher.imagined.users=8",
-    "teacher.imagined.updates=2",
-    "teacher.imagined.critic_first_updates=0",
     "teacher.ppo.n_envs=4",
-    "teacher.ppo.n_steps=8",
     "teacher.ppo.batch_size=16",
-    "teacher.ppo.n_epochs=1",
-    "teacher.ppo.critic_first_updates=1",
     "teacher.curriculum.near_starts=0.0",
-    "teacher.evaluate_rounds=0",
     "student.n_envs=2",
     "student.frames=96",
-    "student.rollout_steps=8",
     "student.batch_size=16",
-    "student.checkpoint_rounds=20",
     "student.stagger_steps=20",
     "ppo.n_envs=2",
     "ppo.n_steps=10",
@@ -54,13 +46,15 @@ SETTINGS = [
 
 
 def config(*settings: str) -> TrainingConfig:
-    return load_config("whacamole_constrained", [*SETTINGS, *settings])
+    with short_cycles(n_steps=8):
+        return load_config("whacamole_constrained", [*SETTINGS, *settings])
 
 
 def train(folder: Path, *settings: str, **how: Any) -> tuple[trainer.TrainResult, str]:
     text = io.StringIO()
     console = Console(file=text, width=200)
-    return trainer.train(config(*settings), folder, console=console, **how), text.getvalue()
+    with patch.object(dagger, "_ROLLOUT_STEPS", 8), short_cycles(n_steps=8):
+        return trainer.train(config(*settings), folder, console=console, **how), text.getvalue()
 
 
 def weights(path: Path) -> dict[str, torch.Tensor]:

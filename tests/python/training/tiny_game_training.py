@@ -2,22 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from unittest.mock import patch
+
+from short_cycles import short_cycles
+
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.policies.state_actor_critic import new_teacher
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.model_based.game_task import GameTrainer, game_trainer
+from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 
 ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), cores=1)
 SMALL = (
-    *("ppo.n_envs=16", "ppo.n_steps=10", "ppo.batch_size=20"),
-    *("curriculum.starts_per_cell=2", "evaluate_rounds=0", "total_timesteps=160"),
-    *("imagined.cycles=3", "imagined.first_play_steps=30", "imagined.play_steps=10"),
-    *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),
-    *("imagined.users=12", "imagined.updates=3", "imagined.critic_first_updates=1"),
+    *("ppo.n_envs=16", "ppo.batch_size=20", "total_timesteps=160"),
+    *("imagined.cycles=3", "imagined.first_play_steps=30", "imagined.users=12"),
     *("imagined.body_width=16", "imagined.critic_width=16"),
 )
+
+
+@contextmanager
+def short_teacher(updates: int = 3) -> Iterator[None]:
+    """Train with few starts and updates within a ``with`` statement."""
+    starts = patch.object(teacher_env, "_STARTS_PER_CELL", 2)
+    with starts, short_cycles(updates=updates, critic_first=1):
+        yield
 
 
 def new_rollouts(*overrides: str, env: EnvConfig = ENV, device: str = "cpu") -> GameTrainer:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
-from pydantic import Field
+from sim2vr_harness.base.settings import Settings, Weight
 
-from sim2vr_harness.base.settings import Chance, Settings, Weight
-
-__all__ = ["LEVELS", "GameModelSettings", "Relaxation"]
+__all__ = ["LEVELS", "GameModelSettings", "Relaxation", "Shaping"]
 
 
 LEVELS = 64
@@ -44,48 +43,78 @@ class Relaxation:
     stroke: float = 0.0
 
 
+@dataclass(frozen=True)
+class Shaping:
+    """Where rounds begin, how soft cuts are at the start, and what is paid beside the score."""
+
+    busy_starts: float = 0.9
+    """Share of rounds that begin shortly before a box arrives, instead of at any moment."""
+    angle_deg: float = 25.0
+    """Width of the soft step from a wrong direction to a right one, at the start."""
+    near_reward: float = 20.0
+    """Points per user step for a blade near its next box when that arrives, at the start. After
+    four fifths of the imagined rollouts this and ``angle_deg`` are 5 and 15."""
+    hazard_cost: float = 0.0
+    """Cost of a mine, and of a wall's touch, from the first rollouts on, in points; 0: as of
+    other errors, and as cheap at first. Who learns to avoid them last has little time for it."""
+    gaze_cost: float = 0.0
+    """Points per user step for a head that is turned by 45 degrees away from where boxes come from,
+    less by the square for less. The
+    teacher observes where they are; its student must look."""
+    wall_cost: float = 0.0
+    """Points per user step for a head that is 10 cm deep in a wall, in proportion to the depth; who
+    is not 6 cm clear of it pays, too. The cost of a touch is paid once, and has no gradient deep
+    inside."""
+    early_error_cost: float = 20.0
+    """Cost of a wrong cut, a mine or a wall at the start, in points. In levels with every direction
+    a user who pays for wrong cuts before it makes right ones learns to keep its blades away."""
+
+
+_SHAPINGS = {
+    "none": Shaping(),
+    "whole_levels": Shaping(
+        busy_starts=0.6,
+        angle_deg=50.0,
+        near_reward=40.0,
+        hazard_cost=200.0,
+        gaze_cost=20.0,
+        wall_cost=40.0,
+        early_error_cost=1.0,
+    ),
+}
+"""Values of ``shaping``."""
+
+
 class GameModelSettings(Settings):
     """How soft cuts are, and which levels are played."""
 
-    busy_starts: Chance = 0.9
-    """Share of rounds that begin shortly before a box arrives, instead of at any moment."""
-    angle_deg: float = Field(default=25.0, ge=1e-6, le=1000.0)
-    """Width of the soft step from a wrong direction to a right one, at the start."""
-    near_reward: Weight = 20.0
-    """Points per user step for a blade near its next box when that arrives, at the start. After
-    four fifths of the imagined rollouts this and ``angle_deg`` are 5 and 15."""
+    shaping: Literal["none", "whole_levels"] = "none"
+    """``whole_levels``: for levels with boxes of every direction, mines and walls. Directions are
+    soft and errors cheap at first, hazards dear, and users look where boxes come from."""
     stroke_reward: Weight = 0.0
     """Points per user step, at first, for a blade that is where a stroke through its next box would
     have it: drawn back half a second before, in the box's middle when it arrives. Less with the
     distance, by half a metre below 0; nothing after four fifths of the imagined rollouts."""
-    hazard_cost: Weight = 0.0
-    """Cost of a mine, and of a wall's touch, from the first rollouts on, in points; 0: as of
-    other errors, and as cheap at first. Who learns to avoid them last has little time for it."""
-    look_cost: Weight = 0.0
-    """Points per user step for a head that is turned by 45 degrees away from where boxes come from,
-    less by the square for less. Who knows where they are need not look; its student must."""
-    wall_cost: Weight = 0.0
-    """Points per user step for a head that is 10 cm deep in a wall, in proportion to the depth; who
-    is not 6 cm clear of it pays, too. The cost of a touch is paid once, and has no gradient deep
-    inside."""
-    early_error_cost: Weight = 20.0
-    """Cost of a wrong cut, a mine or a wall at the start, in points. In levels with every direction
-    a user who pays for wrong cuts before it makes right ones learns to keep its blades away."""
+
+    @property
+    def values(self) -> Shaping:
+        """What ``shaping`` stands for."""
+        return _SHAPINGS[self.shaping]
 
     def relaxation(self, done: float) -> Relaxation:
         """What is rewarded when this share of the rollouts is over."""
-        early = max(0.0, 1.0 - done / 0.8)
+        early, shaping = max(0.0, 1.0 - done / 0.8), self.values
 
         def towards(end: float, start: float) -> float:
             return end + (start - end) * early
 
-        error = towards(_ERROR_COST, self.early_error_cost)
+        error = towards(_ERROR_COST, shaping.early_error_cost)
         return Relaxation(
             contact_m=towards(*_CONTACT_M),
             speed_mps=towards(*_SPEED_MPS),
-            angle_deg=towards(15.0, self.angle_deg),
-            near=towards(min(5.0, self.near_reward), self.near_reward),
+            angle_deg=towards(15.0, shaping.angle_deg),
+            near=towards(min(5.0, shaping.near_reward), shaping.near_reward),
             error=error,
-            hazard=self.hazard_cost or error,
+            hazard=shaping.hazard_cost or error,
             stroke=towards(0.0, self.stroke_reward),
         )

@@ -116,7 +116,7 @@ class ImaginedBeats:
     def start(self, ids: Tensor, place: Tensor, fields: Tensor, cell: Tensor) -> None:
         """See the protocol; which level it is, and where in it, is left to chance."""
         with torch.no_grad():
-            self.lane.begin(ids, busy=self.settings.busy_starts)
+            self.lane.begin(ids, busy=self.settings.values.busy_starts)
             self._box_left[ids], self._mine_left[ids], self._wall_left[ids] = 1.0, 1.0, 1.0
             self._origin[ids] = head_of(place) - _of(fields, _HEAD)
             self._tip_velocity[ids] = _of(fields, _TIP).reshape(-1, 2, 3)
@@ -229,7 +229,7 @@ class ImaginedBeats:
         reward = reward - self._judge_mines(before, after, head, soft)
         over = lane.advance(self._step_s)
         reward = reward - self._judge_walls(head, soft)
-        reward = reward - self.settings.look_cost * looked_away(place)
+        reward = reward - self.settings.values.gaze_cost * looked_away(place)
         boxes, mines = lane.passed()
         self._count("missed", boxes)
         self._count("avoided", mines)
@@ -393,7 +393,9 @@ class ImaginedBeats:
         left = self._wall_left.gather(1, coming.which)
         chance = here * torch.sigmoid((deep + 0.02) / _WALL_SOFT_M)
         self._wall_left = self._wall_left.scatter(1, coming.which, left * (1.0 - chance))
-        inside = self.settings.wall_cost * (here * (deep + _CLEAR_M).clamp(min=0.0)).sum(1) / 0.1
+        inside = (
+            self.settings.values.wall_cost * (here * (deep + _CLEAR_M).clamp(min=0.0)).sum(1) / 0.1
+        )
         return soft.hazard * (left * chance).sum(1) + inside
 
     def _count(self, event: str, happened: Tensor) -> None:

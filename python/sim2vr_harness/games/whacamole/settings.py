@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-
-from pydantic import Field
+from typing import Literal
 
 from sim2vr_harness.base.settings import Chance, Settings, Weight
 from sim2vr_harness.games.whacamole.rules import LIFE_S
@@ -16,6 +15,7 @@ __all__ = [
     "SINGLE_TARGETS",
     "GameModelSettings",
     "Relaxation",
+    "Shaping",
 ]
 
 
@@ -71,6 +71,66 @@ class Relaxation:
     foregone: float = 0.0
 
 
+@dataclass(frozen=True)
+class Shaping:
+    """Rewards and costs beside the game's own."""
+
+    plane: float = 0.0
+    """Cost per user step of a hammer that is in the targets' plane and not at a target; twice as
+    much 0.1 m behind the plane, nothing 0.1 m before it. Who may hit at any speed roams the plane
+    otherwise, and meets targets by chance before they can have been seen. Nothing at first, all of
+    it from the middle of the imagined rollouts on: who cannot aim yet would stay away for good."""
+    blind: float = 0.0
+    """Cost per user step for each m/s that the hammer goes towards the targets while none that has
+    been there for 0.15 s, as long as people's eyes take, is before it. Who may hit at any speed
+    sets out before there is anything to see otherwise, and strikes as soon as there is. Nothing at
+    first, all of it from the middle of the imagined rollouts on."""
+    centre: float = 0.0
+    """Share of a hit's worth that is for the middle of the target: all of it there, .6 of it 2 cm
+    beside. A policy with exact positions hits targets at their rims, and its student misses them.
+    Nothing at first, all of it from the middle of the imagined rollouts on."""
+    face: float = 0.0
+    """Share of a hit's worth that is for striking with the hammer's face: all of it where that goes
+    first, half of it where the hammer is sideways. The game looks at a box around its head, whose
+    sides hit as well; people turn its face to the targets (the cosine between them is .95). Nothing
+    at first, all of it from the middle of the imagined rollouts on."""
+    delay_gain_per_s: float = 0.0
+    """How much more a hit is worth the older its target: times e for each 1/this, in seconds; 1
+    after a third of its life. What comes later counts less to a learner (``gamma``), by 0.82 a
+    second with .96 a step; with 0.82 here a hit is worth the same whenever it comes. With more, old
+    targets, which will go, are worth more than new ones, as to who wants none to get away."""
+    delay_until_s: float = LIFE_S
+    """Age of a target up to which it is waited for (``foregone``), s. Of those that are older
+    the oldest are worth most, too, but none is left for later."""
+    foregone: float = 0.0
+    """Share of what a hit takes away that counts against it: the same target cannot be hit any more
+    later, when that would be worth most (``delay_gain_per_s``, up to ``delay_until_s``), as surely
+    and as well as targets were hit in the last cycle; nothing where it would be worth less then. A
+    hit has a gradient where it happens only, so users do not learn to wait otherwise. Nothing at
+    first, all of it from the middle of the imagined rollouts on. ``keep_best`` chooses policies
+    that do not wait yet, and has to be off."""
+    hit_reward: float = 10.0
+    """What a hit is worth; 10 in the game. Costs count the less the more this is: where
+    ``foregone`` leaves little of it, users give up otherwise."""
+
+
+_SHAPINGS = {
+    "none": Shaping(),
+    "unhurried": Shaping(
+        plane=1.0,
+        blind=1.0,
+        centre=0.3,
+        face=0.5,
+        delay_gain_per_s=2.5,
+        delay_until_s=0.5,
+        foregone=1.0,
+        hit_reward=30.0,
+    ),
+}
+"""Values of ``shaping``. Where hits count at any speed, users who play ``unhurried`` wait, aim and
+swing as people do."""
+
+
 class GameModelSettings(Settings):
     """How soft hits are, and which cells come up."""
 
@@ -81,43 +141,10 @@ class GameModelSettings(Settings):
     stuck_cost: Weight = 0.0
     """Cost per user step of the hammer staying in a target that it is in and has not hit. A user
     who may hit at any speed waits where targets grow into the hammer otherwise."""
-    plane_cost: Weight = 0.0
-    """Cost per user step of a hammer that is in the targets' plane and not at a target; twice as
-    much 0.1 m behind the plane, nothing 0.1 m before it. Who may hit at any speed roams the plane
-    otherwise, and meets targets by chance before they can have been seen. Nothing at first, all of
-    it from the middle of the imagined rollouts on: who cannot aim yet would stay away for good."""
-    blind_cost: Weight = 0.0
-    """Cost per user step for each m/s that the hammer goes towards the targets while none that has
-    been there for 0.15 s, as long as people's eyes take, is before it. Who may hit at any speed
-    sets out before there is anything to see otherwise, and strikes as soon as there is. Nothing at
-    first, all of it from the middle of the imagined rollouts on."""
-    centre_share: Chance = 0.0
-    """Share of a hit's worth that is for the middle of the target: all of it there, .6 of it 2 cm
-    beside. Who knows exactly hits targets at their rims, and who learns from that misses them.
-    Nothing at first, all of it from the middle of the imagined rollouts on."""
-    face_share: Chance = 0.0
-    """Share of a hit's worth that is for striking with the hammer's face: all of it where that goes
-    first, half of it where the hammer is sideways. The game looks at a box around its head, whose
-    sides hit as well; people turn its face to the targets (the cosine between them is .95). Nothing
-    at first, all of it from the middle of the imagined rollouts on."""
-    patience_per_s: float = Field(default=0.0, ge=0.0, le=10.0)
-    """How much more a hit is worth the older its target: times e for each 1/this, in seconds; 1
-    after a third of its life. What comes later counts less to a learner (``gamma``), by 0.82 a
-    second with .96 a step; with 0.82 here a hit is worth the same whenever it comes. With more, old
-    targets, which will go, are worth more than new ones, as to who wants none to get away."""
-    patience_until_s: float = Field(default=LIFE_S, gt=0.0, le=LIFE_S)
-    """Age of a target up to which it is waited for (``foregone_share``), s. Of those that are older
-    the oldest are worth most, too, but none is left for later."""
-    foregone_share: Chance = 0.0
-    """Share of what a hit takes away that counts against it: the same target cannot be hit any more
-    later, when that would be worth most (``patience_per_s``, up to ``patience_until_s``), as surely
-    and as well as targets were hit in the last cycle; nothing where it would be worth less then. A
-    hit has a gradient where it happens only, so nobody learns to wait otherwise. Nothing at first,
-    all of it from the middle of the imagined rollouts on. ``keep_best`` chooses those who do not
-    wait yet, and has to be off."""
-    hit_reward: Weight = 10.0
-    """What a hit is worth; 10 in the game. Costs count the less the more this is: where
-    ``foregone_share`` leaves little of it, whoever plays gives up otherwise."""
+    shaping: Literal["none", "unhurried"] = "none"
+    """``unhurried``: users who may hit at any speed wait for targets, aim at their middle and
+    strike with the hammer's face, as people do. Set ``keep_best: false`` with it: policies that do
+    not wait score best."""
     impact_share: Chance = 0.0
     """Share of a hit's worth that is for how fast what hits goes towards the targets: all of it
     from 3 m/s on. The game looks at the hammer near the hand only, which nobody who plays it can
@@ -127,13 +154,18 @@ class GameModelSettings(Settings):
     of several frames. Speeds of 10 ms are beyond what the body model knows, and what happens in
     the last frame of a step has the best gradient."""
 
+    @property
+    def values(self) -> Shaping:
+        """What ``shaping`` stands for."""
+        return _SHAPINGS[self.shaping]
+
     def relaxation(self, done: float) -> Relaxation:
         """What is rewarded when this share of the rollouts is over."""
 
         def left(until: float) -> float:
             return max(0.0, 1.0 - done / until) if until else 0.0
 
-        early = left(0.5)
+        early, shaping = left(0.5), self.values
 
         def towards(values: tuple[float, float]) -> float:
             end, start = values
@@ -146,9 +178,9 @@ class GameModelSettings(Settings):
             distance=towards(_DISTANCE_REWARD),
             stuck=self.stuck_cost,
             stroke=left(_STROKE_UNTIL) * self.stroke_reward,
-            plane=(1.0 - early) * self.plane_cost,
-            blind=(1.0 - early) * self.blind_cost,
-            centre=(1.0 - early) * self.centre_share,
-            face=(1.0 - early) * self.face_share,
-            foregone=(1.0 - early) * self.foregone_share,
+            plane=(1.0 - early) * shaping.plane,
+            blind=(1.0 - early) * shaping.blind,
+            centre=(1.0 - early) * shaping.centre,
+            face=(1.0 - early) * shaping.face,
+            foregone=(1.0 - early) * shaping.foregone,
         )

@@ -228,7 +228,7 @@ class ImaginedWhacAMole:
         """
         ages = torch.arange(LAST_FRAME + 1)
         now = self._worth_at(ages) * self._gamma**ages
-        waited_for = now * (FRAME_S * ages <= self.settings.patience_until_s + 1e-6)
+        waited_for = now * (FRAME_S * ages <= self.settings.values.delay_until_s + 1e-6)
         best = waited_for[1:].flip(0).cummax(0).values.flip(0) / now[:-1]
         best = torch.where(best > 1.0, best, 0.0)
         sure = self._earned / self.counts.sum((0, 2)).clamp(min=1.0)
@@ -323,7 +323,7 @@ class ImaginedWhacAMole:
         gained = worths * chance
         if soft.foregone > 0.0:
             gained = gained - soft.foregone * self._given_up(chance)
-        hits = self.settings.hit_reward * (values * gained * self._left).sum(1)
+        hits = self.settings.values.hit_reward * (values * gained * self._left).sum(1)
         worth = hits + self._shaped(last, depth[:, -1], touch, soft)
         self._left = self._left * (1.0 - chance)
         return worth
@@ -390,7 +390,7 @@ class ImaginedWhacAMole:
 
     def _worth_at(self, age: Tensor) -> Tensor:
         """The worth of a hit by how old its target is, frames; 1 after a third of its life."""
-        return torch.exp(self.settings.patience_per_s * (FRAME_S * age - LIFE_S / 3.0))
+        return torch.exp(self.settings.values.delay_gain_per_s * (FRAME_S * age - LIFE_S / 3.0))
 
     def _given_up(self, chance: Tensor) -> Tensor:
         """(B, cells) nothing, with the gradient of what true hits take away; chances as given."""

@@ -14,6 +14,8 @@ __all__ = ["ActionValueMap"]
 _UNIT_M, _FAR_UNIT_M = 0.4, 2.0
 """What places are told in: within reach finely, farther away, where things come from, coarsely."""
 _UNIT_MPS = 2.0
+_CHANNELS = 32
+"""Of the convolutions. Users decide on a CPU, several times a second."""
 
 
 class ActionValueMap(nn.Module):
@@ -26,12 +28,12 @@ class ActionValueMap(nn.Module):
     Args:
         sight: geometry of the pictures.
         hands: H.
-        width: channels.
     """
 
-    def __init__(self, sight: DepthGrid, hands: int, *, width: int = 32) -> None:
+    def __init__(self, sight: DepthGrid, hands: int) -> None:
         super().__init__()
         self.sight, self.hands = sight, hands
+        width = _CHANNELS
         self.stem = nn.Sequential(
             nn.Conv2d(8, 16, 3, stride=2, padding=1),
             nn.SiLU(),

@@ -108,9 +108,7 @@ class HierarchicalPolicy(nn.Module):
         self.register_buffer("motor_mean", layer.mean)
         self.register_buffer("motor_std", layer.std)
         vision = env.vision
-        self.values = ActionValueMap(
-            DepthGrid(vision.height, vision.width), len(hands), width=skills.q_learning.width
-        )
+        self.values = ActionValueMap(DepthGrid(vision.height, vision.width), len(hands))
         self.register_buffer("tool", torch.zeros(len(hands), 2, 3))
         self.register_buffer("hold", torch.ones(1))
         self.register_buffer("log_std", torch.full((1,), _QUIET), persistent=False)

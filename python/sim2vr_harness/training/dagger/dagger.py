@@ -34,7 +34,7 @@ from sim2vr_harness.runs.dagger_config import StudentConfig
 from sim2vr_harness.training.replay import ReplayStore
 from sim2vr_harness.training.run.episode_stats import episode_means
 
-__all__ = ["PICTURE_FILES", "Expert", "Student", "StudentProgress"]
+__all__ = ["CHECKPOINT_ROUNDS", "PICTURE_FILES", "Expert", "Student", "StudentProgress"]
 
 STATE_FORMAT = 4
 PICTURE_FILES = "frames.*.bin"
@@ -44,6 +44,13 @@ _IMITATION_WEIGHT, _FACTS_WEIGHT, _CROPS_WEIGHT = 4.0, 0.2, 0.2
 _WEIGHT_DECAY, _MAX_GRAD_NORM = 1e-4, 1.0
 _NOISY_USERS = 0.25
 """Proportion of users with noise on their actions, so that unusual situations are seen."""
+_ROLLOUT_STEPS = 32
+"""User steps per user between two times of learning: 1.6 s at 20 Hz."""
+_TEACHER_ROUNDS = 3
+"""Rounds of collecting in which the teacher acts for every user: an untrained student meets few of
+the situations that it has to learn."""
+CHECKPOINT_ROUNDS = 20
+"""Rounds of collecting between two checkpoints: 41,000 frames of 64 users."""
 _STATISTICS_EPISODES = 100
 """Latest episodes that the printed statistics are taken over."""
 _COLLECTED = 0.4
@@ -174,7 +181,7 @@ class Student:
 
     def _frame_store(self, folder: Path) -> ReplayStore:
         """Return the store of observations and of what the student learns from them."""
-        config, each = self.config, self.n * self.config.rollout_steps
+        config, each = self.config, self.n * _ROLLOUT_STEPS
         observation = self.simulation.observation()
         shapes = {key: (value.shape[1:], value.dtype) for key, value in observation.items()}
         sizes = {
@@ -187,7 +194,7 @@ class Student:
             folder / PICTURE_FILES,
             -(-min(config.frames, config.kept_frames or config.frames) // each) * each,
             shapes | {name: (size, np.float32) for name, size in sizes.items()},
-            slack=config.checkpoint_rounds * each if config.kept_frames else 0,
+            slack=CHECKPOINT_ROUNDS * each if config.kept_frames else 0,
         )
 
     @property
@@ -236,7 +243,7 @@ class Student:
     # --- a round -----------------------------------------------------------------------------
 
     def step(self, on_progress: Callable[[float], None] = lambda share: None) -> StudentProgress:
-        """Collect ``rollout_steps`` of every user, then learn.
+        """Collect ``_ROLLOUT_STEPS`` of every user, then learn.
 
         Args:
             on_progress: called with the share of the round that is done, more or less.
@@ -264,12 +271,12 @@ class Student:
 
     def _collect(self, on_progress: Callable[[float], None]) -> float:
         config = self.config
-        late = self.round - config.teacher_rounds
+        late = self.round - _TEACHER_ROUNDS
         share = 1.0 if late < 0 else config.teacher_share * config.teacher_share_decay**late
         noisy = np.arange(self.n) < _NOISY_USERS * self.n
         shown = 0
-        for step in range(config.rollout_steps):
-            on_progress(_COLLECTED * step / config.rollout_steps)
+        for step in range(_ROLLOUT_STEPS):
+            on_progress(_COLLECTED * step / _ROLLOUT_STEPS)
             observation = self.simulation.observation()
             label = np.clip(self.guide.actions(self.simulation), -1.0, 1.0)
             facts = self.guide.facts(self.simulation)
@@ -283,7 +290,7 @@ class Student:
             outcome = self.simulation.step(np.clip(action, -1.0, 1.0))
             self._count(outcome, by_teacher)
             shown += int(by_teacher.sum())
-        return shown / (config.rollout_steps * self.n)
+        return shown / (_ROLLOUT_STEPS * self.n)
 
     def _told(self) -> NDArray[np.float32]:
         """(N, K) what the student learns to tell; K may be 0."""
@@ -322,7 +329,7 @@ class Student:
 
     def _learn(self, on_progress: Callable[[float], None]) -> dict[str, float]:
         config = self.config
-        samples = round(config.samples_per_frame * self.n * config.rollout_steps)
+        samples = round(config.samples_per_frame * self.n * _ROLLOUT_STEPS)
         minibatches = max(1, round(samples / config.batch_size))
         done = min(1.0, self.store.count / config.frames)
         fall = min(1.0, 2.0 * (1.0 - done))  # constant in the first half, then linear to 0

@@ -22,7 +22,13 @@ from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import append_row, keep_rows, metric_key
-from sim2vr_harness.training.dagger.dagger import PICTURE_FILES, Expert, Student, StudentProgress
+from sim2vr_harness.training.dagger.dagger import (
+    CHECKPOINT_ROUNDS,
+    PICTURE_FILES,
+    Expert,
+    Student,
+    StudentProgress,
+)
 from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.stage import Callbacks
 
@@ -109,7 +115,7 @@ class StudentStage:
             row = _row(progress)
             append_row(log, row)
             self._remember(student)
-            if student.finished or student.round % student.config.checkpoint_rounds == 0:
+            if student.finished or student.round % CHECKPOINT_ROUNDS == 0:
                 self.save()
             rate = (progress.frames - first) / (time.monotonic() - began)
             doing = _line(progress, rate, student.game)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 import torch
@@ -33,6 +33,17 @@ MOTOR_STATE = "the state of a motor layer's practice"
 _EPISODE_STEPS, _RANDOM_EPISODE_STEPS = 60, 20
 _EFFORT = 0.3
 """Cost of the mean square of the drives per user step; arriving well is worth about 10."""
+_FIRST_PLAY_STEPS, _BODY_WIDTH, _USERS, _WINDOW_STEPS = 400, 256, 256, 16
+"""User steps of each body in the first cycle, at random; width of the body model's hidden layers;
+imagined users; user steps through which gradients go, about as many as a reach takes."""
+
+
+class _Cycles(ImaginedConfig):
+    """Goals are many and differ: more is learned from each body model than of a game."""
+
+    fit_minibatches: ClassVar[int] = 300
+    updates: ClassVar[int] = 100
+    critic_first_updates: ClassVar[int] = 20
 
 
 def _settings(config: MotorTrainingConfig) -> ImaginedConfig:
@@ -41,13 +52,15 @@ def _settings(config: MotorTrainingConfig) -> ImaginedConfig:
     Goals are reached within about 20 user steps, which the discount factor fits. The policy is
     small, and learns fast. Policies above it are not exact, hence the noise on the actions.
     """
-    same = config.model_dump(exclude={"bodies", "width", "strikes"})
-    return ImaginedConfig(
-        **same,
+    return _Cycles(
+        cycles=config.cycles,
+        first_play_steps=_FIRST_PLAY_STEPS,
+        body_width=_BODY_WIDTH,
+        users=_USERS,
+        window_steps=_WINDOW_STEPS,
         critic_width=config.width,
         gamma=0.95,
         learning_rate=1.5e-3,
-        critic_first_updates=20,
         action_noise=0.06,
         restart_share=0.15,
         actuator_range_cost=0.1,
@@ -125,17 +138,17 @@ class GoalTask(Task):
         self.rng = np.random.default_rng([seed, 31])
         self.policy = MotorPolicy(body, step_s, width=config.width)
         self.actor = list(self.policy.net.parameters())
-        self.body = BodyModel(body, self.policy.hands, step_s, width=config.body_width)
+        self.body = BodyModel(body, self.policy.hands, step_s, width=_BODY_WIDTH)
         self.users = ImaginedUsers(
             body,
             self.body,
-            config.users,
+            _USERS,
             effort=self._effort(),
             noise=noise,
             actuator_range_cost=_settings(config).actuator_range_cost,
         )
         poses, strikes = reachable_poses(self.policy, seed), config.strikes
-        self.goals = GoalSampler(poses, config.users, step_s, seed + 5, strikes=strikes)
+        self.goals = GoalSampler(poses, _USERS, step_s, seed + 5, strikes=strikes)
         self._played = GoalSampler(poses, config.bodies, step_s, seed + 6, strikes=strikes)
         """Goals of the simulated bodies."""
         self.parts = (self.goals,)

@@ -42,6 +42,11 @@ _LEARNING_RATE = 1e-3
 """Adam's usual rate."""
 N_STEP = 3
 """Decisions whose rewards are added up before a value is bootstrapped."""
+DECIDE_STEPS = 3
+"""User steps from one decision to the next: 0.15 s at 20 Hz.
+Users see decisions through for longer where it pays."""
+_BATCH_SIZE = 64
+"""Decisions per minibatch; all shipped users learned from as many."""
 UPDATES_PER_DECISION = 1.0
 """Updates of the Q-network per decision of all users."""
 _KEPT_DECISIONS = 24_000
@@ -111,7 +116,7 @@ class OptionQLearning:
         self._chooser = ActionSelector(simulation, mover, FrameHistory(simulation))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.net = ActionValueMap(self._chooser.sight, self.hands, width=config.width)
+            self.net = ActionValueMap(self._chooser.sight, self.hands)
         self._slow = copy.deepcopy(self.net).requires_grad_(False)
         self._optimizer = torch.optim.Adam(self.net.parameters(), _LEARNING_RATE, fused=True)
         self.rng = np.random.default_rng([seed, 55])
@@ -129,7 +134,7 @@ class OptionQLearning:
             "reward": ((n,), np.float32),
             "over": ((n,), np.bool_),
         }
-        length = -(-config.user_steps // (self.n * config.decide_steps)) + 1
+        length = -(-config.user_steps // (self.n * DECIDE_STEPS)) + 1
         self._memory = ReplayStore(pictures, length, shapes)
         """Decisions of all users, and what came of them."""
         seeds = np.random.SeedSequence([seed, 56]).generate_state(self.n, np.uint32)
@@ -160,7 +165,7 @@ class OptionQLearning:
             for hand in np.flatnonzero(anew[i]):
                 chosen[i, hand] = self._tried[i, hand] = self._try(weights)
                 self._trying[i, hand] = self.rng.integers(*_TRY_STEPS)
-        self._trying -= self.config.decide_steps
+        self._trying -= DECIDE_STEPS
         self._chooser.choose(self._choice, chosen, places, changed)
         return chosen
 
@@ -245,7 +250,7 @@ class OptionQLearning:
         reward, over, loss = self._play_and_learn(updates)
         self._memory.amend({"reward": reward[None], "over": over[None]})
         step_s = 1.0 / self.simulation.config.action_frequency_hz
-        self._rewards.append(float(reward.mean()) * 60.0 / (self.config.decide_steps * step_s))
+        self._rewards.append(float(reward.mean()) * 60.0 / (DECIDE_STEPS * step_s))
         return QLearningReport(self.step_count, float(np.mean(self._rewards)), loss, explore)
 
     def _play_and_learn(self, updates: int) -> tuple[NDArray[np.float32], NDArray[np.bool_], float]:
@@ -257,10 +262,10 @@ class OptionQLearning:
         rate = _LEARNING_RATE * self._settling(_SETTLED_RATE)
         if budget(self.simulation.config.cores) == 1 or not updates:
             loss = self._learn(updates, rate, map)
-            return *self.play(self.config.decide_steps), loss
+            return *self.play(DECIDE_STEPS), loss
         with ThreadPoolExecutor(_PARTS) as parts, ThreadPoolExecutor(1) as beside:
             learning = beside.submit(self._learn, updates, rate, parts.map)
-            reward, over = self.play(self.config.decide_steps)
+            reward, over = self.play(DECIDE_STEPS)
             return reward, over, learning.result()
 
     def update_seconds(self) -> float:
@@ -268,8 +273,8 @@ class OptionQLearning:
 
         More than ``ahead`` decisions have to be remembered.
         """
-        rows = np.zeros(self.config.batch_size, np.int64)
-        users = np.arange(self.config.batch_size) % self.n
+        rows = np.zeros(_BATCH_SIZE, np.int64)
+        users = np.arange(_BATCH_SIZE) % self.n
         alone = budget(self.simulation.config.cores) == 1
         with ThreadPoolExecutor(_PARTS) as parts:
             times = [time.monotonic()]
@@ -341,11 +346,11 @@ class OptionQLearning:
 
     def _update(self, each: _Map) -> float:
         """One step of learning, from a batch that is always parted alike."""
-        config, memory = self.config, self._memory
+        memory = self._memory
         have = min(memory.count, max(N_STEP + 1, _KEPT_DECISIONS // self.n))
-        ages = self.rng.integers(N_STEP, have, config.batch_size)
+        ages = self.rng.integers(N_STEP, have, _BATCH_SIZE)
         rows = memory.count - 1 - ages
-        users = self.rng.integers(0, self.n, config.batch_size)
+        users = self.rng.integers(0, self.n, _BATCH_SIZE)
         found = self._shares(rows, users, each)
         self._optimizer.zero_grad()
         for parameter, *shares in zip(
@@ -375,7 +380,7 @@ class OptionQLearning:
             rows: (K,) of the memory.
             users: (K,) whose.
         """
-        config, memory = self.config, self._memory
+        memory = self._memory
         total = np.zeros(len(rows), np.float32)
         weight = np.ones(len(rows), np.float32)
         for k in range(N_STEP):
@@ -393,7 +398,7 @@ class OptionQLearning:
         chosen = torch.from_numpy(memory.read("chosen", rows, users))
         values = self._chooser.values(self.net, scene, self._chooser.places(scene))
         guessed = self._worth(values, chosen)
-        loss = functional.smooth_l1_loss(guessed, wanted, reduction="sum") / config.batch_size
+        loss = functional.smooth_l1_loss(guessed, wanted, reduction="sum") / _BATCH_SIZE
         return float(loss.detach()), torch.autograd.grad(loss, tuple(self.net.parameters()))
 
     def _scene(self, rows: NDArray[np.int64], users: NDArray[np.int64]) -> OptionScene:

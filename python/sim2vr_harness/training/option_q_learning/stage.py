@@ -35,6 +35,7 @@ from sim2vr_harness.runs.run_folder import append_row, keep_rows
 from sim2vr_harness.training.dagger.option_expert import OptionExpert
 from sim2vr_harness.training.motor_control.stage import MotorStage
 from sim2vr_harness.training.option_q_learning.q_learning import (
+    DECIDE_STEPS,
     N_STEP,
     UPDATES_PER_DECISION,
     OptionQLearning,
@@ -48,6 +49,8 @@ _STATE, _LOG, _PICTURES, _VALUES = "state.pt", "cycles.jsonl", "pictures.bin", "
 _STUDENT_RATE, _PPO_RATE = 0.8, 1.4
 """User steps a second of the stages, relative to those of users who do nothing but step."""
 _SAVE_DECISIONS, _REPORT_DECISIONS, _PACE_DECISIONS = 100, 20, 10
+_BASELINE_S = 6.0
+"""How long users sit still, and then move at random, to compare with: a few targets of a game."""
 _HOLDS, _HOLD_S = (1, 3, 5), 10.0
 """User steps for which a user who decides may see a decision through, and for how long each is
 played to find out which is best."""
@@ -114,8 +117,7 @@ class QLearningStage:
         tool: Tensor = state["tool"]
         mover = PrimitiveController(layer, tool, reachable_poses(layer, self._config.seed))
         vision = self._config.env.vision
-        config = self._config.skills.q_learning
-        net = ActionValueMap(DepthGrid(vision.height, vision.width), len(tool), width=config.width)
+        net = ActionValueMap(DepthGrid(vision.height, vision.width), len(tool))
         net.load_state_dict(state["values"])
         return OptionExpert(net, mover, simulation)
 
@@ -193,8 +195,7 @@ class QLearningStage:
             "still": _earned(simulation, self._config, moving=False),
             "random": _earned(simulation, self._config, moving=True),
         }
-        seconds = self._config.skills.baseline_seconds
-        steps = 2.0 * seconds * self._config.env.action_frequency_hz * simulation.n
+        steps = 2.0 * _BASELINE_S * self._config.env.action_frequency_hz * simulation.n
         rate = steps / (time.monotonic() - began)
         callbacks.say(
             f"Reward of the app per minute: {earned['still']:.2f} for who sits still, "
@@ -283,7 +284,7 @@ def _seeing(env: EnvConfig) -> EnvConfig:
 def _best_hold(looker: OptionQLearning, callbacks: Callbacks) -> int:
     """For how many user steps it pays to see decisions through."""
     steps = max(1, round(_HOLD_S * looker.simulation.config.action_frequency_hz))
-    holds = sorted({*_HOLDS, looker.config.decide_steps})
+    holds = sorted({*_HOLDS, DECIDE_STEPS})
     earned = {hold: looker.earned(hold, steps) for hold in holds}
     best = max(holds, key=lambda hold: earned[hold])
     found = ", ".join(f"{earned[hold]:.2f} for {hold}" for hold in holds)
@@ -296,10 +297,7 @@ def _best_hold(looker: OptionQLearning, callbacks: Callbacks) -> int:
 
 def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> float:
     """Reward of the app per minute for users who have not learned anything."""
-    seconds = config.skills.baseline_seconds
-    steps = round(seconds * config.env.action_frequency_hz)
-    if steps == 0:
-        return 0.0
+    steps = round(_BASELINE_S * config.env.action_frequency_hz)
     n, rng = simulation.n, np.random.default_rng([config.seed, 57])
     simulation.reset(seeds=[int(rng.integers(2**31)) for _ in range(n)])
     size = simulation.action_space.shape[0]
@@ -311,7 +309,7 @@ def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> 
         result = simulation.step(action.astype(np.float32))
         total += float(result.game_reward.mean())
         simulation.renew(result)
-    return total * 60.0 / seconds
+    return total * 60.0 / _BASELINE_S
 
 
 def _expected(
@@ -326,9 +324,7 @@ def _expected(
         rate: user steps a second of users who do nothing but step.
     """
     each_s = decision_s + UPDATES_PER_DECISION * looker.update_seconds()
-    decisions = (looker.config.user_steps - looker.step_count) / (
-        looker.n * looker.config.decide_steps
-    )
+    decisions = (looker.config.user_steps - looker.step_count) / (looker.n * DECIDE_STEPS)
     line = (
         f"This machine takes {rate:,.0f} user steps a second with this app, and {each_s:.2f} s to "
         f"decide and to learn from it: expect about {duration(decisions * each_s)} of trying"

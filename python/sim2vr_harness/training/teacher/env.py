@@ -26,6 +26,11 @@ __all__ = ["TeacherSimulation", "blind_env", "game_of", "privileged_senses"]
 _FAIL_RATE_MEMORY = 0.97
 _FAILING_CELLS = 0.3
 """Proportion of spawns that follow the cells' fail rates; most are uniform, as in the true game."""
+_STARTS_PER_CELL = 40
+"""Start postures that are looked for, for each cell and condition."""
+_EPISODE_S = 12.0
+"""Episodes are cut after this time, so that starts near a cell are frequent; the value of the state
+stands for the rest."""
 _NEAR_START_M = 0.08
 """Farthest that a near start is from a good start of an action: within one movement of it."""
 _EXPLORING_NEAR = 0.9
@@ -123,14 +128,13 @@ class TeacherSimulation:
         self.fail_rates = np.ones((len(self.conditions), self.game.cells))
         """Running averages of the fail rates in training, by condition and cell."""
         self.postures: InitialStates | None = None
-        curriculum = config.curriculum
-        if curriculum.near_starts > 0.0 and self.game.start_fields is not None:
+        if config.curriculum.near_starts > 0.0 and self.game.start_fields is not None:
             self.postures = find_start_postures(
                 self.simulation,
                 self.game,
                 self.conditions,
                 near_m=_NEAR_START_M,
-                per_cell=curriculum.starts_per_cell,
+                per_cell=_STARTS_PER_CELL,
                 seed=seed,
             )
 
@@ -182,7 +186,7 @@ class TeacherSimulation:
                 [self._posture(number) for _ in group],
             )
             infos |= dict(zip(group, started, strict=True))
-        seconds = self._exploring_s or self.teacher.curriculum.episode_seconds
+        seconds = self._exploring_s or _EPISODE_S
         limit = max(1, round(seconds / self.step_s))
         self._length[rows] = 0
         self._limit[rows] = limit

@@ -22,6 +22,10 @@ from sim2vr_harness.training.teacher.evaluation import describe, evaluate_teache
 
 __all__ = ["TeacherStage"]
 
+_EVALUATE_ROUNDS = 4
+"""Rounds per condition that judge a trained teacher, by the true rules and with its stochastic
+policy; 0: none."""
+
 
 class TeacherStage(PPOStage):
     """PPO in the true game, from where the imagined rollouts have led to.
@@ -40,14 +44,15 @@ class TeacherStage(PPOStage):
     ) -> None:
         self._run_config = config
         teacher, place = config.teacher, RunFolder(folder)
+        learner = teacher.ppo.complete()
         super().__init__(
             "teacher",
             "the teacher plays the true game on what the game knows, without pictures.",
             place,
-            teacher.ppo,
+            learner,
             lambda: TeacherSimulation(config.env, teacher, config.seed),
             lambda env: ppo.new_learner(
-                teacher.ppo,
+                learner,
                 env,
                 TeacherPolicy,
                 {"config": teacher.policy},
@@ -67,21 +72,19 @@ class TeacherStage(PPOStage):
     @property
     def finished(self) -> bool:
         """See the protocol; a teacher that was to be judged and was not is judged first."""
-        judged = self._run_config.teacher.evaluate_rounds == 0 or any(
+        judged = _EVALUATE_ROUNDS == 0 or any(
             row["step"] >= self.folder.step for row in read_rows(self._scores_file)
         )
         return super().finished and judged
 
     def _finish(self, model: ppo.PPO, callbacks: Callbacks) -> None:
         teacher = self._run_config.teacher
-        if teacher.evaluate_rounds == 0:
+        if _EVALUATE_ROUNDS == 0:
             return
         policy = model.policy
         assert isinstance(policy, TeacherPolicy)
         callbacks.check()
-        scores = evaluate_teacher(
-            policy, self._run_config.env, teacher, rounds=teacher.evaluate_rounds
-        )
+        scores = evaluate_teacher(policy, self._run_config.env, teacher, rounds=_EVALUATE_ROUNDS)
         row = {
             "step": model.num_timesteps,
             "cpu_seconds": round(time.process_time(), 1),

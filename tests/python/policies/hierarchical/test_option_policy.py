@@ -24,6 +24,7 @@ from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, Primit
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config
+from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS
 from sim2vr_harness.training.option_q_learning.stage import _best_hold
 from sim2vr_harness.training.ppo.fine_tune import adapting
 from sim2vr_harness.training.run.trainer import train
@@ -31,7 +32,7 @@ from sim2vr_harness.training.run.trainer import train
 pytest.importorskip("sim2vr_harness._app_runtime")
 
 CONFIGS = Path(__file__).resolve().parents[4] / "configs"
-USERS, HELD = 3, 4
+USERS, HELD = 3, DECIDE_STEPS
 
 
 def config(*changes: str) -> TrainingConfig:
@@ -40,7 +41,6 @@ def config(*changes: str) -> TrainingConfig:
         "env.app.options.condition=medium",
         "env.cores=1",
         "skills.user=hierarchical",
-        f"skills.q_learning.decide_steps={HELD}",
     )
     return load_config(CONFIGS / "skills.yaml", [*given, *changes])
 
@@ -48,7 +48,7 @@ def config(*changes: str) -> TrainingConfig:
 def opinionated(sight: DepthGrid) -> ActionValueMap:
     """Values that differ: those of a new network are all 0."""
     torch.manual_seed(4)
-    net = ActionValueMap(sight, 1, width=config().skills.q_learning.width)
+    net = ActionValueMap(sight, 1)
     torch.nn.init.normal_(net.leave.weight)
     return net
 
@@ -92,9 +92,6 @@ class Obedient:
         class config:
             action_frequency_hz = 20.0
 
-    class config:
-        decide_steps = 4
-
     def earned(self, hold: int, steps: int) -> float:
         assert steps == 200
         return float(hold if hold < 5 else -1)
@@ -106,8 +103,8 @@ def test_a_decision_is_seen_through_for_as_long_as_it_pays() -> None:
     class Listener:
         say = said.append
 
-    assert _best_hold(Obedient(), Listener()) == 4  # type: ignore[arg-type]
-    assert "1.00 for 1, 3.00 for 3, 4.00 for 4, -1.00 for 5. The user's: 4." in said[0]
+    assert _best_hold(Obedient(), Listener()) == 3  # type: ignore[arg-type]
+    assert "1.00 for 1, 3.00 for 3, -1.00 for 5. The user's: 3." in said[0]
 
 
 @pytest.fixture(scope="module")
@@ -116,16 +113,14 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("runs") / "decider"
     small = config(
         "skills.q_learning.users=3",
-        "skills.q_learning.user_steps=240",
+        "skills.q_learning.user_steps=243",
         "skills.q_learning.try_steps=90",
         "skills.q_learning.explore_steps=100",
-        "skills.q_learning.batch_size=8",
-        "skills.baseline_seconds=0.2",
         "env.app.options.round_seconds=2",
     )
     result = train(small, folder)
     assert not result.interrupted
-    assert result.step == 240
+    assert result.step == 243
     return folder
 
 
@@ -165,7 +160,7 @@ def test_it_is_packed_with_its_hands(run: Path, tmp_path: Path) -> None:
     card = pack_measured(
         run, "tiny", tmp_path / "tiny", conditions=["medium"], episodes=2, details={}
     )
-    assert card["steps"] == 240
+    assert card["steps"] == 243
     packed = find_user(tmp_path / "tiny")
     assert packed.config.policy_kind == "hierarchical"
     observation, _ = load_user_policy(run).make_env().reset(seed=3)

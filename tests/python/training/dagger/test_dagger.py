@@ -13,23 +13,33 @@ import torch
 from fake_simulation import FakeSimulation
 
 from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.policies import attention_crops
 from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.runs.attention_config import AttentionCropConfig
 from sim2vr_harness.runs.checkpoint import read_tensors, write_tensors
 from sim2vr_harness.runs.config import PolicyConfig
 from sim2vr_harness.runs.dagger_config import StudentConfig
+from sim2vr_harness.training.dagger import dagger
 from sim2vr_harness.training.dagger import stage as student_stage
 from sim2vr_harness.training.dagger.dagger import Student
 
 CONFIG = StudentConfig(
     n_envs=8,
     frames=8 * 8 * 30,
-    rollout_steps=8,
     batch_size=64,
-    teacher_rounds=1,
     learning_rate=3e-3,
     stagger_steps=8,
 )
+ROLLOUT_STEPS = 8
+
+
+@pytest.fixture(autouse=True)
+def short_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(dagger, "_ROLLOUT_STEPS", ROLLOUT_STEPS)
+    monkeypatch.setattr(dagger, "_TEACHER_ROUNDS", 1)
+    monkeypatch.setattr(dagger, "CHECKPOINT_ROUNDS", 1)
+    monkeypatch.setattr(attention_crops, "_VISION_PIXELS", 8)
+    monkeypatch.setattr(attention_crops, "_FEATURES", 8)
 
 
 class HomingGuide:
@@ -129,8 +139,8 @@ def test_what_the_teacher_knows_is_told_too(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("kept", [None, 2], ids=["all frames", "the last rounds"])
 def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path, kept: int | None) -> None:
-    each = CONFIG.n_envs * CONFIG.rollout_steps
-    few = {"kept_frames": kept * each, "checkpoint_rounds": 1} if kept else {}
+    each = CONFIG.n_envs * ROLLOUT_STEPS
+    few = {"kept_frames": kept * each} if kept else {}
     config = CONFIG.model_copy(update=few)
     whole = make(tmp_path / "whole", config)
     for _ in range(6):
@@ -154,7 +164,7 @@ def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path, kept: int | None
 
 
 def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> None:
-    crops = AttentionCropConfig(count=1, vision_pixels=8, features=8)
+    crops = AttentionCropConfig(count=1)
     config = CONFIG.model_copy(update={"numbers_weight": 0.5})
 
     def student(name: str) -> Student:
@@ -188,7 +198,7 @@ def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> Non
 
 
 def test_heads_depend_on_the_seed_alone(tmp_path: Path) -> None:
-    crops = AttentionCropConfig(count=1, vision_pixels=8, features=8)
+    crops = AttentionCropConfig(count=1)
     config = CONFIG.model_copy(update={"numbers_weight": 0.5})
     one = make(tmp_path / "one", config, guide=GazingGuide(), attention_crops=crops)
     torch.manual_seed(99)
@@ -200,7 +210,7 @@ def test_heads_depend_on_the_seed_alone(tmp_path: Path) -> None:
 
 
 def test_only_students_learn_where_to_look(tmp_path: Path) -> None:
-    crops = AttentionCropConfig(count=1, vision_pixels=8, features=8)
+    crops = AttentionCropConfig(count=1)
     student = make(tmp_path, guide=GazingGuide(), attention_crops=crops)
     fixed = [key for key, p in student.policy.named_parameters() if not p.requires_grad]
     assert not fixed
@@ -216,7 +226,7 @@ def test_only_students_learn_where_to_look(tmp_path: Path) -> None:
 
 
 def test_more_glimpses_than_things_are_refused(tmp_path: Path) -> None:
-    crops = AttentionCropConfig(count=2, vision_pixels=8, features=8)
+    crops = AttentionCropConfig(count=2)
     with pytest.raises(InputError) as error:
         make(tmp_path, guide=GazingGuide(), attention_crops=crops)
     assert str(error.value).startswith("policy.attention_crops.count: got 2, expected at most 1")
@@ -250,7 +260,7 @@ def test_a_student_learns_on_a_gpu_and_goes_on_there(tmp_path: Path) -> None:
     assert rows[-1].imitation_error < 0.5 * rows[0].imitation_error
     again = make(tmp_path / "whole", config, seed=5, device="cuda")
     again.load_state_dict(read_tensors(file, "a student"))
-    assert again.store.count == 3 * config.n_envs * config.rollout_steps
+    assert again.store.count == 3 * config.n_envs * ROLLOUT_STEPS
     assert np.isfinite(again.step().imitation_error)
 
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 import torch
-from tiny_game_training import new_rollouts
+from tiny_game_training import new_rollouts, short_teacher
 from torch.utils._python_dispatch import TorchDispatchMode
 
 from sim2vr_harness.world_models.learning_device import LearningDevice, Window
@@ -35,8 +35,9 @@ class _Recorder(TorchDispatchMode):
 
 
 def test_a_window_reads_no_values() -> None:
-    made = new_rollouts()
-    made.step()
+    with short_teacher():
+        made = new_rollouts()
+        made.step()
     with _Recorder() as recorder:
         made._imagined_window()
         torch.zeros(3)[torch.tensor([True, False, True])]
@@ -71,10 +72,11 @@ def test_random_numbers_continue_where_they_stood() -> None:
 
 @pytest.mark.skipif(not torch.cuda.is_available(), reason="torch finds no CUDA device")
 def test_a_captured_window_is_as_the_eager_one() -> None:
-    made = new_rollouts("imagined.updates=4", device="cuda")
-    made.step()
+    with short_teacher(updates=4):
+        made = new_rollouts(device="cuda")
+        made.step()
     device = made._device
-    with device.seeded(made._random_state), device.active(made.policy):
+    with device.seeded(made._random_state), device.active(made.task.policy):
         before = [part.state_dict() for part in (made.users, *made.task.parts)]
         made._window.forget()
         made._window()  # captures, and runs
@@ -86,6 +88,7 @@ def test_a_captured_window_is_as_the_eager_one() -> None:
         # Noise on actions and motion is drawn anew: alike on average.
         torch.testing.assert_close(captured.mean(0), eager.mean(0), atol=0.2, rtol=0.0)
         assert torch.isfinite(captured).all()
-    made.step()
-    assert made.policy.device.type == "cpu"
+    with short_teacher():
+        made.step()
+    assert made.task.policy.device.type == "cpu"
     made.task.simulation.close()

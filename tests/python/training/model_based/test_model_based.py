@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import copy
 import math
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
+from unittest.mock import patch
 
 import mujoco
 import numpy as np
 import pytest
 import torch
+from short_cycles import short_cycles
 from tiny_game_training import ENV, new_rollouts
 from true_users import motion_of
 
@@ -21,6 +24,7 @@ from sim2vr_harness.games.whacamole.settings import Relaxation
 from sim2vr_harness.games.whacamole.twin import FIELDS
 from sim2vr_harness.training.model_based.game_task import CycleReport, GameTrainer
 from sim2vr_harness.training.model_based.stage import describe
+from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.users.noise import MotorNoise, MotorNoiseSettings
 from sim2vr_harness.world_models.body_dynamics import fit_body
 from sim2vr_harness.world_models.motor_noise import ImaginedNoise
@@ -29,6 +33,13 @@ from sim2vr_harness.world_models.transitions import Motion, TransitionStore
 pytest.importorskip("sim2vr_harness._app_runtime")
 
 SOFT = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def short_teacher() -> Iterator[None]:
+    starts = patch.object(teacher_env, "_STARTS_PER_CELL", 2)
+    with starts, short_cycles(updates=3, critic_first=1):
+        yield
 
 
 @pytest.fixture(scope="module")

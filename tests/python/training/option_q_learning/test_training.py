@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import copy
 import json
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -27,8 +29,14 @@ from sim2vr_harness.policies.hierarchical.primitives import MOVES, OptionChoice,
 from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.option_config import MotorTrainingConfig, QLearningConfig
+from sim2vr_harness.training.motor_control import goal_task
 from sim2vr_harness.training.motor_control.goal_task import motor_trainer
-from sim2vr_harness.training.option_q_learning.q_learning import N_STEP, OptionQLearning
+from sim2vr_harness.training.option_q_learning import q_learning
+from sim2vr_harness.training.option_q_learning.q_learning import (
+    DECIDE_STEPS,
+    N_STEP,
+    OptionQLearning,
+)
 from sim2vr_harness.users import UserBatch, list_bodies, load_body
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -157,9 +165,12 @@ def test_an_empty_hand_holds_nothing(layer: MotorPolicy) -> None:
     assert not tool.tip.any()
 
 
-SMALL = QLearningConfig(
-    users=3, user_steps=240, try_steps=90, explore_steps=100, batch_size=8, decide_steps=3
-)
+SMALL = QLearningConfig(users=3, user_steps=240, try_steps=90, explore_steps=100)
+
+
+@pytest.fixture(autouse=True)
+def small_minibatches(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(q_learning, "_BATCH_SIZE", 8)
 
 
 def looker(layer: MotorPolicy, folder: Path, cores: int = 1) -> OptionQLearning:
@@ -196,7 +207,7 @@ def test_timing_an_update_changes_nothing(layer: MotorPolicy, tmp_path: Path) ->
     while not timed.finished:
         other.step()
         report = timed.step()
-        if report.step // (SMALL.users * SMALL.decide_steps) > N_STEP:
+        if report.step // (SMALL.users * DECIDE_STEPS) > N_STEP:
             assert timed.update_seconds() > 0.0
     for name, values in timed.net.state_dict().items():
         assert torch.equal(values, other.net.state_dict()[name]), name
@@ -227,21 +238,18 @@ def test_tries_and_steps_grow_smaller_in_the_end(layer: MotorPolicy, tmp_path: P
     one.simulation.close()
 
 
-TINY = MotorTrainingConfig(
-    cycles=2,
-    bodies=4,
-    first_play_steps=12,
-    play_steps=6,
-    first_fit_minibatches=20,
-    fit_minibatches=20,
-    body_width=16,
-    width=16,
-    users=8,
-    updates=3,
-    window_steps=4,
-)
+TINY = MotorTrainingConfig(cycles=2, bodies=4, width=16)
+TINY_SIZES = {"_FIRST_PLAY_STEPS": 12, "_BODY_WIDTH": 16, "_USERS": 8, "_WINDOW_STEPS": 4}
+TINY_CYCLES = {"play_steps": 6, "first_fit_minibatches": 20, "fit_minibatches": 20, "updates": 3}
 
 
+@pytest.fixture
+def tiny_practice() -> Iterator[None]:
+    with patch.multiple(goal_task, **TINY_SIZES), patch.multiple(goal_task._Cycles, **TINY_CYCLES):
+        yield
+
+
+@pytest.mark.usefixtures("tiny_practice")
 def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
     body = load_body("mobl_arms_wrist")
     whole = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
@@ -266,6 +274,7 @@ def test_practice_goes_on_from_a_state_to_the_bit(tmp_path: Path) -> None:
         load_motor_layer(tmp_path / "layer.pt", other, STEP_S)
 
 
+@pytest.mark.usefixtures("tiny_practice")
 def test_a_state_of_format_2_of_a_motor_training_is_read() -> None:
     body = load_body("mobl_arms_wrist")
     whole = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
@@ -283,13 +292,14 @@ def test_a_state_of_format_2_of_a_motor_training_is_read() -> None:
         assert torch.equal(values, again.task.policy.weights()[name]), name
 
 
-def test_practice_goes_on_from_a_layer() -> None:
+@pytest.mark.usefixtures("tiny_practice")
+def test_practice_goes_on_from_a_layer(monkeypatch: pytest.MonkeyPatch) -> None:
     body = load_body("mobl_arms_wrist")
     first = motor_trainer(TINY, body, STEP_S, threads=1, seed=3)
     first.step()
     known = {name: values.clone() for name, values in first.task.policy.weights().items()}
-    config = TINY.model_copy(update={"updates": 12})  # layers stay as they are for 20
-    more = motor_trainer(config, body, STEP_S, threads=1, seed=4, begin=first.task.policy)
+    monkeypatch.setattr(goal_task._Cycles, "updates", 12)  # layers stay as they are for 20
+    more = motor_trainer(TINY, body, STEP_S, threads=1, seed=4, begin=first.task.policy)
     for name, values in more.task.policy.weights().items():
         assert torch.equal(values, known[name]), name
     more.step()

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 import torch
+from short_cycles import short_cycles
 from tiny_distill import SETTINGS, train, weights
 
 from sim2vr_harness.cli.main import main
@@ -99,7 +100,7 @@ def test_the_command_says_what_is_saved_and_how_to_go_on(
         check(self)
 
     run, settings = tmp_path / "run", [part for s in SETTINGS for part in ("--set", s)]
-    with monkeypatch.context() as patch:
+    with monkeypatch.context() as patch, short_cycles(n_steps=8):
         patch.setattr(Callbacks, "check", counting)
         with pytest.raises(SystemExit) as ended:
             main(["train", "whacamole_constrained", *settings, "--out", str(run)])

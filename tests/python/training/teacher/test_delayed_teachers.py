@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+from collections.abc import Iterator
 from contextlib import closing
 from dataclasses import replace
 
@@ -10,6 +11,7 @@ import mujoco
 import numpy as np
 import pytest
 import torch
+from short_cycles import short_cycles
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.envs.privileged import OBSERVATION, Lag, PrivilegedSenses
@@ -35,13 +37,17 @@ WHO_REMEMBERS = (
     {"sense": "actions", "stack_s": 0.1},
 )
 SMALL = (
-    *("ppo.n_envs=6", "ppo.n_steps=10", "ppo.batch_size=20"),
-    *("curriculum.near_starts=0", "evaluate_rounds=0", "total_timesteps=60"),
-    *("imagined.cycles=2", "imagined.first_play_steps=30", "imagined.play_steps=10"),
-    *("imagined.first_fit_minibatches=20", "imagined.fit_minibatches=20"),
-    *("imagined.users=8", "imagined.updates=2", "imagined.critic_first_updates=0"),
+    *("ppo.n_envs=6", "ppo.batch_size=20"),
+    *("curriculum.near_starts=0", "total_timesteps=60"),
+    *("imagined.cycles=2", "imagined.first_play_steps=30", "imagined.users=8"),
     *("imagined.body_width=16", "imagined.critic_width=16", "imagined.near_starts=0"),
 )
+
+
+@pytest.fixture(autouse=True)
+def short() -> Iterator[None]:
+    with short_cycles():
+        yield
 
 
 def env(**user: object) -> EnvConfig:

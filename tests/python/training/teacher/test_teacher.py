@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import io
 import zipfile
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 import pytest
 import torch
 from rich.console import Console
+from short_cycles import short_cycles
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
@@ -20,6 +23,7 @@ from sim2vr_harness.runs.config import TrainingConfig, apply_overrides
 from sim2vr_harness.runs.run_folder import RunFolder, read_rows
 from sim2vr_harness.runs.teacher_config import TeacherConfig, TeacherPolicyConfig
 from sim2vr_harness.training.run.stage import run_stages
+from sim2vr_harness.training.teacher import env as teacher_env
 from sim2vr_harness.training.teacher.env import TeacherSimulation, blind_env
 from sim2vr_harness.training.teacher.evaluation import _score, describe, evaluate_teacher
 from sim2vr_harness.training.teacher.initial_states import InitialStates
@@ -28,11 +32,13 @@ from sim2vr_harness.training.teacher.stage import TeacherStage
 pytest.importorskip("sim2vr_harness._app_runtime")
 
 ENV = EnvConfig(app=AppConfig(options={"condition": "random"}), cores=1)
-SMALL = (
-    *("ppo.n_envs=4", "ppo.n_steps=10", "ppo.batch_size=20", "ppo.n_epochs=2"),
-    *("ppo.critic_first_updates=1", "total_timesteps=160"),
-    *("curriculum.episode_seconds=0.4", "curriculum.starts_per_cell=1", "evaluate_rounds=0"),
-)
+SMALL = (*("ppo.n_envs=4", "ppo.batch_size=20", "total_timesteps=160"),)
+
+
+@pytest.fixture(autouse=True, scope="module")
+def short_teacher() -> Iterator[None]:
+    with short_cycles(n_epochs=2), patch.multiple(teacher_env, _STARTS_PER_CELL=1, _EPISODE_S=0.4):
+        yield
 
 
 def config(*overrides: str) -> TeacherConfig:
@@ -225,7 +231,8 @@ def weights(path: Path) -> dict[str, torch.Tensor]:
 
 
 def test_the_critic_learns_first(tmp_path: Path) -> None:
-    train(tmp_path / "run", "ppo.critic_first_updates=3")
+    with short_cycles(n_epochs=2, ppo_critic_first=3):
+        train(tmp_path / "run")
     files = RunFolder(tmp_path / "run").checkpoints()
     assert [file.stem for file in files] == [f"step_{k:09d}" for k in (40, 80, 120, 160)]
     first, _, third, fourth = map(weights, files)
@@ -275,10 +282,11 @@ def test_what_a_score_counts_by_hand() -> None:
 
 
 def test_the_score_of_a_stage_is_written_down(tmp_path: Path) -> None:
-    settings = ("total_timesteps=40", "evaluate_rounds=1", "conditions=[easy]")
-    made = stage(tmp_path / "run", *settings)
+    settings = ("total_timesteps=40", "conditions=[easy]")
     text = io.StringIO()
-    run_stages([made], RunFolder(tmp_path), Console(file=text, width=200))
+    with short_cycles(judged_rounds=1):
+        made = stage(tmp_path / "run", *settings)
+        run_stages([made], RunFolder(tmp_path), Console(file=text, width=200))
     (row,) = read_rows(tmp_path / "run" / "scores.jsonl")
     assert row["step"] == 40
     assert row["scores"][0]["condition"] == "easy"

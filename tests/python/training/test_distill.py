@@ -90,13 +90,13 @@ def test_a_student_may_have_game_options_of_its_own(
     options: dict[str, str], most: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen = []
-    snapshot = Student.snapshot
+    state_dict = Student.state_dict
 
     def noting(self: Student) -> dict:
         seen.append(self.store.rows(np.arange(self.store.count))["facts"].sum(1))
-        return snapshot(self)
+        return state_dict(self)
 
-    monkeypatch.setattr(Student, "snapshot", noting)
+    monkeypatch.setattr(Student, "state_dict", noting)
     settings = ("teacher.imagined.cycles=0", f"student.app_options={json.dumps(options)}")
     train(tmp_path / "run", *settings)
     assert seen[-1].max() == most

@@ -27,7 +27,7 @@ from sim2vr_harness.world_models.transitions import TransitionStore
 
 __all__ = ["MOTOR_STATE", "GoalTask", "MotorTrainer", "MotorTrainingCycle", "motor_trainer"]
 
-MOTOR_STATE = "the state of a motor layer's practice"
+MOTOR_STATE = "the state of a motor training"
 """What a file of a motor trainer's state is called in errors."""
 
 _EPISODE_STEPS, _RANDOM_EPISODE_STEPS = 60, 20

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 __all__ = [
     "COLOURS",
     "GREY",
+    "INK",
     "Band",
     "Bars",
     "Figure",
@@ -33,6 +34,8 @@ COLOURS = (
 """Okabe and Ito's, which colour-blind people can tell apart, and others behind them."""
 _CROWDED = 8
 """Categories that have room for their names in a panel of the usual width."""
+INK = "#444444"
+"""Of marks that stand for all groups."""
 GREY = "#9aa0a6"
 """Of people, and of what is there to compare with."""
 

@@ -13,6 +13,7 @@ import numpy as np
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.figures.figure import (
+    INK,
     Band,
     Bars,
     Figure,
@@ -36,8 +37,6 @@ _ROW_INCHES = 0.14
 _DPI = 200
 _ROOMY = 8
 """Categories that have room for their names beside each other in a panel."""
-_INK = "#444444"
-"""Of marks in a legend that stand for all groups."""
 _LETTER_INCHES = 0.06
 _SYMBOLS = {"circle": "o", "diamond": "D", "x": "x", "square": "s"}
 
@@ -215,7 +214,7 @@ def _handles(axes: Any, panel: Panel) -> dict[str, Any]:
     if not panel.legend and not keyed:
         return {}
     for key, layer in keyed.items():
-        grey = replace(layer, colour=_INK) if not isinstance(layer, Line) else layer
+        grey = replace(layer, colour=INK) if not isinstance(layer, Line) else layer
         _draw_flat(axes, _emptied(grey, key), False)
     found = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
     if panel.legend:

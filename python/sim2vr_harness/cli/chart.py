@@ -33,7 +33,7 @@ def chart(
         ),
     ] = None,
     out: Annotated[
-        Path, typer.Option(help="The PNG file to write.", callback=writable_file)
+        Path, typer.Option(help="The PNG or PDF file to write.", callback=writable_file)
     ] = Path("chart.png"),
 ) -> None:
     """Draw what evaluations measured of several users, side by side."""

@@ -20,13 +20,17 @@ def report(
         Path | None,
         typer.Option(
             metavar="FILE.html",
-            help="The page; FOLDER/report.html by default. Figures go to FILE_figures beside it.",
+            help="The page; FOLDER/report.html by default. Figures go to figures beside it, or to "
+            "FILE_figures beside a page of another name.",
             callback=writable_file,
         ),
     ] = None,
     figures: Annotated[
         bool,
-        typer.Option("--figures/--no-figures", help="Write figures as PNG and PDF (default)."),
+        typer.Option(
+            "--figures/--no-figures",
+            help="Write figures as PNG and PDF, and tables as CSV and LaTeX (default).",
+        ),
     ] = True,
 ) -> None:
     """Write a report: one HTML file that opens offline, and its figures as PNG and PDF."""

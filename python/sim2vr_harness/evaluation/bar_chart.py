@@ -8,10 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from sim2vr_harness.base.errors import InputError, counted, shown, unknown_name
-from sim2vr_harness.base.files import file_name, naming, read_json
+from sim2vr_harness.base.files import file_name, read_json
 from sim2vr_harness.client import GameFacts, Measure, facts_of_outside
 from sim2vr_harness.evaluation.fatigue import fatigue_measures
 from sim2vr_harness.evaluation.metrics import measures_of
+from sim2vr_harness.figures.figure import INK, Bars, Figure, Layer, Panel, Points, colour_of
+from sim2vr_harness.figures.matplotlib_backend import write_figure
 
 __all__ = ["EXERTION", "chart"]
 
@@ -24,8 +26,6 @@ EXERTION = Measure(
 """Worked out here: users who were trained with other weights have other costs for the same."""
 
 _EXPECTED = "results of an evaluation: its folder, its results.json or what --json printed"
-_PANEL_INCHES = 3.4
-_BAR_INCHES = 0.9
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ def chart(
     condition: str | None = None,
     measures: Sequence[str] = (),
 ) -> Path:
-    """Draw measures of several users into a PNG file: a panel per measure, a bar per user.
+    """Draw measures of several users into a PNG or PDF file: a panel per measure, a bar per user.
 
     Bars are means over rounds, dots the rounds.
 
@@ -72,10 +72,8 @@ def chart(
             any: the game's headlines, and ``exertion``.
 
     Raises:
-        InputError: A file cannot be used, lacks the condition or a measure, or ``out`` is no PNG.
+        InputError: A file cannot be used, lacks the condition or a measure, or ``out`` is another file.
     """
-    if out.suffix.lower() != ".png":
-        raise InputError("--out", repr(str(out)), "a file name that ends in .png")
     read = [_read(Path(path)) for path in results]
     chosen = _condition(read, condition)
     found = [_result(Path(path), one[chosen]) for path, one in zip(results, read, strict=True)]
@@ -87,8 +85,7 @@ def chart(
                 old = measure is EXERTION and "effort_weight" not in result.summary
                 expected = "a new evaluation, which keeps the effort's weight" if old else "another"
                 raise InputError("--measure", got, expected)
-    _draw(found, shown_measures, chosen, out)
-    return out
+    return write_figure(_figure(found, shown_measures, chosen), out)
 
 
 def _read(path: Path) -> dict[str, dict[str, Any]]:
@@ -151,33 +148,19 @@ def _number(value: Any) -> float | None:
     return None
 
 
-def _draw(found: Sequence[_Result], measures: Sequence[Measure], condition: str, out: Path) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    width = max(_PANEL_INCHES, 1.0 + _BAR_INCHES * len(found))
-    figure = Figure(figsize=(width * len(measures), 3.6), layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(1, len(measures), squeeze=False)[0]
-    places = range(len(found))
+def _figure(found: Sequence[_Result], measures: Sequence[Measure], condition: str) -> Figure:
     names = [result.user for result in found]
-    for axes, measure in zip(panels, measures, strict=True):
-        values = [result.value(measure) for result in found]
-        axes.bar(places, values, color=[f"C{k % 10}" for k in places], width=0.7, alpha=0.8)
-        for place, result in zip(places, found, strict=True):
+    panels = []
+    for measure in measures:
+        # One series, and users by their names: bars of a panel are side by side.
+        means = Bars("mean over rounds", names, [r.value(measure) for r in found], colour_of(0))
+        layers: list[Layer] = [means]
+        for place, result in enumerate(found):
             rounds = result.rounds(measure)
             # Side by side, in their order, so that equal ones are seen.
             beside = [place + 0.5 * ((k + 0.5) / len(rounds) - 0.5) for k in range(len(rounds))]
-            axes.plot(beside, rounds, ".", color="black", markersize=3, alpha=0.6)
-        axes.set_title(measure.heading, fontsize=10)
-        axes.set_xticks(places, names, rotation=20, ha="right", fontsize=8)
-        axes.tick_params(axis="y", labelsize=8)
-        axes.grid(axis="y", alpha=0.3)
-        axes.set_axisbelow(True)
-        axes.margins(x=0.05)
+            layers.append(Points(f"{result.user}, rounds", beside, rounds, INK, 3, key="round"))
+        panels.append(Panel(measure.label, layers, y_label=measure.unit, legend=True))
     counts = {result.summary.get("episodes") for result in found}
     rounds_told = f", {counted(counts.pop(), 'round')} each" if len(counts) == 1 else ""
-    figure.suptitle(f"{found[0].facts.name} {condition}{rounds_told}", fontsize=10)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with naming(out):
-        figure.savefig(out, dpi=120)
+    return Figure("chart", f"{found[0].facts.name} {condition}{rounds_told}", "", panels)

@@ -75,7 +75,7 @@ def _table(summaries: Mapping[str, Mapping[str, Any]], facts: GameFacts) -> Tabl
         table.add_row(measure.heading, *cells)
     if any("fatigue_parts" in summary for summary in summaries.values()):
         worst = [_most_fatigued(summary, tight=tight) for summary in summaries.values()]
-        table.add_row("Most fatigued muscle (proportion)", *worst)
+        table.add_row("Most fatigued muscle", *worst)
     labels = {term.log_key: term.label for term in facts.reward_terms}
     labels |= {"rest": facts.reward_rest, "effort": "effort"}
     terms = list(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 __all__ = [
     "COLOURS",
     "GREY",
+    "INK",
     "Band",
     "Bars",
     "Figure",
@@ -33,6 +34,8 @@ COLOURS = (
 """Okabe and Ito's, which colour-blind people can tell apart, and others behind them."""
 _CROWDED = 8
 """Categories that have room for their names in a panel of the usual width."""
+INK = "#444444"
+"""Of marks that stand for all groups."""
 GREY = "#9aa0a6"
 """Of people, and of what is there to compare with."""
 
@@ -46,7 +49,10 @@ def colour_of(index: int) -> str:
 
 @dataclass(frozen=True)
 class Line:
-    """A line through points; a missing value interrupts it."""
+    """A line through points; a missing value interrupts it.
+
+    ``key``: what the mark stands for, in the legend of a printed figure; empty: ``name``.
+    """
 
     name: str
     x: Numbers
@@ -54,11 +60,13 @@ class Line:
     colour: str
     dashed: bool = False
     stepped: bool = False
+    width: float = 1.4
+    key: str = ""
 
 
 @dataclass(frozen=True)
 class Points:
-    """Single points, with bars of ``spread`` up and down where there is one."""
+    """Single points, with whiskers of ``spread`` where there is one; ``key`` as above."""
 
     name: str
     x: Numbers
@@ -68,17 +76,19 @@ class Points:
     symbol: str = "circle"
     spread: Numbers | None = None
     text: Sequence[str] | None = None
+    key: str = ""
 
 
 @dataclass(frozen=True)
 class Band:
-    """The area between two lines over the same ``x``."""
+    """The area between two lines over the same ``x``; ``key`` as above."""
 
     name: str
     x: Sequence[float]
     low: Sequence[float]
     high: Sequence[float]
     colour: str
+    key: str = ""
 
 
 @dataclass(frozen=True)

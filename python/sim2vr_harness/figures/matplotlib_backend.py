@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path as FilePath
+from textwrap import fill
 from typing import Any
 
 import numpy as np
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.figures.figure import (
+    INK,
     Band,
     Bars,
     Figure,
@@ -22,14 +26,18 @@ from sim2vr_harness.figures.figure import (
     keys_of,
 )
 
-__all__ = ["write_stills"]
+__all__ = ["PRINT", "write_figure", "write_stills"]
 
-_COLUMNS = 3
-_PANEL_INCHES = (4.2, 3.1)
-_ROW_INCHES = 0.16
-_DPI = 120
-_MOST_KEYS = 6
-"""Names that have room in a panel; more stand below all of them."""
+PRINT = {"pdf.fonttype": 42, "ps.fonttype": 42, "font.size": 8}
+"""Matplotlib's settings: fonts that publishers accept (TrueType), and their size."""
+_COLUMN_INCHES, _PAGE_INCHES = 3.5, 7.2
+"""Widths of one and of two columns of a paper."""
+_PANEL_INCHES = 2.5
+_ROW_INCHES = 0.14
+_DPI = 200
+_ROOMY = 8
+"""Categories that have room for their names beside each other in a panel."""
+_LETTER_INCHES = 0.06
 _SYMBOLS = {"circle": "o", "diamond": "D", "x": "x", "square": "s"}
 
 
@@ -43,153 +51,247 @@ def write_stills(figures: Sequence[Figure], folder: FilePath) -> list[FilePath]:
     Raises:
         OSError: names the file, on a full disk for example.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    files = []
-    for figure in figures:
-        drawn = _drawn(figure)
-        for ending in ("png", "pdf"):
-            file = folder / f"{figure.key}.{ending}"
-            # Without a date in it, the same figure is the same bytes.
-            metadata = {"CreationDate": None} if ending == "pdf" else {"Software": None}
-            with naming(file):
-                drawn.savefig(file, dpi=_DPI, metadata=metadata)
-            files.append(file)
-    return files
+    return [
+        write_figure(figure, folder / f"{figure.key}.{ending}")
+        for figure in figures
+        for ending in ("png", "pdf")
+    ]
+
+
+def write_figure(figure: Figure, file: FilePath) -> FilePath:
+    """Write a figure, as wide as one or two columns of a paper.
+
+    Args:
+        figure: At least one panel.
+        file: PNG or PDF; its folder is made if needed.
+
+    Raises:
+        InputError: ``file`` ends in neither.
+        OSError: names the file, on a full disk for example.
+    """
+    ending = file.suffix.lower()
+    if ending not in (".png", ".pdf"):
+        raise InputError("--out", repr(str(file)), "a file name that ends in .png or .pdf")
+    from matplotlib import rc_context
+
+    file.parent.mkdir(parents=True, exist_ok=True)
+    # Without a date in it, the same figure is the same bytes.
+    metadata = {"CreationDate": None} if ending == ".pdf" else {"Software": None}
+    with rc_context(PRINT), naming(file):
+        _drawn(figure).savefig(file, dpi=_DPI, metadata=metadata)
+    return file
 
 
 def _drawn(figure: Figure) -> Any:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas
 
-    columns = min(_COLUMNS, len(figure.panels))
-    lines = -(-len(figure.panels) // columns)
-    height = max(_PANEL_INCHES[1], *(1.0 + _ROW_INCHES * p.rows for p in figure.panels))
-    size = (_PANEL_INCHES[0] * columns, height * lines + 0.4)
-    canvas = Canvas(figsize=size, layout="constrained")
+    panels = figure.panels
+    most = max(len(_categories(panel)) for panel in panels)
+    columns = 1 if len(panels) == 1 or most > 2 * _ROOMY else 2 if len(panels) < 5 else 3
+    lines = -(-len(panels) // columns)
+    wide = panels[0].wide and not panels[0].in_space
+    alone = len(panels) == 1 and not (wide or most > _ROOMY)
+    width = _COLUMN_INCHES if alone else _PAGE_INCHES
+    rows = [max(p.rows, len(_categories(p)) if _flipped(p) else 0) for p in panels]
+    tall = [
+        max(_PANEL_INCHES, _COLUMN_INCHES * panel.in_space, 0.7 + _ROW_INCHES * count)
+        for panel, count in zip(panels, rows, strict=True)
+    ]
+    heights = [max(tall[line * columns : (line + 1) * columns]) for line in range(lines)]
+    canvas = Canvas(figsize=(width, sum(heights) + 0.3), layout="constrained")
     FigureCanvasAgg(canvas)
-    together = max(len(keys_of(panel)) for panel in figure.panels) > _MOST_KEYS
-    for index, panel in enumerate(figure.panels):
+    grid = canvas.add_gridspec(lines, columns, height_ratios=heights)
+    for index, panel in enumerate(panels):
         kind = {"projection": "3d"} if panel.in_space else {}
-        axes = canvas.add_subplot(lines, columns, index + 1, **kind)
-        _draw(axes, panel)
-        if panel.legend and not together:
-            handles = _handles(axes, panel)
-            axes.legend(handles.values(), handles.keys(), fontsize=7, frameon=False)
-    if together:
-        named = [_handles(axes, p) for axes, p in zip(canvas.axes, figure.panels, strict=True)]
-        handles = {name: handle for own in named for name, handle in own.items()}
-        canvas.legend(
-            handles.values(),
-            handles.keys(),
-            fontsize=7,
-            loc="outside lower center",
-            ncol=max(2, 2 * columns),
-            frameon=False,
-        )
-        lines_below = -(-len(handles) // max(2, 2 * columns))
-        canvas.set_size_inches(size[0], size[1] + 0.16 * lines_below)
-    canvas.suptitle(figure.title, fontsize=11)
+        axes = canvas.add_subplot(grid[index // columns, index % columns], **kind)
+        _draw(axes, panel, width / columns)
+    _add_legends(canvas, panels, width)
+    canvas.suptitle(fill(figure.title, int(width / 0.085)), fontsize=9)
     return canvas
 
 
-def _draw(axes: Any, panel: Panel) -> None:
+def _add_legends(canvas: Any, panels: Sequence[Panel], width: float) -> None:
+    """Name every mark below all panels; below each where a name has another colour in another."""
+    from matplotlib.container import ErrorbarContainer
+    from matplotlib.legend_handler import HandlerErrorbar
+
+    columns = 2 if width == _COLUMN_INCHES else 4
+    own = [_handles(axes, panel) for axes, panel in zip(canvas.axes, panels, strict=True)]
+    colours: dict[str, set[str]] = {}
+    for panel in panels:
+        for name, colour in keys_of(panel):
+            colours.setdefault(name, set()).add(colour)
+    whiskers = {ErrorbarContainer: HandlerErrorbar(yerr_size=0.8)}
+    look: dict[str, Any] = {"fontsize": 7, "frameon": False, "handler_map": whiskers}
+    if any(len(several) > 1 for several in colours.values()):
+        for axes, handles in zip(canvas.axes, own, strict=True):
+            below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.2), "ncol": 2}
+            axes.legend(handles.values(), handles.keys(), **below, **look)
+        return
+    handles = {name: handle for named in own for name, handle in named.items()}
+    if handles:
+        below = {"loc": "outside lower center", "ncol": columns}
+        canvas.legend(handles.values(), handles.keys(), **below, **look)
+        wide, high = canvas.get_size_inches()
+        canvas.set_size_inches(wide, high + 0.15 * -(-len(handles) // columns))
+
+
+def _categories(panel: Panel) -> Sequence[str]:
+    """Names on the horizontal axis, as long as nothing is turned over."""
+    if panel.ticks is not None:
+        return panel.ticks
+    for layer in panel.layers:
+        if isinstance(layer, Heat):
+            return layer.columns
+        if isinstance(layer, Bars):
+            return () if panel.sideways else layer.x
+    return ()
+
+
+def _flipped(panel: Panel) -> bool:
+    """Whether categories that have no room beside each other go to the vertical axis."""
+    heat = any(isinstance(layer, Heat) for layer in panel.layers)
+    return len(_categories(panel)) > _ROOMY and not heat
+
+
+def _draw(axes: Any, panel: Panel, width: float) -> None:
     grounds: dict[str, dict[str, float]] = {"up": {}, "down": {}}
     bars = [layer for layer in panel.layers if isinstance(layer, Bars)]
+    flipped = _flipped(panel)
+    if not bars:
+        axes.use_sticky_edges = False  # the end of a range is seen
     for layer in panel.layers:
         if isinstance(layer, Bars):
-            _draw_bars(axes, layer, panel, grounds, bars.index(layer), len(bars))
+            lying = panel.sideways or flipped
+            _draw_bars(axes, layer, panel.stacked, lying, grounds, bars.index(layer), len(bars))
         elif isinstance(layer, Path):
             x, y, z = (_array(values) for values in (layer.x, layer.y, layer.z))
             if layer.places:
-                axes.scatter(x, y, z, color=layer.colour, s=10, label=layer.name)
+                axes.scatter(x, y, z, color=layer.colour, s=6, label=layer.name)
             else:
                 axes.plot(x, y, z, color=layer.colour, linewidth=0.8, label=layer.name)
         else:
-            _draw_flat(axes, layer, _turn(panel))
-    axes.set_title(panel.title, fontsize=9)
-    if panel.in_space:
-        axes.set_xlabel("right (m)", fontsize=8)
-        axes.set_ylabel("forward (m)", fontsize=8)
-        axes.set_zlabel("up (m)", fontsize=8)
-    else:
-        axes.set_xlabel(panel.x_label, fontsize=8)
-        axes.set_ylabel(panel.y_label, fontsize=8)
+            _draw_flat(axes, layer, flipped)
+    axes.set_title(fill(panel.title, int(width / 0.075)), fontsize=8)
     axes.tick_params(labelsize=7)
-    if panel.ticks is not None:
-        axes.set_xticks(range(len(panel.ticks)), panel.ticks, rotation=_turn(panel), ha="right")
-        axes.set_xlim(-0.6, len(panel.ticks) - 0.4)
-    elif bars and not panel.sideways:
-        axes.set_xticks(range(len(bars[0].x)), list(bars[0].x), rotation=_turn(panel), ha="right")
+    if panel.in_space:
+        axes.set_xlabel("right (m)")
+        axes.set_ylabel("forward (m)")
+        axes.set_zlabel("up (m)")
+        return
+    labels = (panel.y_label, panel.x_label) if flipped else (panel.x_label, panel.y_label)
+    axes.set_xlabel(labels[0])
+    axes.set_ylabel(labels[1])
+    names = _categories(panel)
+    if flipped:
+        axes.set_yticks(range(len(names)), names)
+        axes.set_ylim(len(names) - 0.4, -0.6)
+    elif names:
+        letters = max(5, int(0.8 * width / len(names) / _LETTER_INCHES))
+        axes.set_xticks(range(len(names)), [fill(name, letters) for name in names])
+        if panel.ticks is not None:
+            axes.set_xlim(-0.6, len(names) - 0.4)
     if panel.sideways:
         axes.invert_yaxis()
     if panel.y_range is not None:
-        axes.set_ylim(*panel.y_range)
+        # No datum and no whisker outside is cut off.
+        low, high = axes.dataLim.intervalx if flipped else axes.dataLim.intervaly
+        ends = {"left" if flipped else "bottom": min(panel.y_range[0], low)}
+        ends["right" if flipped else "top"] = max(panel.y_range[1], high)
+        (axes.set_xlim if flipped else axes.set_ylim)(**ends)
     if panel.square:
         axes.set_aspect("equal", adjustable="datalim")
 
 
 def _handles(axes: Any, panel: Panel) -> dict[str, Any]:
-    """Name -> what stands for it in a legend."""
-    keys = [name for name, _ in keys_of(panel)]
-    handles, names = axes.get_legend_handles_labels()
-    found = dict(zip(names, handles, strict=True))
-    return {name: found[name] for name in keys if name in found}
+    """Name -> what stands for it in a legend: every mark, those for all groups in one colour."""
+    keyed = {
+        layer.key: layer
+        for layer in panel.layers
+        if isinstance(layer, (Line, Points, Band)) and layer.key
+    }
+    if not panel.legend and not keyed:
+        return {}
+    for key, layer in keyed.items():
+        grey = replace(layer, colour=INK) if not isinstance(layer, Line) else layer
+        _draw_flat(axes, _emptied(grey, key), False)
+    found = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    if panel.legend:
+        return found
+    ranges = [layer.name for layer in panel.layers if isinstance(layer, Ranges)]
+    return {name: found[name] for name in (*keyed, *ranges) if name in found}
 
 
-def _turn(panel: Panel) -> int:
-    """Of the names of categories, degrees."""
-    return 45 if panel.crowded else 25
+def _emptied(layer: Any, name: str) -> Any:
+    """A layer without data, for its look alone."""
+    nothing = {"low": [], "high": []} if isinstance(layer, Band) else {"y": []}
+    if isinstance(layer, Points) and layer.spread is not None:
+        nothing["spread"] = []
+    return replace(layer, name=name, key="", x=[], **nothing)
 
 
-def _draw_flat(axes: Any, layer: Line | Points | Band | Ranges | Heat, turn: int) -> None:
+def _draw_flat(axes: Any, layer: Line | Points | Band | Ranges | Heat, flipped: bool) -> None:
+    named = not isinstance(layer, Heat) and not getattr(layer, "key", "")
+    label = {"label": layer.name} if named else {}
     if isinstance(layer, Line):
         how = {"drawstyle": "steps-post"} if layer.stepped else {}
         dash = "--" if layer.dashed else "-"
-        x, y = _array(layer.x), _array(layer.y)
-        axes.plot(x, y, dash, color=layer.colour, linewidth=1.4, label=layer.name, **how)
+        x, y = _placed(layer.x, layer.y, flipped)
+        axes.plot(x, y, dash, color=layer.colour, linewidth=layer.width, **label, **how)
     elif isinstance(layer, Points):
         spread = None if layer.spread is None else np.nan_to_num(_array(layer.spread))
         axes.errorbar(
-            _array(layer.x),
-            _array(layer.y),
-            yerr=spread,
+            *_placed(layer.x, layer.y, flipped),
+            **{"xerr" if flipped else "yerr": spread},
             fmt=_SYMBOLS.get(layer.symbol, "o"),
             color=layer.colour,
-            markersize=layer.size * 0.6,
+            markersize=layer.size * 0.5,
+            elinewidth=1.0,
             capsize=2,
-            label=layer.name,
+            **label,
         )
     elif isinstance(layer, Band):
-        axes.fill_between(layer.x, layer.low, layer.high, color=layer.colour, alpha=0.2, lw=0)
+        look = {"color": layer.colour, "alpha": 0.2, "lw": 0, **label}
+        axes.fill_between(layer.x, layer.low, layer.high, **look)
     elif isinstance(layer, Ranges):
-        heights = _array(layer.high) - _array(layer.low)
-        look = {"color": layer.colour, "alpha": 0.35, "width": 0.8, "label": layer.name}
-        axes.bar(layer.x, heights, bottom=layer.low, **look)
+        lengths = _array(layer.high) - _array(layer.low)
+        look = {"color": layer.colour, "alpha": 0.35, **label}
+        if flipped:
+            axes.barh(layer.x, lengths, left=layer.low, height=0.8, **look)
+        else:
+            axes.bar(layer.x, lengths, bottom=layer.low, width=0.8, **look)
     else:
         values = np.array([_array(row) for row in layer.values])
-        axes.imshow(values, cmap="Blues", vmin=layer.low, vmax=layer.high, aspect="auto")
-        axes.set_xticks(range(len(layer.columns)), layer.columns, rotation=turn, ha="right")
+        drawn = axes.imshow(values, cmap="Blues", vmin=layer.low, vmax=layer.high, aspect="auto")
         axes.set_yticks(range(len(layer.rows)), layer.rows)
-        if layer.labelled:
-            middle = (layer.low + layer.high) / 2
-            for row, column in np.argwhere(np.isfinite(values)):
-                value = values[row, column]
-                ink = "white" if value > middle else "black"
-                text = f"{value:.{layer.digits}f}"
-                axes.text(column, row, text, ha="center", va="center", fontsize=6, color=ink)
+        if not layer.labelled:
+            axes.figure.colorbar(drawn, ax=axes)
+            return
+        middle = (layer.low + layer.high) / 2
+        for row, column in np.argwhere(np.isfinite(values)):
+            value = values[row, column]
+            ink = "white" if value > middle else "black"
+            text = f"{value:.{layer.digits}f}"
+            axes.text(column, row, text, ha="center", va="center", fontsize=6, color=ink)
+
+
+def _placed(x: Any, y: Any, flipped: bool) -> tuple[Any, Any]:
+    return (_array(y), _array(x)) if flipped else (_array(x), _array(y))
 
 
 def _draw_bars(
     axes: Any,
     layer: Bars,
-    panel: Panel,
+    stacked: bool,
+    lying: bool,
     grounds: dict[str, dict[str, float]],
     index: int,
     count: int,
 ) -> None:
     """Bars upon each other (gains up, losses down), or side by side."""
     values = np.nan_to_num(_array(layer.y))
-    if panel.stacked:
+    if stacked:
         below = [
             grounds["up" if value >= 0 else "down"].get(name, 0.0)
             for name, value in zip(layer.x, values, strict=True)
@@ -197,14 +299,14 @@ def _draw_bars(
         for name, value in zip(layer.x, values, strict=True):
             side = grounds["up" if value >= 0 else "down"]
             side[name] = side.get(name, 0.0) + float(value)
-        if panel.sideways:
+        if lying:
             axes.barh(list(layer.x), values, left=below, color=layer.colour, label=layer.name)
         else:
             axes.bar(list(layer.x), values, bottom=below, color=layer.colour, label=layer.name)
         return
     thick = 0.8 / count
     places = np.arange(len(values)) + (index + 0.5) * thick - 0.4
-    if panel.sideways:
+    if lying:
         axes.barh(places, values, height=thick, color=layer.colour, label=layer.name)
         axes.set_yticks(range(len(values)), list(layer.x))
     else:

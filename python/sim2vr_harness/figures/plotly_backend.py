@@ -50,7 +50,7 @@ def _traces(layer: Layer, panel: Panel) -> list[dict[str, Any]]:
     if isinstance(layer, Line):
         line = {
             "color": layer.colour,
-            "width": 2,
+            "width": min(2, 1.5 * layer.width),
             "dash": "dash" if layer.dashed else "solid",
             "shape": "hv" if layer.stepped else "linear",
         }

@@ -127,11 +127,9 @@ def test_an_evaluation_measures_and_prints_them(
     with console.capture() as capture:
         console.print(results_table(found.summaries, found.facts, "title"))
     printed = " ".join(capture.get().split())
-    assert f"Fatigue of shoulder (proportion) {played.values['fatigue.shoulder']:.3f}" in printed
+    assert f"Fatigue of shoulder {played.values['fatigue.shoulder']:.3f}" in printed
     worst = muscles[int(np.argmax(of_muscles))].removeprefix("fatigue.")
-    assert (
-        f"Most fatigued muscle (proportion) {MUSCLE_NAMES[worst]} {max(of_muscles):.3f}" in printed
-    )
+    assert f"Most fatigued muscle {MUSCLE_NAMES[worst]} {max(of_muscles):.3f}" in printed
     file = chart([tmp_path], tmp_path / "chart.png", measures=["fatigue.elbow"])
     assert file.stat().st_size > 1000
 

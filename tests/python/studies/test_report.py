@@ -1,13 +1,17 @@
 from __future__ import annotations
 
+import contextlib
+import csv
 import json
 import re
 import warnings
+import zlib
 from dataclasses import replace
 from pathlib import Path
 
 import mujoco
 import numpy as np
+import pandas as pd
 import pytest
 import strange_game
 from PIL import Image
@@ -15,7 +19,17 @@ from PIL import Image
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import Measure
 from sim2vr_harness.envs.config import EnvConfig
-from sim2vr_harness.figures.figure import Bars, Figure, Heat, Line, Panel, colour_of, keys_of
+from sim2vr_harness.figures import matplotlib_backend
+from sim2vr_harness.figures.figure import (
+    Bars,
+    Figure,
+    Heat,
+    Line,
+    Panel,
+    Points,
+    colour_of,
+    keys_of,
+)
 from sim2vr_harness.figures.matplotlib_backend import write_stills
 from sim2vr_harness.figures.plotly_backend import plotly_of
 from sim2vr_harness.games.published import Published, PublishedPeople, published_of
@@ -27,13 +41,15 @@ from sim2vr_harness.human_comparison.agreement import (
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.studies.config import load_study
 from sim2vr_harness.studies.plan import plan_of
-from sim2vr_harness.studies.report import write_report
+from sim2vr_harness.studies.report import outcomes, write_report
 from sim2vr_harness.studies.report.body import _view_of, load_of
 from sim2vr_harness.studies.report.methods import PlayedBy, methods_of, varied_in
 from sim2vr_harness.studies.report.numbers import summary_of
+from sim2vr_harness.studies.report.outcomes import figures_of_outcomes
 from sim2vr_harness.studies.report.sentences import n_sentence, sentences_of
-from sim2vr_harness.studies.report.source import ReportSource, read_source
+from sim2vr_harness.studies.report.source import Group, ReportSource, read_source
 from sim2vr_harness.studies.report.strategy import depth_of, figures_of_strategy
+from sim2vr_harness.studies.report.table_files import write_tables
 from sim2vr_harness.studies.report.tables import test_table as table_of_tests
 from sim2vr_harness.users import load_body
 from sim2vr_harness.users.rendering import OrbitView
@@ -401,3 +417,87 @@ def test_axes_have_units_and_words_have_number(page: str, source: ReportSource) 
     )
     assert n_sentence(one).numbers == "n = 1, 1 round in 1 group"
     assert "1 rounds" not in methods_of(one, [PlayedBy("somebody", 1000)])
+
+
+# --- figures and tables for papers ----------------------------------------------------------------
+
+
+def _pdf_text(file: Path) -> bytes:
+    """A PDF's objects with their streams inflated."""
+    raw = file.read_bytes()
+    found = [raw]
+    for stream in re.findall(rb"stream\r?\n(.*?)endstream", raw, re.S):
+        with contextlib.suppress(zlib.error):
+            found.append(zlib.decompressobj().decompress(stream))
+    return b"\n".join(found)
+
+
+def test_pdfs_have_true_type_fonts_and_the_width_of_columns(tmp_path: Path) -> None:
+    line = Line("a", [0, 1], [0, 1], "#000000")
+    narrow = Figure("narrow", "One", "", [Panel("", [line], "time (s)", "x", legend=True)])
+    broad = Figure("broad", "Two", "", [Panel("", [line]), Panel("", [line])])
+    write_stills([narrow, broad], tmp_path)
+    for name, points in (("narrow", 252.0), ("broad", 518.4)):  # 3.5 and 7.2 inches
+        text = _pdf_text(tmp_path / f"{name}.pdf")
+        assert b"/CIDFontType2" in text and b"/Type3" not in text
+        box = re.search(rb"/MediaBox \[ ?([\d. ]+?) ?\]", text)
+        assert box is not None and float(box.group(1).split()[2]) == pytest.approx(points)
+
+
+def test_every_mark_has_a_legend_and_nothing_is_cut(source: ReportSource) -> None:
+    (measures,) = [f for f in figures_of_outcomes(source, NOBODY) if f.key == "measures"]
+    drawn = matplotlib_backend._drawn(measures)
+    (legend,) = drawn.legends
+    named = [text.get_text() for text in legend.get_texts()]
+    assert "round" in named and any(name.startswith("mean") for name in named)
+    points = Points("a", [0, 1], [0.9, 0.5], "#000000", spread=[0.4, 0.1], key="mean ± SD")
+    ticks = ["a long name of a group", "another long name"]
+    figure = Figure("cut", "", "", [Panel("", [points], ticks=ticks, y_range=(0.0, 1.0))])
+    (axes,) = matplotlib_backend._drawn(figure).axes
+    assert axes.get_ylim()[0] == 0.0 and axes.get_ylim()[1] >= 1.3
+    labels = axes.get_xticklabels()
+    assert all(label.get_rotation() == 0.0 for label in labels)
+    many = Panel("", [Bars("share", [f"group {i}" for i in range(15)], [0.5] * 15, "#000000")])
+    (axes,) = matplotlib_backend._drawn(Figure("many", "", "", [many])).axes
+    names = [label.get_text() for label in axes.get_yticklabels()]
+    assert names == [f"group {i}" for i in range(15)]
+
+
+def test_values_of_one_person_are_joined() -> None:
+    episodes = pd.DataFrame({"unit": ["p1", "p2"], "score": [1.0, 3.0]})
+    groups = [Group(name, "u", "c", episodes, episodes, ()) for name in ("a", "b")]
+    lines = outcomes._pairs(groups, Measure("score", "Score"))
+    assert [list(line.y) for line in lines] == [[1.0, 1.0], [3.0, 3.0]]
+    assert [list(line.x) for line in lines] == [[-0.125, 0.875], [0.125, 1.125]]
+    other = Group("b", "u", "c", episodes.assign(unit=["q1", "q2"]), episodes, ())
+    assert outcomes._pairs([groups[0], other], Measure("score", "Score")) == []
+
+
+def test_tables_for_papers_have_all_digits_and_balanced_latex(
+    source: ReportSource, tmp_path: Path
+) -> None:
+    result = {
+        "measure": "sparks", "levels": ["a_b", "c"], "by": {}, "test": "paired-t", "n": 6,
+        "p": 0.00255, "p_holm": 0.00766, "effect": -2.277, "effect_name": "d", "statistic": -5.5,
+        "difference": {"mean": -0.137003, "low": -0.2, "high": -0.07},
+    }  # fmt: skip
+    files = list(write_tables(replace(source, comparisons=[result]), tmp_path))
+    assert [file.name for file in files] == [
+        *("table_measures.csv", "table_measures.tex", "table_tests.csv", "table_tests.tex")
+    ]
+    rows = list(csv.DictReader(files[2].read_text().splitlines()))
+    assert (rows[0]["estimate"], rows[0]["p_holm"]) == ("-0.137003", "0.00766")
+    means = {row["group"] for row in csv.DictReader(files[0].read_text().splitlines())}
+    assert means == {group.label for group in source.groups}
+    for file in (files[1], files[3]):
+        text = file.read_text()
+        assert text.count(r"\begin{tabular}") == text.count(r"\end{tabular}") == 1
+        body = text.partition(r"\toprule")[2].partition(r"\bottomrule")[0]
+        columns = re.search(r"\{(l?r*)\}\n", text)
+        assert columns is not None
+        lines = [line for line in body.strip().splitlines() if line != r"\midrule"]
+        for line in lines:
+            assert line.endswith(r" \\") and not line.endswith(r"\\\\")
+            assert len(re.findall(r"(?<!\\)&", line)) == len(columns.group(1)) - 1
+            assert line.count("$") % 2 == 0 and line.count("{") == line.count("}")
+    assert r"a\_b" in files[3].read_text() and "$-$0.1" in files[3].read_text()

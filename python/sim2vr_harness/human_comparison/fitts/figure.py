@@ -4,20 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from sim2vr_harness.base.errors import InputError
-from sim2vr_harness.base.files import naming
+from sim2vr_harness.figures.figure import GREY, Figure, Layer, Line, Panel, Points, colour_of
+from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.human_comparison.fitts.published import STUDIES
 from sim2vr_harness.human_comparison.fitts.users import AimedUser, Spread
 
 __all__ = ["draw_fitts"]
 
+_MEAN = "mean ± SD over persons"
+
 
 def draw_fitts(users: Sequence[AimedUser], out: Path) -> Path:
-    """Draw movement time, errors and throughput over the index of difficulty into a PNG file.
+    """Draw movement time, errors and throughput over the index of difficulty: PNG or PDF.
 
     Means over persons with their standard deviations; lines are MT = a + b ID of the means, dashed
     ones are published of people.
@@ -27,68 +26,48 @@ def draw_fitts(users: Sequence[AimedUser], out: Path) -> Path:
         out: the file.
 
     Raises:
-        InputError: ``out`` is no PNG.
+        InputError: ``out`` is neither PNG nor PDF.
     """
-    if out.suffix.lower() != ".png":
-        raise InputError("--out", repr(str(out)), "a file name that ends in .png")
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
-    figure = Figure(figsize=(12, 4.2), layout="constrained")
-    FigureCanvasAgg(figure)
-    times, throughputs, rates = figure.subplots(1, 3)
+    times: list[Layer] = []
+    throughputs: list[Layer] = []
+    rates: list[Layer] = []
     for number, user in enumerate(users):
-        _draw_user(times, throughputs, rates, user, f"C{number % 10}")
-    _draw_people(times)
-    times.set(ylabel="Movement time (s)", ylim=(0.0, None))
-    times.legend(fontsize=7, loc="upper left")
-    throughputs.set(ylabel="Throughput of a block (bits/s)", ylim=(0.0, None))
-    rates.set(ylabel="Share of errors", ylim=(0.0, 1.0))
-    for axes in (times, throughputs, rates):
-        axes.set_xlabel("Index of difficulty (bits)")
-        axes.grid(color="#e8e8e8", linewidth=0.5)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with naming(out):
-        figure.savefig(out, dpi=110)
-    return out
+        bits, colour = [row.bits for row in user.difficulties], colour_of(number)
+        label = user.name
+        if user.line is not None:
+            line = user.line
+            label += f": {line.a_s:.2f} s + {line.b_s_per_bit:.2f} s/bit, R2 = {line.r2:.2f}"
+            times.append(_straight(label, line.a_s, line.b_s_per_bit, bits, colour))
+        for layers, key in (
+            (times, "movement_time_s"),
+            (throughputs, "throughput_bps"),
+            (rates, "error_rate"),
+        ):
+            found: list[Spread] = [getattr(row, key) for row in user.difficulties]
+            means, sds = [row.mean for row in found], [row.sd for row in found]
+            spread = None if None in sds else sds
+            name = label if layers is times else user.name
+            layers.append(Points(name, bits, means, colour, spread=spread, key=_MEAN))
+            if layers is not times:
+                layers.append(Line(label, bits, means, colour))
+    every = [row.bits for user in users for row in user.difficulties]
+    times += [
+        _straight(f"people: {s.label}", s.a_s, s.b_s_per_bit, every, GREY, dashed=True)
+        for s in STUDIES
+        if s.a_s is not None and s.b_s_per_bit is not None
+    ]
+    x = "index of difficulty (bits)"
+    panels = [
+        Panel("", times, x, "movement time (s)", y_range=(0.0, 0.0), legend=True),
+        Panel("", throughputs, x, "throughput of a block (bits/s)", y_range=(0.0, 0.0)),
+        Panel("", rates, x, "proportion of errors", y_range=(0.0, 1.0)),
+    ]
+    return write_figure(Figure("movement_time", "Aimed movements", "", panels), out)
 
 
-def _draw_user(times: Any, throughputs: Any, rates: Any, user: AimedUser, color: str) -> None:
-    bits = [row.bits for row in user.difficulties]
-    label = user.name
-    if user.line is not None:
-        line = user.line
-        label += f": {line.a_s:.2f} s + {line.b_s_per_bit:.2f} s/bit, R2 = {line.r2:.2f}"
-        ends = np.array([min(bits), max(bits)])
-        times.plot(ends, line.a_s + line.b_s_per_bit * ends, color=color)
-    for axes, key, style in (
-        (times, "movement_time_s", "o"),
-        (throughputs, "throughput_bps", "o-"),
-        (rates, "error_rate", "o-"),
-    ):
-        found: list[Spread] = [getattr(row, key) for row in user.difficulties]
-        spread = [row.sd for row in found if row.sd is not None]
-        axes.errorbar(
-            bits,
-            [row.mean for row in found],
-            yerr=spread if len(spread) == len(found) else None,
-            fmt=style,
-            color=color,
-            capsize=2,
-            label=label if axes is times else None,
-        )
-
-
-def _draw_people(axes: Any) -> None:
-    ends = np.array(axes.get_xlim())
-    for study in STUDIES:
-        if study.a_s is None or study.b_s_per_bit is None:
-            continue
-        axes.plot(
-            ends,
-            study.a_s + study.b_s_per_bit * ends,
-            "--",
-            color="gray",
-            linewidth=1.0,
-            label=f"people: {study.label}",
-        )
+def _straight(
+    name: str, a_s: float, b: float, bits: Sequence[float], colour: str, *, dashed: bool = False
+) -> Line:
+    """MT = a + b ID over the indices that were played."""
+    ends = [min(bits), max(bits)]
+    return Line(name, ends, [a_s + b * end for end in ends], colour, dashed=dashed)

@@ -10,10 +10,12 @@ import numpy as np
 from sim2vr_harness.base.errors import counted
 from sim2vr_harness.client import Measure
 from sim2vr_harness.figures.figure import (
+    GREY,
     Bars,
     Figure,
     Heat,
     Layer,
+    Line,
     Panel,
     Points,
     Ranges,
@@ -83,12 +85,26 @@ def _measure_panel(groups: Sequence[Group], measure: Measure, published: Publish
             for i, mean, low, high in zip(places, means, lows, highs, strict=True)
         ]
         layers.append(Ranges("people's range", places, lows, highs, text=texts))
-        layers.append(Points("people's mean", places, means, "#6b7075", 9, "diamond", text=texts))
+        layers.append(
+            Points(
+                "people's mean",
+                places,
+                means,
+                "#6b7075",
+                9,
+                "diamond",
+                text=texts,
+                key="people's mean",
+            )
+        )
+    layers += _pairs(groups, measure)
+    several = any(len(set(group.units)) > 1 for group in groups)
+    over = "persons or users" if several else "rounds"
     for place, group in enumerate(groups):
         colour = colour_of(place)
         values = known(group.values(measure.name))
         beside = [place + _SPREAD * ((k + 0.5) / len(values) - 0.5) for k in range(len(values))]
-        layers.append(Points(f"{group.label}, rounds", beside, values, colour, 4))
+        layers.append(Points(f"{group.label}, rounds", beside, values, colour, 4, key="round"))
         found = summary_of(group, measure.name)
         if found is not None:
             text = (
@@ -96,11 +112,30 @@ def _measure_panel(groups: Sequence[Group], measure: Measure, published: Publish
             )
             layers.append(
                 Points(group.label, [place], [found.mean], colour, 11, text=[text],
-                       spread=None if found.spread is None else [found.spread])
+                       spread=None if found.spread is None else [found.spread],
+                       key="mean" if found.spread is None else f"mean ± SD over {over}")
             )  # fmt: skip
     return Panel(
         measure.label, layers, y_label=measure.unit, ticks=[group.label for group in groups]
     )
+
+
+def _pairs(groups: Sequence[Group], measure: Measure) -> list[Layer]:
+    """A thin line per person or user through its rounds in all groups, where n is above 1."""
+    lines: dict[str, tuple[list[float], list[float]]] = {}
+    for place, group in enumerate(groups):
+        values = group.values(measure.name)
+        own = [(u, v) for u, v in zip(group.units, values, strict=True) if v is not None]
+        for unit in dict.fromkeys(unit for unit, _ in own):
+            rounds = [k for k, (other, _) in enumerate(own) if other == unit]
+            x, y = lines.setdefault(unit, ([], []))
+            middle = (float(np.mean(rounds)) + 0.5) / len(own) - 0.5
+            x.append(place + _SPREAD * middle)
+            y.append(float(np.mean([own[k][1] for k in rounds])))
+    paired = [(unit, *line) for unit, line in lines.items() if len(line[0]) == len(groups)]
+    if len(groups) < 2 or len(paired) < 2:
+        return []
+    return [Line(unit, x, y, GREY, width=0.6, key="same person or user") for unit, x, y in paired]
 
 
 def _grid(groups: Sequence[Group], grid: Measure, published: Published) -> Figure:

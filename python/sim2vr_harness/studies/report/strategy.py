@@ -23,6 +23,7 @@ _WINDOW_S = 0.6
 _STEP_S = 0.05
 _MOST_AREAS = 4
 """Groups whose quantiles can be told apart."""
+_AREA = "10 % to 90 % quantile"
 _BINS = 60
 """Of depth over time."""
 _PATH_S = (2.0, 20.0)
@@ -133,7 +134,7 @@ def _over_time(groups: Sequence[Group], depths: Sequence[Sequence[Depth]]) -> Fi
             [float(np.quantile(values[bins == k], q)) for k in filled] for q in (0.1, 0.5, 0.9)
         )
         if sum(map(bool, depths)) <= _MOST_AREAS:
-            layers.append(Band(group.label, middles, low, high, colour))
+            layers.append(Band(group.label, middles, low, high, colour, key=_AREA))
         layers.append(Line(group.label, middles, middle, colour))
         around += _around_outcomes(group, own, colour)
     areas = (
@@ -260,5 +261,13 @@ def _share_line(name: str, values: Any, colour: str) -> list[Layer]:
     middle = float(np.median(values))
     return [
         Line(name, list(map(float, at)), list(map(float, shares)), colour),
-        Points(f"{name}, median", [middle], [0.5], colour, 8, text=[f"{name}: {middle:.3g}"]),
+        Points(
+            f"{name}, median",
+            [middle],
+            [0.5],
+            colour,
+            8,
+            text=[f"{name}: {middle:.3g}"],
+            key="median",
+        ),
     ]

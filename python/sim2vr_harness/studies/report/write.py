@@ -25,6 +25,7 @@ from sim2vr_harness.studies.report.search import figures_of_search, search_sente
 from sim2vr_harness.studies.report.sentences import sentences_of
 from sim2vr_harness.studies.report.source import read_source
 from sim2vr_harness.studies.report.strategy import figures_of_strategy
+from sim2vr_harness.studies.report.table_files import write_tables
 
 __all__ = ["PAGE", "StudyReport", "write_report"]
 
@@ -38,7 +39,8 @@ class StudyReport:
 
     Attributes:
         page: The HTML file.
-        figures: PNG and PDF files, in the folder ``NAME_figures`` beside it.
+        figures: PNG and PDF files, and tables as CSV and LaTeX, in the folder ``figures`` beside
+            ``report.html``, ``NAME_figures`` beside a page of another name.
     """
 
     page: Path
@@ -87,5 +89,8 @@ def write_report(
         methods_of(source, users),
     )
     write_atomically(page, page_of(content).encode())
-    drawn = write_stills(figures, page.with_name(f"{page.stem}_figures")) if stills else []
+    # Two reports in a folder do not share their figures.
+    name = "figures" if page.name == PAGE else f"{page.stem}_figures"
+    beside = page.with_name(name)
+    drawn = [*write_stills(figures, beside), *write_tables(source, beside)] if stills else []
     return StudyReport(page, tuple(drawn))

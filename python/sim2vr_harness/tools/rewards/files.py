@@ -11,7 +11,9 @@ import numpy as np
 
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.base.optional import needed
+from sim2vr_harness.figures.figure import Figure, Line, Panel, colour_of
 from sim2vr_harness.figures.html import save_page, table
+from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.tools.rewards.contributions import APPROACHES, EFFORTS, Contributions
 
 __all__ = ["sums", "write"]
@@ -88,13 +90,13 @@ def _figure(found: Contributions) -> Any:
                     legendgroup=term.name,
                     showlegend=row == 1,
                     mode="lines+markers",
-                    line={"color": _COLORS[k % len(_COLORS)]},
+                    line={"color": _color(k)},
                 ),
                 row=row,
                 col=1,
             )
     for k, kind in enumerate(EFFORTS):
-        line = {"color": _COLORS[k % len(_COLORS)], "dash": "dot"}
+        line = {"color": _color(k), "dash": "dot"}
         trace = go.Scatter(
             x=found.times_s, y=-found.efforts[kind], name=f"effort, {kind}", line=line
         )
@@ -110,29 +112,34 @@ def _figure(found: Contributions) -> Any:
 
 
 def _picture(found: Contributions, out: Path) -> Path:
-    from matplotlib.figure import Figure
+    times = list(map(float, found.times_s))
+    panels = [
+        Panel(
+            f"{approach}: {found.total(approach):.3g}",
+            [
+                Line(term.name, times, list(found.terms[approach][term.name]), _color(k))
+                for k, term in enumerate(found.reward.terms)
+            ],
+            "time (s)",
+            "reward per user step",
+            legend=True,
+        )
+        for approach in APPROACHES
+    ]
+    efforts = [
+        Line(f"effort, {kind}", times, list(-found.efforts[kind]), _color(k), dashed=True)
+        for k, kind in enumerate(EFFORTS)
+    ]
+    distances = [
+        Line(f"distance, {approach}", times, list(found.distances_m[approach]), colour_of(8 + k))
+        for k, approach in enumerate(APPROACHES)
+    ]
+    effort = f"effort, {found.effort_name}"
+    panels.append(Panel(effort, efforts, "time (s)", "reward per user step", legend=True))
+    panels.append(Panel("distance", distances, "time (s)", "distance (m)", legend=True))
+    figure = Figure("rewards", f"Reward of {found.reward.name}", "", panels)
+    return write_figure(figure, out / "rewards.png")
 
-    figure = Figure(figsize=(10, 6), layout="constrained")
-    axes = figure.subplots(2, 3)
-    for axis, approach in zip(axes.flat, APPROACHES, strict=False):
-        for k, term in enumerate(found.reward.terms):
-            label = f"{term.name}: {found.total(approach, term.name):.3g}"
-            values = found.terms[approach][term.name]
-            axis.plot(found.times_s, values, ".-", color=_COLORS[k % len(_COLORS)], label=label)
-        axis.set_title(f"{approach}: {found.total(approach):.3g}")
-        axis.legend(fontsize=8)
-    for kind in EFFORTS:
-        label = f"{kind}: {0.0 - found.cost(kind):.3g}"
-        axes.flat[4].plot(found.times_s, -found.efforts[kind], ":", label=label)
-    axes.flat[4].set_title(f"effort, {found.effort_name}", fontsize=10)
-    axes.flat[4].legend(fontsize=8)
-    for approach in APPROACHES:
-        axes.flat[5].plot(found.times_s, found.distances_m[approach], label=approach)
-    axes.flat[5].set_title("distance (m)")
-    axes.flat[5].legend(fontsize=8)
-    figure.supxlabel("time (s)")
-    figure.supylabel("reward per user step")
-    file = out / "rewards.png"
-    with naming(file):
-        figure.savefig(file, dpi=110)
-    return file
+
+def _color(index: int) -> str:
+    return _COLORS[index % len(_COLORS)]

@@ -275,8 +275,8 @@ def test_a_picture_is_a_png(tmp_path: Path) -> None:
     user(tmp_path / "anna")
     anna = AimedUser("anna", (measure_user(rounds_below(tmp_path), "x"),))
     assert draw_fitts([anna], tmp_path / "a.png").stat().st_size > 10_000
-    with pytest.raises(InputError, match=r"ends in \.png"):
-        draw_fitts([anna], tmp_path / "x.pdf")
+    with pytest.raises(InputError, match=r"ends in \.png or \.pdf"):
+        draw_fitts([anna], tmp_path / "x.svg")
 
 
 def test_people_are_folders(tmp_path: Path) -> None:

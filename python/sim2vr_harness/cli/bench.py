@@ -19,7 +19,7 @@ __all__ = ["bench"]
 _Config = Annotated[
     str | None,
     typer.Argument(
-        metavar="[CONFIG]",
+        metavar="CONFIG",
         help="What to measure; without, Whac-A-Mole medium and the reference's user.",
     ),
 ]
@@ -66,7 +66,12 @@ def bench(
     trust_app: TrustOption = False,
     json: _Json = False,
 ) -> None:
-    """Measure how fast this machine simulates, draws and learns."""
+    """Measure how fast this machine simulates, draws and learns.
+
+    Examples:
+        sim2vr-harness bench
+        sim2vr-harness bench --scene physics,env --n 1,16,64
+    """
     from sim2vr_harness.bench.plan import BenchPlan
     from sim2vr_harness.bench.report import print_rows
     from sim2vr_harness.bench.rows import append_rows

@@ -1,4 +1,4 @@
-"""``sim2vr-harness chart``: measures of several users as bars."""
+"""``sim2vr-harness plot measures``: measures of several users as bars."""
 
 from __future__ import annotations
 
@@ -36,7 +36,12 @@ def chart(
         Path, typer.Option(help="The PNG file to write.", callback=writable_file)
     ] = Path("chart.png"),
 ) -> None:
-    """Draw what evaluations measured of several users, side by side."""
+    """Draw the measures of several evaluations as bars.
+
+    Examples:
+        sim2vr-harness plot measures evaluation/a evaluation/b --condition easy
+        sim2vr-harness plot measures a.json b.json --measure effort --out effort.png
+    """
     from sim2vr_harness.evaluation.bar_chart import chart as draw
 
     typer.echo(f"Written: {draw(results, out, condition=condition, measures=measure or ())}")

@@ -108,7 +108,12 @@ def compare(
     overrides: _Overrides = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")] = False,
 ) -> None:
-    """Compare users with recorded people: measures, people's range, distance."""
+    """Compare users with recorded people: measures, range, distance.
+
+    Examples:
+        sim2vr-harness compare whacamole_people --people recordings
+        sim2vr-harness compare Mine=runs/pointing pointing_people --game pointing
+    """
     from sim2vr_harness.games.registry import aimed_games, behaviour_of, behaviours
     from sim2vr_harness.human_comparison.report import ComparisonReport
     from sim2vr_harness.human_comparison.sources import Plays, game_of, read_people, read_user

@@ -39,7 +39,7 @@ __all__ = ["evaluate"]
 _Run = Annotated[
     str | None,
     typer.Argument(
-        metavar="[RUN]",
+        metavar="RUN",
         help="A run's folder, a checkpoint, or pretrained:NAME; nothing with --user.",
     ),
 ]
@@ -141,7 +141,12 @@ def evaluate(
     overrides: EnvSetOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Let a trained user play, and measure what it does."""
+    """Let a trained user play, and measure what it does.
+
+    Examples:
+        sim2vr-harness evaluate pretrained:whacamole_constrained --condition easy
+        sim2vr-harness evaluate runs/sample --episodes 20 --record
+    """
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.evaluation.evaluate import Request
     from sim2vr_harness.evaluation.evaluate import evaluate as evaluate_run

@@ -26,7 +26,14 @@ def export(
         Path, typer.Option(help="Folder for the files.", callback=writable_folder)
     ] = Path("opensim"),
 ) -> None:
-    """Write joint angles (.mot), activations and forces (.sto) for OpenSim."""
+    """Write joint angles, activations and forces for OpenSim.
+
+    Angles go to .mot files, activations and forces to .sto files.
+
+    Examples:
+        sim2vr-harness export runs/sample/evaluation/step_1000000
+        sim2vr-harness export evaluation/sample --out opensim/sample
+    """
     from sim2vr_harness.evaluation.data import export_opensim, read_data
 
     for file in export_opensim(read_data(folder), out, episode or ()):

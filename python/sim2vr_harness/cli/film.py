@@ -1,4 +1,4 @@
-"""``sim2vr-harness film``: users side by side."""
+"""``sim2vr-harness render film``: users side by side."""
 
 from __future__ import annotations
 
@@ -32,7 +32,12 @@ def film(
     ] = Path("film.mp4"),
     trust_app: TrustOption = False,
 ) -> None:
-    """Film users who play the same round, side by side."""
+    """Film users who play the same round, side by side.
+
+    Examples:
+        sim2vr-harness render film whacamole_constrained whacamole_people
+        sim2vr-harness render film runs/a runs/b --seconds 20 --out ab.mp4
+    """
     from sim2vr_harness.evaluation.comparison_video import film_side_by_side
 
     written = film_side_by_side(

@@ -10,33 +10,41 @@ import typer
 from rich import box
 from rich.console import Console
 from rich.table import Table
-from typer.core import TyperCommand
 
+from sim2vr_harness.cli.command import Command
 from sim2vr_harness.client import GameFacts, describe_game, list_games
 
 __all__ = ["HelpWithGames", "games"]
 
 
-class HelpWithGames(TyperCommand):
-    """A command whose help ends with the conditions that games are evaluated in."""
+class HelpWithGames(Command):
+    """A command whose help lists the conditions that games are evaluated in."""
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:
         """Write the games and their conditions below the options."""
         try:
             known = [(name, ", ".join(describe_game(name).evaluated)) for name in list_games()]
         except RuntimeError:  # the extension module is not built
-            return
-        with formatter.section("Conditions that are played by default (all: sim2vr-harness games)"):
-            formatter.write_dl(known)
+            known = []
+        if known:
+            heading = "Conditions that are played by default (all: sim2vr-harness games)"
+            with formatter.section(heading):
+                formatter.write_dl(known)
+        super().format_epilog(ctx, formatter)
 
 
 def games(
     name: Annotated[
-        str | None, typer.Argument(metavar="[GAME]", help="A game; without, all in short.")
+        str | None, typer.Argument(metavar="GAME", help="A game; without, all in short.")
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")] = False,
 ) -> None:
-    """List the games, or the conditions and measures of one."""
+    """List the games; of one, its conditions, measures and options.
+
+    Examples:
+        sim2vr-harness games
+        sim2vr-harness games beats
+    """
     chosen = [name] if name is not None else sorted(list_games())
     facts = [describe_game(each) for each in chosen]
     if json:

@@ -1,4 +1,4 @@
-"""``sim2vr-harness level``: what comes when in a level, as a picture and a few numbers."""
+"""``sim2vr-harness plot level``: what comes when in a level, as a picture and a few numbers."""
 
 from __future__ import annotations
 
@@ -50,7 +50,12 @@ def level(
     out: _Out = None,
     json: _Json = False,
 ) -> None:
-    """Say what is in a level, and draw it over time."""
+    """Print what is in a level, and draw it over time.
+
+    Examples:
+        sim2vr-harness plot level generated --seed 7 --out level.png
+        sim2vr-harness plot level generated --set boxes_per_second=1.5
+    """
     from sim2vr_harness.figures.level_timeline import draw_timeline
 
     chosen, option = _game_with_levels(game)

@@ -1,4 +1,4 @@
-"""``sim2vr-harness motor``: motor layers are practised, and measured."""
+"""``sim2vr-harness users motor``: train and measure motor layers."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sim2vr_harness.cli.command import CommandGroup
 from sim2vr_harness.cli.options import (
     JsonOption,
     TrustOption,
@@ -20,13 +21,7 @@ if TYPE_CHECKING:
     from sim2vr_harness.training.motor_control.practice import MotorTraining
     from sim2vr_harness.users import Body
 
-__all__ = ["app"]
-
-app = typer.Typer(
-    help="Motor layers: hands that come where they are told (docs/concepts/training.md).",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+__all__ = ["app", "old_app"]
 
 BodyArgument = Annotated[str, typer.Argument(metavar="BODY", help="A body, or its YAML file.")]
 StepOption = Annotated[
@@ -34,8 +29,7 @@ StepOption = Annotated[
 ]
 
 
-@app.command("practise")
-def practise(
+def train_layer(
     body: BodyArgument,
     out: Annotated[
         Path, typer.Option(metavar="FILE.pt", help="The layer's file.", callback=writable_file)
@@ -56,7 +50,12 @@ def practise(
     ] = None,
     trust_app: TrustOption = False,
 ) -> int:
-    """Practise a body's motor layer; what was stopped goes on where it was."""
+    """Train a body's motor layer; a stopped training continues.
+
+    Examples:
+        sim2vr-harness users motor train mobl_arms_wrist --out layer.pt
+        sim2vr-harness users motor train mobl_arms_wrist --out l.pt --set cycles=36
+    """
     from sim2vr_harness.base.signals import sigterm_interrupts
     from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, save_motor_layer
     from sim2vr_harness.runs.config import apply_overrides, parse_config
@@ -104,7 +103,6 @@ def _cycles(practice: MotorTraining, begun: Path) -> dict[str, Any]:
     return known
 
 
-@app.command("measure")
 def measure(
     body: BodyArgument,
     layer: Annotated[
@@ -128,7 +126,12 @@ def measure(
     json: JsonOption = False,
     trust_app: TrustOption = False,
 ) -> None:
-    """Measure a motor layer: end points, speeds, effort, and times by Fitts' law."""
+    """Measure a motor layer: end points, speeds, effort and Fitts' law.
+
+    Examples:
+        sim2vr-harness users motor measure mobl_arms_wrist
+        sim2vr-harness users motor measure mobl_arms_wrist --noise --out layer.png
+    """
     from sim2vr_harness.cli.progress import Share
     from sim2vr_harness.training.motor_control.benchmark import measure_layer
     from sim2vr_harness.training.motor_control.benchmark_figure import draw_measures
@@ -168,3 +171,21 @@ def _layer(body: Body, file: Path | None, step_s: float) -> MotorPolicy:
     from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, motor_layer_for
 
     return motor_layer_for(body, step_s) if file is None else load_motor_layer(file, body, step_s)
+
+
+app = CommandGroup(
+    """Train and measure motor layers, which move hands to goals.
+
+    docs/concepts/training.md explains them.
+
+    Examples:
+        sim2vr-harness users motor train mobl_arms_wrist --out layer.pt
+        sim2vr-harness users motor measure mobl_arms_wrist
+    """
+)
+app.add("train", train_layer)
+app.add("measure", measure)
+
+old_app = CommandGroup("Old names of `sim2vr-harness users motor`.")
+old_app.add_old("practise", train_layer, "users motor train")
+old_app.add_old("measure", measure, "users motor measure")

@@ -95,7 +95,12 @@ def reach(
     set_: _Set = None,
     trust_app: TrustOption = False,
 ) -> None:
-    """Measure what a user can reach, and say of targets whether they lie within."""
+    """Measure what a user can reach, and which targets lie within.
+
+    Examples:
+        sim2vr-harness reach mobl_arms_wrist --target shelf=0.3,1.6,0.5
+        sim2vr-harness reach whacamole_constrained --game whacamole --condition easy
+    """
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.base.optional import needed
     from sim2vr_harness.envs.config import body_of

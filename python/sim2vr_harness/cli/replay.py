@@ -69,7 +69,12 @@ def replay(
     fps: _Fps = 30.0,
     json: JsonOption = False,
 ) -> None:
-    """Play recorded rounds again and compare every event with the recording."""
+    """Replay recorded rounds and compare every event with the record.
+
+    Examples:
+        sim2vr-harness replay recordings/person_1
+        sim2vr-harness replay recordings --video replay.mp4
+    """
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.evaluation.replay.film import ReplayFilm
     from sim2vr_harness.evaluation.replay.recordings import read_recordings

@@ -29,7 +29,14 @@ def report(
         typer.Option("--figures/--no-figures", help="Write figures as PNG and PDF (default)."),
     ] = True,
 ) -> None:
-    """Write a report: one HTML file that opens offline, and its figures as PNG and PDF."""
+    """Write a report of an evaluation or a study.
+
+    It is one HTML file that opens offline, with figures as PNG and PDF beside it.
+
+    Examples:
+        sim2vr-harness report studies/my_study
+        sim2vr-harness report runs/sample/evaluation/step_1000000 --out sample.html
+    """
     from sim2vr_harness.studies.report import write_report
 
     found = write_report(folder, out, stills=figures)

@@ -45,7 +45,14 @@ def rewards(
     set_: _Set = None,
     trust_app: TrustOption = False,
 ) -> None:
-    """Say what each term of a reward comes to over a movement, beside the effort's cost."""
+    """Print and draw what each term of a reward amounts to.
+
+    Terms are summed over one movement and stand beside the cost of effort.
+
+    Examples:
+        sim2vr-harness rewards whacamole_constrained
+        sim2vr-harness rewards pointing_people --out rewards/pointing
+    """
     from rich.console import Console
     from rich.table import Table
 

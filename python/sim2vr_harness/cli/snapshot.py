@@ -1,4 +1,4 @@
-"""``sim2vr-harness snapshot``: pictures of a game and of who plays it."""
+"""``sim2vr-harness render snapshot``: pictures of a game and of who plays it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,11 @@ def snapshot(
 ) -> None:
     """Write pictures of a game: headset view, third person and body.
 
-    The body is drawn by MuJoCo without a display; MUJOCO_GL=egl or osmesa chooses how.
+    MuJoCo draws the body without a display; MUJOCO_GL=egl or osmesa chooses how.
+
+    Examples:
+        sim2vr-harness render snapshot --game beats --condition level
+        sim2vr-harness render snapshot --page game.html --task task.yaml
     """
     from sim2vr_harness.evaluation import snapshot as pictures
 

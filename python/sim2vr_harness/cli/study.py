@@ -58,10 +58,14 @@ def study(
     replay_damaged: _ReplayDamaged = False,
     trust_app: TrustOption = False,
 ) -> None:
-    """Play the cells of a study, train or search what it needs, compare, and write the report.
+    """Play a study: its cells, trainings, comparisons and report.
 
     A study that names a program, a page, an address or Python code starts nothing before you have
     agreed. --trust-app agrees, for the study and for the users and configurations that it names.
+
+    Examples:
+        sim2vr-harness study studies/placement_search.yaml --jobs 2
+        sim2vr-harness study studies/people_ablation.yaml --no-report
     """
     from rich.console import Console
 

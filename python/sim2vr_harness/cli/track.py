@@ -116,7 +116,12 @@ def track(
     set_: _Set = None,
     trust_app: TrustOption = False,
 ) -> None:
-    """Let a body's muscles follow the recorded hands of a person, and say what it costs them."""
+    """Let a body follow recorded hands, and report errors and effort.
+
+    Examples:
+        sim2vr-harness track recordings/person_1 --no-refine
+        sim2vr-harness track hands.csv --frame openxr --stature 1.75 --no-play
+    """
     from sim2vr_harness.cli.progress import Share
     from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
     from sim2vr_harness.tools.track.files import film, write

@@ -36,7 +36,7 @@ __all__ = ["train"]
 _Config = Annotated[
     str | None,
     typer.Argument(
-        metavar="[CONFIG]",
+        metavar="CONFIG",
         help="A YAML file, or the name of a game (recipe: skills); with --resume, the run's "
         "folder.",
     ),
@@ -87,7 +87,12 @@ def train(
     browser: BrowserOption = None,
     trust_app: TrustOption = False,
 ) -> int:
-    """Train a simulated user; Ctrl-C saves, --resume continues exactly."""
+    """Train a simulated user; Ctrl-C saves, --resume continues exactly.
+
+    Examples:
+        sim2vr-harness train sample --timesteps 100000
+        sim2vr-harness train --resume runs/sample
+    """
     from sim2vr_harness.envs.games import with_task
     from sim2vr_harness.runs.trust import named_app, require_trust
     from sim2vr_harness.training.run import trainer
@@ -225,7 +230,7 @@ def _print_where_next(result: TrainResult, resumable: bool) -> None:
     typer.echo(f"Saved user: {result.checkpoint}")
     lines = [
         ("watch it play", f"sim2vr-harness evaluate {run} --record"),
-        ("learning curves", f"sim2vr-harness curves {run} --out {run}/curves.png"),
+        ("learning curves", f"sim2vr-harness plot curves {run} --out {run}/curves.png"),
         ("TensorBoard", f"tensorboard --logdir {run}/tensorboard"),
     ]
     if resumable:

@@ -14,17 +14,14 @@ from rich.console import Console
 from rich.table import Table
 
 from sim2vr_harness.base.files import read_json
+from sim2vr_harness.cli import motor
+from sim2vr_harness.cli.command import CommandGroup
 from sim2vr_harness.cli.options import TrustOption, finite, writable_file, writable_folder
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.tables import cell
 
 if TYPE_CHECKING:
     from sim2vr_harness.users import Physique
-
-app = typer.Typer(
-    help="Trained users and bodies: list them, look at one, pack one of a run, export a body.",
-    no_args_is_help=True,
-)
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")]
 
@@ -43,9 +40,15 @@ _SkullRotationDeg = Annotated[
 _Torso = Annotated[bool, typer.Option("--torso", help="With a trunk and a neck that move.")]
 
 
-@app.command("list")
 def list_users(json: JsonOption = False) -> None:
-    """List the users that `sim2vr-harness evaluate pretrained:NAME` can play."""
+    """List the trained users that ship.
+
+    `sim2vr-harness evaluate pretrained:NAME` lets one play.
+
+    Examples:
+        sim2vr-harness users list
+        sim2vr-harness users list --json
+    """
     from sim2vr_harness.policies.store import list_cards
 
     cards = list_cards()
@@ -118,20 +121,24 @@ def _spread(card: dict[str, Any], condition: str, measure: Measure) -> str:
     return f"{min(known):.{digits}f}-{max(known):.{digits}f}" if known else "-"
 
 
-@app.command()
 def show(
     name: Annotated[
         str, typer.Argument(help="A name of `sim2vr-harness users list`, or a folder.")
     ],
+    json: JsonOption = False,
 ) -> None:
-    """Print everything that is known of a trained user."""
+    """Print what a trained user is, its results, and how to use it.
+
+    Examples:
+        sim2vr-harness users show whacamole_people
+        sim2vr-harness users show whacamole_people --json
+    """
     from sim2vr_harness.policies.store import find_user
 
     user = find_user(name if Path(name).exists() else f"pretrained:{name.split(':')[-1]}")
     typer.echo(jsonlib.dumps(user.card, indent=2))
 
 
-@app.command()
 def pack(
     run: Annotated[str, typer.Argument(metavar="RUN", help="A run's folder or a checkpoint.")],
     name: Annotated[str, typer.Argument(help="What the user will be called.")],
@@ -156,7 +163,12 @@ def pack(
     ] = None,
     trust_app: TrustOption = False,
 ) -> None:
-    """Pack the user of a run, and measure what was packed."""
+    """Pack the user of a run, and measure what was packed.
+
+    Examples:
+        sim2vr-harness users pack runs/sample my_user --out users
+        sim2vr-harness users pack runs/a mine --out users --other-seed runs/b
+    """
     from sim2vr_harness.evaluation.packing import pack_measured
 
     card = pack_measured(
@@ -178,16 +190,19 @@ def pack(
     typer.echo(f"Written: {out / name}")
 
 
-@app.command("bodies")
-def bodies() -> None:
-    """List the bodies that `env.user.model` and `users export` take besides YAML files."""
+def bodies(json: JsonOption = False) -> None:
+    """List the bodies that `env.user.model` and `users export` take.
+
+    Examples:
+        sim2vr-harness users bodies
+        sim2vr-harness users bodies --json
+    """
     from sim2vr_harness.users import list_bodies
 
-    for name in list_bodies():
-        typer.echo(name)
+    names = list_bodies()
+    typer.echo(jsonlib.dumps(names, indent=2) if json else "\n".join(names))
 
 
-@app.command("export")
 def export(
     name: Annotated[str, typer.Argument(help="A body's name, or a YAML file that describes one.")],
     file: _File,
@@ -204,6 +219,10 @@ def export(
 
     `python -m mujoco.viewer --mjcf=FILE` (or mujoco-studio) shows it; where there is no display,
     MUJOCO_GL=egl or osmesa draws without one.
+
+    Examples:
+        sim2vr-harness users export mobl_arms_wrist body.xml
+        sim2vr-harness users export mobl_arms_wrist tall.xml --stature-m 1.95
     """
     from sim2vr_harness.runs.trust import require_trusted_body
     from sim2vr_harness.users import load_body
@@ -260,3 +279,19 @@ def _physique(
         )
         expected = str(problem["msg"]).removeprefix("Input should be ")
         raise InputError(f"--{option}", repr(problem["input"]), expected) from error
+
+
+app = CommandGroup(
+    """List, show and pack users; export bodies; train motor layers.
+
+    Examples:
+        sim2vr-harness users list
+        sim2vr-harness users show whacamole_people
+    """
+)
+app.add("list", list_users)
+app.add("show", show)
+app.add("pack", pack)
+app.add("bodies", bodies)
+app.add("export", export)
+app.add_typer(motor.app, name="motor")

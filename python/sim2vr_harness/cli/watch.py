@@ -26,7 +26,7 @@ __all__ = ["watch"]
 _Run = Annotated[
     str | None,
     typer.Argument(
-        metavar="[RUN|LOG|RECORDING]",
+        metavar="RUN|LOG|RECORDING",
         help="A trained user, a configuration or body, or the folder of a logged or recorded "
         "round.",
     ),
@@ -81,7 +81,14 @@ def watch(
     user: _User = None,
     trust_app: TrustOption = False,
 ) -> None:
-    """Watch a user at play in the browser: body, game and headset view; or try the game."""
+    """Watch a user play in the browser, or play yourself.
+
+    The page shows body, game and headset view.
+
+    Examples:
+        sim2vr-harness watch pretrained:whacamole_people
+        sim2vr-harness watch --try --game beats
+    """
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.base.optional import needed
 

@@ -1,4 +1,4 @@
-"""``sim2vr-harness snapshot``: pictures of a game for people to look at."""
+"""``sim2vr-harness render snapshot``: pictures of a game for people to look at."""
 
 from __future__ import annotations
 

@@ -471,7 +471,7 @@ def _warn(
     callbacks.say(
         f"Nothing is being learned yet: {reward:.2f} per minute, {best:.2f} without learning. "
         f"{100 * earned:.1f} % of the decisions were rewarded and {100 * within:.0f} % of what is "
-        "seen near is within reach. Check where the app puts things (sim2vr-harness snapshot, "
-        "reach), that they are seen against their background, and what the reward is for "
+        "seen near is within reach. Check where the app puts things (sim2vr-harness render "
+        "snapshot, reach), that they are seen against their background, and what the reward is for "
         "(sim2vr-harness rewards)."
     )

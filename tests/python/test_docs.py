@@ -17,7 +17,8 @@ from sim2vr_harness.cli.errors import _ClickException as ClickError
 from sim2vr_harness.cli.errors import _usage
 from sim2vr_harness.cli.level import _read_option
 from sim2vr_harness.cli.main import app
-from sim2vr_harness.client import InProcessBatch
+from sim2vr_harness.client import InProcessBatch, describe_game, list_games
+from sim2vr_harness.policies.store import list_cards
 from sim2vr_harness.runs.config import apply_overrides, defaults, load_config, parse_config
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -76,6 +77,8 @@ def test_presets_are_those_of_the_page() -> None:
 
 BLOCK = re.compile(r"^ *```\w*\n(.*?)^ *```", flags=re.S | re.M)
 COMMANDS: Any = typer.main.get_command(app)
+SHIPPED_USERS = {card["name"] for card in list_cards()}
+CONDITIONS = {one.name for game in list_games() for one in describe_game(game).conditions}
 
 
 def _calls(page: Path) -> list[tuple[list[str], bool]]:
@@ -111,6 +114,8 @@ def _problem(words: list[str], whole: bool) -> str | None:
         if names[-1] not in command.commands:
             return f"no command {' '.join(names)}"
         command = command.commands[names[-1]]
+        if renamed := getattr(command, "renamed", ""):
+            return f"the old name of {renamed}"
     known = {option for each in command.params for option in (*each.opts, *each.secondary_opts)}
     for word in rest:
         if word[:2] == "--" and word not in {"--help", *known}:
@@ -129,11 +134,11 @@ def _problem(words: list[str], whole: bool) -> str | None:
 def _refused(names: list[str], rest: list[str], changes: list[str]) -> str | None:
     """What is wrong with the values of ``--set``."""
     try:
-        if names == ["level"]:
+        if names == ["plot", "level"]:
             options = {"level": "generated"} | dict(map(_read_option, changes))
             InProcessBatch(1, "beats", options, renderer="null", width=8, height=8)
             return None
-        below = "skills.motor_training." if names[0] == "motor" else ""
+        below = "skills.motor_training." if names[:2] == ["users", "motor"] else ""
         first = defaults()
         with suppress(FileNotFoundError):  # of the reader's own
             first = load_config(config_path(rest[0]))
@@ -170,7 +175,8 @@ def test_commands_of_pages_are_found() -> None:
 def test_every_command_is_in_the_readme() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
-    assert [name for name in commands if f"`{name}`" not in text] == []
+    shown = [name for name, command in commands.items() if not command.hidden]
+    assert [name for name in shown if f"`{name}`" not in text and f"`{name} " not in text] == []
 
 
 def test_the_readme_is_short() -> None:
@@ -194,10 +200,11 @@ def test_the_readme_is_short() -> None:
         ("`--set ppo.n_env=4`", "ppo.n_env: got an unknown key"),
         ("`bench --set ppo.n_envs=four`", "ppo.n_envs: got 'four'"),
         (
-            "`motor practise B --out F.pt --set cycle=3`",
+            "`users motor train B --out F.pt --set cycle=3`",
             "skills.motor_training.cycle: got an unknown",
         ),
-        ("`level generated --set boxes=3`", "boxes"),
+        ("`plot level generated --set boxes=3`", "boxes"),
+        ("`level generated --out x.png`", "the old name of plot level"),
         ("```sh\nfor w in x 1; do\nsim2vr-harness bench --set ppo.n_envs=$w; done\n```", "'x'"),
     ],
 )
@@ -213,7 +220,28 @@ def test_commands_without_problems(tmp_path: Path) -> None:
     page.write_text(
         "`sim2vr-harness users list`, `--set env.app.transport_options.enter='#go' --set "
         "env.app.transport=webxr --set env.app.page=PAGE`\n"
-        "```sh\nsim2vr-harness level generated --seed 7 --set boxes_per_second=1.5 --out x.png\n```"
+        "```sh\nsim2vr-harness plot level generated --seed 7 --set boxes_per_second=1.5 "
+        "--out x.png\n```"
     )
     assert len(_calls(page)) == 3
     assert _problems(page) == []
+
+
+def _examples(command: Any) -> list[str]:
+    below = [each for each in getattr(command, "commands", {}).values() if not each.hidden]
+    return [*command.examples, *(example for each in below for example in _examples(each))]
+
+
+@pytest.mark.parametrize("example", dict.fromkeys(_examples(COMMANDS)))
+def test_the_program_takes_the_examples_of_its_help(example: str) -> None:
+    words = shlex.split(example)
+    assert words.pop(0) == "sim2vr-harness"
+    assert _problem(words, whole=True) is None
+    for word in words:  # of what ships
+        if word.startswith("pretrained:") or word in SHIPPED_USERS:
+            assert word.removeprefix("pretrained:") in SHIPPED_USERS
+        if word.startswith("studies/") and word.endswith(".yaml"):
+            assert (ROOT / word).is_file()
+    for option, names in (("--game", list_games()), ("--condition", CONDITIONS)):
+        if option in words:
+            assert words[words.index(option) + 1] in names

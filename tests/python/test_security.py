@@ -222,8 +222,8 @@ def run_folder(case: Case) -> None:
     case.refused("evaluate", run)
     case.refused("train", "--resume", run)
     case.refused("train", "--from", run, *out)
-    case.refused("snapshot", "--run", run, *out)
-    case.refused("film", run, "--out", case.folder / "out.mp4")
+    case.refused("render", "snapshot", "--run", run, *out)
+    case.refused("render", "film", run, "--out", case.folder / "out.mp4")
     case.refused("users", "pack", run, "name", *out)
     case.refused("reach", run, *out)
     case.refused("rewards", run)
@@ -310,8 +310,8 @@ def body_file(case: Case) -> None:
     case.read("users", "export", case.body(package=package, mjcf="arm.xml"), case.folder / "b.xml")
     assert (case.folder / "b.xml").exists(), "files of a package are found without importing it"
     case.refused("users", "export", body, case.folder / "a.xml", key=key)
-    case.refused("motor", "measure", body, key=key)
-    case.refused("motor", "practise", body, "--out", case.folder / "a.pt", key=key)
+    case.refused("users", "motor", "measure", body, key=key)
+    case.refused("users", "motor", "train", body, "--out", case.folder / "a.pt", key=key)
     case.refused("reach", body, *out, key=key)
     case.refused("track", "nowhere", "--user", body, *out, key=key)
     case.refused("evaluate", case.run(user={"model": str(body)}), key=key)
@@ -394,10 +394,9 @@ def motor_layer(case: Case) -> None:
     file = case.folder / "layer.pt"
     torch.save({"weights": Evil(case.marker)}, file)
     case.would(lambda: torch.load(file, weights_only=False))
-    case.read("motor", "measure", "mobl_arms_wrist", "--layer", file)
-    case.read(
-        *("motor", "practise", "mobl_arms_wrist", "--begin", file, "--out", case.folder / "a.pt")
-    )
+    case.read("users", "motor", "measure", "mobl_arms_wrist", "--layer", file)
+    out = ("--out", case.folder / "a.pt")
+    case.read("users", "motor", "train", "mobl_arms_wrist", "--begin", file, *out)
 
 
 def recorded_rounds(case: Case) -> None:
@@ -445,7 +444,7 @@ def folders_that_are_read(case: Case) -> None:
     case.read("report", cell, "--no-figures")
     case.read("export", cell, "--out", case.folder / "opensim")
     case.read("compare", root, "--out", case.folder / "compared")
-    case.read("curves", run, "--out", case.folder / "curves")
+    case.read("plot", "curves", run, "--out", case.folder / "curves")
 
 
 def _on_the_stand_in(user: str, request: Any) -> Any:

@@ -23,6 +23,7 @@ import typer.main
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
+from sim2vr_harness.cli.command import HEADINGS
 from sim2vr_harness.cli.main import app
 from sim2vr_harness.games.registry import imagined_games, imagined_settings
 from sim2vr_harness.runs.config import TrainingConfig
@@ -304,7 +305,8 @@ def settings_page() -> str:
 COMMANDS_INTRODUCTION = """\
 # Command line
 
-All commands of `sim2vr-harness`. `sim2vr-harness COMMAND --help` prints the same options.
+All commands of `sim2vr-harness`. `sim2vr-harness COMMAND --help` prints the same options
+and examples.
 `make reference` writes this page from the commands; edit their help, not this file.
 """
 
@@ -333,6 +335,8 @@ def option_type(parameter: Any) -> str:
 def shown_option(parameter: Any) -> str:
     """Return the default of an option; of flags without one nothing."""
     value = parameter.default
+    if isinstance(parameter.show_default, str):
+        return parameter.show_default
     if value is None or value is False or value == [] or callable(value):
         return ""
     if parameter.secondary_opts and value is True:
@@ -346,18 +350,26 @@ def command_section(name: str, command: Any) -> Iterator[str]:
     rows = [option_row(each) for each in command.params if not getattr(each, "hidden", False)]
     if rows:
         yield "| Option | Default | Meaning |\n|---|---|---|\n" + "\n".join(rows) + "\n"
+    yield "```sh\n" + "\n".join(command.examples) + "\n```\n"
     for below, each in getattr(command, "commands", {}).items():
         if not each.hidden:
             yield from command_section(f"{name} {below}", each)
 
 
 def command_line_page() -> str:
-    """Return the page of commands."""
+    """Return the page of commands, in the groups of ``--help``."""
     main_command: Any = typer.main.get_command(app)
-    parts = [COMMANDS_INTRODUCTION]
-    for name, command in main_command.commands.items():
-        if not command.hidden:
-            parts += command_section(name, command)
+    known = {name: each for name, each in main_command.commands.items() if not each.hidden}
+    parts = [COMMANDS_INTRODUCTION, "| Group | Commands |\n|---|---|"]
+    groups = {
+        heading: [name for name, each in known.items() if each.rich_help_panel == heading]
+        for heading in HEADINGS
+    }
+    for heading, names in groups.items():
+        parts[-1] += f"\n| {heading} | {', '.join(f'[`{name}`](#{name})' for name in names)} |"
+    parts[-1] += "\n"
+    for name in (name for names in groups.values() for name in names):
+        parts += command_section(name, known[name])
     return "\n".join(parts)
 
 

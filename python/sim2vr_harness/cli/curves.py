@@ -1,4 +1,4 @@
-"""``sim2vr-harness curves``: learning curves of runs."""
+"""``sim2vr-harness plot curves``: learning curves of runs."""
 
 from __future__ import annotations
 
@@ -21,7 +21,12 @@ def curves(
         Path, typer.Option(help="The PNG file to write.", callback=writable_file)
     ] = Path("curves.png"),
 ) -> None:
-    """Draw the learning curves of one or more runs."""
+    """Draw the learning curves of one or more runs.
+
+    Examples:
+        sim2vr-harness plot curves runs/sample
+        sim2vr-harness plot curves runs/a runs/b --out curves.png
+    """
     from sim2vr_harness.evaluation.curves import plot
 
     typer.echo(f"Written: {plot(runs, out)}")

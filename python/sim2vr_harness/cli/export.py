@@ -20,16 +20,21 @@ def export(
     episode: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="KEY", help="A key of the table episodes; may be repeated. Without, all."
+            metavar="KEY", help="A key of the table episodes; may be repeated.", show_default="all"
         ),
     ] = None,
     out: Annotated[
         Path, typer.Option(help="Folder for the files.", callback=writable_folder)
     ] = Path("opensim"),
 ) -> None:
-    """Write joint angles (.mot), activations and forces (.sto) for OpenSim.
+    """Write joint angles, activations and forces for OpenSim.
 
-    Of a study, every cell has a folder of its name.
+    Angles go to .mot files, activations and forces to .sto files. Of a study, every cell has a
+    folder of its name.
+
+    Examples:
+        sim2vr-harness export runs/sample/evaluation/step_1000000
+        sim2vr-harness export evaluation/sample --out opensim/sample
     """
     from sim2vr_harness.evaluation.data import export_opensim, read_data
     from sim2vr_harness.studies.data import STUDY_FILE, read_study

@@ -26,7 +26,6 @@ from sim2vr_harness.cli import (
     chart,
     compare,
     curves,
-    endurance,
     evaluate,
     export,
     film,
@@ -45,19 +44,41 @@ from sim2vr_harness.cli import (
 )
 from sim2vr_harness.cli import report as report_command
 from sim2vr_harness.cli.app_options import AppArgOption, app_settings
+from sim2vr_harness.cli.command import ANALYSE, KNOW, LOOK, PLAY, STUDY, CommandGroup
 from sim2vr_harness.cli.errors import report
 from sim2vr_harness.cli.games import HelpWithGames
 from sim2vr_harness.cli.options import JsonOption, finite, writable_file
 
 __all__ = ["app", "main"]
 
-app = typer.Typer(
+app = CommandGroup(
+    """Train and evaluate simulated users of VR applications.
+
+    Examples:
+        sim2vr-harness train sample
+        sim2vr-harness evaluate pretrained:whacamole_constrained --episodes 2
+    """,
     name="sim2vr-harness",
-    help="Train and evaluate simulated users of VR applications.",
-    add_completion=False,
-    no_args_is_help=True,
-    rich_markup_mode=None,
+    add_completion=True,
     pretty_exceptions_enable=False,
+)
+
+plot = CommandGroup(
+    """Draw learning curves, levels or measures as PNG files.
+
+    Examples:
+        sim2vr-harness plot curves runs/sample
+        sim2vr-harness plot level generated --out level.png
+    """
+)
+
+render = CommandGroup(
+    """Render pictures of a game, or a film that compares users.
+
+    Examples:
+        sim2vr-harness render snapshot --game beats
+        sim2vr-harness render film runs/sample runs/other
+    """
 )
 
 
@@ -80,30 +101,6 @@ def _options(
     """Train and evaluate simulated users of VR applications."""
 
 
-app.command("train")(train.train)
-app.command("evaluate", cls=HelpWithGames)(evaluate.evaluate)
-app.command("replay")(replay.replay)
-app.command("curves")(curves.curves)
-app.command("snapshot")(snapshot.snapshot)
-app.add_typer(users.app, name="users")
-app.add_typer(motor.app, name="motor")
-app.command("games")(games.games)
-app.command("level")(level.level)
-app.command("export")(export.export)
-app.command("study")(study.study)
-app.command("report")(report_command.report)
-app.command("compare")(compare.compare)
-app.command("chart")(chart.chart)
-app.command("film")(film.film)
-app.command("bench")(bench.bench)
-app.command("reach")(reach.reach)
-app.command("endurance")(endurance.endurance)
-app.command("rewards")(rewards.rewards)
-app.command("track")(track.track)
-app.command("watch")(watch.watch)
-
-
-@app.command()
 def doctor(
     app: Annotated[
         str | None,
@@ -126,7 +123,12 @@ def doctor(
     ] = 60.0,
     json: JsonOption = False,
 ) -> int:
-    """Check what is installed, what is missing, and how to mend it; or try an app."""
+    """Check what is installed and how to mend it; or try an app.
+
+    Examples:
+        sim2vr-harness doctor
+        sim2vr-harness doctor --app build/MyGame.x86_64
+    """
     from sim2vr_harness.cli.doctor import check_app, run_doctor
 
     app_settings(app, app_arg)
@@ -143,6 +145,37 @@ def doctor(
         timeout_s=timeout,
         json=json,
     )
+
+
+app.add("train", train.train, PLAY)
+app.add("evaluate", evaluate.evaluate, PLAY, cls=HelpWithGames)
+app.add("watch", watch.watch, PLAY)
+app.add("replay", replay.replay, PLAY)
+app.add("study", study.study, STUDY)
+app.add("report", report_command.report, STUDY)
+app.add("compare", compare.compare, STUDY)
+app.add("track", track.track, ANALYSE)
+app.add("reach", reach.reach, ANALYSE)
+app.add("rewards", rewards.rewards, ANALYSE)
+app.add("endurance", endurance.endurance, ANALYSE)
+app.add("export", export.export, ANALYSE)
+plot.add("curves", curves.curves)
+plot.add("level", level.level)
+plot.add("measures", chart.chart)
+app.add_typer(plot, name="plot", rich_help_panel=LOOK)
+render.add("snapshot", snapshot.snapshot)
+render.add("film", film.film)
+app.add_typer(render, name="render", rich_help_panel=LOOK)
+app.add("games", games.games, KNOW)
+app.add_typer(users.app, name="users", rich_help_panel=KNOW)
+app.add("doctor", doctor, KNOW)
+app.add("bench", bench.bench, KNOW)
+app.add_old("curves", curves.curves, "plot curves")
+app.add_old("level", level.level, "plot level")
+app.add_old("chart", chart.chart, "plot measures")
+app.add_old("snapshot", snapshot.snapshot, "render snapshot")
+app.add_old("film", film.film, "render film")
+app.add_typer(motor.old_app, name="motor", hidden=True)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -1,12 +1,14 @@
-"""``sim2vr-harness motor``: motor layers are practised, and measured."""
+"""``sim2vr-harness users motor``: train and measure motor layers."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from sim2vr_harness.cli.command import CommandGroup
 from sim2vr_harness.cli.options import (
     JsonOption,
     TrustOption,
@@ -20,50 +22,54 @@ if TYPE_CHECKING:
     from sim2vr_harness.training.motor_control.goal_task import MotorTrainer
     from sim2vr_harness.users import Body
 
-__all__ = ["app"]
-
-app = typer.Typer(
-    help="Motor layers: hands that come where they are told (docs/concepts/training.md).",
-    no_args_is_help=True,
-    rich_markup_mode=None,
-)
+__all__ = ["app", "old_app"]
 
 BodyArgument = Annotated[str, typer.Argument(metavar="BODY", help="A body, or its YAML file.")]
 StepOption = Annotated[
     float, typer.Option("--step", metavar="S", help="Duration of a user step.", min=0.001, max=1.0)
 ]
+_Begin = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="LAYER.pt",
+        help="Go on from this layer, such as one that ships.",
+        callback=readable_file,
+    ),
+]
+_MotorSet = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change the training: --set skills.motor_training.cycles=36, or cycles=36; may "
+        "be repeated.",
+    ),
+]
 
 
-@app.command("practise")
-def practise(
+def train_layer(
     body: BodyArgument,
     out: Annotated[
         Path, typer.Option(metavar="FILE.pt", help="The layer's file.", callback=writable_file)
     ],
-    begin: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="LAYER.pt",
-            help="Go on from this layer, such as one that ships.",
-            callback=readable_file,
-        ),
-    ] = None,
+    begin: _Begin = None,
     step_s: StepOption = 0.05,
     seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change the practice: --set cycles=36."),
-    ] = None,
+    set_: _MotorSet = None,
     trust_app: TrustOption = False,
 ) -> int:
-    """Practise a body's motor layer; what was stopped goes on where it was."""
+    """Train a body's motor layer; a stopped training continues.
+
+    Examples:
+        sim2vr-harness users motor train mobl_arms_wrist --out layer.pt
+        sim2vr-harness users motor train mobl_arms_wrist --out l.pt --set cycles=36
+    """
     from sim2vr_harness.base.signals import sigterm_interrupts
     from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, save_motor_layer
     from sim2vr_harness.runs.config import apply_overrides, parse_config
     from sim2vr_harness.training.motor_control.goal_task import motor_trainer
 
-    changes = [f"skills.motor_training.{change}" for change in set_ or ()]
-    config = parse_config(apply_overrides({}, changes)).skills.motor_training
+    config = parse_config(apply_overrides({}, _changes(set_ or ()))).skills.motor_training
     of, first = _body(body, trust_app), None
     if begin is not None:
         first = load_motor_layer(begin, of, step_s)
@@ -82,6 +88,12 @@ def practise(
     begun.unlink(missing_ok=True)
     typer.echo(f"Written: {out}")
     return 0
+
+
+def _changes(given: Sequence[str]) -> list[str]:
+    """Return overrides with whole keys; ``cycles=36`` may be short for that of the training."""
+    below = "skills.motor_training."
+    return [change if change.lstrip().startswith(below) else below + change for change in given]
 
 
 def _cycles(practice: MotorTrainer, begun: Path) -> dict[str, Any]:
@@ -104,17 +116,20 @@ def _cycles(practice: MotorTrainer, begun: Path) -> dict[str, Any]:
     return known
 
 
-@app.command("measure")
+_Layer = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE.pt",
+        help="The layer.",
+        show_default="the one that ships",
+        callback=readable_file,
+    ),
+]
+
+
 def measure(
     body: BodyArgument,
-    layer: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.pt",
-            help="The layer; without, the one that ships.",
-            callback=readable_file,
-        ),
-    ] = None,
+    layer: _Layer = None,
     movements: Annotated[
         int, typer.Option(help="Of each kind (27 kinds).", min=16, max=100_000)
     ] = 256,
@@ -128,7 +143,12 @@ def measure(
     json: JsonOption = False,
     trust_app: TrustOption = False,
 ) -> None:
-    """Measure a motor layer: end points, speeds, effort, and times by Fitts' law."""
+    """Measure a motor layer: end points, speeds, effort and Fitts' law.
+
+    Examples:
+        sim2vr-harness users motor measure mobl_arms_wrist
+        sim2vr-harness users motor measure mobl_arms_wrist --noise --out layer.png
+    """
     from sim2vr_harness.cli.progress import Share
     from sim2vr_harness.training.motor_control.benchmark import measure_layer
     from sim2vr_harness.training.motor_control.benchmark_figure import draw_measures
@@ -136,7 +156,7 @@ def measure(
 
     found = _layer(_body(body, trust_app), layer, step_s)
     human = MotorNoiseSettings(signal_dependent="white", constant="white")
-    with Share("moving") as share:
+    with Share("Measuring movements") as share:
         measures = measure_layer(
             found,
             noise=human if noise else None,
@@ -168,3 +188,21 @@ def _layer(body: Body, file: Path | None, step_s: float) -> MotorPolicy:
     from sim2vr_harness.policies.hierarchical.motor_store import load_motor_layer, motor_layer_for
 
     return motor_layer_for(body, step_s) if file is None else load_motor_layer(file, body, step_s)
+
+
+app = CommandGroup(
+    """Train and measure motor layers, which move hands to goals.
+
+    docs/concepts/training.md explains them.
+
+    Examples:
+        sim2vr-harness users motor train mobl_arms_wrist --out layer.pt
+        sim2vr-harness users motor measure mobl_arms_wrist
+    """
+)
+app.add("train", train_layer)
+app.add("measure", measure)
+
+old_app = CommandGroup("Old names of `sim2vr-harness users motor`.")
+old_app.add_old("practise", train_layer, "users motor train")
+old_app.add_old("measure", measure, "users motor measure")

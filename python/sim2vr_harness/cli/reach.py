@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sim2vr_harness.cli.options import TrustOption, finite, writable_folder
+from sim2vr_harness.cli.options import (
+    EnvSetOption,
+    TrustOption,
+    finite,
+    known_games,
+    known_users,
+    writable_folder,
+)
+from sim2vr_harness.cli.progress import say
 
 if TYPE_CHECKING:
     from sim2vr_harness.envs.config import EnvConfig
@@ -22,6 +30,7 @@ __all__ = ["reach"]
 _User = Annotated[
     str,
     typer.Argument(
+        autocompletion=known_users,
         metavar="USER",
         help="A body or its YAML file, a configuration, or a trained user.",
     ),
@@ -31,7 +40,8 @@ _Point = Annotated[
     typer.Option(
         metavar="PART",
         help="What is to get there: a device or part of the body, such as controller_right or "
-        "hand. Without, the first controller.",
+        "hand.",
+        show_default="the first controller",
     ),
 ]
 _Tool = Annotated[
@@ -52,7 +62,11 @@ _Log = Annotated[
 ]
 _Game = Annotated[
     str | None,
-    typer.Option(metavar="NAME", help="Targets of a game that is run, nobody playing."),
+    typer.Option(
+        autocompletion=known_games,
+        metavar="NAME",
+        help="Targets of a game that is run, nobody playing.",
+    ),
 ]
 _Condition = Annotated[
     list[str] | None,
@@ -62,8 +76,8 @@ _Objects = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="Which of the game's objects are targets, with * and ?; without, those that come, "
-        "go or move.",
+        help="Which of the game's objects are targets, with * and ?.",
+        show_default="those that come, go or move",
     ),
 ]
 _People = Annotated[
@@ -80,10 +94,6 @@ _Cell = Annotated[
     typer.Option(help="Edge of the cells that the room is divided into, m.", callback=finite),
 ]
 _Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
-_Set = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change the user: --set env.user.torso=true."),
-]
 
 
 def reach(
@@ -100,15 +110,18 @@ def reach(
     cell: _Cell = 0.05,
     out: _Out = Path("reach"),
     film: Annotated[bool, typer.Option("--film/--no-film", help="Film it from all sides.")] = True,
-    set_: _Set = None,
+    set_: EnvSetOption = None,
     trust_app: TrustOption = False,
 ) -> None:
-    """Measure what a user can reach, and say of targets whether they lie within."""
+    """Measure what a user can reach, and which targets lie within.
+
+    Examples:
+        sim2vr-harness reach mobl_arms_wrist --target shelf=0.3,1.6,0.5
+        sim2vr-harness reach whacamole_constrained --game whacamole --condition easy
+    """
     from dataclasses import replace
     from functools import partial
 
-    from sim2vr_harness.base.errors import InputError
-    from sim2vr_harness.base.optional import needed
     from sim2vr_harness.envs.config import body_of
     from sim2vr_harness.tools.reach.files import write
     from sim2vr_harness.tools.reach.measuring import chosen_point, measure
@@ -116,16 +129,8 @@ def reach(
     from sim2vr_harness.tools.reach.targets import given_target, logged_targets
     from sim2vr_harness.tools.users import environment_of
 
-    needed("plotly", "studies", "reach")
-    if tool is not None and (point is not None or game is None):
-        wrong = "it together with --point" if point is not None else "it without --game"
-        raise InputError("--tool", wrong, "it with --game and without --point")
-    if game is None and (condition or objects is not None):
-        raise InputError("--condition or --objects", "it without --game", "it with --game")
-    if people is not None and game is None:
-        raise InputError("--people", "it without --game", "it with --game")
-    if not 0.0 < seconds <= 600.0:
-        raise InputError("--seconds", f"{seconds:g}", "more than 0, at most 600")
+    of_game = bool(condition) or objects is not None
+    _check_together(point, tool, game, seconds, of_game=of_game, people=people)
     targets = [given_target(text) for text in target or ()]
     for path in log or ():
         targets += logged_targets(path)
@@ -148,10 +153,37 @@ def reach(
                 first = len(targets)
                 shares |= {first + i: reached.words(i) for i in range(len(places))}
             targets += [replace(one, name=f"{name or ''} {one.name}".strip()) for one in places]
+    say("Measuring the reach ...")
     found = measure(body, where, targets, cell_m=cell)
     _tell(found, shares)
+    say("Writing files" + (" and the film" if film else "") + " ...")
     for file in write(found, out, film=film):
         typer.echo(f"Written: {file}")
+
+
+def _check_together(
+    point: str | None,
+    tool: str | None,
+    game: str | None,
+    seconds: float,
+    *,
+    of_game: bool,
+    people: int | None,
+) -> None:
+    """Refuse options that do not go together; ``of_game``: some need a game."""
+    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.base.optional import needed
+
+    needed("plotly", "studies", "reach")
+    if tool is not None and (point is not None or game is None):
+        wrong = "it together with --point" if point is not None else "it without --game"
+        raise InputError("--tool", wrong, "it with --game and without --point")
+    if game is None and of_game:
+        raise InputError("--condition or --objects", "it without --game", "it with --game")
+    if people is not None and game is None:
+        raise InputError("--people", "it without --game", "it with --game")
+    if not 0.0 < seconds <= 600.0:
+        raise InputError("--seconds", f"{seconds:g}", "more than 0, at most 600")
 
 
 def _look(

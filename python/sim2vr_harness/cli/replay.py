@@ -38,7 +38,9 @@ _Unconstrained = Annotated[
 _FixedStep = Annotated[
     float | None,
     typer.Option(
-        help="Period of the recording's fixed steps, s; worked out by default.", callback=finite
+        help="Period of the recording's fixed steps, s.",
+        show_default="worked out",
+        callback=finite,
     ),
 ]
 _Log = Annotated[
@@ -69,7 +71,12 @@ def replay(
     fps: _Fps = 30.0,
     json: JsonOption = False,
 ) -> None:
-    """Play recorded rounds again and compare every event with the recording."""
+    """Replay recorded rounds and compare every event with the record.
+
+    Examples:
+        sim2vr-harness replay recordings/person_1
+        sim2vr-harness replay recordings --video replay.mp4
+    """
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.evaluation.replay.film import ReplayFilm
     from sim2vr_harness.evaluation.replay.recordings import read_recordings
@@ -90,6 +97,7 @@ def replay(
                 fps,
                 on_progress=lambda part: share.show((len(replays) + part) / len(recordings)),
             )
+        share.show(0.0)
         for done in replay_all(
             recordings, closed_loop=closed, fixed_step_s=fixed_step, log_dir=log, film=film
         ):

@@ -20,8 +20,9 @@ def report(
         Path | None,
         typer.Option(
             metavar="FILE.html",
-            help="The page; FOLDER/report.html by default. Figures go to figures beside it, or to "
-            "FILE_figures beside a page of another name.",
+            help="The page. Figures go to figures beside it, or to FILE_figures beside a page of "
+            "another name.",
+            show_default="FOLDER/report.html",
             callback=writable_file,
         ),
     ] = None,
@@ -29,11 +30,18 @@ def report(
         bool,
         typer.Option(
             "--figures/--no-figures",
-            help="Write figures as PNG and PDF, and tables as CSV and LaTeX (default).",
+            help="Write figures as PNG and PDF, and tables as CSV and LaTeX.",
         ),
     ] = True,
 ) -> None:
-    """Write a report: one HTML file that opens offline, and its figures as PNG and PDF."""
+    """Write a report of an evaluation or a study.
+
+    It is one HTML file that opens offline, with figures as PNG and PDF beside it.
+
+    Examples:
+        sim2vr-harness report studies/my_study
+        sim2vr-harness report runs/sample/evaluation/step_1000000 --out sample.html
+    """
     from sim2vr_harness.studies.report import write_report
 
     found = write_report(folder, out, stills=figures)

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from sim2vr_harness.cli.options import TrustOption, writable_folder
+from sim2vr_harness.cli.options import (
+    EnvSetOption,
+    TrustOption,
+    known_games,
+    known_users,
+    writable_folder,
+)
 
 __all__ = ["rewards"]
 
@@ -15,6 +22,7 @@ __all__ = ["rewards"]
 _User = Annotated[
     str,
     typer.Argument(
+        autocompletion=known_users,
         metavar="USER",
         help="A configuration, a trained user, or a body: whose game, effort and muscles.",
     ),
@@ -25,18 +33,18 @@ _Terms = Annotated[
 ]
 _Game = Annotated[
     str | None,
-    typer.Option(metavar="NAME", help="Another game than that of a body or configuration."),
-]
-_Condition = Annotated[str | None, typer.Option(metavar="NAME", help="The game's condition.")]
-_Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
-_Set = Annotated[
-    list[str] | None,
     typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change the environment: --set env.user.effort.weight=0.01.",
+        autocompletion=known_games,
+        metavar="NAME",
+        help="Another game than that of a body or configuration.",
+        show_default="the user's",
     ),
 ]
+_Condition = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="The game's condition.", show_default="the user's"),
+]
+_Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
 
 
 def rewards(
@@ -45,13 +53,17 @@ def rewards(
     game: _Game = None,
     condition: _Condition = None,
     out: _Out = Path("rewards"),
-    set_: _Set = None,
+    set_: EnvSetOption = None,
     trust_app: TrustOption = False,
 ) -> None:
-    """Say what each term of a reward comes to over a movement, beside the effort's cost."""
-    from rich.console import Console
-    from rich.table import Table
+    """Print and draw what each term of a reward amounts to.
 
+    Terms are summed over one movement and stand beside the cost of effort.
+
+    Examples:
+        sim2vr-harness rewards whacamole_constrained
+        sim2vr-harness rewards pointing_people --out rewards/pointing
+    """
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.base.optional import needed
     from sim2vr_harness.envs.config import body_of
@@ -78,11 +90,18 @@ def rewards(
     )
     told = warnings_of(found)
     header, rows = sums(found)
-    table = Table(*header, title=f"{own.name}: one target, {own.start_m:g} m, {own.seconds:g} s")
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)
+    _print(header, rows, f"{own.name}: one target, {own.start_m:g} m, {own.seconds:g} s")
     for line in told:
         typer.echo(f"note: {line}")
     for file in write(found, told, out):
         typer.echo(f"Written: {file}")
+
+
+def _print(header: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*header, title=title)
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)

@@ -23,16 +23,17 @@ __all__ = ["study"]
 _Out = Annotated[
     Path | None,
     typer.Option(
-        help="Its folder; studies/NAME by default. What is done there is not done again.",
+        help="Its folder. What is done there is not done again.",
+        show_default="studies/NAME",
         callback=writable_folder,
     ),
 ]
 _Jobs = Annotated[
     int | None,
-    typer.Option(help="Cells and trainings side by side; one per two cores by default."),
+    typer.Option(help="Cells and trainings at a time.", show_default="one per two cores"),
 ]
 _Report = Annotated[
-    bool, typer.Option("--report/--no-report", help="Write report.html at the end (default).")
+    bool, typer.Option("--report/--no-report", help="Write report.html at the end.")
 ]
 _Ray = Annotated[
     str | None,
@@ -89,10 +90,14 @@ def study(
     against: AgainstOption = None,
     junit: JunitOption = None,
 ) -> int:
-    """Play the cells of a study, train or search what it needs, compare, and write the report.
+    """Play a study: its cells, trainings, comparisons and report.
 
     A study that names a program, a page, an address or Python code starts nothing before you have
     agreed. --trust-app agrees, for the study and for the users and configurations that it names.
+
+    Examples:
+        sim2vr-harness study studies/placement_search.yaml --jobs 2
+        sim2vr-harness study studies/people_ablation.yaml --no-report
     """
     from rich.console import Console
 

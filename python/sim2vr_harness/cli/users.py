@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json as jsonlib
-from collections.abc import Mapping, Sequence
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -14,17 +15,22 @@ from rich.console import Console
 from rich.table import Table
 
 from sim2vr_harness.base.files import read_json
-from sim2vr_harness.cli.options import TrustOption, finite, writable_file, writable_folder
+from sim2vr_harness.cli import motor
+from sim2vr_harness.cli.command import CommandGroup
+from sim2vr_harness.cli.options import (
+    TrustOption,
+    finite,
+    known_users,
+    writable_file,
+    writable_folder,
+)
+from sim2vr_harness.cli.progress import Share
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.tables import cell
 
 if TYPE_CHECKING:
+    from sim2vr_harness.policies.store import TrainedUser
     from sim2vr_harness.users import Physique
-
-app = typer.Typer(
-    help="Trained users and bodies: list them, look at one, pack one of a run, export a body.",
-    no_args_is_help=True,
-)
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")]
 
@@ -43,9 +49,15 @@ _SkullRotationDeg = Annotated[
 _Torso = Annotated[bool, typer.Option("--torso", help="With a trunk and a neck that move.")]
 
 
-@app.command("list")
 def list_users(json: JsonOption = False) -> None:
-    """List the users that `sim2vr-harness evaluate pretrained:NAME` can play."""
+    """List the trained users that ship.
+
+    `sim2vr-harness evaluate pretrained:NAME` lets one play.
+
+    Examples:
+        sim2vr-harness users list
+        sim2vr-harness users list --json
+    """
     from sim2vr_harness.policies.store import list_cards
 
     cards = list_cards()
@@ -55,13 +67,27 @@ def list_users(json: JsonOption = False) -> None:
     if not cards:
         typer.echo("No trained users are installed.")
         return
-    console = Console()
+    table = Table("User", "Game", "Recipe", "Mean over conditions", box=box.SIMPLE, padding=(0, 1))
     for card in cards:
-        console.print(f"[bold]pretrained:{card['name']}[/bold]", highlight=False)
-        if card.get("description"):
-            console.print(card["description"], highlight=False, markup=False)
-        console.print(_training(card), style="dim", highlight=False, markup=False)
-        console.print(_results(card))
+        table.add_row(
+            card["name"], card["contract"]["game"], card.get("recipe", ""), _headline(card)
+        )
+    Console().print(table)
+    typer.echo("More on one: sim2vr-harness users show NAME")
+
+
+def _headline(card: Mapping[str, Any]) -> str:
+    """The game's score, mean over the measured conditions."""
+    from sim2vr_harness.client import facts_of_outside
+    from sim2vr_harness.evaluation.packing import card_measures
+
+    score = card_measures(facts_of_outside(card["contract"]["game"]))[0]
+    found = [row.get(score.name) for row in card.get("results", {}).values()]
+    values = [value for value in found if value is not None]
+    if not values:
+        return "not measured"
+    mean = cell(sum(values) / len(values), None, _digits(score))
+    return f"{score.label} {mean} {score.unit}".strip()
 
 
 def _training(card: dict[str, Any]) -> str:
@@ -118,20 +144,72 @@ def _spread(card: dict[str, Any], condition: str, measure: Measure) -> str:
     return f"{min(known):.{digits}f}-{max(known):.{digits}f}" if known else "-"
 
 
-@app.command()
 def show(
     name: Annotated[
-        str, typer.Argument(help="A name of `sim2vr-harness users list`, or a folder.")
+        str,
+        typer.Argument(
+            autocompletion=known_users, help="A name of `sim2vr-harness users list`, or a folder."
+        ),
     ],
+    json: JsonOption = False,
 ) -> None:
-    """Print everything that is known of a trained user."""
+    """Print what a trained user is, its results, and how to use it.
+
+    Examples:
+        sim2vr-harness users show whacamole_people
+        sim2vr-harness users show whacamole_people --json
+    """
     from sim2vr_harness.policies.store import find_user
 
     user = find_user(name if Path(name).exists() else f"pretrained:{name.split(':')[-1]}")
-    typer.echo(jsonlib.dumps(user.card, indent=2))
+    if json:
+        typer.echo(jsonlib.dumps(user.card, indent=2))
+        return
+    console = Console()
+    for heading, lines in _sections(user, name):
+        if heading == "Use" and user.card.get("results"):
+            console.print("Results", style="bold")
+            console.print(_results(user.card))
+        console.print(heading, style="bold", highlight=False)
+        for line in lines:
+            console.print(f"  {line}", highlight=False, markup=False, soft_wrap=True)
 
 
-@app.command()
+def _sections(user: TrainedUser, name: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield headings and lines of a user's page, the results left out."""
+    from sim2vr_harness.envs.contract import contract
+
+    card, env = user.card, user.config.env
+    terms = card.get("contract") or contract(env)
+    called = user.source.parent.name if Path(name).exists() else f"pretrained:{card['name']}"
+    yield called, [card.get("description") or f"Plays {env.app.game}."]
+    options = [f"{key}: {value}" for key, value in env.app.options.items()]
+    yield "App", [f"{env.app.transport}, game {env.app.game}", *options]
+    people = "one person" if env.user.people is None else "another person in every round"
+    rate = f"{env.action_frequency_hz:g} user steps per second"
+    motors = sum(len(names) - 1 for names in terms.get("actuators", ()))
+    muscles = f"{len(terms['muscles'])} muscles" if terms["muscles"] else f"{motors} joint motors"
+    yield "Body", [f"{env.user.model}, {muscles}; {people}; {rate}", f"action: {terms['action']}"]
+    shapes = [
+        f"{key}: {' x '.join(map(str, shape))} {kind}"
+        for key, (shape, kind) in terms["observation"].items()
+    ]
+    width, height = terms["image"]
+    pixels = f"image of {width} x {height} px, channels {', '.join(terms['channels'])}"
+    yield "Observations", [pixels, *shapes]
+    yield "Training", [_training(card)]
+    word = shlex.quote(name) if Path(name).exists() else called
+    yield (
+        "Use",
+        [
+            f"sim2vr-harness evaluate {word} --episodes 5",
+            f"sim2vr-harness watch {word}",
+            f"sim2vr-harness train --from {word} --out runs/more",
+            f"sim2vr_harness.load_user_policy({word!r})  # in Python",
+        ],
+    )
+
+
 def pack(
     run: Annotated[str, typer.Argument(metavar="RUN", help="A run's folder or a checkpoint.")],
     name: Annotated[str, typer.Argument(help="What the user will be called.")],
@@ -156,38 +234,42 @@ def pack(
     ] = None,
     trust_app: TrustOption = False,
 ) -> None:
-    """Pack the user of a run, and measure what was packed."""
+    """Pack the user of a run, and measure what was packed.
+
+    Examples:
+        sim2vr-harness users pack runs/sample my_user --out users
+        sim2vr-harness users pack runs/a mine --out users --other-seed runs/b
+    """
     from sim2vr_harness.evaluation.packing import pack_measured
 
-    card = pack_measured(
-        run,
-        name,
-        out / name,
-        conditions=condition,
-        episodes=episodes,
-        details={
-            **({} if details is None else read_json(details, "entries of the card in JSON")),
-            **({"description": description} if description else {}),
-        },
-        other_seeds=other_seed or (),
-        trust_app=trust_app,
-    )
+    own = {} if details is None else read_json(details, "entries of the card in JSON")
+    own |= {"description": description} if description else {}
+    # fmt: off
+    with Share("Measuring") as share:
+        card = pack_measured(
+            run, name, out / name, conditions=condition, episodes=episodes, details=own,
+            other_seeds=other_seed or (), trust_app=trust_app, on_progress=share.show,
+        )
+    # fmt: on
     if other_seed:
         typer.echo(f"{_seed(card).capitalize()}:")
     Console().print(_results(card))
     typer.echo(f"Written: {out / name}")
 
 
-@app.command("bodies")
-def bodies() -> None:
-    """List the bodies that `env.user.model` and `users export` take besides YAML files."""
+def bodies(json: JsonOption = False) -> None:
+    """List the bodies that `env.user.model` and `users export` take.
+
+    Examples:
+        sim2vr-harness users bodies
+        sim2vr-harness users bodies --json
+    """
     from sim2vr_harness.users import list_bodies
 
-    for name in list_bodies():
-        typer.echo(name)
+    names = list_bodies()
+    typer.echo(jsonlib.dumps(names, indent=2) if json else "\n".join(names))
 
 
-@app.command("export")
 def export(
     name: Annotated[str, typer.Argument(help="A body's name, or a YAML file that describes one.")],
     file: _File,
@@ -204,6 +286,10 @@ def export(
 
     `python -m mujoco.viewer --mjcf=FILE` (or mujoco-studio) shows it; where there is no display,
     MUJOCO_GL=egl or osmesa draws without one.
+
+    Examples:
+        sim2vr-harness users export mobl_arms_wrist body.xml
+        sim2vr-harness users export mobl_arms_wrist tall.xml --stature-m 1.95
     """
     from sim2vr_harness.runs.trust import require_trusted_body
     from sim2vr_harness.users import load_body
@@ -260,3 +346,19 @@ def _physique(
         )
         expected = str(problem["msg"]).removeprefix("Input should be ")
         raise InputError(f"--{option}", repr(problem["input"]), expected) from error
+
+
+app = CommandGroup(
+    """List, show and pack users; export bodies; train motor layers.
+
+    Examples:
+        sim2vr-harness users list
+        sim2vr-harness users show whacamole_people
+    """
+)
+app.add("list", list_users)
+app.add("show", show)
+app.add("pack", pack)
+app.add("bodies", bodies)
+app.add("export", export)
+app.add_typer(motor.app, name="motor")

@@ -72,7 +72,7 @@ def chart(
             any: the game's headlines, and ``exertion``.
 
     Raises:
-        InputError: A file cannot be used, lacks the condition or a measure, or ``out`` is another file.
+        InputError: A file lacks the condition or a measure, or ``out`` is another file.
     """
     read = [_read(Path(path)) for path in results]
     chosen = _condition(read, condition)

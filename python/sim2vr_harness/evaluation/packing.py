@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -36,6 +36,7 @@ def pack_measured(
     details: Mapping[str, Any],
     other_seeds: Sequence[str | Path] = (),
     trust_app: bool = False,
+    on_progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:
     """Write the user of a run into ``folder``; return its card, with measured results.
 
@@ -52,6 +53,7 @@ def pack_measured(
         details: further entries of the card; what the run says of itself need not be given.
         other_seeds: runs that differ from ``run`` in their seed alone.
         trust_app: whether the app that they name may be started, though this user never has.
+        on_progress: called with the share of the rounds done.
 
     Raises:
         InputError: A run or a number cannot be used, or runs differ in more than their seed.
@@ -63,8 +65,12 @@ def pack_measured(
     with TemporaryDirectory() as scratch:
         request = Request(conditions=conditions, episodes=episodes, steps=False, trust_app=True)
         cards, facts = {}, GameFacts("")
-        for user in users:
-            card, facts = _packed(user, Path(scratch), name, details, request)
+        for number, user in enumerate(users):
+
+            def advance(share: float, done: int = number) -> None:
+                on_progress((done + share) / len(users))
+
+            card, facts = _packed(user, Path(scratch), name, details, request, advance)
             cards[user.config.seed] = card
         seeds = sorted(cards, key=lambda seed: _mean_score(cards[seed], facts.score or "return"))
         middle = seeds[(len(seeds) - 1) // 2]
@@ -78,7 +84,12 @@ def pack_measured(
 
 
 def _packed(
-    user: TrainedUser, scratch: Path, name: str, details: Mapping[str, Any], request: Request
+    user: TrainedUser,
+    scratch: Path,
+    name: str,
+    details: Mapping[str, Any],
+    request: Request,
+    on_progress: Callable[[float], None],
 ) -> tuple[dict[str, Any], GameFacts]:
     """Pack a user into a folder named after its seed; return its measured card and the game."""
     seed = user.config.seed
@@ -86,7 +97,8 @@ def _packed(
     network = new_network(user, observation_space_of(user.config.env))
     card = pack(user, network, place, name, {**_of_the_run(user), **details})
     pack_curves(user.source.parent.parent, place)
-    found = evaluate(place, replace(request, out=scratch / f"measured_{seed}"))
+    measured = replace(request, out=scratch / f"measured_{seed}")
+    found = evaluate(place, measured, on_progress=on_progress)
     return card | {"results": _results(found)}, found.facts
 
 

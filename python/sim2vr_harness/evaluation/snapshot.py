@@ -1,8 +1,8 @@
-"""``sim2vr-harness snapshot``: pictures of a game for people to look at."""
+"""``sim2vr-harness render snapshot``: pictures of a game for people to look at."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -16,10 +16,12 @@ from sim2vr_harness.base.files import naming
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.games import game_facts, with_condition, with_game, with_task
 from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
+from sim2vr_harness.evaluation.first_look import act_of
 from sim2vr_harness.evaluation.scene_images import BodyPainter, compose, score_text
 from sim2vr_harness.policies.protocol import Act, episode_of
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
+from sim2vr_harness.runs.config import TrainingConfig
 
 __all__ = ["parse_size", "snapshot"]
 
@@ -48,7 +50,9 @@ def snapshot(
     seed: int = 1,
     game: str | None = None,
     run: str | Path | None = None,
+    baseline: str | None = None,
     app: Mapping[str, Any] | None = None,
+    overrides: Sequence[str] = (),
     trust_app: bool = False,
     simulation: Callable[..., Any] = make_simulation,
 ) -> list[Path]:
@@ -66,7 +70,9 @@ def snapshot(
         seed: Seed of the round.
         game: The game; None takes the run's, or that of a default environment.
         run: A trained user to play; None lets the user act at random, gently.
+        baseline: The baseline that plays: ``still``, ``random`` or ``reach NAME``.
         app: Settings that replace those of ``env.app``, for example a page.
+        overrides: ``env.KEY=VALUE``, what else is different.
         trust_app: Whether the app that the run names may be started, though this user never has.
         simulation: How to make the user: (EnvConfig, n) -> simulation.
 
@@ -75,13 +81,14 @@ def snapshot(
         ValueError: The game does not know the condition.
     """
     _check(out, seconds)
-    user, config = _played(run, app, game, trust_app=trust_app)
+    user, config = _played(run, app, game, overrides, trust_app=trust_app)
     facts = game_facts(config.app)
     shown = condition or facts.condition_of(config.app.options)
     config = with_condition(config, condition)
     with closing(simulation(config, 1)) as users:
         users.reset(seeds=[seed])
-        log, total, moves = _play(users, _act_of(user, users), seconds, seed)
+        act = _act_of(user, users) if baseline is None else act_of(baseline, users)
+        log, total, moves = _play(users, act, seconds, seed)
         pictures = _draw(users, size)
     if "headset" not in pictures:
         pictures["headset"] = _drawn_larger(simulation, config, seed, moves, size)
@@ -99,14 +106,23 @@ def _check(out: Path, seconds: float) -> None:
 
 
 def _played(
-    run: str | Path | None, app: Mapping[str, Any] | None, game: str | None, *, trust_app: bool
+    run: str | Path | None,
+    app: Mapping[str, Any] | None,
+    game: str | None,
+    overrides: Sequence[str],
+    *,
+    trust_app: bool,
 ) -> tuple[TrainedUser | None, EnvConfig]:
     """Return the user of a run, None without one, and the environment to play in."""
     if run is None:
         config = with_task(EnvConfig(app=AppConfig(**app))) if app else EnvConfig()
+        if overrides:
+            plain, source = TrainingConfig(env=EnvConfig()), "--set"
+            changed = evaluation_env(plain, app, overrides, source=source, trust_app=trust_app)
+            config = with_task(changed)
         return None, with_game(config, game)
     user = find_user(run, code=True)
-    config = evaluation_env(user.config, app, source=str(run), trust_app=trust_app)
+    config = evaluation_env(user.config, app, overrides, source=str(run), trust_app=trust_app)
     config = with_game(config, game)
     require_contract(user, config)
     return user, config
@@ -172,7 +188,7 @@ def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
         body = painter.draw(0)
     vision = users.config.vision
     views = "views" in app.capabilities
-    own = app.render_headset(*vision.drawn) if views else _concatenated(app.image)
+    own = app.render_headset(*vision.drawn) if views else _both_eyes(app.image)
     depth = np.repeat(own[..., 3:], 3, axis=2)
     if not views:
         return {"body": body, "observation": np.concatenate([own[..., :3], depth], axis=1)}
@@ -185,7 +201,7 @@ def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
     }
 
 
-def _concatenated(image: Any) -> Any:
+def _both_eyes(image: Any) -> Any:
     """(H, W, 4), of two eyes (H, 2 W, 4)."""
     return image.copy() if image.ndim == 3 else np.concatenate(list(image), axis=1)
 

@@ -56,7 +56,7 @@ def test_version_and_help(capsys: Any) -> None:
     assert call(capsys, "--version") == (0, f"sim2vr-harness {__version__}\n", "")
     status, out, _ = call(capsys)
     assert status == 0
-    for command in ("train", "evaluate", "doctor", "bench", "snapshot", "curves"):
+    for command in ("train", "evaluate", "doctor", "bench", "render", "plot"):
         assert command in out
     assert "--resume" in call(capsys, "train", "--help")[1]
 
@@ -119,7 +119,10 @@ def test_evaluate_prints_one_json_object(capsys: Any, trained: Path) -> None:
     for key in ("hits", "misses", "contacts", "hit_rate", "hit_speed_mps", "hammer_depth_m",
                 "max_fatigued", "effort", "return", "game_return", "episodes"):  # fmt: skip
         assert key in content["easy"]
-    assert err == "note: this user never practised conditions easy, hard (trained: medium)\n"
+    assert (
+        err
+        == "Playing ...\nnote: this user never practised conditions easy, hard (trained: medium)\n"
+    )
     status, out, _ = call(capsys, *arguments, "--deterministic")
     assert status == 0
     assert "deterministic" in out
@@ -149,7 +152,7 @@ def test_games_are_listed_with_their_conditions(capsys: Any) -> None:
     assert status == 0
     assert "sim2vr/WhacAMole-v0" in out
     status, out, _ = call(capsys, "games", "sample")
-    for part in ("small", "Radius 2.5 cm", "Distance to the ball (m)", "lower"):
+    for part in ("small", "Radius 2.5 cm", "Distance to the ball", "lower"):
         assert part in out
     content = json.loads(call(capsys, "games", "whacamole", "--json")[1])
     assert content[0]["score"] == "hit_rate"
@@ -174,17 +177,17 @@ def test_practice_that_is_stopped_says_how_to_go_on(
     monkeypatch.setattr(ModelBasedTrainer, "step", lambda self, told: os.kill(os.getpid(), number))
     small = ("--set", "users=8", "--set", "width=16", "--set", "body_width=16")
     out = ("--out", str(tmp_path / "layer.pt"))
-    status, _, err = call(capsys, "motor", "practise", "mobl_arms_wrist", *out, *small)
+    status, _, err = call(capsys, "users", "motor", "train", "mobl_arms_wrist", *out, *small)
     assert status == 130
     assert err.endswith("Stopped after cycle 0; the same command goes on.\n")
 
 
-@pytest.mark.parametrize(("command", "option"), [("practise", "--begin"), ("measure", "--layer")])
+@pytest.mark.parametrize(("command", "option"), [("train", "--begin"), ("measure", "--layer")])
 def test_a_layer_that_is_missing_is_named(
     capsys: Any, tmp_path: Path, command: str, option: str
 ) -> None:
     out = ("--out", str(tmp_path / "out.pt"))
-    arguments = ("motor", command, "mobl_arms_wrist", option, "nope.pt", *out)
+    arguments = ("users", "motor", command, "mobl_arms_wrist", option, "nope.pt", *out)
     status, _, err = call(capsys, *arguments)
     assert status == 2
     assert err == f"error: {option}: got 'nope.pt', which is no file, expected a file to read\n"
@@ -192,7 +195,11 @@ def test_a_layer_that_is_missing_is_named(
 
 def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
     file = tmp_path / "c.png"
-    assert call(capsys, "curves", str(trained), "--out", str(file)) == (0, f"Written: {file}\n", "")
+    assert call(capsys, "plot", "curves", str(trained), "--out", str(file)) == (
+        0,
+        f"Written: {file}\n",
+        "",
+    )
     assert file.is_file()
 
 
@@ -218,14 +225,23 @@ def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
         (["doctor", "x", "y"], "error: arguments: got 'x y' behind the others, expected no more"),
         (["bench", "--json=3"], "error: --json: got a value, expected none"),
         (["users", "pack"], "error: RUN: got nothing, expected a run's folder or a checkpoint"),
-        (["snapshot", "--seconds", "x"], "error: --seconds: got 'x', expected a number"),
-        (["snapshot", "--out", "/proc/x"], "error: --out: got '/proc/x', but nothing can be writt"),
-        (["snapshot", "--out", __file__], f"error: --out: got '{__file__}', which is a file, exp"),
+        (["render", "snapshot", "--seconds", "x"], "error: --seconds: got 'x', expected a number"),
+        (
+            ["render", "snapshot", "--out", "/proc/x"],
+            "error: --out: got '/proc/x', but nothing can be writt",
+        ),
+        (
+            ["render", "snapshot", "--out", __file__],
+            f"error: --out: got '{__file__}', which is a file, exp",
+        ),
         (
             ["evaluate", "{run}", "--out", f"{__file__}/x/y"],
             f"error: --out: got '{__file__}/x/y', but {__file__} is a file, expected a folder",
         ),
-        (["curves", "{run}", "--out", "{empty}"], "error: --out: got '{empty}', which is a folder"),
+        (
+            ["plot", "curves", "{run}", "--out", "{empty}"],
+            "error: --out: got '{empty}', which is a folder",
+        ),
         (["bench", "--output", "/proc/x/y"], "error: --output: got '/proc/x/y', but nothing can b"),
         (["train", "{config}", "--resume", "--overwrite"], "error: --overwrite: got it together"),
         (["train", "{config}", "--resume", "--out", "{empty}"], "error: --resume: got"),
@@ -242,11 +258,14 @@ def test_curves(capsys: Any, trained: Path, tmp_path: Path) -> None:
             "error: --condition: got 'harrd', expected",
         ),
         (["games", "sampel"], "error: game: got 'sampel', expected one of"),
-        (["snapshot", "--game", "sampel"], "error: game: got 'sampel', expected one of"),
+        (["render", "snapshot", "--game", "sampel"], "error: game: got 'sampel', expected one of"),
         (["evaluate", "{run}", "--episodes", "0"], "error: --episodes: got 0, expected"),
-        (["curves", "{empty}"], "error: RUN: got '{empty}', which holds no config.yaml"),
-        (["snapshot", "--size", "3"], "error: --size: got '3', expected WIDTHxHEIGHT"),
-        (["snapshot", "--condition", "x", "--out", "{empty}"], "error: condition: got 'x'"),
+        (["plot", "curves", "{empty}"], "error: RUN: got '{empty}', which holds no config.yaml"),
+        (["render", "snapshot", "--size", "3"], "error: --size: got '3', expected WIDTHxHEIGHT"),
+        (
+            ["render", "snapshot", "--condition", "x", "--out", "{empty}"],
+            "error: condition: got 'x'",
+        ),
         (["bench", "--n", "0"], "error: --n: got 0, expected at least 1"),
         (["bench", "--transport", "protocol3"], "error: --transport: got 'protocol3', expected"),
         (["train", "{config}", "--protocol", "3"], "error: --protocol: got 3, expected 1 or 2"),

@@ -76,7 +76,7 @@ def places(folder: Path) -> dict[str, tuple[Path, list[str]]]:
         "user": (folder / "user" / "config.yaml", ["users", "show", user]),
         "curves": (
             folder / "curves" / "curves.json",
-            ["curves", str(folder / "curves"), "--out", str(folder / "curves.png")],
+            ["plot", "curves", str(folder / "curves"), "--out", str(folder / "curves.png")],
         ),
         "states": (folder / "round" / "states.csv", ["replay", str(folder / "round")]),
         "events": (folder / "round" / "events.csv", ["replay", str(folder / "round")]),

@@ -33,7 +33,17 @@ def games(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_the_game_with_levels_is_found_and_told_the_options(tmp_path: Path) -> None:
     out = tmp_path / "level.png"
-    arguments = ["level", "x.zip", "--difficulty", "Easy", "--set", "speed=2.5", "--seed", "4"]
+    arguments = [
+        "plot",
+        "level",
+        "x.zip",
+        "--difficulty",
+        "Easy",
+        "--set",
+        "speed=2.5",
+        "--seed",
+        "4",
+    ]
     result = CliRunner().invoke(app, [*arguments, "--out", str(out)])
     assert result.output == f"a level: boxes 3, length 5.0 s\nWritten: {out}\n"
     assert ASKED == [("piano", {"piece": "x.zip", "difficulty": "Easy", "speed": 2.5}, 4)]
@@ -41,15 +51,18 @@ def test_the_game_with_levels_is_found_and_told_the_options(tmp_path: Path) -> N
 
 
 def test_the_facts_come_as_json() -> None:
-    result = CliRunner().invoke(app, ["level", "x", "--json"])
+    result = CliRunner().invoke(app, ["plot", "level", "x", "--json"])
     assert json.loads(result.output) == {"name": "a level", "boxes": 3, "length": "5.0 s"}
 
 
 def test_a_game_without_levels_is_refused() -> None:
-    result = CliRunner().invoke(app, ["level", "x", "--game", "organ"])
+    result = CliRunner().invoke(app, ["plot", "level", "x", "--game", "organ"])
     assert str(result.exception) == "--game: got 'organ', expected a game with levels"
 
 
 def test_an_option_without_value_is_refused() -> None:
-    result = CliRunner().invoke(app, ["level", "x", "--set", "speed"])
-    assert str(result.exception) == "--set: got 'speed', expected OPTION=VALUE"
+    result = CliRunner().invoke(app, ["plot", "level", "x", "--set", "speed"])
+    assert (
+        str(result.exception)
+        == "--set: got 'speed', expected NAME=VALUE or env.app.options.NAME=VALUE"
+    )

@@ -61,7 +61,7 @@ def test_a_first_look_at_a_page(capsys: Any, tmp_path: Path, rules: str) -> None
 def test_what_the_user_sees_of_a_page(capsys: Any, tmp_path: Path) -> None:
     out = tmp_path / "seen"
     status, _, err = call(
-        capsys, "snapshot", "--page", TOUCH, "--seconds", "0.2", "--size", "240x160",
+        capsys, "render", "snapshot", "--page", TOUCH, "--seconds", "0.2", "--size", "240x160",
         "--out", str(out),
     )  # fmt: skip
     assert status == 0, err
@@ -87,7 +87,7 @@ def test_what_the_user_sees_of_a_page(capsys: Any, tmp_path: Path) -> None:
         (("evaluate", "--user", "still", "--log"), "--log: got it together with --user"),
         (("evaluate", "--user", "still", "--people", "2"), "--people: got it together with --u"),
         (("evaluate", "--user", "stil", "--page", TOUCH), "did you mean 'still'"),
-        (("snapshot", "--page", "nowhere.html"), "app.page: got '"),
+        (("render", "snapshot", "--page", "nowhere.html"), "app.page: got '"),
         (("evaluate", "--user", "still", "--page", TOUCH, "--task", "x.py:Y"), "no file '"),
         (("evaluate", "--user", "still", "--page", TOUCH, "--browser", "/no"), "app.browser: got"),
     ],

@@ -65,7 +65,7 @@ def test_a_picture_has_a_panel_per_measure(
 ) -> None:
     out = tmp_path / "new" / "chart.png"
     with pytest.raises(SystemExit) as exit_:
-        main(["chart", *map(str, pair), "--out", str(out)])
+        main(["plot", "measures", *map(str, pair), "--out", str(out)])
     assert not exit_.value.code
     assert capsys.readouterr().out == f"Written: {out}\n"
     wide = np.asarray(Image.open(out).convert("RGB"))

@@ -27,6 +27,7 @@ def choose(
     trust_app: bool = False,
     page: Sequence[str] = (),
     untrained: str | None = None,
+    overrides: Sequence[str] = (),
 ) -> Playlist:
     """Return what to watch.
 
@@ -40,6 +41,7 @@ def choose(
         trust_app: whether the app that it names may be started, though you never have.
         page: instead of a user, overrides of the configuration that name a page.
         untrained: the page's user, see :func:`user_show`.
+        overrides: ``env.KEY=VALUE``, what else is different.
 
     Raises:
         InputError: It is none of them, or options exclude each other.
@@ -47,7 +49,7 @@ def choose(
     if page:
         if run is not None or person or game is not None or condition is not None:
             raise InputError("--page", "it with a user, a game or --try", "the page alone")
-        env = with_task(load_config("webxr", page).env)
+        env = with_task(load_config("webxr", [*overrides, *page]).env)
         return user_show(None, env, seed=seed, untrained=untrained or "random")
     if untrained is not None:
         raise InputError("--user", repr(untrained), "--page with it")
@@ -58,7 +60,7 @@ def choose(
             raise InputError("--game or --condition", "it with a recording", "neither of them")
         return recorded_show(Path(run))
     who = run or "mobl_arms_wrist"
-    env = _environment(who, game, condition, trust_app=trust_app)
+    env = _environment(who, game, condition, overrides, trust_app=trust_app)
     if person:
         return person_show(env, seed=seed)
     if (user := _trained(who)) is not None:
@@ -69,10 +71,17 @@ def choose(
 
 
 def _environment(
-    who: str, game: str | None, condition: str | None, *, trust_app: bool
+    who: str,
+    game: str | None,
+    condition: str | None,
+    overrides: Sequence[str],
+    *,
+    trust_app: bool,
 ) -> EnvConfig:
     try:
-        return environment_of(who, game=game, condition=condition, trust_app=trust_app)
+        return environment_of(
+            who, game=game, condition=condition, overrides=overrides, trust_app=trust_app
+        )
     except InputError as error:
         if error.field != "USER":
             raise

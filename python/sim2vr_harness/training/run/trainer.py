@@ -26,7 +26,14 @@ from sim2vr_harness.runs.trust import remember
 from sim2vr_harness.training.run.loggers import require_wandb
 from sim2vr_harness.training.run.memory import keep_freed_memory, require_memory
 from sim2vr_harness.training.run.pipelines import MakeSimulation, Run, stages_of
-from sim2vr_harness.training.run.stage import Report, Stage, StageOutcome, remaining, run_stages
+from sim2vr_harness.training.run.stage import (
+    Report,
+    Stage,
+    StageOutcome,
+    remaining,
+    run_stages,
+    say_line,
+)
 
 __all__ = ["MakeSimulation", "TrainResult", "make_simulation", "train"]
 
@@ -167,7 +174,8 @@ class _Session:
 
         A setting that cannot be used shows before a run that is there is deleted.
         """
-        folder = self.folder
+        folder, config = self.folder, self.config
+        say_line(self.console, f"Preparing {config.name} (recipe {config.recipe}) ...")
         try:
             first.open()
             if not folder.path.is_dir():
@@ -187,6 +195,8 @@ class _Session:
             self.console.print(f"Nothing to train: {reached}.")
             return StageOutcome()
         if self.resume:
+            name, recipe = self.config.name, self.config.recipe
+            say_line(self.console, f"Continuing {name} (recipe {recipe}) ...")
             folder.store_config(self.config)
         remember(self.config.env.app, folder.path)
         folder.begin_session(start_step=folder.step)

@@ -56,6 +56,7 @@ def evaluate_teacher(
     seed: int = 1,
     deterministic: bool = False,
     conditions: Sequence[str] | None = None,
+    on_progress: Callable[[int, int], None] = lambda ended, rounds: None,
 ) -> list[TeacherScore]:
     """Play whole rounds, all side by side, without the curriculum.
 
@@ -67,6 +68,7 @@ def evaluate_teacher(
         seed: of the first round.
         deterministic: whether actions are means instead of samples.
         conditions: of the game; None takes the teacher's.
+        on_progress: called at every user step with how many of how many rounds have ended.
     """
     game = game_of(env)
     names = list(conditions or config.conditions or game.conditions)
@@ -76,7 +78,9 @@ def evaluate_teacher(
         senses = privileged_senses(simulation, config, game, env)
         for i, (name, round_seed) in enumerate(jobs):
             simulation.reset([i], [round_seed], game.options(name))
-        played = _played(simulation, lambda: policy.act({OBSERVATION: senses.observe()}, rng))
+        played = _played(
+            simulation, lambda: policy.act({OBSERVATION: senses.observe()}, rng), on_progress
+        )
     return [
         _score(
             name,
@@ -98,11 +102,16 @@ class _Rounds:
     steps: NDArray[np.float64]
 
 
-def _played(simulation: Simulation, act: Callable[[], NDArray[np.float32]]) -> _Rounds:
+def _played(
+    simulation: Simulation,
+    act: Callable[[], NDArray[np.float32]],
+    on_progress: Callable[[int, int], None],
+) -> _Rounds:
     """Play until every user's round is over; those who are done play on without being counted."""
     n = simulation.n
     found = _Rounds({}, np.zeros(n), np.zeros(n), np.zeros(n))
     while len(found.logs) < n:
+        on_progress(len(found.logs), n)
         result = simulation.step(act())
         playing = np.array([i not in found.logs for i in range(n)])
         for total, now in (

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.training.option_q_learning.q_learning import DECIDE_STEPS
 from sim2vr_harness.training.option_q_learning.stage import _best_hold
 from sim2vr_harness.training.ppo.fine_tune import adapting
+from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.trainer import train
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -92,19 +94,32 @@ class Obedient:
         class config:
             action_frequency_hz = 20.0
 
-    def earned(self, hold: int, steps: int) -> float:
+    step_count = 1000
+
+    def earned(self, hold: int, steps: int, *, on_progress: Callable[[float], None]) -> float:
         assert steps == 200
+        for share in (0.0, 0.5):
+            on_progress(share)
         return float(hold if hold < 5 else -1)
 
 
 def test_a_decision_is_seen_through_for_as_long_as_it_pays() -> None:
     said: list[str] = []
 
+    shown: list[tuple[str, bool]] = []
+
     class Listener:
         say = said.append
 
+        def show(self, view: Callable[[], View], *, force: bool = False) -> None:
+            shown.append((view().doing, force))
+
     assert _best_hold(Obedient(), Listener()) == 3  # type: ignore[arg-type]
     assert "1.00 for 1, 3.00 for 3, -1.00 for 5. The user's: 3." in said[0]
+    assert [what for what, _ in shown[::2]] == [
+        f"measuring 3 durations of decisions, {number} of 3" for number in (1, 2, 3)
+    ]
+    assert [force for _, force in shown] == [True, *[False] * 5], "one line at once"
 
 
 @pytest.fixture(scope="module")

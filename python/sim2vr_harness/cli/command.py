@@ -1,0 +1,122 @@
+"""Classes of commands: groups in ``--help``, examples, old names.
+
+The docstring of a command ends with the line ``Examples:`` and its examples, one a line.
+"""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from typing import Any
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+__all__ = [
+    "ANALYSE",
+    "HEADINGS",
+    "KNOW",
+    "LOOK",
+    "PLAY",
+    "REMOVED_IN",
+    "STUDY",
+    "Command",
+    "CommandGroup",
+    "Group",
+]
+
+REMOVED_IN = "0.3"
+"""The version without the old names of commands."""
+
+HEADINGS = PLAY, STUDY, ANALYSE, LOOK, KNOW = (
+    "Play and train",
+    "Study",
+    "Analyse",
+    "Look",
+    "Know",
+)
+"""The groups of ``sim2vr-harness --help``, in order."""
+
+_EXAMPLES = "\nExamples:\n"
+
+
+class _WithExamples:
+    """A command whose help text ends with examples, which are kept line by line."""
+
+    examples: tuple[str, ...] = ()
+
+    def __init__(self, *arguments: Any, help: str | None = None, **settings: Any) -> None:
+        text, _, examples = inspect.cleandoc(help or "").partition(_EXAMPLES)
+        super().__init__(*arguments, help=text.strip() or None, **settings)
+        self.examples = tuple(line.strip() for line in examples.splitlines() if line.strip())
+
+    def format_epilog(self, ctx: Any, formatter: Any) -> None:
+        """Write the examples below the options."""
+        if self.examples:
+            with formatter.section("Examples"):
+                for line in self.examples:
+                    formatter.write(f"{'':{formatter.current_indent}}{line}\n")
+
+
+class Command(_WithExamples, TyperCommand):
+    """A command with examples; one with an old name says the new one and runs.
+
+    Attributes:
+        renamed: The new name, such as ``plot curves``; empty for a command in use.
+    """
+
+    renamed = ""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        if self.renamed:
+            text = f"`{ctx.command_path}` is now `sim2vr-harness {self.renamed}`"
+            typer.echo(f"note: {text}; version {REMOVED_IN} removes the old name", err=True)
+        return super().invoke(ctx)
+
+
+class Group(_WithExamples, TyperGroup):
+    """A command with commands below it, listed in the groups that they name."""
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """Write a list of commands per group; names in a column of one width."""
+        groups: dict[str, list[tuple[str, str]]] = {}
+        shown = [(name, each) for name, each in self.commands.items() if not each.hidden]
+        width = max(len(name) for name, _ in shown)
+        for name, each in shown:
+            heading = getattr(each, "rich_help_panel", None)
+            text = each.get_short_help_str(formatter.width - width - 4)
+            rows = groups.setdefault(heading if isinstance(heading, str) else "Commands", [])
+            rows.append((name.ljust(width), text))
+        for heading, rows in sorted(groups.items(), key=lambda group: _place(group[0])):
+            with formatter.section(heading):
+                formatter.write_dl(rows)
+
+
+def _place(heading: str) -> int:
+    return HEADINGS.index(heading) if heading in HEADINGS else len(HEADINGS)
+
+
+class CommandGroup(typer.Typer):
+    """A Typer app of such commands; ``help`` ends with examples."""
+
+    def __init__(self, help: str, **settings: Any) -> None:
+        super().__init__(
+            help=help,
+            cls=Group,
+            no_args_is_help=True,
+            rich_markup_mode=None,
+            **{"add_completion": False, **settings},
+        )
+
+    def add(
+        self, name: str, function: Callable[..., Any], group: str | None = None, **settings: Any
+    ) -> None:
+        """Add a command, listed in the group of that heading."""
+        settings = {"cls": Command, "rich_help_panel": group, **settings}
+        self.command(name, **settings)(function)
+
+    def add_old(self, name: str, function: Callable[..., Any], renamed: str) -> None:
+        """Add the hidden old name of a command, which names the new one on standard error."""
+        old = type("OldCommand", (Command,), {"renamed": renamed})
+        self.add(name, function, hidden=True, cls=old)

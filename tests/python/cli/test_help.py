@@ -1,0 +1,153 @@
+"""``--help``: groups, whole lines, examples, and the old names of commands."""
+
+from __future__ import annotations
+
+import inspect
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer.main
+
+from sim2vr_harness.base import paths
+from sim2vr_harness.cli.command import HEADINGS
+from sim2vr_harness.cli.main import app, main
+
+SHIPPED = paths.trained_users_dir()
+
+
+def call(capsys: Any, *arguments: str) -> tuple[int, str, str]:
+    with pytest.raises(SystemExit) as exit_:
+        main(list(arguments))
+    out, err = capsys.readouterr()
+    return int(exit_.value.code or 0), out, err
+
+
+def shown_commands() -> list[tuple[str, Any]]:
+    """Every command and group that is listed, with the words that call it."""
+    found: list[tuple[str, Any]] = []
+    waiting: list[tuple[str, Any]] = [("", typer.main.get_command(app))]
+    while waiting:
+        words, command = waiting.pop()
+        found.append((words, command))
+        below = getattr(command, "commands", {}).items()
+        waiting += [(f"{words} {name}".strip(), each) for name, each in below if not each.hidden]
+    return found
+
+
+def test_commands_are_few_and_in_groups(capsys: Any) -> None:
+    out = call(capsys, "--help")[1]
+    sections = dict(part.split(":\n", 1) for part in out.split("\n\n") if ":\n" in part)
+    assert [name for name in sections if name in HEADINGS] == list(HEADINGS)
+    names = [
+        line.split()[0] for heading in HEADINGS for line in sections[heading].strip().split("\n")
+    ]
+    assert len(names) == len(set(names)) <= 20
+    assert sections["Look"].split()[0] == "plot"
+    assert "Commands" not in sections, "a command is in no group"
+    assert "..." not in "".join(sections[heading] for heading in HEADINGS)
+
+
+@pytest.mark.parametrize(("words", "command"), shown_commands(), ids=lambda each: str(each)[:30])
+def test_help_ends_with_two_examples(capsys: Any, words: str, command: Any) -> None:
+    out = call(capsys, *words.split(), "--help")[1]
+    lines = out.rstrip().splitlines()
+    assert lines[-3] == "Examples:"
+    assert [line.strip() for line in lines[-2:]] == list(command.examples)
+    assert lines[-2] != lines[-1]
+    for example in command.examples:
+        assert f"{example} ".startswith(f"sim2vr-harness {words} ".replace("  ", " "))
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("curves", "plot curves"),
+        ("level", "plot level"),
+        ("chart", "plot measures"),
+        ("snapshot", "render snapshot"),
+        ("film", "render film"),
+        ("motor practise", "users motor train"),
+        ("motor measure", "users motor measure"),
+    ],
+)
+def test_an_old_name_works_and_names_the_new_one(
+    capsys: Any, tmp_path: Path, old: str, new: str
+) -> None:
+    parameters = {
+        words: [(each.name, each.opts) for each in command.params]
+        for words, command in [*shown_commands(), *_hidden()]
+    }
+    assert parameters[old] == parameters[new]
+    if old == "level":
+        status, out, err = call(capsys, "level", "full", "--out", str(tmp_path / "x.png"))
+        assert (status, len(err.splitlines())) == (0, 1)
+        assert "`sim2vr-harness level` is now `sim2vr-harness plot level`" in err
+        assert out.endswith(f"Written: {tmp_path / 'x.png'}\n")
+
+
+def _hidden() -> list[tuple[str, Any]]:
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    found = []
+    for name, command in commands.items():
+        for below, each in getattr(command, "commands", {}).items():
+            found.append((f"{name} {below}", each))
+        found.append((name, command))
+    return [(name, command) for name, command in found if getattr(command, "renamed", "")]
+
+
+def test_users_are_one_table(capsys: Any) -> None:
+    """The headline is the game's score, its mean over the card's conditions."""
+    status, out, _ = call(capsys, "users", "list")
+    assert status == 0
+    rows = [line.split() for line in out.splitlines() if line.startswith("  whacamole_people ")]
+    card = json.loads((SHIPPED / "whacamole_people" / "card.json").read_text())
+    rates = [row["hit_rate"] for row in card["results"].values()]
+    assert len(rates) == 3
+    mean = f"{sum(rates) / 3:.2f}"
+    assert rows == [["whacamole_people", "whacamole", "distill", "Hit", "rate", mean]]
+    assert max(map(len, out.splitlines())) <= 80
+
+
+def test_a_user_has_a_page(capsys: Any) -> None:
+    status, out, _ = call(capsys, "users", "show", "whacamole_people")
+    assert status == 0
+    headings = [line for line in out.splitlines() if line and line[0] not in " ─"]
+    assert headings == [
+        *("pretrained:whacamole_people", "App", "Body", "Observations", "Training", "Results"),
+        "Use",
+    ]
+    for part in (
+        *("condition: random-easy-medium", "32 muscles", "another person in every round"),
+        *("image of 120 x 80 px, channels green, depth", "proprioception: 56 float32"),
+        *("245,760 user steps", "sim2vr-harness evaluate pretrained:whacamole_people"),
+    ):
+        assert part in out
+    card = json.loads(call(capsys, "users", "show", "whacamole_people", "--json")[1])
+    assert card == json.loads((SHIPPED / "whacamole_people" / "card.json").read_text())
+
+
+def test_a_game_lists_measures_and_options(capsys: Any) -> None:
+    """Numbers of TouchTheBall::configure and its facts, in sample.cpp."""
+    out = call(capsys, "games", "sample")[1]
+    rows = [line.split() for line in out.splitlines()]
+    assert ["ball_radius_m", "number", "0.05", "0.01", "to", "0.2"] in rows
+    assert ["round_seconds", "number", "20.0", "1", "to", "600"] in rows
+    assert any(row[:5] == ["Distance", "to", "the", "ball", "distance_m"] for row in rows)
+    whacamole = json.loads(call(capsys, "games", "whacamole", "--json")[1])[0]
+    options = {option["name"]: option for option in whacamole["options"]}
+    assert options["hand"]["choices"] == ["right", "left"]
+    assert options["adaptive"]["type"] == "bool"
+    assert options["spawn_times"]["default"] == []
+    assert {"easy", "medium"} < set(options["condition"]["choices"])
+
+
+def test_no_command_function_is_long() -> None:
+    long = []
+    for words, command in shown_commands():
+        if callback := getattr(command, "callback", None):
+            lines = inspect.getsource(inspect.unwrap(callback)).splitlines()
+            if len(lines) > 50:
+                long.append((words, len(lines)))
+    assert long == []

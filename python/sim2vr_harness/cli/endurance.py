@@ -45,7 +45,12 @@ def endurance(
     json: JsonOption = False,
     trust_app: TrustOption = False,
 ) -> None:
-    """Say how long a user can hold a posture, by three models of exertion."""
+    """Say how long a user can hold a posture, by three models of exertion.
+
+    Examples:
+        sim2vr-harness endurance mobl_arms_wrist --pose elv_angle=45,shoulder_elv=60
+        sim2vr-harness endurance pretrained:whacamole_people --pose shoulder_elv=60 --people 20
+    """
     from dataclasses import asdict
 
     from sim2vr_harness.tools.endurance import hold, who_hold

@@ -26,6 +26,7 @@ from sim2vr_harness.cli import (
     chart,
     compare,
     curves,
+    endurance,
     evaluate,
     export,
     film,

@@ -72,7 +72,8 @@ def chart(
             any: the game's headlines, and ``exertion``.
 
     Raises:
-        InputError: A file cannot be used, lacks the condition or a measure, or ``out`` is another file.
+        InputError: A file cannot be used, lacks the condition or a measure, or
+            ``out`` is neither PNG nor PDF.
     """
     read = [_read(Path(path)) for path in results]
     chosen = _condition(read, condition)
@@ -153,7 +154,7 @@ def _figure(found: Sequence[_Result], measures: Sequence[Measure], condition: st
     panels = []
     for measure in measures:
         # One series, and users by their names: bars of a panel are side by side.
-        means = Bars("mean over rounds", names, [r.value(measure) for r in found], colour_of(0))
+        means = Bars("mean over rounds", names, [r.value(measure) for r in found], colour_of(5))
         layers: list[Layer] = [means]
         for place, result in enumerate(found):
             rounds = result.rounds(measure)

@@ -116,7 +116,6 @@ def _add_legends(canvas: Any, panels: Sequence[Panel], width: float) -> None:
     from matplotlib.container import ErrorbarContainer
     from matplotlib.legend_handler import HandlerErrorbar
 
-    columns = 2 if width == _COLUMN_INCHES else 4
     own = [_handles(axes, panel) for axes, panel in zip(canvas.axes, panels, strict=True)]
     colours: dict[str, set[str]] = {}
     for panel in panels:
@@ -131,6 +130,8 @@ def _add_legends(canvas: Any, panels: Sequence[Panel], width: float) -> None:
         return
     handles = {name: handle for named in own for name, handle in named.items()}
     if handles:
+        longest = max(map(len, handles))
+        columns = max(1, min(4, int(width / (0.55 + _LETTER_INCHES * longest))))
         below = {"loc": "outside lower center", "ncol": columns}
         canvas.legend(handles.values(), handles.keys(), **below, **look)
         wide, high = canvas.get_size_inches()
@@ -197,8 +198,10 @@ def _draw(axes: Any, panel: Panel, width: float) -> None:
     if panel.y_range is not None:
         # No datum and no whisker outside is cut off.
         low, high = axes.dataLim.intervalx if flipped else axes.dataLim.intervaly
-        ends = {"left" if flipped else "bottom": min(panel.y_range[0], low)}
-        ends["right" if flipped else "top"] = max(panel.y_range[1], high)
+        room = 0.04 * (high - low)
+        first, last = panel.y_range
+        ends = {"left" if flipped else "bottom": low - room if low < first else first}
+        ends["right" if flipped else "top"] = high + room if high > last else last
         (axes.set_xlim if flipped else axes.set_ylim)(**ends)
     if panel.square:
         axes.set_aspect("equal", adjustable="datalim")

@@ -153,12 +153,12 @@ def _figure(found: Sequence[_Result], measures: Sequence[Measure], condition: st
     names = [result.user for result in found]
     panels = []
     for measure in measures:
-        # One series, and users by their names: bars of a panel are side by side.
+        # One series; the names of users are below their bars.
         means = Bars("mean over rounds", names, [r.value(measure) for r in found], colour_of(5))
         layers: list[Layer] = [means]
         for place, result in enumerate(found):
             rounds = result.rounds(measure)
-            # Side by side, in their order, so that equal ones are seen.
+            # Beside each other, in their order, so that equal ones are visible.
             beside = [place + 0.5 * ((k + 0.5) / len(rounds) - 0.5) for k in range(len(rounds))]
             layers.append(Points(f"{result.user}, rounds", beside, rounds, INK, 3, key="round"))
         panels.append(Panel(measure.label, layers, y_label=measure.unit, legend=True))

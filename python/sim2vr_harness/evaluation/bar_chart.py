@@ -163,5 +163,5 @@ def _figure(found: Sequence[_Result], measures: Sequence[Measure], condition: st
             layers.append(Points(f"{result.user}, rounds", beside, rounds, INK, 3, key="round"))
         panels.append(Panel(measure.label, layers, y_label=measure.unit, legend=True))
     counts = {result.summary.get("episodes") for result in found}
-    rounds_told = f", {counted(counts.pop(), 'round')} each" if len(counts) == 1 else ""
+    rounds_told = f", {counted(counts.pop() or 0, 'round')} each" if len(counts) == 1 else ""
     return Figure("chart", f"{found[0].facts.name} {condition}{rounds_told}", "", panels)

@@ -28,7 +28,7 @@ from sim2vr_harness.figures.figure import (
 
 __all__ = ["PRINT", "write_figure", "write_stills"]
 
-PRINT = {"pdf.fonttype": 42, "ps.fonttype": 42, "font.size": 8}
+PRINT: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "font.size": 8}
 """Matplotlib's settings: fonts that publishers accept (TrueType), and their size."""
 _COLUMN_INCHES, _PAGE_INCHES = 3.5, 7.2
 """Widths of one and of two columns of a paper."""
@@ -228,15 +228,16 @@ def _handles(axes: Any, panel: Panel) -> dict[str, Any]:
 
 def _emptied(layer: Any, name: str) -> Any:
     """A layer without data, for its look alone."""
-    nothing = {"low": [], "high": []} if isinstance(layer, Band) else {"y": []}
+    nothing: dict[str, Any] = {"low": [], "high": []} if isinstance(layer, Band) else {"y": []}
     if isinstance(layer, Points) and layer.spread is not None:
         nothing["spread"] = []
     return replace(layer, name=name, key="", x=[], **nothing)
 
 
 def _draw_flat(axes: Any, layer: Line | Points | Band | Ranges | Heat, flipped: bool) -> None:
-    named = not isinstance(layer, Heat) and not getattr(layer, "key", "")
-    label = {"label": layer.name} if named else {}
+    # A layer with a key, and a table, have no name of their own in a legend.
+    name = None if getattr(layer, "key", "") else getattr(layer, "name", None)
+    label = {} if name is None else {"label": name}
     if isinstance(layer, Line):
         how = {"drawstyle": "steps-post"} if layer.stepped else {}
         dash = "--" if layer.dashed else "-"

@@ -72,7 +72,8 @@ def chart(
             any: the game's headlines, and ``exertion``.
 
     Raises:
-        InputError: A file lacks the condition or a measure, or ``out`` is another file.
+        InputError: A file cannot be used, lacks the condition or a measure, or
+            ``out`` is neither PNG nor PDF.
     """
     read = [_read(Path(path)) for path in results]
     chosen = _condition(read, condition)
@@ -152,15 +153,15 @@ def _figure(found: Sequence[_Result], measures: Sequence[Measure], condition: st
     names = [result.user for result in found]
     panels = []
     for measure in measures:
-        # One series, and users by their names: bars of a panel are side by side.
-        means = Bars("mean over rounds", names, [r.value(measure) for r in found], colour_of(0))
+        # One series; the names of users are below their bars.
+        means = Bars("mean over rounds", names, [r.value(measure) for r in found], colour_of(5))
         layers: list[Layer] = [means]
         for place, result in enumerate(found):
             rounds = result.rounds(measure)
-            # Side by side, in their order, so that equal ones are seen.
+            # Beside each other, in their order, so that equal ones are visible.
             beside = [place + 0.5 * ((k + 0.5) / len(rounds) - 0.5) for k in range(len(rounds))]
             layers.append(Points(f"{result.user}, rounds", beside, rounds, INK, 3, key="round"))
         panels.append(Panel(measure.label, layers, y_label=measure.unit, legend=True))
     counts = {result.summary.get("episodes") for result in found}
-    rounds_told = f", {counted(counts.pop(), 'round')} each" if len(counts) == 1 else ""
+    rounds_told = f", {counted(counts.pop() or 0, 'round')} each" if len(counts) == 1 else ""
     return Figure("chart", f"{found[0].facts.name} {condition}{rounds_told}", "", panels)

@@ -28,7 +28,7 @@ from sim2vr_harness.figures.figure import (
 
 __all__ = ["PRINT", "write_figure", "write_stills"]
 
-PRINT = {"pdf.fonttype": 42, "ps.fonttype": 42, "font.size": 8}
+PRINT: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "font.size": 8}
 """Matplotlib's settings: fonts that publishers accept (TrueType), and their size."""
 _COLUMN_INCHES, _PAGE_INCHES = 3.5, 7.2
 """Widths of one and of two columns of a paper."""
@@ -116,7 +116,6 @@ def _add_legends(canvas: Any, panels: Sequence[Panel], width: float) -> None:
     from matplotlib.container import ErrorbarContainer
     from matplotlib.legend_handler import HandlerErrorbar
 
-    columns = 2 if width == _COLUMN_INCHES else 4
     own = [_handles(axes, panel) for axes, panel in zip(canvas.axes, panels, strict=True)]
     colours: dict[str, set[str]] = {}
     for panel in panels:
@@ -131,6 +130,8 @@ def _add_legends(canvas: Any, panels: Sequence[Panel], width: float) -> None:
         return
     handles = {name: handle for named in own for name, handle in named.items()}
     if handles:
+        longest = max(map(len, handles))
+        columns = max(1, min(4, int(width / (0.55 + _LETTER_INCHES * longest))))
         below = {"loc": "outside lower center", "ncol": columns}
         canvas.legend(handles.values(), handles.keys(), **below, **look)
         wide, high = canvas.get_size_inches()
@@ -197,8 +198,10 @@ def _draw(axes: Any, panel: Panel, width: float) -> None:
     if panel.y_range is not None:
         # No datum and no whisker outside is cut off.
         low, high = axes.dataLim.intervalx if flipped else axes.dataLim.intervaly
-        ends = {"left" if flipped else "bottom": min(panel.y_range[0], low)}
-        ends["right" if flipped else "top"] = max(panel.y_range[1], high)
+        room = 0.04 * (high - low)
+        first, last = panel.y_range
+        ends = {"left" if flipped else "bottom": low - room if low < first else first}
+        ends["right" if flipped else "top"] = high + room if high > last else last
         (axes.set_xlim if flipped else axes.set_ylim)(**ends)
     if panel.square:
         axes.set_aspect("equal", adjustable="datalim")
@@ -225,15 +228,16 @@ def _handles(axes: Any, panel: Panel) -> dict[str, Any]:
 
 def _emptied(layer: Any, name: str) -> Any:
     """A layer without data, for its look alone."""
-    nothing = {"low": [], "high": []} if isinstance(layer, Band) else {"y": []}
+    nothing: dict[str, Any] = {"low": [], "high": []} if isinstance(layer, Band) else {"y": []}
     if isinstance(layer, Points) and layer.spread is not None:
         nothing["spread"] = []
     return replace(layer, name=name, key="", x=[], **nothing)
 
 
 def _draw_flat(axes: Any, layer: Line | Points | Band | Ranges | Heat, flipped: bool) -> None:
-    named = not isinstance(layer, Heat) and not getattr(layer, "key", "")
-    label = {"label": layer.name} if named else {}
+    # A layer with a key, and a table, have no name of their own in a legend.
+    name = None if getattr(layer, "key", "") else getattr(layer, "name", None)
+    label = {} if name is None else {"label": name}
     if isinstance(layer, Line):
         how = {"drawstyle": "steps-post"} if layer.stepped else {}
         dash = "--" if layer.dashed else "-"

@@ -60,7 +60,7 @@ def draw_fitts(users: Sequence[AimedUser], out: Path) -> Path:
     panels = [
         Panel("", times, x, "movement time (s)", y_range=(0.0, 0.0), legend=True),
         Panel("", throughputs, x, "throughput of a block (bits/s)", y_range=(0.0, 0.0)),
-        Panel("", rates, x, "proportion of errors", y_range=(0.0, 1.0)),
+        Panel("", rates, x, "proportion of errors", y_range=(-0.03, 1.03)),
     ]
     return write_figure(Figure("movement_time", "Aimed movements", "", panels), out)
 

@@ -509,3 +509,17 @@ def test_checks_of_cells_decide_the_exit_status(
     kept.write_text(json.dumps(before))
     code, text = checked("--against", str(kept))
     assert code == 1 and "failed: difficulty=hard: hits is" in text
+
+
+def test_a_search_has_no_cells_to_check(trained: Path, tmp_path: Path) -> None:
+    parameters = {"life": {"key": "env.app.options.life_seconds", "low": 0.5, "high": 1.0}}
+    sought = study(
+        trained,
+        fixed={"user": str(trained), "condition": "easy"},
+        factors={},
+        comparisons=[],
+        optimise={"parameters": parameters, "objectives": {"hits": "max"}, "trials": 2},
+    )
+    with pytest.raises(InputError, match=r"--expect, --against: got a study with optimise"):
+        run_study(sought, tmp_path / "out", jobs=1, on_plan=lambda planned: None)
+    assert not (tmp_path / "out").exists()

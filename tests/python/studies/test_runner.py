@@ -466,3 +466,60 @@ def test_cells_that_are_the_same_are_noticed(
         assert told == []
     finally:
         set_notice(None)
+
+
+def test_checks_of_cells_decide_the_exit_status(
+    trained: Path, quick: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file, out, junit = tmp_path / "study.yaml", tmp_path / "out", tmp_path / "checks.xml"
+    tree = {
+        "name": "quick", "fixed": {"user": str(trained)}, "people": 3, "measures": ["hits"],
+        "factors": {"difficulty": {"key": "condition", "levels": ["easy", "hard"]}},
+    }  # fmt: skip
+    file.write_text(yaml.safe_dump(tree))
+
+    def checked(*options: str) -> tuple[int, str]:
+        with pytest.raises(SystemExit) as exit_:
+            main(["study", str(file), "--out", str(out), "--jobs", "1", "--no-report", *options])
+        return int(exit_.value.code or 0), capsys.readouterr().err
+
+    code, text = checked("--expect", "hit >= 1")
+    assert (code, text) == (
+        2, "error: --expect: got 'hit', expected a measure (did you mean 'hits'?)\n"
+    )  # fmt: skip
+    code, text = checked("--expect", "hard:hits >= 1")
+    assert code == 2 and "got 'hard', expected one of difficulty=easy, difficulty=hard" in text
+    code, text = checked("--expect", "hits >= 1", "--plan")
+    assert code == 2 and text.startswith("error: --plan: got it together with --expect")
+    assert not out.exists() and quick == [], "nothing is played"
+
+    bound = "difficulty=hard:hits > 1e6"
+    code, text = checked("--expect", "hits >= 0", "--expect", bound, "--junit", str(junit))
+    hits = read_study(out).episodes.query("factor_difficulty == 'hard'")["hits"].mean()
+    assert code == 1 and text.splitlines()[-2:] == [
+        f"failed: difficulty=hard: hits is {hits:.4g} (n = 3, unit: person), expected > 1e+06",
+        "1 of 3 checks failed",
+    ]
+    assert junit.read_text().count("<testcase ") == 3
+    kept = tmp_path / "baseline.json"
+    shutil.copy(out / "statistics.json", kept)
+    assert checked("--against", str(kept))[0] == 0
+    before = json.loads(kept.read_text())
+    before["summaries"][1]["mean"] += 1e6
+    kept.write_text(json.dumps(before))
+    code, text = checked("--against", str(kept))
+    assert code == 1 and "failed: difficulty=hard: hits is" in text
+
+
+def test_a_search_has_no_cells_to_check(trained: Path, tmp_path: Path) -> None:
+    parameters = {"life": {"key": "env.app.options.life_seconds", "low": 0.5, "high": 1.0}}
+    sought = study(
+        trained,
+        fixed={"user": str(trained), "condition": "easy"},
+        factors={},
+        comparisons=[],
+        optimise={"parameters": parameters, "objectives": {"hits": "max"}, "trials": 2},
+    )
+    with pytest.raises(InputError, match=r"--expect, --against: got a study with optimise"):
+        run_study(sought, tmp_path / "out", jobs=1, on_plan=lambda planned: None)
+    assert not (tmp_path / "out").exists()

@@ -47,7 +47,7 @@ class _WithExamples:
 
     def __init__(self, *arguments: Any, help: str | None = None, **settings: Any) -> None:
         text, _, examples = inspect.cleandoc(help or "").partition(_EXAMPLES)
-        super().__init__(*arguments, help=text.strip() or None, **settings)
+        super().__init__(*arguments, help=text.strip() or None, **settings)  # type: ignore[call-arg]
         self.examples = tuple(line.strip() for line in examples.splitlines() if line.strip())
 
     def format_epilog(self, ctx: Any, formatter: Any) -> None:

@@ -205,7 +205,7 @@ def _evaluate_baseline(user: str, request: Request, json: bool, checked: Checked
             episodes=2 if request.episodes is None else request.episodes,
             seed=1 if request.seed is None else request.seed,
             record=request.record,
-            out=request.out,
+            out=None if request.out is None else Path(request.out),
             overwrite=request.overwrite,
             on_progress=share.show,
             on_plan=checked.prepare,

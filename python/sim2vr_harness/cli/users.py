@@ -90,7 +90,7 @@ def _headline(card: Mapping[str, Any]) -> str:
     return f"{score.label} {mean} {score.unit}".strip()
 
 
-def _training(card: dict[str, Any]) -> str:
+def _training(card: Mapping[str, Any]) -> str:
     """How a user was trained, and for what environment, in a line."""
     parts = [f"{card['steps']:,} user steps from pixels"]
     if "recipe" in card:
@@ -110,7 +110,7 @@ def _seed(card: dict[str, Any]) -> str:
     return f"seed {card['seed']} of {seeds}" if "seed" in card else f"seed {seeds}"
 
 
-def _results(card: dict[str, Any]) -> Table:
+def _results(card: Mapping[str, Any]) -> Table:
     from sim2vr_harness.client import facts_of_outside
     from sim2vr_harness.evaluation.packing import card_measures
 

@@ -175,7 +175,8 @@ class HierarchicalPolicy(nn.Module):
 
     def _shapes(self, observation: Observation) -> Shapes:
         """What it takes; of frames that an image holds besides the newest any number."""
-        image = np.shape(observation.get("vision"))
+        vision = observation.get("vision")
+        image = () if vision is None else vision.shape
         newest = self._wanted["vision"]
         channels = max(newest[0], image[0] if len(image) == 3 else 0)
         return {**self._wanted, "vision": (channels, *newest[1:])}

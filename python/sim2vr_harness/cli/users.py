@@ -105,7 +105,7 @@ def _training(card: Mapping[str, Any]) -> str:
     return "; ".join(parts)
 
 
-def _seed(card: dict[str, Any]) -> str:
+def _seed(card: Mapping[str, Any]) -> str:
     seeds = ", ".join(map(str, card["seeds"]))
     return f"seed {card['seed']} of {seeds}" if "seed" in card else f"seed {seeds}"
 
@@ -136,7 +136,7 @@ def _digits(measure: Measure) -> int:
     return max(0, measure.digits - 1)
 
 
-def _spread(card: dict[str, Any], condition: str, measure: Measure) -> str:
+def _spread(card: Mapping[str, Any], condition: str, measure: Measure) -> str:
     """The least and the highest of all seeds."""
     found = [rows[condition].get(measure.name) for rows in card["seed_results"].values()]
     known = [value for value in found if value is not None]

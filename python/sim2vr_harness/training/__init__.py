@@ -58,7 +58,7 @@ settle_torch()
 
 
 def __dir__() -> list[str]:
-    """List the public names, those that are loaded when somebody asks included."""
+    """List the public names, lazily loaded ones included."""
     return sorted({*globals(), *__all__})
 
 

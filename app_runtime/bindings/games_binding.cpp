@@ -27,6 +27,9 @@ void bindGames(py::module_& module) {
       "game_facts", [](const std::string& name) { return games::gameFactsJson(name); },
       py::arg("name"), "What a game publishes, as a JSON object: measures, conditions.");
   module.def(
+      "game_options", [](const std::string& name) { return games::gameOptionsJson(name); },
+      py::arg("name"), "A game's options as a JSON array: name, type, default, range.");
+  module.def(
       "game_timeline",
       [](const std::string& name, const std::string& options, std::uint32_t seed) {
         return games::gameTimelineJson(name, options, seed);

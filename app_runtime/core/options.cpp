@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <nlohmann/json.hpp>
+#include <utility>
 
 #include "sim2vr/core/errors.hpp"
 
@@ -22,6 +23,17 @@ double numberInRange(const std::string& field, const Json& value, double minimum
   return value.get<double>();
 }
 
+std::string description(const std::string& name, const char* type, Json fallback,
+                        const Json& more = Json::object()) {
+  Json made = {{"name", name}, {"type", type}, {"default", std::move(fallback)}};
+  made.update(more);
+  return made.dump();
+}
+
+Json rangeOf(double minimum, double maximum) {
+  return {{"minimum", minimum}, {"maximum", maximum}};
+}
+
 }  // namespace
 
 Options Options::fromJson(std::string_view json) {
@@ -37,7 +49,7 @@ Options Options::fromJson(std::string_view json) {
 bool Options::has(const std::string& name) const { return Json::parse(json_text_).contains(name); }
 
 std::string Options::getString(const std::string& name, std::string_view fallback) {
-  read_.insert(name);
+  read_[name] = description(name, "text", fallback);
   const Json values = Json::parse(json_text_);
   const auto found = values.find(name);
   if (found == values.end()) return std::string(fallback);
@@ -48,6 +60,8 @@ std::string Options::getString(const std::string& name, std::string_view fallbac
 std::string Options::getChoice(const std::string& name, std::string_view fallback,
                                std::span<const std::string> choices) {
   const std::string value = getString(name, fallback);
+  const std::vector<std::string> known(choices.begin(), choices.end());
+  read_[name] = description(name, "choice", fallback, {{"choices", known}});
   if (std::find(choices.begin(), choices.end(), value) == choices.end()) {
     throw InvalidArgument(optionField(name), "'" + value + "'", oneOf(choices, value));
   }
@@ -55,7 +69,7 @@ std::string Options::getChoice(const std::string& name, std::string_view fallbac
 }
 
 bool Options::getBool(const std::string& name, bool fallback) {
-  read_.insert(name);
+  read_[name] = description(name, "bool", fallback);
   const Json values = Json::parse(json_text_);
   const auto found = values.find(name);
   if (found == values.end()) return fallback;
@@ -66,7 +80,7 @@ bool Options::getBool(const std::string& name, bool fallback) {
 
 double Options::getNumber(const std::string& name, double fallback, double minimum,
                           double maximum) {
-  read_.insert(name);
+  read_[name] = description(name, "number", fallback, rangeOf(minimum, maximum));
   const Json values = Json::parse(json_text_);
   const auto found = values.find(name);
   if (found == values.end()) return fallback;
@@ -74,7 +88,7 @@ double Options::getNumber(const std::string& name, double fallback, double minim
 }
 
 std::vector<double> Options::getNumbers(const std::string& name, double minimum, double maximum) {
-  read_.insert(name);
+  read_[name] = description(name, "numbers", Json::array(), rangeOf(minimum, maximum));
   const Json values = Json::parse(json_text_);
   const auto found = values.find(name);
   if (found == values.end()) return {};
@@ -89,11 +103,18 @@ std::vector<double> Options::getNumbers(const std::string& name, double minimum,
   return numbers;
 }
 
+std::string Options::describe() const {
+  Json options = Json::array();
+  for (const auto& option : read_) options.push_back(Json::parse(option.second));
+  return options.dump();
+}
+
 void Options::expectAllRead() const {
   const Json values = Json::parse(json_text_);
   for (const auto& item : values.items()) {
     if (read_.contains(item.key())) continue;
-    const std::vector<std::string> known(read_.begin(), read_.end());
+    std::vector<std::string> known;
+    for (const auto& option : read_) known.push_back(option.first);
     throw InvalidArgument("options", "unknown option '" + item.key() + "'",
                           oneOf(known, item.key()));
   }

@@ -50,6 +50,12 @@ std::string gameFactsJson(std::string_view name) {
   return rl::factsJson(game->name(), game->description(), game->facts());
 }
 
+std::string gameOptionsJson(std::string_view name) {
+  Options options;
+  createGame(name)->configure(options);
+  return options.describe();
+}
+
 std::string gameTimelineJson(std::string_view name, std::string_view options_json,
                              std::uint32_t seed) {
   const std::unique_ptr<rl::Game> game = createGame(name);

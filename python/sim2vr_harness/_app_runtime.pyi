@@ -6,7 +6,7 @@ import collections.abc
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['AppBatch', 'EngineError', 'FileError', 'InvalidArgument', 'RenderError', 'StateError', 'Unsupported', 'frame_time_ns', 'game_facts', 'game_timeline', 'gl_renderer', 'list_games', 'set_log_level']
+__all__: list[str] = ['AppBatch', 'EngineError', 'FileError', 'InvalidArgument', 'RenderError', 'StateError', 'Unsupported', 'frame_time_ns', 'game_facts', 'game_options', 'game_timeline', 'gl_renderer', 'list_games', 'set_log_level']
 class FileError(RuntimeError):
     pass
 class EngineError(RuntimeError):
@@ -155,6 +155,10 @@ def frame_time_ns(frame: typing.Annotated[numpy.typing.ArrayLike, numpy.int64], 
 def game_facts(name: str) -> str:
     """
     What a game publishes, as a JSON object: measures, conditions.
+    """
+def game_options(name: str) -> str:
+    """
+    A game's options as a JSON array: name, type, default, range.
     """
 def game_timeline(name: str, options: str, seed: typing.SupportsInt | typing.SupportsIndex) -> str:
     """

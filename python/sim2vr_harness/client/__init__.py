@@ -35,12 +35,14 @@ from sim2vr_harness.client.errors import (
 from sim2vr_harness.client.games import (
     Condition,
     GameFacts,
+    GameOption,
     ItemOutcome,
     LoggedItem,
     Measure,
     RewardTerm,
     describe_game,
     facts_of_outside,
+    list_options,
 )
 from sim2vr_harness.client.in_process import InProcessApp
 from sim2vr_harness.client.in_process_batch import InProcessBatch, InProcessBatchApp
@@ -107,6 +109,7 @@ __all__ = [
     "Condition",
     "DevicePoses",
     "GameFacts",
+    "GameOption",
     "HapticPulse",
     "InProcessApp",
     "InProcessBatch",
@@ -145,6 +148,7 @@ __all__ = [
     "input_named",
     "is_sim2vr_app",
     "list_games",
+    "list_options",
     "list_transports",
     "load_task",
     "register_transport",

@@ -19,12 +19,14 @@ from sim2vr_harness.client.runtime import list_games, load_runtime
 __all__ = [
     "Condition",
     "GameFacts",
+    "GameOption",
     "ItemOutcome",
     "LoggedItem",
     "Measure",
     "RewardTerm",
     "describe_game",
     "facts_of_outside",
+    "list_options",
     "read_facts",
 ]
 
@@ -109,6 +111,34 @@ class Condition:
     options: Mapping[str, OptionValue] = field(default_factory=dict)
     draws: tuple[str, ...] = ()
     evaluated: bool = False
+
+
+@dataclass(frozen=True)
+class GameOption:
+    """An option of a game, a key of ``env.app.options``.
+
+    Attributes:
+        name: The key.
+        type: ``text``, ``choice``, ``bool``, ``number`` or ``numbers`` (a list).
+        default: The value of a round that does not set it; ``[]``: the game's own.
+        choices: Values of a choice.
+        minimum: Least value of a number.
+        maximum: Greatest value of a number.
+    """
+
+    name: str
+    type: str
+    default: OptionValue
+    choices: Sequence[str] = ()
+    minimum: float | None = None
+    maximum: float | None = None
+
+    @property
+    def range(self) -> str:
+        """The values that it takes, in words."""
+        if self.minimum is not None and self.maximum is not None:
+            return f"{self.minimum:g} to {self.maximum:g}"
+        return "true, false" if self.type == "bool" else ", ".join(self.choices)
 
 
 @dataclass(frozen=True)
@@ -303,6 +333,15 @@ def describe_game(name: str) -> GameFacts:
         ValueError: There is no such game; names the nearest.
     """
     return read_facts(json.loads(load_runtime().game_facts(name)))
+
+
+def list_options(name: str) -> tuple[GameOption, ...]:
+    """The options of the runtime's game of that name, by name.
+
+    Raises:
+        ValueError: There is no such game; names the nearest.
+    """
+    return tuple(GameOption(**told) for told in json.loads(load_runtime().game_options(name)))
 
 
 def facts_of_outside(name: str) -> GameFacts:

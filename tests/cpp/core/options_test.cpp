@@ -37,6 +37,22 @@ TEST(Options, ReadsValuesAndFallsBack) {
   options.expectAllRead();
 }
 
+TEST(Options, DescribesWhatWasRead) {
+  Options options;
+  options.getChoice("condition", "medium", kChoices);
+  options.getBool("adaptive", false);
+  options.getNumber("reward_scale", 1.5, 0.0, 10.0);
+  options.getNumbers("times", 0.0, 9.0);
+  options.getString("level", "first");
+  EXPECT_EQ(options.describe(),
+            R"([{"default":false,"name":"adaptive","type":"bool"},)"
+            R"({"choices":["easy","medium","hard"],"default":"medium","name":"condition",)"
+            R"("type":"choice"},{"default":"first","name":"level","type":"text"},)"
+            R"({"default":1.5,"maximum":10.0,"minimum":0.0,"name":"reward_scale",)"
+            R"("type":"number"},{"default":[],"maximum":9.0,"minimum":0.0,"name":"times",)"
+            R"("type":"numbers"}])");
+}
+
 TEST(Options, WrongTypeNamesTheOption) {
   Options options = Options::fromJson(R"({"s": 1, "b": "yes", "n": true, "big": 11})");
   EXPECT_EQ(errorOf([&] { options.getString("s", ""); }), "option 's': got 1, expected a string");

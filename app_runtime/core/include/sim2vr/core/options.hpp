@@ -3,8 +3,8 @@
 #pragma once
 
 #include <cstdint>
+#include <map>
 #include <nlohmann/json_fwd.hpp>
-#include <set>
 #include <span>
 #include <string>
 #include <string_view>
@@ -32,12 +32,15 @@ class Options {
   /// Whether somebody asked for the option: after Game::configure, whether the game knows it.
   bool wasRead(const std::string& name) const { return read_.contains(name); }
 
+  /// A JSON array of the options read so far, by name: name, type (text, choice, bool, number or
+  /// numbers) and default; of choices `choices`, of numbers `minimum` and `maximum`.
+  std::string describe() const;
   /// Throws InvalidArgument for the first option that was never read, with the nearest known name.
   void expectAllRead() const;
 
  private:
   std::string json_text_ = "{}";
-  std::set<std::string> read_;
+  std::map<std::string, std::string> read_;  // name -> its description, a JSON object
 };
 
 }  // namespace sim2vr

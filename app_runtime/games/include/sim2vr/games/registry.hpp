@@ -20,6 +20,9 @@ std::unique_ptr<rl::Game> createGame(std::string_view name);
 /// What the game publishes, as a JSON object (rl/game_facts.hpp). Throws as createGame.
 std::string gameFactsJson(std::string_view name);
 
+/// The game's options, as a JSON array (Options::describe). Throws as createGame.
+std::string gameOptionsJson(std::string_view name);
+
 /// What comes when in a round (rl::Game::timelineJson). Throws as createGame, InvalidArgument for
 /// options that the game refuses, and "game" for one without timelines.
 std::string gameTimelineJson(std::string_view name, std::string_view options_json,

@@ -15,6 +15,8 @@ What else there is, import as you need it:
 - :mod:`sim2vr_harness.envs`: Gymnasium environments
 - :mod:`sim2vr_harness.training`, :mod:`sim2vr_harness.evaluation`: Stable-Baselines3
 - :func:`load_user_policy`, :func:`evaluate`: a trained user, to play with and to measure
+- :func:`load_config`, :func:`train`: a configuration, and a training of it
+- :class:`EnvConfig`: the settings of an environment
 - :func:`read_data`: what an evaluation measured, as data frames
 - :func:`run_study`, :func:`read_study`: factors, cells, comparisons (docs/guide/study.md)
 - :mod:`sim2vr_harness.base.paths`: where the app, shaders and configurations are
@@ -31,21 +33,42 @@ from typing import TYPE_CHECKING, Any
 from sim2vr_harness.registration import register_envs
 
 if TYPE_CHECKING:
+    from sim2vr_harness.envs.config import EnvConfig
     from sim2vr_harness.evaluation.data.folder import read_data
     from sim2vr_harness.evaluation.playing import evaluate, load_user_policy
+    from sim2vr_harness.runs.config import load_config
     from sim2vr_harness.studies.data import read_study
     from sim2vr_harness.studies.runner import run_study
+    from sim2vr_harness.training.run.trainer import train
 
-__all__ = ["__version__", "evaluate", "load_user_policy", "read_data", "read_study", "run_study"]
+__all__ = [
+    "EnvConfig",
+    "__version__",
+    "evaluate",
+    "load_config",
+    "load_user_policy",
+    "read_data",
+    "read_study",
+    "run_study",
+    "train",
+]
 
 _LAZY = {
+    "EnvConfig": "sim2vr_harness.envs.config",
     "evaluate": "sim2vr_harness.evaluation.playing",
+    "load_config": "sim2vr_harness.runs.config",
     "load_user_policy": "sim2vr_harness.evaluation.playing",
     "read_data": "sim2vr_harness.evaluation.data.folder",
     "read_study": "sim2vr_harness.studies.data",
     "run_study": "sim2vr_harness.studies.runner",
+    "train": "sim2vr_harness.training.run.trainer",
 }
 """Names of this package -> the module that has them, loaded when somebody asks."""
+
+
+def __dir__() -> list[str]:
+    """List the public names, lazily loaded ones included."""
+    return sorted({*globals(), *__all__})
 
 
 def __getattr__(name: str) -> Any:

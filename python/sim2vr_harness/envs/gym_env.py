@@ -16,6 +16,7 @@ from sim2vr_harness.envs.games import with_condition, with_game
 from sim2vr_harness.envs.pictures import RENDER_MODES, Views
 from sim2vr_harness.envs.simulation import Observation, Simulation
 from sim2vr_harness.envs.window import Window
+from sim2vr_harness.registration import require_known
 
 RenderMode = Literal["rgb_array", "headset", "body", "human"]
 
@@ -40,6 +41,7 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
             ``human`` shows ``rgb_array`` in a window after every reset and step.
         log_dir: root of the episode logs, or None.
         game: another game than the configuration's.
+        unknown: refused; the error names the keywords above.
 
     Raises:
         ValueError: a setting that cannot be used; names it, what was got and what was expected.
@@ -55,7 +57,9 @@ class Sim2VREnv(gymnasium.Env[Observation, NDArray[np.float32]]):
         render_mode: RenderMode | None = None,
         log_dir: str | Path | None = None,
         game: str | None = None,
+        **unknown: Any,
     ) -> None:
+        require_known(unknown, Sim2VREnv.__init__)
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(
                 f"render_mode: got {render_mode!r}, expected one of "

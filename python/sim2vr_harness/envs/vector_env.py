@@ -18,6 +18,7 @@ from sim2vr_harness.envs.games import with_condition, with_game
 from sim2vr_harness.envs.pictures import RENDER_MODES, Views
 from sim2vr_harness.envs.simulation import Observation, Simulation
 from sim2vr_harness.envs.step_batch import StepBatch
+from sim2vr_harness.registration import require_known
 
 __all__ = ["Sim2VRVectorEnv"]
 
@@ -66,8 +67,10 @@ class Sim2VRVectorEnv(VectorEnv[Observation, NDArray[np.float32], NDArray[Any]])
         log_dir: str | Path | None = None,
         autoreset_mode: AutoresetMode | str = AutoresetMode.SAME_STEP,
         game: str | None = None,
+        **unknown: Any,
     ) -> None:
         super().__init__()
+        require_known(unknown, Sim2VRVectorEnv.__init__)
         if render_mode not in (None, *RENDER_MODES):
             raise ValueError(
                 f"render_mode: got {render_mode!r}, expected one of {list(RENDER_MODES)} or None"

@@ -16,6 +16,7 @@ from sim2vr_harness.envs.simulation import observation_space_of
 from sim2vr_harness.evaluation.environment import evaluation_env
 from sim2vr_harness.evaluation.evaluate import Evaluation, Request
 from sim2vr_harness.evaluation.evaluate import evaluate as measure
+from sim2vr_harness.policies.protocol import require_observation
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user, require_contract
 
@@ -41,6 +42,12 @@ class UserPolicy:
         self.observation_space = observation_space_of(self.config)
         self._policy, self.steps = load_policy(self._user, self.observation_space)
         self._rng = np.random.default_rng()
+        self._run = run
+
+    def __repr__(self) -> str:
+        """Return who it is, the game, the body and the user steps of the training."""
+        plays = f"{self.config.app.game}, {self.config.user.model}"
+        return f"UserPolicy({str(self._run)!r}: {plays}, {self.steps:,} user steps)"
 
     def make_env(
         self,
@@ -89,10 +96,14 @@ class UserPolicy:
         if deterministic is None:
             deterministic = self._user.config.evaluation.deterministic
         rng = None if deterministic else self._rng
-        one = {key: np.asarray(observation[key]) for key in self.observation_space.spaces}
-        alone = all(
-            one[key].shape == box.shape for key, box in self.observation_space.spaces.items()
-        )
+        wanted = {key: box.shape or () for key, box in self.observation_space.spaces.items()}
+        given = {key: np.asarray(value) for key, value in observation.items()}
+        alone = all(key in given and given[key].shape == wanted[key] for key in wanted)
+        if not alone and any(
+            key not in given or given[key].shape[1:] != wanted[key] for key in wanted
+        ):
+            require_observation(wanted, given)
+        one = {key: given[key] for key in wanted}
         if alone:
             one = {key: value[None] for key, value in one.items()}
         count = len(next(iter(one.values())))

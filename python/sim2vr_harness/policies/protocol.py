@@ -9,10 +9,41 @@ from typing import Any, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Act", "FunctionPolicy", "Observation", "Policy", "episode_of"]
+from sim2vr_harness.base.errors import InputError
+
+__all__ = [
+    "Act",
+    "FunctionPolicy",
+    "Observation",
+    "Policy",
+    "Shapes",
+    "episode_of",
+    "require_observation",
+    "shapes_in_words",
+]
 
 Observation = dict[str, NDArray[Any]]
 """Key of the observation space -> array (...), of one user."""
+
+
+Shapes = Mapping[str, tuple[int, ...]]
+"""Key of the observation space -> shape of one user's array."""
+
+
+def shapes_in_words(shapes: Shapes) -> str:
+    """Return shapes as ``proprioception (56,), vision (2, 80, 120)``, sorted by key."""
+    return ", ".join(f"{key} {shapes[key]}" for key in sorted(shapes)) or "nothing"
+
+
+def require_observation(wanted: Shapes, observation: Mapping[str, NDArray[Any]]) -> None:
+    """Check that one user's observation has the arrays that a policy takes; it may have more.
+
+    Raises:
+        InputError: One is missing or has another shape.
+    """
+    got = {key: np.shape(value) for key, value in observation.items()}
+    if any(got.get(key) != shape for key, shape in wanted.items()):
+        raise InputError("observation", shapes_in_words(got), shapes_in_words(wanted))
 
 
 @runtime_checkable

@@ -15,7 +15,12 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.python_classes import words_of
 from sim2vr_harness.envs.config import body_of
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy
-from sim2vr_harness.policies.protocol import Observation, Policy
+from sim2vr_harness.policies.protocol import (
+    Observation,
+    Policy,
+    require_observation,
+    shapes_in_words,
+)
 from sim2vr_harness.policies.store import TrainedUser
 from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.runs.config import TrainingConfig
@@ -33,6 +38,16 @@ class GaussianPolicy:
     def __init__(self, network: VisualActorCritic) -> None:
         self._network = network
         self._std = np.exp(network.log_std.detach().numpy())
+        space = network.observation_space
+        assert isinstance(space, spaces.Dict)
+        self._wanted = {key: box.shape or () for key, box in space.spaces.items()}
+
+    def __repr__(self) -> str:
+        """Return the kind of network, what it observes and the size of its action."""
+        network = type(self._network).__name__
+        return (
+            f"GaussianPolicy({network}: {shapes_in_words(self._wanted)}; {self._std.size} actions)"
+        )
 
     def reset(self) -> None:
         """Return None: the network sees all that it acts on."""
@@ -41,6 +56,7 @@ class GaussianPolicy:
         self, observation: Observation, memory: Any, rng: np.random.Generator | None
     ) -> NDArray[np.float32]:
         """Return the action of one user; see :class:`~sim2vr_harness.policies.protocol.Policy`."""
+        require_observation(self._wanted, observation)
         batch = {key: torch.from_numpy(value[None]) for key, value in observation.items()}
         with torch.no_grad():
             action = self._network.action_mean(batch).numpy()[0]

@@ -57,6 +57,11 @@ _HOMES = {
 settle_torch()
 
 
+def __dir__() -> list[str]:
+    """List the public names, lazily loaded ones included."""
+    return sorted({*globals(), *__all__})
+
+
 def __getattr__(name: str) -> Any:
     """Import a public name when it is first asked for: configurations are read without torch."""
     if name not in _HOMES:

@@ -59,6 +59,11 @@ class MotorPolicy(nn.Module):
             last.weight.mul_(0.1)
             last.bias.zero_()
 
+    def __repr__(self) -> str:
+        """Return the body, the hands and the sizes of observation and action."""
+        sizes = f"{self.size} numbers observed, {self.drives.count} actions"
+        return f"MotorPolicy({self.body.name}, {' and '.join(self.hands)}: {sizes})"
+
     def places(self, angles: Tensor, speeds: Tensor) -> tuple[Tensor, Tensor]:
         """(B, H, 4, 4) each: where the hands' devices are, and ``MOMENT_S`` later."""
         both: Tensor = self.chains(torch.cat([angles, angles + MOMENT_S * speeds]))

@@ -29,7 +29,12 @@ from sim2vr_harness.policies.hierarchical.frame_history import BEFORE_S
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
-from sim2vr_harness.policies.protocol import Observation
+from sim2vr_harness.policies.protocol import (
+    Observation,
+    Shapes,
+    require_observation,
+    shapes_in_words,
+)
 from sim2vr_harness.users import Body, held
 from sim2vr_harness.users.kinematics.forward_torch import Chains
 
@@ -118,6 +123,15 @@ class HierarchicalPolicy(nn.Module):
         self._poses = reachable_poses(layer, config.seed)
         self._mover: PrimitiveController | None = None
         self._read = _Read(body, layer)
+        self._wanted = {
+            "proprioception": (len(Proprioception(body).names),),
+            "vision": (4, vision.height, vision.width),
+        }
+
+    def __repr__(self) -> str:
+        """Return the body, what it observes and the size of its action."""
+        sizes = f"{shapes_in_words(self._wanted)}; {self.layer.drives.count} actions"
+        return f"HierarchicalPolicy({self.layer.body.name}: {sizes})"
 
     def learned(self, layer: MotorPolicy, values: ActionValueMap, tool: Tensor, hold: int) -> None:
         """Take over what was learned."""
@@ -148,6 +162,7 @@ class HierarchicalPolicy(nn.Module):
             memory: of :meth:`reset`; changed where another option is chosen.
             rng: not used.
         """
+        require_observation(self._shapes(observation), observation)
         intention = memory
         with torch.inference_mode():
             motion = self._read(observation["proprioception"])
@@ -159,6 +174,13 @@ class HierarchicalPolicy(nn.Module):
             intention.left -= 1
             goals = self.mover.goals(intention.choice, head[:, :3, 3], *placed)
             return self.layer.decide(motion, placed, goals)[0]
+
+    def _shapes(self, observation: Observation) -> Shapes:
+        """What it takes; of frames that an image holds besides the newest any number."""
+        image = np.shape(observation.get("vision"))
+        newest = self._wanted["vision"]
+        channels = max(newest[0], image[0] if len(image) == 3 else 0)
+        return {**self._wanted, "vision": (channels, *newest[1:])}
 
     def _decide(
         self,

@@ -1,0 +1,97 @@
+"""Names of the packages, repr of policies, and errors of what they are given."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import sim2vr_harness
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.policies.protocol import require_observation
+
+LAZY = "EnvConfig evaluate load_config load_user_policy read_data read_study run_study train"
+
+
+def test_lazy_names_are_listed_and_cost_nothing() -> None:
+    code = (
+        "import sys, sim2vr_harness, sim2vr_harness.training as training;"
+        "print(*dir(sim2vr_harness)); print(*dir(training)); print('torch' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    top, training, loaded = done.stdout.splitlines()
+    assert set(LAZY.split()) <= set(top.split())
+    assert {"train", "load_config", "TrainingConfig", "SimulationVecEnv"} <= set(training.split())
+    assert loaded == "False"
+
+
+@pytest.mark.parametrize("name", LAZY.split())
+def test_every_listed_name_is_there(name: str) -> None:
+    assert getattr(sim2vr_harness, name).__name__.startswith(name)
+
+
+def test_help_shows_the_names() -> None:
+    code = (
+        "import pydoc, sim2vr_harness as found;"
+        "print(pydoc.render_doc(found, renderer=pydoc.plaintext))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    for name in ("evaluate(", "load_user_policy(", "run_study(", "train(", "class EnvConfig"):
+        assert f"    {name}" in done.stdout
+
+
+def test_an_unknown_keyword_is_told_what_is_taken() -> None:
+    taken = "condition, config, render_mode, log_dir, game"
+    with pytest.raises(InputError, match=f"^conditon: .* one of {taken} .*'condition'") as error:
+        gymnasium.make("sim2vr/Sample-v0", conditon="big")
+    assert "\n" not in str(error.value)
+    with pytest.raises(
+        InputError, match=r"^wrong: got an unknown keyword, expected one of num_env"
+    ):
+        gymnasium.make_vec("sim2vr/Sample-v0", num_envs=2, wrong=1)
+
+
+@pytest.fixture(scope="module")
+def user() -> Any:
+    return sim2vr_harness.load_user_policy("whacamole_constrained")
+
+
+def test_policies_say_what_they_are(user: Any) -> None:
+    """Sizes of the user's card: 56 numbers felt, 2 channels of 80 x 120 pixels, 32 muscles."""
+    text = "UserPolicy('whacamole_constrained': whacamole, mobl_arms_wrist, 245,760 user steps)"
+    assert repr(user) == text
+    shapes = "proprioception (56,), stateful_information (1,), vision (2, 80, 120)"
+    assert repr(user._policy) == f"GaussianPolicy(VisualActorCritic: {shapes}; 32 actions)"
+    network = repr(user._policy._network)
+    assert re.fullmatch(
+        rf"VisualActorCritic\({re.escape(shapes)}; \(32,\) actions; [\d,]+ weights\)", network
+    )
+
+
+def test_other_observations_are_refused_in_a_sentence(user: Any) -> None:
+    one = {key: np.zeros(box.shape, box.dtype) for key, box in user.observation_space.items()}
+    assert user.predict(one)[0].shape == (32,)
+    many = {key: np.stack([value] * 3) for key, value in one.items()}
+    assert user.predict(many)[0].shape == (3, 32)
+    for wrong in (
+        {**one, "vision": np.zeros((1, 80, 120), np.uint8)},
+        {**many, "proprioception": np.zeros((3, 86), np.float32)},
+        {"vision": one["vision"]},
+        {},
+    ):
+        with pytest.raises(InputError) as error:
+            user.predict(wrong)
+        expected = "proprioception (56,), stateful_information (1,), vision (2, 80, 120)"
+        assert str(error.value).startswith("observation: got ")
+        assert str(error.value).endswith(f", expected {expected}")
+
+
+def test_a_policy_takes_more_than_it_needs() -> None:
+    require_observation({"a": (2,)}, {"a": np.zeros(2), "b": np.zeros(3)})
+    with pytest.raises(InputError, match=r"^observation: got b \(3,\), expected a \(2,\)$"):
+        require_observation({"a": (2,)}, {"b": np.zeros(3)})

@@ -335,6 +335,8 @@ def option_type(parameter: Any) -> str:
 def shown_option(parameter: Any) -> str:
     """Return the default of an option; of flags without one nothing."""
     value = parameter.default
+    if isinstance(parameter.show_default, str):
+        return parameter.show_default
     if value is None or value is False or value == [] or callable(value):
         return ""
     if parameter.secondary_opts and value is True:

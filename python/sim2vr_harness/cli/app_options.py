@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import json as jsonlib
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -12,15 +15,10 @@ from sim2vr_harness.base.errors import InputError
 
 __all__ = [
     "AppArgOption",
-    "AppOption",
-    "BrowserOption",
-    "ConnectOption",
-    "MapOption",
-    "PageOption",
-    "ProtocolOption",
-    "TaskOption",
     "app_settings",
     "as_overrides",
+    "with_app_options",
+    "with_page_options",
 ]
 
 AppOption = Annotated[
@@ -35,11 +33,15 @@ AppArgOption = Annotated[
 ]
 ConnectOption = Annotated[
     str | None,
-    typer.Option(metavar="HOST:PORT", help="Play in an app that runs already."),
+    typer.Option("--connect", metavar="HOST:PORT", help="Play in an app that runs already."),
 ]
 ProtocolOption = Annotated[
     int | None,
-    typer.Option(help="What --app or --connect speak: 1, SIM2VR's (default), or 2, sim2vr-app's."),
+    typer.Option(
+        "--protocol",
+        help="What --app or --connect speak: 1 (SIM2VR) or 2 (sim2vr-app).",
+        show_default="1",
+    ),
 ]
 PageOption = Annotated[
     str | None,
@@ -63,8 +65,55 @@ TaskOption = Annotated[
 ]
 BrowserOption = Annotated[
     str | None,
-    typer.Option("--browser", metavar="PATH", help="The Chromium that shows pages; found if not."),
+    typer.Option(
+        "--browser", metavar="PATH", help="The Chromium that shows pages.", show_default="found"
+    ),
 ]
+
+
+_PAGE_OPTIONS: dict[str, Any] = {
+    "page": PageOption,
+    "mapped": MapOption,
+    "task": TaskOption,
+    "browser": BrowserOption,
+}
+_APP_OPTIONS: dict[str, Any] = {
+    "app": AppOption,
+    "arguments": AppArgOption,
+    "connect": ConnectOption,
+    "protocol": ProtocolOption,
+    **_PAGE_OPTIONS,
+}
+
+
+def with_app_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command ``--app``, ``--connect``, ``--page`` and what belongs to them.
+
+    The function gets the settings of ``env.app`` as its argument ``remote``.
+    """
+    return _with_options(function, _APP_OPTIONS)
+
+
+def with_page_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Give a command ``--page``, ``--map``, ``--task`` and ``--browser``; see above."""
+    return _with_options(function, _PAGE_OPTIONS)
+
+
+def _with_options(function: Callable[..., Any], options: Mapping[str, Any]) -> Callable[..., Any]:
+    @functools.wraps(function)
+    def run(**given: Any) -> Any:
+        chosen = {name: given.pop(name) for name in options}
+        return function(**given, remote=app_settings(**chosen))
+
+    signature = inspect.signature(function, eval_str=True)
+    own = [each for each in signature.parameters.values() if each.name != "remote"]
+    more = [
+        inspect.Parameter(name, own[0].kind, default=None, annotation=annotation)
+        for name, annotation in options.items()
+    ]
+    run.__signature__ = signature.replace(parameters=[*own, *more])  # type: ignore[attr-defined]
+    run.__annotations__ = {each.name: each.annotation for each in (*own, *more)}
+    return run
 
 
 def app_settings(

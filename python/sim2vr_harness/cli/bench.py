@@ -9,9 +9,15 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.markup import escape
 
-from sim2vr_harness.cli.options import SetOption, TrustOption, finite, writable_file
+from sim2vr_harness.cli.options import (
+    SetOption,
+    TrustOption,
+    finite,
+    known_configs,
+    writable_file,
+)
+from sim2vr_harness.cli.progress import say
 
 __all__ = ["bench"]
 
@@ -19,28 +25,34 @@ __all__ = ["bench"]
 _Config = Annotated[
     str | None,
     typer.Argument(
+        autocompletion=known_configs,
         metavar="CONFIG",
-        help="What to measure; without, Whac-A-Mole medium and the reference's user.",
+        help="What to measure.",
+        show_default="Whac-A-Mole medium and the reference's user",
     ),
 ]
 _Scene = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME",
-        help="physics, render, env, train (these by default), senses, bodies, memory or all; "
-        "may be repeated, or a list with commas.",
+        help="physics, render, env, train, senses, bodies, memory or all; may be repeated, or "
+        "a list with commas.",
+        show_default="physics,render,env,train",
     ),
 ]
 _Threads = Annotated[
     str | None,
-    typer.Option(metavar="LIST", help="Numbers of threads, such as 1,2; one per core."),
+    typer.Option(
+        metavar="LIST", help="Numbers of threads, such as 1,2.", show_default="one per core"
+    ),
 ]
 _Transport = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME",
-        help="How render and env reach their apps: in_process (default), another transport "
+        help="How render and env reach their apps: in_process, another transport "
         "(docs/reference/apps.md), or all.",
+        show_default="in_process",
     ),
 ]
 _TrainSteps = Annotated[
@@ -91,9 +103,7 @@ def bench(
         seconds=seconds,
         train_steps=train_steps,
     )
-    console = Console(stderr=True)
-    with console.status("") as status:
-        rows = measure(plan, lambda stage: status.update(f"Measuring {escape(stage)}"))
+    rows = measure(plan, lambda stage: say(f"Measuring {stage}"))
     if output is not None:
         append_rows(output, rows)
     if json:

@@ -22,7 +22,7 @@ def chart(
     ],
     condition: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="The condition; not needed where there is only one."),
+        typer.Option(metavar="NAME", help="The condition.", show_default="the only one"),
     ] = None,
     measure: Annotated[
         list[str] | None,
@@ -30,6 +30,7 @@ def chart(
             metavar="NAME",
             help="A measure, such as hand_travel_m, or exertion: effort before its weight; may be "
             "repeated.",
+            show_default="the game's headlines and exertion",
         ),
     ] = None,
     out: Annotated[

@@ -12,7 +12,13 @@ import typer
 from rich.console import Console
 
 from sim2vr_harness.base.errors import InputError, shown, unknown_name
-from sim2vr_harness.cli.options import TrustOption, writable_folder
+from sim2vr_harness.cli.options import (
+    EnvSetOption,
+    TrustOption,
+    known_games,
+    known_users,
+    writable_folder,
+)
 from sim2vr_harness.cli.progress import Share
 
 if TYPE_CHECKING:
@@ -26,6 +32,7 @@ __all__ = ["compare"]
 _Users = Annotated[
     list[str],
     typer.Argument(
+        autocompletion=known_users,
         metavar="USER...",
         help="A shipped user's name, a run's folder or checkpoint: it plays. Or the folder of "
         "an evaluation with logs, or of any logged rounds. Or a study (STUDY.yaml, or its "
@@ -44,14 +51,19 @@ _People = Annotated[
 ]
 _Game = Annotated[
     str | None,
-    typer.Option(metavar="NAME", help="The game; without, that of the first user who plays."),
+    typer.Option(
+        autocompletion=known_games,
+        metavar="NAME",
+        help="The game.",
+        show_default="that of the first user",
+    ),
 ]
 _Condition = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME",
-        help="A condition to play; may be repeated. Without, all that are compared, by the "
-        "rules that the user was trained with.",
+        help="A condition to play; may be repeated.",
+        show_default="all compared, by the rules of the user's training",
     ),
 ]
 _Group = Annotated[
@@ -84,10 +96,6 @@ _Unconstrained = Annotated[
     ),
 ]
 _Figures = Annotated[bool, typer.Option("--figures/--no-figures", help="Draw the figures.")]
-_Overrides = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change the environment they play in."),
-]
 
 
 def compare(
@@ -105,7 +113,7 @@ def compare(
     every: Annotated[bool, typer.Option("--every", help="Print every measure.")] = False,
     batch: Annotated[int, typer.Option(help="Rounds played side by side at most.")] = 10,
     trust_app: TrustOption = False,
-    overrides: _Overrides = None,
+    overrides: EnvSetOption = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")] = False,
 ) -> None:
     """Compare users with recorded people: measures, range, distance.
@@ -114,25 +122,21 @@ def compare(
         sim2vr-harness compare whacamole_people --people recordings
         sim2vr-harness compare Mine=runs/pointing pointing_people --game pointing
     """
-    from sim2vr_harness.games.registry import aimed_games, behaviour_of, behaviours
-    from sim2vr_harness.human_comparison.report import ComparisonReport
-    from sim2vr_harness.human_comparison.sources import Plays, game_of, read_people, read_user
+    from sim2vr_harness.games.registry import aimed_games, behaviours
+    from sim2vr_harness.human_comparison.sources import Plays, game_of
 
     users, told = _told_names(users)
     studies = [user for user in users if _is_study(user)]
-    others = [user for user in users if user not in studies]
+    others = (user for user in users if user not in studies)
     known = (found for user in others if (found := game_of(user)) is not None)
     game = game or next(known, behaviours()[0])
+    # fmt: off
     plays = Plays(
-        out=out / "rounds",
-        episodes=episodes,
-        seed=seed,
-        overrides=overrides or (),
-        conditions=_to_play(condition, group, game),
-        batch=batch,
-        persons=persons,
+        out=out / "rounds", episodes=episodes, seed=seed, overrides=overrides or (),
+        conditions=_to_play(condition, group, game), batch=batch, persons=persons,
         trust_app=trust_app,
     )
+    # fmt: on
     if game in aimed_games():
         if studies:
             raise InputError("USER", f"the study {studies[0]!r}", f"users of {game}, or logs")
@@ -140,23 +144,42 @@ def compare(
             users, told, game, people or [], plays, out, figures=figures, every=every, json=json
         )
         return
+    report = _compared(users, told, game, people or [], plays, out, unconstrained=unconstrained)
+    _write(report, out, figures=figures, every=every, json=json)
+
+
+def _compared(
+    users: Sequence[str],
+    told: Mapping[str, str],
+    game: str,
+    people: Sequence[Path],
+    plays: Plays,
+    out: Path,
+    *,
+    unconstrained: bool,
+) -> ComparisonReport:
+    """Measure people and users, those of studies last; users play first if they must."""
+    from sim2vr_harness.games.registry import behaviour_of
+    from sim2vr_harness.human_comparison.report import ComparisonReport
+    from sim2vr_harness.human_comparison.sources import read_people, read_user
+
     behaviour = behaviour_of(game)
     if not people:
         raise InputError("--people", "none", "a folder of people's recorded rounds")
+    sources: dict[str, list[Source]] = {}
     with Share("Comparing") as share:
         measured_people = read_people(people, behaviour, unconstrained=unconstrained)
-        sources: dict[str, list[Source]] = {}
-        for user in others:
+        for user in users:
 
             def show(part: float, done: int = len(sources)) -> None:
                 share.show((done + part) / len(users))
 
-            sources[user] = [read_user(user, behaviour, plays, on_progress=show)]
-    for user in studies:
-        sources[user] = _players(user, out, behaviour, plays)
-    compared = _renamed(users, sources, told)
-    report = ComparisonReport(behaviour, measured_people, compared)
-    _write(report, out, figures=figures, every=every, json=json)
+            if not _is_study(user):
+                sources[user] = [read_user(user, behaviour, plays, on_progress=show)]
+    for user in users:
+        if _is_study(user):
+            sources[user] = _players(user, out, behaviour, plays)
+    return ComparisonReport(behaviour, measured_people, _renamed(users, sources, told))
 
 
 def _renamed(

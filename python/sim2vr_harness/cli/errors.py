@@ -9,7 +9,7 @@ from typing import Any
 
 import typer
 
-from sim2vr_harness.base.errors import closest, printable, reason, unknown_name
+from sim2vr_harness.base.errors import InputError, closest, printable, reason
 from sim2vr_harness.base.files import file_name
 
 __all__ = ["BAD_INPUT", "FAILED", "INTERRUPTED", "report"]
@@ -72,13 +72,27 @@ def _usage(error: Exception, given: Sequence[str]) -> str:
             text = f"{field}: got nothing, expected {_missing(parameter)}"
     elif message.startswith("No such command "):
         name = message.removeprefix("No such command ").split()[0].strip("'.")
-        text = str(unknown_name("command", name, sorted(getattr(command, "commands", {}))))
+        text = str(_unknown_command(name, command))
     elif message.startswith("Got unexpected extra argument"):
         more = message.partition("(")[2].partition("(")[2].rstrip(")")
         text = f"arguments: got {more!r} behind the others, expected no more"
     else:
         text = message
     return f"{text} (see: {path} --help)"
+
+
+def _unknown_command(name: str, group: Any) -> InputError:
+    """Word the error for a command; the nearest one may be in a group below."""
+    commands = getattr(group, "commands", {}).items()
+    shown = {known: each for known, each in commands if not each.hidden}
+    below = {
+        inner: f"{known} {inner}"
+        for known, each in shown.items()
+        for inner in getattr(each, "commands", {})
+    }
+    best = closest(name, [*shown, *below])
+    hint = f" (did you mean {below.get(best, best)!r}?)" if best else ""
+    return InputError("command", repr(name), f"one of {', '.join(sorted(shown))}{hint}")
 
 
 def _known_options(option: str, command: Any) -> str:

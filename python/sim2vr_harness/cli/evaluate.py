@@ -2,30 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.console import Console
 
-from sim2vr_harness.cli.app_options import (
-    AppArgOption,
-    AppOption,
-    BrowserOption,
-    ConnectOption,
-    MapOption,
-    PageOption,
-    ProtocolOption,
-    TaskOption,
-    app_settings,
-    as_overrides,
-)
+from sim2vr_harness.cli.app_options import as_overrides, with_app_options
 from sim2vr_harness.cli.options import (
     EnvSetOption,
     JsonOption,
     TrustOption,
+    UserOption,
+    known_users,
     print_json,
+    who_plays,
     writable_folder,
 )
 from sim2vr_harness.cli.progress import Share
@@ -39,6 +30,7 @@ __all__ = ["evaluate"]
 _Run = Annotated[
     str | None,
     typer.Argument(
+        autocompletion=known_users,
         metavar="RUN",
         help="A run's folder, a checkpoint, or pretrained:NAME; nothing with --user.",
     ),
@@ -47,16 +39,16 @@ _Condition = Annotated[
     list[str] | None,
     typer.Option(
         metavar="NAME",
-        help="A condition of the game; may be repeated. Without, the run's "
-        "evaluation.conditions, or else those below.",
+        help="A condition of the game; may be repeated.",
+        show_default="the run's evaluation.conditions, or those below",
     ),
 ]
 _Episodes = Annotated[
     int | None,
     typer.Option(
         metavar="N",
-        help="Rounds per condition, and person. Without, the run's evaluation.episodes: 10 "
-        "unless set.",
+        help="Rounds per condition, and person.",
+        show_default="the run's evaluation.episodes: 10 unless set",
     ),
 ]
 _People = Annotated[
@@ -71,15 +63,16 @@ _Seed = Annotated[
     int | None,
     typer.Option(
         metavar="N",
-        help="Seed of the people and of the first round, one more for each that follows. "
-        "Without, the run's evaluation.seed: 1 unless set.",
+        help="Seed of the people and of the first round, one more for each that follows.",
+        show_default="the run's evaluation.seed: 1 unless set",
     ),
 ]
 _Deterministic = Annotated[
     bool | None,
     typer.Option(
         "--deterministic/--stochastic",
-        help="Take the policy's mean, or sample. Without, the user's own evaluation.deterministic.",
+        help="Take the policy's mean, or sample.",
+        show_default="the user's evaluation.deterministic",
     ),
 ]
 _Record = Annotated[
@@ -90,31 +83,23 @@ _Steps = Annotated[
     bool,
     typer.Option(
         "--steps/--no-steps",
-        help="Write tables of every user step and app frame beside those of episodes and "
-        "events (default).",
+        help="Write tables of every user step and app frame beside those of episodes and events.",
     ),
 ]
 _Out = Annotated[
     Path | None,
     typer.Option(
-        help="Folder for files; RUN/evaluation/step_N by default. Results are added to those "
-        "that are there.",
+        help="Folder for files. Results are added to those that are there.",
+        show_default="RUN/evaluation/step_N",
         callback=writable_folder,
     ),
 ]
 _Overwrite = Annotated[
     bool, typer.Option("--overwrite", help="Begin with new results where there are others.")
 ]
-_User = Annotated[
-    str | None,
-    typer.Option(
-        metavar="WHO",
-        help="Instead of a trained user, for a first look: still, random, or 'reach NAME', who "
-        "moves the hand to the object of that name.",
-    ),
-]
 
 
+@with_app_options
 def evaluate(
     run: _Run = None,
     condition: _Condition = None,
@@ -128,18 +113,12 @@ def evaluate(
     out: _Out = None,
     overwrite: _Overwrite = False,
     batch: Annotated[int, typer.Option(help="Rounds played side by side at most.")] = 10,
-    app: AppOption = None,
-    app_arg: AppArgOption = None,
-    connect: ConnectOption = None,
-    protocol: ProtocolOption = None,
-    page: PageOption = None,
-    map_: MapOption = None,
-    task: TaskOption = None,
-    browser: BrowserOption = None,
-    user: _User = None,
+    user: UserOption = None,
     trust_app: TrustOption = False,
     overrides: EnvSetOption = None,
     json: JsonOption = False,
+    *,
+    remote: dict[str, Any],
 ) -> None:
     """Let a trained user play, and measure what it does.
 
@@ -151,33 +130,7 @@ def evaluate(
     from sim2vr_harness.evaluation.evaluate import Request
     from sim2vr_harness.evaluation.evaluate import evaluate as evaluate_run
 
-    remote = app_settings(app, app_arg, connect, protocol, page, map_, task, browser)
-    if user is not None:
-        if run is not None:
-            raise InputError("--user", f"it together with {run!r}", "one of them")
-        for option, given in (
-            ("--people", people),
-            ("--log", log),
-            ("--deterministic", deterministic),
-        ):
-            if given:
-                raise InputError(option, "it together with --user", "one of them")
-        _first_look(
-            user,
-            remote,
-            overrides or [],
-            condition or (),
-            episodes,
-            seed,
-            record,
-            out,
-            overwrite,
-            json,
-        )
-        return
-    if run is None:
-        expected = "a run's folder, or --user still or random for somebody untrained"
-        raise InputError("RUN", "nothing", expected)
+    run, baseline = who_plays(run, user)
     # fmt: off
     request = Request(
         conditions=condition, episodes=episodes, seed=seed, people=people,
@@ -186,6 +139,12 @@ def evaluate(
         trust_app=trust_app,
     )
     # fmt: on
+    if baseline is not None:
+        _evaluate_baseline(baseline, request, json)
+        return
+    if run is None:
+        expected = "a run's folder, or --user still or random for an untrained user"
+        raise InputError("RUN", "nothing", expected)
     with Share("Playing") as share:
         found = evaluate_run(run, request, on_progress=share.show)
     _print(found, request, json)
@@ -215,34 +174,28 @@ def _print(found: Evaluation, request: Request, json: bool) -> None:
         typer.echo(f"Written: {file}")
 
 
-def _first_look(
-    user: str,
-    app: dict[str, Any],
-    overrides: list[str],
-    conditions: Sequence[str],
-    episodes: int | None,
-    seed: int | None,
-    record: bool,
-    out: Path | None,
-    overwrite: bool,
-    json: bool,
-) -> None:
+def _evaluate_baseline(user: str, request: Request, json: bool) -> None:
+    """Let a baseline play, and measure it; its files go to ``--out`` only."""
+    from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.envs.games import with_task
     from sim2vr_harness.evaluation.first_look import look
     from sim2vr_harness.evaluation.tables import results_table
     from sim2vr_harness.runs.config import load_config
 
-    config = load_config("webxr", [*overrides, *as_overrides(app)])
+    for option in ("people", "log", "deterministic"):
+        if getattr(request, option):
+            raise InputError(f"--{option}", "it together with --user", "one of them")
+    config = load_config("webxr", [*request.overrides, *as_overrides(dict(request.app or {}))])
     with Share("Playing") as share:
         found = look(
             with_task(config.env),
             user,
-            conditions=conditions,
-            episodes=2 if episodes is None else episodes,
-            seed=1 if seed is None else seed,
-            record=record,
-            out=out,
-            overwrite=overwrite,
+            conditions=request.conditions or (),
+            episodes=2 if request.episodes is None else request.episodes,
+            seed=1 if request.seed is None else request.seed,
+            record=request.record,
+            out=request.out,
+            overwrite=request.overwrite,
             on_progress=share.show,
         )
     for problem in found.problems:

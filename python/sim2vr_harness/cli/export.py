@@ -19,7 +19,7 @@ def export(
     episode: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="KEY", help="A key of the table episodes; may be repeated. Without, all."
+            metavar="KEY", help="A key of the table episodes; may be repeated.", show_default="all"
         ),
     ] = None,
     out: Annotated[

@@ -7,7 +7,13 @@ from typing import Annotated
 
 import typer
 
-from sim2vr_harness.cli.options import TrustOption, finite, writable_file
+from sim2vr_harness.cli.options import (
+    TrustOption,
+    finite,
+    known_users,
+    writable_file,
+)
+from sim2vr_harness.cli.progress import Share
 
 __all__ = ["film"]
 
@@ -16,12 +22,18 @@ def film(
     runs: Annotated[
         list[str],
         typer.Argument(
-            metavar="RUN...", help="Runs, checkpoints or pretrained:NAME, from left to right."
+            autocompletion=known_users,
+            metavar="RUN...",
+            help="Runs, checkpoints or pretrained:NAME, from left to right.",
         ),
     ],
     condition: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="The game's condition; without, each user's training's."),
+        typer.Option(
+            metavar="NAME",
+            help="The game's condition.",
+            show_default="that of each user's training",
+        ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the round, the same for all.")] = 1,
     seconds: Annotated[
@@ -40,7 +52,11 @@ def film(
     """
     from sim2vr_harness.evaluation.comparison_video import film_side_by_side
 
-    written = film_side_by_side(
-        runs, out, condition=condition, seed=seed, seconds=seconds, trust_app=trust_app
-    )
+    # fmt: off
+    with Share("Filming") as share:
+        written = film_side_by_side(
+            runs, out, condition=condition, seed=seed, seconds=seconds, trust_app=trust_app,
+            on_progress=share.show,
+        )
+    # fmt: on
     typer.echo(f"Written: {written}")

@@ -12,7 +12,8 @@ from rich.console import Console
 from rich.table import Table
 
 from sim2vr_harness.cli.command import Command
-from sim2vr_harness.client import GameFacts, describe_game, list_games
+from sim2vr_harness.cli.options import known_games
+from sim2vr_harness.client import GameFacts, describe_game, list_games, list_options
 
 __all__ = ["HelpWithGames", "games"]
 
@@ -35,7 +36,10 @@ class HelpWithGames(Command):
 
 def games(
     name: Annotated[
-        str | None, typer.Argument(metavar="GAME", help="A game; without, all in short.")
+        str | None,
+        typer.Argument(
+            autocompletion=known_games, metavar="GAME", help="A game.", show_default="all, in short"
+        ),
     ] = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")] = False,
 ) -> None:
@@ -48,7 +52,8 @@ def games(
     chosen = [name] if name is not None else sorted(list_games())
     facts = [describe_game(each) for each in chosen]
     if json:
-        typer.echo(jsonlib.dumps([asdict(each) for each in facts], indent=2))
+        told = [{**asdict(each), "options": _options_of(each.name)} for each in facts]
+        typer.echo(jsonlib.dumps(told, indent=2))
         return
     console = Console()
     for each in facts:
@@ -59,6 +64,7 @@ def games(
             console.print(_in_short(each), highlight=False, markup=False)
             console.print(_conditions(each))
             console.print(_measures(each) if each.measures else "No measures but the player's own.")
+            console.print(_options(each.name))
 
 
 def _in_short(facts: GameFacts) -> str:
@@ -77,8 +83,30 @@ def _conditions(facts: GameFacts) -> Table:
 
 
 def _measures(facts: GameFacts) -> Table:
-    table = Table("Measure", "Better", "What it is", box=box.SIMPLE)
+    table = Table(box=box.SIMPLE, padding=(0, 1))
+    for heading in ("Measure", "Key", "Unit", "Better", "What it is"):
+        table.add_column(heading, no_wrap=heading == "Key")
     for measure in facts.measures:
         better = "" if measure.better == "none" else measure.better
-        table.add_row(measure.heading, better, measure.description)
+        table.add_row(measure.label, measure.name, measure.unit, better, measure.description)
     return table
+
+
+def _options(game: str) -> Table:
+    title = "Options: --set env.app.options.NAME=VALUE"
+    table = Table(
+        *("Option", "Type", "Default", "Range"),
+        title=title,
+        title_justify="left",
+        box=box.SIMPLE,
+        padding=(0, 1),
+    )
+    for option in list_options(game):
+        default = option.default if isinstance(option.default, str) else None
+        shown = jsonlib.dumps(option.default) if default is None else default
+        table.add_row(option.name, option.type, shown, option.range)
+    return table
+
+
+def _options_of(game: str) -> list[dict[str, Any]]:
+    return [asdict(option) for option in list_options(game)]

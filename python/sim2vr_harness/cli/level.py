@@ -11,7 +11,10 @@ import typer
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.paths import uri_unless_utf8
 from sim2vr_harness.base.written_values import written_value
-from sim2vr_harness.cli.options import writable_file
+from sim2vr_harness.cli.options import (
+    known_games,
+    writable_file,
+)
 from sim2vr_harness.client import OptionValue, describe_game, describe_level, list_games
 
 __all__ = ["level"]
@@ -23,14 +26,22 @@ _Name = Annotated[
 ]
 _Game = Annotated[
     str | None,
-    typer.Option(metavar="NAME", help="The game; without, the one that has levels."),
+    typer.Option(
+        autocompletion=known_games,
+        metavar="NAME",
+        help="The game.",
+        show_default="the one with levels",
+    ),
 ]
 _Difficulty = Annotated[str | None, typer.Option(metavar="NAME", help="Of a map with several.")]
 _Characteristic = Annotated[str | None, typer.Option(metavar="NAME", help="Of a map with several.")]
 _Set = Annotated[
     list[str] | None,
     typer.Option(
-        "--set", metavar="OPTION=VALUE", help="Another option of the game; may be repeated."
+        "--set",
+        metavar="KEY=VALUE",
+        help="Another option of the game: --set env.app.options.NAME=VALUE, or NAME=VALUE; may "
+        "be repeated.",
     ),
 ]
 _Out = Annotated[
@@ -90,6 +101,7 @@ def _game_with_levels(wanted: str | None) -> tuple[str, str]:
 
 def _read_option(text: str) -> tuple[str, Any]:
     key, equals, value = text.partition("=")
-    if not equals or not key.strip():
-        raise InputError("--set", repr(text), "OPTION=VALUE")
-    return key.strip(), written_value(uri_unless_utf8(value), OptionValue)
+    name = key.strip().removeprefix("env.app.options.")
+    if not equals or not name:
+        raise InputError("--set", repr(text), "NAME=VALUE or env.app.options.NAME=VALUE")
+    return name, written_value(uri_unless_utf8(value), OptionValue)

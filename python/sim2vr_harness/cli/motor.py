@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -27,6 +28,23 @@ BodyArgument = Annotated[str, typer.Argument(metavar="BODY", help="A body, or it
 StepOption = Annotated[
     float, typer.Option("--step", metavar="S", help="Duration of a user step.", min=0.001, max=1.0)
 ]
+_Begin = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="LAYER.pt",
+        help="Go on from this layer, such as one that ships.",
+        callback=readable_file,
+    ),
+]
+_MotorSet = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change the training: --set skills.motor_training.cycles=36, or cycles=36; may "
+        "be repeated.",
+    ),
+]
 
 
 def train_layer(
@@ -34,20 +52,10 @@ def train_layer(
     out: Annotated[
         Path, typer.Option(metavar="FILE.pt", help="The layer's file.", callback=writable_file)
     ],
-    begin: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="LAYER.pt",
-            help="Go on from this layer, such as one that ships.",
-            callback=readable_file,
-        ),
-    ] = None,
+    begin: _Begin = None,
     step_s: StepOption = 0.05,
     seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option("--set", metavar="KEY=VALUE", help="Change the practice: --set cycles=36."),
-    ] = None,
+    set_: _MotorSet = None,
     trust_app: TrustOption = False,
 ) -> int:
     """Train a body's motor layer; a stopped training continues.
@@ -61,8 +69,7 @@ def train_layer(
     from sim2vr_harness.runs.config import apply_overrides, parse_config
     from sim2vr_harness.training.motor_control.practice import MotorTraining
 
-    changes = [f"skills.motor_training.{change}" for change in set_ or ()]
-    config = parse_config(apply_overrides({}, changes)).skills.motor_training
+    config = parse_config(apply_overrides({}, _changes(set_ or ()))).skills.motor_training
     of, first = _body(body, trust_app), None
     if begin is not None:
         first = load_motor_layer(begin, of, step_s)
@@ -81,6 +88,12 @@ def train_layer(
     begun.unlink(missing_ok=True)
     typer.echo(f"Written: {out}")
     return 0
+
+
+def _changes(given: Sequence[str]) -> list[str]:
+    """Return overrides with whole keys; ``cycles=36`` may be short for that of the training."""
+    below = "skills.motor_training."
+    return [change if change.lstrip().startswith(below) else below + change for change in given]
 
 
 def _cycles(practice: MotorTraining, begun: Path) -> dict[str, Any]:
@@ -103,16 +116,20 @@ def _cycles(practice: MotorTraining, begun: Path) -> dict[str, Any]:
     return known
 
 
+_Layer = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE.pt",
+        help="The layer.",
+        show_default="the one that ships",
+        callback=readable_file,
+    ),
+]
+
+
 def measure(
     body: BodyArgument,
-    layer: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.pt",
-            help="The layer; without, the one that ships.",
-            callback=readable_file,
-        ),
-    ] = None,
+    layer: _Layer = None,
     movements: Annotated[
         int, typer.Option(help="Of each kind (27 kinds).", min=16, max=100_000)
     ] = 256,
@@ -139,7 +156,7 @@ def measure(
 
     found = _layer(_body(body, trust_app), layer, step_s)
     human = MotorNoiseSettings(signal_dependent="white", constant="white")
-    with Share("moving") as share:
+    with Share("Measuring movements") as share:
         measures = measure_layer(
             found,
             noise=human if noise else None,

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import sys
 import tempfile
 from pathlib import Path
@@ -15,23 +16,60 @@ from typing import Annotated, Any
 
 import typer
 
-from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base import paths
+from sim2vr_harness.base.errors import InputError, unknown_name
 
 __all__ = [
     "EnvSetOption",
     "JsonOption",
     "SetOption",
     "TrustOption",
+    "UserOption",
     "finite",
+    "known_configs",
+    "known_games",
+    "known_players",
+    "known_users",
     "print_json",
     "readable_file",
+    "who_plays",
     "writable_file",
     "writable_folder",
 ]
 
+
+def known_games(incomplete: str) -> list[str]:
+    """Complete the name of a game."""
+    from sim2vr_harness.client import list_games
+
+    return [name for name in sorted(list_games()) if name.startswith(incomplete)]
+
+
+def known_users(incomplete: str) -> list[str]:
+    """Complete the name of a trained user that ships, without ``pretrained:``."""
+    cards = paths.trained_users_dir().glob("*/card.json")
+    return sorted(card.parent.name for card in cards if card.parent.name.startswith(incomplete))
+
+
+def known_configs(incomplete: str) -> list[str]:
+    """Complete the name of a configuration that ships, or of a game."""
+    files = (paths.share_dir() / "configs").glob(f"{incomplete}*.yaml")
+    return sorted({*known_games(incomplete), *(file.stem for file in files)})
+
+
+def known_players(incomplete: str) -> list[str]:
+    """Complete the name of a trained user that ships, or of a baseline."""
+    baselines = [name for name in ("still", "random") if name.startswith(incomplete)]
+    return [*baselines, *known_users(incomplete)]
+
+
 SetOption = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change a value: --set ppo.n_envs=4."),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Change the configuration: --set ppo.n_envs=4; may be repeated.",
+    ),
 ]
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object, nothing else.")]
@@ -40,7 +78,18 @@ EnvSetOption = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Change the environment: --set env.user.noise.constant=white.",
+        help="Change the environment: --set env.user.noise.constant=white; may be repeated.",
+    ),
+]
+
+UserOption = Annotated[
+    str | None,
+    typer.Option(
+        "--user",
+        autocompletion=known_players,
+        metavar="USER",
+        help="Who plays: a trained user, or a baseline: still, random, or with --page "
+        "'reach NAME', which moves the hand to the object of that name.",
     ),
 ]
 
@@ -56,6 +105,25 @@ TrustOption = Annotated[
 def print_json(content: dict[str, Any]) -> None:
     """Print one JSON object."""
     sys.stdout.write(json.dumps(content, indent=2) + "\n")
+
+
+def who_plays(run: str | None, user: str | None) -> tuple[str | None, str | None]:
+    """Return the trained user and the baseline that RUN and ``--user`` name, at most one of them.
+
+    Raises:
+        InputError: Both are given, or no user has that name.
+    """
+    if user is None:
+        return run, None
+    if run is not None:
+        raise InputError("--user", f"it together with {run!r}", "one of them")
+    if user in ("still", "random") or user.startswith("reach "):
+        return None, user
+    names = known_users("")
+    trained = user.removeprefix("pretrained:") in names or re.search(r"\.py:\w+$", user)
+    if trained or Path(user).exists():
+        return user, None
+    raise unknown_name("--user", user, ["still", "random", "reach NAME", *names])
 
 
 def finite(parameter: typer.CallbackParam, value: float | None) -> float | None:

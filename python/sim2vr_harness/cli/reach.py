@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sim2vr_harness.cli.options import TrustOption, finite, writable_folder
+from sim2vr_harness.cli.options import (
+    EnvSetOption,
+    TrustOption,
+    finite,
+    known_games,
+    known_users,
+    writable_folder,
+)
+from sim2vr_harness.cli.progress import say
 
 if TYPE_CHECKING:
     from sim2vr_harness.envs.config import EnvConfig
@@ -21,6 +29,7 @@ __all__ = ["reach"]
 _User = Annotated[
     str,
     typer.Argument(
+        autocompletion=known_users,
         metavar="USER",
         help="A body or its YAML file, a configuration, or a trained user.",
     ),
@@ -30,7 +39,8 @@ _Point = Annotated[
     typer.Option(
         metavar="PART",
         help="What is to get there: a device or part of the body, such as controller_right or "
-        "hand. Without, the first controller.",
+        "hand.",
+        show_default="the first controller",
     ),
 ]
 _Tool = Annotated[
@@ -51,7 +61,11 @@ _Log = Annotated[
 ]
 _Game = Annotated[
     str | None,
-    typer.Option(metavar="NAME", help="Targets of a game that is run, nobody playing."),
+    typer.Option(
+        autocompletion=known_games,
+        metavar="NAME",
+        help="Targets of a game that is run, nobody playing.",
+    ),
 ]
 _Condition = Annotated[
     list[str] | None,
@@ -61,8 +75,8 @@ _Objects = Annotated[
     str | None,
     typer.Option(
         metavar="NAME",
-        help="Which of the game's objects are targets, with * and ?; without, those that come, "
-        "go or move.",
+        help="Which of the game's objects are targets, with * and ?.",
+        show_default="those that come, go or move",
     ),
 ]
 _Seconds = Annotated[
@@ -73,10 +87,6 @@ _Cell = Annotated[
     typer.Option(help="Edge of the cells that the room is divided into, m.", callback=finite),
 ]
 _Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
-_Set = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Change the user: --set env.user.torso=true."),
-]
 
 
 def reach(
@@ -92,7 +102,7 @@ def reach(
     cell: _Cell = 0.05,
     out: _Out = Path("reach"),
     film: Annotated[bool, typer.Option("--film/--no-film", help="Film it from all sides.")] = True,
-    set_: _Set = None,
+    set_: EnvSetOption = None,
     trust_app: TrustOption = False,
 ) -> None:
     """Measure what a user can reach, and which targets lie within.
@@ -101,22 +111,13 @@ def reach(
         sim2vr-harness reach mobl_arms_wrist --target shelf=0.3,1.6,0.5
         sim2vr-harness reach whacamole_constrained --game whacamole --condition easy
     """
-    from sim2vr_harness.base.errors import InputError
-    from sim2vr_harness.base.optional import needed
     from sim2vr_harness.envs.config import body_of
     from sim2vr_harness.tools.reach.files import write
     from sim2vr_harness.tools.reach.measuring import chosen_point, measure
     from sim2vr_harness.tools.reach.targets import given_target, logged_targets
     from sim2vr_harness.tools.users import environment_of
 
-    needed("plotly", "studies", "reach")
-    if tool is not None and (point is not None or game is None):
-        wrong = "it together with --point" if point is not None else "it without --game"
-        raise InputError("--tool", wrong, "it with --game and without --point")
-    if game is None and (condition or objects is not None):
-        raise InputError("--condition or --objects", "it without --game", "it with --game")
-    if not 0.0 < seconds <= 600.0:
-        raise InputError("--seconds", f"{seconds:g}", "more than 0, at most 600")
+    _check_together(point, tool, game, seconds, of_game=bool(condition) or objects is not None)
     targets = [given_target(text) for text in target or ()]
     for path in log or ():
         targets += logged_targets(path)
@@ -131,10 +132,29 @@ def reach(
         targets += _of_game(environments, conditions, objects, seconds)
         if tool is not None:
             where = _in_hand(environments[0], tool)
+    say("Measuring the reach ...")
     found = measure(body, where, targets, cell_m=cell)
     _tell(found)
+    say("Writing files" + (" and the film" if film else "") + " ...")
     for file in write(found, out, film=film):
         typer.echo(f"Written: {file}")
+
+
+def _check_together(
+    point: str | None, tool: str | None, game: str | None, seconds: float, *, of_game: bool
+) -> None:
+    """Refuse options that do not go together; ``of_game``: some need a game."""
+    from sim2vr_harness.base.errors import InputError
+    from sim2vr_harness.base.optional import needed
+
+    needed("plotly", "studies", "reach")
+    if tool is not None and (point is not None or game is None):
+        wrong = "it together with --point" if point is not None else "it without --game"
+        raise InputError("--tool", wrong, "it with --game and without --point")
+    if game is None and of_game:
+        raise InputError("--condition or --objects", "it without --game", "it with --game")
+    if not 0.0 < seconds <= 600.0:
+        raise InputError("--seconds", f"{seconds:g}", "more than 0, at most 600")
 
 
 def _of_game(

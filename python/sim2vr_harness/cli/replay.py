@@ -38,7 +38,9 @@ _Unconstrained = Annotated[
 _FixedStep = Annotated[
     float | None,
     typer.Option(
-        help="Period of the recording's fixed steps, s; worked out by default.", callback=finite
+        help="Period of the recording's fixed steps, s.",
+        show_default="worked out",
+        callback=finite,
     ),
 ]
 _Log = Annotated[
@@ -95,6 +97,7 @@ def replay(
                 fps,
                 on_progress=lambda part: share.show((len(replays) + part) / len(recordings)),
             )
+        share.show(0.0)
         for done in replay_all(
             recordings, closed_loop=closed, fixed_step_s=fixed_step, log_dir=log, film=film
         ):

@@ -20,13 +20,14 @@ def report(
         Path | None,
         typer.Option(
             metavar="FILE.html",
-            help="The page; FOLDER/report.html by default. Figures go to FILE_figures beside it.",
+            help="The page. Figures go to FILE_figures beside it.",
+            show_default="FOLDER/report.html",
             callback=writable_file,
         ),
     ] = None,
     figures: Annotated[
         bool,
-        typer.Option("--figures/--no-figures", help="Write figures as PNG and PDF (default)."),
+        typer.Option("--figures/--no-figures", help="Write figures as PNG and PDF."),
     ] = True,
 ) -> None:
     """Write a report of an evaluation or a study.

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from sim2vr_harness.cli.options import TrustOption, writable_folder
+from sim2vr_harness.cli.options import (
+    EnvSetOption,
+    TrustOption,
+    known_games,
+    known_users,
+    writable_folder,
+)
 
 __all__ = ["rewards"]
 
@@ -15,6 +22,7 @@ __all__ = ["rewards"]
 _User = Annotated[
     str,
     typer.Argument(
+        autocompletion=known_users,
         metavar="USER",
         help="A configuration, a trained user, or a body: whose game, effort and muscles.",
     ),
@@ -23,17 +31,17 @@ _Terms = Annotated[
     Path | None,
     typer.Option(metavar="FILE.yaml", help="Terms of one's own instead of the game's."),
 ]
-_Game = Annotated[str | None, typer.Option(metavar="NAME", help="Another game than the user's.")]
-_Condition = Annotated[str | None, typer.Option(metavar="NAME", help="The game's condition.")]
-_Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
-_Set = Annotated[
-    list[str] | None,
+_Game = Annotated[
+    str | None,
     typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change the environment: --set env.user.effort.weight=0.01.",
+        autocompletion=known_games, metavar="NAME", help="The game.", show_default="the user's"
     ),
 ]
+_Condition = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="The game's condition.", show_default="the user's"),
+]
+_Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
 
 
 def rewards(
@@ -42,7 +50,7 @@ def rewards(
     game: _Game = None,
     condition: _Condition = None,
     out: _Out = Path("rewards"),
-    set_: _Set = None,
+    set_: EnvSetOption = None,
     trust_app: TrustOption = False,
 ) -> None:
     """Print and draw what each term of a reward amounts to.
@@ -53,9 +61,6 @@ def rewards(
         sim2vr-harness rewards whacamole_constrained
         sim2vr-harness rewards pointing_people --out rewards/pointing
     """
-    from rich.console import Console
-    from rich.table import Table
-
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.base.optional import needed
     from sim2vr_harness.envs.config import body_of
@@ -81,11 +86,18 @@ def rewards(
     )
     told = warnings_of(found)
     header, rows = sums(found)
-    table = Table(*header, title=f"{own.name}: one target, {own.start_m:g} m, {own.seconds:g} s")
-    for row in rows:
-        table.add_row(*row)
-    Console().print(table)
+    _print(header, rows, f"{own.name}: one target, {own.start_m:g} m, {own.seconds:g} s")
     for line in told:
         typer.echo(f"note: {line}")
     for file in write(found, told, out):
         typer.echo(f"Written: {file}")
+
+
+def _print(header: Sequence[str], rows: Sequence[Sequence[str]], title: str) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(*header, title=title)
+    for row in rows:
+        table.add_row(*row)
+    Console().print(table)

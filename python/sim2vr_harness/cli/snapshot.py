@@ -3,46 +3,50 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from sim2vr_harness.cli.app_options import (
-    BrowserOption,
-    MapOption,
-    PageOption,
-    TaskOption,
-    app_settings,
+from sim2vr_harness.cli.app_options import with_page_options
+from sim2vr_harness.cli.options import (
+    EnvSetOption,
+    TrustOption,
+    UserOption,
+    finite,
+    known_games,
+    who_plays,
+    writable_folder,
 )
-from sim2vr_harness.cli.options import TrustOption, finite, writable_folder
 
 __all__ = ["snapshot"]
+_Condition = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="The game's condition.", show_default="its default"),
+]
+_Out = Annotated[Path, typer.Option(help="Folder for the pictures.", callback=writable_folder)]
 
 
+@with_page_options
 def snapshot(
     game: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The game; without, the user's.")
-    ] = None,
-    condition: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="The game's condition; without, its default."),
+        typer.Option(
+            autocompletion=known_games, metavar="NAME", help="The game.", show_default="the user's"
+        ),
     ] = None,
-    out: Annotated[
-        Path, typer.Option(help="Folder for the pictures.", callback=writable_folder)
-    ] = Path("snapshot"),
+    condition: _Condition = None,
+    out: _Out = Path("snapshot"),
     size: Annotated[str, typer.Option(help="WIDTHxHEIGHT of the pictures.")] = "640x480",
     seconds: Annotated[
         float, typer.Option(help="How many seconds to play first.", callback=finite)
     ] = 2.0,
     seed: Annotated[int, typer.Option(help="Seed of the round.")] = 1,
-    run: Annotated[
-        str | None, typer.Option(help="A trained user; without, the arm moves at random.")
-    ] = None,
-    page: PageOption = None,
-    map_: MapOption = None,
-    task: TaskOption = None,
-    browser: BrowserOption = None,
+    run: Annotated[str | None, typer.Option(hidden=True, help="The old name of --user.")] = None,
+    user: UserOption = None,
+    overrides: EnvSetOption = None,
     trust_app: TrustOption = False,
+    *,
+    remote: dict[str, Any],
 ) -> None:
     """Write pictures of a game: headset view, third person and body.
 
@@ -50,10 +54,11 @@ def snapshot(
 
     Examples:
         sim2vr-harness render snapshot --game beats --condition level
-        sim2vr-harness render snapshot --page game.html --task task.yaml
+        sim2vr-harness render snapshot --page game.html --user random
     """
     from sim2vr_harness.evaluation import snapshot as pictures
 
+    run, baseline = who_plays(run, user)
     files = pictures.snapshot(
         out,
         game=game,
@@ -62,7 +67,9 @@ def snapshot(
         seconds=seconds,
         seed=seed,
         run=run,
-        app=app_settings(page=page, mapped=map_, task=task, browser=browser),
+        baseline=baseline,
+        app=remote,
+        overrides=overrides or (),
         trust_app=trust_app,
     )
     for file in files:

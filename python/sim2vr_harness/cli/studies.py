@@ -33,10 +33,8 @@ class Shown:
 
     def show(self, progress: StudyProgress) -> None:
         """Say how far the study is."""
-        if not progress.label and not progress.done:
-            return
         seconds = time.monotonic() - self._began
-        what = progress.label or "done before"
+        what = progress.label or ("done before" if progress.done else "begins")
         failed = "" if progress.error is None else f" failed: {progress.error}"
         typer.echo(f"[{progress.done}/{progress.total}] {what}{failed} ({seconds:.0f} s)", err=True)
 

@@ -15,16 +15,17 @@ __all__ = ["study"]
 _Out = Annotated[
     Path | None,
     typer.Option(
-        help="Its folder; studies/NAME by default. What is done there is not done again.",
+        help="Its folder. What is done there is not done again.",
+        show_default="studies/NAME",
         callback=writable_folder,
     ),
 ]
 _Jobs = Annotated[
     int | None,
-    typer.Option(help="Cells and trainings side by side; one per two cores by default."),
+    typer.Option(help="Cells and trainings at a time.", show_default="one per two cores"),
 ]
 _Report = Annotated[
-    bool, typer.Option("--report/--no-report", help="Write report.html at the end (default).")
+    bool, typer.Option("--report/--no-report", help="Write report.html at the end.")
 ]
 _Ray = Annotated[
     str | None,

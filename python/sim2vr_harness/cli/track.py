@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from sim2vr_harness.cli.options import TrustOption, finite, writable_folder
+from sim2vr_harness.cli.options import (
+    EnvSetOption,
+    TrustOption,
+    finite,
+    known_users,
+    writable_folder,
+)
 
 if TYPE_CHECKING:
     from sim2vr_harness.tools.track.paths import Frame, RecordedPath
@@ -31,6 +37,7 @@ _Recordings = Annotated[
 _User = Annotated[
     str,
     typer.Option(
+        autocompletion=known_users,
         metavar="USER",
         help="Who follows: a body or its YAML file, a configuration, or a trained user.",
     ),
@@ -39,14 +46,16 @@ _Stature = Annotated[
     float | None,
     typer.Option(
         metavar="M",
-        help="The person's stature in m, to which the body is cut. Without, it is estimated "
-        "from the head's height where the person stood.",
+        help="The person's stature in m, to which the body is cut.",
+        show_default="estimated from the head's height",
         callback=finite,
     ),
 ]
 _Mass = Annotated[
     float | None,
-    typer.Option(metavar="KG", help="The person's mass; else by stature.", callback=finite),
+    typer.Option(
+        metavar="KG", help="The person's mass.", show_default="by stature", callback=finite
+    ),
 ]
 _Yaw = Annotated[
     str,
@@ -87,14 +96,6 @@ _Play = Annotated[
     bool, typer.Option("--play/--no-play", help="Play the recorded game with this hand.")
 ]
 _Out = Annotated[Path, typer.Option(help="Folder for the files.", callback=writable_folder)]
-_Set = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--set",
-        metavar="KEY=VALUE",
-        help="Change the user: --set env.user.person.strength=.8.",
-    ),
-]
 
 
 def track(
@@ -113,7 +114,7 @@ def track(
     record: Annotated[bool, typer.Option("--record", help="Film it.")] = False,
     seed: Annotated[int, typer.Option(help="Of what is drawn.", min=0)] = 1,
     out: _Out = Path("track"),
-    set_: _Set = None,
+    set_: EnvSetOption = None,
     trust_app: TrustOption = False,
 ) -> None:
     """Let a body follow recorded hands, and report errors and effort.
@@ -124,34 +125,40 @@ def track(
     """
     from sim2vr_harness.cli.progress import Share
     from sim2vr_harness.policies.hierarchical.motor_store import motor_layer_for
-    from sim2vr_harness.tools.track.files import film, write
     from sim2vr_harness.tools.track.tracking import TrackingSettings, track
     from sim2vr_harness.tools.users import environment_of
 
     right, up, ahead = _three("--offset", offset)
+    # fmt: off
     settings = TrackingSettings(
-        passes=_between("--passes", passes, 1, _MOST_PASSES),
-        refined=refine,
-        yaw=_yaw(yaw),
-        scale=_between("--scale", scale, 0.2, 5.0),
-        offset_m=(ahead, -right, up),
+        passes=_between("--passes", passes, 1, _MOST_PASSES), refined=refine, yaw=_yaw(yaw),
+        scale=_between("--scale", scale, 0.2, 5.0), offset_m=(ahead, -right, up),
         stature_m=None if stature is None else _between("--stature", stature, 1.0, 2.5),
         mass_kg=None if mass is None else _between("--mass", mass, 20.0, 300.0),
-        pointed=pointed,
-        seed=seed,
-        play=play,
+        pointed=pointed, seed=seed, play=play,
     )
+    # fmt: on
     env = environment_of(user, overrides=set_ or (), trust_app=trust_app)
     paths = _paths(recordings, frame)
     layer_for = partial(motor_layer_for, following=True)
     done = []
     for path in paths:
-        with Share(path.name) as share:
+        with Share(f"Tracking {path.name}") as share:
+            share.show(0.0)
             done.append(track(path, env, layer_for, settings, on_progress=share.show))
         _tell(done[-1])
+    _write(done, out, record=record)
+
+
+def _write(done: Sequence[Tracked], out: Path, *, record: bool) -> None:
+    from sim2vr_harness.cli.progress import say
+    from sim2vr_harness.tools.track.files import film, write
+
     files = write(done, out)
     if record:
-        files += [film(one, out / f"{one.path.name}.mp4") for one in done]
+        for one in done:
+            say(f"Filming {one.path.name}")
+            files.append(film(one, out / f"{one.path.name}.mp4"))
     for file in files:
         typer.echo(f"Written: {file}")
 

@@ -10,20 +10,15 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.console import Console
 
-from sim2vr_harness.cli.app_options import (
-    AppArgOption,
-    AppOption,
-    BrowserOption,
-    ConnectOption,
-    MapOption,
-    PageOption,
-    ProtocolOption,
-    TaskOption,
-    app_settings,
-    as_overrides,
-)
+from sim2vr_harness.cli.app_options import as_overrides, with_app_options
 from sim2vr_harness.cli.errors import INTERRUPTED
-from sim2vr_harness.cli.options import SetOption, TrustOption, writable_folder
+from sim2vr_harness.cli.options import (
+    SetOption,
+    TrustOption,
+    known_configs,
+    known_users,
+    writable_folder,
+)
 from sim2vr_harness.cli.progress import Share
 
 if TYPE_CHECKING:
@@ -36,6 +31,7 @@ __all__ = ["train"]
 _Config = Annotated[
     str | None,
     typer.Argument(
+        autocompletion=known_configs,
         metavar="CONFIG",
         help="A YAML file, or the name of a game (recipe: skills); with --resume, the run's "
         "folder.",
@@ -45,17 +41,21 @@ _From = Annotated[
     str | None,
     typer.Option(
         "--from",
+        autocompletion=known_users,
         metavar="USER",
         help="Instead of CONFIG: go on from a trained user, with what --set changes.",
     ),
 ]
 _Timesteps = Annotated[
     int | None,
-    typer.Option(help="Stop after this many user steps, counted from the run's start."),
+    typer.Option(
+        help="Stop after this many user steps, counted from the run's start.",
+        show_default="total_timesteps",
+    ),
 ]
 _Out = Annotated[
     Path | None,
-    typer.Option(help="The run's folder; runs/NAME by default.", callback=writable_folder),
+    typer.Option(help="The run's folder.", show_default="runs/NAME", callback=writable_folder),
 ]
 _Overwrite = Annotated[bool, typer.Option("--overwrite", help="Delete the run that is there.")]
 _SetAside = Annotated[
@@ -67,6 +67,7 @@ _SetAside = Annotated[
 ]
 
 
+@with_app_options
 def train(
     config: _Config = None,
     set_: SetOption = None,
@@ -77,15 +78,9 @@ def train(
     resume: Annotated[bool, typer.Option("--resume", help="Continue the run exactly.")] = False,
     overwrite: _Overwrite = False,
     set_aside: _SetAside = False,
-    app: AppOption = None,
-    app_arg: AppArgOption = None,
-    connect: ConnectOption = None,
-    protocol: ProtocolOption = None,
-    page: PageOption = None,
-    map_: MapOption = None,
-    task: TaskOption = None,
-    browser: BrowserOption = None,
     trust_app: TrustOption = False,
+    *,
+    remote: dict[str, Any],
 ) -> int:
     """Train a simulated user; Ctrl-C saves, --resume continues exactly.
 
@@ -99,24 +94,21 @@ def train(
 
     _check_together(config, from_, resume, overwrite, set_aside)
     config, out = _run_or_file(config, out, resume)
-    wanted = app_settings(app, app_arg, connect, protocol, page, map_, task, browser)
-    overrides = [*(set_ or []), *([] if seed is None else [f"seed={seed}"]), *as_overrides(wanted)]
+    overrides = [*(set_ or []), *([] if seed is None else [f"seed={seed}"]), *as_overrides(remote)]
     if from_ is None and not resume:
-        config, overrides = _configuration(config, wanted, overrides)
+        config, overrides = _configuration(config, remote, overrides)
     settings = _settings(config, from_, out if resume else None, overrides)
     folder = out or Path("runs") / settings.name
     source = Path(from_ or config or folder)
     require_trust(settings.env, source, named=named_app(overrides), trust=trust_app)
     if not resume:
         settings = settings.model_copy(update={"env": with_task(settings.env)})
+    # fmt: off
     result = trainer.train(
-        settings,
-        folder,
-        timesteps=timesteps,
-        resume=resume,
-        overwrite=overwrite,
+        settings, folder, timesteps=timesteps, resume=resume, overwrite=overwrite,
         set_aside=set_aside,
     )
+    # fmt: on
     if not result.interrupted and settings.evaluation.episodes_after_training:
         _evaluate_after_training(result, settings.evaluation.episodes_after_training)
     goes_on = result.step < settings.total_timesteps and settings.policy_kind != "hierarchical"
@@ -196,11 +188,17 @@ def _settings(
 def _is_game(name: str) -> bool:
     """Whether this names a game of the runtime, and no configuration."""
     from sim2vr_harness.base import paths
+    from sim2vr_harness.base.errors import InputError, closest
     from sim2vr_harness.client import list_games
 
     try:
         paths.config_path(name)
     except FileNotFoundError:
+        names = [*list_games(), *known_configs("")]
+        near = closest(name, names)
+        if near in list_games() and near != name:
+            expected = f"a file, or the name of a configuration or game (did you mean {near!r}?)"
+            raise InputError("CONFIG", repr(name), expected) from None
         return name in list_games()
     return False
 

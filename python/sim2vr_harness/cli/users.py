@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json as jsonlib
-from collections.abc import Mapping, Sequence
+import shlex
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,11 +17,19 @@ from rich.table import Table
 from sim2vr_harness.base.files import read_json
 from sim2vr_harness.cli import motor
 from sim2vr_harness.cli.command import CommandGroup
-from sim2vr_harness.cli.options import TrustOption, finite, writable_file, writable_folder
+from sim2vr_harness.cli.options import (
+    TrustOption,
+    finite,
+    known_users,
+    writable_file,
+    writable_folder,
+)
+from sim2vr_harness.cli.progress import Share
 from sim2vr_harness.client import Measure
 from sim2vr_harness.evaluation.tables import cell
 
 if TYPE_CHECKING:
+    from sim2vr_harness.policies.store import TrainedUser
     from sim2vr_harness.users import Physique
 
 JsonOption = Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")]
@@ -58,13 +67,27 @@ def list_users(json: JsonOption = False) -> None:
     if not cards:
         typer.echo("No trained users are installed.")
         return
-    console = Console()
+    table = Table("User", "Game", "Recipe", "Mean over conditions", box=box.SIMPLE, padding=(0, 1))
     for card in cards:
-        console.print(f"[bold]pretrained:{card['name']}[/bold]", highlight=False)
-        if card.get("description"):
-            console.print(card["description"], highlight=False, markup=False)
-        console.print(_training(card), style="dim", highlight=False, markup=False)
-        console.print(_results(card))
+        table.add_row(
+            card["name"], card["contract"]["game"], card.get("recipe", ""), _headline(card)
+        )
+    Console().print(table)
+    typer.echo("More on one: sim2vr-harness users show NAME")
+
+
+def _headline(card: Mapping[str, Any]) -> str:
+    """The game's score, mean over the measured conditions."""
+    from sim2vr_harness.client import facts_of_outside
+    from sim2vr_harness.evaluation.packing import card_measures
+
+    score = card_measures(facts_of_outside(card["contract"]["game"]))[0]
+    found = [row.get(score.name) for row in card.get("results", {}).values()]
+    values = [value for value in found if value is not None]
+    if not values:
+        return "not measured"
+    mean = cell(sum(values) / len(values), None, _digits(score))
+    return f"{score.label} {mean} {score.unit}".strip()
 
 
 def _training(card: dict[str, Any]) -> str:
@@ -123,7 +146,10 @@ def _spread(card: dict[str, Any], condition: str, measure: Measure) -> str:
 
 def show(
     name: Annotated[
-        str, typer.Argument(help="A name of `sim2vr-harness users list`, or a folder.")
+        str,
+        typer.Argument(
+            autocompletion=known_users, help="A name of `sim2vr-harness users list`, or a folder."
+        ),
     ],
     json: JsonOption = False,
 ) -> None:
@@ -136,7 +162,52 @@ def show(
     from sim2vr_harness.policies.store import find_user
 
     user = find_user(name if Path(name).exists() else f"pretrained:{name.split(':')[-1]}")
-    typer.echo(jsonlib.dumps(user.card, indent=2))
+    if json:
+        typer.echo(jsonlib.dumps(user.card, indent=2))
+        return
+    console = Console()
+    for heading, lines in _sections(user, name):
+        if heading == "Use" and user.card.get("results"):
+            console.print("Results", style="bold")
+            console.print(_results(user.card))
+        console.print(heading, style="bold", highlight=False)
+        for line in lines:
+            console.print(f"  {line}", highlight=False, markup=False, soft_wrap=True)
+
+
+def _sections(user: TrainedUser, name: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield headings and lines of a user's page, the results left out."""
+    from sim2vr_harness.envs.contract import contract
+
+    card, env = user.card, user.config.env
+    terms = card.get("contract") or contract(env)
+    called = user.source.parent.name if Path(name).exists() else f"pretrained:{card['name']}"
+    yield called, [card.get("description") or f"Plays {env.app.game}."]
+    options = [f"{key}: {value}" for key, value in env.app.options.items()]
+    yield "App", [f"{env.app.transport}, game {env.app.game}", *options]
+    people = "one person" if env.user.people is None else "another person in every round"
+    rate = f"{env.action_frequency_hz:g} user steps per second"
+    motors = sum(len(names) - 1 for names in terms.get("actuators", ()))
+    muscles = f"{len(terms['muscles'])} muscles" if terms["muscles"] else f"{motors} joint motors"
+    yield "Body", [f"{env.user.model}, {muscles}; {people}; {rate}", f"action: {terms['action']}"]
+    shapes = [
+        f"{key}: {' x '.join(map(str, shape))} {kind}"
+        for key, (shape, kind) in terms["observation"].items()
+    ]
+    width, height = terms["image"]
+    pixels = f"image of {width} x {height} px, channels {', '.join(terms['channels'])}"
+    yield "Observations", [pixels, *shapes]
+    yield "Training", [_training(card)]
+    word = shlex.quote(name) if Path(name).exists() else called
+    yield (
+        "Use",
+        [
+            f"sim2vr-harness evaluate {word} --episodes 5",
+            f"sim2vr-harness watch {word}",
+            f"sim2vr-harness train --from {word} --out runs/more",
+            f"sim2vr_harness.load_user_policy({word!r})  # in Python",
+        ],
+    )
 
 
 def pack(
@@ -171,19 +242,15 @@ def pack(
     """
     from sim2vr_harness.evaluation.packing import pack_measured
 
-    card = pack_measured(
-        run,
-        name,
-        out / name,
-        conditions=condition,
-        episodes=episodes,
-        details={
-            **({} if details is None else read_json(details, "entries of the card in JSON")),
-            **({"description": description} if description else {}),
-        },
-        other_seeds=other_seed or (),
-        trust_app=trust_app,
-    )
+    own = {} if details is None else read_json(details, "entries of the card in JSON")
+    own |= {"description": description} if description else {}
+    # fmt: off
+    with Share("Measuring") as share:
+        card = pack_measured(
+            run, name, out / name, conditions=condition, episodes=episodes, details=own,
+            other_seeds=other_seed or (), trust_app=trust_app, on_progress=share.show,
+        )
+    # fmt: on
     if other_seed:
         typer.echo(f"{_seed(card).capitalize()}:")
     Console().print(_results(card))

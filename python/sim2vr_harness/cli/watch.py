@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from sim2vr_harness.cli.app_options import (
-    BrowserOption,
-    MapOption,
-    PageOption,
-    TaskOption,
-    app_settings,
-    as_overrides,
+from sim2vr_harness.cli.app_options import as_overrides, with_page_options
+from sim2vr_harness.cli.options import (
+    EnvSetOption,
+    TrustOption,
+    UserOption,
+    known_games,
+    known_users,
+    who_plays,
+    writable_file,
 )
-from sim2vr_harness.cli.options import TrustOption, writable_file
 
 if TYPE_CHECKING:
     from sim2vr_harness.tools.watch.frames import Playlist
@@ -26,19 +27,29 @@ __all__ = ["watch"]
 _Run = Annotated[
     str | None,
     typer.Argument(
+        autocompletion=known_users,
         metavar="RUN|LOG|RECORDING",
         help="A trained user, a configuration or body, or the folder of a logged or recorded "
         "round.",
     ),
 ]
 _Try = Annotated[bool, typer.Option("--try", help="Play yourself, with mouse and keyboard.")]
-_Game = Annotated[str | None, typer.Option(metavar="NAME", help="The game; without, the user's.")]
-_Condition = Annotated[str | None, typer.Option(metavar="NAME", help="The game's condition.")]
+_Game = Annotated[
+    str | None,
+    typer.Option(
+        autocompletion=known_games, metavar="NAME", help="The game.", show_default="the user's"
+    ),
+]
+_Condition = Annotated[
+    str | None,
+    typer.Option(metavar="NAME", help="The game's condition.", show_default="the user's"),
+]
 _Deterministic = Annotated[
     bool | None,
     typer.Option(
         "--deterministic/--stochastic",
-        help="Take the policy's mean, or sample. Without, the user's own evaluation.deterministic.",
+        help="Take the policy's mean, or sample.",
+        show_default="the user's evaluation.deterministic",
     ),
 ]
 _Rerun = Annotated[
@@ -57,12 +68,9 @@ _Shared = Annotated[
         "the internet, sees the page and presses its buttons.",
     ),
 ]
-_User = Annotated[
-    str | None,
-    typer.Option(metavar="WHO", help="Who plays the page: still, random or 'reach NAME'."),
-]
 
 
+@with_page_options
 def watch(
     run: _Run = None,
     try_: _Try = False,
@@ -74,12 +82,11 @@ def watch(
     host: Annotated[str, typer.Option(help="Address to listen on.")] = "127.0.0.1",
     port: Annotated[int, typer.Option(min=1, max=65535, help="Port of the page.")] = 8080,
     shared: _Shared = False,
-    page: PageOption = None,
-    map_: MapOption = None,
-    task: TaskOption = None,
-    browser: BrowserOption = None,
-    user: _User = None,
+    user: UserOption = None,
+    overrides: EnvSetOption = None,
     trust_app: TrustOption = False,
+    *,
+    remote: dict[str, Any],
 ) -> None:
     """Watch a user play in the browser, or play yourself.
 
@@ -92,12 +99,9 @@ def watch(
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.base.optional import needed
 
-    if rerun is not None and rerun.suffix.lower() != ".rrd":
-        raise InputError("--rerun", repr(str(rerun)), "a file name that ends in .rrd")
-    if rerun is not None and try_:
-        raise InputError("--rerun", "it together with --try", "one of them")
-    app = app_settings(page=page, mapped=map_, task=task, browser=browser)
-    if run is None and not try_ and not app:
+    _check_rerun(rerun, try_)
+    run, baseline = who_plays(run, user)
+    if run is None and not try_ and not remote:
         raise InputError("RUN", "nothing", "a user, a log or a recording; or --try, or --page")
     if shared and (rerun is not None or host != "127.0.0.1"):
         raise InputError("--share", "it together with --rerun or --host", "one of them")
@@ -108,13 +112,23 @@ def watch(
     # fmt: off
     show = choose(
         run, person=try_, game=game, condition=condition, seed=seed, deterministic=deterministic,
-        trust_app=trust_app, page=as_overrides(app), untrained=user,
+        trust_app=trust_app, page=as_overrides(remote), untrained=baseline,
+        overrides=overrides or (),
     )
     # fmt: on
     if rerun is not None:
         _record(show, rerun)
     else:
         _serve(show, host, port, shared)
+
+
+def _check_rerun(rerun: Path | None, try_: bool) -> None:
+    from sim2vr_harness.base.errors import InputError
+
+    if rerun is not None and rerun.suffix.lower() != ".rrd":
+        raise InputError("--rerun", repr(str(rerun)), "a file name that ends in .rrd")
+    if rerun is not None and try_:
+        raise InputError("--rerun", "it together with --try", "one of them")
 
 
 def _record(show: Playlist, file: Path) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,6 +35,7 @@ def pack_measured(
     details: Mapping[str, Any],
     other_seeds: Sequence[str | Path] = (),
     trust_app: bool = False,
+    on_progress: Callable[[float], None] = lambda share: None,
 ) -> dict[str, Any]:
     """Write the user of a run into ``folder`` and its card with measured results.
 
@@ -51,6 +52,7 @@ def pack_measured(
         details: further entries of the card; what the run says of itself need not be given.
         other_seeds: runs that differ from ``run`` in their seed alone.
         trust_app: whether the app that they name may be started, though this user never has.
+        on_progress: called with the share of the rounds done.
 
     Returns:
         The card.
@@ -64,7 +66,11 @@ def pack_measured(
         require_trust(user.config.env, each, trust=trust_app)
     with TemporaryDirectory() as scratch:
         cards = {}
-        for user in users:
+        for number, user in enumerate(users):
+
+            def advance(share: float, done: int = number) -> None:
+                on_progress((done + share) / len(users))
+
             place = Path(scratch) / str(user.config.seed)
             policy = new_network(user, observation_space_of(user.config.env))
             card = pack(user, policy, place, name, {**_of_the_run(user), **details})
@@ -77,7 +83,7 @@ def pack_measured(
                 out=measured,
                 trust_app=True,
             )
-            found = evaluate(place, request)
+            found = evaluate(place, request, on_progress=advance)
             card["results"] = {
                 condition: {key: _rounded(summary.get(key)) for key in measured_keys(found.facts)}
                 for condition, summary in found.summaries.items()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from functools import partial
 from pathlib import Path
@@ -16,10 +16,12 @@ from sim2vr_harness.base.files import naming
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.games import game_facts, with_condition, with_game, with_task
 from sim2vr_harness.evaluation.environment import evaluation_env
+from sim2vr_harness.evaluation.first_look import act_of
 from sim2vr_harness.evaluation.scene_images import BodyPainter, compose, score_text
 from sim2vr_harness.policies.protocol import Act, episode_of
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user, require_contract
+from sim2vr_harness.runs.config import TrainingConfig
 
 __all__ = ["parse_size", "snapshot"]
 
@@ -48,7 +50,9 @@ def snapshot(
     seed: int = 1,
     game: str | None = None,
     run: str | Path | None = None,
+    baseline: str | None = None,
     app: Mapping[str, Any] | None = None,
+    overrides: Sequence[str] = (),
     trust_app: bool = False,
     simulation: Callable[..., Any] | None = None,
 ) -> list[Path]:
@@ -67,7 +71,9 @@ def snapshot(
         seed: Seed of the round.
         game: The game; None takes the run's, or that of a default environment.
         run: A trained user to play; None lets the user act at random, gently.
+        baseline: The baseline that plays: ``still``, ``random`` or ``reach NAME``.
         app: Settings that replace those of ``env.app``, for example a page.
+        overrides: ``env.KEY=VALUE``, what else is different.
         trust_app: Whether the app that the run names may be started, though this user never has.
         simulation: How to make the user: (EnvConfig, n) -> simulation.
 
@@ -89,7 +95,12 @@ def snapshot(
     user = None if run is None else find_user(run, code=True)
     config = EnvConfig()
     if user is not None:
-        config = evaluation_env(user.config, app, source=str(run), trust_app=trust_app)
+        config = evaluation_env(user.config, app, overrides, source=str(run), trust_app=trust_app)
+    elif overrides:
+        plain = TrainingConfig(env=config)
+        config = with_task(
+            evaluation_env(plain, app, overrides, source="--set", trust_app=trust_app)
+        )
     elif app:
         config = with_task(EnvConfig(app=AppConfig(**app)))
     config = with_game(config, game)
@@ -101,6 +112,8 @@ def snapshot(
     with closing(simulation(config, 1)) as users:
         users.reset(seeds=[seed])
         act: Callable[..., Any] = partial(_gentle, users.action_space.shape[0])
+        if baseline is not None:
+            act = act_of(baseline, users)
         if user is not None:
             policy, _ = load_policy(user, users.observation_space, users.action_space)
             act = episode_of(policy)
@@ -168,7 +181,7 @@ def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
         body = painter.draw(0)
     vision = users.config.vision
     views = "views" in app.capabilities
-    own = app.render_headset(*vision.drawn) if views else _side_by_side(app.image)
+    own = app.render_headset(*vision.drawn) if views else _both_eyes(app.image)
     depth = np.repeat(own[..., 3:], 3, axis=2)
     if not views:
         return {"body": body, "observation": np.concatenate([own[..., :3], depth], axis=1)}
@@ -181,7 +194,7 @@ def _draw(users: Any, size: tuple[int, int]) -> dict[str, Any]:
     }
 
 
-def _side_by_side(image: Any) -> Any:
+def _both_eyes(image: Any) -> Any:
     """(H, W, 4), of two eyes (H, 2 W, 4)."""
     return image.copy() if image.ndim == 3 else np.concatenate(list(image), axis=1)
 

@@ -30,7 +30,7 @@ from typing import Any
 
 from sim2vr_harness import __version__
 from sim2vr_harness.base import paths
-from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.base.errors import InputError, closest
 from sim2vr_harness.base.file_lock import is_temporary, temporary_of
 from sim2vr_harness.base.files import file_name, naming, read_json
 from sim2vr_harness.client import Measure
@@ -176,7 +176,8 @@ class RunFolder:
         """
         folder = cls(path)
         if not folder.path.exists():
-            raise InputError("RUN", f"{str(path)!r}, which does not exist", "the folder of a run")
+            expected = f"the folder of a run{_nearest_run(folder.path)}"
+            raise InputError("RUN", f"{str(path)!r}, which does not exist", expected)
         if not folder.exists:
             raise InputError(
                 "RUN",
@@ -344,3 +345,11 @@ class RunFolder:
 def metric_key(measure: Measure) -> str:
     """Return the column of a game's measure in a run's progress, per episode."""
     return f"ep_{measure.name}" if measure.rate_with else f"ep_{measure.log_key}_mean"
+
+
+def _nearest_run(path: Path) -> str:
+    """Return a hint at the run beside ``path``, or in ``runs``, with the most similar name."""
+    configs = [*path.parent.glob("*/config.yaml"), *Path("runs").glob("*/config.yaml")]
+    runs = {config.parent.name: config.parent for config in configs}
+    near = closest(path.name, runs)
+    return f" (did you mean {str(runs[near])!r}?)" if near else ""

@@ -119,7 +119,10 @@ def test_evaluate_prints_one_json_object(capsys: Any, trained: Path) -> None:
     for key in ("hits", "misses", "contacts", "hit_rate", "hit_speed_mps", "hammer_depth_m",
                 "max_fatigued", "effort", "return", "game_return", "episodes"):  # fmt: skip
         assert key in content["easy"]
-    assert err == "note: this user never practised conditions easy, hard (trained: medium)\n"
+    assert (
+        err
+        == "Playing ...\nnote: this user never practised conditions easy, hard (trained: medium)\n"
+    )
     status, out, _ = call(capsys, *arguments, "--deterministic")
     assert status == 0
     assert "deterministic" in out
@@ -149,7 +152,7 @@ def test_games_are_listed_with_their_conditions(capsys: Any) -> None:
     assert status == 0
     assert "sim2vr/WhacAMole-v0" in out
     status, out, _ = call(capsys, "games", "sample")
-    for part in ("small", "Radius 2.5 cm", "Distance to the ball (m)", "lower"):
+    for part in ("small", "Radius 2.5 cm", "Distance to the ball", "lower"):
         assert part in out
     content = json.loads(call(capsys, "games", "whacamole", "--json")[1])
     assert content[0]["score"] == "hit_rate"

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import inspect
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 import typer.main
 
+from sim2vr_harness.base import paths
 from sim2vr_harness.cli.command import HEADINGS
 from sim2vr_harness.cli.main import app, main
+
+SHIPPED = paths.trained_users_dir()
 
 
 def call(capsys: Any, *arguments: str) -> tuple[int, str, str]:
@@ -90,3 +95,59 @@ def _hidden() -> list[tuple[str, Any]]:
             found.append((f"{name} {below}", each))
         found.append((name, command))
     return [(name, command) for name, command in found if getattr(command, "renamed", "")]
+
+
+def test_users_are_one_table(capsys: Any) -> None:
+    """The headline is the game's score, its mean over the card's conditions."""
+    status, out, _ = call(capsys, "users", "list")
+    assert status == 0
+    rows = [line.split() for line in out.splitlines() if line.startswith("  whacamole_people ")]
+    card = json.loads((SHIPPED / "whacamole_people" / "card.json").read_text())
+    rates = [row["hit_rate"] for row in card["results"].values()]
+    assert len(rates) == 3
+    mean = f"{sum(rates) / 3:.2f}"
+    assert rows == [["whacamole_people", "whacamole", "distill", "Hit", "rate", mean]]
+    assert max(map(len, out.splitlines())) <= 80
+
+
+def test_a_user_has_a_page(capsys: Any) -> None:
+    status, out, _ = call(capsys, "users", "show", "whacamole_people")
+    assert status == 0
+    headings = [line for line in out.splitlines() if line and line[0] not in " ─"]
+    assert headings == [
+        *("pretrained:whacamole_people", "App", "Body", "Observations", "Training", "Results"),
+        "Use",
+    ]
+    for part in (
+        *("condition: random-easy-medium", "32 muscles", "another person in every round"),
+        *("image of 120 x 80 px, channels green, depth", "proprioception: 56 float32"),
+        *("245,760 user steps", "sim2vr-harness evaluate pretrained:whacamole_people"),
+    ):
+        assert part in out
+    card = json.loads(call(capsys, "users", "show", "whacamole_people", "--json")[1])
+    assert card == json.loads((SHIPPED / "whacamole_people" / "card.json").read_text())
+
+
+def test_a_game_lists_measures_and_options(capsys: Any) -> None:
+    """Numbers of TouchTheBall::configure and its facts, in sample.cpp."""
+    out = call(capsys, "games", "sample")[1]
+    rows = [line.split() for line in out.splitlines()]
+    assert ["ball_radius_m", "number", "0.05", "0.01", "to", "0.2"] in rows
+    assert ["round_seconds", "number", "20.0", "1", "to", "600"] in rows
+    assert any(row[:5] == ["Distance", "to", "the", "ball", "distance_m"] for row in rows)
+    whacamole = json.loads(call(capsys, "games", "whacamole", "--json")[1])[0]
+    options = {option["name"]: option for option in whacamole["options"]}
+    assert options["hand"]["choices"] == ["right", "left"]
+    assert options["adaptive"]["type"] == "bool"
+    assert options["spawn_times"]["default"] == []
+    assert {"easy", "medium"} < set(options["condition"]["choices"])
+
+
+def test_no_command_function_is_long() -> None:
+    long = []
+    for words, command in shown_commands():
+        if callback := getattr(command, "callback", None):
+            lines = inspect.getsource(inspect.unwrap(callback)).splitlines()
+            if len(lines) > 50:
+                long.append((words, len(lines)))
+    assert long == []

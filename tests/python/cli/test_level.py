@@ -62,4 +62,7 @@ def test_a_game_without_levels_is_refused() -> None:
 
 def test_an_option_without_value_is_refused() -> None:
     result = CliRunner().invoke(app, ["plot", "level", "x", "--set", "speed"])
-    assert str(result.exception) == "--set: got 'speed', expected OPTION=VALUE"
+    assert (
+        str(result.exception)
+        == "--set: got 'speed', expected NAME=VALUE or env.app.options.NAME=VALUE"
+    )

@@ -7,6 +7,7 @@ import json
 import re
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 import torch
@@ -103,7 +104,7 @@ def test_of_several_seeds_the_middle_one_is_packed(
     other.create(CONFIG.model_copy(update={"seed": 4, "total_timesteps": 99}))
     other.checkpoint_file(7).write_bytes(b"")
 
-    def measure(folder: Path, request: Request) -> SimpleNamespace:
+    def measure(folder: Path, request: Request, **more: Any) -> SimpleNamespace:
         rate = {1: 0.9, 2: 0.7, 3: 0.8}[int(folder.name)]
         row = {"hits": 100 * rate, "hit_rate": rate, "cell_hit_rates": [rate] * 9, "episodes": 2}
         return SimpleNamespace(summaries={"easy": row}, facts=describe_game("whacamole"))
@@ -136,6 +137,10 @@ def test_shipped_users_are_listed_and_found(
     assert [card["name"] for card in list_cards()] == ["tester"]
     with pytest.raises(SystemExit):
         main(["users", "list"])
+    printed = " ".join(capsys.readouterr().out.split())
+    assert "tester whacamole none not measured" in printed
+    with pytest.raises(SystemExit):
+        main(["users", "show", str(packed)])
     printed = " ".join(capsys.readouterr().out.split())
     assert "recipe none; 7 user steps from pixels; 14 minutes in all; 4 processor cores" in printed
     contract_text = f"environment contract {contract_hash(contract(CONFIG.env))}"

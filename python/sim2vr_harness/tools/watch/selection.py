@@ -28,6 +28,7 @@ def choose(
     trust_app: bool = False,
     page: Sequence[str] = (),
     untrained: str | None = None,
+    overrides: Sequence[str] = (),
 ) -> Playlist:
     """Return what is meant.
 
@@ -42,6 +43,7 @@ def choose(
         trust_app: whether the app that it names may be started, though you never have.
         page: instead of a user, overrides of the configuration that name a page.
         untrained: who plays the page; see :func:`user_show`.
+        overrides: ``env.KEY=VALUE``, what else is different.
 
     Raises:
         InputError: It is none of them, or does not go together.
@@ -49,7 +51,7 @@ def choose(
     if page:
         if run is not None or person or game is not None or condition is not None:
             raise InputError("--page", "it with a user, a game or --try", "the page alone")
-        env = with_task(load_config("webxr", page).env)
+        env = with_task(load_config("webxr", [*overrides, *page]).env)
         return user_show(None, env, seed=seed, untrained=untrained or "random")
     if untrained is not None:
         raise InputError("--user", repr(untrained), "--page with it")
@@ -61,7 +63,9 @@ def choose(
         return recorded_show(Path(run))
     who = run or _BODY
     try:
-        env = environment_of(who, game=game, condition=condition, trust_app=trust_app)
+        env = environment_of(
+            who, game=game, condition=condition, overrides=overrides, trust_app=trust_app
+        )
     except InputError as error:
         if error.field != "USER":
             raise

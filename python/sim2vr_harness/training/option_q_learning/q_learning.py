@@ -344,7 +344,13 @@ class OptionQLearning:
             over |= result.over
         return reward, over
 
-    def earned(self, hold: int, steps: int) -> float:
+    def earned(
+        self,
+        hold: int,
+        steps: int,
+        *,
+        on_progress: Callable[[float], None] = lambda share: None,
+    ) -> float:
         """Mean reward per minute, without tries.
 
         Everybody's rounds begin anew, which ends the learning.
@@ -352,6 +358,7 @@ class OptionQLearning:
         Args:
             hold: user steps for which a decision is seen through.
             steps: user steps to play, of each.
+            on_progress: called with the share of the steps done, before each of them.
         """
         simulation = self.simulation
         seeds = np.random.SeedSequence([self.step_count, 59]).generate_state(self.n, np.uint32)
@@ -360,6 +367,7 @@ class OptionQLearning:
         self._trying[:] = 0
         total = 0.0
         for step in range(steps):
+            on_progress(step / steps)
             if step % hold == 0:
                 self._chooser.choose_best(self.net, self._choice, hold)
             total += float(self.play(1)[0].mean())

@@ -302,6 +302,7 @@ class QLearningStage:
         known = read_tensors(file, "what was found before trying") if file.is_file() else {}
         if "tool" in known:
             return known["tool"], {name: float(v) for name, v in known["earned"].items()}, 0.0
+        callbacks.say("Finding tools and measuring baselines ...")
         tools = find_tools(simulation, layer, poses, seed=self._config.seed)
         points = np.array([[tool.tip, tool.middle] for tool in tools])
         for hand, held in zip(layer.hands, tools, strict=True):
@@ -400,11 +401,19 @@ def _seeing(env: EnvConfig) -> EnvConfig:
     return env.model_copy(update={"vision": vision})
 
 
-def _best_hold(looker: OptionQLearning, callbacks: Callbacks) -> int:
+def _best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
     """For how many user steps it pays to see decisions through."""
-    steps = max(1, round(_HOLD_S * looker.simulation.config.action_frequency_hz))
-    holds = sorted({*_HOLDS, looker.config.decide_steps})
-    earned = {hold: looker.earned(hold, steps) for hold in holds}
+    began = time.monotonic()
+    steps = max(1, round(_HOLD_S * learner.simulation.config.action_frequency_hz))
+    holds = sorted({*_HOLDS, learner.config.decide_steps})
+    earned = {}
+    for number, hold in enumerate(holds):
+
+        def show(share: float, done: int = number) -> None:
+            doing = f"measuring {len(holds)} durations of decisions, {done + 1} of {len(holds)}"
+            _show_end(callbacks, learner, doing, (done + share) / len(holds), began)
+
+        earned[hold] = learner.earned(hold, steps, on_progress=show)
     best = max(holds, key=lambda hold: earned[hold])
     found = ", ".join(f"{earned[hold]:.2f} for {hold}" for hold in holds)
     callbacks.say(
@@ -412,6 +421,14 @@ def _best_hold(looker: OptionQLearning, callbacks: Callbacks) -> int:
         f"The user's: {best}."
     )
     return best
+
+
+def _show_end(
+    callbacks: Callbacks, learner: OptionQLearning, doing: str, share: float, began: float
+) -> None:
+    """Show how far the measurement at the end of the stage is, a line at its beginning."""
+    left = (time.monotonic() - began) * (1.0 - share) / share if share > 0.0 else None
+    callbacks.show(lambda: View(learner.step_count, doing, left), force=share == 0.0)
 
 
 def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> float:

@@ -18,7 +18,7 @@ from sim2vr_harness.base.signals import interrupts_ignored, sigterm_interrupts
 from sim2vr_harness.runs.run_folder import RunFolder
 from sim2vr_harness.training.run.progress import StageDisplay, View
 
-__all__ = ["Callbacks", "Report", "Stage", "StageOutcome", "StageStopped", "run_stages"]
+__all__ = ["Callbacks", "Report", "Stage", "StageOutcome", "StageStopped", "run_stages", "say_line"]
 
 
 class StageStopped(Exception):
@@ -210,7 +210,7 @@ def run_stages(
         for number, stage in remaining(stages):
             outcome.stage = stage.name
             if len(stages) > 1:
-                _say(console, f"Stage {number} of {len(stages)}: {stage.title}")
+                say_line(console, f"Stage {number} of {len(stages)}: {stage.title}")
             began = time.monotonic()
             display = StageDisplay(stage.name, stage.total, console)
             callbacks = Callbacks(stage, number, len(stages), folder, display, report, stop)
@@ -238,7 +238,8 @@ def run_stages(
     return outcome
 
 
-def _say(console: Console, text: str) -> None:
+def say_line(console: Console, text: str) -> None:
+    """Print a line as it is, however long."""
     console.print(text, highlight=False, markup=False, soft_wrap=True)
 
 

@@ -26,7 +26,7 @@ from sim2vr_harness.runs.trust import remember
 from sim2vr_harness.training.run.loggers import require_wandb
 from sim2vr_harness.training.run.memory import keep_freed_memory, require_memory
 from sim2vr_harness.training.run.pipelines import MakeSimulation, Run, stages_of
-from sim2vr_harness.training.run.stage import Report, remaining, run_stages
+from sim2vr_harness.training.run.stage import Report, remaining, run_stages, say_line
 
 __all__ = ["MakeSimulation", "TrainResult", "make_simulation", "train"]
 
@@ -142,6 +142,7 @@ def train(
         if not resume:
             # Whatever cannot be used shows before a run that is there is deleted.
             opened = stages[0]
+            say_line(console, f"Preparing {config.name} (recipe {config.recipe}) ...")
             try:
                 opened.open()
                 if not folder.path.is_dir():
@@ -158,6 +159,7 @@ def train(
                     console.print(f"Nothing to train: {reached}.")
                     return _result(folder, began)
                 if resume:
+                    say_line(console, f"Continuing {config.name} (recipe {config.recipe}) ...")
                     folder.store_config(config)
                 remember(config.env.app, folder.path)
                 folder.begin_session(start_step=folder.step)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -55,6 +55,7 @@ def evaluate_teacher(
     seed: int = 1,
     deterministic: bool = False,
     conditions: Sequence[str] | None = None,
+    on_progress: Callable[[int, int], None] = lambda ended, rounds: None,
 ) -> list[TeacherScore]:
     """Play whole rounds, all side by side, without the curriculum.
 
@@ -66,6 +67,7 @@ def evaluate_teacher(
         seed: of the first round.
         deterministic: whether actions are means instead of samples.
         conditions: of the game; None takes the teacher's.
+        on_progress: called at every user step with how many of how many rounds have ended.
     """
     game = game_of(env)
     names = list(conditions or config.conditions or game.conditions)
@@ -80,6 +82,7 @@ def evaluate_teacher(
         effort, returns = np.zeros(len(jobs)), np.zeros(len(jobs))
         steps = np.zeros(len(jobs))
         while any(log is None for log in logs):
+            on_progress(sum(log is not None for log in logs), len(logs))
             decided = policy.act({OBSERVATION: senses.observe()}, rng)
             result = simulation.step(decided)
             ended = np.flatnonzero(result.over)

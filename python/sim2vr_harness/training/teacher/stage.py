@@ -16,6 +16,7 @@ from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows, rea
 from sim2vr_harness.training.ppo import ppo
 from sim2vr_harness.training.ppo.stage import PPOStage
 from sim2vr_harness.training.run.loggers import JsonLines
+from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.stage import Callbacks
 from sim2vr_harness.training.teacher.env import TeacherSimulation
 from sim2vr_harness.training.teacher.evaluation import describe, evaluate_teacher
@@ -79,8 +80,20 @@ class TeacherStage(PPOStage):
         policy = model.policy
         assert isinstance(policy, TeacherPolicy)
         callbacks.check()
+        step, began = model.num_timesteps, True
+
+        def show(ended: int, rounds: int) -> None:
+            nonlocal began
+            doing = f"evaluating the teacher, {ended} of {rounds} rounds have ended"
+            callbacks.show(lambda: View(step, doing), force=began)
+            began = False
+
         scores = evaluate_teacher(
-            policy, self._run_config.env, teacher, rounds=teacher.evaluate_rounds
+            policy,
+            self._run_config.env,
+            teacher,
+            rounds=teacher.evaluate_rounds,
+            on_progress=show,
         )
         row = {
             "step": model.num_timesteps,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from sim2vr_harness.policies.store import find_user
 from sim2vr_harness.runs.config import TrainingConfig, load_config
 from sim2vr_harness.training.option_q_learning.stage import _best_hold
 from sim2vr_harness.training.ppo.fine_tune import adapting
+from sim2vr_harness.training.run.progress import View
 from sim2vr_harness.training.run.trainer import train
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -95,19 +97,32 @@ class Obedient:
     class config:
         decide_steps = 4
 
-    def earned(self, hold: int, steps: int) -> float:
+    step_count = 1000
+
+    def earned(self, hold: int, steps: int, *, on_progress: Callable[[float], None]) -> float:
         assert steps == 200
+        for share in (0.0, 0.5):
+            on_progress(share)
         return float(hold if hold < 5 else -1)
 
 
 def test_a_decision_is_seen_through_for_as_long_as_it_pays() -> None:
     said: list[str] = []
 
+    shown: list[tuple[str, bool]] = []
+
     class Listener:
         say = said.append
 
+        def show(self, view: Callable[[], View], *, force: bool = False) -> None:
+            shown.append((view().doing, force))
+
     assert _best_hold(Obedient(), Listener()) == 4  # type: ignore[arg-type]
     assert "1.00 for 1, 3.00 for 3, 4.00 for 4, -1.00 for 5. The user's: 4." in said[0]
+    assert [what for what, _ in shown[::2]] == [
+        f"measuring 4 durations of decisions, {number} of 4" for number in (1, 2, 3, 4)
+    ]
+    assert [force for _, force in shown] == [True, *[False] * 7], "one line at once"
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,86 @@
+"""Shell completion, and the nearest name of a mistyped one."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sim2vr_harness.cli.main import main
+
+PROGRAM = "import sys; from sim2vr_harness.cli.main import main; main(sys.argv[1:])"
+
+
+def run(*arguments: str, **environment: str) -> str:
+    import sys
+
+    command = [sys.executable, "-c", PROGRAM, *arguments]
+    done = subprocess.run(
+        command, env={**os.environ, **environment}, capture_output=True, text=True, check=True
+    )
+    return done.stdout
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_scripts_for_shells(shell: str) -> None:
+    out = run("--show-completion", shell, _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
+    assert f"_SIM2VR_HARNESS_COMPLETE=complete_{shell}" in out
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("sim2vr-harness tr", ["train", "track"]),
+        ("sim2vr-harness plot ", ["curves", "level", "measures"]),
+        ("sim2vr-harness train --re", ["--resume"]),
+        ("sim2vr-harness games be", ["beats"]),
+        ("sim2vr-harness render snapshot --game s", ["sample"]),
+        ("sim2vr-harness users show pointing", ["pointing_people"]),
+        ("sim2vr-harness evaluate beats_l", ["beats_level"]),
+        ("sim2vr-harness train po", ["pointing", "pointing_people"]),
+        ("sim2vr-harness curv", []),  # old names are not offered
+    ],
+)
+def test_words_are_completed(line: str, expected: list[str]) -> None:
+    out = run(
+        COMP_WORDS=line,
+        COMP_CWORD=str(len(line.split(" ")) - 1),
+        _SIM2VR_HARNESS_COMPLETE="complete_bash",
+    )
+    assert out.split() == expected
+
+
+@pytest.mark.parametrize(
+    ("arguments", "nearest"),
+    [
+        ("evaluat", "evaluate"),
+        ("lvel", "plot level"),
+        ("motr", "users motor"),
+        ("users shw", "show"),
+        ("games beat", "beats"),
+        ("render snapshot --game smple", "sample"),
+        ("train sampl", "sample"),
+        ("train whacamol_constrained", "whacamole_constrained"),
+        ("evaluate pointing_peple", "pointing_people"),
+        ("users show beats_levl", "pretrained:beats_level"),
+        ("evaluate runs/smaple", "runs/sample"),
+        ("evaluate smaple", "runs/sample"),
+        ("plot curves runs/sampel", "runs/sample"),
+    ],
+)
+def test_the_nearest_name_is_pointed_out(
+    capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: str, nearest: str
+) -> None:
+    for name in ("sample", "other"):
+        (tmp_path / "runs" / name).mkdir(parents=True)
+        (tmp_path / "runs" / name / "config.yaml").touch()
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(SystemExit) as exit_:
+        main(arguments.split())
+    err = capsys.readouterr().err
+    assert exit_.value.code == 2
+    assert f"did you mean {nearest!r}?" in err
+    assert err.count("\n") == 1

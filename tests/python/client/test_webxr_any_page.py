@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -162,6 +164,14 @@ DOORS = {
     " if (event.isTrusted && navigator.userActivation.isActive) go(); });",
     "full screen": "button('Enter VR', () => boxes.canvas.requestFullscreen().then(go));",
     "pointer lock": "button('Enter VR', () => boxes.canvas.requestPointerLock().then(go));",
+    "a port in a worker": """
+      const text = `onmessage = ({ data, ports: [port] }) => {
+        port.onmessage = (event) => port.postMessage(event.data + data); };`;
+      const worker = new Worker(URL.createObjectURL(new Blob([text])));
+      const far = new MessageChannel();
+      far.port1.onmessage = ({ data }) => { if (data === 42) button('Enter VR', go); };
+      far.port1.postMessage(2);
+      worker.postMessage(40, [far.port2]);""",
     "sound": "button('Enter VR', () => new AudioContext().resume().then(go));",
 }
 
@@ -196,3 +206,67 @@ def test_files_above_the_folder_come_with_the_options_that_serve_them(tmp_path: 
     assert folder == str(tmp_path)
     values = {"frames": "app.frames"}
     assert played(address, map={prefix: folder}, steps=3, values=values) == {"frames": 3}
+
+
+OBSERVED = """const log = []; app.log = log; app.digest = 0;
+const note = (...what) => {
+  for (const part of [...what, performance.now()]) app.digest = (app.digest * 31 + part) % 1e9;
+};
+document.body.insertAdjacentHTML('beforeend', `<div id="box" style="width: 300px; height: 200px;
+  padding: 5px; border: 2px solid; position: absolute; top: 10px; left: 0"></div>`);
+const box = document.querySelector('#box');
+new ResizeObserver(([{ contentRect, borderBoxSize: [border] }]) => {
+  Object.assign(app, { width: contentRect.width, border: border.inlineSize });
+  app.resizes = (app.resizes ?? 0) + 1;
+  note(1, contentRect.width);
+}).observe(box);
+new IntersectionObserver(([entry]) => {
+  app.seen = entry.intersectionRatio;
+  note(2, app.seen);
+}, { threshold: [0, 0.5, 1] }).observe(box);
+const channel = new MessageChannel();
+let left = 500;
+app.chain = 0;
+channel.port1.onmessage = ({ data }) => {
+  note(3, data);
+  if (--left) channel.port2.postMessage(left); else app.chain = performance.now() - begun;
+};
+const begun = performance.now();
+channel.port2.postMessage(left);
+window.addEventListener('message', ({ data, source }) => { if (source === window) note(4, data); });
+requestIdleCallback(() => note(5));
+window.scheduler?.postTask(() => note(6));
+app.changed = 0;
+let drawn = '';
+requestAnimationFrame(function frame() {
+  requestAnimationFrame(frame);
+  if (drawn !== box.style.width) app.changed += 1;
+  drawn = box.style.width;
+});
+let turns = 0;
+setInterval(() => {
+  box.style.width = `${300 + ++turns}px`;
+  if (turns === 20) box.style.left = `${innerWidth - 30}px`;
+  window.postMessage(turns, '*');
+}, 20);
+document.body.style.overflow = 'hidden';
+button('Enter VR', go);
+"""
+
+
+def test_what_comes_between_frames_is_the_same_beside_a_busy_processor(tmp_path: Path) -> None:
+    page = page_with(tmp_path, plays(OBSERVED))
+    names = ("digest", "resizes", "width", "border", "seen", "chain", "changed")
+    values = {name: f"app.{name}" for name in names}
+    first = played(page, steps=20, values=values)
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(3)]
+    try:
+        assert played(page, steps=20, values=values) == first
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    assert first["chain"] == pytest.approx(500 * 0.2)  # ms: 0.2 each
+    assert first["border"] == first["width"] + 2 * (5 + 2)  # padding and border
+    assert first["resizes"] == first["changed"] > 20  # one for each change that a frame finds
+    assert 0 < first["seen"] < 0.5

@@ -53,6 +53,8 @@ _SCRIPTS = (
     "own.js",
     "clock.js",
     "loads.js",
+    "messages.js",
+    "observers.js",
     "spaces.js",
     "controllers.js",
     "picture.js",

@@ -30,6 +30,7 @@
     await sim.runTimers(time);
     sim.runFrames();
     sim.preview();
+    sim.observe();
     await sim.turn();
   };
 
@@ -202,6 +203,7 @@
       await sim.loaded();
       await sim.runTimers(sim.base + time);
       sim.runFrames();
+      sim.observe();
       sim.drawing = drawn;
       picture = sim.session._frame({ head, hands, inputs, drawn }) ?? picture;
       sim.drawing = true;

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
-from sim2vr_harness.client import frame_time_ns
+import pytest
+
+from sim2vr_harness.client import AppDied, AppRefused, frame_time_ns
 from webxr_pages import NEEDS_BROWSER, hands, open_page, page_with
 
 pytestmark = NEEDS_BROWSER
@@ -40,3 +44,229 @@ def test_a_page_finds_no_trace_of_what_is_not_covered(tmp_path: Path) -> None:
     values = {"names": "app.names", "unknown": "app.unknown"}
     found = played(page_with(tmp_path, OLD_ENGINE), values=values)
     assert found == {"names": 4, "unknown": 0}
+
+
+def plays(inner: str) -> str:
+    """A page that enters VR by a button and counts its frames."""
+    return (
+        "import { Boxes, button } from './boxes.js'; const boxes = new Boxes();"
+        "let frames = 0; const app = window.app = {};"
+        f"const go = () => boxes.enter(() => {{ app.frames = ++frames; }}, []);\n{inner}"
+    )
+
+
+BUTTON = "button('Enter VR', go);"
+
+
+def test_what_a_page_can_do_without_is_a_note(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    script = plays(f"""{BUTTON}
+    const add = (tag, source) =>
+      document.body.appendChild(Object.assign(document.createElement(tag), source));
+    add('img', {{ src: 'https://images.example/logo.png' }});
+    add('script', {{ src: 'https://counter.example/count.js', async: true }});
+    new FontFace('Nice', 'url(https://fonts.example/nice.woff2)').load();
+    new Promise((resolve, reject) => add('img', {{ onerror: reject, src: 'gone.png' }}));
+    setInterval(() => {{ throw new Error('adds nothing'); }}, 10);""")
+    page = page_with(tmp_path, script)
+    with open_page(page, values={"frames": "app.frames"}) as app:
+        app.reset(1, hands(0))
+        replies = [app.step(frame_time_ns(step, 20), hands(step)) for step in range(1, 5)]
+        assert [reply.values["frames"] for reply in replies] == [2, 3, 4, 5]
+        asks, missing, errors = app.notes
+    for name in ("images.example/logo.png", "counter.example/count.js", "fonts.example/nice.woff2"):
+        assert f"https://{name}" in asks
+    assert missing.startswith("not found: https://page.invalid/gone.png")
+    assert "Event" in errors
+    assert "adds nothing" in errors
+    # Each kind once, though two windows show the page.
+    with open_page(page) as app:
+        app.reset(1, hands(0))
+    logged = [record.message for record in caplog.records]
+    assert [sum(words in line for line in logged) for words in ("asks for", "not found")] == [1, 1]
+
+
+def test_a_loop_that_an_error_stopped_ends_the_round(tmp_path: Path) -> None:
+    script = plays("""button('Enter VR', async () => {
+      await boxes.enter(() => {}, []);
+      const { session } = boxes;
+      for (let k = 1; k < 10; k++) session.cancelAnimationFrame(k);
+      session.requestAnimationFrame(function frame() {
+        if (++frames === 3) throw new Error('no target');
+        session.requestAnimationFrame(frame);
+      });
+    });""")
+    with (
+        open_page(page_with(tmp_path, script)) as app,
+        pytest.raises(AppDied, match=r"asks for no more frames \(script error: Error: no target"),
+    ):
+        app.reset(1, hands(0))
+        for step in range(1, 60):
+            app.step(frame_time_ns(step, 20), hands(step))
+
+
+def test_a_preview_on_the_canvas_comes_before_vr(tmp_path: Path) -> None:
+    script = plays("""app.previews = app.wrong = 0;
+    const { gl } = boxes;
+    navigator.xr.isSessionSupported('inline').then(async (yes) => {
+      const session = yes && await navigator.xr.requestSession('inline');
+      session.updateRenderState({ baseLayer: new XRWebGLLayer(session, gl) });
+      const space = await session.requestReferenceSpace('viewer');
+      session.requestAnimationFrame(function frame(time, xr) {
+        session.requestAnimationFrame(frame);
+        const [view] = xr.getViewerPose(space).views;
+        const { baseLayer } = session.renderState;
+        const { width, height } = baseLayer.getViewport(view);
+        // The canvas itself, 90 degrees from top to bottom.
+        if (baseLayer.framebuffer !== null || width !== gl.canvas.width
+          || height !== gl.canvas.height || Math.abs(view.projectionMatrix[5] - 1) > 1e-6)
+          app.wrong += 1;
+        app.previews += 1;
+      });
+    });
+    button('Enter VR', async () => {
+      app.ar = await navigator.xr.isSessionSupported('immersive-ar');
+      go();
+    });""")
+    values = {name: f"app.{name}" for name in ("previews", "wrong", "ar", "frames")}
+    with open_page(page_with(tmp_path, script), values=values) as app:
+        first = app.reset(1, hands(0)).values
+        last = app.step(frame_time_ns(1, 20), hands(1)).values
+    previews = first["previews"]
+    assert isinstance(previews, int)
+    assert previews > 5
+    assert first == {"previews": previews, "wrong": 0, "ar": False, "frames": 1}
+    assert last == {**first, "frames": 2}  # the immersive session has the display
+
+
+DOORS = {
+    "a drawn icon before it": "document.body.insertAdjacentHTML('beforeend', `<svg id='vr-icon'"
+    " width='40' height='20'><rect width='40' height='20'/></svg>`); button('Enter VR', go);",
+    "a drawn icon": "document.body.insertAdjacentHTML('beforeend', `<svg id='vr-icon'"
+    " width='40' height='20'><rect width='40' height='20'/></svg>`);"
+    "document.querySelector('#vr-icon').addEventListener('click', go);",
+    "links before it": "document.body.insertAdjacentHTML('afterbegin',"
+    " `<a href='boxes.js'>WebXR</a>"
+    "<a href='https://example.org/vr'><b id='vr-logo'>VR</b></a>`); button('Enter VR', go);",
+    "a link of its own": "document.body.insertAdjacentHTML('afterbegin', `<a href='#'>VR</a>`);"
+    "document.querySelector('a').onclick = go;",
+    "a form's button": "document.body.insertAdjacentHTML('afterbegin',"
+    " `<form><button>Enter VR</button></form>`); document.querySelector('button').onclick = go;",
+    "hidden": "button('Enter VR', go); document.querySelector('button').style.display = 'none';",
+    "below the window's edge": "document.body.style.height = '9000px'; button('Enter VR', go);",
+    "late": "setTimeout(() => button('Enter VR', go), 12000);",
+    "an error until it is ready": "let ready = false; setTimeout(() => { ready = true; }, 400);"
+    "button('Enter VR', () => { if (!ready) throw new Error('not yet'); go(); });",
+    "nothing until it is ready": "let ready = false; setTimeout(() => { ready = true; }, 3000);"
+    "button('Enter VR', () => ready && go());",
+    "a user's own click": "button('Enter VR', (event) => {"
+    " if (event.isTrusted && navigator.userActivation.isActive) go(); });",
+    "full screen": "button('Enter VR', () => boxes.canvas.requestFullscreen().then(go));",
+    "pointer lock": "button('Enter VR', () => boxes.canvas.requestPointerLock().then(go));",
+    "a port in a worker": """
+      const text = `onmessage = ({ data, ports: [port] }) => {
+        port.onmessage = (event) => port.postMessage(event.data + data); };`;
+      const worker = new Worker(URL.createObjectURL(new Blob([text])));
+      const far = new MessageChannel();
+      far.port1.onmessage = ({ data }) => { if (data === 42) button('Enter VR', go); };
+      far.port1.postMessage(2);
+      worker.postMessage(40, [far.port2]);""",
+    "sound": "button('Enter VR', () => new AudioContext().resume().then(go));",
+}
+
+
+@pytest.mark.parametrize("door", DOORS)
+def test_the_door_into_vr(door: str, tmp_path: Path) -> None:
+    page = page_with(tmp_path, plays(DOORS[door]))
+    assert played(page, steps=3, values={"frames": "app.frames"}) == {"frames": 3}
+
+
+def test_a_page_that_goes_elsewhere_by_itself_is_named(tmp_path: Path) -> None:
+    script = "const made = document.body.appendChild(document.createElement('button'));"
+    script += "made.textContent = 'Enter VR'; made.onclick = () => { location.href = 'boxes.js'; };"
+    with (
+        open_page(page_with(tmp_path, script)) as app,
+        pytest.raises(
+            AppRefused, match=r"went to another address, \S*boxes\.js, before it entered"
+        ),
+    ):
+        app.reset(1, hands(0))
+
+
+def test_files_above_the_folder_come_with_the_options_that_serve_them(tmp_path: Path) -> None:
+    (tmp_path / "game").mkdir()
+    (tmp_path / "engine.js").write_text("window.engine = 1;\n")
+    page = page_with(tmp_path / "game", f"import '../engine.js';\n{plays(BUTTON)}")
+    with open_page(page) as app, pytest.raises(AppRefused) as caught:
+        app.reset(1, hands(0))
+    words = str(caught.value).split()
+    address = words[words.index("--page") + 1]
+    prefix, _, folder = words[words.index("--map") + 1].rstrip(")").partition("=")
+    assert folder == str(tmp_path)
+    values = {"frames": "app.frames"}
+    assert played(address, map={prefix: folder}, steps=3, values=values) == {"frames": 3}
+
+
+OBSERVED = """const log = []; app.log = log; app.digest = 0;
+const note = (...what) => {
+  for (const part of [...what, performance.now()]) app.digest = (app.digest * 31 + part) % 1e9;
+};
+document.body.insertAdjacentHTML('beforeend', `<div id="box" style="width: 300px; height: 200px;
+  padding: 5px; border: 2px solid; position: absolute; top: 10px; left: 0"></div>`);
+const box = document.querySelector('#box');
+new ResizeObserver(([{ contentRect, borderBoxSize: [border] }]) => {
+  Object.assign(app, { width: contentRect.width, border: border.inlineSize });
+  app.resizes = (app.resizes ?? 0) + 1;
+  note(1, contentRect.width);
+}).observe(box);
+new IntersectionObserver(([entry]) => {
+  app.seen = entry.intersectionRatio;
+  note(2, app.seen);
+}, { threshold: [0, 0.5, 1] }).observe(box);
+const channel = new MessageChannel();
+let left = 500;
+app.chain = 0;
+channel.port1.onmessage = ({ data }) => {
+  note(3, data);
+  if (--left) channel.port2.postMessage(left); else app.chain = performance.now() - begun;
+};
+const begun = performance.now();
+channel.port2.postMessage(left);
+window.addEventListener('message', ({ data, source }) => { if (source === window) note(4, data); });
+requestIdleCallback(() => note(5));
+window.scheduler?.postTask(() => note(6));
+app.changed = 0;
+let drawn = '';
+requestAnimationFrame(function frame() {
+  requestAnimationFrame(frame);
+  if (drawn !== box.style.width) app.changed += 1;
+  drawn = box.style.width;
+});
+let turns = 0;
+setInterval(() => {
+  box.style.width = `${300 + ++turns}px`;
+  if (turns === 20) box.style.left = `${innerWidth - 30}px`;
+  window.postMessage(turns, '*');
+}, 20);
+document.body.style.overflow = 'hidden';
+button('Enter VR', go);
+"""
+
+
+def test_what_comes_between_frames_is_the_same_beside_a_busy_processor(tmp_path: Path) -> None:
+    page = page_with(tmp_path, plays(OBSERVED))
+    names = ("digest", "resizes", "width", "border", "seen", "chain", "changed")
+    values = {name: f"app.{name}" for name in names}
+    first = played(page, steps=20, values=values)
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(3)]
+    try:
+        assert played(page, steps=20, values=values) == first
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    assert first["chain"] == pytest.approx(500 * 0.2)  # ms: 0.2 each
+    assert first["border"] == first["width"] + 2 * (5 + 2)  # padding and border
+    assert first["resizes"] == first["changed"] > 20  # one for each change that a frame finds
+    assert 0 < first["seen"] < 0.5

@@ -10,7 +10,7 @@ import pytest
 
 from sim2vr_harness.client import AppDied, ProtocolError, frame_time_ns
 from sim2vr_harness.client.webxr.files import HOST, PageFiles
-from sim2vr_harness.client.webxr.replies import BadReply, failure_in, place_in, step_reply
+from sim2vr_harness.client.webxr.replies import BadReply, door_reply, place_in, step_reply
 from sim2vr_harness.envs import AppConfig, EnvConfig, Simulation, VisionConfig
 from webxr_pages import NEEDS_BROWSER, hands, open_page, page_with
 
@@ -79,11 +79,11 @@ def test_an_answer_that_is_another_thing_is_refused(what: str) -> None:
 
 
 def test_other_answers_are_checked_too() -> None:
-    assert failure_in(["lost", "lost\nits  context"]) == "lost its context"
+    assert door_reply(["done", ["lost", "lost\nits  context"]]).failure == "lost its context"
     assert place_in("place", [1, 2, 3]) == (1.0, 2.0, 3.0)
     for bad in (7, ["lost"], ["lost", 7]):
         with pytest.raises(BadReply):
-            failure_in(bad)
+            door_reply(["done", bad])
     for bad in (7, [1, 2], [1, 2, float("nan")], [1, 2, True]):
         with pytest.raises(BadReply):
             place_in("place", bad)
@@ -166,7 +166,8 @@ TAMPERED = {
 @pytest.mark.parametrize("what", TAMPERED)
 def test_a_page_that_answers_another_thing_has_failed(what: str, tmp_path: Path) -> None:
     page = page_with(tmp_path, PLAYS % TAMPERED[what])
-    with open_page(page, values=VALUES, timeout_s=10.0) as app:
+    strict = {"script_errors": "fail"}
+    with open_page(page, values=VALUES, timeout_s=10.0, options=strict) as app:
         app.reset(1, hands(0))
         with pytest.raises((ProtocolError, AppDied), match=r"page\.html") as caught:
             for step in (1, 2, 3):
@@ -192,7 +193,7 @@ def test_a_page_that_breaks_while_it_loads_has_failed(tmp_path: Path) -> None:
     odd = "document.querySelectorAll = () => { throw new Error('odd'); };"
     with (
         open_page(page_with(tmp_path, PLAYS % "" + odd)) as app,
-        pytest.raises((ProtocolError, AppDied), match=r"page\.html: Error: odd"),
+        pytest.raises((ProtocolError, AppDied), match=r"page\.html: stops .* script: Error: odd"),
     ):
         app.reset(1, hands(0))
 

@@ -32,7 +32,7 @@ WEBXR = Transport(
     options={
         "profile": "controllers: oculus-touch (default) or generic-trigger",
         "enter": "CSS selector of what to click to enter VR; found out by default",
-        "script_errors": "fail (default) or ignore errors that the page does not catch",
+        "script_errors": "ignore (default: a note) or fail at errors that the page does not catch",
         "renderer": "swiftshader (default: the browser's own) or mesa (the system's llvmpipe)",
     },
     text_options=frozenset({"profile", "enter", "script_errors", "renderer"}),

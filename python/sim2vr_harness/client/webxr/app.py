@@ -115,6 +115,11 @@ class WebXRApp:
         return self._renderer
 
     @property
+    def notes(self) -> list[str]:
+        """What went wrong in this round that the page can do without."""
+        return self._page.notes
+
+    @property
     def image(self) -> UInt8Array:
         """See :class:`AppClient`."""
         return self._image
@@ -288,6 +293,7 @@ class WebXRApp:
 
     def close(self) -> None:
         """See :class:`AppClient`; ends the browser."""
+        self._page.log_notes()
         self._closed = True
         if self._browser.tools.usable and self._awaited is None:
             self._browser.stop()

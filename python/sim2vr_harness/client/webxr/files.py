@@ -21,6 +21,9 @@ that browsers allow WebXR on."""
 MOST_BYTES = 1 << 28
 """A file that is larger is not served."""
 
+MOST_LEVELS = 3
+"""How many folders above the page's are looked through for a file that it lacks."""
+
 _TYPES = {
     ".js": "text/javascript",
     ".mjs": "text/javascript",
@@ -72,6 +75,8 @@ class PageFiles:
         """Addresses below a mapped one, without a file."""
         self.refused = Kept()
         """Addresses that are mapped nowhere."""
+        self.outside: str | None = None
+        """The options that serve a missing file which lies above the page's folder."""
         if self.answer(self.url).status != 200:
             raise AppRefused(
                 f"app.page: got {page!r}, which is no file"
@@ -106,10 +111,25 @@ class PageFiles:
         if found is None:
             if not plain.endswith("/favicon.ico"):  # the browser looks for it by itself
                 self.missing.add(url)
+                self.outside = self.outside or self._outside(plain)
             return Answer(404, b"no such file")
         file, content = found
         mime = _TYPES.get(file.suffix.lower()) or mimetypes.guess_type(file.name)[0]
         return Answer(200, content, mime or "application/octet-stream")
+
+    def _outside(self, url: str) -> str | None:
+        """Return the options that serve an address from a folder above the page's; None: no such.
+
+        A browser drops the ``..`` of an address that leaves its host's root.
+        """
+        if "://" in self.name or not url.startswith(HOST):
+            return None
+        folder, rest = self._folders[HOST], unquote(url[len(HOST) :])
+        for above in list(folder.parents)[:MOST_LEVELS]:
+            if _content(above, rest):
+                page = quote(str(folder.relative_to(above))) + "/" + self.url[len(HOST) :]
+                return f"--page {HOST}{page} --map {HOST}={above}"
+        return None
 
 
 def _content(place: Path, rest: str) -> tuple[Path, bytes] | None:

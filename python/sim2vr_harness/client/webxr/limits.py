@@ -13,6 +13,7 @@ MOST_MEMORY_BYTES = 2 << 30
 """Memory of a browser with all its processes; a page of the examples takes a tenth of it."""
 MOST_KEPT = 20
 MOST_CHARACTERS = 300
+MOST_LISTED = 5
 
 
 class Kept:
@@ -47,6 +48,13 @@ class Kept:
     def first(self) -> str:
         """The first; IndexError when there is none."""
         return self._first[0]
+
+    def listed(self) -> str:
+        """Return the first few different ones, sorted, and how many more texts there are."""
+        different = list(dict.fromkeys(self))
+        shown = different[:MOST_LISTED]
+        more = len(different) - len(shown) + self._count - len([*self])
+        return ", ".join(sorted(shown)) + (f" and {more} more" if more else "")
 
     @property
     def last(self) -> str:

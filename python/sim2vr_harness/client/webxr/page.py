@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import base64
 import json
+import logging
+import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from typing import Any, NamedTuple, TypeVar
 from urllib.parse import urlencode
 
 from sim2vr_harness.client.base import OptionValue
-from sim2vr_harness.client.errors import AppDied, AppRefused, ProtocolError
+from sim2vr_harness.client.errors import AppDied, AppRefused, AppTimeout, ProtocolError
 from sim2vr_harness.client.webxr import limits
 from sim2vr_harness.client.webxr.browser import Browser, read_script
 from sim2vr_harness.client.webxr.files import PageFiles
@@ -19,7 +21,7 @@ from sim2vr_harness.client.webxr.pipe import RefusedRequest
 from sim2vr_harness.client.webxr.replies import (
     BadReply,
     StepReply,
-    failure_in,
+    door_reply,
     place_in,
     step_reply,
     text_in,
@@ -37,7 +39,12 @@ __all__ = [
 T = TypeVar("T")
 
 PROFILES = ("oculus-touch", "generic-trigger")
-SCRIPT_ERRORS = ("fail", "ignore")
+SCRIPT_ERRORS = ("ignore", "fail")
+
+_LOG = logging.getLogger(__name__)
+_noted: set[str] = set()
+_played: set[str] = set()
+"""Notes that the log has, and pages that have entered VR, of this process."""
 
 _CLEAN_EVERY = 4
 """How many documents may be left behind; a browser by itself keeps dozens, 200 MB of them."""
@@ -46,6 +53,8 @@ _SCRIPTS = (
     "own.js",
     "clock.js",
     "loads.js",
+    "messages.js",
+    "observers.js",
     "spaces.js",
     "controllers.js",
     "picture.js",
@@ -68,9 +77,9 @@ class Page:
         settings: of the scripts.
         values: name -> expression in JavaScript that is read after every step.
         enter: CSS selector of what to click to enter VR; None: found out.
-        ignore_errors: whether the page goes on after an error that its scripts do not catch.
+        ignore_errors: whether an error in play that its scripts do not catch is only a note.
         timeout_s: of every answer.
-        start_timeout_s: of loading the page.
+        start_timeout_s: of loading the page; a quarter of it without an answer is too long.
     """
 
     def __init__(
@@ -91,12 +100,14 @@ class Page:
         self._picture_bytes = settings["width"] * settings["height"] * settings["eyes"] * 4
         self._enter, self._ignore_errors = enter, ignore_errors
         self._timeout_s, self._start_timeout_s = timeout_s, start_timeout_s
+        self._silence_s = start_timeout_s / 4.0
         self._errors = Kept()
         self._complaints = Kept()
         self._left: str | None = None
         self._loaded = False
         self._seed_script: str | None = None
         self._loads = 0
+        self._requests = 0
         self._loading: str | None = None
         self._tab = open_tab(browser, start_timeout_s)
         self._group = browser.process.pid
@@ -124,6 +135,7 @@ class Page:
     def _answer(self, event: Mapping[str, Any]) -> None:
         """Serve a request from its file, or refuse it."""
         number, url = event["requestId"], event["request"]["url"]
+        self._requests += 1
         answer = self.files.answer(url)
         if answer.status == 0:
             self._tell("Fetch.failRequest", requestId=number, errorReason="BlockedByClient")
@@ -193,10 +205,9 @@ class Page:
             AppRefused: it cannot be played, and would not be another time; says why.
             AppDied, AppTimeout: the browser ended, or does not answer.
         """
-        self._errors.clear()
-        self._complaints.clear()
-        self.files.missing.clear()
-        self.files.refused.clear()
+        self.log_notes()
+        for kept in (self._errors, self._complaints, self.files.missing, self.files.refused):
+            kept.clear()
         self._loaded = False
         if self._seed_script is not None:
             self._ask("Page.removeScriptToEvaluateOnNewDocument", identifier=self._seed_script)
@@ -211,12 +222,65 @@ class Page:
         found = self._ask("Page.navigate", url=self._loading, timeout_s=self._start_timeout_s)
         if "errorText" in found:
             raise self._refused(f"cannot be loaded ({found['errorText']})")
-        self._tools.wait_until(lambda: self._loaded, f"loading {self._name}", self._start_timeout_s)
-        selector = json.dumps(self._enter)
-        answer = self._evaluate(f"__sim2vr.enter({selector})", self._start_timeout_s)
-        self._check_loading(self._checked(failure_in, answer))
+        failure = None
+        try:
+            self._wait_for_load()
+            self._loading = None
+            failure = self._enter_vr()
+        except AppTimeout as error:
+            if self._name in _played:
+                raise
+            raise self._refused(
+                f"gave no answer for {self._silence_s:g} s while it loaded, as in an endless loop; "
+                "expected one within a quarter of app.start_timeout_s"
+            ) from error
+        except AppDied:
+            if self._left is None:
+                raise
+        if self._left is not None:
+            raise self._refused(f"went to another address, {self._left}, before it entered VR")
+        if failure:
+            hints = self._hints()
+            _noted.update(f"{self._name}: {note}" for note in self.notes)
+            raise self._refused(failure + hints)
+        if self._errors and not self._ignore_errors:
+            raise self._refused(f"script error: {self._errors.first}")
         self._evaluate("__sim2vr.begin()")
-        self._loading = None
+        _played.add(self._name)
+
+    def _wait_for_load(self) -> None:
+        """Wait until the page has loaded; it goes on as long as it asks for files."""
+        deadline = time.monotonic() + self._start_timeout_s
+        while not self._loaded:
+            before = self._requests
+            left_s = max(0.001, min(self._silence_s, deadline - time.monotonic()))
+            self._tools.wait_until(
+                lambda: self._loaded or self._requests > before,  # noqa: B023
+                f"loading {self._name}",
+                left_s,
+            )
+
+    def _enter_vr(self) -> str | None:
+        """Bring the page into VR; return why it does not get there."""
+        expression = f"__sim2vr.enter({json.dumps(self._enter)})"
+        while True:
+            answer = self._checked(door_reply, self._evaluate(expression, self._silence_s))
+            if answer.done or self._left is not None:
+                return answer.failure
+            if answer.at is not None:
+                self._click(*answer.at)
+            elif answer.click:
+                self._run("__sim2vr.click()", userGesture=True)
+
+    def _click(self, x: float, y: float) -> None:
+        """Click with the browser's own mouse, which counts as a user's gesture."""
+        for kind, held in (("mouseMoved", 0), ("mousePressed", 1), ("mouseReleased", 0)):
+            button = {"button": "left", "clickCount": 1} if kind != "mouseMoved" else {}
+            self._ask(
+                "Input.dispatchMouseEvent",
+                **{"type": kind, "x": x, "y": y, "buttons": held, **button},
+                timeout_s=self._silence_s,
+            )
 
     def restart(self, seed: int, expression: str) -> None:
         """Begin a round by the page's own expression instead of loading it again.
@@ -265,7 +329,7 @@ class Page:
         names = self._values if with_values else ()
         reply = self._checked(step_reply, answer, names, self._picture_bytes)
         if reply.failure is not None:
-            raise self.died(reply.failure)
+            raise self.died(reply.failure + self._hints())
         return reply
 
     def locate(self, name: str) -> tuple[float, float, float]:
@@ -286,30 +350,36 @@ class Page:
     def _name(self) -> str:
         return self.files.name
 
-    def _check_loading(self, failure: str | None) -> None:
-        if self.files.refused:
-            raise self._refused(
-                f"asks for {self.files.refused.first}, which app.map maps to no folder (to an "
-                "empty one if the page can do without)"
-            )
-        if self._errors and (failure or not self._ignore_errors):
-            raise self._refused(f"script error: {self._errors.first}")
-        if failure:
-            raise self._refused(failure + self._hints())
-
     def _check_playing(self) -> None:
         if self._left is not None:
             raise self.died(f"went to another address, {self._left}")
-        if self.files.refused:
-            raise self.died(f"asks for {self.files.refused.first}, which app.map maps to no folder")
         if self._errors and not self._ignore_errors:
             raise self.died(f"script error: {self._errors.first}")
 
+    @property
+    def notes(self) -> list[str]:
+        """What went wrong in this round that the page can do without, a sentence for each kind."""
+        found = []
+        if self.files.refused:
+            found.append(f"asks for {self.files.refused.listed()}, which app.map maps to no folder")
+        if self.files.missing:
+            outside = self.files.outside
+            hint = f" (above the page's folder; it plays with {outside})" if outside else ""
+            found.append(f"not found: {self.files.missing.listed()}{hint}")
+        if self._errors:
+            found.append(f"script error: {self._errors.listed()}")
+        return found
+
+    def log_notes(self) -> None:
+        """Log the notes of this round that the log does not have."""
+        for note in self.notes:
+            line = f"{self._name}: {note}"
+            if line not in _noted:
+                _noted.add(line)
+                _LOG.warning(line)
+
     def _hints(self) -> str:
-        words = []
-        if missing := self.files.missing:
-            others = f" and {len(missing) - 1} more" if len(missing) > 1 else ""
-            words.append(f"not found: {missing.first}{others}")
+        words = self.notes
         if self._complaints:
             words.append(f"it says: {self._complaints.last}")
         return f" ({'; '.join(words)})" if words else ""
@@ -346,8 +416,9 @@ class Page:
     def _tell(self, method: str, **parameters: Any) -> None:
         self._tools.send(method, parameters, self._tab.session, answered=False)
 
-    def _start(self, expression: str) -> int:
+    def _start(self, expression: str, **options: Any) -> int:
         parameters = {"expression": expression, "awaitPromise": True, "returnByValue": True}
+        parameters |= options
         return self._tools.send("Runtime.evaluate", parameters, self._tab.session)
 
     def _finish(self, number: int, timeout_s: float) -> Any:
@@ -365,16 +436,16 @@ class Page:
             raise RefusedRequest(_words_of(found["exceptionDetails"]))
         return found["result"].get("value")
 
-    def _run(self, expression: str) -> Any:
+    def _run(self, expression: str, **options: Any) -> Any:
         """The value of an expression that may throw; raises RefusedRequest if it does."""
-        return self._finish(self._start(expression), self._timeout_s)
+        return self._finish(self._start(expression, **options), self._timeout_s)
 
     def _evaluate(self, expression: str, timeout_s: float | None = None) -> Any:
         """The value of an expression that throws only where a page has broken what it uses."""
         try:
             return self._finish(self._start(expression), timeout_s or self._timeout_s)
         except RefusedRequest as error:
-            raise self.died(str(error)) from error
+            raise self.died(f"stops the harness's own script: {error}") from error
 
 
 class Tab(NamedTuple):

@@ -18,7 +18,7 @@ from sim2vr_harness.client.answers import (
 from sim2vr_harness.client.base import AppValue
 from sim2vr_harness.client.devices import HANDS, HapticPulse
 
-__all__ = ["BadReply", "StepReply", "failure_in", "place_in", "step_reply", "text_in"]
+__all__ = ["BadReply", "DoorReply", "StepReply", "door_reply", "place_in", "step_reply", "text_in"]
 
 MOST_PULSES = 10_000
 """Vibrations of one step."""
@@ -45,6 +45,37 @@ class StepReply:
     picture: bytes | None
 
 
+@dataclass(frozen=True)
+class DoorReply:
+    """How far a page is on its way into VR.
+
+    Attributes:
+        done: whether it has entered, or will not.
+        failure: why it will not; None otherwise.
+        click: whether an element is to be clicked first.
+        at: where the mouse meets it, x y in CSS pixels; None: nowhere.
+    """
+
+    done: bool = False
+    failure: str | None = None
+    click: bool = False
+    at: tuple[float, float] | None = None
+
+
+def door_reply(answer: object) -> DoorReply:
+    """Return how far a page is; raises :class:`BadReply`."""
+    match answer:
+        case ["more"]:
+            return DoorReply()
+        case ["done", failure]:
+            return DoorReply(done=True, failure=_failure_in(failure))
+        case ["click"]:
+            return DoorReply(click=True)
+        case ["click", x, y]:
+            return DoorReply(click=True, at=(number_in("click", x), number_in("click", y)))
+    raise bad_reply("the way into VR", answer, "more, done or click")
+
+
 def step_reply(answer: object, names: Collection[str], picture_bytes: int) -> StepReply:
     """Return a step's answer.
 
@@ -64,14 +95,14 @@ def step_reply(answer: object, names: Collection[str], picture_bytes: int) -> St
     return StepReply(
         haptics=tuple(_pulse_in(one) for one in pulses),
         ended=truth_in("ended", answer["ended"]),
-        failure=failure_in(answer["failure"]),
+        failure=_failure_in(answer["failure"]),
         values=values,
         lacking=lacking,
         picture=_picture_in(answer["picture"], picture_bytes),
     )
 
 
-def failure_in(answer: object) -> str | None:
+def _failure_in(answer: object) -> str | None:
     """Return why a page cannot go on, None if it can; raises :class:`BadReply`."""
     if answer is None:
         return None

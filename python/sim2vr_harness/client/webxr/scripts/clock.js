@@ -31,6 +31,10 @@
   };
   sim.call = (callback, ...args) => call(callback, args);
 
+  // Runs a function after some virtual time, ms; less than a page's timers can wait.
+  sim.later = (callback, wait) => {
+    timers.set(++lastId, { due: now + wait, callback, args: [], every: 0 });
+  };
   const addTimer = (callback, delay, args, repeats) => {
     const wait = Math.max(1, Number(delay) || 0);
     const run = typeof callback === 'function' ? callback : new Function(String(callback));

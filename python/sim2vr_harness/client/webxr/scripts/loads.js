@@ -17,6 +17,7 @@
     promise.then(end, end);
     return promise;
   };
+  sim.track = track;
   // Resolves when nothing is under way any more; what came may begin further loads.
   sim.loaded = async () => {
     while (pending > 0) {
@@ -42,6 +43,7 @@
   wrap(window.FontFace?.prototype, 'load');
   wrap(Object.getPrototypeOf(document.fonts), 'load');
   wrap(window.BaseAudioContext?.prototype, 'decodeAudioData');
+  wrap(window.OfflineAudioContext?.prototype, 'startRendering');
   wrap(window.SubtleCrypto?.prototype, 'digest', 'encrypt', 'decrypt', 'importKey');
   wrap(window.OffscreenCanvas?.prototype, 'convertToBlob');
   // What the browser's other processes answer.

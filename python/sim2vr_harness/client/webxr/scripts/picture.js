@@ -120,25 +120,34 @@
   class XRWebGLLayer extends EventTarget {
     constructor(session, gl) {
       super();
+      this.antialias = false;
+      this.ignoreDepthValues = false;
+      this.fixedFoveation = 0;
+      this._gl = gl;
+      if (!session._immersive) { // a preview: the canvas itself
+        this.framebuffer = null;
+        return;
+      }
       if (!(gl instanceof WebGL2RenderingContext)) {
         sim.fail('webgl1', 'the page draws with WebGL 1, expected WebGL 2');
         throw new DOMException('sim2vr needs a WebGL 2 context', 'NotSupportedError');
       }
       if (session._ended) throw new DOMException('the session is over', 'InvalidStateError');
-      const { width, height, eyes } = sim.settings;
-      this.antialias = false;
-      this.ignoreDepthValues = false;
-      this.fixedFoveation = 0;
-      this.framebufferWidth = width * eyes;
-      this.framebufferHeight = height;
-      this._gl = gl;
       this._make(gl);
       layers.set(gl, this);
       gl.canvas.addEventListener('webglcontextlost', () => sim.fail('lost', 'lost its WebGL context'));
     }
     static getNativeFramebufferScaleFactor() { return 1; }
+    get framebufferWidth() {
+      return this.framebuffer === null ? this._gl.drawingBufferWidth : sim.settings.width * sim.settings.eyes;
+    }
+    get framebufferHeight() {
+      return this.framebuffer === null ? this._gl.drawingBufferHeight : sim.settings.height;
+    }
     getViewport(view) {
-      const { width, height } = sim.settings;
+      const preview = this.framebuffer === null;
+      const width = preview ? this.framebufferWidth : sim.settings.width;
+      const height = this.framebufferHeight;
       return { x: view._index * width, y: 0, width, height };
     }
 

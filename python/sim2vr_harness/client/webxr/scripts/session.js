@@ -1,4 +1,5 @@
-// navigator.xr and its one immersive session, whose frames run when the harness says so.
+// navigator.xr: its one immersive session, whose frames run when the harness says so, and inline
+// sessions, which draw a preview on their canvas until then.
 {
   const { compose, inverse, fromApp, IDENTITY } = sim.spaces;
   const {
@@ -9,9 +10,11 @@
   const ROOM_M = 2; // half the side of the square in which the user may move
   const EYES = { 1: ['none'], 2: ['left', 'right'] };
 
-  const projection = (near, far) => {
-    const { width, height, vertical_fov_deg: fov } = sim.settings;
-    const f = 1 / Math.tan((fov * Math.PI) / 360);
+  const projection = (session) => {
+    const { depthNear: near, depthFar: far, baseLayer, inlineVerticalFieldOfView } = session.renderState;
+    const { width, height } = session._immersive ? sim.settings : baseLayer._gl.canvas;
+    const fov = inlineVerticalFieldOfView ?? (sim.settings.vertical_fov_deg * Math.PI) / 180;
+    const f = 1 / Math.tan(fov / 2);
     const bounded = Number.isFinite(far);
     return new Float32Array([
       (f * height) / width, 0, 0, 0, 0, f, 0, 0,
@@ -22,10 +25,9 @@
 
   class XRView {
     constructor(index, pose, session) {
-      const { depthNear, depthFar } = session.renderState;
       this._index = index;
-      this.eye = EYES[sim.settings.eyes][index];
-      this.projectionMatrix = projection(depthNear, depthFar);
+      this.eye = session._eyes[index];
+      this.projectionMatrix = projection(session);
       this.transform = XRRigidTransform._of(pose);
       this.recommendedViewportScale = null;
       this.isFirstPersonObserver = false;
@@ -61,9 +63,9 @@
       if (!this._animated) throw new DOMException('not an animation frame', 'InvalidStateError');
       const head = this._locate(this.session._viewer, base);
       if (!head) return null;
-      const { eyes, ipd_m: ipd } = sim.settings;
-      const views = map(EYES[eyes], (_, k) => {
-        const offset = { p: [eyes === 1 ? 0 : (k - 0.5) * ipd, 0, 0], q: IDENTITY.q };
+      const eyes = this.session._eyes;
+      const views = map(eyes, (_, k) => {
+        const offset = { p: [eyes.length === 1 ? 0 : (k - 0.5) * sim.settings.ipd_m, 0, 0], q: IDENTITY.q };
         return new XRView(k, compose(head, offset), this.session);
       });
       return new XRViewerPose(head, views);
@@ -104,19 +106,22 @@
   }
 
   class XRSession extends EventTarget {
-    constructor(features) {
+    constructor(mode, features) {
       super();
+      this._immersive = mode !== 'inline';
+      this._eyes = EYES[this._immersive ? sim.settings.eyes : 1];
       this.enabledFeatures = Object.freeze(features);
       this.visibilityState = 'visible';
       this.environmentBlendMode = 'opaque';
-      this.interactionMode = 'world-space';
+      this.interactionMode = this._immersive ? 'world-space' : 'screen-space';
       this.isSystemKeyboardSupported = false;
       this.domOverlayState = null;
       this.frameRate = sim.settings.frame_rate_hz;
       this.supportedFrameRates = new Float32Array([this.frameRate]);
       this.inputSources = [];
       this.renderState = Object.freeze({
-        baseLayer: null, depthNear: 0.1, depthFar: 1000, inlineVerticalFieldOfView: null,
+        baseLayer: null, depthNear: 0.1, depthFar: 1000,
+        inlineVerticalFieldOfView: this._immersive ? null : Math.PI / 2,
       });
       this._viewer = new XRSpace((state) => state.head);
       this._sources = Object.fromEntries(HANDS.map((hand) => [hand, new XRInputSource(hand)]));
@@ -188,14 +193,18 @@
         });
       });
       const layer = this.renderState.baseLayer;
+      if (!this._call(state) || !drawn || this._ended) return null;
+      return layer._read(this.renderState.depthNear, this.renderState.depthFar);
+    }
+    // Runs the callbacks; returns whether there were any.
+    _call(state) {
       const callbacks = this._callbacks;
-      if (this._ended || !layer || callbacks.size === 0) return null;
+      if (this._ended || !this.renderState.baseLayer || callbacks.size === 0) return false;
       this._callbacks = new Map();
       const frame = new XRFrame(this, state, true);
       callbacks.forEach((callback) => sim.call(callback, sim.now(), frame));
       frame._active = false;
-      if (!drawn || this._ended) return null;
-      return layer._read(this.renderState.depthNear, this.renderState.depthFar);
+      return true;
     }
     _track(state) {
       const tracked = map(filter(HANDS, (hand) => state[hand]), (hand) => this._sources[hand]);
@@ -211,33 +220,43 @@
     'squeezeend', 'visibilitychange', 'frameratechange',
   ]) XRSession.prototype[`on${type}`] = null;
 
-  const supports = (mode) => mode === 'immersive-vr';
+  const previews = new Set(); // inline sessions
+  sim.preview = () => previews.forEach((session) => {
+    session._settle();
+    session._call({ head: IDENTITY, eyes_m: 0 });
+  });
+  const supports = (mode) => mode === 'immersive-vr' || mode === 'inline';
   class XRSystem extends EventTarget {
     async isSessionSupported(mode) {
-      sim.asked = true;
+      sim.modes.add(String(mode));
       return supports(mode);
     }
     async supportsSession(mode) {
       if (!(await this.isSessionSupported(mode))) throw new DOMException(mode, 'NotSupportedError');
     }
     async requestSession(mode, { requiredFeatures = [], optionalFeatures = [] } = {}) {
-      sim.asked = true;
+      sim.modes.add(String(mode));
       const lacking = filter(requiredFeatures, (name) => !includes(FEATURES, name));
       if (!supports(mode) || lacking.length) {
         sim.refused = supports(mode) ? `the feature ${lacking[0]}` : `a session of ${mode}`;
         throw new DOMException(`sim2vr has no ${sim.refused}`, 'NotSupportedError');
       }
+      const wished = [...requiredFeatures, ...optionalFeatures];
+      const granted = filter(FEATURES, (name) => includes(wished, name));
+      if (mode === 'inline') {
+        const preview = new XRSession(mode, [...new Set(['viewer', ...granted])]);
+        previews.add(preview);
+        return preview;
+      }
       if (sim.session && !sim.session._ended) {
         throw new DOMException('there is a session already', 'InvalidStateError');
       }
-      const wished = [...requiredFeatures, ...optionalFeatures];
-      const granted = filter(FEATURES, (name) => includes(wished, name));
-      sim.session = new XRSession([...new Set(['viewer', 'local', ...granted])]);
+      sim.session = new XRSession(mode, [...new Set(['viewer', 'local', ...granted])]);
       return sim.session;
     }
     // The harness is who takes an offer, when the page has loaded.
     offerSession(mode, init) {
-      sim.asked = true;
+      sim.modes.add(String(mode));
       return new Promise((resolve, reject) => {
         sim.offer = () => {
           sim.offer = null;

@@ -2,7 +2,10 @@
 {
   const TICK_MS = 1000 / 60;
   const MOST_TICKS = 900; // 15 s of the page's time to get ready
+  const PART = 30; // of which each call of `enter` runs
   const CLICK_EVERY = 15;
+  const AGAIN_AFTER = 60;
+  const MOST_IDLE_MS = 2000; // that a session may go without asking for a frame
   const LIKELY = /\b(vr|xr|webxr|immersive|headset)\b|enter-?vr|vr-?button|vricon/i;
   const POSSIBLE = /\b(start|play|begin|enter|go|launch|continue|ok)\b/i;
 
@@ -10,7 +13,7 @@
   const { btoa } = window;
   sim.values = new Map();
   sim.drawing = true;
-  sim.asked = false;
+  sim.modes = new Set(); // of sessions that the page asks about
   sim.failure = null;
   sim.fail = (kind, text) => { sim.failure ??= [kind, text]; };
 
@@ -26,6 +29,8 @@
     await sim.loaded();
     await sim.runTimers(time);
     sim.runFrames();
+    sim.preview();
+    sim.observe();
     await sim.turn();
   };
 
@@ -42,6 +47,8 @@
   const elements = (root) => [...root.querySelectorAll('*')].flatMap(
     (element) => [element, ...(element.shadowRoot ? elements(element.shadowRoot) : [])]);
 
+  const leadsAway = (node) => node instanceof HTMLAnchorElement && /^(https?|mailto):/.test(node.href)
+    && node.href.split('#')[0] !== location.href.split('#')[0];
   // What looks as if it led into VR, the likeliest first; then what can be clicked at all.
   const doors = () => {
     const words = (element) => [
@@ -50,57 +57,116 @@
     ].filter((word) => typeof word === 'string').join(' ');
     const clickable = (element) => element.onclick || listening.has(element);
     const all = elements(document).filter((element) => !element.disabled
-      && !/^(html|body|a-scene|canvas)$/i.test(element.tagName)
+      && !/^(html|body|a-scene|canvas)$/i.test(element.tagName) && !leadsAway(element.closest('a'))
       && (element.matches(BUTTONS) || clickable(element)));
     const likely = all.filter((element) => LIKELY.test(words(element)));
     const possible = all.filter((element) => !likely.includes(element) && POSSIBLE.test(words(element)));
     const others = [...all, ...document.querySelectorAll('canvas'), document.body].filter(
       (element) => !likely.includes(element) && !possible.includes(element) && clickable(element));
-    return [...likely, ...possible, ...others];
+    return { likely, all: [...likely, ...possible, ...others] };
   };
-  const knock = (element) => {
-    for (const type of ['pointerdown', 'mousedown', 'pointerup', 'mouseup']) {
+  // The place of an element where the mouse meets it, x y in the window; null: nowhere.
+  const pointOf = (element) => {
+    const box = () => element.getBoundingClientRect();
+    const inside = ({ left, top, right, bottom }) =>
+      left >= 0 && top >= 0 && right <= innerWidth && bottom <= innerHeight;
+    if (!inside(box())) element.scrollIntoView({ block: 'center', inline: 'center', behavior: 'instant' });
+    const { left, top, width, height } = box();
+    const at = [left + width / 2, top + height / 2];
+    let hit = document.elementFromPoint(...at);
+    for (let inner = hit; (inner = inner?.shadowRoot?.elementFromPoint(...at)) && inner !== hit;) hit = inner;
+    while (hit && hit !== element) hit = hit.parentNode ?? hit.host;
+    return width && height && hit ? at : null;
+  };
+  // Clicks an element that the mouse does not meet: a hidden one, or one below another.
+  sim.click = () => {
+    const init = { bubbles: true, cancelable: true, composed: true, button: 0, view: window };
+    for (const type of ['pointerdown', 'mousedown', 'pointerup', 'mouseup', 'click']) {
       const kind = type.startsWith('pointer') ? PointerEvent : MouseEvent;
-      element.dispatchEvent(new kind(type, { bubbles: true, cancelable: true, button: 0 }));
+      sim.door.dispatchEvent(new kind(type, init));
     }
-    element.click();
+  };
+  // The mouse is where the harness clicks, and nowhere at any other time.
+  let clicking = false;
+  for (const type of [
+    'click', 'mousedown', 'mouseup', 'mousemove', 'mouseover', 'mouseout', 'mouseenter',
+    'mouseleave', 'pointerdown', 'pointerup', 'pointermove', 'pointerover', 'pointerout',
+    'pointerenter', 'pointerleave',
+  ]) {
+    Reflect.apply(addEventListener, window, [type, (event) => {
+      if (event.isTrusted && !clicking) event.stopImmediatePropagation();
+    }, true]);
+  }
+  // A click of the harness does not leave the page.
+  Reflect.apply(addEventListener, window, ['click', (event) => {
+    if (clicking && event.composedPath().some(leadsAway)) event.preventDefault();
+  }]);
+  Reflect.apply(addEventListener, window, ['submit', (event) => {
+    if (clicking) event.preventDefault();
+  }]);
+
+  // The element to click, null: none. Those that look likely are clicked again each second.
+  const clicks = new Map(); // element -> {count, at}
+  const nextDoor = () => {
+    const { likely, all } = doors();
+    const due = filter(all, (element) => {
+      const last = clicks.get(element);
+      return !last || (includes(likely, element) && ticks - last.at >= AGAIN_AFTER);
+    });
+    const count = (element) => clicks.get(element)?.count ?? 0;
+    const door = due.find((element) => includes(likely, element)) ?? due.find((element) => !count(element));
+    if (door) clicks.set(door, { count: count(door) + 1, at: ticks });
+    return door ?? null;
   };
 
-  // Brings the page into VR; returns null, or why it does not get there.
+  // Brings the page nearer to VR; called until it says ['done', null] or ['done', why not].
+  // ['more']: call again; ['click', x, y] or ['click']: click there, or by `sim.click`, first.
+  let ticks = 0;
+  const doorOf = (element) => {
+    sim.door = element;
+    clicking = true;
+    return ['click', ...(pointOf(element) ?? [])];
+  };
   sim.enter = async (selector) => {
-    const tried = new Set();
-    for (let k = 0; k < MOST_TICKS; k++) {
+    clicking = false;
+    for (const until = ticks + PART; ticks < Math.min(until, MOST_TICKS);) {
+      const k = ticks++;
       await tick(sim.now() + TICK_MS);
-      if (sim.failure) return sim.failure;
+      if (sim.failure) return ['done', sim.failure];
       if (sim.session) {
         if (sim.session._ready) {
           await sim.loaded();
           await sim.turn();
-          return sim.failure;
+          return ['done', sim.failure];
         }
         continue;
       }
-      if (k === 1 && selector) {
-        const element = document.querySelector(selector);
-        if (!element) return ['enter', `has no element ${selector} to enter VR by`];
-        knock(element);
-      } else if (sim.offer) {
-        sim.offer();
-      } else if (k === 2 && !selector) {
+      if (selector) {
+        const element = k % AGAIN_AFTER === 1 && document.querySelector(selector);
+        if (element) return doorOf(element);
+      } else if (k === 2) {
         sim.fire(sim.system, Object.assign(new Event('sessiongranted'), { session: { mode: 'immersive-vr' } }));
-      } else if (k > 2 && k % CLICK_EVERY === 0 && !selector) {
-        const door = doors().find((element) => !tried.has(element));
-        if (door) {
-          tried.add(door);
-          knock(door);
-        }
+      }
+      if (sim.offer) {
+        sim.offer();
+      } else if (!selector && k > 2 && k % CLICK_EVERY === 0) {
+        const door = nextDoor();
+        if (door) return doorOf(door);
       }
     }
-    if (!sim.asked) return ['no-webxr', 'never calls WebXR (navigator.xr)'];
-    if (sim.session) return ['enter', 'enters VR, but asks for no frames there'];
-    if (sim.refused) return ['enter', `asks for ${sim.refused}, which is not covered`];
-    const clicked = [...tried].slice(0, 5).map((element) => element.textContent.trim().slice(0, 30) || element.id);
-    return ['enter', `never enters VR; tried to click: ${clicked.join(', ') || 'nothing that looks like it'}`];
+    return ticks < MOST_TICKS ? ['more'] : ['done', ['enter', notEntered(selector)]];
+  };
+  const notEntered = (selector) => {
+    if (selector && !document.querySelector(selector)) return `has no element ${selector} to enter VR by`;
+    if (sim.modes.size === 0) return 'never calls WebXR (navigator.xr)';
+    if (sim.session) return 'enters VR, but asks for no frames there';
+    if (!sim.modes.has('immersive-vr') && sim.modes.has('immersive-ar')) {
+      return 'is an AR page: it asks for immersive-ar only, expected immersive-vr';
+    }
+    if (sim.refused) return `asks for ${sim.refused}, which is not covered`;
+    const clicked = [];
+    clicks.forEach((_, element) => push(clicked, element.textContent.trim().slice(0, 30) || element.id));
+    return `never enters VR; tried to click: ${clicked.slice(0, 5).join(', ') || 'nothing that looks like it'}`;
   };
 
   const finite = (value) => {
@@ -128,6 +194,7 @@
     return found;
   };
 
+  let asked = 0; // when the session had a callback last, ms
   // Runs frames: [time_ms, head, [left, right], [inputs left, right], drawn]; times since `sim.base`.
   sim.step = async (frames, withValues) => {
     let picture = null;
@@ -136,10 +203,13 @@
       await sim.loaded();
       await sim.runTimers(sim.base + time);
       sim.runFrames();
+      sim.observe();
       sim.drawing = drawn;
       picture = sim.session._frame({ head, hands, inputs, drawn }) ?? picture;
       sim.drawing = true;
       await sim.turn();
+      if (sim.session._callbacks.size) asked = sim.now();
+      else if (sim.now() - asked > MOST_IDLE_MS) sim.fail('idle', 'asks for no more frames');
       if (sim.failure || sim.session._ended) break;
     }
     await sim.loaded();
@@ -154,7 +224,7 @@
     };
   };
   sim.begin = () => {
-    sim.base = sim.now() + TICK_MS;
+    sim.base = asked = sim.now() + TICK_MS;
     sim.haptics = [];
   };
 }

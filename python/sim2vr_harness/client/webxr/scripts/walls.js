@@ -41,6 +41,8 @@
       if (name in navigator) Object.defineProperty(Navigator.prototype, name, { get: () => value });
     });
   }
+  // The harness's mouse has nothing to lock; the browser would wait for it.
+  wall(() => { Element.prototype.requestPointerLock = async () => {}; });
   wall(() => { window.open = () => null; });
   wall(() => { window.alert = () => {}; });
   wall(() => { window.confirm = () => true; });

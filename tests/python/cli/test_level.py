@@ -1,4 +1,4 @@
-"""``sim2vr-harness level``, with a game whose levels are made up."""
+"""``sim2vr-harness plot level``, with a game whose levels are made up."""
 
 from __future__ import annotations
 

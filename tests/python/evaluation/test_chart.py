@@ -1,4 +1,4 @@
-"""``sim2vr-harness chart``: measures of several users side by side."""
+"""``sim2vr-harness plot measures``: measures of several users side by side."""
 
 from __future__ import annotations
 

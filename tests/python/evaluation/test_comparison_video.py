@@ -1,4 +1,4 @@
-"""``sim2vr-harness film``: users of the same round, side by side."""
+"""``sim2vr-harness render film``: users of the same round, side by side."""
 
 from __future__ import annotations
 

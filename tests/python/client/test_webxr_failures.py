@@ -59,6 +59,11 @@ REFUSED = {
         "button('Enter VR', () => boxes.enter(() => {}).catch(() => {}));",
         r"the page draws with WebGL 1, expected WebGL 2",
     ),
+    "WebGL 1, unhandled": (
+        "import { Boxes, button } from './boxes.js'; const boxes = new Boxes('webgl');"
+        "button('Enter VR', () => boxes.enter(() => {}));",
+        r"page\.html: the page draws with WebGL 1, expected WebGL 2",
+    ),
     "no frames": (
         "navigator.xr.requestSession('immersive-vr');",
         r"enters VR, but asks for no frames there",

@@ -111,7 +111,7 @@ def compare(
     unconstrained: _Unconstrained = False,
     figures: _Figures = True,
     every: Annotated[bool, typer.Option("--every", help="Print every measure.")] = False,
-    batch: Annotated[int, typer.Option(help="Rounds played side by side at most.")] = 10,
+    batch: Annotated[int, typer.Option(help="Rounds played in parallel at most.")] = 10,
     trust_app: TrustOption = False,
     overrides: EnvSetOption = None,
     json: Annotated[bool, typer.Option("--json", help="Print JSON, nothing else.")] = False,
@@ -209,7 +209,7 @@ def _write(report: ComparisonReport, out: Path, *, figures: bool, every: bool, j
 
 
 def _to_play(condition: list[str] | None, group: list[str] | None, game: str) -> list[str] | None:
-    """The game's names of the conditions asked for; None for those of the user's rules."""
+    """The game's names of the conditions requested; None for those of the user's rules."""
     from sim2vr_harness.games.registry import aimed_games, behaviour_of
 
     if not group:

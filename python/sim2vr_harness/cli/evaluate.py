@@ -117,7 +117,7 @@ def evaluate(
     steps: _Steps = True,
     out: _Out = None,
     overwrite: _Overwrite = False,
-    batch: Annotated[int, typer.Option(help="Rounds played side by side at most.")] = 10,
+    batch: Annotated[int, typer.Option(help="Rounds played in parallel at most.")] = 10,
     user: UserOption = None,
     trust_app: TrustOption = False,
     overrides: EnvSetOption = None,

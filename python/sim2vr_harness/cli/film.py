@@ -1,4 +1,4 @@
-"""``sim2vr-harness render film``: users side by side."""
+"""``sim2vr-harness render film``: users compared."""
 
 from __future__ import annotations
 
@@ -50,11 +50,11 @@ def film(
         sim2vr-harness render film whacamole_constrained whacamole_people
         sim2vr-harness render film runs/a runs/b --seconds 20 --out ab.mp4
     """
-    from sim2vr_harness.evaluation.comparison_video import film_side_by_side
+    from sim2vr_harness.evaluation.comparison_video import film_comparison
 
     # fmt: off
     with Share("Filming") as share:
-        written = film_side_by_side(
+        written = film_comparison(
             runs, out, condition=condition, seed=seed, seconds=seconds, trust_app=trust_app,
             on_progress=share.show,
         )

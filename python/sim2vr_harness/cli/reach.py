@@ -65,7 +65,7 @@ _Game = Annotated[
     typer.Option(
         autocompletion=known_games,
         metavar="NAME",
-        help="Targets of a game that is run, nobody playing.",
+        help="Targets of a game that is run, no one playing.",
     ),
 ]
 _Condition = Annotated[

@@ -296,7 +296,7 @@ class _Memory:
         for ring in self._rings.values():
             ring.forget(ids)
 
-    def glimpse(self, moment: StepContext, substep: int) -> None:
+    def sample(self, moment: StepContext, substep: int) -> None:
         """Nothing: whole user steps are remembered."""
 
     def take(self, moment: StepContext, ids: NDArray[np.int64] | None) -> None:

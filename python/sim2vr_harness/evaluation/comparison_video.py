@@ -20,7 +20,7 @@ from sim2vr_harness.policies.protocol import episode_of
 from sim2vr_harness.policies.registry import load_policy
 from sim2vr_harness.policies.store import find_user, require_contract
 
-__all__ = ["film_side_by_side"]
+__all__ = ["film_comparison"]
 
 _VIEW = (480, 360)
 """Width and height of each of the two pictures."""
@@ -95,7 +95,7 @@ class _Seat:
         self._stack.close()
 
 
-def film_side_by_side(
+def film_comparison(
     runs: Sequence[str | Path],
     out: Path,
     *,

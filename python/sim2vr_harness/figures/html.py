@@ -35,7 +35,7 @@ def plotly_code(option: str) -> str:
     """Return Plotly's JavaScript for a ``<script>`` of a page.
 
     Args:
-        option: What the user asked for, for the message when Plotly is missing.
+        option: What the user requested, for the message when Plotly is missing.
 
     Raises:
         InputError: Plotly is not installed.
@@ -67,7 +67,7 @@ def save_page(file: Path, title: str, parts: Sequence[str | Any], option: str = 
         file: The HTML file.
         title: Of the page.
         parts: From top to bottom: HTML, or Plotly's figures, which fill the width.
-        option: What the user asked for, for the message when Plotly is missing.
+        option: What the user requested, for the message when Plotly is missing.
 
     Raises:
         InputError: Plotly is not installed.

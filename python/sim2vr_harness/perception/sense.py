@@ -90,7 +90,7 @@ class Sense(Protocol):
     """One entry of the observation dictionary, of N users who do not affect one another.
 
     A user step ends with :meth:`take`. Only a sense that asks for ``pauses`` is shown moments
-    within the step too (:meth:`glimpse`), the bodies having come to the end of those substeps.
+    within the step too (:meth:`sample`), the bodies having come to the end of those substeps.
     """
 
     name: str
@@ -102,7 +102,7 @@ class Sense(Protocol):
 
     @property
     def pauses(self) -> tuple[int, ...]:
-        """Substeps, from 1, at whose ends :meth:`glimpse` is to be called in every step.
+        """Substeps, from 1, at whose ends :meth:`sample` is to be called in every step.
 
         They may change with a reset.
         """
@@ -122,7 +122,7 @@ class Sense(Protocol):
             seeds: (K,) of their rounds, 32 bits; what is drawn here depends on them alone.
         """
 
-    def glimpse(self, moment: StepContext, substep: int) -> None:
+    def sample(self, moment: StepContext, substep: int) -> None:
         """Looks at the end of a substep; nothing is taken in before :meth:`take`."""
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:
@@ -179,7 +179,7 @@ class Sensed:
     def reset(self, ids: IntArray, seeds: IntArray) -> None:
         """See :class:`Sense`; there is no past."""
 
-    def glimpse(self, moment: StepContext, substep: int) -> None:
+    def sample(self, moment: StepContext, substep: int) -> None:
         """See :class:`Sense`; never requested."""
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:

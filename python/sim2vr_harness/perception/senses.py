@@ -70,11 +70,11 @@ class Perception:
                 paused.setdefault(substep, []).append(sense)
 
         def call(senses: Sequence[Sense], substep: int) -> Callable[[], None]:
-            def glimpse() -> None:
+            def sample() -> None:
                 for sense in senses:
-                    sense.glimpse(moment, substep)
+                    sense.sample(moment, substep)
 
-            return glimpse
+            return sample
 
         return {substep: call(senses, substep) for substep, senses in paused.items()}
 

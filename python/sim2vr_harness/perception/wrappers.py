@@ -41,9 +41,9 @@ class _Wrapper:
         """See :class:`Sense`."""
         self.sense.reset(ids, seeds)
 
-    def glimpse(self, moment: StepContext, substep: int) -> None:
+    def sample(self, moment: StepContext, substep: int) -> None:
         """See :class:`Sense`."""
-        self.sense.glimpse(moment, substep)
+        self.sense.sample(moment, substep)
 
     def get_state(self, i: int) -> dict[str, Any]:
         """See :class:`Sense`."""
@@ -178,7 +178,7 @@ class Delayed(_Wrapper):
         back, substep = delay_plan(longest, substeps, max(self._grid, 1))
         self._ring, self._longest_back = Ring(sense.name, n, sense.space, back), back
         self._substep = np.full(n, substep)
-        self._glimpsed = np.zeros((n, *sense.space.shape), dtype=sense.space.dtype)
+        self._sampled = np.zeros((n, *sense.space.shape), dtype=sense.space.dtype)
 
     @property
     def pauses(self) -> tuple[int, ...]:
@@ -227,15 +227,15 @@ class Delayed(_Wrapper):
             plan = delay_plan(delay, self._substeps, max(self._grid, 1))
             self._ring.back[i], self._substep[i] = plan
 
-    def glimpse(self, moment: StepContext, substep: int) -> None:
+    def sample(self, moment: StepContext, substep: int) -> None:
         """See :class:`Sense`."""
         if (self._substep == substep).all():
             self.sense.take(moment, None)
-            self._glimpsed = self.sense.observe()
+            self._sampled = self.sense.observe()
             return
         ids = np.flatnonzero(self._substep == substep)
         self.sense.take(moment, ids)
-        self._glimpsed[ids] = self.sense.observe()[ids]
+        self._sampled[ids] = self.sense.observe()[ids]
 
     def take(self, moment: StepContext, ids: IntArray | None) -> None:
         """See :class:`Sense`."""
@@ -249,8 +249,8 @@ class Delayed(_Wrapper):
         if now.any():
             new = np.flatnonzero(now) if ids is None else ids[now]
             self.sense.take(moment, new)
-            self._glimpsed[new] = self.sense.observe()[new]
-        self._ring.push(self._glimpsed[rows_of(ids)], ids)
+            self._sampled[new] = self.sense.observe()[new]
+        self._ring.push(self._sampled[rows_of(ids)], ids)
 
     def observe(self) -> NDArray[Any]:
         """See :class:`Sense`."""

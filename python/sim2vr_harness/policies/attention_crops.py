@@ -75,7 +75,7 @@ class AttentionCrops(nn.Module):
         return each[..., : self.features]
 
     def teach(self, learning: bool) -> None:
-        """Say whether the locator learns: in the student stage, where it is told the places."""
+        """Say whether the locator learns: in the student stage, to given places the places."""
         self.locator.requires_grad_(learning)
         self.grid.requires_grad_(learning)
 

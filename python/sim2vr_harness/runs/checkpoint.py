@@ -177,7 +177,7 @@ def good_parts(path: Path, policy: torch.nn.Module | None, device: torch.device)
 
 
 def take_in(path: Path, what: str, take: Callable[[dict[str, Any]], object]) -> None:
-    """Read a state that :func:`write_tensors` wrote, and let somebody go on from it.
+    """Read a state that :func:`write_tensors` wrote, and let someone go on from it.
 
     Raises:
         UnusableFile: it cannot be read, is of something else, or is not finite.

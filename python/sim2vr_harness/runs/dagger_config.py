@@ -35,7 +35,7 @@ class StudentConfig(Settings):
     out in a small picture, actions alone teach too slowly what is there."""
     teacher_share: Chance = 0.6
     """Share of the steps on which the teacher acts after the first rounds of collecting, in which
-    it acts for everybody."""
+    it acts for every user."""
     teacher_share_decay: Chance = 0.9
     """Factor on that proportion from round to round."""
     noise_std: Weight = 0.1

@@ -1,4 +1,4 @@
-"""How a motor layer is practised, and how a user with one learns a game."""
+"""How a motor layer is trained, and how a user with one learns a game."""
 
 from __future__ import annotations
 

@@ -34,7 +34,7 @@ class ImaginedConfig(Settings):
 
     A cycle: users of the true game play (``teacher.ppo.n_envs`` of them), a differentiable model of
     the body is fitted to what they did, and the policy learns from rollouts of that model in the
-    game's differentiable twin.
+    game's differentiable model.
     """
 
     cycles: int = Field(default=22, ge=0, le=100_000)
@@ -89,7 +89,7 @@ class ImaginedConfig(Settings):
     learned what to do learns to do it in spite of noise. 0: noisy from the start."""
     cost_ramp_cycles: int = Field(default=0, ge=0, le=100_000)
     """Cycles in which ``effort`` and ``movement_cost`` grow from nothing to what they are: where
-    both are high, nobody who cannot play yet would learn to. 0: as high from the start."""
+    both are high, no one who cannot play yet would learn to. 0: as high from the start."""
     near_starts: Chance = 0.5
     """Share of those who begin near a living target."""
     effort: Weight = 0.1
@@ -188,7 +188,7 @@ class TeacherConfig(Settings):
     total_timesteps: int = Field(default=3_000_000, ge=1, le=MOST_STEPS)
     """User steps of PPO, after the imagined rollouts."""
     conditions: tuple[str, ...] | None = None
-    """The game's conditions, in turn; None takes those that its twin names."""
+    """The game's conditions, in turn; None takes those that its differentiable model names."""
     hidden_fields: tuple[str, ...] | None = None
     """Patterns of privileged numbers, and of the own body's, that the teacher does not observe;
     None takes those that the game's twin names."""

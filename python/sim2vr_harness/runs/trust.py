@@ -1,6 +1,6 @@
 """Programs and Python that a file names run only if this user has said so.
 
-A run's folder, a packed user, a study or a configuration that somebody else has written may name
+A run's folder, a packed user, a study or a configuration that someone else has written may name
 any program of this machine, with any arguments, as the app to play in; any Python file as its task;
 and a body whose model an installed package makes. What this user has named on a command line, or
 trained with, is remembered outside all of these, a file for each in
@@ -135,7 +135,7 @@ def remember(app: AppConfig, folder: Path) -> None:
     Args:
         app: the app.
         folder: of the run, or the configuration's file; a program that lies in the same folder
-            came with it and is asked for every time.
+            came with it and is requested every time.
     """
     entry = _entry(app)
     if any(entry.get(key) for key in _KEYS):
@@ -205,7 +205,7 @@ def _knows(wanted: dict[str, Any], keys: Collection[str]) -> bool:
 
 
 def _entries() -> list[dict[str, Any]]:
-    """Return what is remembered, as far as nobody else could have written it."""
+    """Return what is remembered, as far as no one else could have written it."""
     entries, place = list(_told), state_folder()
     if place is None or not _own(place):
         return entries

@@ -1,6 +1,6 @@
 """Studies: factors, cells, comparisons; played on a pool of processes, kept, and put to tests.
 
-Workers import their own modules only: what stands here is loaded when somebody asks.
+Workers import their own modules only: what stands here is loaded when someone asks.
 """
 
 from __future__ import annotations

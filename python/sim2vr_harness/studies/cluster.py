@@ -109,7 +109,7 @@ def _join(ray: Any, address: str) -> None:
         try:
             socket.create_connection((match[1], int(match[2])), _ANSWER_S).close()
         except (OSError, OverflowError) as error:
-            got = f"{address!r}, where nobody answers ({reason(error)})"
+            got = f"{address!r}, where no one answers ({reason(error)})"
             raise InputError("--ray", got, expected) from error
     try:
         ray.init(address=address, log_to_driver=False, logging_level="ERROR")

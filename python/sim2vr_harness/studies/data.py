@@ -199,7 +199,7 @@ def _told_of_moments(task: CellTask, root: Path) -> dict[str, list[Column]]:
 
 @dataclass(frozen=True)
 class StudyData:
-    """A study's tables as data frames of pandas, read when asked for.
+    """A study's tables as data frames of pandas, read when requested.
 
     Attributes:
         root: The study's folder.

@@ -55,7 +55,7 @@ class TrainingTask:
         label: For people.
         limits: When it is stopped early; None: never.
         may_diverge: Whether one whose numbers become infinite is taken for stopped, as in a search
-            that tries what nobody would; otherwise it has failed.
+            that tries what no one would; otherwise it has failed.
         adapts: Name of the trained user that goes on; None: it begins with nothing.
     """
 

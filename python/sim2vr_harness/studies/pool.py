@@ -56,7 +56,7 @@ class Pool(Protocol):
 
 
 class Here:
-    """This process, one task after the other, when somebody waits for it."""
+    """This process, one task after the other, when someone waits for it."""
 
     def __init__(self, root: Path, cores: int) -> None:
         self._root, self._cores = root, cores
@@ -114,7 +114,7 @@ class _Worker:
 
 
 def _serve(pipe: Connection, root: str, cores: int, work: Work) -> None:
-    """What a worker does until the study is over, or nobody listens any more."""
+    """What a worker does until the study is over, or no one listens any more."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the study's, which tells its workers
     threading.Thread(target=_end_with_the_study, daemon=True).start()
     with suppress(EOFError, OSError):

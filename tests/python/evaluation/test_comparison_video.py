@@ -12,7 +12,7 @@ from fake_simulation import FakeSimulation
 
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.evaluation import comparison_video as side_by_side
-from sim2vr_harness.evaluation.comparison_video import film_side_by_side
+from sim2vr_harness.evaluation.comparison_video import film_comparison
 
 imageio_ffmpeg = pytest.importorskip(
     "imageio_ffmpeg", reason="needs imageio-ffmpeg: pip install imageio-ffmpeg"
@@ -35,7 +35,7 @@ def frames(film: Path) -> np.ndarray:
 
 def test_users_stand_side_by_side(trained: Path, tmp_path: Path) -> None:
     shares: list[float] = []
-    film = film_side_by_side(
+    film = film_comparison(
         [trained, trained],
         tmp_path / "two.mp4",
         seconds=0.25,
@@ -73,7 +73,7 @@ def test_who_is_done_first_stands_still(
         made.append(users)
         return users
 
-    film = film_side_by_side([trained] * 2, tmp_path / "a.mp4", seconds=0.3, simulation=make)
+    film = film_comparison([trained] * 2, tmp_path / "a.mp4", seconds=0.3, simulation=make)
     assert len(frames(film)) == 6
     assert [users.count for users in made] == [3, 6]
 
@@ -90,7 +90,7 @@ def test_what_cannot_be_filmed(trained: Path, tmp_path: Path) -> None:
     ):
         asked: dict[str, Any] = {"runs": [trained], "out": out, **given}
         with pytest.raises(InputError, match=message):
-            film_side_by_side(
+            film_comparison(
                 asked.pop("runs"), asked.pop("out"), simulation=FakeSimulation, **asked
             )
     assert list(tmp_path.iterdir()) == []

@@ -40,7 +40,7 @@ FARTHEST_M = 10.0
 """Distance of which the depth channel's 255 is, as in our own runtime."""
 VERTICAL_FOV_DEG = 90.0
 FRAME_RATE_HZ = 72
-"""What the page is told that the display does; the first Quest's."""
+"""What the page learns that the display does; the first Quest's."""
 _ROTATION_TOLERANCE = 1e-3
 
 
@@ -51,7 +51,7 @@ class WebXRApp:
     being saved: what its scripts hold cannot be written down.
 
     Args:
-        wanted: what is asked for; its ``place`` names page, map and browser.
+        wanted: what is requested; its ``place`` names page, map and browser.
 
     Raises:
         AppRefused: a setting, the page or the browser cannot be used.

@@ -43,7 +43,7 @@ class Answer:
     """What the page gets for a request.
 
     Attributes:
-        status: 200, 404, or 0: refused, nobody is there.
+        status: 200, 404, or 0: refused, no one is there.
         content: of the file.
         mime: its type.
     """

@@ -65,7 +65,7 @@ _SCRIPTS = (
 """In the order in which they build on each other; ``walls.js`` is for the frames within, too."""
 
 PageSettings = Mapping[str, Any]
-"""What the scripts are told: seed, size, eyes and so on (:class:`~.app.WebXRApp`)."""
+"""What the scripts receive: seed, size, eyes and so on (:class:`~.app.WebXRApp`)."""
 
 
 class Page:

@@ -22,7 +22,7 @@ __all__ = ["DevTools", "RefusedRequest"]
 
 _CHUNK_BYTES = 1 << 18
 _SLICE_S = 0.25
-"""How often a process is looked at whose end does not wake anybody."""
+"""How often a process is looked at whose end does not wake anyone."""
 _MOST_BYTES = 1 << 28
 """A message that is longer is none of a browser's."""
 
@@ -81,7 +81,7 @@ class DevTools:
             method: such as ``Page.navigate``.
             parameters: of the request.
             session: the page that it is for; None: the browser.
-            answered: whether somebody will ask for the reply.
+            answered: whether someone will ask for the reply.
 
         Raises:
             AppDied: the conversation is over.

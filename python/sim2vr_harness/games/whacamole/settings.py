@@ -147,7 +147,7 @@ class GameModelSettings(Settings):
     not wait score best."""
     impact_share: Chance = 0.0
     """Share of a hit's worth that is for how fast what hits goes towards the targets: all of it
-    from 3 m/s on. The game looks at the hammer near the hand only, which nobody who plays it can
+    from 3 m/s on. The game looks at the hammer near the hand only, which no one who plays it can
     tell: people strike with its head."""
     whole_steps: bool = False
     """Whether hits are looked for once a user step, at its mean speed, where the app does in each

@@ -28,7 +28,7 @@ tell less: what the other arm does shakes a hand that waits.)"""
 _TO_COME_M = 0.3
 """So far beyond a hand's reach is what may come nearer, and is worth waiting for."""
 _LEFT_M, _LEFT_S = 0.04, 0.3
-"""How far around it, and how long, what a hand has waited at in vain is left alone."""
+"""How far around it, and how long, what a hand has waited at without effect is left alone."""
 _SAME_M, _SHORT_M, _MOST_VAIN = 0.15, 0.05, 3
 """Twice as far and as long each time that it comes back to about there and stops so far short
 again, up to so many times. (Who has come where it wants to be may have reasons to stay.)"""
@@ -58,12 +58,14 @@ class ActionSelector:
 
     Args:
         simulation: the users.
-        mover: of their hands.
+        primitives: of their hands.
         past: what they see.
     """
 
-    def __init__(self, simulation: Any, mover: PrimitiveController, past: FrameHistory) -> None:
-        self._simulation, self.mover, self._past = simulation, mover, past
+    def __init__(
+        self, simulation: Any, primitives: PrimitiveController, past: FrameHistory
+    ) -> None:
+        self._simulation, self.primitives, self._past = simulation, primitives, past
         vision = simulation.config.vision
         self.sight = DepthGrid(vision.height, vision.width)
 
@@ -74,10 +76,10 @@ class ActionSelector:
     def scene(self) -> OptionScene:
         """Return what the users see now."""
         turned = rotation(self._simulation.users.device_poses("headset")[1])
-        layer = self.mover.layer
+        layer = self.primitives.layer
         with torch.inference_mode():
             angles, speeds, _ = layer.motion(self._simulation.users)
-            moving = [each.numpy() for each in self.mover.tips(*layer.places(angles, speeds))]
+            moving = [each.numpy() for each in self.primitives.tips(*layer.places(angles, speeds))]
         return OptionScene(self._past.observe(), self._head(), turned.flatten(1).numpy(), *moving)
 
     def places(self, scene: OptionScene) -> Tensor:
@@ -94,7 +96,7 @@ class ActionSelector:
         return values
 
     def choose_best(self, net: ActionValueMap, choice: OptionChoice, hold: int = 0) -> None:
-        """Put into effect what a network says is worth most now, for everybody.
+        """Put into effect what a network says is worth most now, for every user.
 
         Args:
             net: the network.
@@ -108,7 +110,7 @@ class ActionSelector:
             values, something = self.values(net, scene, places), self.something(scene)
             if hold:
                 something = mask_unreached(
-                    choice, torch.from_numpy(scene.tips), something, places, hold, self.mover
+                    choice, torch.from_numpy(scene.tips), something, places, hold, self.primitives
                 )
             chosen = best_choices(values, something).numpy()
         self.choose(choice, chosen, places)
@@ -129,15 +131,15 @@ class ActionSelector:
         changed: NDArray[np.bool_] | None = None,
     ) -> None:
         """Put choices into effect, see :func:`choose`."""
-        choose(choice, chosen, places, self.mover, changed)
+        choose(choice, chosen, places, self.primitives, changed)
 
     def actions(self, choice: OptionChoice) -> NDArray[np.float32]:
         """(N, A) what the bodies do now for a choice."""
-        layer = self.mover.layer
+        layer = self.primitives.layer
         with torch.inference_mode():
             motion = layer.motion(self._simulation.users)
             placed = layer.places(*motion[:2])
-        goals = self.mover.goals(choice, torch.from_numpy(self._head()), *placed)
+        goals = self.primitives.goals(choice, torch.from_numpy(self._head()), *placed)
         return layer.decide(motion, placed, goals)
 
 
@@ -159,9 +161,9 @@ def mask_unreached(
     something: Tensor,
     places: Tensor,
     hold: int,
-    mover: PrimitiveController,
+    primitives: PrimitiveController,
 ) -> Tensor:
-    """(N, H, cells) whether anything is in a cell that a hand has not just waited at in vain.
+    """(N, H, cells) whether anything is in a cell that a hand has not just waited at.
 
     A hand that stops short of what it goes for would wait there for ever: it sees the same, and
     decides the same. While learning, tries get it out of there.
@@ -172,7 +174,7 @@ def mask_unreached(
         something: (N, cells) whether anything is there.
         places: (N, 3, rows, columns) of the cells, world, m.
         hold: user steps for which a decision is seen through.
-        mover: of the hands.
+        primitives: of the hands.
     """
     far = (choice.seen - choice.place).norm(dim=-1) > _TO_COME_M
     stays = (tips - choice.at).norm(dim=-1) < _STILL_M
@@ -181,12 +183,12 @@ def mask_unreached(
     choice.rested[~waits] = 0
     choice.at[~waits] = tips[~waits]
     choice.leaving -= hold
-    leaves = choice.rested >= round(_PATIENCE_S / mover.layer.step_s)
+    leaves = choice.rested >= round(_PATIENCE_S / primitives.layer.step_s)
     short = (tips - choice.place).norm(dim=-1) > _SHORT_M
     again = short & ((choice.seen - choice.left).norm(dim=-1) < _SAME_M)
     choice.vain[leaves] = torch.where(again, (choice.vain + 1).clamp(max=_MOST_VAIN), 0)[leaves]
     choice.left[leaves] = choice.seen[leaves]
-    choice.leaving[leaves] = round(_LEFT_S / mover.layer.step_s) * 2 ** choice.vain[leaves]
+    choice.leaving[leaves] = round(_LEFT_S / primitives.layer.step_s) * 2 ** choice.vain[leaves]
     choice.rested[leaves] = 0
     cells = places.flatten(2).transpose(1, 2)
     around = _LEFT_M * 2.0**choice.vain
@@ -198,7 +200,7 @@ def choose(
     choice: OptionChoice,
     chosen: NDArray[np.int64],
     places: Tensor,
-    mover: PrimitiveController,
+    primitives: PrimitiveController,
     changed: NDArray[np.bool_] | None = None,
 ) -> None:
     """Put choices into effect.
@@ -207,8 +209,8 @@ def choose(
         choice: of N users, changed in place.
         chosen: (N, H) move * cells + cell; moves * cells is to rest.
         places: (N, 3, rows, columns) of the cells, world, m.
-        mover: knows what is within reach.
-        changed: (N, H) whose choice is a new one; None: everybody's.
+        primitives: knows what is within reach.
+        changed: (N, H) whose choice is a new one; None: every user's.
     """
     flat = places.flatten(2).transpose(1, 2)
     cells = flat.shape[1]
@@ -218,7 +220,7 @@ def choose(
     users = torch.arange(len(chosen))
     for hand in range(chosen.shape[1]):
         there = flat[users, number[:, hand] % cells]
-        wanted = mover.within_reach(hand, there, is_swing(number[:, hand] // cells))
+        wanted = primitives.within_reach(hand, there, is_swing(number[:, hand] // cells))
         moves = (new & ~resting)[:, hand, None]
         choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])
         choice.seen[:, hand] = torch.where(moves, there, choice.seen[:, hand])

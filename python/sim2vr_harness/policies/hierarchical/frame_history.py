@@ -43,7 +43,7 @@ class FrameHistory:
         """Let these users' next picture be their whole past."""
         self._ring.forget(ids)
 
-    def glimpse(self, moment: StepContext, substep: int) -> None:
+    def sample(self, moment: StepContext, substep: int) -> None:
         """Nothing: pictures are drawn at the ends of user steps."""
 
     def take(self, moment: StepContext, ids: NDArray[np.int64] | None) -> None:

@@ -1,4 +1,4 @@
-"""What a motor layer practises: goals one after the other, anywhere within reach."""
+"""What a motor layer trains in: goals one after the other, anywhere within reach."""
 
 from __future__ import annotations
 
@@ -34,11 +34,11 @@ _BEHIND = 0.12
 _FRONT_M = 0.12
 _BONUS, _NEAR_M = 4.0, 0.02
 _LIKE, _STILL_MPS = 0.4, 0.3
-"""Share of the velocity asked for, and m/s beside it, by which it may be wrong for that."""
+"""Share of the velocity requested, and m/s beside it, by which it may be wrong for that."""
 _EARLY_S = 0.04
-"""Who goes through a place may come so much earlier or later, at the speed asked for."""
+"""Who goes through a place may come so much earlier or later, at the speed requested."""
 _BY_M, _BY_MPS, _BY_STRIKE_MPS, _BY_AXIS = 30.0, 1.0, 2.0, 2.0
-"""What arriving is worth within _NEAR_M, and what errors of place, velocity (of who practises
+"""What arriving is worth within _NEAR_M, and what errors of place, velocity (of who trains in
 strikes, too) and direction cost."""
 _STEP_SHARE = 0.15
 """Of that, for every user step of following."""
@@ -61,7 +61,7 @@ class GoalSampler:
         n: number of users B.
         step_s: duration of a user step.
         seed: of goals.
-        strikes: whether to come through places on time, at the velocity asked for, is practised,
+        strikes: whether to come through places on time, at the velocity requested, is trained,
             and fast paths are.
     """
 
@@ -83,7 +83,7 @@ class GoalSampler:
         self._hand_goal = torch.zeros(*shape, 3)
         """(B, H, 3) where the hand itself can be for the tip to be where it shall."""
         self._wrong_m = torch.full((_REGIONS**3,), 2.0 * _USUAL_M)
-        """Mean errors of the arrivals in every region; where nobody has been, more than usual."""
+        """Mean errors of the arrivals in every region; where no one has been, more than usual."""
         self._waves = torch.zeros(*shape, 3, 3, _WAVES)
         """Amplitude (m), angular frequency (rad/s) and phase of a path, by axis."""
         self.clear()

@@ -30,7 +30,7 @@ class MotorGoals:
         tip: (B, H, 3) the point that is meant, in the device's frame (x forward, y left, z up), m.
         place: (B, H, 3) where it shall be.
         velocity: (B, H, 3) with which velocity, m/s.
-        left_s: (B, H) in how long; what is over is asked for at once.
+        left_s: (B, H) in how long; what is over is requested at once.
         axis: (B, H, 3) where the device's x axis shall point then, a unit vector; 0: anywhere.
         active: (B, H) 1, or 0 for a hand that has nothing to do.
     """

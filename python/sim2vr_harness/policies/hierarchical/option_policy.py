@@ -119,7 +119,7 @@ class HierarchicalPolicy(nn.Module):
         self.register_buffer("log_std", torch.full((1,), _QUIET), persistent=False)
         object.__setattr__(self, "_head", Chains(body, ("headset",)))
         self._poses = reachable_poses(layer, config.seed)
-        self._mover: PrimitiveController | None = None
+        self._primitives: PrimitiveController | None = None
         self._read = _Read(body, layer)
         self._wanted = {
             "proprioception": (len(Proprioception(body).names),),
@@ -137,18 +137,18 @@ class HierarchicalPolicy(nn.Module):
         self.values.load_state_dict(values.state_dict())
         self.tool.copy_(tool)
         self.hold.fill_(hold)
-        self._mover = None
+        self._primitives = None
 
     def reset(self) -> Intention:
         """Return the memory of an episode that begins: no option is chosen yet."""
         return Intention(OptionChoice(1, len(self.layer.hands)))
 
     @property
-    def mover(self) -> PrimitiveController:
+    def primitives(self) -> PrimitiveController:
         """Turns decisions into goals; made of the weights when it is first needed."""
-        if self._mover is None:
-            self._mover = PrimitiveController(self.layer, self.tool, self._poses)
-        return self._mover
+        if self._primitives is None:
+            self._primitives = PrimitiveController(self.layer, self.tool, self._poses)
+        return self._primitives
 
     def act(
         self, observation: Observation, memory: Intention, rng: np.random.Generator | None
@@ -170,7 +170,7 @@ class HierarchicalPolicy(nn.Module):
                 self._decide(observation["vision"], intention.choice, head, placed)
                 intention.left = int(self.hold)
             intention.left -= 1
-            goals = self.mover.goals(intention.choice, head[:, :3, 3], *placed)
+            goals = self.primitives.goals(intention.choice, head[:, :3, 3], *placed)
             return self.layer.decide(motion, placed, goals)[0]
 
     def _shapes(self, observation: Observation) -> Shapes:
@@ -190,12 +190,14 @@ class HierarchicalPolicy(nn.Module):
     ) -> None:
         pictures = torch.from_numpy(np.ascontiguousarray(picture)[None])
         places = self.values.sight.places(pictures[:, 3], head[:, :3, 3], head[:, :3, :3])
-        moving = self.mover.tips(*placed)
+        moving = self.primitives.tips(*placed)
         values = self.values(pictures, places, head[:, :3, 3], *moving)
         something = self.values.sight.something(pictures[:, 3])
-        something = mask_unreached(choice, moving[0], something, places, int(self.hold), self.mover)
+        something = mask_unreached(
+            choice, moving[0], something, places, int(self.hold), self.primitives
+        )
         chosen = best_choices(values, something).numpy()
-        choose(choice, chosen, places, self.mover)
+        choose(choice, chosen, places, self.primitives)
 
 
 class _Read:

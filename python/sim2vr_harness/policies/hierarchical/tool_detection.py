@@ -1,6 +1,6 @@
 """What is in the hand: points of the picture that move as a device does.
 
-Nobody says what an app fixes to a controller. While the hands move about, every visible point is
+No one says what an app fixes to a controller. While the hands move about, every visible point is
 put into each device's frame; what stays where it is there, wherever the hand is, belongs to it.
 What stands in the world does not.
 """

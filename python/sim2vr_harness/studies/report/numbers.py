@@ -19,7 +19,7 @@ class Summary:
     """A measure of a group.
 
     Attributes:
-        mean: Over the players, of whom each counts with the mean of its rounds.
+        mean: Over the players, each counts with the mean of its rounds.
         spread: Standard deviation (ddof 1): over the players; of a single player, over its rounds.
         n: Players with the number.
         rounds: Rounds with the number.

@@ -202,7 +202,7 @@ class ReportSource:
         return next((m for m in self.measures if m.name == wanted), self.measures[0])
 
     def measure(self, name: str) -> Measure | None:
-        """The measure of that name; None: nobody has it."""
+        """The measure of that name; None: no one has it."""
         return next((measure for measure in self.measures if measure.name == name), None)
 
     @cached_property

@@ -100,7 +100,7 @@ def _people(people: Sequence[float], measure: Measure) -> tuple[str, str]:
 
 
 def beside_table(source: ReportSource, published: Published) -> str | None:
-    """Ours, people's and published values side by side; None where nobody else has any.
+    """Ours, people's and published values side by side; None where no one else has any.
 
     A table per measure, with a column for each who has values of it.
     """

@@ -65,7 +65,7 @@ def write_report(
         raise InputError("--out", repr(str(page)), "a file name that ends in .html")
     source = read_source(folder)
     duration_s = max(float(group.episodes["duration_s"].median()) for group in source.groups)
-    # Nobody else has played what a search has made of the game.
+    # No one else has played what a search has made of the game.
     known = published_of(source.facts.name if source.search is None else "")
     published = known.beside_rounds_of(duration_s)
     loads = [load_of(group) for group in source.groups]

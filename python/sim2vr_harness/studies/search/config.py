@@ -115,7 +115,7 @@ class ParameterConfig(Settings):
         return float(f"{value:.12g}")
 
     def check(self, field: str, value: Any) -> Value:
-        """Return a value that somebody wrote, if it is one of this parameter's.
+        """Return a value that someone wrote, if it is one of this parameter's.
 
         Raises:
             ValueError: It is not.

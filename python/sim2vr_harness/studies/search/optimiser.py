@@ -1,4 +1,4 @@
-"""Optuna, asked for one batch of trials after another: the same answers to the same results.
+"""Optuna, requested one batch of trials after another: the same answers to the same results.
 
 The state of its samplers is rebuilt by asking and telling again from the first trial on, which
 costs milliseconds beside what is played, and needs no file that a kill could spoil.

@@ -1,7 +1,7 @@
 """Trainings of a search that are stopped early, by what earlier ones reported at the same step.
 
 As Google Vizier's and Optuna's median rules, but a training is compared with trials of earlier
-batches only: they are over when it begins, so that nobody has to wait, workers need not hear of
+batches only: they are over when it begins, so that no one has to wait, workers need not hear of
 each other, and the result does not depend on who was how fast.
 """
 

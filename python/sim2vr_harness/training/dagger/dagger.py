@@ -1,4 +1,4 @@
-"""A policy that sees learns from a teacher who knows (DAgger, on the app's real pictures).
+"""A policy that sees learns from a teacher that observes (DAgger, on the app's real pictures).
 
 The student acts, so that it meets the situations its own mistakes lead to, and the teacher labels
 each of them with what it would have done. The student's network learns the teacher's mean action;
@@ -97,7 +97,7 @@ class StudentProgress:
         numbers_error: mean squared error of what the teacher knows of the game, 0 where the student
             does not learn to tell it.
         glances_error: of where the student looks, see ``AttentionCrops.loss``; 0 without glimpses.
-        reading_error: mean squared error of what is told of a thing from the glimpse of it alone.
+        reading_error: mean squared error of the facts of a thing, from its crop alone.
         teacher_share: share of users on whom the teacher acted.
         episodes: episodes that ended, on which the student alone acted.
         means: means over the last of those, as :func:`episode_means` gives them.

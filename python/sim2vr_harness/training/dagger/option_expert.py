@@ -26,25 +26,29 @@ class OptionExpert:
 
     Args:
         net: says what is worth doing.
-        mover: of the users' hands.
+        primitives: of the users' hands.
         simulation: the users; watched from their next reset on.
         late_steps: user steps by which they see late.
     """
 
     def __init__(
-        self, net: ActionValueMap, mover: PrimitiveController, simulation: Any, late_steps: int = 0
+        self,
+        net: ActionValueMap,
+        primitives: PrimitiveController,
+        simulation: Any,
+        late_steps: int = 0,
     ) -> None:
-        self._net, self._chooser = (
+        self._net, self._selector = (
             net,
-            ActionSelector(simulation, mover, FrameHistory(simulation, late_steps)),
+            ActionSelector(simulation, primitives, FrameHistory(simulation, late_steps)),
         )
-        self._choice = OptionChoice(simulation.n, len(mover.tool))
+        self._choice = OptionChoice(simulation.n, len(primitives.tool))
         self._size = simulation.action_space.shape[0]
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:
         """See the protocol."""
-        self._chooser.choose_best(self._net, self._choice)
-        body = self._chooser.actions(self._choice)
+        self._selector.choose_best(self._net, self._choice)
+        body = self._selector.actions(self._choice)
         actions = np.zeros((len(body), self._size), np.float32)
         actions[:, : body.shape[1]] = body
         return actions

@@ -169,7 +169,7 @@ class StudentStage:
         self._simulation = self._student = self._snapshot = None
 
     def tidy(self) -> None:
-        """See the protocol: the collected frames and the state, which nobody needs any more."""
+        """See the protocol: the collected frames and the state, which no one needs any more."""
         self._snapshot = None
         for file in (self.folder / _STATE, *self.folder.glob(PICTURE_FILES)):
             file.unlink(missing_ok=True)

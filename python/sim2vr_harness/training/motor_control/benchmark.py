@@ -83,7 +83,7 @@ class BenchmarkMovements:
 
     @property
     def speed_error_mps(self) -> FloatArray:
-        """(K,) how far their velocities were from those asked for."""
+        """(K,) how far their velocities were from those requested."""
         return np.asarray(np.linalg.norm(self.end_velocity - self.velocity, axis=1))
 
 
@@ -277,8 +277,8 @@ class _Course:
         spread = self._rng.uniform(-1.0, 1.0, (self._n, len(low)))
         postures = 0.5 * (low + high) + 0.5 * INSIDE * (high - low) * spread
         seeds = self._rng.integers(2**31, size=self._n)
-        everybody = np.arange(self._n)
-        self._users.reset(everybody, [np.random.default_rng(s) for s in seeds], list(postures))
+        everyone = np.arange(self._n)
+        self._users.reset(everyone, [np.random.default_rng(s) for s in seeds], list(postures))
         goal = self._anywhere(tip)
         steps = round(_SETTLE_S / self._layer.step_s)
         for step in range(steps):

@@ -69,8 +69,8 @@ def _strikes(axes: Any, aimed: BenchmarkMovements) -> None:
     axes.scatter(asked, along, s=10)
     axes.set(
         title="Strikes from 10 cm, in 0.45 s",
-        xlabel="Speed asked for (m/s)",
-        ylabel="Speed along the way asked for (m/s)",
+        xlabel="Speed requested (m/s)",
+        ylabel="Speed along the way requested (m/s)",
     )
 
 

@@ -95,7 +95,7 @@ class OptionQLearning:
     Args:
         config: of the stage.
         simulation: N users; owned by the caller.
-        mover: turns moves into goals.
+        primitives: turns moves into goals.
         pictures: the file that what is seen goes to; made or reused.
         seed: of everything drawn here.
     """
@@ -104,19 +104,19 @@ class OptionQLearning:
         self,
         config: QLearningConfig,
         simulation: Any,
-        mover: PrimitiveController,
+        primitives: PrimitiveController,
         pictures: Path,
         *,
         seed: int,
     ) -> None:
-        self.config, self.simulation, self.mover = config, simulation, mover
+        self.config, self.simulation, self.primitives = config, simulation, primitives
         self.n: int = simulation.n
-        self.hands = len(mover.tool)
+        self.hands = len(primitives.tool)
         vision = simulation.config.vision
-        self._chooser = ActionSelector(simulation, mover, FrameHistory(simulation))
+        self._selector = ActionSelector(simulation, primitives, FrameHistory(simulation))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.net = ActionValueMap(self._chooser.sight, self.hands)
+            self.net = ActionValueMap(self._selector.sight, self.hands)
         self._slow = copy.deepcopy(self.net).requires_grad_(False)
         self._optimizer = torch.optim.Adam(self.net.parameters(), _LEARNING_RATE, fused=True)
         self.rng = np.random.default_rng([seed, 55])
@@ -150,11 +150,11 @@ class OptionQLearning:
     # --- deciding ----------------------------------------------------------------------------
 
     def _decide(self, scene: OptionScene, explore: float) -> NDArray[np.int64]:
-        """(N, H) what everybody chooses; cells and moves in one number, the last one rests."""
-        places = self._chooser.places(scene)
+        """(N, H) what every user chooses; cells and moves in one number, the last one rests."""
+        places = self._selector.places(scene)
         with torch.inference_mode():
-            values = self._chooser.values(self.net, scene, places)
-            chosen = self._chooser.best(values, scene).numpy()
+            values = self._selector.values(self.net, scene, places)
+            chosen = self._selector.best(values, scene).numpy()
         still = self._trying > 0  # the place stays the one that was tried
         changed = ~still
         chosen[still] = self._tried[still]
@@ -166,31 +166,31 @@ class OptionQLearning:
                 chosen[i, hand] = self._tried[i, hand] = self._try(weights)
                 self._trying[i, hand] = self.rng.integers(*_TRY_STEPS)
         self._trying -= DECIDE_STEPS
-        self._chooser.choose(self._choice, chosen, places, changed)
+        self._selector.choose(self._choice, chosen, places, changed)
         return chosen
 
     def _try(self, weights: NDArray[np.float64]) -> int:
         if self.rng.random() < _REST_SHARE:
-            return len(MOVES) * self._chooser.sight.cells
+            return len(MOVES) * self._selector.sight.cells
         cell = int(np.searchsorted(np.cumsum(weights), self.rng.random() * weights.sum()))
-        cell = min(cell, self._chooser.sight.cells - 1)
+        cell = min(cell, self._selector.sight.cells - 1)
         # Half of the tries touch or push.
         move = self.rng.integers(2) if self.rng.random() < 0.5 else self.rng.integers(len(MOVES))
-        return int(move) * self._chooser.sight.cells + cell
+        return int(move) * self._selector.sight.cells + cell
 
     def _curiosity(
         self, scene: OptionScene, places: Tensor, users: NDArray[np.int64]
     ) -> NDArray[np.float64]:
         """(K, cells) how much K users try: what is within reach, what has a rare colour."""
         if not len(users):
-            return np.zeros((0, self._chooser.sight.cells))
+            return np.zeros((0, self._selector.sight.cells))
         colour = self._colours_of(scene)[users]
         rare = 1.0 / (0.002 + self._colours[colour] / self._colours.sum())
         flat = places[users].flatten(2).transpose(1, 2).reshape(-1, 3)
         reach = np.minimum.reduce(
-            [self.mover.distance(hand, flat).numpy() for hand in range(self.hands)]
+            [self.primitives.distance(hand, flat).numpy() for hand in range(self.hands)]
         ).reshape(len(users), -1)
-        there = np.where(self._chooser.something(scene).numpy()[users], 1.0, 1e-9)
+        there = np.where(self._selector.something(scene).numpy()[users], 1.0, 1e-9)
         near = there * np.where(reach < 0.1, 1.0, 0.03)
         weights: NDArray[np.float64] = near * (0.3 * rare / rare.mean() + 0.7)
         rarest = near * rare
@@ -206,7 +206,7 @@ class OptionQLearning:
     def _colours_of(self, scene: OptionScene) -> NDArray[np.int64]:
         """(N, cells) number of the colour in the middle of each cell."""
         half = CELL_PX // 2
-        rows, columns = self._chooser.sight.rows, self._chooser.sight.columns
+        rows, columns = self._selector.sight.rows, self._selector.sight.columns
         small = scene.pictures[:, :3, half::CELL_PX, half::CELL_PX][:, :, :rows, :columns]
         level = (small.astype(np.int64) * _COLOURS) // 256
         colour: NDArray[np.int64] = (level[:, 0] * _COLOURS + level[:, 1]) * _COLOURS + level[:, 2]
@@ -237,7 +237,7 @@ class OptionQLearning:
     def step(self) -> QLearningReport:
         """Decide, see it through, and learn."""
         explore = self.explore
-        scene = self._chooser.scene()
+        scene = self._selector.scene()
         chosen = self._decide(scene, explore)
         seen = {name: getattr(scene, name)[None] for name in _SCENE}
         self._memory.append({**seen, "chosen": chosen[None]})
@@ -287,7 +287,7 @@ class OptionQLearning:
         """See the present choice through: (N,) rewards, and whose episodes ended."""
         reward, over = np.zeros(self.n, np.float32), np.zeros(self.n, bool)
         for _ in range(steps):
-            actions = self._chooser.actions(self._choice)
+            actions = self._selector.actions(self._choice)
             result = self.simulation.step(actions)
             self.step_count += self.n
             reward += np.where(over, 0.0, result.game_reward).astype(np.float32)
@@ -306,7 +306,7 @@ class OptionQLearning:
     ) -> float:
         """Mean reward per minute, without tries.
 
-        Everybody's rounds begin anew, which ends the learning.
+        Every user's rounds begin anew, which ends the learning.
 
         Args:
             hold: user steps for which a decision is seen through.
@@ -322,7 +322,7 @@ class OptionQLearning:
         for step in range(steps):
             on_progress(step / steps)
             if step % hold == 0:
-                self._chooser.choose_best(self.net, self._choice, hold)
+                self._selector.choose_best(self.net, self._choice, hold)
             total += float(self.play(1)[0].mean())
         minutes = steps / simulation.config.action_frequency_hz / 60.0
         return total / minutes
@@ -398,13 +398,13 @@ class OptionQLearning:
             weight = np.where(over, 0.0, weight * _GAMMA).astype(np.float32)
         then = self._scene(rows + N_STEP, users)
         with torch.no_grad():
-            places = self._chooser.places(then)
-            best = self._chooser.best(self._chooser.values(self.net, then, places), then)
-            worth = self._worth(self._chooser.values(self._slow, then, places), best)
+            places = self._selector.places(then)
+            best = self._selector.best(self._selector.values(self.net, then, places), then)
+            worth = self._worth(self._selector.values(self._slow, then, places), best)
             wanted = torch.from_numpy(total) + torch.from_numpy(weight) * worth
         scene = self._scene(rows, users)
         chosen = torch.from_numpy(memory.read("chosen", rows, users))
-        values = self._chooser.values(self.net, scene, self._chooser.places(scene))
+        values = self._selector.values(self.net, scene, self._selector.places(scene))
         guessed = self._worth(values, chosen)
         loss = functional.smooth_l1_loss(guessed, wanted, reduction="sum") / _BATCH_SIZE
         return float(loss.detach()), torch.autograd.grad(loss, tuple(self.net.parameters()))
@@ -420,14 +420,14 @@ class OptionQLearning:
 
     def diagnosis(self) -> tuple[float, float]:
         """Share of the decisions that were rewarded, and of what is near that is within reach."""
-        scene = self._chooser.scene()
-        places = self._chooser.places(scene)
+        scene = self._selector.scene()
+        places = self._selector.places(scene)
         flat = places.flatten(2).transpose(1, 2).reshape(-1, 3)
-        head = torch.from_numpy(scene.head).repeat_interleave(self._chooser.sight.cells, 0)
+        head = torch.from_numpy(scene.head).repeat_interleave(self._selector.sight.cells, 0)
         near = flat[(flat - head).norm(dim=1) < _NEAR_M]
         within = 0.0
         if len(near):
-            away = [self.mover.distance(hand, near).numpy() for hand in range(self.hands)]
+            away = [self.primitives.distance(hand, near).numpy() for hand in range(self.hands)]
             within = float((np.minimum.reduce(away) < _REACHED_M).mean())
         known = self._memory.read("reward", np.arange(self._memory.count))
         return float((known > 0.0).mean()), within

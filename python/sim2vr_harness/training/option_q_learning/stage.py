@@ -81,7 +81,7 @@ class QLearningStage:
         self._config, self.folder, self._motor, self._user = config, folder, motor, user
         self.total = float(config.skills.q_learning.user_steps)
         self._simulation: Simulation | None = None
-        self._looker: OptionQLearning | None = None
+        self._learner: OptionQLearning | None = None
         self._state: dict[str, Any] | None = None
         self._steps_saved = 0
 
@@ -115,11 +115,11 @@ class QLearningStage:
         state = read_tensors(self.folder / _VALUES, "what is worth doing")
         layer = self._layer()
         tool: Tensor = state["tool"]
-        mover = PrimitiveController(layer, tool, reachable_poses(layer, self._config.seed))
+        primitives = PrimitiveController(layer, tool, reachable_poses(layer, self._config.seed))
         vision = self._config.env.vision
         net = ActionValueMap(DepthGrid(vision.height, vision.width), len(tool))
         net.load_state_dict(state["values"])
-        return OptionExpert(net, mover, simulation)
+        return OptionExpert(net, primitives, simulation)
 
     def open(self) -> None:
         """See the protocol."""
@@ -143,7 +143,7 @@ class QLearningStage:
         poses = reachable_poses(layer, seed)
         with torch_threads(1):
             tool, before, rate = self._prepared(simulation, layer, poses, callbacks)
-            looker = self._looker = OptionQLearning(
+            learner = self._learner = OptionQLearning(
                 self._config.skills.q_learning,
                 simulation,
                 PrimitiveController(layer, tool, poses),
@@ -151,17 +151,17 @@ class QLearningStage:
                 seed=seed,
             )
             if (self.folder / _STATE).is_file():
-                take_in(self.folder / _STATE, "the state of Q-learning", looker.load_state_dict)
-                callbacks.say(f"Continuing with {looker.step_count:,} user steps.")
-            self._steps_saved = looker.step_count
+                take_in(self.folder / _STATE, "the state of Q-learning", learner.load_state_dict)
+                callbacks.say(f"Continuing with {learner.step_count:,} user steps.")
+            self._steps_saved = learner.step_count
             log = self.folder / _LOG
-            keep_rows(log, lambda row: row["step"] <= looker.step_count)
-            self._learn(looker, callbacks, log, before, rate)
+            keep_rows(log, lambda row: row["step"] <= learner.step_count)
+            self._learn(learner, callbacks, log, before, rate)
         if self._user is not None:
-            steps = looker.step_count
-            hold = _best_hold(looker, callbacks)
-            write_user(self._user, self._decider(layer, looker.net, tool, hold), steps)
-        learned = {"values": looker.net.state_dict(), "tool": tool}
+            steps = learner.step_count
+            hold = _best_hold(learner, callbacks)
+            write_user(self._user, self._decider(layer, learner.net, tool, hold), steps)
+        learned = {"values": learner.net.state_dict(), "tool": tool}
         write_tensors(self.folder / _VALUES, learned)
         self.tidy()
 
@@ -209,26 +209,26 @@ class QLearningStage:
 
     def _learn(
         self,
-        looker: OptionQLearning,
+        learner: OptionQLearning,
         callbacks: Callbacks,
         log: Path,
         before: Mapping[str, float],
         rate: float,
     ) -> None:
-        began, first, decisions = time.monotonic(), looker.step_count, 0
+        began, first, decisions = time.monotonic(), learner.step_count, 0
         doing = "trying at random"
         warned = False
-        while not looker.finished:
-            report = looker.step()
+        while not learner.finished:
+            report = learner.step()
             decisions += 1
-            done = looker.step_count
+            done = learner.step_count
             elapsed = time.monotonic() - began
             if rate and decisions == max(_PACE_DECISIONS, N_STEP + 1):
-                callbacks.say(_expected(self._config, looker, elapsed / decisions, rate))
+                callbacks.say(_expected(self._config, learner, elapsed / decisions, rate))
                 began = time.monotonic() - elapsed
             left = (self.total - done) * elapsed / max(1, done - first)
             callbacks.show(lambda: View(done, doing, left))  # noqa: B023
-            if decisions % _REPORT_DECISIONS == 0 or looker.finished:
+            if decisions % _REPORT_DECISIONS == 0 or learner.finished:
                 rate = (done - first) / elapsed
                 doing = (
                     f"step {done:,}, reward per minute {report.reward:.2f} (still "
@@ -239,32 +239,32 @@ class QLearningStage:
                 row["loss"] = None if math.isnan(report.loss) else report.loss
                 append_row(log, row)
                 callbacks.report(done, row)
-            if decisions % _SAVE_DECISIONS == 0 or looker.finished:
-                self._remember(looker)
+            if decisions % _SAVE_DECISIONS == 0 or learner.finished:
+                self._remember(learner)
                 self.save()
             if not warned and done > _HOPELESS * self.total:
                 warned = True
-                _warn(report.reward, before, looker, callbacks)
+                _warn(report.reward, before, learner, callbacks)
         callbacks.say("Looking: " + doing)
 
-    def _remember(self, looker: OptionQLearning) -> None:
-        state = looker.state_dict()
+    def _remember(self, learner: OptionQLearning) -> None:
+        state = learner.state_dict()
         file = self.folder / _STATE
         learned = {"values": state["net"], "optimizer": state["optimizer"]}
-        where = f"after {looker.step_count:,} user steps"
+        where = f"after {learner.step_count:,} user steps"
         require_finite(learned, where, file if file.is_file() else None)
         self._state = state
 
     def save(self) -> None:
         """See the protocol."""
-        looker = self._looker
-        if self._state is None or looker is None:
+        learner = self._learner
+        if self._state is None or learner is None:
             return
         write_tensors(self.folder / _STATE, self._state)
-        self._state, self._steps_saved = None, looker.step_count
+        self._state, self._steps_saved = None, learner.step_count
 
     def tidy(self) -> None:
-        """See the protocol: pictures and the state, which nobody needs any more."""
+        """See the protocol: pictures and the state, which no one needs any more."""
         self._state = None
         for name in (_STATE, _PICTURES):
             (self.folder / name).unlink(missing_ok=True)
@@ -273,7 +273,7 @@ class QLearningStage:
         """See the protocol."""
         if self._simulation is not None:
             self._simulation.close()
-        self._simulation = self._looker = self._state = None
+        self._simulation = self._learner = self._state = None
 
 
 def _seeing(env: EnvConfig) -> EnvConfig:
@@ -330,18 +330,18 @@ def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> 
 
 
 def _expected(
-    config: TrainingConfig, looker: OptionQLearning, decision_s: float, rate: float
+    config: TrainingConfig, learner: OptionQLearning, decision_s: float, rate: float
 ) -> str:
     """One line: how long a run will take.
 
     Args:
         config: of the run.
-        looker: after its first decisions.
+        learner: after its first decisions.
         decision_s: how long one of them took, of all users.
         rate: user steps a second of users who do nothing but step.
     """
-    each_s = decision_s + UPDATES_PER_DECISION * looker.update_seconds()
-    decisions = (looker.config.user_steps - looker.step_count) / (looker.n * DECIDE_STEPS)
+    each_s = decision_s + UPDATES_PER_DECISION * learner.update_seconds()
+    decisions = (learner.config.user_steps - learner.step_count) / (learner.n * DECIDE_STEPS)
     line = (
         f"This machine takes {rate:,.0f} user steps a second with this app, and {each_s:.2f} s to "
         f"decide and to learn from it: expect about {duration(decisions * each_s)} of trying"
@@ -354,13 +354,13 @@ def _expected(
 
 
 def _warn(
-    reward: float, before: Mapping[str, float], looker: OptionQLearning, callbacks: Callbacks
+    reward: float, before: Mapping[str, float], learner: OptionQLearning, callbacks: Callbacks
 ) -> None:
     """Say so where nothing is learned, and what to look at."""
     best = max(before.values())
     if reward > best + 0.05 * abs(best):
         return
-    earned, within = looker.diagnosis()
+    earned, within = learner.diagnosis()
     callbacks.say(
         f"Nothing is being learned yet: {reward:.2f} per minute, {best:.2f} without learning. "
         f"{100 * earned:.1f} % of the decisions were rewarded and {100 * within:.0f} % of what is "

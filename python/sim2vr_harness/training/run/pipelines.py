@@ -84,8 +84,8 @@ def _distill(run: Run) -> list[Stage]:
     """
     config, path = run.config, run.folder.path
     imagined = ImaginedStage(config, path / ImaginedStage.name)
-    practised = config.teacher.imagined.cycles > 0
-    begin = _with(imagined.weights) if practised else lambda policy: None
+    trained = config.teacher.imagined.cycles > 0
+    begin = _with(imagined.weights) if trained else lambda policy: None
     teacher = TeacherStage(config, path / "teacher", begin)
 
     def guide(simulation: Simulation) -> Expert:
@@ -95,13 +95,13 @@ def _distill(run: Run) -> list[Stage]:
     title = "the student goes on by itself: PPO from what the user senses."
     last = _from_pixels(run, title, begin=_with(student.weights))
     stages: list[Stage] = [teacher, student, last]
-    return [imagined, *stages] if practised else stages
+    return [imagined, *stages] if trained else stages
 
 
 def _skills(run: Run) -> list[Stage]:
     """Hands that know how to come to places, what is worth doing there, a student, PPO.
 
-    With ``skills.user: hierarchical`` who knows what is worth doing is the user.
+    With ``skills.user: hierarchical`` the high-level policy is the user.
     """
     config, path = run.config, run.folder.path
     motor = MotorStage(config, path / MotorStage.name) if needs_motor_policy(config) else None

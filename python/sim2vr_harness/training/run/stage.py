@@ -22,7 +22,7 @@ __all__ = ["Callbacks", "Report", "Stage", "StageOutcome", "StageStopped", "run_
 
 
 class StageStopped(Exception):
-    """The ``stop`` callback asked for the end of the training."""
+    """The ``stop`` callback requested the end of the training."""
 
 
 @dataclass(frozen=True)

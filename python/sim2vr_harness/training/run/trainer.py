@@ -205,7 +205,7 @@ class _Session:
                 stages, folder, self.console, opened=opened, report=self.report, stop=self.stop
             )
         finally:
-            if not folder.exists:  # the folder was removed meanwhile: nobody else knows it
+            if not folder.exists:  # the folder was removed meanwhile: no one else knows it
                 folder.store_config(self.config)
 
 

@@ -48,8 +48,7 @@ def game_of(env: EnvConfig) -> ImaginedGame:
         raise InputError(
             "recipe",
             f"'distill' for the game {app.game!r} ({app.transport})",
-            f"a game in this process that has a twin ({', '.join(imagined_games())}), or "
-            "recipe: ppo",
+            f"a game in this process that has a model ({', '.join(imagined_games())}), or recipe: ppo",
         )
     facts = game_facts(app)
     playing = with_hand(env, body_of(env.user)).app.options
@@ -59,7 +58,7 @@ def game_of(env: EnvConfig) -> ImaginedGame:
         raise InputError(
             "recipe",
             f"'distill' for a user who plays {app.game} with the {hand} hand",
-            f"one with {missing[0]}, which its twin is made for, or recipe: ppo",
+            f"one with {missing[0]}, which its differentiable model is made for, or recipe: ppo",
         )
     return game
 
@@ -101,7 +100,7 @@ class TeacherSimulation:
         n: number of users; None takes ``config.ppo.n_envs``.
 
     Raises:
-        InputError: the game has no twin.
+        InputError: the game has no differentiable model.
     """
 
     def __init__(

@@ -61,9 +61,9 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
     simulation = Simulation(settings.env, USERS)
     layer = motor_layer_for(simulation.body, 0.05)
     tool = torch.tensor([[[0.083, -0.01, 0.002], [0.06, -0.01, 0.002]]])
-    mover = PrimitiveController(layer, tool, reachable_poses(layer, settings.seed))
-    chooser = ActionSelector(simulation, mover, FrameHistory(simulation))
-    net = opinionated(chooser.sight)
+    primitives = PrimitiveController(layer, tool, reachable_poses(layer, settings.seed))
+    selector = ActionSelector(simulation, primitives, FrameHistory(simulation))
+    net = opinionated(selector.sight)
     user = HierarchicalPolicy(settings)
     user.learned(layer, net, tool, HELD)
     simulation.reset(seeds=[5, 6, 7])
@@ -71,13 +71,13 @@ def test_it_does_what_the_stage_does_that_made_it() -> None:
     moves = []
     for step in range(3 * HELD):
         if step % HELD == 0:
-            scene = chooser.scene()
-            places = chooser.places(scene)
+            scene = selector.scene()
+            places = selector.places(scene)
             with torch.inference_mode():
-                chosen = chooser.best(chooser.values(net, scene, places), scene).numpy()
-            chooser.choose(choice, chosen, places)
+                chosen = selector.best(selector.values(net, scene, places), scene).numpy()
+            selector.choose(choice, chosen, places)
             moves.append(chosen[:, 0].copy())
-        wanted = chooser.actions(choice)
+        wanted = selector.actions(choice)
         observation = simulation.observation()
         for i in range(USERS):
             own = {key: value[i] for key, value in observation.items()}

@@ -63,11 +63,11 @@ def test_a_shipped_layer_brings_hands_to_places_and_stops_there(body: str) -> No
     choice = OptionChoice(3, hands)
     choice.move[:] = MOVES.index("touch")
     choice.place = places
-    mover = PrimitiveController(layer, torch.zeros(hands, 2, 3), reachable_poses(layer, 1))
+    primitives = PrimitiveController(layer, torch.zeros(hands, 2, 3), reachable_poses(layer, 1))
     for _ in range(40):
         angles, speeds, _ = layer.motion(bodies)
         head = torch.from_numpy(bodies.device_poses("headset")[0]).float()
-        goals = mover.goals(choice, head, *layer.places(angles, speeds))
+        goals = primitives.goals(choice, head, *layer.places(angles, speeds))
         bodies.step(layer.act(bodies, goals))
     angles, speeds, _ = layer.motion(bodies)
     found = layer.places(angles, speeds)[0][..., :3, 3]
@@ -81,45 +81,45 @@ def test_a_shipped_layer_brings_hands_to_places_and_stops_there(body: str) -> No
 
 
 def test_a_push_goes_through_its_place_away_from_the_head(layer: MotorPolicy) -> None:
-    mover = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
     choice = OptionChoice(1, 1)
     choice.move[:] = MOVES.index("push")
     choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
     place = torch.eye(4)[None, None].clone()
     place[0, 0, :3, 3] = torch.tensor([0.08, 0.0, 1.2])  # farther than a run-up
     head = torch.tensor([[0.0, 0.0, 1.2]])
-    goals = mover.goals(choice, head, place, place)
+    goals = primitives.goals(choice, head, place, place)
     assert goals.velocity[0, 0].tolist() == pytest.approx([2.5, 0.0, 0.0])
     assert goals.left_s[0, 0].item() == pytest.approx(0.42 / 1.2)
     choice.move[:] = MOVES.index("up right")
     choice.place[0, 0] = torch.tensor([0.2, -0.3, 1.5])  # 0.42 m to go, up to the right
-    swung = mover.goals(choice, head, place, place).velocity[0, 0]
+    swung = primitives.goals(choice, head, place, place).velocity[0, 0]
     half = 2.0 * 0.5**0.5
     assert swung.tolist() == pytest.approx([0.0, -half, half])  # y is to the left
 
 
 def test_a_push_that_is_too_slow_begins_again_further_back(layer: MotorPolicy) -> None:
-    mover = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
     choice = OptionChoice(1, 1)
     choice.move[:] = MOVES.index("push")
     choice.place[0, 0] = torch.tensor([0.5, 0.0, 1.2])
     head, near = torch.tensor([[0.0, 0.0, 1.2]]), torch.eye(4)[None, None].clone()
     near[0, 0, :3, 3] = torch.tensor([0.45, 0.0, 1.2])
-    still = mover.goals(choice, head, near, near)
+    still = primitives.goals(choice, head, near, near)
     assert still.place[0, 0].tolist() == pytest.approx([0.5 - 1.25 * 0.4, 0.0, 1.2])
     assert not still.velocity.any()
     soon = near.clone()
     soon[0, 0, 0, 3] += 2.0 * MOMENT_S  # 2 m/s towards it
-    fast = mover.goals(choice, head, near, soon)
+    fast = primitives.goals(choice, head, near, soon)
     assert fast.place[0, 0].tolist() == pytest.approx([0.5, 0.0, 1.2])
     assert fast.velocity[0, 0, 0].item() == pytest.approx(2.5)
 
 
 def test_what_is_far_is_waited_for_at_its_height_and_side(layer: MotorPolicy) -> None:
-    mover = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
     near, touches = torch.tensor([[0.4, -0.25, 1.1]]), torch.zeros(1, dtype=torch.bool)
-    assert torch.equal(mover.within_reach(0, near, touches), near)
-    far = mover.within_reach(0, torch.tensor([[3.0, -0.25, 1.1]]), touches)[0]
+    assert torch.equal(primitives.within_reach(0, near, touches), near)
+    far = primitives.within_reach(0, torch.tensor([[3.0, -0.25, 1.1]]), touches)[0]
     assert far[0] < 1.0
     assert far[1:].tolist() == pytest.approx([-0.25, 1.1], abs=0.12)
 
@@ -130,15 +130,15 @@ def test_a_blade_swings_with_its_middle_and_touches_with_its_tip(layer: MotorPol
     assert blade.middle == pytest.approx([0.625, 0.0, 0.0], abs=1e-3)
     assert blade.tip == pytest.approx([0.978, 0.0, 0.0], abs=1e-3)
     tool = torch.tensor(np.array([[blade.tip, blade.middle]]), dtype=torch.float32)
-    mover = PrimitiveController(layer, tool, reachable_poses(layer, 1))
+    primitives = PrimitiveController(layer, tool, reachable_poses(layer, 1))
     choice, place = OptionChoice(2, 1), torch.eye(4).repeat(2, 1, 1, 1)
     choice.move[:, 0] = torch.tensor([MOVES.index("touch"), MOVES.index("up")])
-    goals = mover.goals(choice, torch.zeros(2, 3), place, place)
+    goals = primitives.goals(choice, torch.zeros(2, 3), place, place)
     assert goals.tip[:, 0, 0].tolist() == pytest.approx([0.978, 0.625], abs=1e-3)
     # Farther than the middle gets, within the tip's reach: who swings waits nearer.
     swings = torch.tensor([False, True])
     there = torch.tensor([[1.0, 0.0, 0.0]]).expand(2, 3) * 1.55 + torch.tensor([0.0, -0.2, 1.1])
-    touched, swung = mover.within_reach(0, there, swings)
+    touched, swung = primitives.within_reach(0, there, swings)
     assert touched[0] > swung[0] + 0.1
 
 
@@ -173,24 +173,24 @@ def small_minibatches(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(q_learning, "_BATCH_SIZE", 8)
 
 
-def looker(layer: MotorPolicy, folder: Path, cores: int = 1) -> OptionQLearning:
+def learner(layer: MotorPolicy, folder: Path, cores: int = 1) -> OptionQLearning:
     folder.mkdir(exist_ok=True)
     config = env("sample").model_copy(update={"cores": cores})
     simulation = Simulation(config, SMALL.users)
-    mover = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
-    return OptionQLearning(SMALL, simulation, mover, folder / "pictures.bin", seed=2)
+    primitives = PrimitiveController(layer, torch.zeros(1, 2, 3), reachable_poses(layer, 1))
+    return OptionQLearning(SMALL, simulation, primitives, folder / "pictures.bin", seed=2)
 
 
 def test_looking_goes_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path: Path) -> None:
-    whole = looker(layer, tmp_path / "whole")
+    whole = learner(layer, tmp_path / "whole")
     while not whole.finished:
         last = whole.step()
-    parts = looker(layer, tmp_path / "parts")
+    parts = learner(layer, tmp_path / "parts")
     for _ in range(15):
         parts.step()
     state = parts.state_dict()
     parts.step()  # lost
-    again = looker(layer, tmp_path / "parts")
+    again = learner(layer, tmp_path / "parts")
     again.load_state_dict(state)
     while not again.finished:
         report = again.step()
@@ -203,7 +203,7 @@ def test_looking_goes_on_from_a_state_to_the_bit(layer: MotorPolicy, tmp_path: P
 
 
 def test_timing_an_update_changes_nothing(layer: MotorPolicy, tmp_path: Path) -> None:
-    timed, other = looker(layer, tmp_path / "timed"), looker(layer, tmp_path / "other")
+    timed, other = learner(layer, tmp_path / "timed"), learner(layer, tmp_path / "other")
     while not timed.finished:
         other.step()
         report = timed.step()
@@ -216,7 +216,7 @@ def test_timing_an_update_changes_nothing(layer: MotorPolicy, tmp_path: Path) ->
 
 
 def test_learning_beside_playing_is_learning_before_it(layer: MotorPolicy, tmp_path: Path) -> None:
-    alone, beside = (looker(layer, tmp_path / f"{cores}", cores) for cores in (1, 2))
+    alone, beside = (learner(layer, tmp_path / f"{cores}", cores) for cores in (1, 2))
     while not alone.finished:
         one, other = asdict(alone.step()), asdict(beside.step())
         np.testing.assert_equal(one, other)  # losses are not numbers at first
@@ -228,7 +228,7 @@ def test_learning_beside_playing_is_learning_before_it(layer: MotorPolicy, tmp_p
 
 def test_tries_and_steps_grow_smaller_in_the_end(layer: MotorPolicy, tmp_path: Path) -> None:
     """Half-way through the last half: tries fall to 1 - .75 / 2 of .08, and rates alike."""
-    one = looker(layer, tmp_path / "settling")
+    one = learner(layer, tmp_path / "settling")
     one.step_count = 120
     assert one.explore == pytest.approx(0.9 - 0.3 * 0.82)
     one.step_count = 180

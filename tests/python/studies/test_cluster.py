@@ -24,7 +24,7 @@ def test_a_cluster_that_is_not_there_is_said(tmp_path: Path) -> None:
         ("nonsense", r"^--ray: got 'nonsense', expected auto, or HOST:PORT of a running Ray"),
         (
             "127.0.0.1:1",
-            r"^--ray: got '127.0.0.1:1', where nobody answers \(connection refused\)",
+            r"^--ray: got '127.0.0.1:1', where no one answers \(connection refused\)",
         ),
     ]:
         with pytest.raises(InputError, match=message):

@@ -48,7 +48,7 @@ def game_of(env: EnvConfig) -> ImaginedGame:
         raise InputError(
             "recipe",
             f"'distill' for the game {app.game!r} ({app.transport})",
-            f"a game in this process that has a model ({', '.join(imagined_games())}), or recipe: ppo",
+            f"a game in this process with a model ({', '.join(imagined_games())}), or recipe: ppo",
         )
     facts = game_facts(app)
     playing = with_hand(env, body_of(env.user)).app.options

@@ -117,7 +117,7 @@ def _played(
     if run is None:
         config = with_task(EnvConfig(app=AppConfig(**app))) if app else EnvConfig()
         if overrides:
-            plain, source = TrainingConfig(env=EnvConfig()), "--set"
+            plain, source = TrainingConfig(env=with_game(EnvConfig(), game)), "--set"
             changed = evaluation_env(plain, app, overrides, source=source, trust_app=trust_app)
             config = with_task(changed)
         return None, with_game(config, game)

@@ -75,6 +75,7 @@ def test_train_ends_with_the_table_and_where_to_look_next(capsys: Any, tmp_path:
     run = tmp_path / "run"
     status, out, err = train(capsys, run, "--timesteps", "100")
     assert status == 0, err
+    assert err.startswith("Preparing whacamole_constrained (recipe ppo) ...\n")
     assert "from step 0 to 120" in err
     for part in (
         "After 120 user steps", "easy", "hard", "Hit rate",

@@ -9,6 +9,7 @@ from typing import Any
 
 import pytest
 import typer.main
+from PIL import Image
 
 from sim2vr_harness.base import paths
 from sim2vr_harness.cli.command import HEADINGS
@@ -151,3 +152,42 @@ def test_no_command_function_is_long() -> None:
             if len(lines) > 50:
                 long.append((words, len(lines)))
     assert long == []
+
+
+def test_shared_options_are_the_same_everywhere() -> None:
+    """Of all that have it; --user of track takes bodies as well, --set of some is shorter."""
+    found: dict[str, set[tuple[str | None, str]]] = {}
+    owners: dict[str, set[str]] = {}
+    for words, command in shown_commands():
+        for each in command.params:
+            for option in ("--page", "--map", "--task", "--browser", "--user", "--set"):
+                own = (words, option) in {("track", "--user"), ("plot level", "--set")}
+                own |= option == "--set" and words in ("train", "bench", "users motor train")
+                if option in each.opts:
+                    owners.setdefault(option, set()).add(words)
+                    if not own:
+                        found.setdefault(option, set()).add((each.metavar, each.help))
+    assert {option: len(texts) for option, texts in found.items()} == dict.fromkeys(found, 1)
+    players = {"train", "evaluate", "watch", "render snapshot"}
+    for option in ("--page", "--map", "--task", "--browser"):
+        assert owners[option] == players
+    assert players - {"train"} < owners["--user"]
+    assert players < owners["--set"]
+
+
+def test_a_snapshot_takes_user_and_set(tmp_path: Path, capsys: Any) -> None:
+    """With --set the images have another size; a baseline acts otherwise than the default."""
+    sizes = {}
+    for name, more in (
+        ("plain", ()),
+        ("small", ("--set", "env.vision.width=60", "--set", "env.vision.height=40")),
+        ("still", ("--user", "still")),
+    ):
+        out = ("--out", str(tmp_path / name))
+        command = ("render", "snapshot", "--seconds", "0.2", "--size", "64x48")
+        assert call(capsys, *command, *out, *more)[0] == 0
+        with Image.open(tmp_path / name / "observation.png") as image:
+            sizes[name] = image.size
+    assert sizes == {"plain": (240, 80), "small": (120, 40), "still": (240, 80)}
+    bodies = [(tmp_path / name / "body.png").read_bytes() for name in ("plain", "still")]
+    assert bodies[0] != bodies[1]

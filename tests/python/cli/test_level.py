@@ -10,7 +10,9 @@ import pytest
 from typer.testing import CliRunner
 
 from sim2vr_harness.cli import level
+from sim2vr_harness.cli.level import _read_option
 from sim2vr_harness.cli.main import app
+from sim2vr_harness.cli.motor import _changes
 from sim2vr_harness.client import GameFacts, Timeline
 
 ASKED: list[tuple[str, dict[str, Any], int]] = []
@@ -58,6 +60,11 @@ def test_the_facts_come_as_json() -> None:
 def test_a_game_without_levels_is_refused() -> None:
     result = CliRunner().invoke(app, ["plot", "level", "x", "--game", "organ"])
     assert str(result.exception) == "--game: got 'organ', expected a game with levels"
+
+
+def test_whole_and_short_keys_of_set_are_the_same() -> None:
+    assert _read_option("speed=2.5") == _read_option("env.app.options.speed=2.5") == ("speed", 2.5)
+    assert _changes(["cycles=3"]) == _changes(["skills.motor_training.cycles=3"])
 
 
 def test_an_option_without_value_is_refused() -> None:

@@ -90,7 +90,5 @@ def test_what_cannot_be_filmed(trained: Path, tmp_path: Path) -> None:
     ):
         asked: dict[str, Any] = {"runs": [trained], "out": out, **given}
         with pytest.raises(InputError, match=message):
-            film_comparison(
-                asked.pop("runs"), asked.pop("out"), simulation=FakeSimulation, **asked
-            )
+            film_comparison(asked.pop("runs"), asked.pop("out"), simulation=FakeSimulation, **asked)
     assert list(tmp_path.iterdir()) == []

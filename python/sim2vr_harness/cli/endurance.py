@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from sim2vr_harness.cli.options import JsonOption, TrustOption, finite, print_json
+from sim2vr_harness.cli.options import EnvSetOption, JsonOption, TrustOption, finite, print_json
 
 if TYPE_CHECKING:
     from sim2vr_harness.tools.endurance import Held
@@ -36,16 +36,11 @@ def endurance(
         int | None,
         typer.Option(help="Let so many persons of the user's population hold it, 1 to 200."),
     ] = None,
-    set_: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Change the user: --set env.user.torso=true."
-        ),
-    ] = None,
+    set_: EnvSetOption = None,
     json: JsonOption = False,
     trust_app: TrustOption = False,
 ) -> None:
-    """Say how long a user can hold a posture, by three models of exertion.
+    """Say how long a posture can be held, by three models of exertion.
 
     Examples:
         sim2vr-harness endurance mobl_arms_wrist --pose elv_angle=45,shoulder_elv=60

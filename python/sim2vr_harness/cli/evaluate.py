@@ -143,16 +143,14 @@ def evaluate(
     # fmt: off
     request = Request(
         conditions=condition, episodes=episodes, seed=seed, people=people,
-        deterministic=deterministic, record=record, log=log, steps=steps, out=out,
-        overwrite=overwrite, batch=batch, app=remote, overrides=overrides or (),
-        trust_app=trust_app,
+        deterministic=deterministic, record=record, log=log, steps=steps, out=out, batch=batch,
+        overwrite=overwrite, app=remote, overrides=overrides or (), trust_app=trust_app,
     )
     # fmt: on
     if baseline is not None:
         return _evaluate_baseline(baseline, request, json, checked)
     if run is None:
-        expected = "a run's folder, or --user still or random for an untrained user"
-        raise InputError("RUN", "nothing", expected)
+        raise InputError("RUN", "nothing", "a run's folder, or --user still or random")
     with Share("Playing") as share:
         found = evaluate_run(run, request, on_progress=share.show, on_plan=checked.prepare)
     _print(found, request, json)

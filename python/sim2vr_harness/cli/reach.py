@@ -119,13 +119,9 @@ def reach(
         sim2vr-harness reach mobl_arms_wrist --target shelf=0.3,1.6,0.5
         sim2vr-harness reach whacamole_constrained --game whacamole --condition easy
     """
-    from dataclasses import replace
-    from functools import partial
-
     from sim2vr_harness.envs.config import body_of
     from sim2vr_harness.tools.reach.files import write
     from sim2vr_harness.tools.reach.measuring import chosen_point, measure
-    from sim2vr_harness.tools.reach.people import alike, people_reach
     from sim2vr_harness.tools.reach.targets import given_target, logged_targets
     from sim2vr_harness.tools.users import environment_of
 
@@ -146,13 +142,9 @@ def reach(
         if tool is not None:
             where = _in_hand(environments[0], tool)
         for environment, name in zip(environments, conditions, strict=True):
-            look = partial(_look, objects=objects, seconds=seconds)
-            places = look(alike(environment), None)
-            if people is not None:
-                reached = people_reach(environment, where, places, people, look)
-                first = len(targets)
-                shares |= {first + i: reached.words(i) for i in range(len(places))}
-            targets += [replace(one, name=f"{name or ''} {one.name}".strip()) for one in places]
+            places, words = _of_game(environment, name, where, objects, seconds, people)
+            shares |= {len(targets) + i: text for i, text in enumerate(words)}
+            targets += places
     say("Measuring the reach ...")
     found = measure(body, where, targets, cell_m=cell)
     _tell(found, shares)
@@ -184,6 +176,29 @@ def _check_together(
         raise InputError("--people", "it without --game", "it with --game")
     if not 0.0 < seconds <= 600.0:
         raise InputError("--seconds", f"{seconds:g}", "more than 0, at most 600")
+
+
+def _of_game(
+    environment: EnvConfig,
+    condition: str | None,
+    where: Point,
+    objects: str | None,
+    seconds: float,
+    people: int | None,
+) -> tuple[list[Target], list[str]]:
+    """Return the places of a game's condition, and what is said of each of how many reach it."""
+    from dataclasses import replace
+    from functools import partial
+
+    from sim2vr_harness.tools.reach.people import alike, people_reach
+
+    look = partial(_look, objects=objects, seconds=seconds)
+    places = look(alike(environment), None)
+    words = []
+    if people is not None:
+        reached = people_reach(environment, where, places, people, look)
+        words = [reached.words(i) for i in range(len(places))]
+    return [replace(one, name=f"{condition or ''} {one.name}".strip()) for one in places], words
 
 
 def _look(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -16,6 +17,9 @@ from sim2vr_harness.cli.options import (
     TrustOption,
     writable_folder,
 )
+
+if TYPE_CHECKING:
+    from sim2vr_harness.studies.data import StudyData
 
 __all__ = ["study"]
 
@@ -99,21 +103,13 @@ def study(
         sim2vr-harness study studies/placement_search.yaml --jobs 2
         sim2vr-harness study studies/people_ablation.yaml --no-report
     """
-    from rich.console import Console
-
-    from sim2vr_harness.cli.studies import Shown, comparison_table, plan_tables
+    from sim2vr_harness.cli.studies import Shown
     from sim2vr_harness.evaluation.expectations import of_study
     from sim2vr_harness.studies import run_study
 
-    if difference and not plan:
-        raise InputError("--difference", shown(difference[0]), "it together with --plan")
     checked = CheckedRun(expect, against, junit, "study")
-    if plan:
-        if checked.asked:
-            raise InputError("--plan", "it together with --expect or --against", "one of them")
-        for table in plan_tables(file, out, difference or (), trust_app=trust_app):
-            Console().print(table)
-        return 0
+    if plan or difference:
+        return _show_plan(file, out, difference or (), checked, plan=plan, trust_app=trust_app)
     with Shown() as progress:
         found = run_study(
             file,
@@ -126,10 +122,7 @@ def study(
             on_progress=progress.show,
             on_plan=checked.prepare if checked.asked else None,
         )
-    for table in comparison_table(found.data):
-        Console().print(table)
-    for line, cells in found.data.unpractised.items():
-        typer.echo(f"note: not trained for: {line} ({counted(len(cells), 'cell')})", err=True)
+    _print(found.data)
     typer.echo(f"Played: {found.played} of {found.played + found.found} cells and trainings")
     typer.echo(f"Written: {found.data.root}")
     if report:
@@ -137,3 +130,38 @@ def study(
 
         typer.echo(f"Written: {write_report(found.data.root).page}")
     return checked.status(lambda: of_study(found.data.statistics["summaries"]))
+
+
+def _show_plan(
+    file: Path,
+    out: Path | None,
+    difference: Sequence[str],
+    checked: CheckedRun,
+    *,
+    plan: bool,
+    trust_app: bool,
+) -> int:
+    """Print what the study would play, and how many units differences need."""
+    from rich.console import Console
+
+    from sim2vr_harness.cli.studies import plan_tables
+
+    if not plan:
+        raise InputError("--difference", shown(difference[0]), "it together with --plan")
+    if checked.asked:
+        raise InputError("--plan", "it together with --expect or --against", "one of them")
+    for table in plan_tables(file, out, difference, trust_app=trust_app):
+        Console().print(table)
+    return 0
+
+
+def _print(data: StudyData) -> None:
+    """Print comparisons, and what users were not trained for."""
+    from rich.console import Console
+
+    from sim2vr_harness.cli.studies import comparison_table
+
+    for table in comparison_table(data):
+        Console().print(table)
+    for line, cells in data.unpractised.items():
+        typer.echo(f"note: not trained for: {line} ({counted(len(cells), 'cell')})", err=True)

@@ -153,11 +153,10 @@ def evaluate(
         raise InputError("RUN", "nothing", "a run's folder, or --user still or random")
     with Share("Playing") as share:
         found = evaluate_run(run, request, on_progress=share.show, on_plan=checked.prepare)
-    _print(found, request, json)
-    return _status(checked, found.summaries)
+    return _print(found, request, json, checked)
 
 
-def _print(found: Evaluation, request: Request, json: bool) -> None:
+def _print(found: Evaluation, request: Request, json: bool, checked: CheckedRun) -> int:
     """Print notes, the table or JSON, and the files."""
     from sim2vr_harness.evaluation.tables import results_table
     from sim2vr_harness.evaluation.training_distribution import words_of_change
@@ -169,7 +168,7 @@ def _print(found: Evaluation, request: Request, json: bool) -> None:
         typer.echo(f"note: not in the tables: {line}{more}", err=True)
     if json:
         print_json(found.summaries)
-        return
+        return _status(checked, found.summaries)
     how = "deterministic" if _first(found.summaries)["deterministic"] else "stochastic"
     title = f"After {found.step:,} user steps, {how} actions"
     for override in request.overrides:
@@ -179,6 +178,7 @@ def _print(found: Evaluation, request: Request, json: bool) -> None:
     typer.echo(f"Evaluated: {found.checkpoint}")
     for file in found.files:
         typer.echo(f"Written: {file}")
+    return _status(checked, found.summaries)
 
 
 def _evaluate_baseline(user: str, request: Request, json: bool, checked: CheckedRun) -> int:

@@ -120,7 +120,6 @@ def reach(
         sim2vr-harness reach whacamole_constrained --game whacamole --condition easy
     """
     from sim2vr_harness.envs.config import body_of
-    from sim2vr_harness.tools.reach.files import write
     from sim2vr_harness.tools.reach.measuring import chosen_point, measure
     from sim2vr_harness.tools.reach.targets import given_target, logged_targets
     from sim2vr_harness.tools.users import environment_of
@@ -128,8 +127,7 @@ def reach(
     of_game = bool(condition) or objects is not None
     _check_together(point, tool, game, seconds, of_game=of_game, people=people)
     targets = [given_target(text) for text in target or ()]
-    for path in log or ():
-        targets += logged_targets(path)
+    targets += [one for path in log or () for one in logged_targets(path)]
     conditions: list[str | None] = [*condition] if condition else [None]
     environments = [
         environment_of(user, game=game, condition=name, overrides=set_ or (), trust_app=trust_app)
@@ -148,6 +146,12 @@ def reach(
     say("Measuring the reach ...")
     found = measure(body, where, targets, cell_m=cell)
     _tell(found, shares)
+    _write(found, out, film=film)
+
+
+def _write(found: Measured, out: Path, *, film: bool) -> None:
+    from sim2vr_harness.tools.reach.files import write
+
     say("Writing files" + (" and the film" if film else "") + " ...")
     for file in write(found, out, film=film):
         typer.echo(f"Written: {file}")

@@ -111,20 +111,16 @@ def study(
     if plan or difference:
         return _show_plan(file, out, difference or (), checked, plan=plan, trust_app=trust_app)
     with Shown() as progress:
+        # fmt: off
         found = run_study(
-            file,
-            out,
-            jobs=jobs,
-            ray=ray,
-            storage=storage,
-            trust_app=trust_app,
-            replay_damaged=replay_damaged,
-            on_progress=progress.show,
+            file, out, jobs=jobs, ray=ray, storage=storage, trust_app=trust_app,
+            replay_damaged=replay_damaged, on_progress=progress.show,
             on_plan=checked.prepare if checked.asked else None,
         )
+        # fmt: on
     _print(found.data)
-    typer.echo(f"Played: {found.played} of {found.played + found.found} cells and trainings")
-    typer.echo(f"Written: {found.data.root}")
+    done = f"{found.played} of {found.played + found.found} cells and trainings"
+    typer.echo(f"Played: {done}\nWritten: {found.data.root}")
     if report:
         from sim2vr_harness.studies.report import write_report
 

@@ -133,8 +133,7 @@ def reach(
         environment_of(user, game=game, condition=name, overrides=set_ or (), trust_app=trust_app)
         for name in conditions
     ]
-    body = body_of(environments[0].user)
-    where = chosen_point(body, point)
+    where = chosen_point(body := body_of(environments[0].user), point)
     shares: dict[int, str] = {}
     if game is not None:
         if tool is not None:

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 
+from sim2vr_harness.base.notices import notice_once
 from sim2vr_harness.client.base import OptionValue, plain_options
 from sim2vr_harness.client.channel import Channel, checked_duration_s
 from sim2vr_harness.client.games import describe_game
@@ -186,7 +187,7 @@ def unity_arguments(
 
     Args:
         options: ``condition`` becomes ``-condition``; ``adaptive`` and ``sparse`` that are true
-            become the flags of that name; others have no argument.
+            become the flags of that name; others have no argument, which is said once.
         arguments: given by the user; what stands here is not added again.
         log_dir: folder for the app's logs, or None.
     """
@@ -196,6 +197,10 @@ def unity_arguments(
     for name in _FLAGS:
         if options.get(name) is True and f"-{name}" not in arguments:
             added.append(f"-{name}")
+    dropped = sorted(set(options) - {"condition", *_FLAGS})
+    if dropped:
+        names = ", ".join(f"env.app.options.{name}" for name in dropped)
+        notice_once(f"note: a Unity build has no argument for {names}; its own value holds")
     if log_dir is not None and "-logging" not in arguments:
         added += ["-logging"]
         if "-outputFolder" not in arguments:

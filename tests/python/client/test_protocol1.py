@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from sim2vr_harness.base.notices import set_notice
 from sim2vr_harness.client import (
     INPUT_COUNT,
     AppDied,
@@ -320,3 +321,17 @@ def test_the_numbers_of_a_log() -> None:
 
 def test_null_is_no_image() -> None:
     assert decode_reply(b'{"image":null,"reward":0}') == ({"reward": 0}, b"")
+
+
+def test_options_without_an_argument_are_named_once() -> None:
+    said: list[str] = []
+    set_notice(said.append)
+    try:
+        for _ in range(2):
+            unity_arguments({"condition": "easy", "round_seconds": 5.0, "life": 1}, [], None)
+    finally:
+        set_notice(None)
+    assert said == [
+        "note: a Unity build has no argument for env.app.options.life, "
+        "env.app.options.round_seconds; its own value holds"
+    ]

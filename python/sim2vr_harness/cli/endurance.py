@@ -44,7 +44,7 @@ def endurance(
 
     Examples:
         sim2vr-harness endurance mobl_arms_wrist --pose elv_angle=45,shoulder_elv=60
-        sim2vr-harness endurance pretrained:whacamole_people --pose shoulder_elv=60 --people 20
+        sim2vr-harness endurance whacamole_people --pose shoulder_elv=60 --people 9
     """
     from dataclasses import asdict
 

@@ -120,10 +120,7 @@ def test_evaluate_prints_one_json_object(capsys: Any, trained: Path) -> None:
     for key in ("hits", "misses", "contacts", "hit_rate", "hit_speed_mps", "hammer_depth_m",
                 "max_fatigued", "effort", "return", "game_return", "episodes"):  # fmt: skip
         assert key in content["easy"]
-    assert (
-        err
-        == "Playing ...\nnote: this user never practised conditions easy, hard (trained: medium)\n"
-    )
+    assert err == "Playing ...\nnote: not trained for: conditions easy, hard (trained: medium)\n"
     status, out, _ = call(capsys, *arguments, "--deterministic")
     assert status == 0
     assert "deterministic" in out
@@ -166,9 +163,9 @@ def test_changes_are_told_in_words(capsys: Any, trained: Path, tmp_path: Path) -
     change = ("--set", "env.user.noise.constant=white", "--out", str(tmp_path))
     status, out, err = call(capsys, "evaluate", str(trained), "--episodes", "1", *change)
     assert status == 0, err
-    assert "With noise constant: white" in out
+    assert "With noise.constant = white" in out
     assert "env.user" not in out.splitlines()[0]
-    assert "note: this user never practised noise constant: white (trained: none)" in err
+    assert "note: not trained for: noise.constant = white" in err
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
@@ -176,7 +173,7 @@ def test_practice_that_is_stopped_says_how_to_go_on(
     capsys: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, number: signal.Signals
 ) -> None:
     monkeypatch.setattr(ModelBasedTrainer, "step", lambda self, told: os.kill(os.getpid(), number))
-    small = ("--set", "users=8", "--set", "width=16", "--set", "body_width=16")
+    small = ("--set", "bodies=8", "--set", "width=16")
     out = ("--out", str(tmp_path / "layer.pt"))
     status, _, err = call(capsys, "users", "motor", "train", "mobl_arms_wrist", *out, *small)
     assert status == 130

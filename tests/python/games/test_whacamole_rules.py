@@ -206,4 +206,6 @@ def test_the_boxes_that_meet_in_a_hit(
     for name in ("TARGET_HALF_M", "HAMMER_HALF_M", "BOX_M"):
         with monkeypatch.context() as patch:
             patch.setattr(module, name, tuple(part + 0.003 for part in getattr(rules, name)))
+            module._sizes.cache_clear()
             assert wrong_overlaps(played)[1] > 0, name
+        module._sizes.cache_clear()

@@ -16,7 +16,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.cli.main import main
 from sim2vr_harness.client import describe_game
 from sim2vr_harness.envs.contract import contract, contract_hash, differences
-from sim2vr_harness.envs.simulation import observation_space_of
+from sim2vr_harness.envs.senses import observation_space_of
 from sim2vr_harness.evaluation import packing
 from sim2vr_harness.evaluation.evaluate import Request
 from sim2vr_harness.evaluation.packing import pack_measured

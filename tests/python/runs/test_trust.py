@@ -93,7 +93,7 @@ def test_every_command_asks_before_it_starts_what_a_run_names(
         ("train", str(received / "config.yaml"), *out),
         ("train", str(copy), *out),
         ("bench", str(copy), "--scene", "train"),
-        ("snapshot", "--run", str(received), *out),
+        ("render", "snapshot", "--run", str(received), *out),
         ("users", "pack", str(received), "name", *out),
     ):
         status, err = call(capsys, *command)

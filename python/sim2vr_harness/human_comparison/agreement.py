@@ -15,8 +15,8 @@ FloatArray = NDArray[np.float64]
 Words = tuple[str, str]
 """A sentence, or a part of one, and its numbers."""
 
-_AGREE = 0.7
-"""Rank correlation of two orders."""
+_AGREE, _IN_PART = 0.7, 0.3
+"""Rank correlation of two orders that agree, and that agree in part."""
 
 
 def cell_disagreement(users: FloatArray, people: FloatArray, grid: tuple[int, int]) -> Words:
@@ -42,7 +42,8 @@ def order_agreement(users: FloatArray, people: FloatArray) -> Words:
     if np.ptp(users) == 0.0 or np.ptp(people) == 0.0:
         return "cannot be compared", "one of the two is the same everywhere"
     r = float(stats.spearmanr(users, people).statistic)
-    return "agree" if r >= _AGREE else "disagree", f"Spearman's r = {r:.2f}, n = {len(users)}"
+    words = "agree" if r >= _AGREE else "agree in part" if r >= _IN_PART else "disagree"
+    return words, f"Spearman's r = {r:.2f}, n = {len(users)}"
 
 
 def cell_name(index: int, rows: int, columns: int) -> str:

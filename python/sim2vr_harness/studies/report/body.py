@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import body_of
 from sim2vr_harness.evaluation.evaluate import name_of
+from sim2vr_harness.evaluation.fatigue import full_name
 from sim2vr_harness.figures.figure import COLOURS, Bars, Figure, Heat, Layer, Line, Panel, colour_of
 from sim2vr_harness.policies.store import TrainedUser, find_user
 from sim2vr_harness.studies.report.source import Group, ReportSource
@@ -154,7 +155,7 @@ def figures_of_body(
     parts = _parts_of(body, first.names) if body is not None else {}
     order = np.argsort(-np.mean([load.values for _, load in told], axis=0), kind="stable")
     high = float(max(load.values.max() for _, load in told)) or 1.0
-    rows = [first.names[i] for i in order]
+    rows = [full_name(first.names[i]) for i in order]
     values = [[float(load.values[i]) for _, load in told] for i in order]
     panels = [Panel(f"Each: {first.what}", [Heat(values, labels, rows, 0.0, high)], rows=len(rows))]
     if parts:
@@ -169,7 +170,7 @@ def figures_of_body(
     if over_time:
         panels.append(
             Panel("Over the round, mean of the muscles", over_time, "time (s)",
-                  "share of fatigued motor units", legend=True)
+                  "proportion of fatigued motor units", legend=True)
         )  # fmt: skip
     kind = "Muscle fatigue" if first.fatigue else "Load"
     panels += _effort_split(told, parts)
@@ -224,7 +225,7 @@ def _effort_split(told: Sequence[tuple[Group, Load]], parts: dict[str, str]) -> 
         )
         for index, part in enumerate(names)
     ]
-    yield Panel(f"Who does the work: share of {what}", layers, y_label="share", stacked=True,
+    yield Panel(f"Proportion of {what}", layers, y_label="proportion", stacked=True,
                 legend=True, y_range=(0.0, 1.02))  # fmt: skip
 
 

@@ -33,7 +33,7 @@ def exports() -> list[str]:
             f"{module.__name__}.{name}"
             for name, value in values.items()
             if (inspect.isclass(value) or inspect.isfunction(value))
-            and not (package == ".perception" and name == "SenseConfig")  # under envs
+            and (package, name) not in {(".perception", "SenseConfig"), ("", "EnvConfig")}  # envs
         ]
     assert len(found) > 100
     return found

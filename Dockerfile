@@ -10,7 +10,7 @@ RUN apt-get update \
  && rm -rf /var/lib/apt/lists/*
 WORKDIR /opt/sim2vr
 COPY . .
-RUN make setup && rm -rf /var/lib/apt/lists/* /root/.cache
+RUN make setup && rm -rf /var/lib/apt/lists/* ~/.cache
 ENV PATH=/opt/sim2vr/.venv/bin:$PATH
 # A build whose smoke test fails makes no image.
 RUN sim2vr-harness evaluate --user random --set env.app.game=sample --episodes 1 --set env.max_episode_seconds=2 --out /tmp/smoke

@@ -36,7 +36,6 @@ from sim2vr_harness.client.errors import AppError, AppRefused, AppUnsupported, P
 from sim2vr_harness.client.poses import (
     check_finite,
     frame_times,
-    one_frame,
     pose_rows,
     require_devices,
 )
@@ -50,7 +49,9 @@ from sim2vr_harness.client.protocol1_wire import (
     on_grid,
     pose_fields,
 )
+from sim2vr_harness.client.runtime import checked_seed
 from sim2vr_harness.client.scene import AppScene
+from sim2vr_harness.client.split_step import SplitStep
 
 __all__ = ["Protocol1App"]
 
@@ -62,7 +63,7 @@ _CAPABILITIES = frozenset({"left_controller"})
 _OUR_CAPABILITIES = _CAPABILITIES | {"save", "views", "frames", "head_request"}
 
 
-class Protocol1App:
+class Protocol1App(SplitStep):
     """:class:`~sim2vr_harness.client.base.AppClient` over protocol 1.
 
     Makes the handshake, hence waits for an app that is still starting.
@@ -186,8 +187,7 @@ class Protocol1App:
         An app of the reference draws its own seed. Options that differ from those it was started
         with are refused.
         """
-        if not 0 <= seed < 2**32:
-            raise ValueError(f"seed: got {seed}, expected an integer from 0 to 2**32 - 1")
+        checked_seed(seed)
         require_devices(poses, self.capabilities, self._channel.app)
         rows = pose_rows(poses)
         if self._is_ours:
@@ -202,16 +202,6 @@ class Protocol1App:
         self._in_round = True
         # The reference drops these two of a reset's reply: a round begins with nothing earned.
         return reply if self._is_ours else AppReply(0.0, False, reply.time_feature, reply.log)
-
-    def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
-        """See :class:`AppClient`."""
-        self.start_step(np.array([time_ns], dtype=np.int64), one_frame(poses))
-        return self.finish_step()
-
-    def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
-        """See :class:`AppClient`; the last frame is drawn, and no other can be."""
-        self.start_step(times_ns, poses, drawn)
-        return self.finish_step()
 
     def start_step(
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False

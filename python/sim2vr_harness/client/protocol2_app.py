@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sim2vr_harness.client.base import (
     AppReply,
     Int64Array,
@@ -15,8 +13,10 @@ from sim2vr_harness.client.base import (
     UInt8Array,
 )
 from sim2vr_harness.client.devices import DevicePoses
-from sim2vr_harness.client.poses import frame_times, one_frame
+from sim2vr_harness.client.poses import frame_times
+from sim2vr_harness.client.runtime import checked_seed
 from sim2vr_harness.client.scene import AppScene
+from sim2vr_harness.client.split_step import SplitStep
 
 if TYPE_CHECKING:
     from sim2vr_harness.client.protocol2 import Protocol2Connection
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 __all__ = ["Protocol2App"]
 
 
-class Protocol2App:
+class Protocol2App(SplitStep):
     """:class:`~sim2vr_harness.client.base.AppClient` for one app of a connection.
 
     Args:
@@ -75,19 +75,8 @@ class Protocol2App:
         time_ns: int = 0,
     ) -> AppReply:
         """See :class:`AppClient`."""
-        if not 0 <= seed < 2**32:
-            raise ValueError(f"seed: got {seed}, expected an integer from 0 to 2**32 - 1")
+        checked_seed(seed)
         return self._open().reset(self._index, seed, poses, options, time_ns)
-
-    def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
-        """See :class:`AppClient`."""
-        self.start_step(np.array([time_ns], dtype=np.int64), one_frame(poses))
-        return self.finish_step()
-
-    def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
-        """See :class:`AppClient`."""
-        self.start_step(times_ns, poses, drawn)
-        return self.finish_step()
 
     def start_step(
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False

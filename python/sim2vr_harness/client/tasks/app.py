@@ -21,8 +21,8 @@ from sim2vr_harness.client.base import (
 )
 from sim2vr_harness.client.devices import DevicePoses
 from sim2vr_harness.client.errors import AppUnsupported
-from sim2vr_harness.client.poses import one_frame
 from sim2vr_harness.client.scene import AppScene
+from sim2vr_harness.client.split_step import SplitStep
 from sim2vr_harness.client.tasks.loading import FIELD
 from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
 
@@ -32,7 +32,7 @@ _EARLY_S = 1e-3
 """Frames lie a hair before whole periods; a round of 30 s ends with the one at 29.9999982 s."""
 
 
-class TaskedApp:
+class TaskedApp(SplitStep):
     """An app and what it is worth; everything else is the app's.
 
     A task may keep what it likes, so a round cannot be saved.
@@ -90,15 +90,6 @@ class TaskedApp:
         except Exception as error:
             raise self._wrong("reset", words_of(error), "to begin a round") from error
         return self._reply(reply, moment, Outcome(0.0))
-
-    def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
-        """See :class:`AppClient`."""
-        return self.step_frames(np.array([time_ns]), one_frame(poses))
-
-    def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
-        """See :class:`AppClient`."""
-        self.start_step(times_ns, poses, drawn)
-        return self.finish_step()
 
     def start_step(
         self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1, *, last: bool = False

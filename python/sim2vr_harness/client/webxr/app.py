@@ -27,6 +27,7 @@ from sim2vr_harness.client.poses import (
 )
 from sim2vr_harness.client.runtime import checked_seed
 from sim2vr_harness.client.scene import AppScene
+from sim2vr_harness.client.split_step import SplitStep
 from sim2vr_harness.client.transport import AppsWanted
 from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
@@ -44,7 +45,7 @@ FRAME_RATE_HZ = 72
 _ROTATION_TOLERANCE = 1e-3
 
 
-class WebXRApp:
+class WebXRApp(SplitStep):
     """One page in one browser.
 
     A reset loads the page anew, unless the task names what begins a round. A page takes no part in
@@ -151,15 +152,6 @@ class WebXRApp:
         self._options = wished
         self._playing, self._last_ns = True, 0
         self._awaited = self._page.start_step(frames, bool(self._wanted.values))
-        return self.finish_step()
-
-    def step(self, time_ns: int, poses: DevicePoses) -> AppReply:
-        """See :class:`AppClient`."""
-        return self.step_frames(np.array([time_ns]), one_frame(poses))
-
-    def step_frames(self, times_ns: Int64Array, poses: DevicePoses, drawn: int = -1) -> AppReply:
-        """See :class:`AppClient`."""
-        self.start_step(times_ns, poses, drawn)
         return self.finish_step()
 
     def start_step(

@@ -1,10 +1,10 @@
-"""What a teacher knows: its body and the game's privileged numbers, no earlier than its student.
+"""Privileged observations of a teacher: its body and the game's state, delayed like its student's.
 
-A user whose senses are late has a teacher whose knowledge is as late, rounded up to whole user
-steps: one that knew the present would do what no one can who sees the past. Where the tool was felt
-to be a user knows before it sees it. Who remembers what it did for as long as it feels late can
-work out how its own body is now (an efference copy and a forward model: Wolpert, Ghahramani and
-Jordan 1995), so the teacher knows that, and the student learns to work it out.
+Delays of the student's senses, rounded up to whole user steps, apply to the teacher as well. A
+teacher that observed the present would do what a student with delayed senses cannot. Proprioception
+has its own, shorter delay. A student can compute its present body state from its recent actions (an
+efference copy and a forward model: Wolpert, Ghahramani and Jordan 1995). So the teacher observes
+that state, and the student learns to compute it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a report draws, in plain terms: panels of a few kinds of layers.
+"""Figures as plain data: panels of a few kinds of layers.
 
 A panel is drawn twice: by Plotly in the page (:mod:`interactive`) and by Matplotlib into PNG and
 PDF (:mod:`stills`). Both know these layers and nothing of games or muscles.

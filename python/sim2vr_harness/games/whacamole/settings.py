@@ -1,4 +1,4 @@
-"""What may be set of imagined Whac-A-Mole: the keys of ``teacher.imagined.game``."""
+"""Settings of the game model of Whac-A-Mole (``teacher.imagined.game``)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What every move at every place in sight is worth."""
+"""Action values of every motor option at every cell of the image."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a motor layer trains in: goals one after the other, anywhere within reach."""
+"""Training goals of the motor policy: sequences of goals within reach."""
 
 from __future__ import annotations
 

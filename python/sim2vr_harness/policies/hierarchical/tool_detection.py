@@ -1,8 +1,8 @@
-"""What is in the hand: points of the picture that move as a device does.
+"""Detection of held tools: image points that move as a device does.
 
-No one says what an app fixes to a controller. While the hands move about, every visible point is
-put into each device's frame; what stays where it is there, wherever the hand is, belongs to it.
-What stands in the world does not.
+Apps do not report the objects that they attach to a controller. While the hands move, every visible
+point is transformed into each device's frame. A point that keeps its position in that frame belongs
+to the device; points that stand in the world do not keep it.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What attention crops are made of (``policies/attention_crops.py``), readable without torch."""
+"""Settings of attention crops (``policies/attention_crops.py``), readable without torch."""
 
 from __future__ import annotations
 

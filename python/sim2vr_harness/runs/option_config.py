@@ -1,4 +1,4 @@
-"""How a motor layer is trained, and how a user with one learns a game."""
+"""Settings of the motor policy and of value learning over its options."""
 
 from __future__ import annotations
 

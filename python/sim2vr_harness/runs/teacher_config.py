@@ -1,4 +1,4 @@
-"""How a teacher is trained: imagined rollouts, then PPO on what the game knows of itself."""
+"""Settings of the teacher: imagined rollouts, then PPO on privileged observations."""
 
 from __future__ import annotations
 

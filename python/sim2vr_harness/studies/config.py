@@ -1,4 +1,4 @@
-"""What a study is made of, as its YAML file says it."""
+"""Configuration of a study, read from its YAML file."""
 
 from __future__ import annotations
 

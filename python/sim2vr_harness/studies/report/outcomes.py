@@ -1,4 +1,4 @@
-"""What came of the rounds: measures by group, with people beside them, and where it happened."""
+"""Figures of outcomes: measures by group beside people's, and places of the outcomes."""
 
 from __future__ import annotations
 

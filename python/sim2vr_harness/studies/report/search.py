@@ -1,4 +1,4 @@
-"""What a search tried and found: progress or compromises, slices, all parameters side by side."""
+"""Figures of a search: progress or Pareto front, slices, parallel coordinates."""
 
 from __future__ import annotations
 

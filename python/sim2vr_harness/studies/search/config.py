@@ -1,4 +1,4 @@
-"""What a search varies, what it wants, and how long it goes on."""
+"""Configuration of a search: parameters, objectives and stopping rules."""
 
 from __future__ import annotations
 

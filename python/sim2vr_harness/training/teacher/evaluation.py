@@ -1,4 +1,4 @@
-"""How well a teacher plays: whole rounds by the true rules."""
+"""Evaluation of a teacher: whole rounds in the true game."""
 
 from __future__ import annotations
 

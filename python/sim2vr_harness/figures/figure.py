@@ -105,7 +105,7 @@ class Ranges:
 
 @dataclass(frozen=True)
 class Bars:
-    """Bars upon categories; those of one panel are put on each other or side by side."""
+    """Bars upon categories; those of one panel are stacked or grouped."""
 
     name: str
     x: Sequence[str]

@@ -212,7 +212,7 @@ def open_packed(folder: Path, *, evaluation_dir: Path | None = None) -> TrainedU
         evaluation_dir=evaluation_dir or folder / "evaluation",
         load=partial(_load_packed, folder / _WEIGHTS, steps),
     )
-    if foreign_package(config.env.user.model) is None:  # else whoever plays asks first
+    if foreign_package(config.env.user.model) is None:  # else the player asks first
         require_contract(user, config.env)
     return user
 

@@ -111,7 +111,7 @@ class Scaling(nn.Module):
 
 
 class UserFeatures(BaseFeaturesExtractor):
-    """Encoders side by side: pictures, proprioception, and everything else as it is.
+    """Parallel encoders: pictures, proprioception, and everything else as it is.
 
     Args:
         observation_space: A dictionary of boxes; pictures and ``proprioception`` have encoders.

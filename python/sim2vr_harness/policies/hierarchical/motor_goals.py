@@ -19,7 +19,7 @@ GOAL_SIZE = 22
 _FAR_M, _FAST_MPS, _LATE_S = 0.3, 1.5, 0.5
 """Units of what is observed."""
 MOMENT_S = 0.005
-"""Over which velocities are told from places, s."""
+"""Interval of the finite difference that gives velocities from positions, s."""
 
 
 @dataclass

@@ -30,7 +30,7 @@ __all__ = ["figures_of_outcomes"]
 _MOST_POINTS = 400
 """Of items in a panel; more would only cover each other."""
 _MOST_COUNTS = 6
-"""That are told one by one."""
+"""Most counts that are listed one by one."""
 _SPREAD = 0.5
 """Of a group's rounds, in the distance of two groups."""
 

@@ -60,7 +60,7 @@ _TARGETS = ("label", "facts", "numbers", "glances")
 
 
 class Expert(Protocol):
-    """Who knows what the student should do, from more than the student sees."""
+    """An expert that acts on more than the student observes."""
 
     glance_columns: tuple[tuple[int, ...], ...]
     """Of each of :meth:`glances`, which of :meth:`numbers` are about it."""
@@ -98,8 +98,8 @@ class StudentProgress:
             does not learn to tell it.
         glances_error: of where the student looks, see ``AttentionCrops.loss``; 0 without glimpses.
         reading_error: mean squared error of the facts of a thing, from its crop alone.
-        teacher_share: share of users on whom the teacher acted.
-        episodes: episodes that ended, on which the student alone acted.
+        teacher_share: share of users for which the teacher acted.
+        episodes: episodes that ended, in which the student alone acted.
         means: means over the last of those, as :func:`episode_means` gives them.
         collect_seconds: wall time.
         learn_seconds: wall time.
@@ -225,9 +225,9 @@ class Student:
         return count
 
     def _reading(self) -> nn.ModuleList | None:
-        """The heads that tell of each thing that is looked at, from the glimpse of it alone.
+        """Heads that predict the facts of each thing that is looked at, from its crop alone.
 
-        Among all that is told of a game, what a thing is like would hardly count.
+        In the loss over all facts of a game, those of one thing would hardly count.
         """
         if self._glimpses is None or self._tell is None:
             return None

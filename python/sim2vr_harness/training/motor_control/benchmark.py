@@ -196,7 +196,7 @@ def measure_layer(
 
 
 class _Course:
-    """Bodies that are told where to go."""
+    """Bodies with goals for their hands."""
 
     def __init__(
         self,

@@ -301,16 +301,16 @@ def parse_config(tree: Mapping[str, Any]) -> TrainingConfig:
     """
     tree = settable(tree)
     try:
-        return _with_twin(TrainingConfig.model_validate(tree))
+        return _with_game_model(TrainingConfig.model_validate(tree))
     except pydantic.ValidationError as error:
         raise first_problem(error, TrainingConfig) from error
 
 
-_TWIN = ("teacher", "imagined", "game")
+_GAME_MODEL = ("teacher", "imagined", "game")
 
 
-def _with_twin(config: TrainingConfig) -> TrainingConfig:
-    """Return the configuration with all settings of the game's twin, if the recipe needs them."""
+def _with_game_model(config: TrainingConfig) -> TrainingConfig:
+    """Return the configuration with all settings of its game model, if the recipe needs them."""
     if config.recipe != "distill":
         return config
     settings = imagined_settings(config.env.app.game)
@@ -320,7 +320,7 @@ def _with_twin(config: TrainingConfig) -> TrainingConfig:
     try:
         complete = settings.model_validate(given).model_dump()
     except pydantic.ValidationError as error:
-        raise first_problem(error, settings, _TWIN) from error
+        raise first_problem(error, settings, _GAME_MODEL) from error
     imagined = config.teacher.imagined.model_copy(update={"game": complete})
     teacher = config.teacher.model_copy(update={"imagined": imagined})
     return config.model_copy(update={"teacher": teacher})

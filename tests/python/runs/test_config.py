@@ -195,7 +195,7 @@ def test_a_plain_number_is_a_constant_rate() -> None:
         ),
     ],
 )
-def test_settings_of_a_game_s_twin_are_checked(override: str, message: str) -> None:
+def test_settings_of_a_game_s_model_are_checked(override: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         load_config("whacamole_constrained_distill", [f"teacher.imagined.game.{override}"])
 

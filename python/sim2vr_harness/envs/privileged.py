@@ -48,14 +48,14 @@ class Lag:
     recognition: int = 0
 
     @staticmethod
-    def of(env: EnvConfig, recognition_steps: int = 0) -> Lag:
+    def of(env: EnvConfig, recognition: int = 0) -> Lag:
         """Of the senses in a configuration; of people whose delays differ, the mean person's.
 
         The body counts as known now if the user's own actions since it was felt are.
 
         Args:
             env: the configuration.
-            recognition_steps: user steps that pass after a picture shows a thing.
+            recognition: user steps that pass after a picture shows a thing.
         """
         found = {sense.sense: sense for sense in env.senses}
         people = env.user.people or PeopleSettings()
@@ -78,7 +78,7 @@ class Lag:
         body = steps("proprioception")
         if known >= body:
             body = known = 0
-        return Lag(steps("vision") + recognition_steps, body, known, recognition_steps)
+        return Lag(steps("vision") + recognition, body, known, recognition)
 
     def reached(self, share: float) -> Lag:
         """Return the lag of senses that are on their way to being so late, by a share of it."""

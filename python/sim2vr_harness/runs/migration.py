@@ -61,6 +61,9 @@ _RENAMED_SINCE_0_2 = {
     "skills.looking": "skills.q_learning",
     "policy.glimpses": "policy.attention_crops",
     **{f"teacher.imagined.{old}": f"teacher.imagined.{new}" for old, new in _IMAGINED.items()},
+    "teacher.recognition_steps": "teacher.recognition_latency_steps",
+    "teacher.imagined.game.stuck_cost": "teacher.imagined.game.dwell_cost",
+    "teacher.imagined.game.impact_share": "teacher.imagined.game.impact_speed_weight",
 }
 """The same; these a user may still write, with a warning."""
 

@@ -192,9 +192,9 @@ class TeacherConfig(Settings):
     hidden_fields: tuple[str, ...] | None = None
     """Patterns of privileged numbers, and of the own body's, that the teacher does not observe;
     None takes those that the game model names."""
-    recognition_steps: int = Field(default=0, ge=0, le=100)
-    """How many user steps after a picture shows a thing the teacher knows of it. What has just come
-    up is a speck that no student makes out; a teacher that knows of it does what no student can."""
+    recognition_latency_steps: int = Field(default=0, ge=0, le=100)
+    """User steps from an object's first image to the teacher's first observation of it. At first
+    an object covers a pixel or two; a student cannot recognise it and imitate a reaction to it."""
     imagined: ImaginedConfig = ImaginedConfig()
     """Imagined rollouts, in which the teacher is trained first."""
     curriculum: CurriculumConfig = CurriculumConfig()

@@ -214,9 +214,9 @@ def test_a_true_hit_has_its_whole_worth_and_a_gradient() -> None:
 
 def test_staying_in_a_target_costs_by_how_deep_the_hammer_is() -> None:
     rewards = []
-    for stuck in (0.0, 1.0):
+    for dwell in (0.0, 1.0):
         game, place = game_at_a_target()
-        soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0, stuck=stuck)
+        soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0, dwell=dwell)
         rewards.append(torch.stack([game.play(place[:, None], soft) for _ in range(2)]))
     # Half sizes of 12.5 mm (target) and 50 mm (hammer), middles 47.8 mm apart: 14.7 mm deep, of 40.
     cost = 1.0 + (0.0125 + 0.050 - (0.0482 - 0.000401)) / 0.04
@@ -444,7 +444,7 @@ def test_hits_may_be_worth_more_where_what_hits_is_fast() -> None:
     for speed, worth in ((1.5, 0.75), (3.0, 1.0), (6.0, 1.0), (-1.0, 0.5)):
         rewards = []
         for share in (0.0, 0.5):
-            game, place = game_at_a_target(GameModelSettings(impact_share=share))
+            game, place = game_at_a_target(GameModelSettings(impact_speed_weight=share))
             face = points(*game.hammer(place))[1]
             game._face = face - 0.05 * speed * game._strike[game.condition]
             rewards.append(game.play(place[:, None], soft)[0])

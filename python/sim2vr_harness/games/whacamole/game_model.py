@@ -331,7 +331,7 @@ class ImaginedWhacAMole:
     def _worths(self, targets: Targets, middle: Tensor, axes: Tensor, soft: Relaxation) -> Tensor:
         """(B, cells) the worth of a hit by its place, its velocity and the hammer's direction."""
         velocity = (middle - self._face) / FRAME_S
-        hard = hardness(targets, velocity, self.settings.impact_share)[:, None]
+        hard = hardness(targets, velocity, self.settings.impact_speed_weight)[:, None]
         return (
             central(targets, middle, soft.centre) * hard * facing(targets, axes, soft.face)[:, None]
         )
@@ -390,8 +390,8 @@ class ImaginedWhacAMole:
         worth = soft.near * near + soft.distance * far
         if soft.stroke > 0.0:
             worth = worth + soft.stroke * on_stroke(targets, marker)
-        if soft.stuck > 0.0:  # few trainings pay for it
-            worth = worth - soft.stuck * (touch.within * (1.0 + depth.amin(2) / _NEAR_M)).sum(1)
+        if soft.dwell > 0.0:  # few trainings pay for it
+            worth = worth - soft.dwell * (touch.within * (1.0 + depth.amin(2) / _NEAR_M)).sum(1)
         if soft.plane > 0.0:
             worth = worth - soft.plane * in_plane(targets, marker)
         if soft.blind > 0.0:

@@ -1,6 +1,6 @@
-"""What commands share: options, and checks of their values (numbers, places to write to).
+"""Options shared by commands, and checks of their values (numbers, output paths).
 
-Before a command starts, so that nothing is played and then lost.
+Values are checked before a command starts.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What is measured of a round, and how rounds are summarised.
+"""Measures of a round, and summaries over rounds.
 
 A game publishes its own measures (:class:`~sim2vr_harness.client.GameFacts`); those of the player
 are the same in every game (:data:`PLAYER_MEASURES`).

@@ -1,4 +1,4 @@
-"""What a report draws, in plain terms: panels of a few kinds of layers.
+"""Figures as plain data: panels of a few kinds of layers.
 
 A panel is drawn twice: by Plotly in the page (:mod:`interactive`) and by Matplotlib into PNG and
 PDF (:mod:`stills`). Both know these layers and nothing of games or muscles.
@@ -105,7 +105,7 @@ class Ranges:
 
 @dataclass(frozen=True)
 class Bars:
-    """Bars upon categories; those of one panel are put on each other or side by side."""
+    """Bars upon categories; those of one panel are stacked or grouped."""
 
     name: str
     x: Sequence[str]

@@ -293,7 +293,7 @@ def _draw_bars(
     index: int,
     count: int,
 ) -> None:
-    """Bars upon each other (gains up, losses down), or side by side."""
+    """Draw stacked bars (gains up, losses down), or grouped bars."""
     values = np.nan_to_num(_array(layer.y))
     if stacked:
         below = [

@@ -40,7 +40,7 @@ from sim2vr_harness.runs.config import (
     read_mapping,
     to_yaml,
 )
-from sim2vr_harness.runs.migration import renamed
+from sim2vr_harness.runs.migration import renamed, with_new_tensor_names
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
 from sim2vr_harness.users.bodies import foreign_package
 
@@ -212,7 +212,7 @@ def open_packed(folder: Path, *, evaluation_dir: Path | None = None) -> TrainedU
         evaluation_dir=evaluation_dir or folder / "evaluation",
         load=partial(_load_packed, folder / _WEIGHTS, steps),
     )
-    if foreign_package(config.env.user.model) is None:  # else whoever plays asks first
+    if foreign_package(config.env.user.model) is None:  # else the player asks first
         require_contract(user, config.env)
     return user
 
@@ -232,7 +232,7 @@ def require_contract(user: TrainedUser, env: EnvConfig) -> None:
 
 
 def _load_packed(file: Path, steps: int, policy: nn.Module) -> int:
-    weights = read_tensors(file, "weights of this network")
+    weights = with_new_tensor_names(read_tensors(file, "weights of this network"))
     try:
         first = _first_names(policy)
         chosen = {

@@ -134,9 +134,9 @@ class TrainingConfig(Settings):
     recipe: Literal["ppo", "distill", "skills", "adapt"] = "ppo"
     """The stages of the run. ``ppo``: PPO from pixels alone, as the reference. ``distill``: first
     imagined rollouts, a teacher and a student, whose weights PPO begins with; for games that have a
-    twin. ``skills``: hands that know how to come to a place try what is worth doing with what is
-    seen, a student learns to do the same, and PPO goes on from there; for any app
-    (docs/concepts/training.md). ``adapt``: PPO goes on from the weights of ``from_user``."""
+    differentiable game model. ``skills``: value learning over motor options at image cells; a
+    student may imitate it, and PPO continues with the student; for any app
+    (docs/concepts/training.md). ``adapt``: PPO continues with the weights of ``from_user``."""
     from_user: str | None = None
     """With the recipe ``adapt``: the trained user that goes on, as ``evaluate`` takes it."""
     skills: SkillsConfig = SkillsConfig()
@@ -165,7 +165,7 @@ class TrainingConfig(Settings):
         return "hierarchical" if hierarchical else "visual"
 
     @pydantic.model_validator(mode="after")
-    def _from_somebody(self) -> Self:
+    def _from_user(self) -> Self:
         if (self.recipe == "adapt") != (self.from_user is not None):
             got = "none" if self.from_user is None else f"{self.from_user!r}"
             raise ValueError(
@@ -301,16 +301,16 @@ def parse_config(tree: Mapping[str, Any]) -> TrainingConfig:
     """
     tree = settable(tree)
     try:
-        return _with_twin(TrainingConfig.model_validate(tree))
+        return _with_game_model(TrainingConfig.model_validate(tree))
     except pydantic.ValidationError as error:
         raise first_problem(error, TrainingConfig) from error
 
 
-_TWIN = ("teacher", "imagined", "game")
+_GAME_MODEL = ("teacher", "imagined", "game")
 
 
-def _with_twin(config: TrainingConfig) -> TrainingConfig:
-    """Return the configuration with all settings of the game's twin, if the recipe needs them."""
+def _with_game_model(config: TrainingConfig) -> TrainingConfig:
+    """Return the configuration with all settings of its game model, if the recipe needs them."""
     if config.recipe != "distill":
         return config
     settings = imagined_settings(config.env.app.game)
@@ -320,7 +320,7 @@ def _with_twin(config: TrainingConfig) -> TrainingConfig:
     try:
         complete = settings.model_validate(given).model_dump()
     except pydantic.ValidationError as error:
-        raise first_problem(error, settings, _TWIN) from error
+        raise first_problem(error, settings, _GAME_MODEL) from error
     imagined = config.teacher.imagined.model_copy(update={"game": complete})
     teacher = config.teacher.model_copy(update={"imagined": imagined})
     return config.model_copy(update={"teacher": teacher})

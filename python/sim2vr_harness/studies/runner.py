@@ -75,7 +75,7 @@ def run_study(
     Args:
         study: The study, its YAML file, or the contents of one.
         out: Its folder; None: ``studies/NAME``.
-        jobs: Cells and trainings side by side; None: one per two cores.
+        jobs: Cells and trainings at a time; None: one per two cores.
         ray: Address of a Ray cluster that does them instead, or ``auto``.
         storage: With ``ray``: where workers leave results that do not see the study's folder.
         trust_app: Whether programs and Python that its files name may run without having run here.

@@ -38,8 +38,8 @@ class TaskedApp(SplitStep):
     A task may keep what it likes, so a round cannot be saved.
 
     Args:
-        app: to judge; owned by this object from now on. One that answers no expressions is asked
-            for the numbers of its log.
+        app: to judge; owned by this object from now on. One that answers no expressions
+            reports the numbers of its log.
         task: the judge, of this app alone.
     """
 

@@ -1,4 +1,4 @@
-"""Which local file an address of a page means; everything else is refused and named."""
+"""Local files for the addresses of a page; other requests are refused and named."""
 
 from __future__ import annotations
 

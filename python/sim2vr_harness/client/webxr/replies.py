@@ -1,4 +1,4 @@
-"""What a page answers, checked: its scripts may have replaced anything."""
+"""Validation of a page's replies: its scripts may have replaced anything."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ _PREFIXES = (
     ("act_", "mean activation"),
     ("force_", "mean torque, without its sign (Nm)"),
 )
-"""What a muscle's or motor's load is told by, the first that there is."""
+"""Columns of a muscle's or motor's load; the first that exists is used."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""How the users went about it: the tool's depth over time, ways through space, times, speeds."""
+"""Figures of strategy: the tool's depth over time, its paths, times and speeds."""
 
 from __future__ import annotations
 

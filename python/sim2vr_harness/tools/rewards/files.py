@@ -1,4 +1,4 @@
-"""What ``sim2vr-harness rewards`` writes: a table, a page and a picture."""
+"""Output files of ``sim2vr-harness rewards``: a table, a page and a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A tracked recording at a glance: error over time, the hand's path, the most loaded muscles."""
+"""Summary figure of a tracked recording: error over time, hand path, most loaded muscles."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What there is to see of play, moment after moment: of a user, a recording, or a person."""
+"""Frames to watch: of a user, a recording or a person."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to watch: a trained user, a body, a recorded round, a page, or a game to try."""
+"""Selection of what to watch: a trained user, a body, a recorded round, a page or a game."""
 
 from __future__ import annotations
 

@@ -20,6 +20,7 @@ _SCRIPTS = (
     "observers.js",
     "spaces.js",
     "controllers.js",
+    "gl.js",
     "picture.js",
     "session.js",
     "objects.js",

@@ -15,9 +15,11 @@ from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.pipe import RefusedRequest
 from sim2vr_harness.client.webxr.replies import (
     BadReply,
+    PageReport,
     StepReply,
     door_reply,
     place_in,
+    report_reply,
     step_reply,
     text_in,
 )
@@ -227,6 +229,10 @@ class Page:
         except RefusedRequest as error:
             raise self._refused(str(error).removeprefix("Error: ")) from error
         return self._checked(place_in, f"the place of {name!r}", answer)
+
+    def report(self) -> PageReport:
+        """Return what the page is made of and asked for so far."""
+        return self._checked(report_reply, self._evaluate("__sim2vr.report()"))
 
     def describe_renderer(self) -> str:
         """Return the name of what draws in this browser."""

@@ -24,6 +24,7 @@ _SCRIPTS = (
     "picture.js",
     "session.js",
     "objects.js",
+    "report.js",
     "steps.js",
 )
 """In the order in which they build on each other; ``walls.js`` is for the frames within, too."""

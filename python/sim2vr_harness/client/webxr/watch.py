@@ -61,8 +61,9 @@ class PageWatch:
 
     def clear(self, loading: str) -> None:
         """Forget the round before: the harness is about to load an address."""
-        for kept in (self.errors, self._complaints, self._files.missing, self._files.refused):
-            kept.clear()
+        self.errors.clear()
+        self._complaints.clear()
+        self._files.clear()
         self.left, self.loaded, self.loading = None, False, loading
 
     # --- events --------------------------------------------------------------------------------

@@ -80,6 +80,9 @@ class Page:
         browser.request("Target.setDiscoverTargets", start_timeout_s, discover=True)
         for method in ("Inspector.enable", "Page.enable", "Runtime.enable"):
             self._ask(method)
+        self._ask(
+            "Target.setAutoAttach", autoAttach=True, waitForDebuggerOnStart=True, flatten=True
+        )
         self._ask("Fetch.enable", patterns=[{"urlPattern": "*"}])
         self._ask("Page.addScriptToEvaluateOnNewDocument", source=bundle(settings, values))
 
@@ -98,7 +101,7 @@ class Page:
         """
         self.log_notes()
         address = _with_query(self.files.url, options)
-        self._watch.clear(address)
+        self._watch.clear(address, seed)
         if self._seed_script is not None:
             self._ask("Page.removeScriptToEvaluateOnNewDocument", identifier=self._seed_script)
         source = f"window.__sim2vr?.seed({seed});"  # frames within have none

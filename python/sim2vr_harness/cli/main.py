@@ -32,6 +32,7 @@ from sim2vr_harness.cli import (
     film,
     games,
     level,
+    page,
     reach,
     replay,
     rewards,
@@ -168,6 +169,7 @@ render.add("snapshot", snapshot.snapshot)
 render.add("film", film.film)
 app.add_typer(render, name="render", rich_help_panel=LOOK)
 app.add("games", games.games, KNOW)
+app.add_typer(page.app, name="page", rich_help_panel=KNOW)
 app.add_typer(users.app, name="users", rich_help_panel=KNOW)
 app.add("doctor", doctor, KNOW)
 app.add("bench", bench.bench, KNOW)

@@ -1,4 +1,4 @@
-// Loads that a page began and that have not come yet: no frame runs before they have.
+// Loads that a page or worker began and that have not come yet: no frame runs before they have.
 // Otherwise what a frame shows would depend on how fast a file is read.
 {
   let pending = 0;
@@ -17,14 +17,15 @@
     promise.then(end, end);
     return promise;
   };
-  sim.track = track;
   // Resolves when nothing is under way any more; what came may begin further loads.
   sim.loaded = async () => {
-    while (pending > 0) {
-      await new Promise((resolve) => push(waiting, resolve));
-      await sim.turn();
-      await sim.turn();
-    }
+    do {
+      while (pending > 0) {
+        await new Promise((resolve) => push(waiting, resolve));
+        await sim.turn();
+        await sim.turn();
+      }
+    } while (await sim.workersDone?.());
   };
 
   const wrap = (object, ...names) => {
@@ -38,10 +39,9 @@
   wrap(Response.prototype, 'json', 'text', 'arrayBuffer', 'blob', 'bytes', 'formData');
   wrap(Blob.prototype, 'text', 'arrayBuffer', 'bytes');
   wrap(ReadableStreamDefaultReader.prototype, 'read');
-  wrap(HTMLImageElement.prototype, 'decode');
   wrap(WebAssembly, 'compile', 'instantiate', 'compileStreaming', 'instantiateStreaming');
   wrap(window.FontFace?.prototype, 'load');
-  wrap(Object.getPrototypeOf(document.fonts), 'load');
+  wrap(Object.getPrototypeOf((window.document ?? window).fonts), 'load');
   wrap(window.BaseAudioContext?.prototype, 'decodeAudioData');
   wrap(window.OfflineAudioContext?.prototype, 'startRendering');
   wrap(window.SubtleCrypto?.prototype, 'digest', 'encrypt', 'decrypt', 'importKey');
@@ -51,9 +51,10 @@
   wrap(window.Cache?.prototype, 'match', 'matchAll', 'add', 'addAll', 'put', 'delete', 'keys');
   wrap(window.StorageManager?.prototype, 'estimate', 'persist', 'persisted');
   wrap(window.Permissions?.prototype, 'query');
+  wrap(window.BaseAudioContext && AudioContext.prototype, 'resume', 'suspend', 'close');
   wrap(window.MediaDevices?.prototype, 'enumerateDevices', 'getUserMedia');
   wrap(window.GPU?.prototype, 'requestAdapter');
-  wrap(Navigator.prototype, 'getBattery');
+  wrap(window.Navigator?.prototype, 'getBattery');
 
   // An element or request that says by events that it is done.
   const busy = new WeakSet();
@@ -80,14 +81,6 @@
   };
   wrapTarget(IDBFactory.prototype, ['success', 'error', 'blocked'], 'open', 'deleteDatabase');
   wrapTarget(IDBDatabase.prototype, ['complete', 'abort'], 'transaction'); // and all that is in it
-  const toBlob = HTMLCanvasElement.prototype.toBlob;
-  HTMLCanvasElement.prototype.toBlob = function (callback, ...args) {
-    begin();
-    return toBlob.call(this, (blob) => {
-      sim.call(callback, blob);
-      end();
-    }, ...args);
-  };
   const send = XMLHttpRequest.prototype.send;
   XMLHttpRequest.prototype.send = function (...args) {
     until(this, ['loadend']);
@@ -100,38 +93,5 @@
       return Reflect.apply(real, this, args);
     };
   }
-  const source = Object.getOwnPropertyDescriptor(HTMLImageElement.prototype, 'src');
-  Object.defineProperty(HTMLImageElement.prototype, 'src', {
-    ...source,
-    set(value) {
-      if (String(value)) until(this, ['load', 'error']);
-      source.set.call(this, value);
-    },
-  });
-  const setAttribute = HTMLImageElement.prototype.setAttribute;
-  HTMLImageElement.prototype.setAttribute = function (name, value) {
-    if (String(name).toLowerCase() === 'src' && String(value)) until(this, ['load', 'error']);
-    return setAttribute.call(this, name, value);
-  };
-  const begun = new WeakSet(); // a script runs once, however often it is moved
-  const asks = (node) => {
-    const scripts = node instanceof HTMLScriptElement && node.src;
-    const styles = node instanceof HTMLLinkElement && node.href && node.rel === 'stylesheet';
-    if (!(scripts || styles) || node.isConnected || begun.has(node)) return false;
-    begun.add(node);
-    return true;
-  };
-  const watchAdding = (object, ...names) => {
-    for (const name of names) {
-      const real = object[name];
-      object[name] = function (...nodes) {
-        if (this.isConnected) {
-          for (const node of nodes) if (asks(node)) until(node, ['load', 'error']);
-        }
-        return Reflect.apply(real, this, nodes);
-      };
-    }
-  };
-  watchAdding(Node.prototype, 'appendChild', 'insertBefore');
-  watchAdding(Element.prototype, 'append', 'prepend', 'before', 'after');
+  Object.assign(sim, { track, until, begin, end });
 }

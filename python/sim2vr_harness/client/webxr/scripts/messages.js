@@ -17,7 +17,10 @@
   const sendLater = (send, received) => sim.later(() => {
     const before = received?.count;
     send();
-    if (!received?.open) return;
+    if (!received?.open) {
+      sim.wakeWorkers(); // one of them may have the port
+      return;
+    }
     sim.track((async () => {
       for (let k = 0; k < MOST_TURNS && received.count === before; k++) await sim.turn();
     })());

@@ -23,6 +23,7 @@ __all__ = [
     "Heat",
     "Layer",
     "Line",
+    "Numbers",
     "Panel",
     "Path",
     "Points",

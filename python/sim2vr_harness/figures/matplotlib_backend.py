@@ -29,7 +29,9 @@ from sim2vr_harness.figures.figure import (
 __all__ = ["PRINT", "write_figure", "write_stills"]
 
 PRINT: Any = {
-    **{"pdf.fonttype": 42, "ps.fonttype": 42, "font.size": 8},
+    "pdf.fonttype": 42,
+    "ps.fonttype": 42,
+    "font.size": 8,
     "axes.formatter.useoffset": False,
 }
 """Matplotlib's settings: fonts that publishers accept (TrueType), and numbers as they are."""
@@ -195,6 +197,8 @@ def _draw(axes: Any, panel: Panel, width: float) -> None:
     if flipped:
         axes.set_yticks(range(len(names)), names)
         axes.set_ylim(len(names) - 0.4, -0.6)
+    elif panel.crowded:
+        axes.set_xticks(range(len(names)), names, rotation=90)
     elif names:
         letters = max(5, int(0.8 * width / len(names) / _LETTER_INCHES))
         axes.set_xticks(range(len(names)), [fill(name, letters) for name in names])

@@ -39,6 +39,7 @@ class Hand:
 
     def begin(self) -> None:
         """Let go of everything, as an episode begins."""
+        self._controller.begin()
         self.place: FloatArray | None = None
         """(3,) what it follows, MuJoCo's world, m."""
         self._by: By = "touch"

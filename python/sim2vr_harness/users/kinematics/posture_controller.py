@@ -37,9 +37,9 @@ _FURTHEST_RAD = 0.5
 """Springs pull no harder than at this error."""
 _EASE = 0.1
 """Weight of activations beside accelerations."""
-_FEEDBACK, _NEAR_RAD, _MOST_RAD = 0.1, 0.1, 0.3
-"""Part of a joint's error that is added to its correction in every user step once it is nearer than
-the second; the correction stays below the third."""
+_FEEDBACK, _NEAR_RAD, _SLOW_RAD_S, _MOST_RAD = 0.1, 0.1, 0.05, 0.3
+"""Part of a joint's error that is added to its correction in every user step, of joints that are
+nearer than the second and slower than the third; corrections stay below the fourth."""
 
 
 @dataclass(frozen=True)
@@ -78,8 +78,12 @@ class PostureController(ReachController):
         self._side = -1.0 if device.endswith("right") else 1.0
         joints = [self._model.joint(joint) for joint in body.independent_joints]
         self._qpos_of = np.array([int(joint.qposadr[0]) for joint in joints])
-        self._wanted = np.zeros(0)
-        self._correction = np.zeros(len(joints))
+        self._qvel_of = np.array([int(joint.dofadr[0]) for joint in joints])
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget the corrections, as an episode begins."""
+        self._correction = np.zeros(len(self._qvel_of))
 
     def angles(self, qpos: FloatArray) -> FloatArray:
         """(J,) angles of the independent joints in a posture (nq,)."""
@@ -193,19 +197,15 @@ class PostureController(ReachController):
             act: (M,) activations of the muscles.
             angles: (J,) to move to.
         """
-        self._feed_back(angles, angles - self.angles(qpos))
+        error = angles - self.angles(qpos)
+        slow = np.abs(np.asarray(qvel)[self._qvel_of]) < _SLOW_RAD_S
+        part = np.where(slow & (np.abs(error) < _NEAR_RAD), _FEEDBACK * error, 0.0)
+        self._correction = np.clip(self._correction + part, -_MOST_RAD, _MOST_RAD)
         wanted = self._driving(qpos, qvel, angles + self._correction)
         action = np.zeros(self._actions, np.float32)
         muscles = self._actuation.muscles
         action[muscles] = np.clip(wanted - act, -1.0, 1.0)
         return action
-
-    def _feed_back(self, angles: FloatArray, error: FloatArray) -> None:
-        if len(self._wanted) != len(angles) or np.abs(self._wanted - angles).max() > _NEAR_RAD:
-            self._correction[:] = 0.0
-        self._wanted = angles
-        part = np.where(np.abs(error) < _NEAR_RAD, _FEEDBACK * error, 0.0)
-        self._correction = np.clip(self._correction + part, -_MOST_RAD, _MOST_RAD)
 
     def _driving(self, qpos: FloatArray, qvel: FloatArray, angles: FloatArray) -> FloatArray:
         """(M,) activations whose joint accelerations are the springs', as near as muscles can."""

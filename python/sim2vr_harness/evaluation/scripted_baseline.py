@@ -290,9 +290,9 @@ def _summary(
 
 def _arrived_for_nothing(user: str, score: str) -> str:
     return (
-        f"{user}: it arrived, and {score} stayed at 0; another object may count, or another input, "
-        "or the page looks at another controller: where the task names one device, that is the "
-        "page's first input source"
+        f"{user}: it arrived, and {score} stayed at 0; another object may count, a faster touch or "
+        "another input, or the page looks at another controller: where the task names one device, "
+        "that is the page's first input source"
     )
 
 

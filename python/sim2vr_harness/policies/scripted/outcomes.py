@@ -80,7 +80,7 @@ class StepOutcome:
     def _reaction(self) -> str:
         if self.changed:
             pairs = self.changed.items()
-            return ", ".join(f"{name} {old:g} -> {new:g}" for name, (old, new) in pairs)
+            return ", ".join(f"{name} {old:.4g} -> {new:.4g}" for name, (old, new) in pairs)
         if not self.watched:
             return "no values to compare (name some in the task)"
         return f"nothing changed ({', '.join(self.watched)})"

@@ -76,7 +76,9 @@ class Places:
         return self._in_scene(place, hand)
 
     def _in_scene(self, name: str, hand: FloatArray) -> FloatArray | None:
-        fitting = [one for one in self._app.scene().named(name) if one.layer != PLAYER_LAYER]
+        scene = self._app.scene()
+        named = scene.named(name) or scene.named(f"*/{name}")
+        fitting = [one for one in named if one.layer != PLAYER_LAYER]
         shown = [one for one in fitting if one.mesh is not None] or fitting
         if not shown:
             return None

@@ -23,6 +23,9 @@ FloatArray = NDArray[np.float64]
 _NEAR_M, _NEAR_DEG = 0.02, 1.0
 """So near counts as arrived, for :data:`_SETTLED` user steps in a row."""
 _SETTLED = 3
+_TOUCHED_M, _JUMP_M = 0.1, 0.05
+"""An object counts as touched that jumps by more than the second in a user step, or vanishes, while
+the hand is nearer than the first: it reacts to the hand."""
 _HOLD_S, _PRESS_S, _RELEASE_S, _GRASP_S = 0.3, 0.2, 0.2, 0.2
 
 
@@ -259,7 +262,7 @@ class Episode:
         def carried() -> FloatArray:
             now = self._located(step.place)
             if first is not None and now is not None:
-                moved.append(float(np.linalg.norm(now - first)))
+                moved.append(_distance(now, first))
             return to
 
         after, error = yield from self._reach(carried, "touch", step.seconds)
@@ -278,9 +281,12 @@ class Episode:
         The error is a distance, m, or the ray's angle, degrees.
         """
         near = _NEAR_M if by == "touch" else _NEAR_DEG
-        settled, least = 0, None
+        settled, least, error, before = 0, None, np.inf, None
         for k in range(self._user_steps(seconds)):
             where = place()
+            reacts = before is not None and (where is None or _distance(where, before) > _JUMP_M)
+            if reacts and by == "touch" and error < _TOUCHED_M:
+                return (k - 1) / self._hz, error
             if where is not None:
                 error = self._hand.error(where, by)
                 least = error if least is None else min(least, error)
@@ -288,6 +294,7 @@ class Episode:
                 if settled == _SETTLED:
                     return (k - _SETTLED + 1) / self._hz, error
                 self._hand.follow(where, by)
+            before = where
             yield
         return None, least
 
@@ -323,3 +330,7 @@ class Episode:
 
     def _user_steps(self, seconds: float) -> int:
         return max(1, round(seconds * self._hz))
+
+
+def _distance(first: FloatArray, second: FloatArray) -> float:
+    return float(np.linalg.norm(first - second))

@@ -86,3 +86,25 @@ def pose_to_app(position: ArrayLike, quat_wxyz: ArrayLike) -> Float64Array:
         (..., 7): position x y z in m, rotation x y z w, app frame.
     """
     return np.concatenate([position_to_app(position), rotation_to_app(quat_wxyz)], axis=-1)
+
+
+AIM_DIRECTION: Float64Array = np.array([0.5, 0.0, -np.sqrt(0.75)])
+"""(3,) of a controller's aim ray in the controller's own axes, MuJoCo's frame (x forward, y left,
+z up): 60 degrees below forward, as a Touch controller's. The ray begins at the grip pose
+(``xr::kGripToAim``; ``GRIP_TO_RAY`` of pages)."""
+
+
+def aim_direction(quat_wxyz: ArrayLike) -> Float64Array:
+    """Return the direction of the aim ray of controllers with these rotations.
+
+    Args:
+        quat_wxyz: (..., 4) unit quaternions, w first, controller to MuJoCo's world.
+
+    Returns:
+        (..., 3) unit vectors, MuJoCo's world; the rays begin where the controllers are.
+    """
+    q = np.asarray(quat_wxyz, dtype=np.float64)
+    w, v = q[..., :1], q[..., 1:]
+    crossed = 2.0 * np.cross(v, np.broadcast_to(AIM_DIRECTION, v.shape))
+    turned: Float64Array = AIM_DIRECTION + w * crossed + np.cross(v, crossed)
+    return turned

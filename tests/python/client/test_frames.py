@@ -8,6 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from sim2vr_harness.client import frames
 from sim2vr_harness.client.frames import (
+    aim_direction,
     pose_to_app,
     position_to_app,
     position_to_mujoco,
@@ -76,3 +77,14 @@ def test_fronts_of_triangles_stay_fronts() -> None:
     a, b, c = moved[corners]
     np.testing.assert_allclose(np.cross(b - a, c - a), [-1.0, 0.0, 0.0])
     np.testing.assert_allclose(frames.scale_to_mujoco([1.0, 2.0, 3.0]), [3.0, 1.0, 2.0])
+
+
+def test_the_aim_ray_leaves_the_grip_60_degrees_below_forward() -> None:
+    level = aim_direction([1.0, 0.0, 0.0, 0.0])
+    np.testing.assert_allclose(level, [0.5, 0.0, -np.sqrt(3.0) / 2.0])
+    # Pitched up by 60 degrees (about y, which points left, by -60): the ray is level.
+    pitched = aim_direction([np.cos(np.pi / 6), 0.0, -np.sin(np.pi / 6), 0.0])
+    np.testing.assert_allclose(pitched, [1.0, 0.0, 0.0], atol=1e-12)
+    # Rolled by a quarter turn about forward (left to up): what pointed down points left.
+    rolled = aim_direction([[np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0]])
+    np.testing.assert_allclose(rolled, [[0.5, np.sqrt(3.0) / 2.0, 0.0]], atol=1e-12)

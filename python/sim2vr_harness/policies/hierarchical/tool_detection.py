@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M, rotation
 from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
@@ -115,7 +116,8 @@ def find_tools(simulation: Any, layer: MotorPolicy, poses: Tensor, *, seed: int)
     looks = []
     every = max(1, round(_PICTURES / (_LOOKS * n)))
     for step in range(_EVERY * _LOOKS * every):
-        result = simulation.step(layer.act(simulation.users, exercises.goals))
+        body = layer.act(simulation.users, exercises.goals)
+        result = simulation.step(with_inputs_at_rest(body, simulation.config.user.inputs))
         exercises.step(*_placed(simulation, layer))
         simulation.renew(result)
         if step % _EVERY == 0:

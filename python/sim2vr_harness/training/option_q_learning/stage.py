@@ -19,6 +19,7 @@ from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
+from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
@@ -26,6 +27,7 @@ from sim2vr_harness.policies.hierarchical.motor_store import (
     motor_layer_for,
 )
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, require_senses
+from sim2vr_harness.policies.hierarchical.options import OptionSet, option_set
 from sim2vr_harness.policies.hierarchical.primitives import PrimitiveController
 from sim2vr_harness.policies.hierarchical.tool_detection import find_tools
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
@@ -110,20 +112,26 @@ class QLearningStage:
             return load_motor_layer(self._motor.layer_file, body, step_s)
         return motor_layer_for(body, step_s)
 
+    @property
+    def _options(self) -> OptionSet:
+        return option_set(self._config.env.user.inputs, self._config.skills.options)
+
     def guide(self, simulation: Simulation) -> OptionExpert:
         """Return a teacher of a student, once the stage is over."""
         state = read_tensors(self.folder / _VALUES, "what is worth doing")
         layer = self._layer()
         tool: Tensor = state["tool"]
-        primitives = PrimitiveController(layer, tool, reachable_poses(layer, self._config.seed))
+        poses, options = reachable_poses(layer, self._config.seed), self._options
+        primitives = PrimitiveController(layer, tool, poses, options)
         vision = self._config.env.vision
-        net = ActionValueMap(DepthGrid(vision.height, vision.width), len(tool))
+        net = ActionValueMap(DepthGrid(vision.height, vision.width), len(tool), options)
         net.load_state_dict(state["values"])
         return OptionExpert(net, primitives, simulation)
 
     def open(self) -> None:
         """See the protocol."""
         config = self._config.skills
+        self._options  # noqa: B018  # refuses options without their input
         if self._user is not None:
             require_senses(self._config.env)
             width = self._layer().width if self._motor is None else config.motor_training.width
@@ -146,7 +154,7 @@ class QLearningStage:
             learner = self._learner = OptionQLearning(
                 self._config.skills.q_learning,
                 simulation,
-                PrimitiveController(layer, tool, poses),
+                PrimitiveController(layer, tool, poses, self._options),
                 self.folder / _PICTURES,
                 seed=seed,
             )
@@ -318,11 +326,11 @@ def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> 
     n, rng = simulation.n, np.random.default_rng([config.seed, 57])
     simulation.reset(seeds=[int(rng.integers(2**31)) for _ in range(n)])
     size = simulation.action_space.shape[0]
+    inputs = simulation.config.user.inputs
+    still = with_inputs_at_rest(np.zeros((n, size - len(inputs)), np.float32), inputs)
     total = 0.0
     for _ in range(steps):
-        action = (
-            np.clip(rng.standard_normal((n, size)), -1.0, 1.0) if moving else np.zeros((n, size))
-        )
+        action = np.clip(rng.standard_normal((n, size)), -1.0, 1.0) if moving else still
         result = simulation.step(action.astype(np.float32))
         total += float(result.game_reward.mean())
         simulation.renew(result)

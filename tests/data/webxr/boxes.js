@@ -19,28 +19,32 @@ const FACES = [[0, 1, 2], [0, 2, 3], [4, 6, 5], [4, 7, 6], [0, 4, 5], [0, 5, 1],
 const CORNERS = [[-1, -1, -1], [1, -1, -1], [1, 1, -1], [-1, 1, -1],
   [-1, -1, 1], [1, -1, 1], [1, 1, 1], [-1, 1, 1]];
 
+// The same in the language of WebGL 1.
+const olderShader = (text) => text.replace('#version 300 es', '').replace('in vec3 corner', 'attribute vec3 corner')
+  .replace(/^  (in|out) vec3 place/m, '  varying vec3 place').replace('out vec4 seen;', '').replace('seen =', 'gl_FragColor =');
+
 export class Boxes {
   constructor(kind = 'webgl2') {
     this.canvas = document.body.appendChild(document.createElement('canvas'));
     this.gl = this.canvas.getContext(kind, { xrCompatible: true });
     this.list = []; // {centre: [x, y, z], half: [x, y, z], colour: [r, g, b]}
-    if (kind === 'webgl2') this.#prepare();
+    this.#prepare(kind === 'webgl2' ? (text) => text : olderShader);
   }
 
-  #prepare() {
+  #prepare(translated) {
     const { gl } = this;
     const program = this.program = gl.createProgram();
     for (const [type, text] of [[gl.VERTEX_SHADER, VERTEX], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
       const shader = gl.createShader(type);
-      gl.shaderSource(shader, text);
+      gl.shaderSource(shader, translated(text));
       gl.compileShader(shader);
       gl.attachShader(program, shader);
     }
     gl.linkProgram(program);
     this.at = Object.fromEntries(['projection', 'view', 'centre', 'half_size', 'colour'].map(
       (name) => [name, gl.getUniformLocation(program, name)]));
-    this.vertices = gl.createVertexArray();
-    gl.bindVertexArray(this.vertices);
+    this.vertices = gl.createVertexArray?.();
+    gl.bindVertexArray?.(this.vertices);
     gl.bindBuffer(gl.ARRAY_BUFFER, gl.createBuffer());
     const points = FACES.flat().flatMap((k) => CORNERS[k]);
     gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(points), gl.STATIC_DRAW);
@@ -70,7 +74,7 @@ export class Boxes {
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     gl.enable(gl.DEPTH_TEST);
     gl.useProgram(this.program);
-    gl.bindVertexArray(this.vertices);
+    gl.bindVertexArray?.(this.vertices);
     for (const view of pose.views) {
       const { x, y, width, height } = layer.getViewport(view);
       gl.viewport(x, y, width, height);

@@ -208,6 +208,38 @@ def test_files_above_the_folder_come_with_the_options_that_serve_them(tmp_path: 
     assert played(address, map={prefix: folder}, steps=3, values=values) == {"frames": 3}
 
 
+DRAWS = """import {{ Boxes, button }} from './boxes.js';
+const boxes = new Boxes('{kind}');
+boxes.list.push({{ centre: [0, 1.2, -1.1], half: [0.2, 0.1, 0.1], colour: [0.9, 0.1, 0.1] }});
+const {{ gl }} = boxes;
+const app = window.app = {{ error: 0 }};
+button('Enter VR', () => boxes.enter(() => {{
+  // What a page relies on from one frame to the next.
+  const same = gl.getParameter(gl.ARRAY_BUFFER_BINDING) === app.buffer
+    && gl.getParameter(gl.COLOR_CLEAR_VALUE)[1] === Math.fround(0.2) && gl.isEnabled(gl.SCISSOR_TEST);
+  if (app.buffer && !same) app.error += 1;
+  app.error += gl.getError();
+  app.buffer = gl.getParameter(gl.ARRAY_BUFFER_BINDING);
+  gl.enable(gl.SCISSOR_TEST);
+  gl.scissor(0, 0, 60, 80);
+}}));"""
+
+
+def test_webgl_1_draws_what_webgl_2_draws(tmp_path: Path) -> None:
+    pictures = []
+    for kind in ("webgl", "webgl2"):
+        page = page_with(tmp_path, DRAWS.format(kind=kind))
+        with open_page(page, values={"error": "app.error"}) as app:
+            app.reset(1, hands(0))
+            for step in range(1, 4):
+                reply = app.step(frame_time_ns(step, 20), hands(step))
+            assert reply.values == {"error": 0}
+            pictures.append(app.image.copy())
+    assert (pictures[0] == pictures[1]).all()
+    assert pictures[0][40, 55, 3] == pytest.approx(255 * 1.0 / 10.0, abs=1)  # m to the box's face
+    assert (pictures[0][:, 60:, :3] == 0).all()  # right of the scissors: cleared by the harness
+
+
 OBSERVED = """const log = []; app.log = log; app.digest = 0;
 const note = (...what) => {
   for (const part of [...what, performance.now()]) app.digest = (app.digest * 31 + part) % 1e9;

@@ -54,15 +54,17 @@ REFUSED = {
         r"asks for https://cdn\.example\.com/engine\.js, which app\.map maps to no folder",
     ),
     "missing file": ("import './engine.js';", r"never calls WebXR .*not found: .*/engine\.js"),
-    "WebGL 1": (
+    "WebGL 1 without its extensions": (
         "import { Boxes, button } from './boxes.js'; const boxes = new Boxes('webgl');"
+        "WebGLRenderingContext.prototype.getExtension = () => null;"
         "button('Enter VR', () => boxes.enter(() => {}).catch(() => {}));",
-        r"the page draws with WebGL 1, expected WebGL 2",
+        r"draws with WebGL 1, where this browser has no WEBGL_depth_texture, expected WebGL 2",
     ),
-    "WebGL 1, unhandled": (
+    "WebGL 1 without its extensions, unhandled": (
         "import { Boxes, button } from './boxes.js'; const boxes = new Boxes('webgl');"
+        "WebGLRenderingContext.prototype.getExtension = () => null;"
         "button('Enter VR', () => boxes.enter(() => {}));",
-        r"page\.html: the page draws with WebGL 1, expected WebGL 2",
+        r"page\.html: draws with WebGL 1, where this browser has no WEBGL_depth_texture, expected",
     ),
     "no frames": (
         "navigator.xr.requestSession('immersive-vr');",

@@ -47,7 +47,7 @@ def test_a_flood_of_messages_is_counted(tmp_path: Path) -> None:
     with open_page(page_with(tmp_path, script)) as app:
         app.reset(1, hands(0))
         app.step(frame_time_ns(1, 20), hands(1))
-        complaints = app._page._complaints
+        complaints = app._page._watch._complaints
         assert (len(complaints), len(list(complaints))) == (40_000, 40)
         assert complaints.last == "message 19999"
 

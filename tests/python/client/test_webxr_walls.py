@@ -13,7 +13,7 @@ import pytest
 
 from sim2vr_harness.client import AppRefused, WebXRApp, frame_time_ns
 from sim2vr_harness.client.webxr import browser as browser_module
-from sim2vr_harness.client.webxr import page as page_module
+from sim2vr_harness.client.webxr import tab as tab_module
 from sim2vr_harness.client.webxr.files import HOST, PageFiles
 from webxr_pages import NEEDS_BROWSER, hands, open_page, page_with
 
@@ -183,9 +183,9 @@ def test_nothing_gets_out_even_by_a_frame_within(
     walls: bool,
 ) -> None:
     if not walls:  # The browser itself has no way out, whatever scripts could get hold of.
-        read = page_module.read_script
+        read = tab_module.read_script
         monkeypatch.setattr(
-            page_module, "read_script", lambda name: "" if name == "walls.js" else read(name)
+            tab_module, "read_script", lambda name: "" if name == "walls.js" else read(name)
         )
     tcp, udp = ports
     script = REACHING.replace("TCP", str(tcp.getsockname()[1]))

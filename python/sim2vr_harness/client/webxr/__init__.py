@@ -9,7 +9,7 @@ from sim2vr_harness.client.errors import AppRefused
 from sim2vr_harness.client.transport import AppSource, AppsWanted, Transport
 from sim2vr_harness.client.webxr.app import CAPABILITIES, WebXRApp
 from sim2vr_harness.client.webxr.browser import find_browser
-from sim2vr_harness.client.webxr.page import describe_browser
+from sim2vr_harness.client.webxr.tab import describe_browser
 
 __all__ = ["WEBXR", "WebXRApp", "describe_browser", "find_browser"]
 

@@ -21,6 +21,7 @@ _SCRIPTS = (
     "spaces.js",
     "controllers.js",
     "gl.js",
+    "solid.js",
     "picture.js",
     "session.js",
     "objects.js",

@@ -17,7 +17,7 @@ __all__ = ["Pointing", "aim_of", "off_ray"]
 _POINT_M = 0.8
 _TO_REST = 0.2
 """How much of the way to its place of rest the hand is drawn. All of it would turn the ray."""
-_GAIN, _KEPT = 0.1, 0.95
+_GAIN, _KEPT = 0.12, 0.98
 """Share of the error that is added to the correction in a user step, and that is kept of it."""
 _NEAR = 0.2
 """Errors of direction (rad) above this are the way there; they are not added up."""

@@ -29,7 +29,7 @@ from sim2vr_harness.policies.hierarchical.motor_store import (
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, require_senses
 from sim2vr_harness.policies.hierarchical.options import OptionSet, option_set
 from sim2vr_harness.policies.hierarchical.primitives import PrimitiveController
-from sim2vr_harness.policies.hierarchical.tool_detection import find_tools
+from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
 from sim2vr_harness.runs.config import TrainingConfig
@@ -193,12 +193,10 @@ class QLearningStage:
         if "tool" in known:
             return known["tool"], {name: float(v) for name, v in known["earned"].items()}, 0.0
         callbacks.say("Finding tools and measuring baselines ...")
-        tools = find_tools(simulation, layer, poses, seed=self._config.seed)
+        tools = self._tools(simulation, layer, poses)
         points = np.array([[tool.tip, tool.middle] for tool in tools])
         for hand, held in zip(layer.hands, tools, strict=True):
-            far = float(np.linalg.norm(held.tip))
-            what = f"something that reaches {100 * far:.0f} cm" if far else "nothing that is seen"
-            callbacks.say(f"In the hand of {hand}: {what}.")
+            callbacks.say(f"In the hand of {hand}: {held.why}.")
         began = time.monotonic()
         earned = {
             "still": _earned(simulation, self._config, moving=False),
@@ -214,6 +212,15 @@ class QLearningStage:
         rewards = {name: torch.tensor(value) for name, value in earned.items()}
         write_tensors(file, {"tool": tool, "earned": rewards})
         return tool, earned, rate
+
+    def _tools(self, simulation: Simulation, layer: MotorPolicy, poses: Tensor) -> list[Tool]:
+        """What each hand holds, as ``skills.tool`` says or as it is seen."""
+        wanted = self._config.skills.tool
+        if wanted == "auto":
+            return find_tools(simulation, layer, poses, seed=self._config.seed)
+        if wanted == "none":
+            return [Tool(np.zeros((0, 3)), "nothing, as skills.tool says") for _ in layer.hands]
+        return [straight_tool(wanted) for _ in layer.hands]
 
     def _learn(
         self,

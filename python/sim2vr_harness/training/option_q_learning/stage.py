@@ -33,7 +33,7 @@ from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
 from sim2vr_harness.runs.config import TrainingConfig
-from sim2vr_harness.runs.run_folder import append_row, keep_rows
+from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
 from sim2vr_harness.training.dagger.option_expert import OptionExpert
 from sim2vr_harness.training.motor_control.stage import MotorStage
 from sim2vr_harness.training.option_q_learning.q_learning import (
@@ -67,7 +67,8 @@ class QLearningStage:
         config: of the run.
         folder: of the stage.
         motor: the run's own motor layer, if it makes one.
-        user: the checkpoint to write of a user who decides; None: a student is to learn from it.
+        run: whose checkpoints are users who decide; None: a student is to learn from it.
+        stop: user steps after which the session ends; None: when all are taken.
     """
 
     name, unit = "looking", "user steps"
@@ -78,10 +79,14 @@ class QLearningStage:
         config: TrainingConfig,
         folder: Path,
         motor: MotorStage | None,
-        user: Path | None = None,
+        run: RunFolder | None = None,
+        *,
+        stop: int | None = None,
     ) -> None:
-        self._config, self.folder, self._motor, self._user = config, folder, motor, user
-        self.total = float(config.skills.q_learning.user_steps)
+        self._config, self.folder, self._motor, self._run = config, folder, motor, run
+        steps = config.skills.q_learning.user_steps
+        self.stop = steps if stop is None else min(stop, steps)
+        self.total = float(self.stop)
         self._simulation: Simulation | None = None
         self._learner: OptionQLearning | None = None
         self._state: dict[str, Any] | None = None
@@ -95,7 +100,10 @@ class QLearningStage:
     @property
     def finished(self) -> bool:
         """See the protocol."""
-        return (self.folder / _VALUES).is_file()
+        if (self.folder / _VALUES).is_file():
+            return True
+        run = self._run
+        return run is not None and bool(run.checkpoints()) and run.step >= self.stop
 
     @property
     def saved(self) -> str:
@@ -132,7 +140,7 @@ class QLearningStage:
         """See the protocol."""
         config = self._config.skills
         self._options  # noqa: B018  # refuses options without their input
-        if self._user is not None:
+        if self._run is not None:
             require_senses(self._config.env)
             width = self._layer().width if self._motor is None else config.motor_training.width
             if width != config.motor_training.width:
@@ -165,13 +173,15 @@ class QLearningStage:
             log = self.folder / _LOG
             keep_rows(log, lambda row: row["step"] <= learner.step_count)
             self._learn(learner, callbacks, log, before, rate)
-        if self._user is not None:
+        finished, learned = learner.finished, {"values": learner.net.state_dict(), "tool": tool}
+        if self._run is not None:
             steps = learner.step_count
+            file = self._run.checkpoint_file(self.stop if finished else steps)
             hold = _best_hold(learner, callbacks)
-            write_user(self._user, self._decider(layer, learner.net, tool, hold), steps)
-        learned = {"values": learner.net.state_dict(), "tool": tool}
-        write_tensors(self.folder / _VALUES, learned)
-        self.tidy()
+            write_user(file, self._decider(layer, learner.net, tool, hold), steps)
+        if finished:
+            write_tensors(self.folder / _VALUES, learned)
+            self.tidy()
 
     def _decider(
         self, layer: MotorPolicy, net: ActionValueMap, tool: Tensor, hold: int
@@ -233,7 +243,7 @@ class QLearningStage:
         began, first, decisions = time.monotonic(), learner.step_count, 0
         doing = "trying at random"
         warned = False
-        while not learner.finished:
+        while learner.step_count < self.stop:
             report = learner.step()
             decisions += 1
             done = learner.step_count
@@ -243,7 +253,7 @@ class QLearningStage:
                 began = time.monotonic() - elapsed
             left = (self.total - done) * elapsed / max(1, done - first)
             callbacks.show(lambda: View(done, doing, left))  # noqa: B023
-            if decisions % _REPORT_DECISIONS == 0 or learner.finished:
+            if decisions % _REPORT_DECISIONS == 0 or done >= self.stop:
                 rate = (done - first) / elapsed
                 doing = (
                     f"step {done:,}, reward per minute {report.reward:.2f} (still "
@@ -254,7 +264,7 @@ class QLearningStage:
                 row["loss"] = None if math.isnan(report.loss) else report.loss
                 append_row(log, row)
                 callbacks.report(done, row)
-            if decisions % _SAVE_DECISIONS == 0 or learner.finished:
+            if decisions % _SAVE_DECISIONS == 0 or done >= self.stop:
                 self._remember(learner)
                 self.save()
             if not warned and done > _HOPELESS * self.total:
@@ -324,7 +334,8 @@ def _show_end(
 ) -> None:
     """Show how far the measurement at the end of the stage is, a line at its beginning."""
     left = (time.monotonic() - began) * (1.0 - share) / share if share > 0.0 else None
-    callbacks.show(lambda: View(learner.step_count, doing, left), force=share == 0.0)
+    done = min(learner.step_count, learner.config.user_steps)
+    callbacks.show(lambda: View(done, doing, left), force=share == 0.0)
 
 
 def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> float:

@@ -49,8 +49,8 @@ _From = Annotated[
 _Timesteps = Annotated[
     int | None,
     typer.Option(
-        help="Stop after this many user steps, counted from the run's start.",
-        show_default="total_timesteps",
+        help="Stop after this many user steps of the run's last stage.",
+        show_default="all of them",
     ),
 ]
 _Out = Annotated[
@@ -111,7 +111,7 @@ def train(
     # fmt: on
     if not result.interrupted and settings.evaluation.episodes_after_training:
         _evaluate_after_training(result, settings.evaluation.episodes_after_training)
-    goes_on = result.step < settings.total_timesteps and settings.policy_kind != "hierarchical"
+    goes_on = result.step < settings.last_stage_steps
     _print_where_next(result, resumable=result.interrupted or goes_on)
     return INTERRUPTED if result.interrupted else 0
 

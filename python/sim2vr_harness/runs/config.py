@@ -164,6 +164,12 @@ class TrainingConfig(Settings):
         hierarchical = self.recipe == "skills" and self.skills.user == "hierarchical"
         return "hierarchical" if hierarchical else "visual"
 
+    @property
+    def last_stage_steps(self) -> int:
+        """User steps of the run's last stage, which ``--timesteps`` counts."""
+        hierarchical = self.policy_kind == "hierarchical"
+        return self.skills.q_learning.user_steps if hierarchical else self.total_timesteps
+
     @pydantic.model_validator(mode="after")
     def _from_user(self) -> Self:
         if (self.recipe == "adapt") != (self.from_user is not None):

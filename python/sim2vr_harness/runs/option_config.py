@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -47,6 +47,11 @@ class QLearningConfig(Settings):
     """User steps over which that proportion falls."""
 
 
+OptionName = Literal[
+    "touch", "push", "swing", "press", "point", "hold", "grab", "turn", "walk", "button"
+]
+
+
 class SkillsConfig(Settings):
     """Users who bring a motor layer to a game and learn what is worth doing with what they see."""
 
@@ -59,5 +64,11 @@ class SkillsConfig(Settings):
     the run makes first."""
     motor_training: MotorTrainingConfig = MotorTrainingConfig()
     """Training of the motor layer."""
+    options: tuple[OptionName, ...] | None = Field(default=None, min_length=1)
+    """Options of the hands (docs/concepts/training.md); None: touch, push and swing, and those that
+    ``env.user.inputs`` allow."""
+    tool: Literal["auto", "none"] | Annotated[float, Field(gt=0.0, le=3.0)] = "auto"
+    """What the hands hold: ``auto`` finds it in the pictures, ``none``: nothing, a length: a
+    straight tool that goes on forward from the controller, m."""
     q_learning: QLearningConfig = QLearningConfig()
     """Q-learning of what to do with what is seen."""

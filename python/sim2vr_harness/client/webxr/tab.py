@@ -33,6 +33,7 @@ _SCRIPTS = (
     "spaces.js",
     "controllers.js",
     "gl.js",
+    "solid.js",
     "picture.js",
     "session.js",
     "objects.js",

@@ -13,11 +13,12 @@ from torch import Tensor
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid, rotation
 from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
+from sim2vr_harness.policies.hierarchical.options import PLAIN, OptionSet
 from sim2vr_harness.policies.hierarchical.primitives import (
-    MOVES,
     OptionChoice,
     PrimitiveController,
     is_swing,
+    points,
 )
 
 __all__ = ["ActionSelector", "OptionScene", "best_choices", "choose", "mask_unreached"]
@@ -112,7 +113,7 @@ class ActionSelector:
                 something = mask_unreached(
                     choice, torch.from_numpy(scene.tips), something, places, hold, self.primitives
                 )
-            chosen = best_choices(values, something).numpy()
+            chosen = best_choices(values, something, self.primitives.options).numpy()
         self.choose(choice, chosen, places)
 
     def something(self, scene: OptionScene) -> Tensor:
@@ -121,7 +122,7 @@ class ActionSelector:
 
     def best(self, values: Tensor, scene: OptionScene) -> Tensor:
         """(N, H) choices that are worth most, see :func:`best_choices`."""
-        return best_choices(values, self.something(scene))
+        return best_choices(values, self.something(scene), self.primitives.options)
 
     def choose(
         self,
@@ -140,18 +141,22 @@ class ActionSelector:
             motion = layer.motion(self._simulation.users)
             placed = layer.places(*motion[:2])
         goals = self.primitives.goals(choice, torch.from_numpy(self._head()), *placed)
-        return layer.decide(motion, placed, goals)
+        body = layer.decide(motion, placed, goals)
+        fingers = self.primitives.inputs(choice, placed[0])
+        return np.concatenate([body, fingers], 1) if fingers.size else body
 
 
-def best_choices(values: Tensor, something: Tensor) -> Tensor:
+def best_choices(values: Tensor, something: Tensor, options: OptionSet = PLAIN) -> Tensor:
     """(N, H) choices that are worth most, of those that do something with something.
 
     Args:
-        values: (N, H, moves * cells + 1).
+        values: (N, H, choices).
         something: (N, cells) or (N, H, cells) whether anything is there.
+        options: of the hands.
     """
     each = something if something.ndim == 3 else something[:, None]
-    there = torch.cat([each.repeat(1, 1, len(MOVES)), torch.ones_like(each[..., :1])], 2)
+    always = torch.ones_like(each[..., :1]).repeat(1, 1, 1 + len(options.free))
+    there = torch.cat([each.repeat(1, 1, len(options.placed)), always], 2)
     return values.masked_fill(~there, -torch.inf).argmax(-1)
 
 
@@ -176,6 +181,9 @@ def mask_unreached(
         hold: user steps for which a decision is seen through.
         primitives: of the hands.
     """
+    # Where a hand that points is does not matter, but what it points at.
+    aims = points(choice.move)[..., None]
+    tips = torch.where(aims, choice.seen, tips)
     far = (choice.seen - choice.place).norm(dim=-1) > _TO_COME_M
     stays = (tips - choice.at).norm(dim=-1) < _STILL_M
     waits = stays & (choice.move >= 0) & ~far
@@ -207,7 +215,8 @@ def choose(
 
     Args:
         choice: of N users, changed in place.
-        chosen: (N, H) move * cells + cell; moves * cells is to rest.
+        chosen: (N, H) move * cells + cell; moves * cells is to rest, options without a place
+            follow.
         places: (N, 3, rows, columns) of the cells, world, m.
         primitives: knows what is within reach.
         changed: (N, H) whose choice is a new one; None: every user's.
@@ -215,14 +224,20 @@ def choose(
     flat = places.flatten(2).transpose(1, 2)
     cells = flat.shape[1]
     number = torch.from_numpy(chosen)
-    resting = number == len(MOVES) * cells
-    new = torch.ones_like(resting) if changed is None else torch.from_numpy(changed)
+    options = primitives.options
+    rest = options.rest(cells)
+    placed = number < rest
+    move = options.numbers[(number // cells).clamp(max=len(options.placed) - 1)]
+    new = torch.ones_like(placed) if changed is None else torch.from_numpy(changed)
     users = torch.arange(len(chosen))
     for hand in range(chosen.shape[1]):
         there = flat[users, number[:, hand] % cells]
-        wanted = primitives.within_reach(hand, there, is_swing(number[:, hand] // cells))
-        moves = (new & ~resting)[:, hand, None]
+        wanted = primitives.within_reach(hand, there, is_swing(move[:, hand]))
+        wanted = torch.where(points(move[:, hand])[:, None], there, wanted)
+        moves = (new & placed)[:, hand, None]
         choice.place[:, hand] = torch.where(moves, wanted, choice.place[:, hand])
         choice.seen[:, hand] = torch.where(moves, there, choice.seen[:, hand])
-    move = torch.where(resting, -1, number // cells)
-    choice.move = torch.where(new, move, choice.move)
+    choice.move = torch.where(new & placed, move, choice.move)
+    choice.move = torch.where(new & (number == rest), -1, choice.move)
+    if options.free:
+        primitives.begin_free(choice, new & (number > rest), (number - rest - 1).clamp(min=0))

@@ -7,7 +7,7 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
-from sim2vr_harness.policies.hierarchical.primitives import MOVES
+from sim2vr_harness.policies.hierarchical.options import PLAIN, OptionSet
 
 __all__ = ["ActionValueMap"]
 
@@ -28,11 +28,12 @@ class ActionValueMap(nn.Module):
     Args:
         sight: geometry of the pictures.
         hands: H.
+        options: of each hand.
     """
 
-    def __init__(self, sight: DepthGrid, hands: int) -> None:
+    def __init__(self, sight: DepthGrid, hands: int, options: OptionSet = PLAIN) -> None:
         super().__init__()
-        self.sight, self.hands = sight, hands
+        self.sight, self.hands, self.options = sight, hands, options
         width = _CHANNELS
         self.stem = nn.Sequential(
             nn.Conv2d(8, 16, 3, stride=2, padding=1),
@@ -44,8 +45,8 @@ class ActionValueMap(nn.Module):
         self.enter = nn.Conv2d(width + geometry, width, 1)
         self.spread = nn.Conv2d(width, width, 3, padding=2, dilation=2)
         self.common = nn.Linear(width + 6 * hands, width)
-        self.leave = nn.Conv2d(width, hands * len(MOVES), 1)
-        self.rest = nn.Linear(width, hands)
+        self.leave = nn.Conv2d(width, hands * len(options.placed), 1)
+        self.rest = nn.Linear(width, hands * (1 + len(options.free)))
         for layer in (self.leave, self.rest):
             for parameter in layer.parameters():
                 nn.init.zeros_(parameter)
@@ -53,7 +54,7 @@ class ActionValueMap(nn.Module):
     def forward(
         self, pictures: Tensor, places: Tensor, head: Tensor, tips: Tensor, velocities: Tensor
     ) -> Tensor:
-        """(N, H, moves * cells + 1) values; the last one is that of resting.
+        """(N, H, choices) values: of moves by cell, of resting, and of options without a place.
 
         Args:
             pictures: (N, 8, height, width) uint8: RGBD now and a moment ago.
@@ -76,5 +77,5 @@ class ActionValueMap(nn.Module):
         common = self.common(torch.cat([x.mean((2, 3)), told], 1))
         x = functional.silu(self.spread(x) + x + common[:, :, None, None])
         moves = self.leave(x).reshape(n, self.hands, -1)
-        rest = self.rest(functional.silu(common))[..., None]
+        rest = self.rest(functional.silu(common)).reshape(n, self.hands, -1)
         return torch.cat([moves, rest], -1)

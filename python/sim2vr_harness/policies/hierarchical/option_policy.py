@@ -27,6 +27,7 @@ from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.frame_history import BEFORE_S
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.options import option_set
 from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.policies.protocol import (
@@ -113,7 +114,8 @@ class HierarchicalPolicy(nn.Module):
         self.register_buffer("motor_mean", layer.mean)
         self.register_buffer("motor_std", layer.std)
         vision = env.vision
-        self.values = ActionValueMap(DepthGrid(vision.height, vision.width), len(hands))
+        options = option_set(env.user.inputs, skills.options)
+        self.values = ActionValueMap(DepthGrid(vision.height, vision.width), len(hands), options)
         self.register_buffer("tool", torch.zeros(len(hands), 2, 3))
         self.register_buffer("hold", torch.ones(1))
         self.register_buffer("log_std", torch.full((1,), _QUIET), persistent=False)
@@ -128,7 +130,8 @@ class HierarchicalPolicy(nn.Module):
 
     def __repr__(self) -> str:
         """Return the body, what it observes and the size of its action."""
-        sizes = f"{shapes_in_words(self._wanted)}; {self.layer.drives.count} actions"
+        actions = self.layer.drives.count + len(self.values.options.inputs)
+        sizes = f"{shapes_in_words(self._wanted)}; {actions} actions"
         return f"HierarchicalPolicy({self.layer.body.name}: {sizes})"
 
     def learned(self, layer: MotorPolicy, values: ActionValueMap, tool: Tensor, hold: int) -> None:
@@ -147,7 +150,9 @@ class HierarchicalPolicy(nn.Module):
     def primitives(self) -> PrimitiveController:
         """Turns decisions into goals; made of the weights when it is first needed."""
         if self._primitives is None:
-            self._primitives = PrimitiveController(self.layer, self.tool, self._poses)
+            self._primitives = PrimitiveController(
+                self.layer, self.tool, self._poses, self.values.options
+            )
         return self._primitives
 
     def act(
@@ -171,7 +176,9 @@ class HierarchicalPolicy(nn.Module):
                 intention.left = int(self.hold)
             intention.left -= 1
             goals = self.primitives.goals(intention.choice, head[:, :3, 3], *placed)
-            return self.layer.decide(motion, placed, goals)[0]
+            body = self.layer.decide(motion, placed, goals)[0]
+            fingers = self.primitives.inputs(intention.choice, placed[0])[0]
+            return np.concatenate([body, fingers]) if fingers.size else body
 
     def _shapes(self, observation: Observation) -> Shapes:
         """What it takes; of frames that an image holds besides the newest any number."""
@@ -196,7 +203,7 @@ class HierarchicalPolicy(nn.Module):
         something = mask_unreached(
             choice, moving[0], something, places, int(self.hold), self.primitives
         )
-        chosen = best_choices(values, something).numpy()
+        chosen = best_choices(values, something, self.values.options).numpy()
         choose(choice, chosen, places, self.primitives)
 
 

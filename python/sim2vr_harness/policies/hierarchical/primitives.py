@@ -8,25 +8,20 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 from torch import Tensor
 
+from sim2vr_harness.policies.hierarchical.controller_inputs import ROLES, ControllerInputs
 from sim2vr_harness.policies.hierarchical.motor_goals import MOMENT_S, MotorGoals, tips
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
+from sim2vr_harness.policies.hierarchical.options import (
+    FREE,
+    MOVES,
+    PLACED,
+    PLAIN,
+    SIDEWAYS,
+    OptionSet,
+)
+from sim2vr_harness.policies.hierarchical.pointing import Pointing, off_ray
 
-__all__ = ["MOVES", "OptionChoice", "PrimitiveController", "is_swing"]
-
-_DIAGONAL = 0.5**0.5
-_SIDEWAYS = {
-    "up": (0.0, 1.0),
-    "up right": (-_DIAGONAL, _DIAGONAL),
-    "right": (-1.0, 0.0),
-    "down right": (-_DIAGONAL, -_DIAGONAL),
-    "down": (0.0, -1.0),
-    "down left": (_DIAGONAL, -_DIAGONAL),
-    "left": (1.0, 0.0),
-    "up left": (_DIAGONAL, _DIAGONAL),
-}
-"""Direction to the left and up."""
-MOVES = ("touch", "push", *_SIDEWAYS)
-"""Names of the moves: come and stay, go through away from the head, go through sideways."""
+__all__ = ["MOVES", "OptionChoice", "PrimitiveController", "is_swing", "points"]
 
 _TOUCH_MPS, _STRIKE_MPS, _PUSH_MPS, _SWING_MPS = 0.9, 1.2, 2.5, 2.0
 _DEEPER_M = 0.015
@@ -39,9 +34,30 @@ _DEPTH_WEIGHT = 0.2
 """How much less depth counts than height and side, where a place is out of reach."""
 
 
+_POINT = PLACED.index("point")
+_ARRIVING = torch.tensor([PLACED.index(n) for n in ("touch", "press", "hold", "grab", "release")])
+_ARRIVED_M = 0.035
+"""A hand that is so near has come to its place."""
+_ON_M, _ON_RAD = 0.012, 0.014
+"""A ray has met its place that passes it by less than either of these."""
+_PULL_S, _LET_GO_S, _AGAIN_S = 0.1, 0.1, 0.6
+"""How long a trigger is pulled, is let go of at least, and until it is pulled at the same place."""
+_SAME_M = 0.06
+
+
 def is_swing(move: Tensor) -> Tensor:
     """Whether moves, by number, go through a place sideways."""
-    return move >= len(MOVES) - len(_SIDEWAYS)
+    return (move >= len(MOVES) - len(SIDEWAYS)) & (move < len(MOVES))
+
+
+def points(move: Tensor) -> Tensor:
+    """Whether moves, by number, point at a place."""
+    return move == _POINT
+
+
+def _comes(move: Tensor) -> Tensor:
+    """Whether moves, by number, come to a place and stay there."""
+    return torch.isin(move, _ARRIVING)
 
 
 def _at(place: Tensor, point: Tensor) -> Tensor:
@@ -86,7 +102,16 @@ class OptionChoice:
         left: (N, H, 3) what a hand was still at for too long.
         leaving: (N, H) user steps for which that is not gone for again.
         vain: (N, H) how often a hand has come back to it and stopped short of it again.
+        correction: (N, H, 3) of the direction of a ray that points.
+        pulled: (N, H) user steps until a trigger is pulled again at the same place.
+        pulled_at: (N, H, 3) the place at which it was pulled.
+        closed: (N, H) whether the hand holds its squeeze closed.
+        free: (N, H) number of the option without a place that a hand has begun.
+        free_left: (N, H) user steps for which it works its input still.
     """
+
+    KEPT = ("move", "place", "seen", "correction", "pulled", "pulled_at", "closed")
+    """What a hand with inputs remembers from one decision to the next."""
 
     def __init__(self, n: int, hands: int) -> None:
         self.move = torch.full((n, hands), -1, dtype=torch.long)
@@ -97,12 +122,21 @@ class OptionChoice:
         self.left = torch.full((n, hands, 3), torch.inf)
         self.leaving = torch.zeros(n, hands, dtype=torch.long)
         self.vain = torch.zeros(n, hands, dtype=torch.long)
+        self.correction = torch.zeros(n, hands, 3)
+        self.pulled = torch.zeros(n, hands, dtype=torch.long)
+        self.pulled_at = torch.full((n, hands, 3), torch.inf)
+        self.closed = torch.zeros(n, hands, dtype=torch.bool)
+        self.free = torch.zeros(n, hands, dtype=torch.long)
+        self.free_left = torch.zeros(n, hands, dtype=torch.long)
 
     def forget(self, users: NDArray[np.int64]) -> None:
         """Let users rest, whose rounds begin."""
         self.move[users] = -1
         self.rested[users] = self.leaving[users] = self.vain[users] = 0
-        self.left[users] = self.at[users] = torch.inf
+        self.left[users] = self.at[users] = self.pulled_at[users] = torch.inf
+        self.correction[users] = 0.0
+        self.closed[users] = False
+        self.pulled[users] = self.free_left[users] = 0
 
 
 class PrimitiveController:
@@ -113,10 +147,17 @@ class PrimitiveController:
         tool: (H, 2, 3) points of each device that things are done with, its frame, m: the tip,
             with which it touches and pushes, and the middle, with which it swings through things.
         poses: (P, H, 4, 4) places that the devices can be at.
+        options: of the hands.
     """
 
-    def __init__(self, layer: MotorPolicy, tool: Tensor, poses: Tensor) -> None:
-        self.layer, self.tool = layer, tool
+    def __init__(
+        self, layer: MotorPolicy, tool: Tensor, poses: Tensor, options: OptionSet = PLAIN
+    ) -> None:
+        self.layer, self.tool, self.options = layer, tool, options
+        self._pointing = Pointing(poses)
+        self._inputs = ControllerInputs(options.inputs, layer.hands)
+        self._works = [ROLES.index(FREE[name][0]) for name in options.free]
+        self._values = torch.tensor([FREE[name][1] for name in options.free])
         self._reach = [
             [_Reach(_at(poses, tool[:, which])[:, hand]) for which in range(2)]
             for hand in range(len(tool))
@@ -172,10 +213,10 @@ class PrimitiveController:
             chosen = choice.move == number
             if name == "push":
                 directions[chosen] = _PUSH_MPS * away[chosen]
-            elif name in _SIDEWAYS:
-                left, up = _SIDEWAYS[name]
+            elif name in SIDEWAYS:
+                left, up = SIDEWAYS[name]
                 directions[chosen] = _SWING_MPS * torch.tensor([0.0, left, up])
-        touches = (choice.move == 0)[..., None]
+        touches = _comes(choice.move)[..., None]
         goals.place = choice.place + _DEEPER_M * away * touches
         goals.velocity = directions
         self._run_up(goals, now, velocity)
@@ -185,7 +226,56 @@ class PrimitiveController:
         slow = torch.where(touches[..., 0], torch.tensor(_TOUCH_MPS), torch.tensor(_STRIKE_MPS))
         goals.left_s = (far / torch.maximum(closing, slow)).clamp(0.05, 1.2)
         goals.active = (choice.move >= 0).float()
+        pointing = points(choice.move)
+        if pointing.any():
+            goals.place = torch.where(pointing[..., None], choice.seen, goals.place)
+            self._pointing.aim(goals, choice.correction, pointing, place)
         return goals
+
+    def inputs(self, choice: OptionChoice, place: Tensor) -> NDArray[np.float32]:
+        """(N, F) actions of the fingers in this user step.
+
+        Args:
+            choice: what the hands do; what they remember of their inputs is changed in place.
+            place: (N, H, 4, 4) where the devices are.
+        """
+        if not self.options.inputs:
+            return np.zeros((len(place), 0), np.float32)
+        steps = [round(time_s / self.layer.step_s) for time_s in (_PULL_S, _LET_GO_S, _AGAIN_S)]
+        pull, let_go, again = (max(1, count) for count in steps)
+        arrived = self._arrived(choice, place)
+        move = choice.move
+
+        def does(name: str) -> Tensor:
+            return arrived & (move == PLACED.index(name))
+
+        fresh = ~((choice.seen - choice.pulled_at).norm(dim=-1) < _SAME_M)
+        ready = (choice.pulled <= 0) | (fresh & (choice.pulled <= again - pull - let_go))
+        pulls = (does("press") | does("point")) & ready
+        choice.pulled[pulls] = again
+        choice.pulled_at[pulls] = choice.seen[pulls]
+        choice.closed = (choice.closed | does("grab")) & ~does("release")
+        values = torch.zeros(*move.shape, len(ROLES))
+        pulled = (choice.pulled > again - pull) | does("hold")
+        values[..., ROLES.index("trigger")] = pulled.float()
+        values[..., ROLES.index("squeeze")] = choice.closed.float()
+        for number, (role, value) in enumerate(zip(self._works, self._values, strict=True)):
+            values[..., role][(choice.free == number) & (choice.free_left > 0)] = value
+        choice.pulled = (choice.pulled - 1).clamp(min=0)
+        choice.free_left = (choice.free_left - 1).clamp(min=0)
+        return self._inputs.actions(values)
+
+    def begin_free(self, choice: OptionChoice, which: Tensor, option: Tensor) -> None:
+        """Let hands (N, H) begin options without a place, by their positions in the set."""
+        choice.free = torch.where(which, option, choice.free)
+        choice.free_left[which] = max(1, round(_PULL_S / self.layer.step_s))
+
+    def _arrived(self, choice: OptionChoice, place: Tensor) -> Tensor:
+        """(N, H) hands that are where they go for, or whose ray is on it."""
+        near = (_at(place, self.tool[:, 0]) - choice.place).norm(dim=-1) < _ARRIVED_M
+        beside, along = off_ray(place, choice.seen)
+        met = (along > 0.0) & (beside < (_ON_RAD * along).clamp(min=_ON_M))
+        return torch.where(points(choice.move), met, near)
 
     @staticmethod
     def _run_up(goals: MotorGoals, now: Tensor, velocity: Tensor) -> None:

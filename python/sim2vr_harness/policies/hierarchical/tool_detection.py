@@ -17,11 +17,13 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 from torch import Tensor
 
+from sim2vr_harness.client.frames import AIM_DIRECTION
+from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.depth_grid import FAR_M, rotation
 from sim2vr_harness.policies.hierarchical.goal_sampler import GoalSampler
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 
-__all__ = ["Tool", "ToolView", "find_tools", "tools_in"]
+__all__ = ["Tool", "ToolView", "find_tools", "straight_tool", "tools_in"]
 
 _EVERY, _LOOKS, _PICTURES = 3, 30, 960
 """Users look every so many user steps, so often, and oftener where they are so few that there would
@@ -42,6 +44,11 @@ _JOINED_M, _AT_HAND_M, _AHEAD_M = 0.1, 0.15, 0.05
 likely lies in line with what is certain."""
 _HANDLE = 0.25
 """Share of a tool, from the hand on, that is not swung at things."""
+_RAY_M, _ENDLESS_M = 0.6, 1.2
+"""What lies on the aim ray is a ray from the one length on where a trigger is worked, and anything
+from the other on, anywhere: hardly a tool is that long."""
+_ON_RAY = 0.8
+"""Share of its points that lie on the aim ray, at least."""
 _END_M = 0.045
 """The tip is the middle of the last so many metres of what is in the hand."""
 
@@ -84,16 +91,23 @@ class Tool:
         tip: (3,) the middle of its far end; 0 where nothing is seen in the hand.
         middle: (3,) the middle of its outer three quarters. A long blade that swings through a
             place with its tip misses if it is a little short.
+        why: for people: what it was taken for, and by what.
     """
 
-    def __init__(self, points: NDArray[np.float64]) -> None:
-        self.points = points
+    def __init__(self, points: NDArray[np.float64], why: str = "") -> None:
+        self.points, self.why = points, why
         self.tip: NDArray[np.float64] = np.zeros(3)
         self.middle: NDArray[np.float64] = np.zeros(3)
         if len(points):
             far = np.linalg.norm(points, axis=1)
             self.tip = np.asarray(points[far > far.max() - _END_M].mean(0))
             self.middle = np.asarray(points[far > _HANDLE * far.max()].mean(0))
+
+
+def straight_tool(length_m: float) -> Tool:
+    """Return a tool of a length that goes on forward from the controller."""
+    points = np.linspace(0.0, length_m, 101)[1:, None] * np.array([1.0, 0.0, 0.0])
+    return Tool(points, f"a tool of {100 * length_m:.0f} cm, as skills.tool says")
 
 
 def find_tools(simulation: Any, layer: MotorPolicy, poses: Tensor, *, seed: int) -> list[Tool]:
@@ -115,12 +129,14 @@ def find_tools(simulation: Any, layer: MotorPolicy, poses: Tensor, *, seed: int)
     looks = []
     every = max(1, round(_PICTURES / (_LOOKS * n)))
     for step in range(_EVERY * _LOOKS * every):
-        result = simulation.step(layer.act(simulation.users, exercises.goals))
+        body = layer.act(simulation.users, exercises.goals)
+        result = simulation.step(with_inputs_at_rest(body, simulation.config.user.inputs))
         exercises.step(*_placed(simulation, layer))
         simulation.renew(result)
         if step % _EVERY == 0:
             looks.append(_look(simulation, _placed(simulation, layer)[0]))
-    return tools_in(looks)
+    pointed = any(name.endswith(".trigger") for name in simulation.config.user.inputs)
+    return [_judged(tool, pointed=pointed) for tool in tools_in(looks)]
 
 
 @dataclass(frozen=True)
@@ -147,6 +163,28 @@ def tools_in(looks: Sequence[ToolView]) -> list[Tool]:
     users, hands = looks[0].places.shape[:2]
     stands = np.stack([_stands([look.of(i) for look in looks]) for i in range(users)], 1)
     return [_found(looks, stands, hand) for hand in range(hands)]
+
+
+def _judged(found: Tool, *, pointed: bool) -> Tool:
+    """Tell tools from rays that an app draws at a controller, and say what was found.
+
+    Args:
+        found: what moves with the controller.
+        pointed: whether the user works a trigger, as with a ray.
+    """
+    if not len(found.points):
+        return Tool(found.points, "nothing: no surface moves with it")
+    along = found.points @ AIM_DIRECTION
+    beside = np.linalg.norm(found.points - along[:, None] * AIM_DIRECTION, axis=1)
+    on_ray = float(((along > 0.0) & (beside < _AHEAD_M)).mean())
+    length = float(np.linalg.norm(found.points, axis=1).max())
+    seen = f"{100 * length:.0f} cm long"
+    if length >= _ENDLESS_M:
+        return Tool(found.points[:0], f"nothing: what moves with it is {seen}, a ray")
+    if pointed and length >= _RAY_M and on_ray > _ON_RAY:
+        return Tool(found.points[:0], f"nothing: what moves with it lies on the aim ray, {seen}")
+    tip_cm = 100 * np.linalg.norm(found.tip)
+    return Tool(found.points, f"a tool of {tip_cm:.0f} cm: surfaces that move with it")
 
 
 def _look(simulation: Any, places: Tensor) -> ToolView:

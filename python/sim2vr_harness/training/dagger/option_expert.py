@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
-from sim2vr_harness.policies.hierarchical.primitives import MOVES, OptionChoice, PrimitiveController
+from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
 from sim2vr_harness.training.dagger.expert import proprioception_scale
 
 __all__ = ["OptionExpert"]
@@ -61,7 +61,8 @@ class OptionExpert:
         """See the protocol: the move and the place of every hand."""
         head = simulation.users.device_poses("headset")[0]
         place = (self._choice.place.numpy() - head[:, None]) / _UNIT_M
-        moves = self._choice.move.numpy()[..., None] == np.arange(-1, len(MOVES))
+        known = [-1, *self._selector.primitives.options.numbers.tolist()]
+        moves = self._choice.move.numpy()[..., None] == np.array(known)
         told = np.concatenate([place, moves], 2).reshape(len(head), -1)
         return np.clip(told, -3.0, 3.0).astype(np.float32)
 

@@ -28,7 +28,7 @@ from sim2vr_harness.policies.hierarchical.action_selection import ActionSelector
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
 from sim2vr_harness.policies.hierarchical.depth_grid import CELL_PX
 from sim2vr_harness.policies.hierarchical.frame_history import FrameHistory
-from sim2vr_harness.policies.hierarchical.primitives import MOVES, OptionChoice, PrimitiveController
+from sim2vr_harness.policies.hierarchical.primitives import OptionChoice, PrimitiveController
 from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.option_config import QLearningConfig
 from sim2vr_harness.training.replay import ReplayStore
@@ -116,7 +116,7 @@ class OptionQLearning:
         self._selector = ActionSelector(simulation, primitives, FrameHistory(simulation))
         with torch.random.fork_rng(devices=[]):
             torch.manual_seed(seed)
-            self.net = ActionValueMap(self._selector.sight, self.hands)
+            self.net = ActionValueMap(self._selector.sight, self.hands, primitives.options)
         self._slow = copy.deepcopy(self.net).requires_grad_(False)
         self._optimizer = torch.optim.Adam(self.net.parameters(), _LEARNING_RATE, fused=True)
         self.rng = np.random.default_rng([seed, 55])
@@ -140,6 +140,7 @@ class OptionQLearning:
         seeds = np.random.SeedSequence([seed, 56]).generate_state(self.n, np.uint32)
         simulation.reset(seeds=[int(value) for value in seeds])
         self._choice = OptionChoice(self.n, self.hands)
+        self._kept = OptionChoice.KEPT if primitives.options.inputs else ("move", "place")
         self._trying = np.zeros((self.n, self.hands), np.int64)
         """User steps for which a random try is still seen through."""
         self._tried = np.zeros((self.n, self.hands), np.int64)
@@ -161,29 +162,46 @@ class OptionQLearning:
         anew = changed & (self.rng.random((self.n, self.hands)) < explore)
         users = np.flatnonzero(anew.any(1))
         self._note_colours(scene)
-        for i, weights in zip(users, self._curiosity(scene, places, users), strict=True):
+        for i, *weights in zip(users, *self._curiosity(scene, places, users), strict=True):
             for hand in np.flatnonzero(anew[i]):
-                chosen[i, hand] = self._tried[i, hand] = self._try(weights)
+                chosen[i, hand] = self._tried[i, hand] = self._try(*weights)
                 self._trying[i, hand] = self.rng.integers(*_TRY_STEPS)
         self._trying -= DECIDE_STEPS
         self._selector.choose(self._choice, chosen, places, changed)
         return chosen
 
-    def _try(self, weights: NDArray[np.float64]) -> int:
+    def _try(self, near: NDArray[np.float64], far: NDArray[np.float64]) -> int:
+        """Draw a choice.
+
+        Args:
+            near: (cells,) weights of cells to do something at with the hand.
+            far: (cells,) the same of cells to point at.
+        """
+        options, cells = self.primitives.options, self._selector.sight.cells
         if self.rng.random() < _REST_SHARE:
-            return len(MOVES) * self._selector.sight.cells
-        cell = int(np.searchsorted(np.cumsum(weights), self.rng.random() * weights.sum()))
-        cell = min(cell, self._selector.sight.cells - 1)
-        # Half of the tries touch or push.
-        move = self.rng.integers(2) if self.rng.random() < 0.5 else self.rng.integers(len(MOVES))
-        return int(move) * self._selector.sight.cells + cell
+            free = int(self.rng.integers(1 + len(options.free))) if options.free else 0
+            return options.rest(cells) + free
+        drawn = self.rng.random()
+        # Half of the tries take options with inputs; without any, they touch or push.
+        favoured = options.favoured
+        if self.rng.random() < 0.5:
+            move = favoured[self.rng.integers(len(favoured))]
+        else:
+            move = int(self.rng.integers(len(options.placed)))
+        weights = far if options.placed[move] == "point" else near
+        cell = int(np.searchsorted(np.cumsum(weights), drawn * weights.sum()))
+        return move * cells + min(cell, cells - 1)
 
     def _curiosity(
         self, scene: OptionScene, places: Tensor, users: NDArray[np.int64]
-    ) -> NDArray[np.float64]:
-        """(K, cells) how much K users try: what is within reach, what has a rare colour."""
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """(K, cells) how much K users try: what is within reach, what has a rare colour.
+
+        The second weights are those of cells to point at, near and far alike.
+        """
         if not len(users):
-            return np.zeros((0, self._selector.sight.cells))
+            none = np.zeros((0, self._selector.sight.cells))
+            return none, none
         colour = self._colours_of(scene)[users]
         rare = 1.0 / (0.002 + self._colours[colour] / self._colours.sum())
         flat = places[users].flatten(2).transpose(1, 2).reshape(-1, 3)
@@ -191,12 +209,8 @@ class OptionQLearning:
             [self.primitives.distance(hand, flat).numpy() for hand in range(self.hands)]
         ).reshape(len(users), -1)
         there = np.where(self._selector.something(scene).numpy()[users], 1.0, 1e-9)
-        near = there * np.where(reach < 0.1, 1.0, 0.03)
-        weights: NDArray[np.float64] = near * (0.3 * rare / rare.mean() + 0.7)
-        rarest = near * rare
-        return 0.5 * weights / weights.sum(1, keepdims=True) + 0.5 * rarest / rarest.sum(
-            1, keepdims=True
-        )
+        near = _spread(there * np.where(reach < 0.1, 1.0, 0.03), rare)
+        return near, _spread(there, rare) if "point" in self.primitives.options.placed else near
 
     def _note_colours(self, scene: OptionScene) -> None:
         """Count what colours there are; what was seen long ago counts less."""
@@ -456,7 +470,7 @@ class OptionQLearning:
             "slow": copy.deepcopy(self._slow.state_dict()),
             "optimizer": copy.deepcopy(self._optimizer.state_dict()),
             "memory": {key: value.clone() for key, value in self._memory.state_dict().items()},
-            "choice": {"move": self._choice.move.clone(), "place": self._choice.place.clone()},
+            "choice": {name: getattr(self._choice, name).clone() for name in self._kept},
             "arrays": {name: torch.from_numpy(values.copy()) for name, values in arrays.items()},
         }
 
@@ -475,9 +489,18 @@ class OptionQLearning:
         self._slow.load_state_dict(state["slow"])
         self._optimizer.load_state_dict(state["optimizer"])
         self._memory.load_state_dict(len(state["memory"]["over"]), state["memory"])
-        self._choice.move = state["choice"]["move"].clone()
-        self._choice.place = state["choice"]["place"].clone()
+        for name in self._kept:
+            setattr(self._choice, name, state["choice"][name].clone())
         arrays = {name: values.numpy() for name, values in state["arrays"].items()}
         self._trying, self._tried = arrays["trying"].copy(), arrays["tried"].copy()
         self._colours = arrays["colours"].copy()
         self.simulation.load_state(arrays["simulation"].tobytes())
+
+
+def _spread(where: NDArray[np.float64], rare: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(K, cells) weights that prefer rare colours among places, half of them by far."""
+    weights: NDArray[np.float64] = where * (0.3 * rare / rare.mean() + 0.7)
+    rarest = where * rare
+    return 0.5 * weights / weights.sum(1, keepdims=True) + 0.5 * rarest / rarest.sum(
+        1, keepdims=True
+    )

@@ -19,6 +19,7 @@ from sim2vr_harness.base.torch_threads import torch_threads
 from sim2vr_harness.envs.config import EnvConfig, body_of
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.hierarchical.action_value_map import ActionValueMap
+from sim2vr_harness.policies.hierarchical.controller_inputs import with_inputs_at_rest
 from sim2vr_harness.policies.hierarchical.depth_grid import DepthGrid
 from sim2vr_harness.policies.hierarchical.motor_policy import MotorPolicy
 from sim2vr_harness.policies.hierarchical.motor_store import (
@@ -26,12 +27,13 @@ from sim2vr_harness.policies.hierarchical.motor_store import (
     motor_layer_for,
 )
 from sim2vr_harness.policies.hierarchical.option_policy import HierarchicalPolicy, require_senses
+from sim2vr_harness.policies.hierarchical.options import OptionSet, option_set
 from sim2vr_harness.policies.hierarchical.primitives import PrimitiveController
-from sim2vr_harness.policies.hierarchical.tool_detection import find_tools
+from sim2vr_harness.policies.hierarchical.tool_detection import Tool, find_tools, straight_tool
 from sim2vr_harness.policies.hierarchical.workspace import reachable_poses
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors, write_user
 from sim2vr_harness.runs.config import TrainingConfig
-from sim2vr_harness.runs.run_folder import append_row, keep_rows
+from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
 from sim2vr_harness.training.dagger.option_expert import OptionExpert
 from sim2vr_harness.training.motor_control.stage import MotorStage
 from sim2vr_harness.training.option_q_learning.q_learning import (
@@ -64,7 +66,8 @@ class QLearningStage:
         config: of the run.
         folder: of the stage.
         motor: the run's own motor layer, if it makes one.
-        user: the checkpoint to write of the high-level policy; None: a student learns from it.
+        run: whose checkpoints are hierarchical policies; None: a student is to learn from it.
+        stop: user steps after which the session ends; None: when all are taken.
     """
 
     name, unit = "looking", "user steps"
@@ -75,10 +78,14 @@ class QLearningStage:
         config: TrainingConfig,
         folder: Path,
         motor: MotorStage | None,
-        user: Path | None = None,
+        run: RunFolder | None = None,
+        *,
+        stop: int | None = None,
     ) -> None:
-        self._config, self.folder, self._motor, self._user = config, folder, motor, user
-        self.total = float(config.skills.q_learning.user_steps)
+        self._config, self.folder, self._motor, self._run = config, folder, motor, run
+        steps = config.skills.q_learning.user_steps
+        self.stop = steps if stop is None else min(stop, steps)
+        self.total = float(self.stop)
         self._simulation: Simulation | None = None
         self._learner: OptionQLearning | None = None
         self._state: dict[str, Any] | None = None
@@ -92,7 +99,10 @@ class QLearningStage:
     @property
     def finished(self) -> bool:
         """See the protocol."""
-        return (self.folder / _VALUES).is_file()
+        if (self.folder / _VALUES).is_file():
+            return True
+        run = self._run
+        return run is not None and bool(run.checkpoints()) and run.step >= self.stop
 
     @property
     def saved(self) -> str:
@@ -109,21 +119,27 @@ class QLearningStage:
             return load_motor_layer(self._motor.layer_file, body, step_s)
         return motor_layer_for(body, step_s)
 
+    @property
+    def _options(self) -> OptionSet:
+        return option_set(self._config.env.user.inputs, self._config.skills.options)
+
     def guide(self, simulation: Simulation) -> OptionExpert:
         """Return a teacher of a student, once the stage is over."""
         state = read_tensors(self.folder / _VALUES, "what is worth doing")
         layer = self._layer()
         tool: Tensor = state["tool"]
-        primitives = PrimitiveController(layer, tool, reachable_poses(layer, self._config.seed))
+        poses, options = reachable_poses(layer, self._config.seed), self._options
+        primitives = PrimitiveController(layer, tool, poses, options)
         vision = self._config.env.vision
-        net = ActionValueMap(DepthGrid(vision.height, vision.width), len(tool))
+        net = ActionValueMap(DepthGrid(vision.height, vision.width), len(tool), options)
         net.load_state_dict(state["values"])
         return OptionExpert(net, primitives, simulation)
 
     def open(self) -> None:
         """See the protocol."""
         config = self._config.skills
-        if self._user is not None:
+        self._options  # noqa: B018  # refuses options without their input
+        if self._run is not None:
             require_senses(self._config.env)
             width = self._layer().width if self._motor is None else config.motor_training.width
             if width != config.motor_training.width:
@@ -145,7 +161,7 @@ class QLearningStage:
             learner = self._learner = OptionQLearning(
                 self._config.skills.q_learning,
                 simulation,
-                PrimitiveController(layer, tool, poses),
+                PrimitiveController(layer, tool, poses, self._options),
                 self.folder / _PICTURES,
                 seed=seed,
             )
@@ -156,13 +172,15 @@ class QLearningStage:
             log = self.folder / _LOG
             keep_rows(log, lambda row: row["step"] <= learner.step_count)
             self._learn(learner, callbacks, log, before, rate)
-        if self._user is not None:
+        finished, learned = learner.finished, {"values": learner.net.state_dict(), "tool": tool}
+        if self._run is not None:
             steps = learner.step_count
+            file = self._run.checkpoint_file(self.stop if finished else steps)
             hold = _best_hold(learner, callbacks)
-            write_user(self._user, self._hierarchical_user(layer, learner.net, tool, hold), steps)
-        learned = {"values": learner.net.state_dict(), "tool": tool}
-        write_tensors(self.folder / _VALUES, learned)
-        self.tidy()
+            write_user(file, self._hierarchical_user(layer, learner.net, tool, hold), steps)
+        if finished:
+            write_tensors(self.folder / _VALUES, learned)
+            self.tidy()
 
     def _hierarchical_user(
         self, layer: MotorPolicy, net: ActionValueMap, tool: Tensor, hold: int
@@ -184,12 +202,10 @@ class QLearningStage:
         if "tool" in known:
             return known["tool"], {name: float(v) for name, v in known["earned"].items()}, 0.0
         callbacks.say("Finding tools and measuring baselines ...")
-        tools = find_tools(simulation, layer, poses, seed=self._config.seed)
+        tools = self._tools(simulation, layer, poses)
         points = np.array([[tool.tip, tool.middle] for tool in tools])
         for hand, held in zip(layer.hands, tools, strict=True):
-            far = float(np.linalg.norm(held.tip))
-            what = f"something that reaches {100 * far:.0f} cm" if far else "nothing that is seen"
-            callbacks.say(f"In the hand of {hand}: {what}.")
+            callbacks.say(f"In the hand of {hand}: {held.why}.")
         began = time.monotonic()
         earned = {
             "still": _earned(simulation, self._config, moving=False),
@@ -206,6 +222,15 @@ class QLearningStage:
         write_tensors(file, {"tool": tool, "earned": rewards})
         return tool, earned, rate
 
+    def _tools(self, simulation: Simulation, layer: MotorPolicy, poses: Tensor) -> list[Tool]:
+        """What each hand holds, as ``skills.tool`` says or as it is seen."""
+        wanted = self._config.skills.tool
+        if wanted == "auto":
+            return find_tools(simulation, layer, poses, seed=self._config.seed)
+        if wanted == "none":
+            return [Tool(np.zeros((0, 3)), "nothing, as skills.tool says") for _ in layer.hands]
+        return [straight_tool(wanted) for _ in layer.hands]
+
     def _learn(
         self,
         learner: OptionQLearning,
@@ -217,7 +242,7 @@ class QLearningStage:
         began, first, decisions = time.monotonic(), learner.step_count, 0
         doing = "trying at random"
         warned = False
-        while not learner.finished:
+        while learner.step_count < self.stop:
             report = learner.step()
             decisions += 1
             done = learner.step_count
@@ -227,7 +252,7 @@ class QLearningStage:
                 began = time.monotonic() - elapsed
             left = (self.total - done) * elapsed / max(1, done - first)
             callbacks.show(lambda: View(done, doing, left))  # noqa: B023
-            if decisions % _REPORT_DECISIONS == 0 or learner.finished:
+            if decisions % _REPORT_DECISIONS == 0 or done >= self.stop:
                 rate = (done - first) / elapsed
                 doing = (
                     f"step {done:,}, reward per minute {report.reward:.2f} (still "
@@ -238,7 +263,7 @@ class QLearningStage:
                 row["loss"] = None if math.isnan(report.loss) else report.loss
                 append_row(log, row)
                 callbacks.report(done, row)
-            if decisions % _SAVE_DECISIONS == 0 or learner.finished:
+            if decisions % _SAVE_DECISIONS == 0 or done >= self.stop:
                 self._remember(learner)
                 self.save()
             if not warned and done > _HOPELESS * self.total:
@@ -308,7 +333,8 @@ def _show_end(
 ) -> None:
     """Show how far the measurement at the end of the stage is, a line at its beginning."""
     left = (time.monotonic() - began) * (1.0 - share) / share if share > 0.0 else None
-    callbacks.show(lambda: View(learner.step_count, doing, left), force=share == 0.0)
+    done = min(learner.step_count, learner.config.user_steps)
+    callbacks.show(lambda: View(done, doing, left), force=share == 0.0)
 
 
 def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> float:
@@ -317,11 +343,11 @@ def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> 
     n, rng = simulation.n, np.random.default_rng([config.seed, 57])
     simulation.reset(seeds=[int(rng.integers(2**31)) for _ in range(n)])
     size = simulation.action_space.shape[0]
+    inputs = simulation.config.user.inputs
+    still = with_inputs_at_rest(np.zeros((n, size - len(inputs)), np.float32), inputs)
     total = 0.0
     for _ in range(steps):
-        action = (
-            np.clip(rng.standard_normal((n, size)), -1.0, 1.0) if moving else np.zeros((n, size))
-        )
+        action = np.clip(rng.standard_normal((n, size)), -1.0, 1.0) if moving else still
         result = simulation.step(action.astype(np.float32))
         total += float(result.game_reward.mean())
         simulation.renew(result)

@@ -105,11 +105,12 @@ def _skills(run: Run) -> list[Stage]:
     """
     config, path = run.config, run.folder.path
     motor = MotorStage(config, path / MotorStage.name) if needs_motor_policy(config) else None
-    steps = config.skills.q_learning.user_steps
-    user = run.folder.checkpoint_file(steps) if config.policy_kind == "hierarchical" else None
-    looking = QLearningStage(config, path / QLearningStage.name, motor, user)
     if config.policy_kind == "hierarchical":
+        looking = QLearningStage(
+            config, path / QLearningStage.name, motor, run.folder, stop=run.stop
+        )
         return [looking] if motor is None else [motor, looking]
+    looking = QLearningStage(config, path / QLearningStage.name, motor)
     student = StudentStage(config, path / StudentStage.name, looking.guide)
     title = "the student goes on by itself: PPO from what the user senses."
     last = _from_pixels(run, title, begin=_with(student.weights))

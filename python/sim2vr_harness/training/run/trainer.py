@@ -102,7 +102,7 @@ def train(
         config: The configuration; with ``resume`` it must agree with the run's own.
         out: The run's folder.
         timesteps: Where this session stops, from the start of the run's last stage, rounded up to
-            whole iterations; None: ``config.total_timesteps``, over which schedules run anyway.
+            whole iterations; None: ``config.last_stage_steps``, over which schedules run anyway.
         resume: Continue the run in ``out``; one that has reached ``timesteps`` is left as it is.
         overwrite: Delete the run in ``out`` first.
         set_aside: With ``resume``: rename files that cannot be used (to ``NAME.aside``) and
@@ -119,7 +119,7 @@ def train(
         NotFinite: What is learned has become NaN or infinite; the moment before it is saved.
     """
     console = console or Console(stderr=True)
-    until = config.total_timesteps if timesteps is None else timesteps
+    until = config.last_stage_steps if timesteps is None else timesteps
     _check(config, until)
     folder = RunFolder(out)
     if resume:

@@ -75,6 +75,8 @@
         };
         this.framebuffer = framebuffer(this._color, this._depth);
         this._seen = framebuffer(this._out, null);
+        this._solidDepth = textureOf(gl, true, w, h);
+        this._solid = framebuffer(null, this._solidDepth);
       });
       this._pixels = new Uint8Array(w * h * 4);
     }
@@ -93,7 +95,7 @@
         call(gl, 'bindFramebuffer', gl.FRAMEBUFFER, this._seen);
         gl.useProgram(this._program);
         bindArray(gl, this._triangle);
-        forEach([this._color, this._depth], (texture, unit) => {
+        forEach([this._color, this._split ? this._solidDepth : this._depth], (texture, unit) => {
           gl.activeTexture(gl.TEXTURE0 + unit);
           gl.bindTexture(gl.TEXTURE_2D, texture);
           if (isTwo(gl)) gl.bindSampler(unit, null);
@@ -112,6 +114,7 @@
         call(gl, 'bindFramebuffer', gl.FRAMEBUFFER, this.framebuffer);
         clear(gl);
       });
+      this._split = false; // whether the solid depth is one of its own, see solid.js
       return this._pixels;
     }
   }
@@ -135,7 +138,12 @@
     'drawArrays', 'drawElements', 'drawRangeElements', 'drawArraysInstanced',
     'drawElementsInstanced', 'clear', 'clearBufferfv', 'clearBufferiv', 'clearBufferuiv',
     'clearBufferfi', 'blitFramebuffer',
-  ], (original) => function (...args) { if (!unseen(this)) Reflect.apply(original, this, args); });
+  ], (original, name) => function (...args) {
+    if (unseen(this)) return;
+    const draw = () => Reflect.apply(original, this, args);
+    if (sim.drawing && inLayer(this)) sim.drawSolid(this, layers.get(this), name, args, draw);
+    else draw();
+  });
   // A page that draws elsewhere, with more samples, and copies its picture copies the depth, too.
   const copied = new WeakMap(); // context -> whether the depths are of a kind
   replace(['blitFramebuffer'], (copy) => function (...args) {

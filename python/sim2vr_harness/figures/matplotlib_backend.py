@@ -193,6 +193,16 @@ def _draw(axes: Any, panel: Panel, width: float) -> None:
     labels = (panel.y_label, panel.x_label) if flipped else (panel.x_label, panel.y_label)
     axes.set_xlabel(labels[0])
     axes.set_ylabel(labels[1])
+    _name_categories(axes, panel, flipped, width)
+    if panel.sideways:
+        axes.invert_yaxis()
+    if panel.y_range is not None:
+        _limit(axes, panel.y_range, flipped)
+    if panel.square:
+        axes.set_aspect("equal", adjustable="datalim")
+
+
+def _name_categories(axes: Any, panel: Panel, flipped: bool, width: float) -> None:
     names = _categories(panel)
     if flipped:
         axes.set_yticks(range(len(names)), names)
@@ -204,18 +214,16 @@ def _draw(axes: Any, panel: Panel, width: float) -> None:
         axes.set_xticks(range(len(names)), [fill(name, letters) for name in names])
         if panel.ticks is not None:
             axes.set_xlim(-0.6, len(names) - 0.4)
-    if panel.sideways:
-        axes.invert_yaxis()
-    if panel.y_range is not None:
-        # No datum and no whisker outside is cut off.
-        low, high = axes.dataLim.intervalx if flipped else axes.dataLim.intervaly
-        room = 0.04 * (high - low)
-        first, last = panel.y_range
-        ends = {"left" if flipped else "bottom": low - room if low < first else first}
-        ends["right" if flipped else "top"] = high + room if high > last else last
-        (axes.set_xlim if flipped else axes.set_ylim)(**ends)
-    if panel.square:
-        axes.set_aspect("equal", adjustable="datalim")
+
+
+def _limit(axes: Any, y_range: tuple[float, float], flipped: bool) -> None:
+    """Show this range, and every datum and whisker outside."""
+    low, high = axes.dataLim.intervalx if flipped else axes.dataLim.intervaly
+    room = 0.04 * (high - low)
+    first, last = y_range
+    ends = {"left" if flipped else "bottom": low - room if low < first else first}
+    ends["right" if flipped else "top"] = high + room if high > last else last
+    (axes.set_xlim if flipped else axes.set_ylim)(**ends)
 
 
 def _handles(axes: Any, panel: Panel) -> dict[str, Any]:

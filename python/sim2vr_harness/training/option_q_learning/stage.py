@@ -36,6 +36,7 @@ from sim2vr_harness.runs.config import TrainingConfig
 from sim2vr_harness.runs.run_folder import RunFolder, append_row, keep_rows
 from sim2vr_harness.training.dagger.option_expert import OptionExpert
 from sim2vr_harness.training.motor_control.stage import MotorStage
+from sim2vr_harness.training.option_q_learning.pace import Pace
 from sim2vr_harness.training.option_q_learning.q_learning import (
     DECIDE_STEPS,
     N_STEP,
@@ -240,20 +241,24 @@ class QLearningStage:
         rate: float,
     ) -> None:
         began, first, decisions = time.monotonic(), learner.step_count, 0
+        each = learner.n * DECIDE_STEPS
+        pace = self._pace(each)
         doing = "trying at random"
         warned = False
         while learner.step_count < self.stop:
+            before_s = time.monotonic()
             report = learner.step()
             decisions += 1
             done = learner.step_count
-            elapsed = time.monotonic() - began
+            pace.note(done // each, time.monotonic() - before_s)
             if rate and decisions == max(_PACE_DECISIONS, N_STEP + 1):
-                callbacks.say(_expected(self._config, learner, elapsed / decisions, rate))
-                began = time.monotonic() - elapsed
-            left = (self.total - done) * elapsed / max(1, done - first)
-            callbacks.show(lambda: View(done, doing, left))  # noqa: B023
+                measuring = time.monotonic()
+                pace.update_s = UPDATES_PER_DECISION * learner.update_seconds()
+                callbacks.say(_expected(self._config, pace, done // each, rate))
+                began += time.monotonic() - measuring
+            callbacks.show(lambda: View(done, doing, pace.left_s(done // each)))  # noqa: B023
             if decisions % _REPORT_DECISIONS == 0 or done >= self.stop:
-                rate = (done - first) / elapsed
+                rate = (done - first) / (time.monotonic() - began)
                 doing = (
                     f"step {done:,}, reward per minute {report.reward:.2f} (still "
                     f"{before['still']:.2f}, random {before['random']:.2f}), "
@@ -270,6 +275,16 @@ class QLearningStage:
                 warned = True
                 _warn(report.reward, before, learner, callbacks)
         callbacks.say("Looking: " + doing)
+
+    def _pace(self, each: int) -> Pace:
+        """The time that the stage takes; a decision of all users is ``each`` user steps."""
+        steps = self._hold_steps * len(_holds()) if self._run is not None else 0
+        explored = -(-self._config.skills.q_learning.try_steps // each)
+        return Pace(explored, -(-self.stop // each), steps // DECIDE_STEPS)
+
+    @property
+    def _hold_steps(self) -> int:
+        return max(1, round(_HOLD_S * self._config.env.action_frequency_hz))
 
     def _remember(self, learner: OptionQLearning) -> None:
         state = learner.state_dict()
@@ -306,17 +321,21 @@ def _seeing(env: EnvConfig) -> EnvConfig:
     return env.model_copy(update={"vision": vision})
 
 
+def _holds() -> list[int]:
+    return sorted({*_HOLDS, DECIDE_STEPS})
+
+
 def _best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
     """For how many user steps it pays to see decisions through."""
-    began = time.monotonic()
+    began, taken = time.monotonic(), learner.step_count
     steps = max(1, round(_HOLD_S * learner.simulation.config.action_frequency_hz))
-    holds = sorted({*_HOLDS, DECIDE_STEPS})
+    holds = _holds()
     earned = {}
     for number, hold in enumerate(holds):
 
         def show(share: float, done: int = number) -> None:
             doing = f"measuring {len(holds)} durations of decisions, {done + 1} of {len(holds)}"
-            _show_end(callbacks, learner, doing, (done + share) / len(holds), began)
+            _show_end(callbacks, taken, doing, (done + share) / len(holds), began)
 
         earned[hold] = learner.earned(hold, steps, on_progress=show)
     best = max(holds, key=lambda hold: earned[hold])
@@ -328,13 +347,10 @@ def _best_hold(learner: OptionQLearning, callbacks: Callbacks) -> int:
     return best
 
 
-def _show_end(
-    callbacks: Callbacks, learner: OptionQLearning, doing: str, share: float, began: float
-) -> None:
+def _show_end(callbacks: Callbacks, taken: int, doing: str, share: float, began: float) -> None:
     """Show how far the measurement at the end of the stage is, a line at its beginning."""
     left = (time.monotonic() - began) * (1.0 - share) / share if share > 0.0 else None
-    done = min(learner.step_count, learner.config.user_steps)
-    callbacks.show(lambda: View(done, doing, left), force=share == 0.0)
+    callbacks.show(lambda: View(taken, doing, left), force=share == 0.0)
 
 
 def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> float:
@@ -354,22 +370,19 @@ def _earned(simulation: Simulation, config: TrainingConfig, *, moving: bool) -> 
     return total * 60.0 / _BASELINE_S
 
 
-def _expected(
-    config: TrainingConfig, learner: OptionQLearning, decision_s: float, rate: float
-) -> str:
+def _expected(config: TrainingConfig, pace: Pace, done: int, rate: float) -> str:
     """One line: how long a run will take.
 
     Args:
         config: of the run.
-        learner: after its first decisions.
-        decision_s: how long one of them took, of all users.
+        pace: of the first decisions.
+        done: how many these were.
         rate: user steps a second of users who do nothing but step.
     """
-    each_s = decision_s + UPDATES_PER_DECISION * learner.update_seconds()
-    decisions = (learner.config.user_steps - learner.step_count) / (learner.n * DECIDE_STEPS)
     line = (
-        f"This machine takes {rate:,.0f} user steps a second with this app, and {each_s:.2f} s to "
-        f"decide and to learn from it: expect about {duration(decisions * each_s)} of trying"
+        f"This machine takes {rate:,.0f} user steps a second with this app, and "
+        f"{pace.decision_s:.2f} s to decide and to learn from it: expect about "
+        f"{duration(pace.left_s(done))} of Q-learning"
     )
     if config.policy_kind == "hierarchical":
         return f"{line}."

@@ -1,0 +1,56 @@
+"""How long Q-learning takes still, by how long its own decisions took."""
+
+from __future__ import annotations
+
+from collections import deque
+
+__all__ = ["Pace"]
+
+_LAST = 50
+"""Decisions whose mean is taken."""
+
+
+class Pace:
+    """Adds up the time of what is left: exploration, learning, and what follows.
+
+    Args:
+        explored: decisions that are made before the learning begins.
+        decisions: of the whole stage.
+        after: decisions that are made after it, without learning.
+    """
+
+    def __init__(self, explored: int, decisions: int, after: int = 0) -> None:
+        self._explored, self._decisions, self._after = explored, decisions, after
+        self._played: deque[float] = deque(maxlen=_LAST)
+        self._learned: deque[float] = deque(maxlen=_LAST)
+        self.update_s = 0.0
+        """How long the learning of a decision takes, as far as none has been learned from."""
+
+    def note(self, done: int, seconds: float) -> None:
+        """Note how long the last decision took.
+
+        Args:
+            done: decisions made by then.
+            seconds: of the last one.
+        """
+        (self._learned if done > self._explored + 1 else self._played).append(seconds)
+
+    @property
+    def decision_s(self) -> float:
+        """How long a decision takes that is learned from."""
+        if self._learned:
+            return sum(self._learned) / len(self._learned)
+        return self._played_s + self.update_s
+
+    @property
+    def _played_s(self) -> float:
+        if not self._played:
+            return max(0.0, self.decision_s - self.update_s) if self._learned else 0.0
+        return sum(self._played) / len(self._played)
+
+    def left_s(self, done: int) -> float:
+        """Return how long it takes still when so many decisions are made."""
+        exploring = max(0, min(self._explored, self._decisions) - done)
+        learning = max(0, self._decisions - done - exploring)
+        alone = exploring + self._after
+        return alone * self._played_s + learning * self.decision_s

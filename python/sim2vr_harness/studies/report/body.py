@@ -193,7 +193,7 @@ def _over_time(groups: Sequence[Group]) -> Iterator[Layer]:
             end = min(times[-1] for times, _ in curves)
             at = np.linspace(curves[0][0][0], end, _OVER_TIME)
             mean = np.mean([np.interp(at, *curve) for curve in curves], axis=0)
-            yield Line(group.label, list(map(float, at)), list(map(float, mean)), colour_of(index))
+            yield Line(group.label, at, mean, colour_of(index))
 
 
 def _parts_of(body: Body | None, names: Sequence[str]) -> dict[str, NDArray[np.int64]]:

@@ -75,12 +75,12 @@ def _escaped(text: str) -> str:
 
 def _panels(found: Contributions) -> list[Panel]:
     """The terms over time, one panel per approach; effort, and the distance to the target."""
-    times = list(map(float, found.times_s))
+    times = found.times_s
     panels = [
         Panel(
             f"{approach} approach: {found.total(approach):.3g}",
             [
-                Line(term.name, times, list(found.terms[approach][term.name]), colour_of(k))
+                Line(term.name, times, found.terms[approach][term.name], colour_of(k))
                 for k, term in enumerate(found.reward.terms)
             ],
             "time (s)",
@@ -90,11 +90,11 @@ def _panels(found: Contributions) -> list[Panel]:
         for approach in APPROACHES
     ]
     efforts = [
-        Line(f"effort, {kind}", times, list(-found.efforts[kind]), colour_of(k), dashed=True)
+        Line(f"effort, {kind}", times, -found.efforts[kind], colour_of(k), dashed=True)
         for k, kind in enumerate(EFFORTS)
     ]
     distances = [
-        Line(f"distance, {approach}", times, list(found.distances_m[approach]), colour_of(8 + k))
+        Line(f"distance, {approach}", times, found.distances_m[approach], colour_of(8 + k))
         for k, approach in enumerate(APPROACHES)
     ]
     effort = f"effort, {found.effort_name}"

@@ -22,6 +22,7 @@ from sim2vr_harness.training.ppo.fine_tune import user_to_adapt
 from sim2vr_harness.training.ppo.stage import PPOStage
 from sim2vr_harness.training.run.loggers import make_logger
 from sim2vr_harness.training.run.stage import Stage
+from sim2vr_harness.training.sac import SACStage
 from sim2vr_harness.training.teacher.stage import TeacherStage
 
 __all__ = ["RECIPES", "MakeSimulation", "Run", "stages_of"]
@@ -125,8 +126,14 @@ def _adapt(run: Run) -> list[Stage]:
     return [_from_pixels(run, title, user_to_adapt(run.config).load)]
 
 
+def _sac(run: Run) -> list[Stage]:
+    config = run.config
+    return [SACStage(config, run.folder, run.stop, lambda: run.make_simulation(config))]
+
+
 RECIPES: dict[str, Callable[[Run], list[Stage]]] = {
     "ppo": _ppo,
+    "sac": _sac,
     "distill": _distill,
     "skills": _skills,
     "adapt": _adapt,

@@ -138,6 +138,7 @@ def sac_policy_arguments(config: PolicyConfig) -> dict[str, Any]:
         "features_extractor_class": _FloatFeatures,
         "features_extractor_kwargs": {"config": config},
         "normalize_images": False,
+        "optimizer_kwargs": {"fused": True},
     }
 
 

@@ -217,7 +217,10 @@ class SACStage:
         self._greet(callbacks, model, env)
         try:
             model.learn(
-                self.stop - start, moments, log_interval=None, reset_num_timesteps=not resumed
+                self.stop - start,
+                moments,
+                log_interval=None,  # type: ignore[arg-type]  # rows are written by _Moments
+                reset_num_timesteps=not resumed,
             )
             self._require_finite(model)
         except BaseException:
@@ -373,9 +376,8 @@ class _Moments(ProgressCallback):
         super()._on_training_end()
 
     def _between(self) -> None:
-        """Log and save where it is due; the learner is between two iterations."""
+        """Log and save where it is due, then let signals interrupt."""
         self._stage.consistent = True
-        self.release()
         config, step = self._stage.config, self.model.num_timesteps
         before, self._step = self._step, step
         every = max(1, config.total_timesteps // _ROWS)
@@ -384,6 +386,7 @@ class _Moments(ProgressCallback):
         every = config.checkpoint.every_steps
         if step // every > before // every:
             self._progress.note = f"Saved {self._stage.write()}"
+        self.release()
 
     def _write_row(self, step: int) -> None:
         for key, value in self.model.episode_means().items():

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.runs.config import TrainingConfig
@@ -123,7 +124,11 @@ def _adapt(run: Run) -> list[Stage]:
     title = "a trained user goes on: PPO from what it senses."
     if run.resumed and run.folder.checkpoints():
         return [_from_pixels(run, title)]
-    return [_from_pixels(run, title, user_to_adapt(run.config).load)]
+    user = user_to_adapt(run.config)
+    if user.config.policy_kind == "sac":
+        got = f"{user.config.name!r}, which SAC has trained"
+        raise InputError("from_user", got, "a user whose network PPO can train")
+    return [_from_pixels(run, title, user.load)]
 
 
 def _sac(run: Run) -> list[Stage]:

@@ -137,8 +137,8 @@ class TrainingConfig(Settings):
     imagined rollouts, a teacher and a student, whose weights PPO begins with; for games that have a
     differentiable game model. ``skills``: value learning over motor options at image cells; a
     student may imitate it, and PPO continues with the student; for any app
-    (docs/concepts/training.md). ``adapt``: PPO continues with the weights of ``from_user``. ``sac``:
-    soft actor-critic of Stable-Baselines3."""
+    (docs/concepts/training.md). ``adapt``: PPO continues with the weights of ``from_user``.
+    ``sac``: soft actor-critic of Stable-Baselines3."""
     from_user: str | None = None
     """With the recipe ``adapt``: the trained user that goes on, as ``evaluate`` takes it."""
     skills: SkillsConfig = SkillsConfig()

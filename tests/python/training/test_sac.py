@@ -23,8 +23,8 @@ from sim2vr_harness.policies.registry import SquashedPolicy, load_policy, new_ne
 from sim2vr_harness.policies.store import find_user, open_packed, pack
 from sim2vr_harness.runs.config import TrainingConfig, parse_config
 from sim2vr_harness.runs.run_folder import RunFolder
-from sim2vr_harness.training import sac
 from sim2vr_harness.training.run import trainer
+from sim2vr_harness.training.sac import stage as sac
 
 QUIET = Console(file=io.StringIO())
 

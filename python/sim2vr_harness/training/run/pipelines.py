@@ -23,7 +23,7 @@ from sim2vr_harness.training.ppo.fine_tune import user_to_adapt
 from sim2vr_harness.training.ppo.stage import PPOStage
 from sim2vr_harness.training.run.loggers import make_logger
 from sim2vr_harness.training.run.stage import Stage
-from sim2vr_harness.training.sac import SACStage
+from sim2vr_harness.training.sac.stage import SACStage
 from sim2vr_harness.training.teacher.stage import TeacherStage
 
 __all__ = ["RECIPES", "MakeSimulation", "Run", "stages_of"]

@@ -7,26 +7,19 @@ and the environment. The replay buffer of the newest one is ``checkpoints/replay
 from __future__ import annotations
 
 import inspect
-import io
-import json
 import os
 import re
 import time
-import zipfile
 from collections import deque
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import stable_baselines3
 import torch
 from gymnasium import spaces
-from numpy.typing import NDArray
-from stable_baselines3.common.buffers import DictReplayBuffer
 
-from sim2vr_harness import __version__
 from sim2vr_harness.base.errors import InputError, UnusableFile, closest, shown
 from sim2vr_harness.base.files import read_arrays
 from sim2vr_harness.base.finite import NotFinite, require_finite
@@ -37,12 +30,9 @@ from sim2vr_harness.policies.registry import sac_policy_arguments
 from sim2vr_harness.runs.checkpoint import (
     DAMAGE,
     EXPECTED,
-    FORMAT,
-    RESUME,
     good_parts,
     in_words,
     last_good,
-    random_state,
     set_random_state,
 )
 from sim2vr_harness.runs.config import TrainingConfig
@@ -54,6 +44,15 @@ from sim2vr_harness.training.run.episode_stats import episode_means
 from sim2vr_harness.training.run.loggers import make_logger
 from sim2vr_harness.training.run.progress import TrainingProgress
 from sim2vr_harness.training.run.stage import Callbacks
+from sim2vr_harness.training.sac.checkpoint import (
+    archive,
+    buffer_arrays,
+    learner_state,
+    load_buffer,
+    load_learner_state,
+    load_moment,
+    npz,
+)
 
 __all__ = ["SACStage", "checked_arguments"]
 
@@ -288,8 +287,8 @@ class SACStage:
         file = self.folder.checkpoint_file(model.num_timesteps)
         replay = self._replay_file(file)
         with interrupts_deferred():
-            write_atomically(replay, _npz(_buffer_arrays(model)))
-            write_atomically(file, _archive(model, env))
+            write_atomically(replay, npz(buffer_arrays(model)))
+            write_atomically(file, archive(model, env))
             keep = self.config.checkpoint.keep
             for old in self.folder.checkpoints()[: -keep if keep else 0]:
                 old.unlink(missing_ok=True)
@@ -303,7 +302,7 @@ class SACStage:
 
     def _require_finite(self, model: _SAC) -> None:
         files = self.folder.checkpoints()
-        learned = {"policy": model.actor.state_dict(), "learner": _learner(model)}
+        learned = {"policy": model.actor.state_dict(), "learner": learner_state(model)}
         moment = f"after {model.num_timesteps:,} user steps"
         try:
             require_finite(learned, moment, files[-1] if files else None)
@@ -317,7 +316,7 @@ class SACStage:
         expected = "a replay buffer of this training"
         if replay.is_file():
             try:
-                _take_buffer(model, read_arrays(replay, expected))
+                load_buffer(model, read_arrays(replay, expected))
             except (InputError, *DAMAGE) as error:
                 raise UnusableFile(replay, in_words(error), expected) from error
         else:
@@ -325,10 +324,10 @@ class SACStage:
         weights, learner, header, arrays = good_parts(file, model.actor, model.device)
         try:
             model.actor.load_state_dict(weights)
-            _take_learner(model, learner)
+            load_learner_state(model, learner)
             model.num_timesteps = int(header["num_timesteps"])
             model._n_updates, model._episode_num = header["n_updates"], header["episode_num"]
-            _take_moment(model, env, arrays)
+            load_moment(model, env, arrays)
             # SB3 makes the statistics' buffers when it starts learning, unless they are there.
             model.ep_info_buffer = deque(header["episodes"], maxlen=model._stats_window_size)
             model.ep_success_buffer = deque(maxlen=model._stats_window_size)
@@ -419,109 +418,3 @@ def _require_memory(space: spaces.Space[Any], arguments: Mapping[str, Any]) -> N
         got = f"{size:,}, which needs {need / 2**30:,.0f} GiB for observations and those after them"
         expected = f"less than the machine's {have / 2**30:,.0f} GiB"
         raise InputError("sac.buffer_size", got, expected)
-
-
-def _optimizers(model: _SAC) -> dict[str, torch.optim.Optimizer]:
-    found = {"actor": model.actor.optimizer, "critic": model.critic.optimizer}
-    return found | ({"ent_coef": model.ent_coef_optimizer} if model.ent_coef_optimizer else {})
-
-
-def _learner(model: _SAC) -> dict[str, Any]:
-    """Return all that is learned beside the actor."""
-    return {
-        "critic": model.critic.state_dict(),
-        "critic_target": model.critic_target.state_dict(),
-        "optimizers": {name: each.state_dict() for name, each in _optimizers(model).items()},
-        "log_ent_coef": None if model.log_ent_coef is None else model.log_ent_coef.detach(),
-    }
-
-
-def _take_learner(model: _SAC, learner: Mapping[str, Any]) -> None:
-    model.critic.load_state_dict(learner["critic"])
-    model.critic_target.load_state_dict(learner["critic_target"])
-    for name, optimizer in _optimizers(model).items():
-        optimizer.load_state_dict(learner["optimizers"][name])
-    if model.log_ent_coef is not None:
-        with torch.no_grad():
-            model.log_ent_coef.copy_(learner["log_ent_coef"])
-
-
-def _take_moment(model: _SAC, env: SimulationVecEnv, arrays: dict[str, NDArray]) -> None:
-    """Bring the environment and what was last seen of it to a checkpoint's moment."""
-    anew = env.load_state(arrays["environment"].tobytes())
-    observation = {
-        key.removeprefix("observation."): value
-        for key, value in arrays.items()
-        if key.startswith("observation.")
-    }
-    starts = arrays["episode_starts"]
-    if anew:
-        starts[anew] = True
-        for key, value in env.simulation.observation().items():
-            observation[key][anew] = value[anew]
-    model._last_obs, model._last_episode_starts = observation, starts
-
-
-def _archive(model: _SAC, env: SimulationVecEnv) -> bytes:
-    """Return the bytes of a checkpoint, the replay buffer left out."""
-    generators, arrays = random_state()
-    header = {
-        "format": FORMAT,
-        "version": __version__,
-        "num_timesteps": model.num_timesteps,
-        "n_updates": model._n_updates,
-        "episode_num": model._episode_num,
-        "episodes": list(model.ep_info_buffer or []),
-        "warm_up": model.action_space.np_random.bit_generator.state,
-        "random": generators,
-    }
-    last: Any = model._last_obs
-    arrays |= {f"observation.{key}": np.array(value) for key, value in last.items()}
-    arrays["episode_starts"] = np.array(model._last_episode_starts)
-    arrays["environment"] = np.frombuffer(env.save_state(), dtype=np.uint8)
-    arrays["header"] = np.frombuffer(json.dumps(header).encode(), dtype=np.uint8)
-    parts = {"policy.pth": model.actor.state_dict(), "policy.optimizer.pth": _learner(model)}
-    archive = io.BytesIO()
-    with zipfile.ZipFile(archive, "w") as members:
-        for name, content in parts.items():
-            stream = io.BytesIO()
-            torch.save(content, stream)
-            members.writestr(name, stream.getvalue())
-        members.writestr(RESUME, _npz(arrays), zipfile.ZIP_DEFLATED)
-    return archive.getvalue()
-
-
-def _npz(arrays: Mapping[str, NDArray]) -> bytes:
-    stream = io.BytesIO()
-    np.savez(stream, allow_pickle=False, **arrays)
-    return stream.getvalue()
-
-
-_PLAIN = ("actions", "rewards", "dones", "timeouts")
-_KEYED = ("observations", "next_observations")
-
-
-def _buffer_arrays(model: _SAC) -> dict[str, NDArray]:
-    """Return what the replay buffer holds, the part that is filled."""
-    buffer = model.replay_buffer
-    assert isinstance(buffer, DictReplayBuffer)
-    filled = buffer.size()
-    arrays = {name: getattr(buffer, name)[:filled] for name in _PLAIN}
-    for name in _KEYED:
-        arrays |= {f"{name}.{k}": each[:filled] for k, each in getattr(buffer, name).items()}
-    return arrays | {"position": np.array([buffer.pos, buffer.full], dtype=np.int64)}
-
-
-def _take_buffer(model: _SAC, arrays: Mapping[str, NDArray]) -> None:
-    buffer = model.replay_buffer
-    assert isinstance(buffer, DictReplayBuffer)
-    position, full = (int(value) for value in arrays["position"])
-    filled = buffer.buffer_size if full else position
-    if not 0 <= position < buffer.buffer_size:
-        raise ValueError(f"position {position} of {buffer.buffer_size}")
-    for name in _PLAIN:
-        getattr(buffer, name)[:filled] = arrays[name]
-    for name in _KEYED:
-        for key, each in getattr(buffer, name).items():
-            each[:filled] = arrays[f"{name}.{key}"]
-    buffer.pos, buffer.full = position, bool(full)

@@ -19,6 +19,7 @@ from sim2vr_harness.client import (
     check_task,
     load_task,
 )
+from sim2vr_harness.client.tasks.events import EVENT_VALUE
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.evaluation.conditions import (
@@ -223,7 +224,9 @@ class _ScriptWatcher:
         """See :class:`Watcher`; the task's values are watched, of a game those of its measures."""
         app = simulation.apps[0]
         keys = {key for one in self._facts.scalars for key in (one.log_key, one.rate_with) if key}
-        self._values = frozenset(app.task.values if isinstance(app, TaskedApp) else keys)
+        if isinstance(app, TaskedApp):
+            keys |= {name for name in app.task.values if not name.startswith(EVENT_VALUE)}
+        self._values = frozenset(keys)
 
     def stepped(self, reward: Any, infos: Sequence[Mapping[str, Any]]) -> None:
         """See :class:`Watcher`."""

@@ -14,7 +14,7 @@ from sim2vr_harness.envs import AppConfig, EnvConfig
 from sim2vr_harness.envs.games import with_task
 from sim2vr_harness.evaluation.scripted_baseline import BaselineRun, evaluate_baseline
 from sim2vr_harness.policies.scripted import is_script, parse_step, read_steps, with_inputs
-from webxr_pages import NEEDS_BROWSER, PAGES
+from webxr_pages import CDN, ENGINES, NEEDS_BROWSER, NEEDS_ENGINES, PAGES, ROOT
 
 KEYPAD = str(PAGES / "keypad.html")
 TASK: dict[str, Any] = {
@@ -179,3 +179,21 @@ def test_a_ball_that_jumps_counts_as_touched(tmp_path: Path) -> None:
     assert points == [(0.0, 1.0), (1.0, 2.0), (2.0, 3.0)]
     with pytest.raises(InputError, match=r"no object 'Bal', expected .*did you mean 'Ball'"):
         evaluate_baseline(EnvConfig(app=app), "touch Bal", episodes=1)
+
+
+@NEEDS_BROWSER
+@NEEDS_ENGINES
+def test_the_drawer_of_the_example_is_opened() -> None:
+    """It counts once it is pulled out by 15 cm."""
+    page = ROOT / "docs" / "examples" / "webxr" / "drawer"
+    app = AppConfig(
+        transport="webxr", page=str(page), map={CDN: str(ENGINES)}, task=str(page / "task.yaml")
+    )
+    env = with_task(EnvConfig(app=app, max_episode_seconds=4.0))
+    found = evaluate_baseline(env, "grab handle to 0.12 1 0.2", episodes=1)
+    ((step,),) = found.steps
+    assert step.object_moved_m == pytest.approx(0.15, abs=0.001)
+    summary = found.summaries["standard"]
+    assert summary["opened"] == 1.0
+    assert step.arrived_s is not None
+    assert step.arrived_s < summary["opening_time"] < 4.0

@@ -201,7 +201,7 @@ class _Baseline:
     def problems(self, env: EnvConfig, summaries: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Return what is wrong with the app or its task, a sentence each."""
         found = []
-        if self._judge is not None:
+        if self._judge is not None and env.app.task is not None:
             wrong = check_task(load_task(env.app.task), _first_round(self._judge))
             found = [f"the task: {one}" for one in wrong]
         score = self._facts.score

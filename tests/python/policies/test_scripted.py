@@ -143,6 +143,16 @@ def test_a_block_is_taken_along_and_the_rest_does_not_react(tmp_path: Path) -> N
 
 
 @NEEDS_BROWSER
+def test_an_idle_user_presses_nothing() -> None:
+    """A trigger at the middle of its range would count as pressed."""
+    found = played("still", inputs=["right.trigger"], seconds=0.5)
+    (result,) = found.summaries["standard"]["rounds"]
+    assert {name: result["log"][name] for name in ("right", "wrong", "air")} == {
+        "right": 0.0, "wrong": 0.0, "air": 0.0,
+    }  # fmt: skip
+
+
+@NEEDS_BROWSER
 def test_what_cannot_be_done_is_said() -> None:
     found = played("touch key1", seconds=3.0)
     ((step,),) = found.steps

@@ -19,6 +19,7 @@ from sim2vr_harness.client import (
     check_task,
     load_task,
 )
+from sim2vr_harness.client.tasks.events import EVENT_VALUE
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.evaluation.conditions import (
@@ -200,7 +201,7 @@ class _Baseline:
     def problems(self, env: EnvConfig, summaries: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Return what is wrong with the app or its task, a sentence each."""
         found = []
-        if self._judge is not None:
+        if self._judge is not None and env.app.task is not None:
             wrong = check_task(load_task(env.app.task), _first_round(self._judge))
             found = [f"the task: {one}" for one in wrong]
         score = self._facts.score
@@ -223,7 +224,9 @@ class _ScriptWatcher:
         """See :class:`Watcher`; the task's values are watched, of a game those of its measures."""
         app = simulation.apps[0]
         keys = {key for one in self._facts.scalars for key in (one.log_key, one.rate_with) if key}
-        self._values = frozenset(app.task.values if isinstance(app, TaskedApp) else keys)
+        if isinstance(app, TaskedApp):
+            keys |= {name for name in app.task.values if not name.startswith(EVENT_VALUE)}
+        self._values = frozenset(keys)
 
     def stepped(self, reward: Any, infos: Sequence[Mapping[str, Any]]) -> None:
         """See :class:`Watcher`."""

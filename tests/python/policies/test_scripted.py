@@ -14,7 +14,7 @@ from sim2vr_harness.envs import AppConfig, EnvConfig
 from sim2vr_harness.envs.games import with_task
 from sim2vr_harness.evaluation.scripted_baseline import BaselineRun, evaluate_baseline
 from sim2vr_harness.policies.scripted import is_script, parse_step, read_steps, with_inputs
-from webxr_pages import NEEDS_BROWSER, PAGES
+from webxr_pages import CDN, ENGINES, NEEDS_BROWSER, NEEDS_ENGINES, PAGES, ROOT
 
 KEYPAD = str(PAGES / "keypad.html")
 TASK: dict[str, Any] = {
@@ -143,6 +143,16 @@ def test_a_block_is_taken_along_and_the_rest_does_not_react(tmp_path: Path) -> N
 
 
 @NEEDS_BROWSER
+def test_an_idle_user_presses_nothing() -> None:
+    """A trigger at the middle of its range would count as pressed."""
+    found = played("still", inputs=["right.trigger"], seconds=0.5)
+    (result,) = found.summaries["standard"]["rounds"]
+    assert {name: result["log"][name] for name in ("right", "wrong", "air")} == {
+        "right": 0.0, "wrong": 0.0, "air": 0.0,
+    }  # fmt: skip
+
+
+@NEEDS_BROWSER
 def test_what_cannot_be_done_is_said() -> None:
     found = played("touch key1", seconds=3.0)
     ((step,),) = found.steps
@@ -179,3 +189,21 @@ def test_a_ball_that_jumps_counts_as_touched(tmp_path: Path) -> None:
     assert points == [(0.0, 1.0), (1.0, 2.0), (2.0, 3.0)]
     with pytest.raises(InputError, match=r"no object 'Bal', expected .*did you mean 'Ball'"):
         evaluate_baseline(EnvConfig(app=app), "touch Bal", episodes=1)
+
+
+@NEEDS_BROWSER
+@NEEDS_ENGINES
+def test_the_drawer_of_the_example_is_opened() -> None:
+    """It counts once it is pulled out by 15 cm."""
+    page = ROOT / "docs" / "examples" / "webxr" / "drawer"
+    app = AppConfig(
+        transport="webxr", page=str(page), map={CDN: str(ENGINES)}, task=str(page / "task.yaml")
+    )
+    env = with_task(EnvConfig(app=app, max_episode_seconds=4.0))
+    found = evaluate_baseline(env, "grab handle to 0.12 1 0.2", episodes=1)
+    ((step,),) = found.steps
+    assert step.object_moved_m == pytest.approx(0.15, abs=0.001)
+    summary = found.summaries["standard"]
+    assert summary["opened"] == 1.0
+    assert step.arrived_s is not None
+    assert step.arrived_s < summary["opening_time"] < 4.0

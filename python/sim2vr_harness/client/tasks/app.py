@@ -130,7 +130,7 @@ class TaskedApp(SplitStep):
         if reply.values or not self.task.values:
             return dict(reply.values)
         for expression in self.task.values.values():
-            if expression.startswith("locate("):
+            if "locate(" in expression:
                 raise AppUnsupported(f"{FIELD}: {expression} asks for an object, which pages have")
             if reply.log and expression not in reply.log:
                 raise unknown_name(FIELD, expression, reply.log)

@@ -1,4 +1,4 @@
-"""What a scripted step did, and what did not react."""
+"""Outcomes of scripted steps, in words and for JSON."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where the objects of an app are, by name: of pages, and of apps whose scene is known."""
+"""Find the objects of an app by name: of pages, and of apps whose scene is known."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Checkpoints of SAC: everything that is learned, the replay buffer and the environment's moment."""
+"""Checkpoints of SAC: what is learned, the replay buffer and the environment's state."""
 
 from __future__ import annotations
 
@@ -45,6 +45,7 @@ def learner_state(model: SAC) -> dict[str, Any]:
 
 
 def load_learner_state(model: SAC, learner: Mapping[str, Any]) -> None:
+    """Take over what :func:`learner_state` returned."""
     model.critic.load_state_dict(learner["critic"])
     model.critic_target.load_state_dict(learner["critic_target"])
     for name, optimizer in _optimizers(model).items():
@@ -100,6 +101,7 @@ def archive(model: SAC, env: SimulationVecEnv) -> bytes:
 
 
 def npz(arrays: Mapping[str, NDArray]) -> bytes:
+    """Return arrays as the bytes of an npz file."""
     stream = io.BytesIO()
     np.savez(stream, allow_pickle=False, **arrays)
     return stream.getvalue()
@@ -121,6 +123,7 @@ def buffer_arrays(model: SAC) -> dict[str, NDArray]:
 
 
 def load_buffer(model: SAC, arrays: Mapping[str, NDArray]) -> None:
+    """Fill the replay buffer with what :func:`buffer_arrays` returned."""
     buffer = model.replay_buffer
     assert isinstance(buffer, DictReplayBuffer)
     position, full = (int(value) for value in arrays["position"])

@@ -1,4 +1,4 @@
-"""How long Q-learning takes still, by how long its own decisions took."""
+"""Estimate the remaining time of Q-learning from its own decisions."""
 
 from __future__ import annotations
 

@@ -31,7 +31,8 @@ createImageBitmap(new ImageData(900, 900)).then(() => note('bitmap'));
 new OfflineAudioContext(1, 441000, 44100).startRendering().then(() => note('sound'));
 const picture = new Image();
 picture.onload = () => picture.decode().then(() => note('image'));
-picture.src = `data:image/svg+xml,<svg xmlns="http://www.w3.org/2000/svg" width="2000" height="2000">
+picture.src = `data:image/svg+xml,<svg xmlns="http://www.w3.org/2000/svg" width="2000"
+  height="2000">
   <rect width="2000" height="2000"/></svg>`;
 const channel = new MessageChannel();
 let left = 2000;

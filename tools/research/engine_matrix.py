@@ -56,8 +56,9 @@ for (const k of [0, 1]) {{
   scene.add(hand);
 }}
 const camera = new THREE.PerspectiveCamera();
-document.querySelector('#vr').onclick = async () => renderer.xr.setSession(
-  await navigator.xr.requestSession('immersive-vr', {{ optionalFeatures: ['local-floor', 'layers'] }}));
+const wishes = {{ optionalFeatures: ['local-floor', 'layers'] }};
+document.querySelector('#vr').onclick = async () =>
+  renderer.xr.setSession(await navigator.xr.requestSession('immersive-vr', wishes));
 renderer.setAnimationLoop(() => renderer.render(scene, camera));
 </script>"""
 AFRAME_PAGE = """<!doctype html><script src="{address}dist/aframe-master.js"></script>
@@ -91,7 +92,7 @@ def _judge(app: WebXRApp) -> str:
     places = []
     for step in range(20):
         hand = np.array([0.2 + 0.01 * step, 1.1, 0.3, 0.0, 0.0, 0.0, 1.0])
-        poses = DevicePoses(head, None, hand)
+        poses = DevicePoses(head, right_controller=hand)
         if step:
             app.step(frame_time_ns(step, 20), poses)
         else:

@@ -215,9 +215,9 @@ const {{ gl }} = boxes;
 const app = window.app = {{ error: 0 }};
 button('Enter VR', () => boxes.enter(() => {{
   // What a page relies on from one frame to the next.
+  const green = gl.getParameter(gl.COLOR_CLEAR_VALUE)[1];
   const same = gl.getParameter(gl.ARRAY_BUFFER_BINDING) === app.buffer
-    && gl.getParameter(gl.COLOR_CLEAR_VALUE)[1] === Math.fround(0.2)
-    && gl.isEnabled(gl.SCISSOR_TEST);
+    && green === Math.fround(0.2) && gl.isEnabled(gl.SCISSOR_TEST);
   if (app.buffer && !same) app.error += 1;
   app.error += gl.getError();
   app.buffer = gl.getParameter(gl.ARRAY_BUFFER_BINDING);

@@ -84,8 +84,8 @@ def check_page(
         start_timeout_s=timeout_s,
     )
     head = np.array([0.0, 1.6, 0.0, 0.0, 0.0, 0.0, 1.0])
-    hands = [np.array([x, 1.2, 0.3, 0.0, 0.0, 0.0, 1.0]) for x in (-0.2, 0.2)]
-    poses = DevicePoses(head, *hands)
+    right, left = (np.array([x, 1.2, 0.3, 0.0, 0.0, 0.0, 1.0]) for x in (0.2, -0.2))
+    poses = DevicePoses(head, right_controller=right, left_controller=left)
     failure, report = None, PageReport()
     with WebXRApp(AppsWanted(n=1, game="page", place=place)) as app:
         try:

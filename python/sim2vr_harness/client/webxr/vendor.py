@@ -186,7 +186,12 @@ def _fetch(package: PackageAddress, folder: Path) -> Path | str:
             return place
         archive = (home.path / str(told["filename"])).read_bytes()
         _check_integrity(f"{name}@{version}", archive)
-        _extract(archive, place)
+        try:
+            _extract(archive, place)
+        except (tarfile.TarError, OSError) as error:
+            raise AppRefused(
+                f"{name}@{version}: its archive cannot be unpacked: {error}"
+            ) from error
         return place
     finally:
         home.remove()

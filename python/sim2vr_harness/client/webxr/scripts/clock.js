@@ -10,6 +10,8 @@
   channel.port1.onmessage = () => shift(waiting)();
 
   const report = window.reportError;
+  const realTimeout = window.setTimeout;
+  sim.inTruth = (callback, wait) => Reflect.apply(realTimeout, window, [callback, wait]);
 
   let now = 0; // ms since the document began
   let lastId = 0;

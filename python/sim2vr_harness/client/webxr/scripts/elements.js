@@ -1,27 +1,71 @@
 // Loads by elements of the document: images, scripts, style sheets, canvases that become files.
 {
-  const { begin, end, track, until } = sim;
+  const { enqueue, finish, track, until } = sim;
   const decode = HTMLImageElement.prototype.decode;
   HTMLImageElement.prototype.decode = function () { return track(decode.call(this)); };
+  const fontSet = Object.getPrototypeOf(document.fonts);
+  const ready = Object.getOwnPropertyDescriptor(fontSet, 'ready');
+  Object.defineProperty(fontSet, 'ready', {
+    ...ready,
+    get() { return ready.get.call(this).then((fonts) => new Promise((resolve) => sim.later(() => resolve(fonts), 0))); },
+  });
   const toBlob = HTMLCanvasElement.prototype.toBlob;
   HTMLCanvasElement.prototype.toBlob = function (callback, ...args) {
-    begin();
-    return toBlob.call(this, (blob) => {
-      sim.call(callback, blob);
-      end();
-    }, ...args);
+    const item = enqueue();
+    return toBlob.call(this, (blob) => finish(item, () => sim.call(callback, blob)), ...args);
   };
-  const source = Object.getOwnPropertyDescriptor(HTMLImageElement.prototype, 'src');
-  Object.defineProperty(HTMLImageElement.prototype, 'src', {
+
+  // Images: their events are held back until those of earlier loads have been sent.
+  const { addEventListener, dispatchEvent } = EventTarget.prototype;
+  const proto = HTMLImageElement.prototype;
+  const items = new WeakMap(); // image that loads -> its place in the queue
+  const gated = new WeakSet();
+  const release = (image, give) => {
+    const item = items.get(image);
+    items.delete(image);
+    if (item) finish(item, give);
+  };
+  const gate = (image) => {
+    if (gated.has(image)) return;
+    gated.add(image);
+    for (const type of ['load', 'error']) {
+      Reflect.apply(addEventListener, image, [type, (event) => {
+        if (!event.isTrusted || !items.has(image)) return;
+        event.stopImmediatePropagation();
+        release(image, () => Reflect.apply(dispatchEvent, image, [new Event(type)]));
+      }]);
+    }
+  };
+  const load = (image, value) => {
+    gate(image);
+    release(image, () => {}); // what it was to load before
+    if (String(value)) items.set(image, enqueue());
+  };
+  proto.addEventListener = function (type, ...rest) {
+    if (type === 'load' || type === 'error') gate(this);
+    return EventTarget.prototype.addEventListener.call(this, type, ...rest);
+  };
+  for (const name of ['onload', 'onerror']) {
+    const handler = Object.getOwnPropertyDescriptor(HTMLElement.prototype, name);
+    Object.defineProperty(proto, name, {
+      ...handler,
+      set(value) {
+        gate(this);
+        handler.set.call(this, value);
+      },
+    });
+  }
+  const source = Object.getOwnPropertyDescriptor(proto, 'src');
+  Object.defineProperty(proto, 'src', {
     ...source,
     set(value) {
-      if (String(value)) until(this, ['load', 'error']);
+      load(this, value);
       source.set.call(this, value);
     },
   });
-  const setAttribute = HTMLImageElement.prototype.setAttribute;
-  HTMLImageElement.prototype.setAttribute = function (name, value) {
-    if (String(name).toLowerCase() === 'src' && String(value)) until(this, ['load', 'error']);
+  const setAttribute = proto.setAttribute;
+  proto.setAttribute = function (name, value) {
+    if (String(name).toLowerCase() === 'src') load(this, value);
     return setAttribute.call(this, name, value);
   };
   const begun = new WeakSet(); // a script runs once, however often it is moved

@@ -11,11 +11,51 @@
     waiting = [];
     forEach(woken, (wake) => wake());
   };
+  // Loads are delivered in the order in which they began, whichever comes first. One that waits
+  // for a later one (a stream that a page feeds) is passed by after a while.
+  const PASSED_AFTER_MS = 1000;
+  const queue = []; // {done, deliver}
+  let delivering = false;
+  const deliver = async () => {
+    if (delivering) return;
+    delivering = true;
+    while (queue[0]?.done) {
+      const { deliver: give } = shift(queue);
+      give();
+      await sim.turn();
+      await sim.turn();
+      end();
+    }
+    delivering = false;
+  };
+  const enqueue = () => {
+    begin();
+    const item = { done: false, deliver: null };
+    push(queue, item);
+    return item;
+  };
+  const finish = (item, give) => {
+    Object.assign(item, { done: true, deliver: give });
+    deliver();
+    if (includes(queue, item)) {
+      sim.inTruth(() => {
+        const at = queue.indexOf(item);
+        if (at > 0 && !queue[0].done) queue.unshift(...queue.splice(at, 1));
+        deliver();
+      }, PASSED_AFTER_MS);
+    }
+  };
   const track = (promise) => {
     if (!promise || typeof promise.then !== 'function') return promise;
+    const item = enqueue();
+    return new Promise((resolve, reject) => {
+      promise.then((value) => finish(item, () => resolve(value)), (error) => finish(item, () => reject(error)));
+    });
+  };
+  // Waits for something that has no result.
+  const awaited = (promise) => {
     begin();
     promise.then(end, end);
-    return promise;
   };
   // Resolves when nothing is under way any more; what came may begin further loads.
   sim.loaded = async () => {
@@ -81,10 +121,52 @@
   };
   wrapTarget(IDBFactory.prototype, ['success', 'error', 'blocked'], 'open', 'deleteDatabase');
   wrapTarget(IDBDatabase.prototype, ['complete', 'abort'], 'transaction'); // and all that is in it
-  const send = XMLHttpRequest.prototype.send;
+  // Requests: their events are held back until those of earlier loads have been sent.
+  const { addEventListener, dispatchEvent } = EventTarget.prototype;
+  const requests = new WeakMap(); // request -> {item, events}
+  const heard = ['readystatechange', 'progress', 'load', 'error', 'abort', 'timeout', 'loadend'];
+  const hold = (request, event) => {
+    const state = requests.get(request);
+    if (!event.isTrusted || !state) return;
+    event.stopImmediatePropagation();
+    if (event.type !== 'readystatechange') {
+      push(state.events, new ProgressEvent(event.type, event));
+    } else if (request.readyState === 4) push(state.events, new Event('readystatechange'));
+    if (event.type !== 'loadend') return;
+    requests.delete(request);
+    finish(state.item, () => forEach(state.events,
+      (copy) => sim.call(() => Reflect.apply(dispatchEvent, request, [copy]))));
+  };
+  Object.defineProperty(window, 'XMLHttpRequest', {
+    value: new Proxy(XMLHttpRequest, {
+      construct: (...call) => {
+        const request = Reflect.construct(...call);
+        for (const type of heard) {
+          Reflect.apply(addEventListener, request, [type, (event) => hold(request, event)]);
+        }
+        return request;
+      },
+    }),
+    configurable: true,
+    writable: true,
+  });
+  const { open, send } = XMLHttpRequest.prototype;
+  const waits = new WeakSet(); // requests that answer at once
+  XMLHttpRequest.prototype.open = function (...args) {
+    if (args.length > 2 && !args[2]) waits.add(this);
+    else waits.delete(this);
+    return Reflect.apply(open, this, args);
+  };
   XMLHttpRequest.prototype.send = function (...args) {
-    until(this, ['loadend']);
-    return Reflect.apply(send, this, args);
+    if (!waits.has(this)) requests.set(this, { item: enqueue(), events: [] });
+    try {
+      return Reflect.apply(send, this, args);
+    } catch (error) {
+      const state = requests.get(this);
+      if (state) finish(state.item, () => {});
+      requests.delete(this);
+      throw error;
+    }
   };
   for (const name of ['readAsArrayBuffer', 'readAsText', 'readAsDataURL', 'readAsBinaryString']) {
     const real = FileReader.prototype[name];
@@ -93,5 +175,5 @@
       return Reflect.apply(real, this, args);
     };
   }
-  Object.assign(sim, { track, until, begin, end });
+  Object.assign(sim, { track, until, enqueue, finish, awaited });
 }

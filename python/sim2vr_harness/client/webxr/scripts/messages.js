@@ -21,7 +21,7 @@
       sim.wakeWorkers(); // one of them may have the port
       return;
     }
-    sim.track((async () => {
+    sim.awaited((async () => {
       for (let k = 0; k < MOST_TURNS && received.count === before; k++) await sim.turn();
     })());
   }, MESSAGE_MS);

@@ -171,7 +171,7 @@ std::string factsJson(std::string_view name, std::string_view description, GameF
   checkDevices(facts.devices);
   checkScore(measures, facts.score);
   checkConditions(conditions, facts.default_condition);
-  const Json all{
+  Json all{
       {"name", name},
       {"description", description},
       {"id", facts.id.empty() ? inCapitals(name) : facts.id},
@@ -187,6 +187,8 @@ std::string factsJson(std::string_view name, std::string_view description, GameF
       {"conditions", conditions},
       {"default_condition", facts.default_condition},
       {"evaluation_options", objectOf("evaluation_options", facts.evaluation_options_json)}};
+  // Left out by games without, whose facts stay as they were.
+  if (!facts.inputs.empty()) all["inputs"] = facts.inputs;
   return all.dump();
 }
 

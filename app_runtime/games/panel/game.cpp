@@ -66,6 +66,7 @@ rl::GameFacts Panel::facts() const {
   rl::GameFacts facts;
   facts.round_seconds = 20.0;
   facts.devices = {"controller_right"};
+  facts.inputs = {"right.trigger"};
   facts.hand_option = "hand";
   facts.measures = measures();
   facts.score = "hits";

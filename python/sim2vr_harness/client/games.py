@@ -213,6 +213,7 @@ class GameFacts:
         id: Its name in Gymnasium ids: ``Sample`` in ``sim2vr/Sample-v0``.
         round_seconds: Length of a round with default options; 0: rounds have no usual length.
         devices: Controllers without which a right-handed player cannot play; see :meth:`needs`.
+        inputs: What a right-handed player operates besides moving, such as ``right.trigger``.
         hand_option: The option that takes ``right`` or ``left``, the hand that plays, if any.
         level_option: The option that names the level to play, if any; the game then has
             timelines (:func:`describe_level`).
@@ -232,6 +233,7 @@ class GameFacts:
     id: str = ""
     round_seconds: float = 0.0
     devices: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
     hand_option: str | None = None
     level_option: str | None = None
     measures: tuple[Measure, ...] = ()
@@ -350,7 +352,7 @@ def facts_of_outside(name: str) -> GameFacts:
     That of the runtime's game of the same name, if there is one; see :meth:`GameFacts.with_log`.
     """
     if name in list_games():
-        return replace(describe_game(name), published=False, devices=(), hand_option=None)
+        return replace(describe_game(name), published=False, devices=(), inputs=(), hand_option=None)
     return GameFacts(name=name, published=False)
 
 
@@ -373,6 +375,7 @@ def read_facts(told: Mapping[str, Any]) -> GameFacts:
         **{
             **told,
             "devices": tuple(told["devices"]),
+            "inputs": tuple(told.get("inputs", ())),
             "measures": measures,
             "conditions": conditions,
             "reward_terms": terms,

@@ -52,15 +52,19 @@ def with_condition(config: EnvConfig, condition: str | None) -> EnvConfig:
 def with_game(config: EnvConfig, game: str | None) -> EnvConfig:
     """The configuration with another game; None leaves it.
 
-    A configuration that names no body gets one that wears what the game is played with.
+    A configuration that names no body gets one that wears what the game is played with, and one
+    that names no inputs those that the game reads.
     """
     if game is None or game == config.app.game:
         return config
     config = config.model_copy(update={"app": config.app.model_copy(update={"game": game})})
-    if "model" in config.user.model_fields_set:
-        return config
-    model = _body_wearing(game_facts(config.app, ask=False).needs("right"), config.user.model)
-    return config.model_copy(update={"user": config.user.model_copy(update={"model": model})})
+    facts, user = game_facts(config.app, ask=False), config.user
+    changes: dict[str, Any] = {}
+    if facts.inputs and "inputs" not in user.model_fields_set:
+        changes["inputs"] = facts.inputs
+    if "model" not in user.model_fields_set:
+        changes["model"] = _body_wearing(facts.needs("right"), user.model)
+    return config.model_copy(update={"user": user.model_copy(update=changes)})
 
 
 def with_task(config: EnvConfig) -> EnvConfig:

@@ -100,6 +100,8 @@ struct GameFacts {
   /// Controllers without which a right-handed player cannot play: "controller_right",
   /// "controller_left". A user who does not wear them gets an error instead of empty rounds.
   std::vector<std::string> devices = {};
+  /// What a right-handed player operates besides moving: "right.trigger".
+  std::vector<std::string> inputs = {};
   /// The option that takes "right" or "left", the hand that plays; "left" needs the other
   /// controllers. Empty: the game has none.
   std::string hand_option = {};

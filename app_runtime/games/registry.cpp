@@ -5,6 +5,7 @@
 #include <vector>
 
 #include "beats/game.hpp"
+#include "panel/game.hpp"
 #include "pointing/game.hpp"
 #include "sample/sample.hpp"
 #include "sim2vr/core/errors.hpp"
@@ -31,6 +32,7 @@ std::span<const rl::GameEntry> registry() {
       entry<whacamole::WhacAMole>(),
       entry<beats::Beats>(),
       entry<pointing::Pointing>(),
+      entry<panel::Panel>(),
       entry<sample::TouchTheBall>(),
   };
   return entries;

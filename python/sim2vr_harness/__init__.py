@@ -63,7 +63,7 @@ _LAZY = {
     "run_study": "sim2vr_harness.studies.runner",
     "train": "sim2vr_harness.training.run.trainer",
 }
-"""Names of this package -> the module that has them, loaded when somebody asks."""
+"""Names of this package -> the module that has them, imported on first access."""
 
 
 def __dir__() -> list[str]:

@@ -1,10 +1,10 @@
-"""Writes the tables of docs/reference/performance.md from rows of ``sim2vr-harness bench``.
+"""Writes the tables of docs/research/performance.md from rows of ``sim2vr-harness bench``.
 
 A table stands between the comments ``<!-- table NAME -->`` and ``<!-- end -->`` and is replaced as
 a whole; one whose scenes no run has measured stays as it is. Where the file holds several runs, the
 last one with the table's scenes counts. Numbers are thus never typed by hand.
 
-Run: python tools/bench/tables.py build/bench/performance.jsonl docs/reference/performance.md
+Run: python tools/bench/tables.py build/bench/performance.jsonl docs/research/performance.md
 """
 
 from __future__ import annotations

@@ -8,28 +8,23 @@ Rules:
 - ``docstring``: a module's docstring does not begin with What, Who, Where, How or Which
 - ``word``: no word of tests/data/retired_words.txt in pages, configurations and the package
 
-Tables, code blocks and docs/research/ are exempt. tests/data/prose_baseline.json holds the problems
-that are left, per file and rule: a count may fall, never rise. A file without an entry may have
-none.
+Tables, code blocks and docs/research/ are exempt. No file may break a rule.
 
-Run: python tools/docs/prose.py [FILE ...] to list the problems, --update to lower the baseline
+Run: python tools/docs/prose.py [FILE ...] to list the problems
 """
 
 from __future__ import annotations
 
 import argparse
 import ast
-import json
 import re
 import sys
-from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 WORDS = "tests/data/retired_words.txt"
-BASELINE = "tests/data/prose_baseline.json"
 
 SENTENCE_WORDS = 30
 LINE_CHARACTERS = 120
@@ -39,11 +34,10 @@ EXEMPT = (
     "docs/research/",
     "docs/reference/settings.md",
     "docs/reference/command_line.md",
+    "python/sim2vr_harness/cli/old_names.py",
     "python/sim2vr_harness/runs/migration.py",
 )
-"""Notes of the past, generated pages, and the module that reads old configurations."""
-
-Counts = dict[str, dict[str, int]]
+"""Notes of the past, generated pages, and the modules that keep old names working."""
 
 
 @dataclass(frozen=True)
@@ -210,70 +204,15 @@ def find_problems(root: Path = ROOT) -> list[Problem]:
     return problems
 
 
-def count(problems: Sequence[Problem]) -> Counts:
-    """Return the number of problems per file and rule."""
-    counts: Counts = {}
-    for (path, rule), number in sorted(Counter((p.path, p.rule) for p in problems).items()):
-        counts.setdefault(path, {})[rule] = number
-    return counts
-
-
-def read_baseline(root: Path = ROOT) -> Counts:
-    """Return the counts that are allowed today."""
-    path = root / BASELINE
-    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else {}
-
-
-def compare(counts: Counts, baseline: Counts) -> tuple[list[str], list[str]]:
-    """Return sentences on counts above the baseline, and on counts below it."""
-    above, below = list[str](), list[str]()
-    for path in sorted({*counts, *baseline}):
-        has, may = counts.get(path, {}), baseline.get(path, {})
-        for rule in sorted({*has, *may}):
-            now, then = has.get(rule, 0), may.get(rule, 0)
-            if now > then:
-                above.append(f"{path}: {rule}: {now} problems, at most {then} are allowed")
-            elif now < then:
-                below.append(f"{path}: {rule}: {now} problems, the baseline still has {then}")
-    return above, below
-
-
-def lowered(counts: Counts, baseline: Counts) -> Counts:
-    """Return the baseline without what has been mended; nothing rises."""
-    kept = {
-        path: {r: min(n, counts.get(path, {}).get(r, 0)) for r, n in rules.items()}
-        for path, rules in baseline.items()
-    }
-    kept = {path: {r: n for r, n in rules.items() if n} for path, rules in kept.items()}
-    return {path: rules for path, rules in sorted(kept.items()) if rules}
-
-
-def update(counts: Counts, root: Path = ROOT) -> None:
-    """Lower the baseline to today's counts, or write the first one."""
-    path = root / BASELINE
-    new = lowered(counts, read_baseline(root)) if path.exists() else counts
-    path.write_text(json.dumps(new, indent=1) + "\n", encoding="utf-8")
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
-    """List the problems, or lower the baseline."""
+    """List the problems; 1 if there are any."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("files", nargs="*", metavar="FILE", help="list these files only")
-    parser.add_argument("--update", action="store_true", help=f"lower {BASELINE}")
-    options = parser.parse_args(arguments)
-    problems = find_problems()
-    counts = count(problems)
-    if options.update:
-        update(counts)
-    above, below = compare(counts, read_baseline())
-    if not options.update:
-        for problem in problems:
-            if not options.files or problem.path in options.files:
-                print(problem)
-    print(*above, sep="\n", end="\n" if above else "", file=sys.stderr)
-    if below:
-        print("fewer problems than the baseline; run tools/docs/prose.py --update", file=sys.stderr)
-    return 1 if above else 0
+    files = parser.parse_args(arguments).files
+    problems = [p for p in find_problems() if not files or p.path in files]
+    for problem in problems:
+        print(problem)
+    return 1 if problems else 0
 
 
 if __name__ == "__main__":

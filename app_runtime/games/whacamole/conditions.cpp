@@ -271,6 +271,8 @@ std::string Settings::playOptionsJson() const {
   if (area.height_m) options["area_height_m"] = *area.height_m;
   if (area.distance_m) options["area_distance_m"] = *area.distance_m;
   if (area.tilt_deg) options["area_tilt_deg"] = *area.tilt_deg;
+  add("area_size_m", area_size_m, usual.area_size_m);
+  add("target_radius_m", target_radius_m, usual.target_radius_m);
   add("spawn_weights", spawn_weights, usual.spawn_weights);
   if (velocity_point == VelocityPoint::kHead) options["velocity_point"] = "head";
   if (hand == xr::Hand::left) options["hand"] = "left";
@@ -299,6 +301,14 @@ Settings Settings::fromOptions(Options& options) {
   settings.hand =
       options.getChoice("hand", "right", kHands) == "left" ? xr::Hand::left : xr::Hand::right;
   settings.area = areaFromOptions(options);
+  settings.area_size_m = options.getNumber("area_size_m", settings.area_size_m, 0.05, 1.0);
+  settings.target_radius_m =
+      options.getNumber("target_radius_m", settings.target_radius_m, 0.005, 0.1);
+  if (settings.target_radius_m > settings.area_size_m / 4.0) {
+    throw InvalidArgument("option 'target_radius_m'", std::to_string(settings.target_radius_m),
+                          "at most a quarter of area_size_m, " +
+                              std::to_string(settings.area_size_m) + ": targets overlap");
+  }
   settings.spawns = spawnsFromOptions(options);
   settings.spawn_weights = weightsFromOptions(options);
   settings.fade_in_s = static_cast<float>(options.getNumber("fade_in_seconds", 0.1, 0.0, 60.0));

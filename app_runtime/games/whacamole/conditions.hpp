@@ -99,6 +99,9 @@ struct Settings {
   /// Which controller holds the hammer; left: everything is the mirror image.
   xr::Hand hand = xr::Hand::right;
   AreaChanges area;
+  /// From the centres of the cells on one side of the area to those on the other.
+  double area_size_m = 0.25;
+  double target_radius_m = 0.025;
   /// In order of time. When there are any, they replace the random spawns of the round.
   std::vector<ScheduledSpawn> spawns;
   /// Chance of each cell, up to a factor; empty when all are equal. Wins over `adaptive`.

@@ -20,9 +20,10 @@ void restrictCollisions(physics::PhysicsWorld& physics) {
   }
 }
 
-scene::GameObject& buildArea(scene::Scene& scene) {
+scene::GameObject& buildArea(scene::Scene& scene, const Settings& settings) {
   scene::GameObject& area = scene.create("Target Area");
-  addAreaLooks(area);
+  // It reaches a target's radius beyond the outer cells' centres.
+  addAreaLooks(area, settings.area_size_m + 2.0 * settings.target_radius_m);
   area.setActive(false);
   return area;
 }
@@ -49,7 +50,7 @@ rl::RLEnv& WhacAMole::build(rl::GameContext& context) {
       settings_.hand == xr::Hand::left ? *setup.rig.left_controller : *setup.rig.right_controller;
   if (settings_.show_controllers) addControllerLooks(controller, settings_.hand);
   Hammer& hammer = buildHammer(controller, settings_);
-  setup.area = &buildArea(scene);
+  setup.area = &buildArea(scene, settings_);
   setup.hammer = &hammer;
   setup.tally = &tally_;
   setup.logger = context.logger;

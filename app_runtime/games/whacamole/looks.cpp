@@ -254,10 +254,10 @@ void addControllerLooks(scene::GameObject& controller, xr::Hand hand) {
   ring.transform().setLocalRotation(aroundAxis({side * 0.278, 0.67, 0.68}));
 }
 
-void addAreaLooks(scene::GameObject& area) {
+void addAreaLooks(scene::GameObject& area, double edge_m) {
   scene::GameObject& sheet =
       addPart(area, "Sheet", render::box(), translucent({0.211F, 1.0F, 0.0F, 0.255F}, 0.0F));
-  sheet.transform().setLocalScale({0.3, 0.3, 0.001});
+  sheet.transform().setLocalScale({edge_m, edge_m, 0.001});
 }
 
 Pose spectatorPose(const Vec3& head_m, xr::Hand hand) {

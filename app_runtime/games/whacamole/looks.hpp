@@ -13,7 +13,7 @@ void addHammerLooks(scene::GameObject& hammer);
 /// The translucent controller around the hammer's handle.
 void addControllerLooks(scene::GameObject& controller, xr::Hand hand);
 /// The translucent sheet that the targets come out of.
-void addAreaLooks(scene::GameObject& area);
+void addAreaLooks(scene::GameObject& area, double edge_m);
 /// Where the spectators' camera stands for a round that starts with the head at `head_m` (world):
 /// behind the player on the side of the hammer's hand, with head, hammer and each of the areas in
 /// view.

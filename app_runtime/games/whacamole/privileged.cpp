@@ -198,7 +198,7 @@ void Privileged::writeAids(rl::NumberWriter& out) const {
   int start_cell = 0;
   const scene::Transform& area = area_->transform();
   for (int cell = 0; cell < kCells; ++cell) {
-    const Vec3 start = area.transformPoint(cellCenter_m(cell) - Vec3(0.0, 0.0, kStrokeStart_m));
+    const Vec3 start = area.transformPoint(cellCenter_m(cell, round_->settings()) - Vec3(0.0, 0.0, kStrokeStart_m));
     const double distance_m = (start - round_->hammer().markerPosition()).norm();
     if (distance_m < least_m) {
       least_m = distance_m;

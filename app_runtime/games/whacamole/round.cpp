@@ -172,7 +172,7 @@ void Round::openLog() {
   logEvent("target plane transform " + rl::formatPose(area.pose()));
   std::string mapping = "grid mapping";
   for (int cell = 0; cell < kCells; ++cell) {
-    const Vec3 center = cellCenter_m(cell);
+    const Vec3 center = cellCenter_m(cell, setup_.settings);
     mapping +=
         fmt::format(" [{} {} {} {} {} {}]", cell, cell / 3, cell % 3, rl::formatFloat(center.x()),
                     rl::formatFloat(center.y()), rl::formatVector(area.transformPoint(center)));

@@ -12,8 +12,6 @@
 namespace sim2vr::games::whacamole {
 namespace {
 
-constexpr double kCellPitch_m = 0.125;
-
 // Hit volume in target units, reaching 2.5 mm in front of the target plane.
 const Vec3 kTriggerSize(1.8, 1.8, 1.0);
 const Vec3 kTriggerCenter(0.0, 0.0, -0.6);
@@ -24,18 +22,21 @@ constexpr float kShortest_s = 1e-3F;
 
 }  // namespace
 
-Vec3 cellCenter_m(int cell) {
+Vec3 cellCenter_m(int cell, const Settings& settings) {
+  const double pitch_m = settings.area_size_m / 2.0;
   const int row = cell / 3;
   const int column = cell % 3;
-  return {(column - 1) * kCellPitch_m, (1 - row) * kCellPitch_m, 0.0};
+  return {(column - 1) * pitch_m, (1 - row) * pitch_m, 0.0};
 }
 
-Vec3 targetOrigin_m(int cell) { return cellCenter_m(cell) + Vec3(0.0, 0.0, kTargetRadius_m); }
+Vec3 targetOrigin_m(int cell, const Settings& settings) {
+  return cellCenter_m(cell, settings) + Vec3(0.0, 0.0, settings.target_radius_m);
+}
 
 void registerTargetPrefab(scene::Scene& scene, Round& round, const Hammer& hammer) {
   scene.registerPrefab(kTargetPrefab, [&round, &hammer](scene::GameObject& object) {
     object.setLayer(kTargetLayer);
-    object.transform().setLocalScale(kTargetRadius_m);
+    object.transform().setLocalScale(round.settings().target_radius_m);
     object.addComponent<physics::Rigidbody>();
     object.addComponent<physics::Collider>(physics::Box{kTriggerSize}, kTriggerCenter,
                                            /*is_trigger=*/true);
@@ -44,12 +45,14 @@ void registerTargetPrefab(scene::Scene& scene, Round& round, const Hammer& hamme
   });
 }
 
+double Target::radius_m() const { return round_.settings().target_radius_m; }
+
 void Target::Awake() { looks_ = gameObject().getComponent<TargetLooks>(); }
 
 void Target::begin(const Spawn& spawn) {
   id_ = spawn.id;
   cell_ = spawn.cell;
-  transform().setLocalPosition(targetOrigin_m(cell_));
+  transform().setLocalPosition(targetOrigin_m(cell_, round_.settings()));
   spawn_time_ = clock().fixedTime();
   spawn_frame_time_ = clock().time();
   expiry_ = spawn_time_ + (round_.settings().life_s + round_.settings().fade_in_s);
@@ -58,7 +61,7 @@ void Target::begin(const Spawn& spawn) {
 }
 
 Vec3 Target::hitCenter_m() const {
-  return transform().position() + transform().rotation() * (kTriggerCenter * kTargetRadius_m);
+  return transform().position() + transform().rotation() * (kTriggerCenter * radius_m());
 }
 
 void Target::FixedUpdate() {
@@ -96,7 +99,7 @@ void Target::fadeIn(float age_s) {
   const float fade_in_s = round_.settings().fade_in_s;
   const bool done = age_s > fade_in_s;
   const float scale = done ? 1.0F : std::max(age_s / fade_in_s, kSmallestScale);
-  transform().setLocalScale(kTargetRadius_m * scale);
+  transform().setLocalScale(radius_m() * scale);
   if (done) state_ = State::kAlive;
 }
 
@@ -112,8 +115,7 @@ void Target::fadeOut() {
     return;
   }
   looks_->showMissed();
-  transform().setLocalScale(kTargetRadius_m *
-                            std::max(1.0F - elapsed_s / kFadeOut_s, kSmallestScale));
+  transform().setLocalScale(radius_m() * std::max(1.0F - elapsed_s / kFadeOut_s, kSmallestScale));
 }
 
 void Target::endLife(bool was_hit) {

@@ -3,6 +3,7 @@
 
 #include "sim2vr/scene/component.hpp"
 #include "sim2vr/scene/game_object.hpp"
+#include "whacamole/conditions.hpp"
 #include "whacamole/spawner.hpp"
 
 namespace sim2vr::games::whacamole {
@@ -11,7 +12,6 @@ class Hammer;
 class Round;
 class TargetLooks;
 
-inline constexpr double kTargetRadius_m = 0.025;
 inline constexpr float kFadeOut_s = 0.3F;
 
 /// All times are binary32 on the scene's clock, as in the reference: when a miss falls between two
@@ -47,6 +47,7 @@ class Target : public scene::Component {
   Vec3 hitCenter_m() const;
 
  private:
+  double radius_m() const;
   void fadeIn(float age_s);
   void fadeOut();
   void endLife(bool was_hit);
@@ -67,9 +68,9 @@ class Target : public scene::Component {
 
 /// Centre of a cell in the target area's frame; ids run row-wise from the top left as the player
 /// sees it.
-Vec3 cellCenter_m(int cell);
-/// Where a target's origin sits: 2.5 cm behind the plane, so that its front is in the plane.
-Vec3 targetOrigin_m(int cell);
+Vec3 cellCenter_m(int cell, const Settings& settings = {});
+/// Where a target's origin sits: a radius behind the plane, so that its front is in the plane.
+Vec3 targetOrigin_m(int cell, const Settings& settings = {});
 
 /// Registers the prefab "Target" for targets of `round`.
 void registerTargetPrefab(scene::Scene& scene, Round& round, const Hammer& hammer);

@@ -1,4 +1,4 @@
-"""How many cores physics, apps and torch may use: one setting, ``env.cores``.
+"""CPU budget of a process (``env.cores``), shared by physics, apps and torch.
 
 The defaults below count the cores that this process may run on, not those of the machine, so that
 containers, batch systems and ``taskset`` get what they ask for.

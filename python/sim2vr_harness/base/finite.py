@@ -1,4 +1,4 @@
-"""What is saved of a training is finite: one that has diverged stops, and says what went."""
+"""Finiteness check of checkpoints: a diverged training stops and names the bad number."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What must happen before this process opens its first OpenGL context."""
+"""Preparation of a process before it opens its first OpenGL context."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to say of packages that tools need and an installation may lack."""
+"""Import of optional packages, with an error that names the extra to install."""
 
 from __future__ import annotations
 

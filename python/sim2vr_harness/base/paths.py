@@ -1,4 +1,4 @@
-"""Where the app executable, the shaders and the configurations are.
+"""Paths of the app executable, the shaders and the configurations.
 
 Three layouts are served alike: an installed wheel (``sim2vr_harness/bin`` and
 ``sim2vr_harness/share``), an editable install and a plain checkout (``build/``,

@@ -1,4 +1,4 @@
-"""What all configuration models share: bounds, and errors of one sentence."""
+"""Base class of all configuration models: bounds, and errors of one sentence."""
 
 from __future__ import annotations
 

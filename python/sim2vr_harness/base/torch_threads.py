@@ -1,4 +1,4 @@
-"""How many threads torch uses, for a while."""
+"""Context manager for torch's number of threads."""
 
 from __future__ import annotations
 

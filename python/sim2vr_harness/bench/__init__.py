@@ -1,15 +1,15 @@
-"""How fast this machine simulates, draws and learns; and whether it still plays the same.
+"""Benchmarks of simulation, rendering and learning, with a regression test by state hashes.
 
-- :mod:`.scene`: what a scene is; seeds, actions and hashes that all of them share
+- :mod:`.scene`: base class of benchmark scenes; shared seeds, actions and hashes
 - :mod:`.scenes`: the scenes: the body alone, drawing apps, whole users, the learner
-- :mod:`.senses`: variants of whole users with one sense more
-- :mod:`.plan`: which scenes, with how many users and threads, over which transports
+- :mod:`.senses`: variants of whole users with one additional sense
+- :mod:`.plan`: selection of scenes, numbers of users, threads and transports
 - :mod:`.run`: a run: scenes take turns, rows are compared
 - :mod:`.turns`: the measurement itself
-- :mod:`.rows`: results as JSON rows, and what machine they are of
-- :mod:`.report`: the table and the ratios that the command line prints
+- :mod:`.rows`: results as JSON rows with a description of the machine
+- :mod:`.report`: table and ratios on the command line
 - :mod:`.memory`: memory per user, in fresh processes
 
-A scene is also a test that nothing has changed: its row holds a hash of the state after a fixed
-number of steps with fixed seeds and actions.
+Each scene is also a regression test: its row has a hash of the state after a fixed number of steps
+with fixed seeds and actions.
 """

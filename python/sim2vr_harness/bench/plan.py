@@ -1,4 +1,4 @@
-"""Which scenes are measured, with how many users and threads, over which transports."""
+"""Benchmark plan: scenes, numbers of users, threads and transports to measure."""
 
 from __future__ import annotations
 

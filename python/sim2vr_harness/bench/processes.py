@@ -1,4 +1,4 @@
-"""What this process and those below it take: processor time and memory, as Linux counts them."""
+"""Processor time and memory of this process and its descendants (Linux)."""
 
 from __future__ import annotations
 

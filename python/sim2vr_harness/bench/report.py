@@ -1,4 +1,4 @@
-"""What the command line prints of a run: a table, and the ratios that matter."""
+"""Benchmark output on the command line: a table and ratios."""
 
 from __future__ import annotations
 

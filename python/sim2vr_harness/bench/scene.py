@@ -1,8 +1,8 @@
-"""What a scene is, and what all scenes share: seeds, actions, short rounds and hashes.
+"""Base class of benchmark scenes, with the seeds, actions and hashes that they share.
 
 Every scene starts from fixed seeds and plays :data:`WARM_UP_STEPS` steps with fixed actions, after
-which its state is hashed. User i does the same in every scene of users, whatever N, the threads or
-the transport.
+which its state is hashed. User i does the same in every scene of users, for any N, number of
+threads and transport.
 """
 
 from __future__ import annotations

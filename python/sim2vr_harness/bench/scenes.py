@@ -1,4 +1,4 @@
-"""What can be measured: the body alone, drawing apps, whole users, learning."""
+"""Benchmark scenes: the body alone, drawing apps, whole users, learning."""
 
 from __future__ import annotations
 

@@ -17,6 +17,7 @@ __all__ = [
     "AppArgOption",
     "app_settings",
     "as_overrides",
+    "mapped_places",
     "with_app_options",
     "with_page_options",
 ]
@@ -53,8 +54,9 @@ MapOption = Annotated[
     list[str] | None,
     typer.Option(
         "--map",
-        metavar="URL=FOLDER",
-        help="Where a page finds addresses that begin so; may be repeated. All others are refused.",
+        metavar="URL=FOLDER|FILE",
+        help="Where a page finds addresses that begin so, or a map file of `page vendor`; may be "
+        "repeated. All others are refused.",
     ),
 ]
 TaskOption = Annotated[
@@ -161,20 +163,37 @@ def app_settings(
 def _page_settings(page: str, mapped: list[str], browser: str | None) -> dict[str, Any]:
     from sim2vr_harness.envs.config import page_name
 
-    places = {}
-    for pair in mapped:
-        address, equals, place = pair.rpartition("=")
-        if not equals or "://" not in address:
-            expected = "URL=FOLDER, such as https://cdn.jsdelivr.net/npm/=node_modules"
-            raise InputError("--map", repr(pair), expected)
-        places[address] = _absolute(place)
     return {
         "transport": "webxr",
         "game": page_name(page),
         "page": page if "://" in page else _absolute(page),
-        "map": places,
+        "map": mapped_places(mapped),
         "browser": browser,
     }
+
+
+def mapped_places(mapped: list[str]) -> dict[str, str]:
+    """Return the beginnings of addresses that ``--map`` names, with their folders.
+
+    Raises:
+        InputError: neither URL=FOLDER nor a map file.
+    """
+    from sim2vr_harness.client.webxr.vendor import read_map
+
+    places = {}
+    for pair in mapped:
+        address, equals, place = pair.rpartition("=")
+        if equals and "://" in address:
+            places[address] = _absolute(place)
+        elif pair.endswith(".json"):
+            places |= read_map(Path(pair).expanduser())
+        else:
+            expected = (
+                "URL=FOLDER, such as https://cdn.jsdelivr.net/npm/=node_modules, or a map file "
+                "in JSON"
+            )
+            raise InputError("--map", repr(pair), expected)
+    return places
 
 
 def _absolute(path: str) -> str:

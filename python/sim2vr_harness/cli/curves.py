@@ -18,7 +18,7 @@ def curves(
         typer.Argument(metavar="RUN...", help="Folders of runs, or packed users with curves."),
     ],
     out: Annotated[
-        Path, typer.Option(help="The PNG file to write.", callback=writable_file)
+        Path, typer.Option(help="The PNG or PDF file to write.", callback=writable_file)
     ] = Path("curves.png"),
 ) -> None:
     """Draw the learning curves of one or more runs.

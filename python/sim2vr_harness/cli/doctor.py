@@ -275,7 +275,7 @@ def _debian_checks() -> Iterator[Check]:
         if not absent:
             yield Check(name, "ok", f"all {len(wanted)} installed")
         else:
-            # A warning only: whether it matters is told by the rows above.
+            # A warning only: the rows above say whether it matters.
             yield Check(name, "warning", "missing: " + " ".join(absent), _apt(" ".join(absent)))
 
 

@@ -28,6 +28,7 @@ from sim2vr_harness.cli.progress import Share
 
 if TYPE_CHECKING:
     from sim2vr_harness.evaluation.evaluate import Evaluation, Request
+    from sim2vr_harness.policies.scripted import StepOutcome
 
 __all__ = ["evaluate"]
 
@@ -186,7 +187,7 @@ def _evaluate_baseline(user: str, request: Request, json: bool, checked: Checked
     from sim2vr_harness.base.errors import InputError
     from sim2vr_harness.envs.games import with_task
     from sim2vr_harness.evaluation.conditions import named_options
-    from sim2vr_harness.evaluation.first_look import look
+    from sim2vr_harness.evaluation.scripted_baseline import evaluate_baseline
     from sim2vr_harness.evaluation.tables import results_table
     from sim2vr_harness.runs.config import load_config
 
@@ -195,7 +196,7 @@ def _evaluate_baseline(user: str, request: Request, json: bool, checked: Checked
             raise InputError(f"--{option}", "it together with --user", "one of them")
     config = load_config("webxr", [*request.overrides, *as_overrides(dict(request.app or {}))])
     with Share("Playing") as share:
-        found = look(
+        found = evaluate_baseline(
             with_task(config.env),
             user,
             conditions=request.conditions or (),
@@ -213,11 +214,20 @@ def _evaluate_baseline(user: str, request: Request, json: bool, checked: Checked
     if json:
         print_json(dict(found.summaries))
         return _status(checked, found.summaries)
-    title = f"A user who has learned nothing ({user})"
-    Console().print(results_table(found.summaries, found.facts, title))
+    Console().print(results_table(found.summaries, found.facts, f"A user without training: {user}"))
+    _print_steps(found.steps)
     for file in found.files:
         typer.echo(f"Written: {file}")
     return _status(checked, found.summaries)
+
+
+def _print_steps(rounds: list[list[StepOutcome]]) -> None:
+    """Print what the steps of a script did, of every round."""
+    for number, steps in enumerate(rounds, start=1):
+        if len(rounds) > 1:
+            typer.echo(f"Round {number}:")
+        for k, step in enumerate(steps, start=1):
+            typer.echo(f"{k}. {step.words}")
 
 
 def _status(checked: CheckedRun, summaries: Mapping[str, dict[str, Any]]) -> int:

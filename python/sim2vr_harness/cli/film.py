@@ -44,7 +44,7 @@ def film(
     ] = Path("film.mp4"),
     trust_app: TrustOption = False,
 ) -> None:
-    """Film users who play the same round, side by side.
+    """Film a comparison video of users who play the same round.
 
     Examples:
         sim2vr-harness render film whacamole_constrained whacamole_people

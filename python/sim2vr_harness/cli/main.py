@@ -32,7 +32,7 @@ from sim2vr_harness.cli import (
     film,
     games,
     level,
-    motor,
+    page,
     reach,
     replay,
     rewards,
@@ -48,6 +48,7 @@ from sim2vr_harness.cli.app_options import AppArgOption, app_settings
 from sim2vr_harness.cli.command import ANALYSE, KNOW, LOOK, PLAY, STUDY, CommandGroup
 from sim2vr_harness.cli.errors import report
 from sim2vr_harness.cli.games import HelpWithGames
+from sim2vr_harness.cli.old_names import add_old_names
 from sim2vr_harness.cli.options import JsonOption, finite, writable_file
 
 __all__ = ["app", "main"]
@@ -168,15 +169,11 @@ render.add("snapshot", snapshot.snapshot)
 render.add("film", film.film)
 app.add_typer(render, name="render", rich_help_panel=LOOK)
 app.add("games", games.games, KNOW)
+app.add_typer(page.app, name="page", rich_help_panel=KNOW)
 app.add_typer(users.app, name="users", rich_help_panel=KNOW)
 app.add("doctor", doctor, KNOW)
 app.add("bench", bench.bench, KNOW)
-app.add_old("curves", curves.curves, "plot curves")
-app.add_old("level", level.level, "plot level")
-app.add_old("chart", chart.chart, "plot measures")
-app.add_old("snapshot", snapshot.snapshot, "render snapshot")
-app.add_old("film", film.film, "render film")
-app.add_typer(motor.old_app, name="motor", hidden=True)
+add_old_names(app)
 
 
 def main(arguments: list[str] | None = None) -> None:

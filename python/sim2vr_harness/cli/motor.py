@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from sim2vr_harness.training.motor_control.goal_task import MotorTrainer
     from sim2vr_harness.users import Body
 
-__all__ = ["app", "old_app"]
+__all__ = ["app", "measure", "train_layer"]
 
 BodyArgument = Annotated[str, typer.Argument(metavar="BODY", help="A body, or its YAML file.")]
 StepOption = Annotated[
@@ -202,7 +202,3 @@ app = CommandGroup(
 )
 app.add("train", train_layer)
 app.add("measure", measure)
-
-old_app = CommandGroup("Old names of `sim2vr-harness users motor`.")
-old_app.add_old("practise", train_layer, "users motor train")
-old_app.add_old("measure", measure, "users motor measure")

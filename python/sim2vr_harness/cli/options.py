@@ -1,6 +1,6 @@
-"""What commands share: options, and checks of their values (numbers, places to write to).
+"""Options shared by commands, and checks of their values (numbers, output paths).
 
-Before a command starts, so that nothing is played and then lost.
+Values are checked before a command starts.
 """
 
 from __future__ import annotations
@@ -97,8 +97,9 @@ UserOption = Annotated[
         "--user",
         autocompletion=known_players,
         metavar="USER",
-        help="Who plays: a trained user, or a baseline: still, random, or with --page "
-        "'reach NAME', which moves the hand to the object of that name.",
+        help="Who plays: a trained user, or one without training: still, random, 'touch NAME', "
+        "'point NAME', 'press NAME by ray', 'grab NAME to NAME2', or a SCRIPT.yaml of such steps. "
+        "NAME is an object, or X Y Z in metres.",
     ),
 ]
 
@@ -126,13 +127,17 @@ def who_plays(run: str | None, user: str | None) -> tuple[str | None, str | None
         return run, None
     if run is not None:
         raise InputError("--user", f"it together with {run!r}", "one of them")
-    if user in ("still", "random") or user.startswith("reach "):
+    from sim2vr_harness.policies.scripted.steps import FORMS, is_script, read_steps
+
+    if is_script(user):
+        read_steps(user)  # refuses another form before anything starts
+    if is_script(user) or user in ("still", "random"):
         return None, user
     names = known_users("")
     trained = user.removeprefix("pretrained:") in names or re.search(r"\.py:\w+$", user)
     if trained or Path(user).exists():
         return user, None
-    raise unknown_name("--user", user, ["still", "random", "reach NAME", *names])
+    raise unknown_name("--user", user, ["still", "random", *FORMS, *names])
 
 
 def finite(parameter: typer.CallbackParam, value: float | None) -> float | None:

@@ -1,4 +1,4 @@
-"""How a study is shown on the terminal: how far it is, and what came out."""
+"""Terminal output of studies: progress and results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the harness needs of a VR app, whatever the transport."""
+"""Interface of VR apps, whatever the transport."""
 
 from __future__ import annotations
 

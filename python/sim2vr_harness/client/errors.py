@@ -1,4 +1,4 @@
-"""What can go wrong with an app outside this process, by what the caller can do about it."""
+"""Errors of apps outside this process, by the caller's possible reaction."""
 
 from __future__ import annotations
 

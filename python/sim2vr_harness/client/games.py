@@ -1,7 +1,7 @@
-"""What a game publishes: measures, conditions, names.
+"""Facts that a game publishes: measures, conditions, names.
 
-Games publish it in C++ beside their rules (``GameFacts`` in ``rl/game_facts.hpp``); tables,
-learning curves, progress and pictures are made of it.
+Games publish them in C++ beside their rules (``GameFacts`` in ``rl/game_facts.hpp``); tables,
+learning curves, progress displays and figures use them.
 """
 
 from __future__ import annotations

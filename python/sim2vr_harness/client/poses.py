@@ -1,4 +1,4 @@
-"""What devices report on its way to an app outside this process: checked, as rows of numbers."""
+"""Validation of device reports that are sent to an app outside this process."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an app's scene holds and shows, for those who draw or measure it elsewhere."""
+"""Contents of an app's scene, for drawing and measuring it outside the app."""
 
 from __future__ import annotations
 

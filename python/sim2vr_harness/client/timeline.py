@@ -1,6 +1,6 @@
-"""What comes when in a round: levels of games that have them, for pictures and a line of facts.
+"""Timeline of a round: the items of a game's level, for figures and summaries.
 
-Games tell it in C++ (``Game::timelineJson`` in ``rl/game.hpp``).
+Games publish it in C++ (``Game::timelineJson`` in ``rl/game.hpp``).
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""What a way to an app says of itself, so that no one else needs to know it by name.
+"""Interface of transports, the ways to reach an app.
 
-A new one is a file with an entry of its own and a line in :mod:`sim2vr_harness.client.transports`.
+A new transport is a file with an entry and a line in :mod:`sim2vr_harness.client.transports`.
 """
 
 from __future__ import annotations

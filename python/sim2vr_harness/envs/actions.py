@@ -1,4 +1,4 @@
-"""What a policy's actions are: the body's actuators, then the fingers' inputs, then the gaze."""
+"""Action vector of a policy: actuators, then controller inputs, then gaze."""
 
 from __future__ import annotations
 

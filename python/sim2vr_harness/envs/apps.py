@@ -1,4 +1,4 @@
-"""Which apps the users of a configuration play in; the ways to them are a table of the client."""
+"""Apps of a configuration's users, made by the configured transport."""
 
 from __future__ import annotations
 

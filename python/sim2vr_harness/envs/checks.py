@@ -1,4 +1,4 @@
-"""What is asked of N users at once: who, with which seeds, with which options of the game."""
+"""Validation of requests to N users: persons, seeds and options of the game."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an environment is made of: the app, the user and what the user senses.
+"""Configuration of an environment: the app, the user and its senses.
 
 Every model forbids unknown keys and is immutable; the training configuration nests
 :class:`EnvConfig` under ``env``.

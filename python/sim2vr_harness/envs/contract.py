@@ -1,4 +1,4 @@
-"""What a policy relies on: who its body is, what it senses and what its actions mean."""
+"""Policy contract: the body, observations and actions that a policy was trained with."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which game an environment plays, and what that game publishes."""
+"""The game of an environment, and the facts that it publishes."""
 
 from __future__ import annotations
 

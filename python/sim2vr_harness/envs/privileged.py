@@ -1,10 +1,10 @@
-"""What a teacher knows: its body and the game's privileged numbers, no earlier than its student.
+"""Privileged observations of a teacher: its body and the game's state, delayed like its student's.
 
-A user whose senses are late has a teacher whose knowledge is as late, rounded up to whole user
-steps: one that knew the present would do what no one can who sees the past. Where the tool was felt
-to be a user knows before it sees it. Who remembers what it did for as long as it feels late can
-work out how its own body is now (an efference copy and a forward model: Wolpert, Ghahramani and
-Jordan 1995), so the teacher knows that, and the student learns to work it out.
+Delays of the student's senses, rounded up to whole user steps, apply to the teacher as well. A
+teacher that observed the present would do what a student with delayed senses cannot. Proprioception
+has its own, shorter delay. A student can compute its present body state from its recent actions (an
+efference copy and a forward model: Wolpert, Ghahramani and Jordan 1995). So the teacher observes
+that state, and the student learns to compute it.
 """
 
 from __future__ import annotations
@@ -48,14 +48,14 @@ class Lag:
     recognition: int = 0
 
     @staticmethod
-    def of(env: EnvConfig, recognition_steps: int = 0) -> Lag:
+    def of(env: EnvConfig, recognition: int = 0) -> Lag:
         """Of the senses in a configuration; of people whose delays differ, the mean person's.
 
         The body counts as known now if the user's own actions since it was felt are.
 
         Args:
             env: the configuration.
-            recognition_steps: user steps that pass after a picture shows a thing.
+            recognition: user steps that pass after a picture shows a thing.
         """
         found = {sense.sense: sense for sense in env.senses}
         people = env.user.people or PeopleSettings()
@@ -78,7 +78,7 @@ class Lag:
         body = steps("proprioception")
         if known >= body:
             body = known = 0
-        return Lag(steps("vision") + recognition_steps, body, known, recognition_steps)
+        return Lag(steps("vision") + recognition, body, known, recognition)
 
     def reached(self, share: float) -> Lag:
         """Return the lag of senses that are on their way to being so late, by a share of it."""

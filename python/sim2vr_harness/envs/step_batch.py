@@ -1,4 +1,4 @@
-"""What one user step did to each of N users."""
+"""Results of one user step of N users."""
 
 from __future__ import annotations
 

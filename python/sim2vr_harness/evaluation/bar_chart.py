@@ -1,4 +1,4 @@
-"""Several users side by side: what evaluations measured of them, as bars."""
+"""Bar chart of several users' measures, from their evaluations."""
 
 from __future__ import annotations
 

@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeGuard
 
 from sim2vr_harness.base.errors import InputError, shown
-from sim2vr_harness.base.files import file_name, naming, read_json
+from sim2vr_harness.base.files import file_name, read_json
 from sim2vr_harness.client import GameFacts
 from sim2vr_harness.envs.games import game_facts
+from sim2vr_harness.figures.figure import Figure, Layer, Line, Panel, Points, colour_of
+from sim2vr_harness.figures.matplotlib_backend import write_figure
 from sim2vr_harness.policies.store import TrainedUser, find_user, is_packed
 from sim2vr_harness.runs.run_folder import RunFolder, metric_key, read_rows, write_atomically
 
@@ -24,7 +26,11 @@ _CURVES = "curves.json"
 _MOST_ROWS = 500
 """Of a packed curve."""
 
+_FEW = 30
+"""Points of a curve that are marked one by one."""
+
 Rows = list[dict[str, Any]]
+_Curve = tuple[list[float], list[float]]
 
 
 @dataclass(frozen=True)
@@ -54,7 +60,7 @@ def _panels(facts: GameFacts) -> tuple[tuple[str, str], ...]:
     return (("rollout/ep_rew_mean", "Return per round"), *game, *others)[:_PANELS]
 
 
-def curve(rows: Rows, key: str) -> tuple[list[float], list[float]]:
+def curve(rows: Rows, key: str) -> _Curve:
     """Return steps and values of one metric; rows without it, or without a step, are left out."""
     pairs = ((row.get("step"), row.get(key)) for row in rows)
     points = [(step, value) for step, value in pairs if _is_number(step) and _is_number(value)]
@@ -67,9 +73,9 @@ def _is_number(value: Any) -> TypeGuard[float]:
 
 
 def plot(runs: Sequence[str | Path], out: Path) -> Path:
-    """Draw the learning curves of one or more runs into a PNG file.
+    """Draw the learning curves of one or more runs: PNG or PDF.
 
-    There is a row for looking and trying, of the recipe ``skills``, one for the teacher's imagined
+    There is a row for the value learning of the recipe ``skills``, one for the teacher's imagined
     rollouts and the student, and two for the training from pixels, each if any of the runs has it.
 
     Args:
@@ -77,16 +83,16 @@ def plot(runs: Sequence[str | Path], out: Path) -> Path:
         out: The file to write.
 
     Raises:
-        InputError: A folder is not a run's or has no finished iteration, or ``out`` is no PNG.
+        InputError: A folder is not a run's or has no finished iteration, or ``out`` is neither
+            PNG nor PDF.
     """
-    if out.suffix.lower() != ".png":
-        raise InputError("--out", repr(str(out)), "a file name that ends in .png")
     found = [_read(run) for run in runs]
+    if len({each.name for each in found}) < len(found):
+        found = [replace(each, name=str(run)) for run, each in zip(runs, found, strict=True)]
     for run, each in zip(runs, found, strict=True):
         if not (each.rows or each.looking or each.imagined or each.student):
             raise InputError("RUN", f"{str(run)!r}, which has no metrics yet", "a trained run")
-    _draw(found, out)
-    return out
+    return write_figure(_figure(found), out)
 
 
 def pack_curves(run: Path, place: Path) -> None:
@@ -161,84 +167,74 @@ def _first_rows(*files: Path) -> Rows:
     return next((rows for rows in map(read_rows, files) if rows), [])
 
 
-def _draw(runs: Sequence[_Run], out: Path) -> None:
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
-
+def _figure(runs: Sequence[_Run]) -> Figure:
     facts = runs[0].facts
     looking = any(run.looking for run in runs)
     stages = any(run.imagined or run.student for run in runs)
-    pixels = any(run.rows for run in runs)
-    height = looking + stages + 2 * pixels
-    figure = Figure(figsize=(12, 3.5 * height), layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = list(figure.subplots(height, 3).flat)
-    left = iter(grid)
-    if looking:
-        _draw_looking([next(left) for _ in range(3)], runs)
-    if stages:
-        _draw_stages([next(left) for _ in range(3)], runs, facts)
-    for axes, (key, title) in zip(left, _panels(facts), strict=False):
-        for run in runs:
-            _line(axes, *curve(run.rows, key), label=run.name)
-        _dress(axes, f"{title} (from pixels)" if looking or stages else title)
-    grid[0].legend(fontsize=8)
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with naming(out):
-        figure.savefig(out, dpi=120)
+    panels = [*(_looking_panels(runs) if looking else ()), *(_stage_panels(runs) if stages else ())]
+    told = " (from pixels)" if panels else ""
+    if any(run.rows for run in runs):
+        for key, title in _panels(facts):
+            panels.append(_panel(title + told, [curve(run.rows, key) for run in runs], runs))
+    return Figure("curves", f"Training on {facts.name}", "", panels, columns=3)
 
 
-def _draw_looking(grid: Sequence[Any], runs: Sequence[_Run]) -> None:
-    """What is earned while users with a motor layer try what is worth doing."""
-    panels = (
-        ("reward", "reward per minute"),
-        ("explore", "share of random tries"),
-        ("loss", "error of the values"),
-    )
-    for axes, (key, title) in zip(grid, panels, strict=True):
-        for run in runs:
-            _line(axes, *curve(run.looking, key), label=run.name)
-        _dress(axes, f"Trying: {title}")
+def _looking_panels(runs: Sequence[_Run]) -> list[Panel]:
+    """Value learning of users with a motor layer."""
+    titles = {
+        "reward": "reward per minute",
+        "explore": "proportion of exploratory actions",
+        "loss": "loss",
+    }
+    return [
+        _panel(f"Value learning: {title}", [curve(run.looking, key) for run in runs], runs)
+        for key, title in titles.items()
+    ]
 
 
-def _draw_stages(grid: Sequence[Any], runs: Sequence[_Run], facts: GameFacts) -> None:
+def _stage_panels(runs: Sequence[_Run]) -> list[Panel]:
     """The stages before the training from pixels: imagined rollouts, then imitation."""
+    facts = runs[0].facts
     score = next((measure for measure in facts.scalars if measure.name == facts.score), None)
     key_of_score = "rollout/ep_rew_mean" if score is None else f"rollout/{metric_key(score)}"
     label = "return" if score is None else score.heading.lower()
-    for number, run in enumerate(runs):
-        color = f"C{number % 10}"
-        for key, style, where in (("imagined", "--", "imagined"), ("played", "-", "in the app")):
-            steps, values = [], []
-            for row in run.imagined:
-                rates = row.get(key)
-                known = (
-                    [rate for rate in rates if _is_number(rate)] if isinstance(rates, list) else []
-                )
-                if known and _is_number(row.get("step")):
-                    steps.append(row["step"])
-                    values.append(sum(known) / len(known))
-            _line(grid[0], steps, values, style, color=color, label=f"{run.name}, {where}")
-        for axes, key in (
-            (grid[1], "student/imitation_error"),
-            (grid[2], key_of_score),
-        ):
-            _line(axes, *curve(run.student, key), color=color, label=run.name)
-    _dress(grid[0], f"Teacher: {label}")
-    _dress(grid[1], "Student: difference to the teacher")
-    _dress(grid[2], f"Student: {label}")
+    imagined, played = (
+        [_curve_of_means(run.imagined, key) for run in runs] for key in ("imagined", "played")
+    )
+    teacher = _panel(f"Teacher: {label} (dashed: imagined)", imagined, runs, dashed=True)
+    teacher = replace(teacher, layers=[*teacher.layers, *_lines(played, runs)])
+    return [teacher] + [
+        _panel(f"Student: {what}", [curve(run.student, key) for run in runs], runs)
+        for key, what in (
+            ("student/imitation_error", "difference to the teacher"),
+            (key_of_score, label),
+        )
+    ]
 
 
-def _line(
-    axes: Any, steps: Sequence[float], values: Sequence[float], style: str = "-", **how: Any
-) -> None:
-    marker = "o" if len(steps) < 30 else None
-    axes.plot([step / 1e6 for step in steps], values, style, marker=marker, ms=3, **how)
+def _curve_of_means(rows: Rows, key: str) -> _Curve:
+    """Return steps and the means of lists of rates."""
+    means = []
+    for row in rows:
+        rates = row.get(key)
+        known = [rate for rate in rates if _is_number(rate)] if isinstance(rates, list) else []
+        means.append({"step": row.get("step"), key: sum(known) / len(known) if known else None})
+    return curve(means, key)
 
 
-def _dress(axes: Any, title: str) -> None:
-    axes.set_title(title, fontsize=10)
-    axes.set_xlabel("user steps (million)", fontsize=8)
-    axes.grid(alpha=0.3)
-    axes.tick_params(labelsize=8)
-    axes.ticklabel_format(useOffset=False)
+def _panel(
+    title: str, curves: Sequence[_Curve], runs: Sequence[_Run], *, dashed: bool = False
+) -> Panel:
+    lines = _lines(curves, runs, dashed=dashed)
+    return Panel(title, lines, "user steps (million)", legend=True)
+
+
+def _lines(curves: Sequence[_Curve], runs: Sequence[_Run], *, dashed: bool = False) -> list[Layer]:
+    """One line per run; the points of short ones are marked."""
+    layers: list[Layer] = []
+    for number, ((steps, values), run) in enumerate(zip(curves, runs, strict=True)):
+        millions = [step / 1e6 for step in steps]
+        if len(steps) < _FEW:
+            layers.append(Points(run.name, millions, values, colour_of(number)))
+        layers.append(Line(run.name, millions, values, colour_of(number), dashed=dashed))
+    return layers

@@ -169,6 +169,26 @@ def evaluate(
     plan = _Plan.of(run, request or Request())
     if on_plan is not None:
         on_plan(Planned.of_evaluation(plan.facts, plan.conditions, plan.env.user))
+    rounds, recorder, files = _recorded(plan, simulation, on_progress)
+    summaries = plan.summaries(rounds)
+    results = plan.results.add(summaries, overwrite=plan.request.overwrite)
+    return Evaluation(
+        summaries,
+        plan.facts,
+        int(plan.settings["trained_steps"]),
+        plan.user.source,
+        [results, recorder.root, *files],
+        rounds,
+        plan.unpractised,
+        EvaluationData(recorder.root),
+        recorder.unread,
+    )
+
+
+def _recorded(
+    plan: _Plan, simulation: SimulationFactory, on_progress: Callable[[float], None]
+) -> tuple[list[RoundResult], DataRecorder, list[Path]]:
+    """Play all rounds and write tables; return them, what wrote them, and films and logs."""
     wanted, out = plan.request, plan.out
     kept = wanted.log or _logs_by_itself(plan.env)
     logs = RoundLogs(out / ("logs" if wanted.log else _PASSING_LOGS)) if kept else None
@@ -185,21 +205,9 @@ def evaluate(
             rounds = settled if wanted.log else rounds
             recorder.take_logs(settled)
         recorder.finish(rounds, plan.settings, plan.effort_weight)
-    summaries = plan.summaries(rounds)
-    files = [plan.results.add(summaries, overwrite=wanted.overwrite), recorder.root]
-    files += filmer.files if filmer else []
+    files = list(filmer.files) if filmer else []
     files += [out / "logs"] if wanted.log and logs is not None and logs.any else []
-    return Evaluation(
-        summaries,
-        plan.facts,
-        int(plan.settings["trained_steps"]),
-        plan.user.source,
-        files,
-        rounds,
-        plan.unpractised,
-        EvaluationData(recorder.root),
-        recorder.unread,
-    )
+    return rounds, recorder, files
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,11 @@ from sim2vr_harness.users.exertion import (
 
 __all__ = ["ExertionRecorder"]
 
+FloatArray = NDArray[np.float64]
+
+_TOGETHER = 256
+"""User steps whose dynamics are worked out in one go at most."""
+
 
 class ExertionRecorder:
     """Follows the arms of N users through their rounds.
@@ -42,10 +47,13 @@ class ExertionRecorder:
         strength = Strength(factor=[usual * person.strength for person in users.persons])
         self._arms = arms_of(users.body)
         models = [users.who.body(i).physics_model for i in range(n)]
-        self._dynamics = [[ArmDynamics(model, arm) for model in models] for arm in self._arms]
+        # One for all users of a model: its memory stays in the caches.
+        dynamics = {id(model): ArmDynamics(model, *self._arms) for model in models}
+        self._dynamics = [dynamics[id(model)] for model in models]
         self._nicer = [NicerMeter(n, strength) for _ in self._arms]
         self._consumed = [ConsumedEnduranceMeter(n, strength) for _ in self._arms]
-        self._velocity = users.qvel
+        self._steps: list[tuple[list[int], FloatArray, FloatArray, FloatArray]] = []
+        self._velocity, self._dt = users.qvel, users.dt
 
     def step(self, playing: NDArray[np.bool_]) -> None:
         """Add the step that the users have taken.
@@ -53,26 +61,35 @@ class ExertionRecorder:
         Args:
             playing: (N,) whose round goes on; what becomes of the others does not matter.
         """
-        if self._users is None:
+        if self._users is None or not self._arms:
             return
-        users, dt = self._users, self._users.dt
-        qpos, qvel = users.qpos, users.qvel
-        qacc = (qvel - self._velocity) / dt
+        qpos, qvel = self._users.qpos, self._users.qvel
+        qacc = (qvel - self._velocity) / self._dt
         self._velocity = qvel
-        for dynamics, nicer, consumed in zip(
-            self._dynamics, self._nicer, self._consumed, strict=True
-        ):
-            moments = np.zeros((users.n, 18))
-            for i in np.flatnonzero(playing).tolist():
-                moments[i] = dynamics[i].moment(qpos[i], qvel[i], qacc[i])
-            torque, shoulder, elbow = arm_loads(moments)
-            nicer.update(torque, shoulder, elbow, dt)
-            consumed.update(torque, dt)
+        self._steps.append((np.flatnonzero(playing).tolist(), qpos, qvel, qacc))
+        if len(self._steps) == _TOGETHER:
+            self._update()
+
+    def _update(self) -> None:
+        """Add the steps since the last call, together: code and model stay in the caches."""
+        if not self._steps:
+            return
+        moments = np.zeros((len(self._steps), len(self._velocity), len(self._arms), 18))
+        for own, (ids, *motion) in zip(moments, self._steps, strict=True):
+            for i in ids:
+                own[i] = self._dynamics[i].moments(*(each[i] for each in motion))
+        self._steps.clear()
+        loads = np.stack(arm_loads(moments))
+        for arm, (nicer, consumed) in enumerate(zip(self._nicer, self._consumed, strict=True)):
+            torque, shoulder, elbow = loads[..., arm]
+            nicer.update(torque, shoulder, elbow, self._dt)
+            consumed.update(torque, self._dt)
 
     def values(self, i: int) -> dict[str, float | None]:
         """Return the ``ARM_MEASURES`` of user i's round so far."""
         found: dict[str, float | None] = {measure.name: None for measure in ARM_MEASURES}
         if self._users is not None:
+            self._update()
             for arm, nicer, consumed in zip(self._arms, self._nicer, self._consumed, strict=True):
                 found[f"exertion.nicer_{arm.side}"] = float(nicer.value[i])
                 found[f"exertion.consumed_endurance_{arm.side}"] = float(consumed.value[i])

@@ -1,4 +1,4 @@
-"""What is measured of a round, and how rounds are summarised.
+"""Measures of a round, and summaries over rounds.
 
 A game publishes its own measures (:class:`~sim2vr_harness.client.GameFacts`); those of the player
 are the same in every game (:data:`PLAYER_MEASURES`).
@@ -7,8 +7,9 @@ are the same in every game (:data:`PLAYER_MEASURES`).
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,8 @@ from sim2vr_harness.evaluation.fatigue import fatigue_measures
 __all__ = [
     "ARM_MEASURES",
     "PLAYER_MEASURES",
+    "PlayedRound",
+    "PlayerMeasure",
     "RoundResult",
     "measures_of",
     "round_result",
@@ -33,50 +36,88 @@ _EXERTION = {
     ),
 }
 
-ARM_MEASURES = tuple(
-    Measure(
-        f"exertion.{name}_{side}",
+
+@dataclass(frozen=True)
+class PlayedRound:
+    """What measures of the player are made of.
+
+    Attributes:
+        info: The last step's info.
+        game_return: Sum of the game's rewards.
+        effort: Sum of the costs of effort.
+        action_change: Mean absolute difference of successive actions, if known.
+        exertion: By the names of :data:`ARM_MEASURES`, if known.
+    """
+
+    info: Mapping[str, Any]
+    game_return: float
+    effort: float
+    action_change: float | None
+    exertion: Mapping[str, float | None]
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlayerMeasure(Measure):
+    """A number of the player, in every game.
+
+    Attributes:
+        of: The number of a round; None where it has none.
+    """
+
+    of: Callable[[PlayedRound], float | None]
+
+
+def _arm_measure(name: str, side: str) -> PlayerMeasure:
+    label, description = _EXERTION[name]
+    key = f"exertion.{name}_{side}"
+    return PlayerMeasure(
+        key,
         f"{label}, {side}",
         unit="%",
         better="lower",
         description=description,
+        of=lambda played: played.exertion.get(key),
     )
-    for name, (label, description) in _EXERTION.items()
-    for side in ("right", "left")
-)
+
+
+ARM_MEASURES = tuple(_arm_measure(name, side) for name in _EXERTION for side in ("right", "left"))
 """At the end of a round; 100 is exhaustion. A body without that arm has none."""
 
 PLAYER_MEASURES = (
-    Measure(
+    PlayerMeasure(
         "max_fatigued",
         "Muscle fatigue",
         unit="proportion",
         better="lower",
         digits=3,
         description="Tired share of a muscle's motor units at its worst, mean of all",
+        of=lambda played: played.info.get("max_fatigued"),
     ),
     *ARM_MEASURES,
-    Measure(
+    PlayerMeasure(
         "action_change",
         "Jerkiness",
         unit="0-2",
         better="lower",
         digits=3,
         description="Mean change from one muscle command to the next; 0: smooth",
+        of=attrgetter("action_change"),
     ),
-    Measure(
+    PlayerMeasure(
         "effort",
         "Effort cost",
         unit="reward",
         better="lower",
         description="What the effort model takes off the reward in a round",
+        of=attrgetter("effort"),
     ),
-    Measure("game_return", "Game's reward", better="higher"),
-    Measure(
+    PlayerMeasure("game_return", "Game's reward", better="higher", of=attrgetter("game_return")),
+    PlayerMeasure(
         "return",
         "Return",
         better="higher",
         description="Game's reward minus effort cost; what the user was trained for",
+        of=lambda played: played.game_return - played.effort,
     ),
 )
 """The numbers that a round has in every game, in the order of the tables.
@@ -172,25 +213,13 @@ def round_result(
 
     Args:
         facts: What the game publishes.
-        game_return: Sum of the game's rewards.
-        effort: Sum of the costs of effort.
-        action_change: Mean absolute difference of successive actions, if known.
         fatigue: Largest share of fatigued motor units by measure, where a model of fatigue runs.
         fatigue_parts: Which of them are of a body part.
-        exertion: The :data:`ARM_MEASURES`, if known.
-        info: The last step's info.
+        game_return, effort, action_change, exertion, info: As of :class:`PlayedRound`.
     """
-    values: dict[str, float | None] = {
-        **{measure.name: measure.value(log) for measure in facts.with_log(log).scalars},
-        "max_fatigued": info.get("max_fatigued"),
-        **{measure.name: (exertion or {}).get(measure.name) for measure in ARM_MEASURES},
-        "action_change": action_change,
-        "effort": effort,
-        "game_return": game_return,
-        "return": game_return - effort,
-        **(fatigue or {}),
-    }
+    played = PlayedRound(info, game_return, effort, action_change, exertion or {})
     ended = str(info.get("termination", "unknown"))
+    values = _values(facts, log, played) | dict(fatigue or {})
     if ended == "app_failed":
         values = dict.fromkeys(values)
     return RoundResult(
@@ -205,6 +234,14 @@ def round_result(
         person=None if person is None else dict(person),
         fatigue_parts=tuple(fatigue_parts),
     )
+
+
+def _values(
+    facts: GameFacts, log: Mapping[str, float], played: PlayedRound
+) -> dict[str, float | None]:
+    """Return the numbers of :func:`measures_of`."""
+    of_game = {measure.name: measure.value(log) for measure in facts.with_log(log).scalars}
+    return of_game | {measure.name: measure.of(played) for measure in PLAYER_MEASURES}
 
 
 def summarise(rounds: Sequence[RoundResult], facts: GameFacts) -> dict[str, Any]:

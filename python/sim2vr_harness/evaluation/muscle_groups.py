@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +14,14 @@ from sim2vr_harness.envs.config import UserConfig, body_of
 from sim2vr_harness.evaluation.fatigue import FATIGUE, PARTS, SIDES, split_side
 from sim2vr_harness.users import Body, UserBatch
 
-__all__ = ["FatigueGroups", "fatigue_groups", "fatigue_names", "groups_of", "worst_of"]
+__all__ = [
+    "FatigueGroups",
+    "fatigue_groups",
+    "fatigue_names",
+    "groups_of",
+    "muscles_by_part",
+    "worst_of",
+]
 
 _TIRING = "cumulative_fatigue_3ccr"
 """The effort model with motor units that tire."""
@@ -56,8 +63,23 @@ class FatigueGroups:
 
 
 def fatigue_groups(body: Body) -> FatigueGroups:
-    """Return what tires of a body, grouped by the joints that each muscle has a moment arm at."""
+    """Return what tires of a body, grouped by :func:`muscles_by_part`."""
     muscles = (*body.muscles, *body.effort_inputs.loads)
+    parts = muscles_by_part(body, muscles)
+    return FatigueGroups(muscles, {part: parts[part] for part in parts if part not in muscles})
+
+
+def muscles_by_part(body: Body, muscles: Sequence[str]) -> dict[str, NDArray[np.int64]]:
+    """Group muscles and motors by the joints that each has a moment arm at.
+
+    Args:
+        body: Has them all.
+        muscles: Names of L muscles or motors.
+
+    Returns:
+        Body part -> (K,) indices of what crosses one of its joints; a muscle may be in several.
+        Where there are two sides, a part of both comes with ``PART_r`` and ``PART_l``.
+    """
     parts: dict[str, set[int]] = {}
     crossed = _moment_arms(body, muscles) > _LEAST_ARM_M
     joints = [split_side(joint) for joint in body.independent_joints]
@@ -66,14 +88,7 @@ def fatigue_groups(body: Body) -> FatigueGroups:
         part = PARTS.get(stem, stem)
         for name in (part, f"{part}{side}") if both and side else (part,):
             parts.setdefault(name, set()).update(np.flatnonzero(column).tolist())
-    return FatigueGroups(
-        muscles,
-        {
-            name: np.array(sorted(members))
-            for name, members in parts.items()
-            if members and name not in muscles
-        },
-    )
+    return {name: np.array(sorted(members)) for name, members in parts.items() if members}
 
 
 def fatigue_names(user: UserConfig) -> tuple[str, ...]:
@@ -95,7 +110,7 @@ def groups_of(simulation: Any) -> FatigueGroups | None:
     return fatigue_groups(users.body)
 
 
-def _moment_arms(body: Body, muscles: tuple[str, ...]) -> NDArray[np.float64]:
+def _moment_arms(body: Body, muscles: Sequence[str]) -> NDArray[np.float64]:
     """(L, J) the largest moment arms at independent joints, couplings included; m."""
     model = body.physics_model
     data = mujoco.MjData(model)

@@ -62,16 +62,9 @@ def pack_measured(
     _check_seeds(users)
     for each, user in zip((run, *other_seeds), users, strict=True):
         require_trust(user.config.env, each, trust=trust_app)
+    request = Request(conditions=conditions, episodes=episodes, steps=False, trust_app=True)
     with TemporaryDirectory() as scratch:
-        request = Request(conditions=conditions, episodes=episodes, steps=False, trust_app=True)
-        cards, facts = {}, GameFacts("")
-        for number, user in enumerate(users):
-
-            def advance(share: float, done: int = number) -> None:
-                on_progress((done + share) / len(users))
-
-            card, facts = _packed(user, Path(scratch), name, details, request, advance)
-            cards[user.config.seed] = card
+        cards, facts = _cards(users, Path(scratch), name, details, request, on_progress)
         seeds = sorted(cards, key=lambda seed: _mean_score(cards[seed], facts.score or "return"))
         middle = seeds[(len(seeds) - 1) // 2]
         card = cards[middle]
@@ -81,6 +74,25 @@ def pack_measured(
         write_atomically(Path(scratch) / str(middle) / "card.json", text.encode())
         shutil.copytree(Path(scratch) / str(middle), folder, dirs_exist_ok=True)
     return card
+
+
+def _cards(
+    users: Sequence[TrainedUser],
+    scratch: Path,
+    name: str,
+    details: Mapping[str, Any],
+    request: Request,
+    on_progress: Callable[[float], None],
+) -> tuple[dict[int, dict[str, Any]], GameFacts]:
+    """Pack users into folders named after their seeds; return seed -> card, and the game."""
+    cards, facts = {}, GameFacts("")
+    for number, user in enumerate(users):
+
+        def advance(share: float, done: int = number) -> None:
+            on_progress((done + share) / len(users))
+
+        cards[user.config.seed], facts = _packed(user, scratch, name, details, request, advance)
+    return cards, facts
 
 
 def _packed(

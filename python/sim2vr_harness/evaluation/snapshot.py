@@ -16,10 +16,10 @@ from sim2vr_harness.base.files import naming
 from sim2vr_harness.envs.config import AppConfig, EnvConfig, VisionConfig
 from sim2vr_harness.envs.games import game_facts, with_condition, with_game, with_task
 from sim2vr_harness.evaluation.environment import evaluation_env, make_simulation
-from sim2vr_harness.evaluation.first_look import act_of
 from sim2vr_harness.evaluation.scene_images import BodyPainter, compose, score_text
 from sim2vr_harness.policies.protocol import Act, episode_of
 from sim2vr_harness.policies.registry import load_policy
+from sim2vr_harness.policies.scripted import scripted_policy, with_inputs
 from sim2vr_harness.policies.store import TrainedUser, find_user, require_contract
 from sim2vr_harness.runs.config import TrainingConfig
 
@@ -70,7 +70,8 @@ def snapshot(
         seed: Seed of the round.
         game: The game; None takes the run's, or that of a default environment.
         run: A trained user to play; None lets the user act at random, gently.
-        baseline: The baseline that plays: ``still``, ``random`` or ``reach NAME``.
+        baseline: The user without training that plays, of
+            :data:`~sim2vr_harness.policies.scripted.USERS`.
         app: Settings that replace those of ``env.app``, for example a page.
         overrides: ``env.KEY=VALUE``, what else is different.
         trust_app: Whether the app that the run names may be started, though this user never has.
@@ -85,9 +86,13 @@ def snapshot(
     facts = game_facts(config.app)
     shown = condition or facts.condition_of(config.app.options)
     config = with_condition(config, condition)
+    if baseline is not None:
+        config = with_inputs(config, baseline)
     with closing(simulation(config, 1)) as users:
         users.reset(seeds=[seed])
-        act = _act_of(user, users) if baseline is None else act_of(baseline, users)
+        act = _act_of(user, users)
+        if baseline is not None:
+            act = episode_of(scripted_policy(baseline, users))
         log, total, moves = _play(users, act, seconds, seed)
         pictures = _draw(users, size)
     if "headset" not in pictures:

@@ -1,4 +1,4 @@
-"""What an evaluation asks of a user that its training never did."""
+"""Settings of an evaluation that lie outside the training distribution."""
 
 from __future__ import annotations
 

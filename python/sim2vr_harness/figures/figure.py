@@ -1,4 +1,4 @@
-"""What a report draws, in plain terms: panels of a few kinds of layers.
+"""Figures as plain data: panels of a few kinds of layers.
 
 A panel is drawn twice: by Plotly in the page (:mod:`interactive`) and by Matplotlib into PNG and
 PDF (:mod:`stills`). Both know these layers and nothing of games or muscles.
@@ -8,6 +8,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
 
 __all__ = [
     "COLOURS",
@@ -19,6 +23,7 @@ __all__ = [
     "Heat",
     "Layer",
     "Line",
+    "Numbers",
     "Panel",
     "Path",
     "Points",
@@ -39,7 +44,7 @@ INK = "#444444"
 GREY = "#9aa0a6"
 """Of people, and of what is there to compare with."""
 
-Numbers = Sequence[float | None]
+Numbers = Sequence[float | None] | NDArray[np.floating[Any]]
 
 
 def colour_of(index: int) -> str:
@@ -105,7 +110,7 @@ class Ranges:
 
 @dataclass(frozen=True)
 class Bars:
-    """Bars upon categories; those of one panel are put on each other or side by side."""
+    """Bars upon categories; those of one panel are stacked or grouped."""
 
     name: str
     x: Sequence[str]
@@ -207,9 +212,13 @@ class Figure:
         title: A heading.
         caption: What is to be seen, and how it was worked out.
         panels: At least one.
+        columns: Panels beside each other in a still picture; 0: as fits their number.
+        same_axes: Whether the panels of a still picture have the same limits.
     """
 
     key: str
     title: str
     caption: str
     panels: Sequence[Panel] = field(default_factory=tuple)
+    columns: int = 0
+    same_axes: bool = False

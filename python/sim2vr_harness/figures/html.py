@@ -11,6 +11,8 @@ from typing import Any
 
 from sim2vr_harness.base.files import naming
 from sim2vr_harness.base.optional import needed
+from sim2vr_harness.figures.figure import Panel
+from sim2vr_harness.figures.plotly_backend import plotly_of
 
 __all__ = ["embedded_json", "plotly_code", "save_page", "table"]
 
@@ -60,13 +62,15 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]], bad: Sequence[in
     return f'<div class="wide"><table><tr>{head}</tr>{body}</table></div>'
 
 
-def save_page(file: Path, title: str, parts: Sequence[str | Any], option: str = "--out") -> Path:
+def save_page(
+    file: Path, title: str, parts: Sequence[str | Panel | Any], option: str = "--out"
+) -> Path:
     """Write a page.
 
     Args:
         file: The HTML file.
         title: Of the page.
-        parts: From top to bottom: HTML, or Plotly's figures, which fill the width.
+        parts: From top to bottom: HTML, panels, or Plotly's figures; both fill the width.
         option: What the user requested, for the message when Plotly is missing.
 
     Raises:
@@ -80,7 +84,8 @@ def save_page(file: Path, title: str, parts: Sequence[str | Any], option: str = 
         if not drawn:
             body += f"<script>{plotly_code(option)}</script>"
         drawn += 1
-        figure = json.loads(part.to_json()) | {"config": {"responsive": True, "displaylogo": False}}
+        figure = _panel(part) if isinstance(part, Panel) else json.loads(part.to_json())
+        figure |= {"config": {"responsive": True, "displaylogo": False}}
         draw = f'Plotly.newPlot("figure{drawn}",{embedded_json(figure)})'
         body += f'<div class="figure" id="figure{drawn}"></div><script>{draw}</script>'
     page = (
@@ -92,3 +97,11 @@ def save_page(file: Path, title: str, parts: Sequence[str | Any], option: str = 
     with naming(file):
         file.write_text(page, encoding="utf-8")
     return file
+
+
+def _panel(panel: Panel) -> dict[str, Any]:
+    """A panel with its title and legend, for Plotly."""
+    found = plotly_of(panel)
+    layout = found["layout"] | {"title": {"text": panel.title}, "showlegend": panel.legend}
+    layout["margin"] |= {"t": 50}
+    return {"data": found["data"], "layout": layout}

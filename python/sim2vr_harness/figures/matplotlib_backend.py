@@ -28,8 +28,13 @@ from sim2vr_harness.figures.figure import (
 
 __all__ = ["PRINT", "write_figure", "write_stills"]
 
-PRINT: Any = {"pdf.fonttype": 42, "ps.fonttype": 42, "font.size": 8}
-"""Matplotlib's settings: fonts that publishers accept (TrueType), and their size."""
+PRINT: Any = {
+    "pdf.fonttype": 42,
+    "ps.fonttype": 42,
+    "font.size": 8,
+    "axes.formatter.useoffset": False,
+}
+"""Matplotlib's settings: fonts that publishers accept (TrueType), and numbers as they are."""
 _COLUMN_INCHES, _PAGE_INCHES = 3.5, 7.2
 """Widths of one and of two columns of a paper."""
 _PANEL_INCHES = 2.5
@@ -88,7 +93,9 @@ def _drawn(figure: Figure) -> Any:
 
     panels = figure.panels
     most = max(len(_categories(panel)) for panel in panels)
-    columns = 1 if len(panels) == 1 or most > 2 * _ROOMY else 2 if len(panels) < 5 else 3
+    columns = figure.columns
+    if not columns:
+        columns = 1 if len(panels) == 1 or most > 2 * _ROOMY else 2 if len(panels) < 5 else 3
     lines = -(-len(panels) // columns)
     wide = panels[0].wide and not panels[0].in_space
     alone = len(panels) == 1 and not (wide or most > _ROOMY)
@@ -103,7 +110,9 @@ def _drawn(figure: Figure) -> Any:
     FigureCanvasAgg(canvas)
     grid = canvas.add_gridspec(lines, columns, height_ratios=heights)
     for index, panel in enumerate(panels):
-        kind = {"projection": "3d"} if panel.in_space else {}
+        kind: dict[str, Any] = {"projection": "3d"} if panel.in_space else {}
+        if figure.same_axes and index:
+            kind |= {"sharex": canvas.axes[0], "sharey": canvas.axes[0]}
         axes = canvas.add_subplot(grid[index // columns, index % columns], **kind)
         _draw(axes, panel, width / columns)
     _add_legends(canvas, panels, width)
@@ -184,27 +193,37 @@ def _draw(axes: Any, panel: Panel, width: float) -> None:
     labels = (panel.y_label, panel.x_label) if flipped else (panel.x_label, panel.y_label)
     axes.set_xlabel(labels[0])
     axes.set_ylabel(labels[1])
+    _name_categories(axes, panel, flipped, width)
+    if panel.sideways:
+        axes.invert_yaxis()
+    if panel.y_range is not None:
+        _limit(axes, panel.y_range, flipped)
+    if panel.square:
+        axes.set_aspect("equal", adjustable="datalim")
+
+
+def _name_categories(axes: Any, panel: Panel, flipped: bool, width: float) -> None:
     names = _categories(panel)
     if flipped:
         axes.set_yticks(range(len(names)), names)
         axes.set_ylim(len(names) - 0.4, -0.6)
+    elif panel.crowded:
+        axes.set_xticks(range(len(names)), names, rotation=90)
     elif names:
         letters = max(5, int(0.8 * width / len(names) / _LETTER_INCHES))
         axes.set_xticks(range(len(names)), [fill(name, letters) for name in names])
         if panel.ticks is not None:
             axes.set_xlim(-0.6, len(names) - 0.4)
-    if panel.sideways:
-        axes.invert_yaxis()
-    if panel.y_range is not None:
-        # No datum and no whisker outside is cut off.
-        low, high = axes.dataLim.intervalx if flipped else axes.dataLim.intervaly
-        room = 0.04 * (high - low)
-        first, last = panel.y_range
-        ends = {"left" if flipped else "bottom": low - room if low < first else first}
-        ends["right" if flipped else "top"] = high + room if high > last else last
-        (axes.set_xlim if flipped else axes.set_ylim)(**ends)
-    if panel.square:
-        axes.set_aspect("equal", adjustable="datalim")
+
+
+def _limit(axes: Any, y_range: tuple[float, float], flipped: bool) -> None:
+    """Show this range, and every datum and whisker outside."""
+    low, high = axes.dataLim.intervalx if flipped else axes.dataLim.intervaly
+    room = 0.04 * (high - low)
+    first, last = y_range
+    ends = {"left" if flipped else "bottom": low - room if low < first else first}
+    ends["right" if flipped else "top"] = high + room if high > last else last
+    (axes.set_xlim if flipped else axes.set_ylim)(**ends)
 
 
 def _handles(axes: Any, panel: Panel) -> dict[str, Any]:
@@ -219,7 +238,9 @@ def _handles(axes: Any, panel: Panel) -> dict[str, Any]:
     for key, layer in keyed.items():
         grey = replace(layer, colour=INK) if not isinstance(layer, Line) else layer
         _draw_flat(axes, _emptied(grey, key), False)
-    found = dict(zip(*reversed(axes.get_legend_handles_labels()), strict=True))
+    found: dict[str, Any] = {}
+    for handle, name in zip(*axes.get_legend_handles_labels(), strict=True):
+        found.setdefault(name, handle)
     if panel.legend:
         return found
     ranges = [layer.name for layer in panel.layers if isinstance(layer, Ranges)]
@@ -293,7 +314,7 @@ def _draw_bars(
     index: int,
     count: int,
 ) -> None:
-    """Bars upon each other (gains up, losses down), or side by side."""
+    """Draw stacked bars (gains up, losses down), or grouped bars."""
     values = np.nan_to_num(_array(layer.y))
     if stacked:
         below = [

@@ -1,8 +1,8 @@
-"""What Python knows of a game: its differentiable model for imagined rollouts, and its curriculum.
+"""Game-specific Python code: differentiable game models for imagined rollouts, and curricula.
 
-A game needs nothing here to be trained, evaluated or filmed. One that the fast recipe shall learn
-(``recipe: distill``) has a room of its own, found by its name; nothing else in the harness names a
-game. Residents implement :class:`~sim2vr_harness.games.imagined.ImaginedGame`.
+A game needs nothing here to be trained, evaluated or rendered. A game for ``recipe: distill`` has a
+package here, found by its name; no other module of the harness names a game. Each package
+implements :class:`~sim2vr_harness.games.imagined.ImaginedGame`.
 """
 
 from sim2vr_harness.games.imagined import ImaginedCondition, ImaginedGame, ImaginedRounds

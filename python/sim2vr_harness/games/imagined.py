@@ -134,9 +134,9 @@ class ImaginedGame(Protocol):
             tool in its hand is.
         facts: pattern of the privileged numbers, 0 or 1, that the picture shows: a student's
             image features learn to name them.
-        glances: things that are worth looking at, the first ones first, by the beginning of their
-            privileged numbers: NAME.present, and NAME.x_m, NAME.y_m and NAME.z_m from the head in
-            the app's frame. A student may learn to look at them (``policy.attention_crops``).
+        attention_targets: objects for attention crops, the first ones first, by the beginning of
+            their privileged numbers: NAME.present, and NAME.x_m, NAME.y_m and NAME.z_m from the
+            head in the app's frame. A student may learn to find them (``policy.attention_crops``).
         start_fields: the privileged numbers that say how far the tool is from the nearest good
             start of an action, m, and for which cell; None: rounds start where they start.
         on_gpu: whether imagined rounds can run on a GPU: a user step reads no tensor's values.
@@ -153,7 +153,7 @@ class ImaginedGame(Protocol):
     hidden_fields: tuple[str, ...]
     felt_fields: tuple[str, ...]
     facts: str
-    glances: tuple[str, ...]
+    attention_targets: tuple[str, ...]
     start_fields: tuple[str, str] | None
     on_gpu: bool
     start_limits: Mapping[str, tuple[float, float]]

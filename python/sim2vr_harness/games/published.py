@@ -1,4 +1,4 @@
-"""What is known of people and of others' users in a game, for reports to put beside ours.
+"""Published results of people and of other authors' users, for comparison in reports.
 
 ``published.yaml`` in a game's room says it; ``people.csv`` beside it has a row per person and
 condition with the game's measures.

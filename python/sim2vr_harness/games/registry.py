@@ -1,4 +1,4 @@
-"""Which games have a room here."""
+"""Registry of the games that have a package here."""
 
 from __future__ import annotations
 

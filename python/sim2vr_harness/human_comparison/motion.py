@@ -1,4 +1,4 @@
-"""What is measured of a round's movements, whatever they were for."""
+"""Measures of a round's movements, independent of their targets."""
 
 from __future__ import annotations
 

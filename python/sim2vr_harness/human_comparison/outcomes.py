@@ -1,4 +1,4 @@
-"""What is measured of a round's events alone, and which of several targets is taken."""
+"""Measures of a round's events, and of the choice among several targets."""
 
 from __future__ import annotations
 

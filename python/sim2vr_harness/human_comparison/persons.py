@@ -1,4 +1,4 @@
-"""What a person does in a condition: of each of its rounds, then over them."""
+"""Measures of a person in a condition: per round, then over its rounds."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""What is measured of a target that comes up alone: when the user reacts, and when it strikes.
+"""Reaction and movement times to a target that appears alone.
 
-Times are counted from the spawn, on a grid that starts there, so that 20 Hz frames are on it.
+Times are counted from the spawn, on a grid that starts there and contains the 20 Hz frames.
 """
 
 from __future__ import annotations

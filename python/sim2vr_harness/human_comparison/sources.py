@@ -1,4 +1,4 @@
-"""Where rounds come from: recordings, folders of logs, evaluations, and users who play now."""
+"""Sources of rounds: recordings, folders of logs, evaluations, and new episodes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is measured of the tool around every hit, and from hit to hit."""
+"""Measures of the tool's motion around every hit and between hits."""
 
 from __future__ import annotations
 

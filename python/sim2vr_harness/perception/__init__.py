@@ -1,6 +1,6 @@
-"""What the simulated user perceives: a list of senses, and what can be wrapped around them.
+"""Senses of the simulated user, and the wrappers around them.
 
-:data:`SENSES` and :data:`WRAPPERS` list what there is (``docs/reference/senses.md``).
+:data:`SENSES` and :data:`WRAPPERS` list them (``docs/reference/senses.md``).
 """
 
 from sim2vr_harness.perception.foveation import Foveation

@@ -86,4 +86,4 @@ class Proprioception:
             (batch.act - 0.5) * 2.0,
             (batch.motor - 0.5) * 2.0,
         )
-        return np.concatenate(parts, axis=1, dtype=np.float32, casting="same_kind")
+        return np.concatenate(parts, axis=1, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""What a sense is: it takes in moments of its users' lives, and says what they perceive."""
+"""Interface of senses: each receives simulation states and returns an observation."""
 
 from __future__ import annotations
 

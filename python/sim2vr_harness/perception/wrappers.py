@@ -1,4 +1,4 @@
-"""What can be done to any sense: delay it, disturb it, remember how it was."""
+"""Wrappers of senses: delay, noise, history and stacking."""
 
 from __future__ import annotations
 

@@ -1,10 +1,9 @@
-"""Glimpses: small cut-outs of the pictures where something is that is worth looking at.
+"""Attention crops: small cut-outs of the pictures around objects that matter for the task.
 
-A flat layer behind convolutions learns what a thing looks like anew for every place of a picture;
-what is cut out around the thing looks alike wherever it is. People look where the next box comes
-from; so does this network. A locator, which the student stage teaches where in the picture the
-things are that the teacher knows of (as the recurrent attention of Mnih et al. 2014, but told where
-to look), says where; after that stage it stays as it is.
+A flat layer behind convolutions has to learn an object's look for every place of a picture; a crop
+around the object looks alike at any place. A locator predicts the objects' places. It is the
+attention of Mnih et al. (2014) with supervision: the student stage trains it on the places that the
+teacher observes. After that stage its weights are fixed.
 """
 
 from __future__ import annotations
@@ -32,7 +31,7 @@ _ENCODER = (16, 32, 48)
 
 
 class AttentionCrops(nn.Module):
-    """Where to look, and what is there.
+    """A locator of objects in the picture, and encoders of the crops around them.
 
     Places are in units of the wide picture's half height from its middle, right and up: at a
     vertical angle of 90 degrees tangents of angles from straight ahead.
@@ -67,10 +66,10 @@ class AttentionCrops(nn.Module):
         self.linear = nn.Linear(flat, self.features)
         self.teach(False)
         self.outputs = config.count * (self.features + 3)
-        """Features in all: of each glimpse what it shows, its place, and how sure it is."""
+        """Number of features: of each crop its content, its place and the locator's confidence."""
 
     def parted(self, features: Tensor) -> Tensor:
-        """(B, G, features) what the glimpses show, of features that begin with all of theirs."""
+        """(B, G, features) the crops' contents, of features that begin with all of theirs."""
         each = features[:, : self.outputs].view(-1, self.count, self.features + 3)
         return each[..., : self.features]
 

@@ -1,4 +1,4 @@
-"""What PPO asks of a policy beyond Stable-Baselines3."""
+"""Interface of policies for PPO, beyond Stable-Baselines3's."""
 
 from __future__ import annotations
 

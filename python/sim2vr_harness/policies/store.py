@@ -1,7 +1,8 @@
 """Trained users: of a run's folder, or packed small enough to ship with the package.
 
 A packed user is a folder with ``card.json`` (who it is, what it was measured to do),
-``config.yaml`` (how it was trained) and ``policy.pt`` (weights as binary16, read without pickle).
+``config.yaml`` (how it was trained) and ``policy.pt``, read without pickle: large matrices as bytes
+with a scale per row, all other weights as binary16.
 """
 
 from __future__ import annotations
@@ -40,7 +41,7 @@ from sim2vr_harness.runs.config import (
     read_mapping,
     to_yaml,
 )
-from sim2vr_harness.runs.migration import renamed
+from sim2vr_harness.runs.migration import renamed, with_new_tensor_names
 from sim2vr_harness.runs.run_folder import RunFolder, write_atomically
 from sim2vr_harness.users.bodies import foreign_package
 
@@ -212,7 +213,7 @@ def open_packed(folder: Path, *, evaluation_dir: Path | None = None) -> TrainedU
         evaluation_dir=evaluation_dir or folder / "evaluation",
         load=partial(_load_packed, folder / _WEIGHTS, steps),
     )
-    if foreign_package(config.env.user.model) is None:  # else whoever plays asks first
+    if foreign_package(config.env.user.model) is None:  # else the player asks first
         require_contract(user, config.env)
     return user
 
@@ -232,7 +233,7 @@ def require_contract(user: TrainedUser, env: EnvConfig) -> None:
 
 
 def _load_packed(file: Path, steps: int, policy: nn.Module) -> int:
-    weights = read_tensors(file, "weights of this network")
+    weights = with_new_tensor_names(read_tensors(file, "weights of this network"))
     try:
         first = _first_names(policy)
         chosen = {
@@ -247,9 +248,35 @@ def _load_packed(file: Path, steps: int, policy: nn.Module) -> int:
     return steps
 
 
+_LARGE = 2**15
+"""Entries of a matrix from which on it is packed as bytes; nearly all of a network's memory."""
+
+
+def _as_bytes(weight: torch.Tensor) -> torch.Tensor | tuple[torch.Tensor, torch.Tensor]:
+    """Return a weight as it is packed: binary16, or int8 and the float32 scale of every row."""
+    if weight.dim() < 2 or weight.numel() < _LARGE:
+        return weight.half()
+    rows = weight.flatten(1).abs().amax(1) / 127.0
+    scale = rows.clamp_min(torch.finfo(torch.float32).tiny).view(-1, *[1] * (weight.dim() - 1))
+    return torch.round(weight / scale).to(torch.int8).contiguous(), scale
+
+
+def _of_bytes(packed: object) -> object:
+    """Return what :func:`_as_bytes` packed; anything else as it is."""
+    if not isinstance(packed, tuple) or len(packed) != 2:
+        return packed
+    levels, scale = packed
+    if not (isinstance(levels, torch.Tensor) and isinstance(scale, torch.Tensor)):
+        return packed
+    rows = (len(levels), *[1] * (levels.dim() - 1)) if levels.dim() else ()
+    if levels.dtype != torch.int8 or scale.dtype != torch.float32 or scale.shape != rows:
+        return packed
+    return levels.float() * scale
+
+
 def _weight(weights: Mapping[str, Any], name: str, own: torch.Tensor) -> torch.Tensor:
     """Return the network's weight of that name out of a file; ValueError if it is none."""
-    value = weights.get(name)
+    value = _of_bytes(weights.get(name))
     wanted = f"expected real numbers of shape {' x '.join(map(str, own.shape)) or '1'}"
     if not isinstance(value, torch.Tensor):
         raise ValueError(f"{name}: got {shown(value, 40)}, {wanted}")
@@ -271,7 +298,7 @@ def _first_names(policy: nn.Module) -> dict[str, str]:
 def pack(
     user: TrainedUser, policy: nn.Module, folder: Path, name: str, details: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Write a trained user into ``folder``; its weights are rounded to binary16.
+    """Write a trained user into ``folder``; its weights are rounded, large matrices to bytes.
 
     Measure what was packed, not what it was packed from: the rounding is small, but it is there.
 
@@ -290,8 +317,8 @@ def pack(
     """
     steps = user.load(policy)
     state, kept = policy.state_dict(), set(_first_names(policy).values())
-    weights = {key: state[key].detach().cpu().half() for key in state if key in kept}
-    too_large = first_not_finite(weights)
+    weights = {key: state[key].detach().cpu() for key in state if key in kept}
+    too_large = first_not_finite({key: weight.half() for key, weight in weights.items()})
     if too_large is not None:
         raise InputError("RUN", f"{too_large} above 65504", "weights that binary16 can hold")
     terms = contract(user.config.env)
@@ -304,7 +331,7 @@ def pack(
         "sim2vr_harness": __version__,
         "packed": datetime.now(UTC).date().isoformat(),
     }
-    write_tensors(folder / _WEIGHTS, weights)
+    write_tensors(folder / _WEIGHTS, {key: _as_bytes(value) for key, value in weights.items()})
     write_atomically(folder / _CONFIG, to_yaml(user.config).encode())
     write_atomically(folder / _CARD, (json.dumps(card, indent=2) + "\n").encode())
     return card

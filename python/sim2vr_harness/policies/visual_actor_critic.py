@@ -111,7 +111,7 @@ class Scaling(nn.Module):
 
 
 class UserFeatures(BaseFeaturesExtractor):
-    """Encoders side by side: pictures, proprioception, and everything else as it is.
+    """Parallel encoders: pictures, proprioception, and everything else as it is.
 
     Args:
         observation_space: A dictionary of boxes; pictures and ``proprioception`` have encoders.
@@ -130,11 +130,11 @@ class UserFeatures(BaseFeaturesExtractor):
             for key in names
         }
         dtype = getattr(torch, config.vision_precision)
-        glimpses = None
+        crops = None
         if config.attention_crops is not None:
             shapes = {key: observation_space[key].shape or () for key in images}
-            glimpses = AttentionCrops(shapes, config.attention_crops, dtype)
-        looked = 0 if glimpses is None else glimpses.outputs
+            crops = AttentionCrops(shapes, config.attention_crops, dtype)
+        looked = 0 if crops is None else crops.outputs
         super().__init__(observation_space, features_dim=sum(sizes.values()) + looked)
         encoders: dict[str, nn.Module] = {}
         for key in names:
@@ -150,7 +150,7 @@ class UserFeatures(BaseFeaturesExtractor):
                 encoders[key] = nn.Flatten()
         self.encoders = nn.ModuleDict(encoders)
         self._images = frozenset(images)
-        self.glimpses = glimpses
+        self.attention_crops = crops
         self.picture_features = looked + len(images) * config.vision_features
         """The first so many features are those of pictures."""
 
@@ -168,9 +168,9 @@ class UserFeatures(BaseFeaturesExtractor):
     def look(self, observations: dict[str, Tensor]) -> tuple[Tensor, Tensor | None]:
         """Encode as :meth:`forward` does; also return the places of the attention crops."""
         parts, where = [], None
-        if self.glimpses is not None:
-            where = self.glimpses.where(observations["vision"])
-            parts.append(self.glimpses(observations, where))
+        if self.attention_crops is not None:
+            where = self.attention_crops.where(observations["vision"])
+            parts.append(self.attention_crops(observations, where))
         for key, encoder in self.encoders.items():
             observation = observations[key]
             parts.append(encoder(observation if key in self._images else observation.float()))

@@ -1,4 +1,4 @@
-"""What attention crops are made of (``policies/attention_crops.py``), readable without torch."""
+"""Settings of attention crops (``policies/attention_crops.py``), readable without torch."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class AttentionCropConfig(Settings):
     """Cut-outs of ``vision``, and of ``fovea`` where there is one, encoded on their own."""
 
     count: int = Field(default=1, ge=1, le=64)
-    """How many things are looked at, in the game's order (``ImaginedGame.glances``)."""
+    """Number of crops, one for each object in the order of ``ImaginedGame.attention_targets``."""
 
 
 def check_attention(recipe: str, env: EnvConfig) -> None:

@@ -28,6 +28,7 @@ from sim2vr_harness.base.settings import (
 )
 from sim2vr_harness.base.written_values import written_value
 from sim2vr_harness.client import list_transports
+from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.client.option_kinds import option_kind
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.games import imagined_settings
@@ -131,12 +132,13 @@ class TrainingConfig(Settings):
     """User steps of the complete training, over which the learning-rate schedule runs."""
     device: Literal["auto", "cpu", "cuda"] = "auto"
     """Where torch computes; ``auto`` takes a GPU that torch finds."""
-    recipe: Literal["ppo", "distill", "skills", "adapt"] = "ppo"
+    recipe: Literal["ppo", "sac", "distill", "skills", "adapt"] = "ppo"
     """The stages of the run. ``ppo``: PPO from pixels alone, as the reference. ``distill``: first
     imagined rollouts, a teacher and a student, whose weights PPO begins with; for games that have a
-    twin. ``skills``: hands that know how to come to a place try what is worth doing with what is
-    seen, a student learns to do the same, and PPO goes on from there; for any app
-    (docs/concepts/training.md). ``adapt``: PPO goes on from the weights of ``from_user``."""
+    differentiable game model. ``skills``: value learning over motor options at image cells; a
+    student may imitate it, and PPO continues with the student; for any app
+    (docs/concepts/training.md). ``adapt``: PPO continues with the weights of ``from_user``.
+    ``sac``: soft actor-critic of Stable-Baselines3."""
     from_user: str | None = None
     """With the recipe ``adapt``: the trained user that goes on, as ``evaluate`` takes it."""
     skills: SkillsConfig = SkillsConfig()
@@ -151,6 +153,9 @@ class TrainingConfig(Settings):
     """The network of the policy from senses to actions."""
     ppo: PPOConfig = PPOConfig()
     """PPO with the policy from senses to actions."""
+    sac: dict[str, OptionValue] = Field(default_factory=dict)
+    """With the recipe ``sac``: arguments of ``stable_baselines3.SAC``, such as ``buffer_size``;
+    ``ppo.n_envs`` users play."""
     checkpoint: CheckpointConfig = CheckpointConfig()
     """What is kept of the run."""
     evaluation: EvaluationConfig = EvaluationConfig()
@@ -161,6 +166,8 @@ class TrainingConfig(Settings):
     @property
     def policy_kind(self) -> str:
         """Kind of the trained policy; a key of ``policies.registry.NETWORKS``."""
+        if self.recipe == "sac":
+            return "sac"
         hierarchical = self.recipe == "skills" and self.skills.user == "hierarchical"
         return "hierarchical" if hierarchical else "visual"
 
@@ -171,7 +178,7 @@ class TrainingConfig(Settings):
         return self.skills.q_learning.user_steps if hierarchical else self.total_timesteps
 
     @pydantic.model_validator(mode="after")
-    def _from_somebody(self) -> Self:
+    def _from_user(self) -> Self:
         if (self.recipe == "adapt") != (self.from_user is not None):
             got = "none" if self.from_user is None else f"{self.from_user!r}"
             raise ValueError(
@@ -307,16 +314,16 @@ def parse_config(tree: Mapping[str, Any]) -> TrainingConfig:
     """
     tree = settable(tree)
     try:
-        return _with_twin(TrainingConfig.model_validate(tree))
+        return _with_game_model(TrainingConfig.model_validate(tree))
     except pydantic.ValidationError as error:
         raise first_problem(error, TrainingConfig) from error
 
 
-_TWIN = ("teacher", "imagined", "game")
+_GAME_MODEL = ("teacher", "imagined", "game")
 
 
-def _with_twin(config: TrainingConfig) -> TrainingConfig:
-    """Return the configuration with all settings of the game's twin, if the recipe needs them."""
+def _with_game_model(config: TrainingConfig) -> TrainingConfig:
+    """Return the configuration with all settings of its game model, if the recipe needs them."""
     if config.recipe != "distill":
         return config
     settings = imagined_settings(config.env.app.game)
@@ -326,7 +333,7 @@ def _with_twin(config: TrainingConfig) -> TrainingConfig:
     try:
         complete = settings.model_validate(given).model_dump()
     except pydantic.ValidationError as error:
-        raise first_problem(error, settings, _TWIN) from error
+        raise first_problem(error, settings, _GAME_MODEL) from error
     imagined = config.teacher.imagined.model_copy(update={"game": complete})
     teacher = config.teacher.model_copy(update={"imagined": imagined})
     return config.model_copy(update={"teacher": teacher})

@@ -1,4 +1,4 @@
-"""How a student is trained: the second stage of a distilled training."""
+"""Settings of the student, the second stage of a distilled training."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Keys of configurations that have another name today, a fixed value, or none.
+"""Keys of configurations that have another name today, a fixed value, or none; renamed tensors.
 
 A recorded configuration (a run's ``config.yaml``, a shipped user's) may have any of them. One that
 a user writes may have the keys of the version before, with a warning. This is the one place that
@@ -14,9 +14,16 @@ from typing import Any
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.base.notices import notice_once
 
-__all__ = ["changed_constant", "new_name", "renamed", "settable", "with_new_names"]
+__all__ = [
+    "changed_constant",
+    "new_name",
+    "renamed",
+    "settable",
+    "with_new_names",
+    "with_new_tensor_names",
+]
 
-_TWIN = (
+_GAME_MODEL = (
     *("single_targets", "failing_cells", "failing_value", "overlap_m", "speed_mps"),
     *("near_reward", "distance_reward", "stuck_cost"),
 )
@@ -29,7 +36,7 @@ _RENAMED = {
     "teacher.ppo.critic_first_iterations": "teacher.ppo.critic_first_updates",
     "teacher.ppo.reward_scale": "teacher.reward_scale",
     **{f"teacher.ppo.{key}": f"teacher.policy.{key}" for key in _NETWORK},
-    **{f"teacher.imagination.{key}": f"teacher.imagined.game.{key}" for key in _TWIN},
+    **{f"teacher.imagination.{key}": f"teacher.imagined.game.{key}" for key in _GAME_MODEL},
     "teacher.imagination": "teacher.imagined",
     "teacher.aids.near_start_m": "teacher.curriculum.near_start_m",
     "teacher.aids.starts_per_cell": "teacher.curriculum.starts_per_cell",
@@ -54,6 +61,9 @@ _RENAMED_SINCE_0_2 = {
     "skills.looking": "skills.q_learning",
     "policy.glimpses": "policy.attention_crops",
     **{f"teacher.imagined.{old}": f"teacher.imagined.{new}" for old, new in _IMAGINED.items()},
+    "teacher.recognition_steps": "teacher.recognition_latency_steps",
+    "teacher.imagined.game.stuck_cost": "teacher.imagined.game.dwell_cost",
+    "teacher.imagined.game.impact_share": "teacher.imagined.game.impact_speed_weight",
 }
 """The same; these a user may still write, with a warning."""
 
@@ -213,6 +223,9 @@ _SHAPINGS: dict[str, tuple[str, dict[str, tuple[float, float]]]] = {
 }
 """Game -> a value of ``shaping``, and keys of before that it stands for: without it, with it."""
 
+_TENSORS = {"glimpses": "attention_crops", "glances": "crop_places"}
+"""Old part of a dotted name -> new part: of networks' weights and of a student's frames."""
+
 _CONVERTED: dict[str, Callable[[Any], Any]] = {
     # A ramp between two numbers is the number that it ended with.
     f"teacher.curriculum.{key}": lambda value: value["end"] if isinstance(value, dict) else value
@@ -289,6 +302,14 @@ def new_name(key: str) -> str:
     if name != key:
         notice_once(f"{key} is now called {name}: the old name works in this version only.")
     return name
+
+
+def with_new_tensor_names(state: Mapping[str, Any]) -> dict[str, Any]:
+    """Return tensors by today's dotted names, of a file that may have those of before."""
+    return {
+        ".".join(_TENSORS.get(part, part) for part in name.split(".")): value
+        for name, value in state.items()
+    }
 
 
 def changed_constant(recorded: Any) -> tuple[str, Any, Any] | None:

@@ -1,4 +1,4 @@
-"""How a motor layer is trained, and how a user with one learns a game."""
+"""Settings of the motor policy and of value learning over its options."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ __all__ = ["MotorTrainingConfig", "QLearningConfig", "SkillsConfig"]
 
 
 class MotorTrainingConfig(Settings):
-    """Practice of a body's motor layer: hands that come where they are told to, when and how."""
+    """Training of a body's motor policy: hands that reach goals in time, speed and direction."""
 
     cycles: int = Field(default=20, ge=1, le=100_000)
     """Cycles of training. In each, bodies move in MuJoCo, the body model is fitted to it, the layer
@@ -29,8 +29,8 @@ class MotorTrainingConfig(Settings):
     width: Width = 256
     """Width of the two hidden layers of the motor layer, and of the critic's."""
     strikes: bool = False
-    """True: hands come through places when and as fast as they are told, as those do who follow
-    other hands; they wait and wind up where there is time. Games' moves say where, not when."""
+    """True: goals have a time and a speed, as in motion tracking; hands wait and wind up where
+    there is time. The motor options of games have a place and no time."""
 
 
 class QLearningConfig(Settings):

@@ -18,7 +18,7 @@ from sim2vr_harness.base.settings import (
 __all__ = ["MOST_BATCH", "MOST_USERS", "LearningRateConfig", "PPOConfig"]
 
 MOST_USERS = 16_384
-"""Users side by side; each has a body and an app of its own."""
+"""Most users of a training; each has a body and an app of its own."""
 
 
 MOST_BATCH = 100_000_000

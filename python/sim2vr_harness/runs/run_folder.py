@@ -6,8 +6,8 @@
     run.json           versions, git commit, and every session that worked on the run
     metrics.jsonl      one JSON object per iteration
     imagined/, teacher/, student/   the first stages of ``recipe: distill``
-    checkpoints/       step_000080000.zip, ...: also readable by stable_baselines3; what a training
-                       was told to put aside ends in .aside
+    checkpoints/       step_000080000.zip, ...: also readable by stable_baselines3; files that
+                       a training has set aside end in .aside
     .lock              held by the training that works on the run
     tensorboard/       the same metrics for TensorBoard
     evaluation/        what ``sim2vr-harness evaluate`` writes

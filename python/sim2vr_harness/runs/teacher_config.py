@@ -1,4 +1,4 @@
-"""How a teacher is trained: imagined rollouts, then PPO on what the game knows of itself."""
+"""Settings of the teacher: imagined rollouts, then PPO on privileged observations."""
 
 from __future__ import annotations
 
@@ -119,7 +119,7 @@ class ImaginedConfig(Settings):
     reward_scale: Factor = 1.0
     """Factor on the game's reward and the effort: a success should be worth about 10."""
     game: dict[str, OptionValue] = Field(default_factory=dict)
-    """Settings of the game's twin (``games/NAME/settings.py``)."""
+    """Settings of the differentiable game model (``games/NAME/settings.py``)."""
 
     @property
     def easier_cycles(self) -> int:
@@ -191,10 +191,10 @@ class TeacherConfig(Settings):
     """The game's conditions, in turn; None takes those that its differentiable model names."""
     hidden_fields: tuple[str, ...] | None = None
     """Patterns of privileged numbers, and of the own body's, that the teacher does not observe;
-    None takes those that the game's twin names."""
-    recognition_steps: int = Field(default=0, ge=0, le=100)
-    """How many user steps after a picture shows a thing the teacher knows of it. What has just come
-    up is a speck that no student makes out; a teacher that knows of it does what no student can."""
+    None takes those that the game model names."""
+    recognition_latency_steps: int = Field(default=0, ge=0, le=100)
+    """User steps from an object's first image to the teacher's first observation of it. At first
+    an object covers a pixel or two; a student cannot recognise it and imitate a reaction to it."""
     imagined: ImaginedConfig = ImaginedConfig()
     """Imagined rollouts, in which the teacher is trained first."""
     curriculum: CurriculumConfig = CurriculumConfig()

@@ -1,4 +1,4 @@
-"""How far a number or a sample of a user is from people's."""
+"""Distances of a user's number or sample from people's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""95 % intervals: of means, of differences that invert a test, of effect sizes."""
+"""95 % intervals: of means, and of differences that invert a test."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ from scipy import stats
 __all__ = [
     "CONFIDENCE",
     "Moments",
-    "effect_interval",
     "hodges_lehmann",
     "inverted",
     "mean_interval",
@@ -127,10 +126,3 @@ def _first(holds: Callable[[int], bool], low: int, high: int) -> int:
         middle = (low + high) // 2
         low, high = (low, middle) if holds(middle) else (middle, high)
     return high
-
-
-def effect_interval(z: float, n: int) -> tuple[float, float]:
-    """Return the interval of an effect size z / sqrt(n) of n pairs (Fisher's transformation)."""
-    half = stats.norm.ppf(0.5 + CONFIDENCE / 2.0) / math.sqrt(n - 3)
-    middle = math.atanh(z / math.sqrt(n))
-    return math.tanh(middle - half), math.tanh(middle + half)

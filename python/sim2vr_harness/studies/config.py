@@ -1,4 +1,4 @@
-"""What a study is made of, as its YAML file says it."""
+"""Configuration of a study, read from its YAML file."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class StudyConfig(Settings):
     episodes: int = Field(default=10, ge=1, le=100_000)
     """Rounds per cell, and person."""
     people: int | None = Field(default=None, ge=1, le=10_000)
-    """How many persons play each cell; None: whoever the user is."""
+    """How many persons play each cell; None: the user's own population."""
     seed: int = Field(default=1, ge=0, le=2**31 - 1)
     seeds: Literal["paired", "own"] = "paired"
     """paired: round k has the same seed in every cell, and person k is the same; own: not so."""

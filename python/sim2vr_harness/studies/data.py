@@ -87,7 +87,7 @@ def write_data(plan: StudyPlan, root: Path, found: Found | None = None) -> None:
     for name, table in tables.items():
         write_table(root / FOLDER / name, table)
     told = {name: columns_in(table.schema) for name, table in tables.items()}
-    told |= _told_of_moments(plan.tasks[0], root)
+    told |= _moment_columns(plan.tasks[0], root)
     write_atomically(root / FOLDER / "dictionary.csv", dictionary_bytes(told))
     about: dict[str, Any] = {
         "study": plan.study.model_dump(mode="json"),
@@ -188,7 +188,7 @@ def _with_cell(
     return pa.Table.from_arrays([*arrays, *table.columns], schema=pa.schema(fields))
 
 
-def _told_of_moments(task: CellTask, root: Path) -> dict[str, list[Column]]:
+def _moment_columns(task: CellTask, root: Path) -> dict[str, list[Column]]:
     found: dict[str, list[Column]] = {}
     for name in ("steps", "frames"):
         files = sorted((root / CELLS / task.key / FOLDER / name).glob("*.parquet"))

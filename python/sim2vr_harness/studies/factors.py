@@ -1,4 +1,4 @@
-"""What varies in a study: keys, and the levels that set them."""
+"""Factors of a study: keys, and the levels that set them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What there is to do for a study, one task at a time, and where it leaves its results."""
+"""Tasks of a study, and the folders of their results."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is to be done for a study, checked before anything of it is."""
+"""Plan of a study, checked before any of its tasks starts."""
 
 from __future__ import annotations
 

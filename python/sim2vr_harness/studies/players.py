@@ -1,4 +1,4 @@
-"""Who has played in a study: its cells, put together where they differ in the condition alone."""
+"""Players of a study: cells joined where only the game's condition differs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who plays a cell: a trained user, one that goes on first, or one that the study trains."""
+"""Policy of a cell: trained, fine-tuned first, or trained by the study."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ def run_study(
     Args:
         study: The study, its YAML file, or the contents of one.
         out: Its folder; None: ``studies/NAME``.
-        jobs: Cells and trainings side by side; None: one per two cores.
+        jobs: Cells and trainings at a time; None: one per two cores.
         ray: Address of a Ray cluster that does them instead, or ``auto``.
         storage: With ``ray``: where workers leave results that do not see the study's folder.
         trust_app: Whether programs and Python that its files name may run without having run here.
@@ -96,18 +96,7 @@ def run_study(
     root = Path(out) if out is not None else Path("studies") / study.name
     make = make_pool or partial(_pool, jobs=_jobs(jobs), ray=ray, storage=storage)
     _require_own(root, study)
-    plan = None
-    if study.optimise is not None and on_plan is not None:
-        raise InputError("--expect, --against", "a study with optimise", "one with factors")
-    if study.optimise is None:
-        plan = plan_of(study, folder=beside, trust_app=trust_app)
-        for names in plan.alike:
-            notice_once(
-                f"note: cells {', '.join(names[:-1])} and {names[-1]} are the same: they have the "
-                "same user, configuration and seeds, so their rounds are the same"
-            )
-        if on_plan is not None:
-            on_plan(plan.planned)
+    plan = _planned(study, beside, on_plan, trust_app=trust_app)
     _require_statistics(study)
     (root / CELLS).mkdir(parents=True, exist_ok=True)
     with sole_training(root, root / ".lock", "study"), sigterm_interrupts():
@@ -127,6 +116,29 @@ def _read(
     if isinstance(study, (str, Path)):
         return load_study(study), Path(study).parent
     return (study if isinstance(study, StudyConfig) else parse_study(study)), None
+
+
+def _planned(
+    study: StudyConfig,
+    beside: Path | None,
+    on_plan: Callable[[Planned], None] | None,
+    *,
+    trust_app: bool,
+) -> StudyPlan | None:
+    """Plan a study, and say which cells are the same; None of a search, which plans as it goes."""
+    if study.optimise is not None:
+        if on_plan is not None:
+            raise InputError("--expect, --against", "a study with optimise", "one with factors")
+        return None
+    plan = plan_of(study, folder=beside, trust_app=trust_app)
+    for names in plan.alike:
+        notice_once(
+            f"note: cells {', '.join(names[:-1])} and {names[-1]} are the same: they have the "
+            "same user, configuration and seeds, so their rounds are the same"
+        )
+    if on_plan is not None:
+        on_plan(plan.planned)
+    return plan
 
 
 def _require_statistics(study: StudyConfig) -> None:

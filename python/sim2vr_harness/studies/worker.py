@@ -1,4 +1,4 @@
-"""What is done for a study, one task at a time, wherever that is."""
+"""Worker of a study: runs one task at a time, on any machine."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ IntArray = NDArray[np.int64]
 
 
 class Actuation:
-    """The action rules of a body's groups, side by side.
+    """The action rules of all groups of a body.
 
     Attributes:
         actuators: (A,) MuJoCo's ids of the actuators, in the order of the actions.

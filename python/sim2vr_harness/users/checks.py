@@ -1,4 +1,4 @@
-"""What a batch of users is given: which users, and their actions."""
+"""Validation of the users and actions that a batch receives."""
 
 from __future__ import annotations
 

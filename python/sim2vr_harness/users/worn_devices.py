@@ -1,4 +1,4 @@
-"""Where the devices of N users are, at the moments of the last step."""
+"""Device poses of N users, sampled during the last step."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What works a body's actuators: a number in [0, 1] each, that lasts from user step to user step.
+"""State of a body's actuators: a number in [0, 1] each, kept between user steps.
 
 Of a muscle it is the activation, of a motor its smoothed target; both are shares of the actuator's
 range, so that one body model can have either, or both.

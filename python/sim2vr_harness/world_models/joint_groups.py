@@ -1,9 +1,9 @@
-"""Which joints move by themselves: two arms on a chest that stands still are two limbs.
+"""Joint groups with independent dynamics: two arms on a fixed chest are two limbs.
 
-What a limb does depends on its own joints and actuators alone. A model of each is smaller and
-better than one of both; limbs that are nearly alike, such as a right and a left arm, share one.
-Arms and a head on a trunk that moves are carried by it: how the trunk moves, their weight and reach
-included, is a model of its own, and what they do depends on it and on nothing else beside them.
+A limb's motion depends on its own joints and actuators alone. A model of each is smaller and
+better than one of both; nearly alike limbs, such as a right and a left arm, share one.
+Arms and a head on a moving trunk are carried by it. The trunk's motion, with their weight and reach
+included, is a model of its own, and theirs depends on it and on nothing else beside them.
 """
 
 from __future__ import annotations

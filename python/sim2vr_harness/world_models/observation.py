@@ -1,4 +1,4 @@
-"""What a policy observes of imagined users: moments of their past, as late as their senses are."""
+"""Observations of imagined users: past states, delayed like their senses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who imagined users are: what a network observes of a person, and what acts exactly."""
+"""Persons of imagined users: features a network observes, and exact factors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What users did, in tensors: their motion, and the user steps that a body model is fitted to."""
+"""Users' motion and transitions as tensors, for fitting a body model."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a state is worth: the critic behind a window of imagined user steps."""
+"""Value function: the critic behind a window of imagined user steps."""
 
 from __future__ import annotations
 

@@ -3,6 +3,7 @@
 #include <cmath>
 #include <set>
 
+#include "sim2vr/core/errors.hpp"
 #include "sim2vr/render/components.hpp"
 #include "whacamole_player.hpp"
 
@@ -30,6 +31,25 @@ TEST(Target, HitVolumeReachesFromMinusTwoAndAHalfToTwentyTwoAndAHalfMillimetres)
   const Vec3 center = target.transform().transformPoint(collider.center()) - area;
   EXPECT_NEAR(center.z() - half.z(), -0.0025, 1e-9);
   EXPECT_NEAR(center.z() + half.z(), 0.0225, 1e-9);
+}
+
+TEST(Target, AreaAndTargetsTakeTheSizesOfTheOptions) {
+  WhacAMoleRound round(
+      R"({"condition": "easy", "area_size_m": 0.4, "target_radius_m": 0.05, "spawn_times": [0.0],
+          "spawn_cells": [2]})");
+  const Target& target = round.waitFor(Target::State::kAlive);
+  const Vec3 area = round.harness.scene().find("Target Area")->transform().position();
+  EXPECT_TRUE((target.transform().position() - area).isApprox(Vec3(0.2, 0.2, 0.05), 1e-9));
+  EXPECT_TRUE(target.transform().lossyScale().isApprox(Vec3::Constant(0.05), 1e-9));
+  // The hit volume's middle lies 0.6 of a radius before the origin.
+  EXPECT_TRUE((target.hitCenter_m() - area).isApprox(Vec3(0.2, 0.2, 0.02), 1e-9));
+  const Vec3 sheet = round.harness.scene().find("Target Area/Sheet")->transform().lossyScale();
+  EXPECT_NEAR(sheet.x(), 0.5, 1e-12);
+}
+
+TEST(Target, SizesWithWhichTargetsOverlapAreRefused) {
+  Options options = Options::fromJson(R"({"area_size_m": 0.1, "target_radius_m": 0.03})");
+  EXPECT_THROW(Settings::fromOptions(options), InvalidArgument);
 }
 
 // In the spawn frame full size; then (t - t_spawn) / 0.1; alive from the first frame with more than

@@ -95,3 +95,19 @@ export function button(text, onClick) {
   made.textContent = text;
   made.onclick = onClick;
 }
+
+// Names boxes as three.js names objects to its developer tools: {name: box}.
+export function nameBoxes(named) {
+  const object = (name) => named[name] && {
+    name,
+    updateWorldMatrix() {},
+    matrixWorld: { get elements() { return [...Array(12).fill(0), ...named[name].centre, 1]; } },
+  };
+  const scene = {
+    isScene: true,
+    getObjectByName: object,
+    traverse(visit) { for (const name of Object.keys(named)) visit(object(name)); },
+  };
+  nameBoxes.scene = scene; // the tools hold it weakly
+  window.__THREE_DEVTOOLS__?.dispatchEvent(new CustomEvent('observe', { detail: scene }));
+}

@@ -1,4 +1,4 @@
-"""WebXR pages on the command line: a first look, and what cannot be."""
+"""WebXR pages on the command line: baselines, and what cannot be."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def rules(tmp_path: Path) -> str:
 
 
 @NEEDS_BROWSER
-def test_a_first_look_at_a_page(capsys: Any, tmp_path: Path, rules: str) -> None:
+def test_a_baseline_on_a_page(capsys: Any, tmp_path: Path, rules: str) -> None:
     out = tmp_path / "look"
     status, _, err = call(
         capsys, "evaluate", "--page", TOUCH, "--task", rules, "--user", "random",

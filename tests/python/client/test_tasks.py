@@ -91,9 +91,97 @@ def test_a_rule_task_says_what_it_reads_and_measures() -> None:
     assert outcome.log["reward_hits"] == outcome.log["reward_hitsSum"] == 1.0
 
 
+TIMED: dict[str, Any] = {
+    "events": [
+        {"name": "shown", "expression": "app.shown"},
+        {"name": "hit", "expression": "app.hits"},
+        {"name": "wrong", "expression": "app.wrong"},
+        {"name": "open", "on": {"object": "lid", "becomes": "absent"}},
+        {"name": "moved", "on": {"object": "lid", "becomes": "moved"}},
+    ],
+    "measures": [
+        {"name": "selection_time", "time": {"start": "shown", "end": "hit"}, "label": "Selection"},
+        {"name": "between", "time": {"end": "hit"}},
+        {"name": "error_rate", "proportion": {"of": "wrong", "other": "hit"}, "better": "lower"},
+        {"name": "opened", "count": "open", "unit": "times"},
+        {"name": "moves", "count": "moved"},
+    ],
+    "score": "opened",
+}
+
+
+def test_events_are_counted_and_timed() -> None:
+    """By hand: shown at 0 s (true then), hit at 0.1 s; shown again with that hit, hit at 0.25 s."""
+    rows: list[tuple[Any, int, int, Any]] = [
+        (True, 0, 0, (0.0, 1.0, 0.5)),
+        (False, 0, 1, (0.0, 1.0, 0.5)),
+        (True, 1, 1, (0.0, 1.0, 0.505)),  # 5 mm are no move
+        (True, 1, 1, (0.0, 1.0, 0.515)),  # 15 mm are
+        (True, 1, 3, None),
+        (False, 2, 3, None),
+    ]
+    names = ("event_shown", "event_hit", "event_wrong", "event_open")
+    moments = [
+        moment(0.05 * k, values={**dict(zip(names, row, strict=True)), "event_moved": row[3]})
+        for k, row in enumerate(rows)
+    ]
+    task = RuleTask(TaskRules(**TIMED))
+    log: Any = {}
+    for _ in range(2):  # a new round begins everything anew
+        task.reset(moments[0], 1)
+        for one in moments[1:]:
+            log = task.step(one).log
+    found = {one.name: one.value(log) for one in task.measures}
+    assert found["selection_time"] == pytest.approx((0.1 + 0.15) / 2)
+    assert found["between"] == pytest.approx((0.1 + 0.15) / 2)
+    assert found["error_rate"] == pytest.approx(3 / 5)
+    assert (found["opened"], found["moves"]) == (1.0, 1.0)
+    headings = {one.name: (one.heading, one.better) for one in task.measures}
+    assert headings["selection_time"] == ("Selection (s)", "lower")
+    assert headings["error_rate"] == ("Error rate", "lower")
+    assert headings["opened"] == ("Opened (times)", "higher")
+    assert (task.score, task.measures[0].name) == ("opened", "opened")
+    task.reset(moments[0], 1)
+    log = task.step(moments[1]).log
+    assert next(one for one in task.measures if one.name == "selection_time").value(log) is None
+
+
+def test_a_measure_describes_a_rewarded_expression() -> None:
+    named = {"name": "hits", "value": "app.hits", "label": "Keys", "unit": "1", "digits": 0}
+    task = RuleTask(TaskRules(reward={"expression": "app.hits"}, measures=[named]))
+    (measure,) = task.measures
+    assert (measure.heading, measure.better, measure.digits) == ("Keys (1)", "higher", 0)
+    assert task.values == {"hits": "app.hits"}
+
+
+@NEEDS_BROWSER
+def test_objects_that_are_not_there_are_events_too() -> None:
+    events = [
+        {"name": "lost", "on": {"object": "nothing", "becomes": "absent"}},
+        {"name": "there", "on": {"object": "block", "becomes": "present"}},
+    ]
+    task = RuleTask(TaskRules(events=events, seconds=1.0))
+    with open_page(PAGES / "keypad.html", values=dict(task.values)) as page:
+        values = page.reset(1, hands(0)).values
+    assert values["event_lost"] is None
+    assert values["event_there"] == pytest.approx((0.25, 0.95, 0.4))
+
+
 @pytest.mark.parametrize(
     ("rules", "words"),
     [
+        ({"events": [{"name": "a"}]}, "got neither or both of expression and on"),
+        ({"events": [{"name": "a", "expression": "b"}] * 2}, "got 'a' twice"),
+        ({"measures": [{"name": "a"}]}, "got none of them, expected one of value, count, propor"),
+        ({"measures": [{"name": "a", "count": "b"}]}, "got the event 'b' of a, expected one of"),
+        (
+            {"values": {"a": "x"}, "measures": [{"name": "a", "value": "y"}]},
+            "got 'a', which another value is called",
+        ),
+        (
+            {"events": [{"name": "a", "on": {"object": "b", "becomes": "blue"}}]},
+            r"events\.0\.on\.becomes: got 'blue', expected 'present', 'absent' or 'moved'",
+        ),
         ({"reward": {"per": "change"}}, r"reward.*got none of them, expected one of expression"),
         (
             {"reward": {"expression": "a", "haptics": "any"}},

@@ -215,8 +215,9 @@ const {{ gl }} = boxes;
 const app = window.app = {{ error: 0 }};
 button('Enter VR', () => boxes.enter(() => {{
   // What a page relies on from one frame to the next.
+  const green = gl.getParameter(gl.COLOR_CLEAR_VALUE)[1];
   const same = gl.getParameter(gl.ARRAY_BUFFER_BINDING) === app.buffer
-    && gl.getParameter(gl.COLOR_CLEAR_VALUE)[1] === Math.fround(0.2) && gl.isEnabled(gl.SCISSOR_TEST);
+    && green === Math.fround(0.2) && gl.isEnabled(gl.SCISSOR_TEST);
   if (app.buffer && !same) app.error += 1;
   app.error += gl.getError();
   app.buffer = gl.getParameter(gl.ARRAY_BUFFER_BINDING);
@@ -238,6 +239,120 @@ def test_webgl_1_draws_what_webgl_2_draws(tmp_path: Path) -> None:
     assert (pictures[0] == pictures[1]).all()
     assert pictures[0][40, 55, 3] == pytest.approx(255 * 1.0 / 10.0, abs=1)  # m to the box's face
     assert (pictures[0][:, 60:, :3] == 0).all()  # right of the scissors: cleared by the harness
+
+
+HELPER = """importScripts('more.js');
+let beats = 0;
+setInterval(() => postMessage(['beat', ++beats, performance.now()]), 50);
+onmessage = async ({ data }) => {
+  const text = await (await fetch('numbers.json')).json();
+  postMessage(['sum', data + text[0] + more, performance.now(), Math.random()]);
+};
+const canvas = new OffscreenCanvas(8, 8).getContext('2d');
+let drawn = 0;
+requestAnimationFrame(function frame() {
+  requestAnimationFrame(frame);
+  canvas.fillRect(0, 0, 8, 8);
+  drawn += 1;
+  if (drawn === 10) postMessage(['drawn', performance.now()]);
+});"""
+WORKER_PAGE = """const log = app.log = [];
+const worker = new Worker('helper.js');
+worker.onmessage = ({ data }) => {
+  log.push([...data, performance.now()].join());
+  app.entries = log.length;
+  if (data[0] === 'sum') Object.assign(app, { sum: data[1], chance: data[3] });
+  if (data[0] === 'beat') app.late = performance.now() - data[2];
+  app.digest = [...log.join()].reduce((sum, one) => (sum * 31 + one.charCodeAt()) % 1e9, 7);
+};
+const gone = new Worker('nothing-here.js');
+gone.onerror = () => { app.gone = 1; };
+button('Enter VR', go);
+setTimeout(() => worker.postMessage(40), 500);
+"""
+
+
+def test_workers_keep_the_time_of_their_page(tmp_path: Path) -> None:
+    (tmp_path / "helper.js").write_text(HELPER)
+    (tmp_path / "more.js").write_text("const more = 1;")
+    (tmp_path / "numbers.json").write_text("[1]")
+    page = page_with(tmp_path, plays(WORKER_PAGE))
+    names = ("entries", "digest", "sum", "chance", "late", "gone", "frames")
+    values = {name: f"app.{name} ?? 0" for name in names}
+    first = played(page, steps=20, values=values)
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(3)]
+    try:
+        assert played(page, steps=20, values=values) == first
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+    assert (first["sum"], first["gone"]) == (42, 1)
+    assert 0 <= first["late"] < 50  # ms: delivered with the frame after the worker's beat
+    # 19 steps of 50 ms: a beat in each, one sum, one drawn.
+    assert first["entries"] >= 19 + 2
+
+
+ANIMATED = """document.body.insertAdjacentHTML('beforeend', `<style>
+@keyframes fade { from { opacity: 1 } to { opacity: 0 } }
+#splash { animation: fade 2s linear 1s both; width: 50px; height: 50px }
+#bar { transition: width 4s linear; width: 0px; height: 5px }
+</style><div id="splash"></div><div id="bar"></div>`);
+const splash = document.querySelector('#splash');
+const bar = document.querySelector('#bar');
+app.early = 0;
+splash.onanimationend = ({ elapsedTime }) => {
+  app.faded = performance.now() - begun;
+  app.elapsed = elapsedTime;
+  splash.remove();
+  button('Enter VR', go);
+};
+const begun = performance.now();
+requestAnimationFrame(() => requestAnimationFrame(() => {
+  bar.style.width = '400px';
+  bar.ontransitionend = () => { app.full = performance.now() - begun; };
+}));
+setTimeout(() => {
+  app.opacity = Number(getComputedStyle(splash).opacity);
+  app.width = parseFloat(getComputedStyle(bar).width);
+}, 2000);
+"""
+
+
+def test_css_animations_keep_the_time_of_the_page(tmp_path: Path) -> None:
+    values = {name: f"app.{name}" for name in ("faded", "elapsed", "opacity", "width", "full")}
+    page = page_with(tmp_path, plays(ANIMATED))
+    found = played(page, steps=90, values={name: f"{path} ?? -1" for name, path in values.items()})
+    assert found["faded"] == pytest.approx(3000, abs=35)  # ms: delay and duration, to two frames
+    assert found["elapsed"] == 2  # s, without the delay, as CSS Animations has it
+    assert found["opacity"] == pytest.approx(0.5, abs=0.02)
+    assert found["width"] == pytest.approx(200, abs=8)  # px after 2 s of 4
+    assert found["full"] == pytest.approx(4000, abs=100)
+    assert played(page, steps=5, values={"faded": "app.faded"})["faded"] == found["faded"]
+
+
+SOUNDS = """const context = new AudioContext();
+const source = context.createBufferSource();
+source.buffer = context.createBuffer(1, 44100, 44100);
+source.connect(context.destination);
+source.onended = () => { app.ended = context.currentTime - app.started; };
+button('Enter VR', async () => {
+  await context.resume();
+  app.started = context.currentTime;
+  source.start(context.currentTime + 0.5);
+  go();
+});
+const clock = setInterval(() => {
+  app.off = Math.abs(context.currentTime - performance.now() / 1000);
+}, 100);
+"""
+
+
+def test_audio_contexts_keep_the_time_of_the_page(tmp_path: Path) -> None:
+    page = page_with(tmp_path, plays(SOUNDS))
+    found = played(page, steps=60, values={"ended": "app.ended ?? -1", "off": "app.off"})
+    assert found["ended"] == pytest.approx(0.5 + 1.0)  # s: start and duration of the buffer
+    assert found["off"] < 0.05  # s: from the document's start to the context's
 
 
 OBSERVED = """const log = []; app.log = log; app.digest = 0;

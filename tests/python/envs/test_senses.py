@@ -59,12 +59,12 @@ def test_the_body_is_felt_as_it_was_30_ms_ago() -> None:
     at_start = now.observation()["proprioception"]
     np.testing.assert_array_equal(late.observation()["proprioception"], at_start)
     for step in range(5):
-        glimpses: list[np.ndarray] = []
-        pause = {10: lambda seen=glimpses: seen.append(now.proprioception.observe(now.users))}
+        samples: list[np.ndarray] = []
+        pause = {10: lambda seen=samples: seen.append(now.proprioception.observe(now.users))}
         now.users.step(actions(1, step), pauses=pause)  # 20 ms into the step
         late.step(actions(1, step))
         felt = late.observation()["proprioception"]
-        np.testing.assert_array_equal(felt, glimpses[0])
+        np.testing.assert_array_equal(felt, samples[0])
         present = now.proprioception.observe(now.users)
         assert (felt != present).any()
         # What is felt lies between the two ends, not at one of them.

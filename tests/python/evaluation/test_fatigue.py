@@ -22,8 +22,11 @@ from sim2vr_harness.evaluation.fatigue import (
 from sim2vr_harness.evaluation.metrics import round_result, summarise
 from sim2vr_harness.evaluation.muscle_groups import fatigue_groups
 from sim2vr_harness.evaluation.tables import results_table
+from sim2vr_harness.figures.figure import Heat
 from sim2vr_harness.studies.config import parse_study
 from sim2vr_harness.studies.plan import plan_of
+from sim2vr_harness.studies.report.body import figures_of_body, load_of
+from sim2vr_harness.studies.report.source import read_source
 from sim2vr_harness.users import load_body
 
 WRIST = ["ECRL", "ECRB", "ECU", "FCR", "FCU", "PL"]
@@ -132,6 +135,14 @@ def test_an_evaluation_measures_and_prints_them(
     assert f"Most fatigued muscle {MUSCLE_NAMES[worst]} {max(of_muscles):.3f}" in printed
     file = chart([tmp_path], tmp_path / "chart.png", measures=["fatigue.elbow"])
     assert file.stat().st_size > 1000
+    # The report's parts of the body are those of the measures.
+    source = read_source(tmp_path)
+    loads = [load_of(group) for group in source.groups]
+    (figure,) = figures_of_body(source, loads, load_body("mobl_arms_wrist", appearance=False))
+    (parts,) = next(panel for panel in figure.panels if panel.title.startswith("By part")).layers
+    assert isinstance(parts, Heat)
+    for name, (value,) in zip(parts.rows, parts.values, strict=True):
+        assert value == pytest.approx(played.values[f"fatigue.{name}"], rel=1e-6), name
 
 
 def test_studies_name_them(trained: Path) -> None:

@@ -203,6 +203,13 @@ def test_a_table_has_the_game_s_own_measures() -> None:
     assert "Diverged" in printed(failed, "whacamole")
 
 
+def lines_of(file: Path) -> int:
+    """Lines of panels, 2.5 inches high each, in a picture of two columns of a paper."""
+    width, height = size_of(file)
+    assert width == 1440
+    return height // 500
+
+
 def test_curves_of_a_distilled_run_show_its_stages(trained: Path, tmp_path: Path) -> None:
     run = tmp_path / "run"
     shutil.copytree(trained, run)
@@ -215,7 +222,7 @@ def test_curves_of_a_distilled_run_show_its_stages(trained: Path, tmp_path: Path
     (run / "student" / "metrics.jsonl").write_text(
         '{"step": 5, "student/imitation_error": 0.4, "rollout/ep_hit_rate": 0.2}\n'
     )
-    assert size_of(plot([trained, run], tmp_path / "curves.png")) == (1440, 1260)
+    assert lines_of(plot([trained, run], tmp_path / "curves.png")) == 3
     # A run that has not come to pixels yet has curves as well.
     (run / "metrics.jsonl").unlink()
     plot([run], tmp_path / "early.png")
@@ -228,8 +235,8 @@ def test_curves_of_who_tries_are_of_its_stage(trained: Path, tmp_path: Path) -> 
     (run / "looking").mkdir()
     rows = [{"step": 960 * k, "reward": 5.0 * k, "loss": None, "explore": 0.9} for k in (1, 2)]
     (run / "looking" / "cycles.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-    assert size_of(plot([run], tmp_path / "tries.png")) == (1440, 420)
-    assert size_of(plot([run, trained], tmp_path / "both.png")) == (1440, 1260)
+    assert lines_of(plot([run], tmp_path / "tries.png")) == 1
+    assert lines_of(plot([run, trained], tmp_path / "both.png")) == 3
     packed = tmp_path / "packed"
     packed.mkdir()
     pack_curves(run, packed)
@@ -240,7 +247,7 @@ def test_curves_of_packed_users(trained: Path, tmp_path: Path) -> None:
     packed = tmp_path / "packed"
     shutil.copytree(paths.trained_users_dir() / "whacamole_constrained", packed)
     pack_curves(trained, packed)
-    assert size_of(plot([str(packed)], tmp_path / "packed.png")) == (1440, 840)
+    assert lines_of(plot([str(packed)], tmp_path / "packed.png")) == 2
     rows = json.loads((packed / "curves.json").read_text())["rows"]
     assert [row["step"] for row in rows] == [60, 120]
     assert "rollout/ep_hit_rate" in rows[0]
@@ -252,7 +259,7 @@ def test_curves(trained: Path, tmp_path: Path) -> None:
     rows = [{"step": 1, "a": 2.0}, {"step": 2, "a": None}, {"step": 3}]
     assert curve(rows, "a") == ([1], [2.0])
     file = plot([trained, trained], tmp_path / "curves.png")
-    assert size_of(file) == (1440, 840)
+    assert lines_of(file) == 2
     with pytest.raises(InputError, match=r"ends in \.png"):
         plot([trained], tmp_path / "curves.txt")
     with pytest.raises(InputError, match=r"holds no config\.yaml"):

@@ -1,4 +1,4 @@
-"""Beats and its twin at once: the same users at the same time, moving about at random."""
+"""Beats and its model at once: the same users at the same time, moving about at random."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from true_users import motion_of, worn_by
 from sim2vr_harness.client import OptionValue
 from sim2vr_harness.envs.config import AppConfig, EffortConfig, EnvConfig, UserConfig
 from sim2vr_harness.envs.privileged import OBSERVATION
+from sim2vr_harness.games.beats.game_model import EVENTS, FIELDS
 from sim2vr_harness.games.beats.settings import Relaxation
-from sim2vr_harness.games.beats.twin import EVENTS, FIELDS
 from sim2vr_harness.policies.state_actor_critic import new_teacher
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
@@ -34,18 +34,18 @@ SMALL = (
 
 @dataclass(frozen=True)
 class Played:
-    """A round of everybody, in the true game and in the twin.
+    """A round of everybody, in the true game and in the model.
 
     Attributes:
         names: of what a teacher observes.
-        imagined: (STEPS, USERS, F) what it observes in the twin, and
+        imagined: (STEPS, USERS, F) what it observes in the model, and
         true: in the true game.
         effort: (STEPS, 2, USERS) costs, imagined and true.
-        rewards: (STEPS,) of the twin, all users together.
-        events: (STEPS, E) what has happened in the twin so far, in the order of `EVENTS`.
+        rewards: (STEPS,) of the model, all users together.
+        events: (STEPS, E) what has happened in the model so far, in the order of `EVENTS`.
         logs: the true game's at the end.
         counts: (STEPS, L) of the true game so far, all users together, in the order of `counted`.
-        sabers: how the twin's blades are fixed.
+        sabers: how the model's blades are fixed.
         limbs: the body model's.
     """
 
@@ -62,7 +62,7 @@ class Played:
 
     @property
     def happened(self) -> dict[str, float]:
-        """What has happened in the twin in the end."""
+        """What has happened in the model in the end."""
         return dict(zip(EVENTS, self.events[-1].tolist(), strict=True))
 
 
@@ -94,7 +94,7 @@ def play(
     Args:
         options: of the game, which its condition may change.
         torso: whether trunk and neck move.
-        soft: the twin's relaxation; None takes that of a training's end.
+        soft: the model's relaxation; None takes that of a training's end.
         counted: names of the log to add up after every step.
     """
     with short_cycles():

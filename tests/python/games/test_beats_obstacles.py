@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from beats_both import STEPS, USERS, Played, play
 
-from sim2vr_harness.games.beats import twin
+from sim2vr_harness.games.beats import game_model
 from sim2vr_harness.games.beats.game import Beats
+from sim2vr_harness.games.beats.game_model import EVENTS
 from sim2vr_harness.games.beats.settings import Relaxation
-from sim2vr_harness.games.beats.twin import EVENTS
 
 pytest.importorskip("sim2vr_harness._app_runtime")
 
@@ -59,19 +59,19 @@ def played(tmp_path_factory: pytest.TempPathFactory) -> Played:
     level = write_map(tmp_path_factory.mktemp("beats") / "obstacles")
     options = {"level": str(level), "end_on_miss": False}
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(twin, "_MOMENTS", tuple(np.linspace(0.0, 1.0, 41)[1:].tolist()))
+        patched.setattr(game_model, "_MOMENTS", tuple(np.linspace(0.0, 1.0, 41)[1:].tolist()))
         # No condition has this level.
         patched.setattr(Beats, "options", lambda self, condition, weights=None: options)
         return play(options, torso=True, soft=HARD, counted=COUNTED)
 
 
 def so_far(played: Played, event: str) -> np.ndarray:
-    """(STEPS,) how often it has happened in the twin."""
+    """(STEPS,) how often it has happened in the model."""
     return played.events[:, EVENTS.index(event)]
 
 
 def test_touched_mines_are_the_same(played: Played) -> None:
-    """Between frames the twin's blades turn nearly as the true ones: what grazes may differ."""
+    """Between frames the model's blades turn nearly as the true ones: what grazes may differ."""
     hits, _, avoided = played.counts.T
     assert 30 < hits[-1] < USERS * len(MINES_S) / 2
     assert np.abs(so_far(played, "mines") - hits).max() <= 4

@@ -7,7 +7,7 @@ import pytest
 import torch
 from beats_both import USERS, Played, play
 
-from sim2vr_harness.games.beats import sabers, twin
+from sim2vr_harness.games.beats import game_model, sabers
 from sim2vr_harness.games.beats.cuts import points
 
 pytest.importorskip("sim2vr_harness._app_runtime")
@@ -22,9 +22,9 @@ LOGGED = {
 
 @pytest.fixture(scope="module")
 def played() -> Played:
-    """A round of everybody, moving about at random, in the true game and in the twin."""
+    """A round of everybody, moving about at random, in the true game and in the model."""
     with pytest.MonkeyPatch.context() as patched:
-        patched.setattr(twin, "_MOMENTS", tuple(np.linspace(0.0, 1.0, 41)[1:].tolist()))
+        patched.setattr(game_model, "_MOMENTS", tuple(np.linspace(0.0, 1.0, 41)[1:].tolist()))
         patched.setattr(sabers, "_ALONG_M", tuple(np.linspace(-0.5, 0.5, 51).tolist()))
         return play({"level": "first"})
 

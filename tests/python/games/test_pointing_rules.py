@@ -13,9 +13,9 @@ from true_users import worn_by
 
 from sim2vr_harness.envs.config import AppConfig, EnvConfig
 from sim2vr_harness.games.imagined import ImaginedCondition
+from sim2vr_harness.games.pointing.game_model import FIELDS, ImaginedPointing
 from sim2vr_harness.games.pointing.rules import PointingTask
 from sim2vr_harness.games.pointing.settings import GameModelSettings
-from sim2vr_harness.games.pointing.twin import FIELDS, ImaginedPointing
 from sim2vr_harness.runs.config import apply_overrides
 from sim2vr_harness.runs.teacher_config import TeacherConfig
 from sim2vr_harness.training.teacher import env as teacher_env
@@ -54,7 +54,7 @@ def users_of(options: dict[str, Any], n: int = N) -> TeacherSimulation:
 
 @pytest.fixture(scope="module")
 def played() -> dict[str, Any]:
-    """Users who begin near targets and move about at random, in the true game and in the twin."""
+    """Users who begin near targets and move about at random, in the true game and in the model."""
     sim = users_of(OPTIONS)
     conditions = [sim.describe(0)]
     game = ImaginedPointing(N, conditions, GameModelSettings(), frame_s=STEP_S, seed=1)
@@ -128,7 +128,7 @@ def test_teachers_observe_the_same(played: dict[str, Any]) -> None:
 
 
 def test_the_defaults_are_the_games() -> None:
-    """Every block's first target, its width, and the one after it, by the twin's table."""
+    """Every block's first target, its width, and the one after it, by the model's table."""
     sim = users_of({}, n=2)
     condition: ImaginedCondition = sim.describe(0)
     task = PointingTask.of({})

@@ -1,4 +1,4 @@
-"""The twin's numbers are the true game's: the running app is asked for every one of them."""
+"""The model's numbers are the true game's: the running app is asked for every one of them."""
 
 from __future__ import annotations
 
@@ -171,7 +171,7 @@ def hammer(played: dict[str, np.ndarray]) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def wrong_overlaps(played: dict[str, np.ndarray]) -> tuple[int, int]:
-    """How many of the game's overlaps there are, and how often the twin disagrees by 0.3 mm."""
+    """How many of the game's overlaps there are, and how often the model disagrees by 0.3 mm."""
     marker, axes = (part.flatten(0, 1) for part in hammer(played))
     box = points(marker, axes)[1]
     up, behind = (

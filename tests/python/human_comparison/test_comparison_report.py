@@ -17,7 +17,6 @@ from sim2vr_harness.human_comparison.persons import Cell, RecordedPerson, measur
 from sim2vr_harness.human_comparison.report import ComparisonReport
 from sim2vr_harness.human_comparison.sources import Source
 from sim2vr_harness.human_comparison.tables import report_tables
-from sim2vr_harness.statistics.intervals import effect_interval
 from sim2vr_harness.statistics.significance import wilcoxon
 
 WHACAMOLE = behaviour_of("whacamole")
@@ -116,8 +115,6 @@ def test_effect_sizes_by_hand() -> None:
     differences = np.array([0.1, -0.2, 0.2, 0.4, 0.0])
     assert wilcoxon(differences, np.zeros(5))["r"] == pytest.approx(z / np.sqrt(5.0))
     assert wilcoxon(-differences, np.zeros(5))["r"] == pytest.approx(-z / np.sqrt(5.0))
-    # People's low and high: z = 2.213 of twelve, r = .639; atanh .756 +- .653.
-    assert effect_interval(2.213, 12) == pytest.approx((0.103, 0.887), abs=1e-3)
 
 
 def test_the_high_area_tires_most() -> None:

@@ -1,4 +1,4 @@
-"""Glimpses: what is cut out where, and that a student learns where to look."""
+"""Attention crops: their pixels, and that a student learns to place them."""
 
 from __future__ import annotations
 

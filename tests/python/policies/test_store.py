@@ -23,6 +23,7 @@ from sim2vr_harness.evaluation.packing import pack_measured
 from sim2vr_harness.policies import store as trained_users
 from sim2vr_harness.policies.registry import new_network
 from sim2vr_harness.policies.store import find_user, list_cards, open_packed
+from sim2vr_harness.runs.checkpoint import load_policy_weights, write_user
 from sim2vr_harness.runs.config import load_config
 from sim2vr_harness.runs.run_folder import RunFolder
 
@@ -85,9 +86,50 @@ def test_a_packed_user_plays_and_its_card_says_how(packed: Path) -> None:
     weights = torch.load(packed / "policy.pt", weights_only=True)
     for key, value in policy.state_dict().items():
         stored = weights[key.replace("pi_features", "features").replace("vf_features", "features")]
-        assert stored.dtype == torch.float16
+        if isinstance(stored, tuple):
+            levels, scale = stored
+            assert (levels.dtype, levels.abs().amax(1).unique().tolist()) == (torch.int8, [127])
+            stored = levels.float() * scale
+        else:
+            assert stored.dtype == torch.float16
         assert torch.equal(value, stored.float())
-    assert (packed / "policy.pt").stat().st_size < 4e6
+    assert (packed / "policy.pt").stat().st_size < 2e6
+
+
+def test_large_matrices_are_packed_as_bytes_with_a_scale_per_row(tmp_path: Path) -> None:
+    """By hand: a row whose largest entry is 1.27 has steps of .01, so .634 is .63; a row of
+    zeros stays one; 2^15 entries are large, a row fewer is not."""
+    network = torch.nn.Sequential(torch.nn.Linear(2**13, 4), torch.nn.Linear(2**13, 3))
+    large, small = (layer.weight.data.zero_() for layer in network)
+    large[0, :4] = small[0, :4] = torch.tensor([1.27, -0.634, 0.016, 0.004])
+    large[2, 5] = -1e-3
+    user = trained_users.TrainedUser(tmp_path, CONFIG, {}, tmp_path, lambda policy: 7)
+    trained_users.pack(user, network, tmp_path, "tester", {})
+    assert (tmp_path / "policy.pt").stat().st_size < 2**15 + 2 * 3 * 2**13 + 5000
+    loaded = torch.nn.Sequential(torch.nn.Linear(2**13, 4), torch.nn.Linear(2**13, 3))
+    assert open_packed(tmp_path).load(loaded) == 7
+    read = loaded[0].weight.detach()
+    torch.testing.assert_close(read[0, :4], torch.tensor([1.27, -0.63, 0.02, 0.0]))
+    assert read[0, 4:].count_nonzero() == read[1].count_nonzero() == 0
+    assert read[2, 5].item() == pytest.approx(-1e-3, rel=1e-6)
+    assert torch.equal(loaded[1].weight, small.half().float())
+
+
+def test_users_packed_as_binary16_are_read(packed: Path, tmp_path: Path) -> None:
+    """As every user was packed before: each weight is what the file says."""
+    for name in ("card.json", "config.yaml"):
+        (tmp_path / name).write_bytes((packed / name).read_bytes())
+    user = open_packed(tmp_path)
+    network = new_network(user, observation_space_of(CONFIG.env))
+    torch.manual_seed(4)
+    old = {key: torch.randn(value.shape).half() for key, value in network.state_dict().items()}
+    torch.save(old, tmp_path / "policy.pt")
+    assert user.load(network) == 7
+    own = network.state_dict()
+    assert torch.equal(
+        own["mlp_extractor.actor.0.weight"], old["mlp_extractor.actor.0.weight"].float()
+    )
+    assert torch.equal(own["log_std"], old["log_std"].float())
 
 
 def test_of_several_seeds_the_middle_one_is_packed(
@@ -229,6 +271,27 @@ def test_damaged_weights_are_named_with_their_file(packed: Path, tmp_path: Path)
     assert f"log_std: got 2 x 2, expected real numbers of shape {size}" in with_log_std(
         torch.zeros(2, 2)
     )
+    for pair in ((torch.zeros(size, dtype=torch.int8), torch.ones(1)), (1, 2), (None,)):
+        assert "log_std: got (" in with_log_std(pair)
     assert "log_std is not finite" in with_log_std(torch.full((size,), float("nan")))
     file.write_bytes(whole)
     assert user.load(network) == 7
+
+
+def test_weights_with_old_names_are_loaded(tmp_path: Path) -> None:
+    """Attention crops had another name when this user shipped, and in checkpoints of that time."""
+    user = find_user("pretrained:beats_level")
+    shipped = torch.load(user.source, weights_only=True)
+    old, new = (
+        f"features_extractor.{name}.grid.weight" for name in ("glimpses", "attention_crops")
+    )
+    network = new_network(user, observation_space_of(user.config.env))
+    user.load(network)
+    loaded = network.state_dict()
+    assert torch.equal(loaded[new], shipped[old].float())
+
+    names = {name: name.replace("attention_crops", "glimpses") for name in loaded}
+    before: Any = SimpleNamespace(state_dict=lambda: {names[k]: v + 1.0 for k, v in loaded.items()})
+    write_user(tmp_path / "step_000000007.zip", before, 7)
+    assert load_policy_weights(tmp_path / "step_000000007.zip", network) == 7
+    assert torch.equal(network.state_dict()[new], shipped[old].float() + 1.0)

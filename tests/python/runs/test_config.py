@@ -55,8 +55,8 @@ def test_the_fast_recipe_s_users_live_in_the_reference_s_environment(group: str)
     assert fast.env.model_copy(update={"app": app}) == reference.env
     assert fast.evaluation.conditions == reference.evaluation.conditions
     assert fast.teacher.conditions == reference.evaluation.conditions
-    stuck = {"unconstrained": 0.5}.get(group, 0.0)
-    assert fast.teacher.imagined.game["stuck_cost"] == stuck
+    dwell = {"unconstrained": 0.5}.get(group, 0.0)
+    assert fast.teacher.imagined.game["dwell_cost"] == dwell
 
 
 def test_people_learn_both_rules_and_pointing_as_the_same_people() -> None:
@@ -182,12 +182,12 @@ def test_a_plain_number_is_a_constant_rate() -> None:
     ("override", "message"),
     [
         (
-            "stuck=1",
-            r"^teacher\.imagined\.game\.stuck: got an unknown key, .*game\.stuck_cost'\?",
+            "dwell=1",
+            r"^teacher\.imagined\.game\.dwell: got an unknown key, .*game\.dwell_cost'\?",
         ),
         (
-            "stuck_cost=-1",
-            r"^teacher\.imagined\.game\.stuck_cost: got -1, expected greater than or equal",
+            "dwell_cost=-1",
+            r"^teacher\.imagined\.game\.dwell_cost: got -1, expected greater than or equal",
         ),
         (
             "speed_mps=1",
@@ -195,7 +195,7 @@ def test_a_plain_number_is_a_constant_rate() -> None:
         ),
     ],
 )
-def test_settings_of_a_game_s_twin_are_checked(override: str, message: str) -> None:
+def test_settings_of_a_game_s_model_are_checked(override: str, message: str) -> None:
     with pytest.raises(InputError, match=message):
         load_config("whacamole_constrained_distill", [f"teacher.imagined.game.{override}"])
 
@@ -228,7 +228,7 @@ def test_recorded_configurations_are_read_with_today_s_keys() -> None:
     assert config.env.cores == 2
     assert config.ppo.critic_first_updates == 3
     teacher = config.teacher
-    assert (teacher.imagined.cycles, teacher.imagined.game["stuck_cost"]) == (12, 0.5)
+    assert (teacher.imagined.cycles, teacher.imagined.game["dwell_cost"]) == (12, 0.5)
     assert teacher.reward_scale == 0.3
     assert teacher.ppo.complete().learning_rate.initial == 3e-4
     assert teacher.curriculum.near_starts == 0.3
@@ -276,7 +276,15 @@ def test_a_number_is_not_nothing_because_of_a_comment() -> None:
 OLD_NAMES = {
     "skills": {"user": "decider", "practice": {"cycles": 3}, "looking": {"users": 5}},
     "policy": {"glimpses": None},
-    "teacher": {"imagined": {"growing_lag_cycles": 1, "carry_cost": 0.5, "rest_cost": 0.25}},
+    "teacher": {
+        "recognition_steps": 2,
+        "imagined": {
+            "growing_lag_cycles": 1,
+            "carry_cost": 0.5,
+            "rest_cost": 0.25,
+            "game": {"stuck_cost": 0.125, "impact_share": 0.75},
+        },
+    },
 }
 NEW_NAMES = {
     "skills": {
@@ -286,7 +294,13 @@ NEW_NAMES = {
     },
     "policy": {"attention_crops": None},
     "teacher": {
-        "imagined": {"delay_ramp_cycles": 1, "movement_cost": 0.5, "activation_cost": 0.25}
+        "recognition_latency_steps": 2,
+        "imagined": {
+            "delay_ramp_cycles": 1,
+            "movement_cost": 0.5,
+            "activation_cost": 0.25,
+            "game": {"dwell_cost": 0.125, "impact_speed_weight": 0.75},
+        },
     },
 }
 
@@ -303,7 +317,7 @@ def test_old_names_are_read_with_a_warning_where_a_user_writes_them(notices: lis
     assert parse_config(renamed(OLD_NAMES)) == parse_config(NEW_NAMES)
     assert notices == []
     assert parse_config(OLD_NAMES) == parse_config(NEW_NAMES)
-    assert len(notices) == 7
+    assert len(notices) == 10
     warning = (
         "skills.looking is now called skills.q_learning: the old name works in this version only."
     )

@@ -131,7 +131,7 @@ def test_a_guide_says_what_muscles_shall_do_and_which_cells_have_targets(whole: 
     with_pictures.close()
 
 
-def test_a_game_without_a_twin_says_so_before_anything_is_written(tmp_path: Path) -> None:
+def test_a_game_without_a_game_model_says_so_before_anything_is_written(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"recipe: got 'distill' for the game 'sample'.*ppo"):
         train(
             tmp_path / "run",

@@ -1,4 +1,4 @@
-"""What an app is worth to its user that does not say so itself."""
+"""Tasks: rewards and outcomes for apps that report none."""
 
 from sim2vr_harness.client.tasks.app import TaskedApp
 from sim2vr_harness.client.tasks.check import check_task

@@ -38,8 +38,8 @@ class TaskedApp(SplitStep):
     A task may keep what it likes, so a round cannot be saved.
 
     Args:
-        app: to judge; owned by this object from now on. One that answers no expressions is asked
-            for the numbers of its log.
+        app: to judge; owned by this object from now on. One that answers no expressions
+            reports the numbers of its log.
         task: the judge, of this app alone.
     """
 
@@ -130,7 +130,7 @@ class TaskedApp(SplitStep):
         if reply.values or not self.task.values:
             return dict(reply.values)
         for expression in self.task.values.values():
-            if expression.startswith("locate("):
+            if "locate(" in expression:
                 raise AppUnsupported(f"{FIELD}: {expression} asks for an object, which pages have")
             if reply.log and expression not in reply.log:
                 raise unknown_name(FIELD, expression, reply.log)

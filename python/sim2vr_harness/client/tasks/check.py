@@ -1,4 +1,4 @@
-"""What is wrong with a task: it is run against recorded steps, twice."""
+"""Check of a task: it judges recorded steps twice."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a task publishes of its app, as a game does of itself."""
+"""Facts that a task publishes of its app, in the form of a game's."""
 
 from __future__ import annotations
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -13,6 +13,7 @@ from pydantic import Field, field_validator, model_validator
 from sim2vr_harness.base.settings import Settings
 from sim2vr_harness.client.devices import INPUT_NAMES
 from sim2vr_harness.client.games import Measure, RewardTerm
+from sim2vr_harness.client.tasks.events import EventCounter, EventRule, MeasureRule
 from sim2vr_harness.client.tasks.task import Outcome, Task, TaskMoment
 
 __all__ = ["DistanceRule", "RewardRule", "RuleTask", "TaskRules"]
@@ -103,6 +104,10 @@ class TaskRules(Settings):
     """A round is over by then."""
     values: dict[str, str] = Field(default_factory=dict)
     """Further measures: name -> expression."""
+    events: tuple[EventRule, ...] = ()
+    """What happens in a round; :attr:`measures` count and time it."""
+    measures: tuple[MeasureRule, ...] = ()
+    """Measures with label, unit and direction."""
     score: str | None = None
     """The measure by which users are compared; the first expression that is rewarded."""
     devices: tuple[Literal["controller_left", "controller_right"], ...] = ()
@@ -131,12 +136,39 @@ class TaskRules(Settings):
         for name in names:
             if names.count(name) > 1:
                 raise ValueError(f"reward: got {name!r} twice, expected a name for each part")
-        known = [*self.values, *(rule.label for rule in self.reward if rule.expression)]
+        rewarded = {rule.label: rule.expression for rule in self.reward if rule.expression}
+        self._check_measures(names, rewarded)
+        known = [*self.values, *rewarded, *(rule.name for rule in self.measures)]
         if self.score is not None and self.score not in known:
             raise ValueError(
                 f"score: got {self.score!r}, expected one of {', '.join(known) or 'no measures'}"
             )
         return self
+
+    def _check_measures(self, labels: Sequence[str], rewarded: Mapping[str, str]) -> None:
+        """Refuse names that mean two things, and events that are not there.
+
+        A measure may have the name of a rewarded expression, whose label and unit it then gives.
+        """
+        events = [rule.name for rule in self.events]
+        own = [rule.name for rule in self.measures]
+        for names in (events, own):
+            for name in names:
+                if names.count(name) > 1:
+                    raise ValueError(f"got {name!r} twice, expected each name once")
+        for rule in self.measures:
+            described = rule.value is not None and rewarded.get(rule.name) == rule.value
+            if rule.name in self.values or (rule.name in labels and not described):
+                raise ValueError(
+                    f"measures: got {rule.name!r}, which another value is called, expected another "
+                    "name"
+                )
+            for name in rule.events:
+                if name not in events:
+                    raise ValueError(
+                        f"measures: got the event {name!r} of {rule.name}, expected one of "
+                        f"{', '.join(events) or 'the events, of which there are none'}"
+                    )
 
 
 class RuleTask(Task):
@@ -162,17 +194,26 @@ class RuleTask(Task):
                 self.values[rule.label] = rule.distance.place
         if rules.finished is not None:
             self.values[_FINISHED] = rules.finished
+        self.values |= {rule.value: rule.reads for rule in rules.events}
+        own = {rule.name: rule for rule in rules.measures}
+        self.values |= {name: rule.value for name, rule in own.items() if rule.value is not None}
         self.score = rules.score or next(iter(rewarded), None)
+        names = dict.fromkeys([*rewarded, *rules.values, *own])
+        if self.score is not None:
+            names = {self.score: None, **names}
         self.measures = tuple(
-            Measure(
+            own[name].measure(score=name == self.score)
+            if name in own
+            else Measure(
                 name,
                 name.replace("_", " ").capitalize(),
                 better="higher" if name == self.score else "none",
                 digits=2,
                 log_key=name,
             )
-            for name in dict.fromkeys([*rewarded, *rules.values])
+            for name in names
         )
+        self._events = EventCounter(rules.events, rules.measures)
         self.reward_terms = tuple(
             RewardTerm(f"reward_{rule.label}", rule.label) for rule in rules.reward
         )
@@ -183,6 +224,7 @@ class RuleTask(Task):
         """See :class:`Task`."""
         self._before = {}
         self._sums = {}
+        self._events.reset(moment)
         for rule in self.rules.reward:
             if rule.expression is not None or rule.distance is not None:
                 self._before[rule.label] = _amount(rule, moment)
@@ -198,7 +240,7 @@ class RuleTask(Task):
             self._sums[name] = self._sums.get(name, 0.0) + part
             log |= {name: part, f"{name}Sum": self._sums[name]}
         finished = bool(moment.values.get(_FINISHED))
-        return Outcome(total, finished, log=log)
+        return Outcome(total, finished, log={**log, **self._events.step(moment)})
 
     def _grown(self, rule: RewardRule, moment: TaskMoment) -> float:
         if rule.seconds:

@@ -1,4 +1,4 @@
-"""What an app is worth to its user when it does not say so itself."""
+"""Base class of tasks, which reward apps that report no reward."""
 
 from __future__ import annotations
 

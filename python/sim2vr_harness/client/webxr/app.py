@@ -33,6 +33,7 @@ from sim2vr_harness.client.webxr.browser import Browser, find_browser
 from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.page import PROFILES, SCRIPT_ERRORS, Page
 from sim2vr_harness.client.webxr.renderers import RENDERERS
+from sim2vr_harness.client.webxr.replies import PageReport
 
 __all__ = ["CAPABILITIES", "WebXRApp"]
 
@@ -244,6 +245,20 @@ class WebXRApp(SplitStep):
         """
         self._require_open()
         return self._page.locate(name)
+
+    def report(self) -> PageReport:
+        """Return what the page is made of and asked for so far; also after a reset failed."""
+        return self._page.report()
+
+    @property
+    def usable(self) -> bool:
+        """Whether its browser can still be asked."""
+        return self._browser.tools.usable
+
+    @property
+    def asked(self) -> Mapping[str, int]:
+        """Addresses that the page asked for in this round: 200, 404, or 0: mapped nowhere."""
+        return self._files.asked
 
     # --- what a page cannot do -----------------------------------------------------------------
 

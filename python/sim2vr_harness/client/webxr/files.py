@@ -1,4 +1,4 @@
-"""Which local file an address of a page means; everything else is refused and named."""
+"""Local files for the addresses of a page; other requests are refused and named."""
 
 from __future__ import annotations
 
@@ -20,6 +20,9 @@ that browsers allow WebXR on."""
 
 MOST_BYTES = 1 << 28
 """A file that is larger is not served."""
+
+MOST_ASKED = 1000
+MOST_CHARACTERS = 2000
 
 MOST_LEVELS = 3
 """How many folders above the page's are looked through for a file that it lacks."""
@@ -75,6 +78,8 @@ class PageFiles:
         """Addresses below a mapped one, without a file."""
         self.refused = Kept()
         """Addresses that are mapped nowhere."""
+        self.asked: dict[str, int] = {}
+        """Status of each address of this round; of so many at most that a page cannot fill."""
         self.outside: str | None = None
         """The options that serve a missing file which lies above the page's folder."""
         if self.answer(self.url).status != 200:
@@ -83,7 +88,7 @@ class PageFiles:
                 + (" below the addresses of app.map" if "://" in page else "")
                 + ", expected a page in HTML"
             )
-        self.missing.clear()
+        self.clear()
 
     def _url_of_file(self, file: Path) -> str:
         file = file.absolute()
@@ -105,17 +110,30 @@ class PageFiles:
         best = max((one for one in self._folders if plain.startswith(one)), key=len, default=None)
         if best is None:
             self.refused.add(url)
+            self._note(plain, 0)
             return Answer(0)
         place, rest = self._folders[best], unquote(plain[len(best) :])
         found = _content(place, rest)
         if found is None:
             if not plain.endswith("/favicon.ico"):  # the browser looks for it by itself
                 self.missing.add(url)
+                self._note(plain, 404)
                 self.outside = self.outside or self._outside(plain)
             return Answer(404, b"no such file")
         file, content = found
+        self._note(plain, 200)
         mime = _TYPES.get(file.suffix.lower()) or mimetypes.guess_type(file.name)[0]
         return Answer(200, content, mime or "application/octet-stream")
+
+    def clear(self) -> None:
+        """Forget what was asked for."""
+        self.missing.clear()
+        self.refused.clear()
+        self.asked.clear()
+
+    def _note(self, address: str, status: int) -> None:
+        if len(self.asked) < MOST_ASKED:
+            self.asked[address[:MOST_CHARACTERS]] = status
 
     def _outside(self, url: str) -> str | None:
         """Return the options that serve an address from a folder above the page's; None: no such.

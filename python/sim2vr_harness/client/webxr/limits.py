@@ -1,4 +1,4 @@
-"""How much a page may have us keep, and how much memory its browser may take."""
+"""Limits of a page's messages and of its browser's memory."""
 
 from __future__ import annotations
 

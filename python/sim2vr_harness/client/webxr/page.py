@@ -15,9 +15,11 @@ from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.pipe import RefusedRequest
 from sim2vr_harness.client.webxr.replies import (
     BadReply,
+    PageReport,
     StepReply,
     door_reply,
     place_in,
+    report_reply,
     step_reply,
     text_in,
 )
@@ -78,6 +80,9 @@ class Page:
         browser.request("Target.setDiscoverTargets", start_timeout_s, discover=True)
         for method in ("Inspector.enable", "Page.enable", "Runtime.enable"):
             self._ask(method)
+        self._ask(
+            "Target.setAutoAttach", autoAttach=True, waitForDebuggerOnStart=True, flatten=True
+        )
         self._ask("Fetch.enable", patterns=[{"urlPattern": "*"}])
         self._ask("Page.addScriptToEvaluateOnNewDocument", source=bundle(settings, values))
 
@@ -96,7 +101,7 @@ class Page:
         """
         self.log_notes()
         address = _with_query(self.files.url, options)
-        self._watch.clear(address)
+        self._watch.clear(address, seed)
         if self._seed_script is not None:
             self._ask("Page.removeScriptToEvaluateOnNewDocument", identifier=self._seed_script)
         source = f"window.__sim2vr?.seed({seed});"  # frames within have none
@@ -227,6 +232,10 @@ class Page:
         except RefusedRequest as error:
             raise self._refused(str(error).removeprefix("Error: ")) from error
         return self._checked(place_in, f"the place of {name!r}", answer)
+
+    def report(self) -> PageReport:
+        """Return what the page is made of and asked for so far."""
+        return self._checked(report_reply, self._evaluate("__sim2vr.report()"))
 
     def describe_renderer(self) -> str:
         """Return the name of what draws in this browser."""

@@ -1,4 +1,4 @@
-"""What draws in a browser: software, in one thread for each user."""
+"""Software rendering in a browser, in one thread for each user."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""What a page answers, checked: its scripts may have replaced anything."""
+"""Validation of a page's replies: its scripts may have replaced anything."""
 
 from __future__ import annotations
 
 import base64
 import math
 from collections.abc import Collection
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 from sim2vr_harness.client.answers import (
     BadReply,
@@ -18,8 +18,19 @@ from sim2vr_harness.client.answers import (
 from sim2vr_harness.client.base import AppValue
 from sim2vr_harness.client.devices import HANDS, HapticPulse
 
-__all__ = ["BadReply", "DoorReply", "StepReply", "door_reply", "place_in", "step_reply", "text_in"]
+__all__ = [
+    "BadReply",
+    "DoorReply",
+    "PageReport",
+    "StepReply",
+    "door_reply",
+    "place_in",
+    "report_reply",
+    "step_reply",
+    "text_in",
+]
 
+MOST_TEXTS = 200
 MOST_PULSES = 10_000
 """Vibrations of one step."""
 
@@ -60,6 +71,34 @@ class DoorReply:
     failure: str | None = None
     click: bool = False
     at: tuple[float, float] | None = None
+
+
+@dataclass(frozen=True)
+class PageReport:
+    """What a page is made of and asks for.
+
+    Attributes:
+        engines: names with versions.
+        sessions: kinds that it asks about.
+        features: of the sessions that it asks for.
+        objects: names of its scene's objects.
+        inputs: events and parts of controllers that it listens to or reads.
+    """
+
+    engines: tuple[str, ...] = ()
+    sessions: tuple[str, ...] = ()
+    features: tuple[str, ...] = ()
+    objects: tuple[str, ...] = ()
+    inputs: tuple[str, ...] = ()
+
+
+def report_reply(answer: object) -> PageReport:
+    """Return what a page is made of; raises :class:`BadReply`."""
+    keys = tuple(each.name for each in fields(PageReport))
+    if not isinstance(answer, dict) or set(answer) != set(keys):
+        raise bad_reply("the report", answer, f"an object of {', '.join(keys)}")
+    lists = {key: list_in(key, answer[key], MOST_TEXTS) for key in keys}
+    return PageReport(**{key: tuple(text_in(key, one) for one in lists[key]) for key in keys})
 
 
 def door_reply(answer: object) -> DoorReply:

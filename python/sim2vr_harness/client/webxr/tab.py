@@ -10,12 +10,24 @@ from typing import Any, NamedTuple
 from sim2vr_harness.client.webxr.browser import Browser, read_script
 from sim2vr_harness.client.webxr.pipe import RefusedRequest
 
-__all__ = ["RENDERER", "PageSettings", "Tab", "bundle", "describe_browser", "open_tab"]
+__all__ = [
+    "RENDERER",
+    "PageSettings",
+    "Tab",
+    "bundle",
+    "describe_browser",
+    "open_tab",
+    "worker_bundle",
+]
 
 _SCRIPTS = (
     "own.js",
     "clock.js",
     "loads.js",
+    "elements.js",
+    "workers.js",
+    "animations.js",
+    "sound.js",
     "messages.js",
     "observers.js",
     "spaces.js",
@@ -25,9 +37,12 @@ _SCRIPTS = (
     "picture.js",
     "session.js",
     "objects.js",
+    "report.js",
     "steps.js",
 )
 """In the order in which they build on each other; ``walls.js`` is for the frames within, too."""
+
+_WORKER_SCRIPTS = ("own.js", "clock.js", "loads.js", "worker.js")
 
 PageSettings = Mapping[str, Any]
 """What the scripts receive: seed, size, eyes and so on (:class:`~.app.WebXRApp`)."""
@@ -87,6 +102,12 @@ RENDERER = """(() => {
   gl.getExtension('WEBGL_lose_context')?.loseContext();
   return name;
 })()"""
+
+
+def worker_bundle(seed: int) -> str:
+    """Return the scripts of a worker as one, which runs before its own."""
+    parts = "\n".join(read_script(name) for name in _WORKER_SCRIPTS)
+    return f"((window) => {{ const sim = {{ settings: {{ seed: {seed} }} }};\n{parts}\n}})(self)"
 
 
 def bundle(settings: PageSettings, values: Mapping[str, str]) -> str:

@@ -12,7 +12,7 @@ from sim2vr_harness.client.webxr import limits
 from sim2vr_harness.client.webxr.browser import Browser
 from sim2vr_harness.client.webxr.files import PageFiles
 from sim2vr_harness.client.webxr.limits import Kept
-from sim2vr_harness.client.webxr.tab import Tab
+from sim2vr_harness.client.webxr.tab import Tab, worker_bundle
 
 __all__ = ["PageWatch", "words_of"]
 
@@ -43,6 +43,7 @@ class PageWatch:
         self.loaded = False
         self.loading: str | None = None
         self.requests = 0
+        self._seed = 0
         self._complaints = Kept()
         self._files = files
         self._tab = tab
@@ -58,11 +59,14 @@ class PageWatch:
         on("Runtime.exceptionThrown", self._note_error)
         on("Runtime.consoleAPICalled", self._note_complaint)
         on("Inspector.targetCrashed", self._end)
+        on("Target.attachedToTarget", self._begin_worker)
 
-    def clear(self, loading: str) -> None:
+    def clear(self, loading: str, seed: int) -> None:
         """Forget the round before: the harness is about to load an address."""
-        for kept in (self.errors, self._complaints, self._files.missing, self._files.refused):
-            kept.clear()
+        self._seed = seed
+        self.errors.clear()
+        self._complaints.clear()
+        self._files.clear()
         self.left, self.loaded, self.loading = None, False, loading
 
     # --- events --------------------------------------------------------------------------------
@@ -98,6 +102,15 @@ class PageWatch:
         ours = target.get("browserContextId") == self._tab.context
         if ours and target["type"] == "page" and target["targetId"] != self._tab.target:
             self._tools.send("Target.closeTarget", {"targetId": target["targetId"]}, answered=False)
+
+    def _begin_worker(self, event: Mapping[str, Any]) -> None:
+        """Give a worker, which waits for it, the scripts of virtual time; let all others go on."""
+        session, send = event["sessionId"], self._tools.send
+        if event["targetInfo"]["type"] == "worker":
+            expression = worker_bundle(self._seed)
+            send("Runtime.evaluate", {"expression": expression}, session, answered=False)
+        if event.get("waitingForDebugger"):
+            send("Runtime.runIfWaitingForDebugger", {}, session, answered=False)
 
     def _note_loaded(self, event: Mapping[str, Any]) -> None:
         self.loaded = True

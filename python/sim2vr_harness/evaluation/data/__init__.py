@@ -1,4 +1,4 @@
-"""What evaluations leave for analyses: tidy tables of episodes, events, steps and frames."""
+"""Tidy tables of evaluations: episodes, events, steps and frames."""
 
 from sim2vr_harness.evaluation.data.columns import Column
 from sim2vr_harness.evaluation.data.folder import DataFolder, EvaluationData, read_data

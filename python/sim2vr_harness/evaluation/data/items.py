@@ -1,4 +1,4 @@
-"""What came and went in a round, a row each, from the game's own log (``events.csv``).
+"""Table of a round's items, a row each, from the game's log (``events.csv``).
 
 A line of the log is ``time, EVENT, FIELD VALUE, FIELD VALUE ...``, with a colon between a field and
 a value that is no number (``kind: left box``); which events and fields mean what, the game

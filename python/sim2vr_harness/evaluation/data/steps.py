@@ -1,4 +1,4 @@
-"""What every user step of a round was like: poses, joints, muscles, fatigue, rewards."""
+"""Table of user steps: poses, joints, muscles, fatigue, rewards."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How well a replay agrees with the recording, target by target and hit by hit."""
+"""Agreement of a replay with its recording, per target and per hit."""
 
 from __future__ import annotations
 

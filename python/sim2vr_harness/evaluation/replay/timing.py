@@ -1,4 +1,4 @@
-"""What a recording's rounded time stamps say about the clock that made them."""
+"""Clock of a recording, estimated from its rounded time stamps."""
 
 from __future__ import annotations
 

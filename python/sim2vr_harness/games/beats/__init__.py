@@ -5,6 +5,6 @@
 - :mod:`.levels`: the levels that imagined rounds play
 - :mod:`.sabers`: where the blades are, how far from a box, how fast
 - :mod:`.lane`: what of a level is where, for every round
-- :mod:`.twin`: B imagined rounds
-- :mod:`.game`: the resident itself
+- :mod:`.game_model`: the differentiable game model, B imagined rounds
+- :mod:`.game`: the game's entry in the registry
 """

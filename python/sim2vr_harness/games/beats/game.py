@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.client import describe_game
 from sim2vr_harness.client.base import OptionValue
+from sim2vr_harness.games.beats.game_model import FIELDS, ImaginedBeats
 from sim2vr_harness.games.beats.levels import Levels, game_level, made_of
 from sim2vr_harness.games.beats.rules import TOLD_MINES
 from sim2vr_harness.games.beats.settings import LEVELS, GameModelSettings
-from sim2vr_harness.games.beats.twin import FIELDS, ImaginedBeats
 from sim2vr_harness.games.imagined import ImaginedCondition
 
 __all__ = ["GAME", "Beats"]
@@ -31,7 +31,7 @@ class Beats:
     felt_fields = ("left.*", "right.*", "head.*")
     facts = "*.present"
     on_gpu = False
-    glances = ("left0", "right0", "mine0", "left1", "right1", "mine1", "mine2")
+    attention_targets = ("left0", "right0", "mine0", "left1", "right1", "mine1", "mine2")
     start_fields: tuple[str, str] | None = None
     start_limits: Mapping[str, tuple[float, float]] = {}
 

@@ -1,4 +1,4 @@
-"""What of a level is where, for every round: boxes, mines and walls that come."""
+"""Positions of a level's boxes, mines and walls, for a batch of rounds."""
 
 from __future__ import annotations
 

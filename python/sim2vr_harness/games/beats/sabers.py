@@ -1,4 +1,4 @@
-"""Where the sabers are, how far from boxes, and how fast: differentiable."""
+"""Poses of the sabers, distances to boxes and speeds; differentiable."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What may be set of imagined Beats: the keys of ``teacher.imagined.game``."""
+"""Settings of the game model of Beats (``teacher.imagined.game``)."""
 
 from __future__ import annotations
 

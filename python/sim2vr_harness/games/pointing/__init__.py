@@ -3,6 +3,6 @@
 - :mod:`.rules`: the numbers of the true game, checked against it by tests
 - :mod:`.settings`: the keys of ``teacher.imagined.game``
 - :mod:`.stylus`: where the tip is
-- :mod:`.twin`: B imagined rounds
-- :mod:`.game`: the resident itself
+- :mod:`.game_model`: the differentiable game model, B imagined rounds
+- :mod:`.game`: the game's entry in the registry
 """

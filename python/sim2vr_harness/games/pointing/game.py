@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from sim2vr_harness.client import describe_game
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.games.imagined import ImaginedCondition
+from sim2vr_harness.games.pointing.game_model import FIELDS, ImaginedPointing
 from sim2vr_harness.games.pointing.settings import GameModelSettings
-from sim2vr_harness.games.pointing.twin import FIELDS, ImaginedPointing
 
 __all__ = ["GAME", "Pointing"]
 
@@ -32,7 +32,7 @@ class Pointing:
     felt_fields = ("tip.*",)
     facts = "shown.*"
     on_gpu = False
-    glances: tuple[str, ...] = ()
+    attention_targets: tuple[str, ...] = ()
     start_fields: tuple[str, str] | None = ("aid.start_distance_m", "aid.start_cell")
     start_limits: Mapping[str, tuple[float, float]] = {"elbow_flexion": (0.5, 1.9)}
 

@@ -1,4 +1,4 @@
-"""What may be set of imagined pointing: the keys of ``teacher.imagined.game``."""
+"""Settings of the game model of pointing (``teacher.imagined.game``)."""
 
 from __future__ import annotations
 

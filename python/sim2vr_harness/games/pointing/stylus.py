@@ -1,4 +1,4 @@
-"""Where the stylus' tip is, by the places of controller and headset."""
+"""Position of the stylus' tip from the poses of controller and headset."""
 
 from __future__ import annotations
 

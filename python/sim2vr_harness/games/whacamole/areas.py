@@ -9,7 +9,6 @@ from torch import Tensor
 
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.games.whacamole.rules import (
-    CELL_M,
     CELLS,
     COLUMNS,
     VOLUME_BEHIND_M,
@@ -41,11 +40,12 @@ def areas_of(
     )
     right = torch.tensor([1.0, 0.0, 0.0]).expand_as(ups)
     cell = torch.arange(CELLS)
-    across, up = (cell % COLUMNS - 1.0) * CELL_M, (1.0 - cell // COLUMNS) * CELL_M
+    across, up = cell % COLUMNS - 1.0, 1.0 - cell // COLUMNS
+    cell_m = torch.tensor([one.cell_m for one in where])[:, None, None]
     cells = (
         area[:, None]
-        + across[None, :, None] * right[:, None]
-        + up[None, :, None] * ups[:, None]
+        + (across[None, :, None] * cell_m) * right[:, None]
+        + (up[None, :, None] * cell_m) * ups[:, None]
         + VOLUME_BEHIND_M * behind[:, None]
     )
     return area, torch.stack([right, ups, behind], 1), strike, cells

@@ -1,4 +1,4 @@
-"""What is to be known of Whac-A-Mole to measure what its players do."""
+"""Description of Whac-A-Mole for the measures of its players' behaviour."""
 
 from __future__ import annotations
 

@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from sim2vr_harness.client.base import OptionValue
 from sim2vr_harness.games.imagined import ImaginedCondition
+from sim2vr_harness.games.whacamole.game_model import FIELDS, ImaginedWhacAMole
 from sim2vr_harness.games.whacamole.rules import CELLS
 from sim2vr_harness.games.whacamole.settings import GameModelSettings
-from sim2vr_harness.games.whacamole.twin import FIELDS, ImaginedWhacAMole
 
 __all__ = ["GAME", "WhacAMole"]
 
@@ -32,7 +32,7 @@ class WhacAMole:
     felt_fields = ("hammer.*",)
     facts = "cell*.present"
     on_gpu = True
-    glances: tuple[str, ...] = ()
+    attention_targets: tuple[str, ...] = ()
     start_fields: tuple[str, str] | None = ("aid.start_distance_m", "aid.start_cell")
     start_limits: Mapping[str, tuple[float, float]] = {"elbow_flexion": (0.5, 1.9)}
 

@@ -1,4 +1,4 @@
-"""Where the hammer is, and how deep it is in a target."""
+"""Pose of the hammer, and its depth in a target."""
 
 from __future__ import annotations
 

@@ -9,6 +9,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client.base import OptionValue
 
 Triple = tuple[float, float, float]
@@ -43,7 +44,8 @@ LIES_DEG = 22.5
 """An area tilted further by an option is struck down."""
 
 CELL_M = 0.125
-"""Distance of neighbouring cells."""
+"""Distance of neighbouring cells, unless an option changes it."""
+TARGET_RADIUS_M = 0.025
 VOLUME_BEHIND_M = 0.010
 """How far the middle of a target's hit volume lies behind the area's plane."""
 TARGET_HALF_M = (0.0225, 0.0225, 0.0125)
@@ -64,29 +66,40 @@ class Area:
         middle_m: from the head, the app's axes, m.
         up, behind: the area's axes.
         strike: the direction whose speed a hit is judged by.
+        cell_m: distance of neighbouring cells.
     """
 
     middle_m: Triple
     up: Triple
     behind: Triple
     strike: Triple
+    cell_m: float
 
 
 def area_of(placement: int, options: Mapping[str, OptionValue]) -> Area:
-    """Return the area of a placement (0 low, 1 mid, 2 high), moved as options say."""
+    """Return the area of a placement (0 low, 1 mid, 2 high), moved and scaled as options say.
+
+    Raises:
+        InputError: the options change the targets' size, on which the other boxes depend.
+    """
+    radius_m = _number(options.get("target_radius_m"), TARGET_RADIUS_M)
+    if radius_m != TARGET_RADIUS_M:
+        wanted = f"{TARGET_RADIUS_M} with recipe 'distill'; recipe 'skills' takes any"
+        raise InputError("env.app.options.target_radius_m", str(radius_m), wanted)
     across_m, height_m, distance_m = AREA_M[placement]
     middle_m = (
         across_m,
         _number(options.get("area_height_m"), height_m),
         _number(options.get("area_distance_m"), distance_m),
     )
+    cell_m = _number(options.get("area_size_m"), 2.0 * CELL_M) / 2.0
     if options.get("area_tilt_deg") is None:
-        return Area(middle_m, UP[placement], BEHIND[placement], STRIKE[placement])
+        return Area(middle_m, UP[placement], BEHIND[placement], STRIKE[placement], cell_m)
     tilt_deg = _number(options["area_tilt_deg"], 0.0)
     tilt_rad = math.radians(tilt_deg)
     sine, cosine = math.sin(tilt_rad), math.cos(tilt_rad)
     strike = STRIKE[0 if tilt_deg > LIES_DEG else 1]
-    return Area(middle_m, (0.0, cosine, sine), (0.0, -sine, cosine), strike)
+    return Area(middle_m, (0.0, cosine, sine), (0.0, -sine, cosine), strike, cell_m)
 
 
 def _number(value: OptionValue | None, otherwise: float) -> float:

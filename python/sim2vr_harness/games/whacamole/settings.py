@@ -1,4 +1,4 @@
-"""What may be set of imagined Whac-A-Mole: the keys of ``teacher.imagined.game``."""
+"""Settings of the game model of Whac-A-Mole (``teacher.imagined.game``)."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ class Relaxation:
         speed_mps: width of the step from too slow to fast enough.
         near: reward for being near a living target at speed.
         distance: reward for the game's own term of distance to living targets, times this.
-        stuck: cost of staying in a target, which must be left before it can be hit: a hit has no
+        dwell: cost of staying in a target, which must be left before it can be hit: a hit has no
             gradient that says so.
         stroke: reward for being on the stroke that would hit the oldest target.
         plane: cost of being in the targets' plane, or behind it, away from targets.
@@ -62,7 +62,7 @@ class Relaxation:
     speed_mps: float
     near: float
     distance: float
-    stuck: float = 0.0
+    dwell: float = 0.0
     stroke: float = 0.0
     plane: float = 0.0
     blind: float = 0.0
@@ -138,17 +138,17 @@ class GameModelSettings(Settings):
     """Reward per user step, at first, for a hammer that is where a stroke at the oldest target
     would have it: in front of the cell, and in it 0.6 s after the target appeared. Less with the
     distance, by 0.3 m below 0."""
-    stuck_cost: Weight = 0.0
-    """Cost per user step of the hammer staying in a target that it is in and has not hit. A user
-    who may hit at any speed waits where targets grow into the hammer otherwise."""
+    dwell_cost: Weight = 0.0
+    """Cost per user step of a hammer that dwells in a target without having hit it. Without this
+    cost, users that may hit at any speed wait where targets grow into the hammer."""
     shaping: Literal["none", "unhurried"] = "none"
     """``unhurried``: users who may hit at any speed wait for targets, aim at their middle and
     strike with the hammer's face, as people do. Set ``keep_best: false`` with it: policies that do
     not wait score best."""
-    impact_share: Chance = 0.0
-    """Share of a hit's worth that is for how fast what hits goes towards the targets: all of it
-    from 3 m/s on. The game looks at the hammer near the hand only, which no one who plays it can
-    tell: people strike with its head."""
+    impact_speed_weight: Chance = 0.0
+    """Proportion of a hit's reward that depends on the speed of the hammer's head towards the
+    targets; all of it is paid from 3 m/s on. The game judges a point near the hand, which players
+    cannot see: people strike with the head."""
     whole_steps: bool = False
     """Whether hits are looked for once a user step, at its mean speed, where the app does in each
     of several frames. Speeds of 10 ms are beyond what the body model knows, and what happens in
@@ -176,7 +176,7 @@ class GameModelSettings(Settings):
             speed_mps=towards(_SPEED_MPS),
             near=towards(_NEAR_REWARD),
             distance=towards(_DISTANCE_REWARD),
-            stuck=self.stuck_cost,
+            dwell=self.dwell_cost,
             stroke=left(_STROKE_UNTIL) * self.stroke_reward,
             plane=(1.0 - early) * shaping.plane,
             blind=(1.0 - early) * shaping.blind,

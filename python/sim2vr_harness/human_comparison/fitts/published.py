@@ -1,7 +1,7 @@
-"""What is published of people who select targets within reach in VR, with a tracked hand or device.
+"""Published results of people who select targets within reach in VR, with a tracked hand or device.
 
-Numbers are here only where the text that reports them was at hand; a study whose numbers were not
-is listed for its task, so that no one takes a remembered number for a cited one.
+Numbers are given only where the text that reports them was at hand. Other studies are listed for
+their task, without numbers.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""How many pieces a movement is made of.
+"""Number of submovements of a movement.
 
 A movement that needs no correction has one hump of speed. Peaks of the tip's speed in the target
 plane are counted, so that moving out of the plane and into it again is none; on a grid of 20 Hz

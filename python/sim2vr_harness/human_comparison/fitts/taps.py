@@ -1,7 +1,7 @@
-"""What a round's ``events.csv`` says of every target of the game ``pointing``.
+"""Selections of the game ``pointing``, read from a round's ``events.csv``.
 
-The columns are those of docs/reference/games/pointing.md, "Logs". A selection's own place and time
-are read; what the game worked out of them is worked out anew, so that both can be compared.
+The columns are those of docs/reference/games/pointing.md, "Logs". The place and time of a selection
+are read; values that the game computes from them are computed again, so that both can be compared.
 """
 
 from __future__ import annotations

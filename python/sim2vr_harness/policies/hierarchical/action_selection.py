@@ -102,8 +102,8 @@ class ActionSelector:
         Args:
             net: the network.
             choice: changed in place.
-            hold: user steps for which it is seen through, of users who leave what they wait at in
-                vain; 0: of users who remember nothing.
+            hold: user steps for which a choice is kept, of users who leave a place where waiting
+                earned nothing; 0: users without memory.
         """
         scene = self.scene()
         places = self.places(scene)

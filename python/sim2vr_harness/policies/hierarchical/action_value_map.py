@@ -1,4 +1,4 @@
-"""What every move at every place in sight is worth."""
+"""Action values of every motor option at every cell of the image."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from sim2vr_harness.policies.hierarchical.options import PLAIN, OptionSet
 __all__ = ["ActionValueMap"]
 
 _UNIT_M, _FAR_UNIT_M = 0.4, 2.0
-"""What places are told in: within reach finely, farther away, where things come from, coarsely."""
+"""Units of positions: fine within reach, coarse farther away, where things come from."""
 _UNIT_MPS = 2.0
 _CHANNELS = 32
 """Of the convolutions. Users decide on a CPU, several times a second."""
@@ -21,9 +21,9 @@ _CHANNELS = 32
 class ActionValueMap(nn.Module):
     """Values of moves by cell of the picture, and of resting; hands' values add up.
 
-    Convolutions know what is where in the picture; each cell also knows where in the world it is,
-    seen from the head and from the hands' tips, and how these move: who decides anew in the middle
-    of a stroke knows that it is one.
+    Convolutions read the picture. Each cell also receives its position in the world, relative to
+    the head and to the hands' tips, and their velocities: a choice in the middle of a stroke
+    depends on that stroke.
 
     Args:
         sight: geometry of the pictures.

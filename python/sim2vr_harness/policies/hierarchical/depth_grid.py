@@ -1,4 +1,4 @@
-"""Where what a user sees is: the headset's picture in cells, each with a place in the world."""
+"""Geometry of the image cells: the headset's depth image as positions in the world."""
 
 from __future__ import annotations
 

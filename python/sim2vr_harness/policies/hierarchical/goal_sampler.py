@@ -1,4 +1,4 @@
-"""What a motor layer trains in: goals one after the other, anywhere within reach."""
+"""Training goals of the motor policy: sequences of goals within reach."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ _STEP_SHARE = 0.15
 """Of that, for every user step of following."""
 _WAVES = 2
 _REGION_M, _REGIONS = 0.12, 20
-"""Goals are told apart by cubes of this size, so many along each side of a cube around the body."""
+"""Regions of goals: cubes of this size, so many along each side of a cube around the body."""
 _MIDDLE_M = 1.0
 """Height of that cube's middle."""
 _CANDIDATES = 8

@@ -1,8 +1,8 @@
-"""What a motor layer is told: where a point of the hand shall be, when, how fast, which way.
+"""Goals of the motor policy: position, time, speed and direction of a point of the hand.
 
 A goal belongs to a hand and to a point that is fixed to it, the tip: the hand itself, a hammer's
-head, any point of a blade. It is given anew in every user step, so that what it stands for may
-move; a hand without a goal rests. All places are in MuJoCo's world frame (z up, x forward, m).
+head, any point of a blade. It is set in every user step, so that its target may move; a hand
+without a goal rests. All positions are in MuJoCo's world frame (z up, x forward, m).
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ GOAL_SIZE = 22
 _FAR_M, _FAST_MPS, _LATE_S = 0.3, 1.5, 0.5
 """Units of what is observed."""
 MOMENT_S = 0.005
-"""Over which velocities are told from places, s."""
+"""Interval of the finite difference that gives velocities from positions, s."""
 
 
 @dataclass

@@ -27,7 +27,7 @@ _CLIP = 8.0
 
 
 class MotorPolicy(nn.Module):
-    """A policy that brings hands where they are told to.
+    """A policy that brings hands to their goals.
 
     Args:
         body: whose.

@@ -65,7 +65,7 @@ def motor_layer_for(body: Body, step_s: float, *, following: bool = False) -> Mo
         body: whose.
         step_s: duration of a user step.
         following: whether it is to follow the hands of others, for which some bodies have a layer
-            of their own: it wastes less force and strikes when it is told to.
+            of their own: it uses less force and strikes on time.
 
     Raises:
         InputError: there is none.

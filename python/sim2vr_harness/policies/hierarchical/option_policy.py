@@ -62,7 +62,7 @@ class Intention:
 
 
 def require_senses(env: EnvConfig) -> None:
-    """Check that a user who decides senses what it decides by.
+    """Check that a user has the senses that the high-level policy observes.
 
     Raises:
         InputError: names the sense.

@@ -1,4 +1,4 @@
-"""What a hand can be told to do with a place: come and stay, or go through it, this way or that."""
+"""Motor primitives of a hand: reach a place and stay, or swing through it in a direction."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What is in the hand: points of the picture that move as a device does.
+"""Detection of held tools: image points that move as a device does.
 
-No one says what an app fixes to a controller. While the hands move about, every visible point is
-put into each device's frame; what stays where it is there, wherever the hand is, belongs to it.
-What stands in the world does not.
+Apps do not report the objects that they attach to a controller. While the hands move, every visible
+point is transformed into each device's frame. A point that keeps its position in that frame belongs
+to the device; points that stand in the world do not keep it.
 """
 
 from __future__ import annotations
@@ -159,7 +159,7 @@ class ToolView:
 
 
 def tools_in(looks: Sequence[ToolView]) -> list[Tool]:
-    """Return what each hand holds, told by pictures taken while hands and heads move about."""
+    """Return each hand's tool, found in pictures taken while hands and heads move about."""
     users, hands = looks[0].places.shape[:2]
     stands = np.stack([_stands([look.of(i) for look in looks]) for i in range(users)], 1)
     return [_found(looks, stands, hand) for hand in range(hands)]
@@ -291,7 +291,7 @@ def _points(far: NDArray[np.float32]) -> NDArray[np.float64]:
 
 
 def _moved(points: NDArray[np.float64], pose: NDArray[np.floating[Any]]) -> NDArray[np.float64]:
-    """(..., 3) points (..., 3) of a frame in the one that its pose (4, 4) is told in."""
+    """(..., 3) points (..., 3) of a frame in the frame of its pose (4, 4)."""
     return np.asarray(points @ pose[:3, :3].T + pose[:3, 3], dtype=np.float64)
 
 

@@ -1,4 +1,4 @@
-"""Where a body's hands can be."""
+"""Reachable positions of a body's hands."""
 
 from __future__ import annotations
 

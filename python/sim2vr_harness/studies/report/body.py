@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,6 +16,7 @@ from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import body_of
 from sim2vr_harness.evaluation.evaluate import name_of
 from sim2vr_harness.evaluation.fatigue import full_name
+from sim2vr_harness.evaluation.muscle_groups import muscles_by_part
 from sim2vr_harness.figures.figure import COLOURS, Bars, Figure, Heat, Layer, Line, Panel, colour_of
 from sim2vr_harness.policies.store import TrainedUser, find_user
 from sim2vr_harness.studies.report.source import Group, ReportSource
@@ -46,7 +47,7 @@ _PREFIXES = (
     ("act_", "mean activation"),
     ("force_", "mean torque, without its sign (Nm)"),
 )
-"""What a muscle's or motor's load is told by, the first that there is."""
+"""Columns of a muscle's or motor's load; the first that exists is used."""
 
 
 @dataclass(frozen=True)
@@ -152,19 +153,17 @@ def figures_of_body(
         return
     first = told[0][1]
     labels = [group.label for group, _ in told]
-    parts = _parts_of(body, first.names) if body is not None else {}
+    parts = _parts_of(body, first.names)
     order = np.argsort(-np.mean([load.values for _, load in told], axis=0), kind="stable")
     high = float(max(load.values.max() for _, load in told)) or 1.0
     rows = [full_name(first.names[i]) for i in order]
     values = [[float(load.values[i]) for _, load in told] for i in order]
     panels = [Panel(f"Each: {first.what}", [Heat(values, labels, rows, 0.0, high)], rows=len(rows))]
     if parts:
-        names = list(dict.fromkeys(parts[name] for name in first.names if name in parts))
-        inside = {n: [i for i, m in enumerate(first.names) if parts.get(m) == n] for n in names}
-        table = [[float(load.values[inside[n]].mean()) for _, load in told] for n in names]
+        table = [[float(load.values[own].mean()) for _, load in told] for own in parts.values()]
         panels.append(
-            Panel("By part of the body (mean)", [Heat(table, labels, names, 0.0, high)],
-                  rows=max(4, 2 * len(names)))
+            Panel("By part of the body (mean)", [Heat(table, labels, list(parts), 0.0, high)],
+                  rows=max(4, 2 * len(parts)))
         )  # fmt: skip
     over_time = list(_over_time(source.groups))
     if over_time:
@@ -175,7 +174,8 @@ def figures_of_body(
     kind = "Muscle fatigue" if first.fatigue else "Load"
     panels += _effort_split(told, parts)
     caption = "Means over rounds; the most loaded first." + (
-        " A muscle counts to the joint that it turns most in the body's own posture."
+        " A muscle counts to every part of the body that it moves, so the proportions of parts "
+        "may add up to more than 1."
         if parts
         else ""
     )
@@ -193,10 +193,18 @@ def _over_time(groups: Sequence[Group]) -> Iterator[Layer]:
             end = min(times[-1] for times, _ in curves)
             at = np.linspace(curves[0][0][0], end, _OVER_TIME)
             mean = np.mean([np.interp(at, *curve) for curve in curves], axis=0)
-            yield Line(group.label, list(map(float, at)), list(map(float, mean)), colour_of(index))
+            yield Line(group.label, at, mean, colour_of(index))
 
 
-def _effort_split(told: Sequence[tuple[Group, Load]], parts: dict[str, str]) -> Iterator[Panel]:
+def _parts_of(body: Body | None, names: Sequence[str]) -> dict[str, NDArray[np.int64]]:
+    """Part of the body, in words -> indices of what moves it; those of one side where known."""
+    parts = {} if body is None else muscles_by_part(body, names)
+    return {full_name(part): own for part, own in parts.items() if f"{part}_r" not in parts}
+
+
+def _effort_split(
+    told: Sequence[tuple[Group, Load]], parts: Mapping[str, NDArray[np.int64]]
+) -> Iterator[Panel]:
     """Which part of the body the squared activations, or torques, are of."""
     shares = []
     for group, load in told:
@@ -209,63 +217,17 @@ def _effort_split(told: Sequence[tuple[Group, Load]], parts: dict[str, str]) -> 
         ]
         total = np.sum(squares, axis=0)
         shares.append(total / total.sum() if total.sum() > 0 else total)
-    names = list(dict.fromkeys(parts.get(name, name) for name in told[0][1].names))
-    if len(names) > 2 * len(COLOURS):
+    shown = parts or {name: np.array([i]) for i, name in enumerate(told[0][1].names)}
+    if len(shown) > 2 * len(COLOURS):
         return
     what = "squared activations" if prefix == "act_" else "squared torques"
+    labels = [group.label for group, _ in told]
     layers = [
-        Bars(
-            part,
-            [group.label for group, _ in told],
-            [
-                float(sum(share[i] for i, n in enumerate(load.names) if parts.get(n, n) == part))
-                for share, (_, load) in zip(shares, told, strict=True)
-            ],
-            colour_of(index),
-        )
-        for index, part in enumerate(names)
+        Bars(part, labels, [float(share[own].sum()) for share in shares], colour_of(index))
+        for index, (part, own) in enumerate(shown.items())
     ]
-    yield Panel(f"Proportion of {what}", layers, y_label="proportion", stacked=True,
+    yield Panel(f"Proportion of {what}", layers, y_label="proportion", stacked=not parts,
                 legend=True, y_range=(0.0, 1.02))  # fmt: skip
-
-
-_PLACES = (
-    ("shoulder", ("elv_angle", "shoulder", "clavic", "acromio", "unrot", "humer")),
-    ("elbow", ("elbow",)),
-    ("forearm", ("pro_sup", "radius", "forearm")),
-    ("wrist", ("deviation", "flexion", "wrist", "hand")),
-    ("neck", ("neck", "skull", "head")),
-    ("trunk", ("trunk", "torso", "lumbar", "pelvis", "thorax")),
-)
-"""Parts of a body, by words in the names of joints, the first that fits; else the joint."""
-
-
-def _parts_of(body: Body, names: Sequence[str]) -> dict[str, str]:
-    """Muscle or motor -> the part of the body whose joint it turns most, at rest."""
-    model = body.model
-    data = mujoco.MjData(model)
-    mujoco.mj_forward(model, data)
-    moments = np.zeros((model.nu, model.nv))
-    mujoco.mju_sparse2dense(
-        moments, data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind
-    )
-    # Joints that follow others do not count: their moments reach the body through these.
-    free = {model.joint(name).dofadr[0] for name in body.observed_joints}
-    found = {}
-    for name in names:
-        row = np.abs(moments[model.actuator(name).id])
-        row[[i for i in range(model.nv) if i not in free]] = 0.0
-        if row.max() > 0:
-            found[name] = _place_of(model.joint(int(model.dof_jntid[int(row.argmax())])).name)
-    return found
-
-
-def _place_of(joint: str) -> str:
-    side = {"_r": ", right", "_l": ", left"}.get(joint[-2:], "")
-    for place, words in _PLACES:
-        if any(word in joint for word in words):
-            return place + side
-    return joint
 
 
 def body_pictures(

@@ -1,4 +1,4 @@
-"""What the reward and the effort were made of."""
+"""Figures of the parts of the reward and of the effort."""
 
 from __future__ import annotations
 

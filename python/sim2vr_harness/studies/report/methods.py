@@ -1,4 +1,4 @@
-"""The paragraph for a paper's methods section, and whom to cite."""
+"""The paragraph for a paper's methods section, and its citations."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What came of the rounds: measures by group, with people beside them, and where it happened."""
+"""Figures of outcomes: measures by group beside people's, and places of the outcomes."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ __all__ = ["figures_of_outcomes"]
 _MOST_POINTS = 400
 """Of items in a panel; more would only cover each other."""
 _MOST_COUNTS = 6
-"""That are told one by one."""
+"""Most counts that are listed one by one."""
 _SPREAD = 0.5
 """Of a group's rounds, in the distance of two groups."""
 

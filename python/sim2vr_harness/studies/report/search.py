@@ -1,4 +1,4 @@
-"""What a search tried and found: progress or compromises, slices, all parameters side by side."""
+"""Figures of a search: progress or Pareto front, slices, parallel coordinates."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def figures_of_search(source: ReportSource) -> Iterator[Figure]:
     )
     yield Figure(
         "search_parallel",
-        "All parameters side by side",
+        "Parallel coordinates of all parameters",
         "A line per trial, from the least to the greatest value of each; the best are coloured.",
         [_parallel(search, [*parameters, *constraints, *objectives])],
     )

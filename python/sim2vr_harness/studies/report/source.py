@@ -1,4 +1,4 @@
-"""What a report is made of: the tables of an evaluation or a study, in groups to be compared."""
+"""Data of a report: the tables of an evaluation or a study, in groups to compare."""
 
 from __future__ import annotations
 

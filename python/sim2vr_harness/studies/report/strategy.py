@@ -1,4 +1,4 @@
-"""How the users went about it: the tool's depth over time, ways through space, times, speeds."""
+"""Figures of strategy: the tool's depth over time, its paths, times and speeds."""
 
 from __future__ import annotations
 
@@ -169,7 +169,7 @@ def _around_outcomes(group: Group, own: Sequence[Depth], colour: str) -> Iterato
                 curves.append(np.interp(at, depth.times_s, depth.values_m))
     if len(curves) > 2:
         middle = np.median(curves, axis=0)
-        yield Line(group.label, list(map(float, offsets)), list(map(float, middle)), colour)
+        yield Line(group.label, offsets, middle, colour)
 
 
 def _in_space(groups: Sequence[Group], depths: Sequence[Sequence[Depth]]) -> Figure:
@@ -180,7 +180,7 @@ def _in_space(groups: Sequence[Group], depths: Sequence[Sequence[Depth]]) -> Fig
         first = own[0]
         part = first.places[(first.times_s >= _PATH_S[0]) & (first.times_s <= _PATH_S[1])]
         part = part[:: max(1, len(part) // 500)]
-        x, y, z = (list(map(float, part[:, axis])) for axis in (0, 2, 1))
+        x, y, z = (part[:, axis] for axis in (0, 2, 1))
         layers.append(Path(group.label, x, y, z, colour_of(index)))
         rows = group.events.dropna(subset=list(_AXES))[list(_AXES)].drop_duplicates()
         rows = rows.iloc[:_MOST_PLACES]
@@ -260,7 +260,7 @@ def _share_line(name: str, values: Any, colour: str) -> list[Layer]:
     at = np.quantile(values, shares)
     middle = float(np.median(values))
     return [
-        Line(name, list(map(float, at)), list(map(float, shares)), colour),
+        Line(name, at, shares, colour),
         Points(
             f"{name}, median",
             [middle],

@@ -100,7 +100,7 @@ def _people(people: Sequence[float], measure: Measure) -> tuple[str, str]:
 
 
 def beside_table(source: ReportSource, published: Published) -> str | None:
-    """Ours, people's and published values side by side; None where no one else has any.
+    """Compare our values with people's and published ones; None where there are no others.
 
     A table per measure, with a column for each who has values of it.
     """

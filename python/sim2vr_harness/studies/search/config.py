@@ -1,4 +1,4 @@
-"""What a search varies, what it wants, and how long it goes on."""
+"""Configuration of a search: parameters, objectives and stopping rules."""
 
 from __future__ import annotations
 
@@ -195,8 +195,8 @@ class OptimiseConfig(Settings):
     """Measure -> its limits."""
     trials: int = Field(default=40, ge=1, le=1000)
     at_once: int = Field(default=4, ge=1, le=100)
-    """Trials that are chosen together, from what the ones before them gave, and may be played side
-    by side. It is not how many are: the result does not depend on jobs or machines."""
+    """Trials that are chosen together, from the results of earlier ones, and may be played at the
+    same time. The number of jobs and machines is separate: the result does not depend on it."""
     sampler: Literal["tpe", "gp", "nsga2", "random"] = "tpe"
     """Optuna's: Tree-structured Parzen Estimator; Gaussian processes; NSGA-II; chance."""
     begin: tuple[dict[str, Any], ...] = ()

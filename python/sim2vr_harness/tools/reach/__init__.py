@@ -1,1 +1,1 @@
-"""How far a user reaches, and which targets lie within."""
+"""Reachable workspace of a user, and the targets within it."""

@@ -1,4 +1,4 @@
-"""How far a point of a body reaches, by every joint's limits."""
+"""Reachable workspace of a point of a body, from its joints' limits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What ``sim2vr-harness reach`` writes: tables, a page, a picture, a film."""
+"""Output files of ``sim2vr-harness reach``: tables, a page, a picture, a video."""
 
 from __future__ import annotations
 

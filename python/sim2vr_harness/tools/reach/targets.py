@@ -150,30 +150,36 @@ def seen_targets(
         InputError: The app does not tell of its scene, or nothing fits the pattern.
     """
     seen: list[Target] = []
-    names: set[str] = set()
+    paths: set[str] = set()
     with closing(simulation(config, 1)) as users:
         app = users.apps[0]
         if "scene" not in app.capabilities:
             raise InputError("--game", "an app that tells nothing of its scene", "one that does")
-        still = np.zeros((1, *users.action_space.shape), np.float32)
         for number in range(rounds):
             users.reset(seeds=[seed + number], persons=None if person is None else [person])
-            tracks = _Tracks(app.scene(), pattern)
-            for _ in range(round(seconds * users.config.action_frequency_hz)):
-                outcome = users.step(still)
-                scene = app.scene()
-                names |= {one.path for one in scene.objects}
-                tracks.add(scene)
-                if outcome.terminated[0] or outcome.truncated[0]:
-                    break
+            tracks = _watched_round(users, pattern, seconds)
+            paths |= tracks.paths
             for target in tracks.targets():
                 if not any(target.same_as(other) for other in seen):
                     seen.append(target)
     if not seen:
         wanted = "that comes, goes or moves" if pattern is None else f"called {pattern!r}"
-        own = sorted({name.rpartition("/")[2] for name in names if not name.startswith(_RIG)})
+        own = sorted({name.rpartition("/")[2] for name in paths if not name.startswith(_RIG)})
         raise InputError("--objects", f"nothing {wanted}", f"one of {', '.join(own)}")
     return _numbered(seen[:_MOST])
+
+
+def _watched_round(users: Any, pattern: str | None, seconds: float) -> _Tracks:
+    """Sit still until the round ends, or so long."""
+    app = users.apps[0]
+    still = np.zeros((1, *users.action_space.shape), np.float32)
+    tracks = _Tracks(app.scene(), pattern)
+    for _ in range(round(seconds * users.config.action_frequency_hz)):
+        outcome = users.step(still)
+        tracks.add(app.scene())
+        if outcome.over[0]:
+            break
+    return tracks
 
 
 def _numbered(seen: list[Target]) -> list[Target]:
@@ -188,7 +194,11 @@ def _numbered(seen: list[Target]) -> list[Target]:
 
 
 class _Tracks:
-    """Where objects of a round come nearest to the head, that fit a pattern or move."""
+    """Where objects of a round come nearest to the head, that fit a pattern or move.
+
+    Attributes:
+        paths: of all objects that there were.
+    """
 
     def __init__(self, first: AppScene, pattern: str | None) -> None:
         self._pattern = pattern
@@ -196,6 +206,7 @@ class _Tracks:
         self._best: dict[tuple[int, int], tuple[float, str, FloatArray]] = {}
         self._moved: set[tuple[int, int]] = set()
         self._start = _head(first)
+        self.paths: set[str] = set()
         self.add(first)
 
     def add(self, scene: AppScene) -> None:
@@ -205,6 +216,7 @@ class _Tracks:
         for one in scene.objects:
             key = one.id, counts.get(one.id, 0)
             counts[one.id] = key[1] + 1
+            self.paths.add(one.path)
             if one.path.startswith(_RIG) or key[1] or not self._fits(one):
                 continue
             before = self._first.get(_key(one))

@@ -1,1 +1,1 @@
-"""What each part of a reward is worth over a movement, beside the effort that it costs."""
+"""Contributions of reward terms over a movement, beside its effort cost."""

@@ -1,4 +1,4 @@
-"""What a reward's terms and the effort come to over four ways to a target.
+"""Contributions of reward terms and effort over four ways to a target.
 
 After SIM2VR's reward-scaling tool: worst (never nearer), linear, quadratic (1 - (1 - t)^2 of the
 way) and best (there all the time), against effort of no, light, random and full activation.

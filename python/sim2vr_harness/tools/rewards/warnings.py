@@ -1,4 +1,4 @@
-"""What is wrong with a reward's proportions, in words."""
+"""Warnings about the proportions of a reward's terms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What remains of a tracked recording: tables, OpenSim's files, a summary, pictures."""
+"""Output files of motion tracking: tables, OpenSim files, a summary, pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a body's next state owes to its state and its controls: one body for each perturbation."""
+"""Jacobians of a body's dynamics by finite differences, one body for each perturbation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the game makes of a followed hand: the recorded round again, the body's controller in it."""
+"""Game outcomes of a tracked hand: the recorded round, replayed with the body's controller."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a recorded world lies in that of a body: so that the person's head is the body's."""
+"""Registration of a recorded world to that of a body, by the person's head."""
 
 from __future__ import annotations
 

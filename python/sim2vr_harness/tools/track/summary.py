@@ -1,4 +1,4 @@
-"""What is said of a tracked recording: sentences and rows of tables."""
+"""Summary of motion tracking: sentences and rows of tables."""
 
 from __future__ import annotations
 

@@ -137,7 +137,7 @@ class Refinement:
         steps: int,
     ) -> None:
         self._act, self._misses, self._steps = act, misses, steps
-        self._nudges = Perturbations(many, misses)
+        self._perturbations = Perturbations(many, misses)
         self._one, self._tried = many(1), many(len(_CAUTIONS) * len(_SIZES))
         self._drives, self._costs = ActuatorState(self._one.body), _Costs(self._one.body)
         self._plan: _Plan | None = None
@@ -157,7 +157,7 @@ class Refinement:
     def _best(self, start: DynamicsState, step: int) -> _Plan:
         """The plan of the steps from one on: of what is left of the last, or afresh if lost."""
         old = self._plan
-        self._nudges.forget_before(step)
+        self._perturbations.forget_before(step)
         plan = self._planned(self._begun(start, step, old), step)
         if old is None or np.abs(plan.missed[:_DONE]).max() < _LOST_M:
             return plan
@@ -170,7 +170,7 @@ class Refinement:
         gained, nearness = True, 1.0
         for _ in range(_GOES):
             responses = [
-                self._nudges.response(plan.moments[k], plan.shares[k], step + k, nearness)
+                self._perturbations.response(plan.moments[k], plan.shares[k], step + k, nearness)
                 for k in range(len(plan.shares))
             ]
             cautions = self._caution * np.array(_CAUTIONS)

@@ -1,4 +1,4 @@
-"""What there is to see of play, moment after moment: of a user, a recording, or a person."""
+"""Frames to watch: of a user, a recording or a person."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from sim2vr_harness.client import (
 )
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
-from sim2vr_harness.evaluation.first_look import act_of
 from sim2vr_harness.evaluation.replay.recordings import GAME, read_recordings
 from sim2vr_harness.evaluation.replay.replayer import replay
 from sim2vr_harness.policies.protocol import episode_of
 from sim2vr_harness.policies.registry import load_policy
+from sim2vr_harness.policies.scripted import scripted_policy, with_inputs
 from sim2vr_harness.policies.store import TrainedUser
 from sim2vr_harness.users import Body
 
@@ -154,7 +154,7 @@ def user_show(
         env: the environment.
         seed: of body, policy and game.
         deterministic: whether actions are the policy's mean.
-        untrained: how a body moves that no one trained: one of :data:`first_look.USERS`; None:
+        untrained: how a body moves that no one trained: one of :data:`scripted.USERS`; None:
             at random, gently.
         simulation: how to make the user: (EnvConfig, n) -> simulation.
     """
@@ -165,6 +165,8 @@ def user_show(
     name = untrained or "no particular person"
     if user is not None:
         name = str(user.card.get("name") or user.source)
+    if user is None and untrained is not None:
+        env = with_inputs(env, untrained)
     # The body of a running simulation, drawn shapes included.
     first = make(env, 1)
     body: Body = first.body
@@ -177,7 +179,7 @@ def user_show(
                 policy, _ = load_policy(user, users.observation_space, users.action_space)
                 act = episode_of(policy)
             elif untrained is not None:
-                act = act_of(untrained, users)
+                act = episode_of(scripted_policy(untrained, users))
             mean = deterministic and user is not None
             yield from _played(users, act, facts, seed, mean)
 

@@ -1,4 +1,4 @@
-"""Which moment is shown: pause, step, speed, back and forth."""
+"""Playback control of frames: pause, step, speed, back and forth."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What to watch: a trained user, a body, a recorded round, a page, or a game to try."""
+"""Selection of what to watch: a trained user, a body, a recorded round, a page or a game."""
 
 from __future__ import annotations
 
@@ -54,10 +54,7 @@ def choose(
     if untrained is not None:
         raise InputError("--user", repr(untrained), "--page with it")
     if run is not None and _recorded(Path(run)):
-        if person:
-            raise InputError("--try", "it with a recording", "it with a game, a user, or alone")
-        if game is not None or condition is not None:
-            raise InputError("--game or --condition", "it with a recording", "neither of them")
+        _refuse_with_recording(person, game, condition)
         return recorded_show(Path(run))
     who = run or "mobl_arms_wrist"
     env = _environment(who, game, condition, overrides, trust_app=trust_app)
@@ -68,6 +65,13 @@ def choose(
         if deterministic is None:
             deterministic = user.config.evaluation.deterministic
     return user_show(user, env, seed=seed, deterministic=bool(deterministic))
+
+
+def _refuse_with_recording(person: bool, game: str | None, condition: str | None) -> None:
+    if person:
+        raise InputError("--try", "it with a recording", "it with a game, a user, or alone")
+    if game is not None or condition is not None:
+        raise InputError("--game or --condition", "it with a recording", "neither of them")
 
 
 def _environment(

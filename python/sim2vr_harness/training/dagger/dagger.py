@@ -31,6 +31,7 @@ from sim2vr_harness.policies.sharding import in_shards
 from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.runs.checkpoint import read_header, state_header
 from sim2vr_harness.runs.dagger_config import StudentConfig
+from sim2vr_harness.runs.migration import with_new_tensor_names
 from sim2vr_harness.training.replay import ReplayStore
 from sim2vr_harness.training.run.episode_stats import episode_means
 
@@ -55,15 +56,15 @@ _STATISTICS_EPISODES = 100
 """Latest episodes that the printed statistics are taken over."""
 _COLLECTED = 0.4
 """Share of a round's time that is over after collecting."""
-_TARGETS = ("label", "facts", "numbers", "glances")
+_TARGETS = ("label", "facts", "numbers", "crop_places")
 """What a stored frame holds beside the observation."""
 
 
 class Expert(Protocol):
-    """Who knows what the student should do, from more than the student sees."""
+    """An expert that acts on more than the student observes."""
 
-    glance_columns: tuple[tuple[int, ...], ...]
-    """Of each of :meth:`glances`, which of :meth:`numbers` are about it."""
+    crop_columns: tuple[tuple[int, ...], ...]
+    """Of each of :meth:`crop_places`, which of :meth:`numbers` are about it."""
 
     def actions(self, simulation: Any) -> NDArray[np.float32]:
         """(N, A) what the teacher would do now, in [-1, 1]."""
@@ -74,8 +75,8 @@ class Expert(Protocol):
     def numbers(self, simulation: Any) -> NDArray[np.float32]:
         """(N, K) what the teacher knows of the game, about 1 in size, for ``numbers_weight``."""
 
-    def glances(self, simulation: Any) -> NDArray[np.float32]:
-        """(N, G, 3) where in the picture the game's ``glances`` are.
+    def crop_places(self, simulation: Any) -> NDArray[np.float32]:
+        """(N, G, 3) places of the game's ``attention_targets`` in the picture.
 
         Tangents right and up of its middle, and 1 if there is one, else 0.
         """
@@ -96,10 +97,10 @@ class StudentProgress:
         facts_error: mean cross entropy of the facts, 0 without any.
         numbers_error: mean squared error of what the teacher knows of the game, 0 where the student
             does not learn to tell it.
-        glances_error: of where the student looks, see ``AttentionCrops.loss``; 0 without glimpses.
+        crops_error: of the locator, see ``AttentionCrops.loss``; 0 without attention crops.
         reading_error: mean squared error of the facts of a thing, from its crop alone.
-        teacher_share: share of users on whom the teacher acted.
-        episodes: episodes that ended, on which the student alone acted.
+        teacher_share: share of users for which the teacher acted.
+        episodes: episodes that ended, in which the student alone acted.
         means: means over the last of those, as :func:`episode_means` gives them.
         collect_seconds: wall time.
         learn_seconds: wall time.
@@ -109,7 +110,7 @@ class StudentProgress:
     imitation_error: float
     facts_error: float
     numbers_error: float
-    glances_error: float
+    crops_error: float
     reading_error: float
     teacher_share: float
     episodes: int
@@ -156,7 +157,7 @@ class Student:
             width = extractor.picture_features
             self._heads = nn.Linear(width, self._facts).to(self._device) if self._facts else None
             self._tell = self._telling(policy)
-            self._glimpses: AttentionCrops | None = extractor.glimpses
+            self._crops: AttentionCrops | None = extractor.attention_crops
             self._looked_at = self._looking()
             self._read = self._reading()
         mlp: Any = policy.mlp_extractor
@@ -188,7 +189,7 @@ class Student:
             "label": self.simulation.action_space.shape,
             "facts": (self._facts,),
             "numbers": (self._tell.out_features if self._tell else 0,),
-            "glances": (self._looked_at, 3),
+            "crop_places": (self._looked_at, 3),
         }
         return ReplayStore(
             folder / PICTURE_FILES,
@@ -212,27 +213,27 @@ class Student:
 
     def _looking(self) -> int:
         """How many things are looked at; from now on it is learned where they are."""
-        if self._glimpses is None:
+        if self._crops is None:
             return 0
-        count, known = self._glimpses.count, len(self.guide.glance_columns)
+        count, known = self._crops.count, len(self.guide.crop_columns)
         if known < count:
             raise InputError(
                 "policy.attention_crops.count",
                 str(count),
                 f"at most {known}, the things that the game says are worth looking at",
             )
-        self._glimpses.teach(True)
+        self._crops.teach(True)
         return count
 
     def _reading(self) -> nn.ModuleList | None:
-        """The heads that tell of each thing that is looked at, from the glimpse of it alone.
+        """Heads that predict the facts of each thing that is looked at, from its crop alone.
 
-        Among all that is told of a game, what a thing is like would hardly count.
+        In the loss over all facts of a game, those of one thing would hardly count.
         """
-        if self._glimpses is None or self._tell is None:
+        if self._crops is None or self._tell is None:
             return None
-        columns = self.guide.glance_columns[: self._looked_at]
-        heads = [nn.Linear(self._glimpses.features, len(which)) for which in columns]
+        columns = self.guide.crop_columns[: self._looked_at]
+        heads = [nn.Linear(self._crops.features, len(which)) for which in columns]
         return nn.ModuleList(heads).to(self._device)
 
     @property
@@ -260,7 +261,7 @@ class Student:
             imitation_error=math.sqrt(errors["imitation"]),
             facts_error=errors["facts"],
             numbers_error=errors["numbers"],
-            glances_error=errors["glances"],
+            crops_error=errors["crops"],
             reading_error=errors["reading"],
             teacher_share=share,
             episodes=self._ended,
@@ -281,7 +282,7 @@ class Student:
             label = np.clip(self.guide.actions(self.simulation), -1.0, 1.0)
             facts = self.guide.facts(self.simulation)
             told = {"label": label, "facts": facts, "numbers": self._told()}
-            self.store.append({**observation, **told, "glances": self._glances()})
+            self.store.append({**observation, **told, "crop_places": self._crop_places()})
             # Whole stretches by one of the two would show fewer of the student's mistakes.
             by_teacher = self._rng.random(self.n) < share
             noise = self._rng.standard_normal(label.shape).astype(np.float32)
@@ -298,11 +299,11 @@ class Student:
             return np.zeros((self.n, 0), np.float32)
         return self.guide.numbers(self.simulation)
 
-    def _glances(self) -> NDArray[np.float32]:
+    def _crop_places(self) -> NDArray[np.float32]:
         """(N, G, 3) where the things are that are looked at; G may be 0."""
         if self._looked_at == 0:
             return np.zeros((self.n, 0, 3), np.float32)
-        return self.guide.glances(self.simulation)[:, : self._looked_at]
+        return self.guide.crop_places(self.simulation)[:, : self._looked_at]
 
     def act(self, observation: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
         """(N, A) the student's mean actions."""
@@ -341,7 +342,7 @@ class Student:
             "imitation": _IMITATION_WEIGHT,
             "facts": _FACTS_WEIGHT,
             "numbers": config.numbers_weight,
-            "glances": _CROPS_WEIGHT,
+            "crops": _CROPS_WEIGHT,
             "reading": config.numbers_weight,
         }
         first, last = self.store.first, self.store.count
@@ -375,16 +376,16 @@ class Student:
             losses["facts"] = nn.functional.binary_cross_entropy_with_logits(logits, batch["facts"])
         if self._tell is not None:
             losses["numbers"] = nn.functional.mse_loss(left.pop(0), batch["numbers"])
-        if self._glimpses is not None:
-            glances = batch["glances"]
-            losses["glances"] = self._glimpses.loss(left.pop(0), glances[..., :2], glances[..., 2])
+        if self._crops is not None:
+            places = batch["crop_places"]
+            losses["crops"] = self._crops.loss(left.pop(0), places[..., :2], places[..., 2])
         if self._read is not None:
-            losses["reading"] = self._reading_error(left, batch["numbers"], glances[..., 2])
+            losses["reading"] = self._reading_error(left, batch["numbers"], places[..., 2])
         return losses
 
     def _reading_error(self, told: list[Tensor], numbers: Tensor, there: Tensor) -> Tensor:
         errors = torch.zeros(())
-        for k, (read, columns) in enumerate(zip(told, self.guide.glance_columns, strict=False)):
+        for k, (read, columns) in enumerate(zip(told, self.guide.crop_columns, strict=False)):
             wrong = (read - numbers[:, columns]).square().mean(1)
             errors = errors + (wrong * there[:, k]).sum()
         return errors / there.sum().clamp(min=1.0)
@@ -405,8 +406,8 @@ class Student:
         if where is not None:
             answers.append(where)
         if self._read is not None:
-            assert self._glimpses is not None
-            seen = self._glimpses.parted(features)
+            assert self._crops is not None
+            seen = self._crops.parted(features)
             answers += [head(seen[:, k]) for k, head in enumerate(self._read)]
         return tuple(answers)
 
@@ -445,7 +446,7 @@ class Student:
             ValueError: it is of another format.
         """
         header, arrays = read_header(state, STATE_FORMAT), state["arrays"]
-        self.policy.load_state_dict(state["policy"])
+        self.policy.load_state_dict(with_new_tensor_names(state["policy"]))
         for name, head in self._dropped.items():
             head.load_state_dict(state[name])
         self._optimizer.load_state_dict(state["optimizer"])
@@ -454,7 +455,7 @@ class Student:
         self._cut = arrays["cut"].cpu().numpy().copy()
         self._acted = arrays["acted"].cpu().numpy().copy()
         kept = {k.removeprefix("store."): v for k, v in arrays.items() if k.startswith("store.")}
-        self.store.load_state_dict(header["count"], kept)
+        self.store.load_state_dict(header["count"], with_new_tensor_names(kept))
         self.round, self._ended = header["round"], header["ended"]
         self._episodes.extend(header["episodes"])
         self._rng.bit_generator.state = header["rng"]

@@ -21,7 +21,7 @@ __all__ = ["TeacherExpert", "proprioception_scale", "seen_at"]
 
 _FARTHEST = 3.0
 """Deviations from the mean at which numbers are cut."""
-_GLANCE = ("present", "x_m", "y_m", "z_m")
+_TARGET_FIELDS = ("present", "x_m", "y_m", "z_m")
 _NEAREST_M = 0.1
 """What is nearer to the eyes, or behind them, is not looked at."""
 SCALE_STEPS, SCALE_EVERY = 120, 4
@@ -45,11 +45,11 @@ class TeacherExpert:
         )
         known = {f"felt {name}" for name in self._senses.names} | set(self._senses.names)
         self._game = [i for i, name in enumerate(self._senses.observed_names) if name in known]
-        self._glances = game.glances
+        self._attention_targets = game.attention_targets
         told = [self._senses.observed_names[i].removeprefix("felt ") for i in self._game]
-        self.glance_columns = tuple(
-            tuple(i for i, name in enumerate(told) if name.startswith(f"{glance}."))
-            for glance in self._glances
+        self.crop_columns = tuple(
+            tuple(i for i, name in enumerate(told) if name.startswith(f"{target}."))
+            for target in self._attention_targets
         )
         self._facts = [name for name in self._senses.names if fnmatch.fnmatchcase(name, game.facts)]
 
@@ -71,12 +71,12 @@ class TeacherExpert:
             scaled: NDArray[np.float32] = self._policy.normaliser(told).numpy()
         return np.clip(scaled[:, self._game], -_FARTHEST, _FARTHEST)
 
-    def glances(self, simulation: Any) -> NDArray[np.float32]:
-        """See the protocol: the game's ``glances``, as the head is now."""
+    def crop_places(self, simulation: Any) -> NDArray[np.float32]:
+        """See the protocol: places of the game's ``attention_targets``, as the head is now."""
         heads = pose_to_app(*simulation.users.device_poses("headset"))
         told = [
-            np.stack([self._senses.field(f"{name}.{part}") for part in _GLANCE], 1)
-            for name in self._glances
+            np.stack([self._senses.field(f"{name}.{part}") for part in _TARGET_FIELDS], 1)
+            for name in self._attention_targets
         ]
         return seen_at(np.stack(told, 1), heads[:, 3:])
 

@@ -66,9 +66,9 @@ class OptionExpert:
         told = np.concatenate([place, moves], 2).reshape(len(head), -1)
         return np.clip(told, -3.0, 3.0).astype(np.float32)
 
-    glance_columns: tuple[tuple[int, ...], ...] = ()
+    crop_columns: tuple[tuple[int, ...], ...] = ()
 
-    def glances(self, simulation: Any) -> NDArray[np.float32]:
+    def crop_places(self, simulation: Any) -> NDArray[np.float32]:
         """See the protocol: nothing is known of the game."""
         return np.zeros((simulation.n, 0, 3), np.float32)
 

@@ -21,6 +21,7 @@ from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.policies.visual_actor_critic import VisualActorCritic
 from sim2vr_harness.runs.checkpoint import read_tensors, take_in, write_tensors
 from sim2vr_harness.runs.config import TrainingConfig
+from sim2vr_harness.runs.migration import with_new_tensor_names
 from sim2vr_harness.runs.run_folder import append_row, keep_rows, metric_key
 from sim2vr_harness.training.dagger.dagger import (
     CHECKPOINT_ROUNDS,
@@ -78,7 +79,7 @@ class StudentStage:
 
     def weights(self) -> dict[str, Tensor]:
         """Return the policy's weights in the end."""
-        return read_tensors(self.folder / _POLICY, "the student's weights")
+        return with_new_tensor_names(read_tensors(self.folder / _POLICY, "the student's weights"))
 
     def open(self) -> None:
         """See the protocol."""
@@ -209,7 +210,7 @@ def _row(progress: StudentProgress) -> dict[str, Any]:
         "student/imitation_error": progress.imitation_error,
         "student/facts_error": progress.facts_error,
         "student/numbers_error": progress.numbers_error,
-        "student/glances_error": progress.glances_error,
+        "student/crops_error": progress.crops_error,
         "student/reading_error": progress.reading_error,
         "student/teacher_share": progress.teacher_share,
         "time/collect_seconds": progress.collect_seconds,

@@ -1,6 +1,6 @@
-"""What a motor layer is good for: how near, how fast, at what effort, by which law.
+"""Benchmark of a motor policy: endpoint error, speed, effort and movement law.
 
-Simulated bodies in MuJoCo start in any posture, come to a first place, and from there to a second.
+Simulated bodies in MuJoCo start in any posture, reach a first place, and from there a second.
 """
 
 from __future__ import annotations
@@ -196,7 +196,7 @@ def measure_layer(
 
 
 class _Course:
-    """Bodies that are told where to go."""
+    """Bodies with goals for their hands."""
 
     def __init__(
         self,

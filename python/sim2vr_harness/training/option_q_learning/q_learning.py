@@ -65,7 +65,7 @@ _COLOURS = 8
 _TRUSTED_PERCENTILE = 99.0
 _NEAR_M, _REACHED_M = 1.2, 0.06
 _PARTS = 2
-"""Of a batch, which cores can learn from side by side."""
+"""Parts of a batch, whose gradients are computed in parallel."""
 _TIMED = 3
 _Map = Callable[[Callable[[Any], Any], Iterable[Any]], Iterable[Any]]
 _SCENE = ("pictures", "head", "turned", "tips", "velocities")
@@ -357,7 +357,7 @@ class OptionQLearning:
         Args:
             updates: how many.
             rate: at which it learns.
-            each: has the parts of an update worked out, one after another or side by side.
+            each: maps over the parts of an update, in turn or in parallel.
         """
         for group in self._optimizer.param_groups:
             group["lr"] = rate

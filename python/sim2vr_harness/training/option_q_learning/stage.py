@@ -55,8 +55,7 @@ _SAVE_DECISIONS, _REPORT_DECISIONS, _PACE_DECISIONS = 100, 20, 10
 _BASELINE_S = 6.0
 """How long users sit still, and then move at random, to compare with: a few targets of a game."""
 _HOLDS, _HOLD_S = (1, 3, 5), 10.0
-"""User steps for which a user who decides may see a decision through, and for how long each is
-played to find out which is best."""
+"""Candidate user steps for which a choice is kept, and seconds of play that compare them."""
 _HOPELESS = 0.35
 """Share of the stage after which a user should do better than one who does nothing."""
 
@@ -68,7 +67,7 @@ class QLearningStage:
         config: of the run.
         folder: of the stage.
         motor: the run's own motor layer, if it makes one.
-        run: whose checkpoints are users who decide; None: a student is to learn from it.
+        run: whose checkpoints are hierarchical policies; None: a student is to learn from it.
         stop: user steps after which the session ends; None: when all are taken.
     """
 
@@ -147,7 +146,7 @@ class QLearningStage:
             if width != config.motor_training.width:
                 got = f"{config.motor_training.width}, with a motor layer of width {width}"
                 raise InputError(
-                    "skills.motor_training.width", got, f"{width} for a user who decides"
+                    "skills.motor_training.width", got, f"{width} for a hierarchical policy"
                 )
         self._simulation = Simulation(_seeing(self._config.env), config.q_learning.users)
 
@@ -179,12 +178,12 @@ class QLearningStage:
             steps = learner.step_count
             file = self._run.checkpoint_file(self.stop if finished else steps)
             hold = _best_hold(learner, callbacks)
-            write_user(file, self._decider(layer, learner.net, tool, hold), steps)
+            write_user(file, self._hierarchical_user(layer, learner.net, tool, hold), steps)
         if finished:
             write_tensors(self.folder / _VALUES, learned)
             self.tidy()
 
-    def _decider(
+    def _hierarchical_user(
         self, layer: MotorPolicy, net: ActionValueMap, tool: Tensor, hold: int
     ) -> HierarchicalPolicy:
         """The user that this stage has made."""
@@ -216,8 +215,8 @@ class QLearningStage:
         steps = 2.0 * _BASELINE_S * self._config.env.action_frequency_hz * simulation.n
         rate = steps / (time.monotonic() - began)
         callbacks.say(
-            f"Reward of the app per minute: {earned['still']:.2f} for who sits still, "
-            f"{earned['random']:.2f} for who moves at random."
+            f"Reward of the app per minute: {earned['still']:.2f} of the idle baseline, "
+            f"{earned['random']:.2f} of the random baseline."
         )
         tool = torch.tensor(points, dtype=torch.float32)
         rewards = {name: torch.tensor(value) for name, value in earned.items()}

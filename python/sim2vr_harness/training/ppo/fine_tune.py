@@ -1,6 +1,6 @@
 """Trained users that go on: the recipe ``adapt``, and the configuration that it needs.
 
-Whoever plays well somewhere learns a changed app in minutes: PPO begins with the user's weights,
+A user that plays one app well learns a changed app in minutes: PPO begins with the user's weights,
 its critic's included, and takes some thousand user steps more. What the policy relies on stays as
 it is (:mod:`sim2vr_harness.envs.contract`); effort, noise and the game's options may change.
 """
@@ -62,7 +62,7 @@ def user_to_adapt(config: TrainingConfig) -> TrainedUser:
 def _require_same(user: TrainedUser, config: TrainingConfig) -> None:
     """Refuse what the user's weights do not fit: another network, other senses or actions."""
     if user.config.policy_kind == "hierarchical":
-        got = f"{user.config.name!r}, who decides and leaves the doing to a motor layer"
+        got = f"{user.config.name!r}, whose policy is hierarchical"
         raise InputError("from_user", got, "a user whose policy goes from senses to muscles")
     require_contract(user, config.env)
     own, wanted = user.config.policy.model_dump(), config.policy.model_dump()

@@ -1,4 +1,4 @@
-"""What happens around the learner's iterations: checkpoints and progress."""
+"""Callbacks of the learner's iterations: checkpoints and progress."""
 
 from __future__ import annotations
 

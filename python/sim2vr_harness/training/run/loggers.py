@@ -1,4 +1,4 @@
-"""Where an iteration's numbers go: JSON lines, TensorBoard and, if requested, Weights & Biases."""
+"""Loggers of iterations: JSON lines, TensorBoard and, if requested, Weights & Biases."""
 
 from __future__ import annotations
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from torch import Tensor, nn
 
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.protocols import SimulationLike
 from sim2vr_harness.envs.simulation import Simulation
 from sim2vr_harness.runs.config import TrainingConfig
@@ -22,6 +23,7 @@ from sim2vr_harness.training.ppo.fine_tune import user_to_adapt
 from sim2vr_harness.training.ppo.stage import PPOStage
 from sim2vr_harness.training.run.loggers import make_logger
 from sim2vr_harness.training.run.stage import Stage
+from sim2vr_harness.training.sac.stage import SACStage
 from sim2vr_harness.training.teacher.stage import TeacherStage
 
 __all__ = ["RECIPES", "MakeSimulation", "Run", "stages_of"]
@@ -123,11 +125,21 @@ def _adapt(run: Run) -> list[Stage]:
     title = "a trained user goes on: PPO from what it senses."
     if run.resumed and run.folder.checkpoints():
         return [_from_pixels(run, title)]
-    return [_from_pixels(run, title, user_to_adapt(run.config).load)]
+    user = user_to_adapt(run.config)
+    if user.config.policy_kind == "sac":
+        got = f"{user.config.name!r}, which SAC has trained"
+        raise InputError("from_user", got, "a user whose network PPO can train")
+    return [_from_pixels(run, title, user.load)]
+
+
+def _sac(run: Run) -> list[Stage]:
+    config = run.config
+    return [SACStage(config, run.folder, run.stop, lambda: run.make_simulation(config))]
 
 
 RECIPES: dict[str, Callable[[Run], list[Stage]]] = {
     "ppo": _ppo,
+    "sac": _sac,
     "distill": _distill,
     "skills": _skills,
     "adapt": _adapt,

@@ -1,4 +1,4 @@
-"""What people see while a training runs: a live panel, or plain lines outside a terminal."""
+"""Progress display of a training: a live panel, or plain lines outside a terminal."""
 
 from __future__ import annotations
 

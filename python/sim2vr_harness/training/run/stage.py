@@ -2,7 +2,7 @@
 
 Whatever a stage learns, it is stopped, saved, resumed and reported on in the same way. A stage
 remembers its last consistent moment; :func:`run_stages` lets it write that moment however the stage
-ends, and a resumed run goes on from there to the same bits.
+ends, and a resumed run continues to the same bits.
 """
 
 from __future__ import annotations

@@ -274,7 +274,7 @@ def privileged_senses(
         game: what the fast recipe knows of the game.
         env: of the student, whose senses say how late the teacher knows.
     """
-    lag = Lag.of(env, config.recognition_steps)
+    lag = Lag.of(env, config.recognition_latency_steps)
     hidden = game.hidden_fields if config.hidden_fields is None else config.hidden_fields
     return PrivilegedSenses(
         simulation,

@@ -1,4 +1,4 @@
-"""How well a teacher plays: whole rounds by the true rules."""
+"""Evaluation of a teacher: whole rounds in the true game."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def evaluate_teacher(
     conditions: Sequence[str] | None = None,
     on_progress: Callable[[int, int], None] = lambda ended, rounds: None,
 ) -> list[TeacherScore]:
-    """Play whole rounds, all side by side, without the curriculum.
+    """Play whole rounds, all in one batch, without the curriculum.
 
     Args:
         policy: the teacher's.

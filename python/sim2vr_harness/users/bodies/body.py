@@ -1,4 +1,4 @@
-"""What the rest of the harness relies on in a body: one protocol, and the plain data in it."""
+"""Interface of bodies: one protocol, and its plain data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What can be asked of a body when it is loaded: who it is, what it wears, how it begins."""
+"""Options of a body: person, worn devices and initial posture."""
 
 from __future__ import annotations
 

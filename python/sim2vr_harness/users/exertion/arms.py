@@ -79,26 +79,29 @@ class ArmLoad:
 
 
 class ArmDynamics:
-    """Inverse dynamics of an arm: everything from the humerus to the controller.
+    """Inverse dynamics of arms: of each, everything from the humerus to the controller.
 
     The moment is the one between the segments, of weight and acceleration.
     Contacts that support the arm are not subtracted.
 
     Args:
         model: of the body.
-        arm: the arm.
+        arms: A of them.
     """
 
-    def __init__(self, model: mujoco.MjModel, arm: Arm) -> None:
-        self._model, self._data = model, mujoco.MjData(model)
-        parts = (arm.upper_arm, arm.forearm, arm.wrist)
-        self._parts = [model.body(part).id for part in parts]
-        self._shoulder = self._parts[0]
-        self._root = int(model.body_rootid[self._shoulder])
-        self._hand = model.site(arm.device).id
+    def __init__(self, model: mujoco.MjModel, *arms: Arm) -> None:
+        self._model, self._arms = model, arms
+        self._data = data = mujoco.MjData(model)
+        self._motion = (data.qpos, data.qvel, data.qacc)
+        self._told: list[FloatArray] = []
+        for arm in arms:
+            parts = [model.body(part).id for part in (arm.upper_arm, arm.forearm, arm.wrist)]
+            # A wrench about the centre of mass of the whole tree: torque, then force. Live arrays.
+            self._told += [data.cfrc_int[parts[0]], data.subtree_com[model.body_rootid[parts[0]]]]
+            self._told += [data.xpos[part] for part in parts]
 
-    def moment(self, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray) -> FloatArray:
-        """Return a moment of motion as :func:`arm_loads` takes it, (18,).
+    def moments(self, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray) -> FloatArray:
+        """Return a moment of motion as :func:`arm_loads` takes it, (A, 18).
 
         Args:
             qpos: (nq,) angles, rad.
@@ -106,21 +109,23 @@ class ArmDynamics:
             qacc: (nv,) rad/s^2.
         """
         model, data = self._model, self._data
-        data.qpos[:], data.qvel[:], data.qacc[:] = qpos, qvel, qacc
+        for live, given in zip(self._motion, (qpos, qvel, qacc), strict=True):
+            live[:] = given
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_comVel(model, data)
         mujoco.mj_rnePostConstraint(model, data)
-        # A wrench about the centre of mass of the whole tree: torque, then force.
-        wrench, centre = data.cfrc_int[self._shoulder], data.subtree_com[self._root]
-        return np.concatenate([wrench, centre, data.xpos[self._parts].ravel()])
+        return np.concatenate(self._told).reshape(len(self._arms), 18)
 
     def load(
         self, qpos: FloatArray, qvel: FloatArray, qacc: FloatArray, *, held_kg: float = 0.0
     ) -> ArmLoad:
-        """Return torque and posture; ``held_kg`` more hang from the controller, at rest."""
-        moment = self.moment(qpos, qvel, qacc)
-        shoulder, hand = moment[9:12], self._data.site_xpos[self._hand]
+        """Return torque and posture of the first arm.
+
+        ``held_kg`` more hang from the controller, at rest.
+        """
+        moment = self.moments(qpos, qvel, qacc)[0]
+        shoulder, hand = moment[9:12], self._data.site(self._arms[0].device).xpos
         moment[:3] -= np.cross(hand - shoulder, held_kg * self._model.opt.gravity)
         return ArmLoad(*map(float, arm_loads(moment)))
 

@@ -143,9 +143,10 @@ class ConsumedEnduranceMeter:
         self._impulse, self._time = np.zeros((2, n))
 
     def update(self, torque: FloatArray, dt: float) -> None:
-        """Add a step: (N,) torques at the shoulder, Nm, that acted for ``dt`` s."""
-        self._impulse += torque * dt
-        self._time += dt
+        """Add steps: (N,) or (T, N) torques at the shoulder, Nm, that acted for ``dt`` s each."""
+        for impulse in np.reshape(torque * dt, (-1, len(self._time))):
+            self._impulse += impulse
+            self._time += dt
 
     @property
     def value(self) -> FloatArray:
@@ -170,37 +171,51 @@ class NicerMeter:
 
     def __init__(self, n: int, strength: Strength | None = None) -> None:
         self._strength = strength or Strength()
-        self._value, self._mean, self._time = np.zeros((3, n))
+        self._rested_value, self._mean, self._time = np.zeros((3, n))
         self._maximum = np.ones(n)
         self._rested = np.zeros(n, dtype=bool)
 
     def update(
         self, torque: FloatArray, shoulder_deg: FloatArray, elbow_deg: FloatArray, dt: float
     ) -> None:
-        """Add a step.
+        """Add a step, or T steps.
 
         Args:
-            torque: (N,) at the shoulder, Nm.
-            shoulder_deg, elbow_deg: (N,) as of `nicer_correction`.
-            dt: duration in s.
+            torque: (N,) or (T, N) at the shoulder, Nm.
+            shoulder_deg, elbow_deg: the same shape, as of `nicer_correction`.
+            dt: duration of a step in s.
         """
-        resting = (shoulder_deg <= _RESTING_DEG[0]) & (elbow_deg >= _RESTING_DEG[1])
-        before = self._time
+        shape = (-1, len(self._time))
+        torque, shoulder, elbow = (
+            np.reshape(each, shape) for each in (torque, shoulder_deg, elbow_deg)
+        )
+        resting = (shoulder <= _RESTING_DEG[0]) & (elbow >= _RESTING_DEG[1])
+        corrected = torque + nicer_correction(shoulder, elbow, self._strength.sex)
+        maximum = self._strength.shoulder_torque(shoulder, elbow)
+        for step in zip(resting, corrected * dt, maximum, strict=True):
+            self._add(*step, dt)
+
+    def _add(
+        self, resting: NDArray[np.bool_], impulse: FloatArray, maximum: FloatArray, dt: float
+    ) -> None:
+        before, mean = self._time, self._mean
         time = before + dt
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = (before / (self._value / 100.0) / _ENDURANCE_S) ** (-1.0 / _ENDURANCE_POWER)
-        resumed = np.where(self._value > 0.0, share * self._maximum, 0.0)
-        mean = np.where(self._rested, resumed, self._mean)
-        corrected = torque + nicer_correction(shoulder_deg, elbow_deg, self._strength.sex)
-        mean = (corrected * dt + mean * before) / time
-        maximum = self._strength.shoulder_torque(shoulder_deg, elbow_deg)
-        active = 100.0 * time / endurance_time(mean / maximum)
-        self._value = np.where(resting, self._value * np.exp(-_RECOVERY_PER_S * dt), active)
-        self._mean = np.where(resting, self._mean, mean)
-        self._maximum = np.where(resting, self._maximum, maximum)
-        self._time, self._rested = time, resting
+        if self._rested.any():
+            value = self._rested_value / 100.0
+            with np.errstate(divide="ignore", invalid="ignore"):
+                share = (before / value / _ENDURANCE_S) ** (-1.0 / _ENDURANCE_POWER)
+            resumed = np.where(value > 0.0, share * self._maximum, 0.0)
+            mean = np.where(self._rested, resumed, mean)
+        mean = (impulse + mean * before) / time
+        if resting.any():
+            decayed = self.value * np.exp(-_RECOVERY_PER_S * dt)
+            self._rested_value = np.where(resting, decayed, self._rested_value)
+            mean = np.where(resting, self._mean, mean)
+            maximum = np.where(resting, self._maximum, maximum)
+        self._mean, self._maximum, self._time, self._rested = mean, maximum, time, resting
 
     @property
     def value(self) -> FloatArray:
         """(N,) per cent; 100 is exhaustion. 0 before the first step."""
-        return self._value.copy()
+        active = 100.0 * self._time / endurance_time(self._mean / self._maximum)
+        return np.where(self._rested, self._rested_value, active)

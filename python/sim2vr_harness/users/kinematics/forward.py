@@ -1,4 +1,4 @@
-"""Where a point of a body is by its joints' angles, for many postures at once."""
+"""Forward kinematics: positions of a body's points from joint angles, for many postures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where worn devices are by the joints' angles: exact, and differentiable."""
+"""Forward kinematics of worn devices from joint angles: exact and differentiable."""
 
 from __future__ import annotations
 

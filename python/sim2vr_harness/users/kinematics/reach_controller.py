@@ -87,6 +87,23 @@ class ReachController:
         ease: float,
     ) -> FloatArray:
         """(M,) activations for torques (nv,) that are requested once the posture is set."""
+        free, pulls, slack = self._muscles(qpos, qvel)
+        torques = free.T @ (wanted() - slack)
+        muscles = pulls.shape[1]
+        stacked = np.concatenate([pulls, ease * np.eye(muscles)])
+        target = np.concatenate([torques, np.zeros(muscles)])
+        found: FloatArray = lsq_linear(stacked, target, bounds=(0.0, 1.0)).x
+        return found
+
+    def _muscles(
+        self, qpos: FloatArray, qvel: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Set the posture; return what muscles can do in it.
+
+        Returns:
+            (nv, F) directions in which joints can move; (F, M) forces along them of fully active
+            muscles beyond those of muscles at rest; (nv,) torques of muscles at rest.
+        """
         model, data = self._model, self._data
         data.qpos[:], data.qvel[:] = qpos, qvel
         columns = self._actuation.activations
@@ -99,12 +116,8 @@ class ReachController:
         slack = data.actuator_force[ids].copy()
         moments = self._moments()[ids]
         free = self._free_directions()
-        torques = free.T @ (wanted() - moments.T @ slack)
         pulls = free.T @ (moments * (full - slack)[:, None]).T
-        stacked = np.concatenate([pulls, ease * np.eye(len(ids))])
-        target = np.concatenate([torques, np.zeros(len(ids))])
-        found: FloatArray = lsq_linear(stacked, target, bounds=(0.0, 1.0)).x
-        return found
+        return free, pulls, moments.T @ slack
 
     def _holding_torques(self) -> FloatArray:
         """(nv,) of gravity and of what the joints' springs leave."""

@@ -1,4 +1,4 @@
-"""Who N users are now: their bodies, their features, and the factors that act on them."""
+"""Present persons of N users: bodies, features and the factors that act on them."""
 
 from __future__ import annotations
 

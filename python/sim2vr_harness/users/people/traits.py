@@ -1,4 +1,4 @@
-"""What differs between people, by how much, and who measured it.
+"""Traits that differ between people: distributions and their sources.
 
 Every trait is normal, or its logarithm is, cut at two standard deviations, about the mean of women
 and men; where the sexes differ, that mean moves by `sex_offset` up for men and down for women.

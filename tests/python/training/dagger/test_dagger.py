@@ -45,7 +45,7 @@ def short_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
 class HomingGuide:
     """Pushes back to the middle; the fact is whether the first picture element is bright."""
 
-    glance_columns: tuple[tuple[int, ...], ...] = ()
+    crop_columns: tuple[tuple[int, ...], ...] = ()
 
     def actions(self, simulation: FakeSimulation) -> np.ndarray:
         return (-0.7 * simulation.place).astype(np.float32)
@@ -56,16 +56,16 @@ class HomingGuide:
     def numbers(self, simulation: FakeSimulation) -> np.ndarray:
         return (2.0 * simulation.place[:, 1:]).astype(np.float32)
 
-    def glances(self, simulation: FakeSimulation) -> np.ndarray:
+    def crop_places(self, simulation: FakeSimulation) -> np.ndarray:
         return np.zeros((simulation.n, 0, 3), np.float32)
 
 
 class GazingGuide(HomingGuide):
     """Says that the thing is in the upper left of the picture, and always alike."""
 
-    glance_columns: tuple[tuple[int, ...], ...] = ((1,),)
+    crop_columns: tuple[tuple[int, ...], ...] = ((1,),)
 
-    def glances(self, simulation: FakeSimulation) -> np.ndarray:
+    def crop_places(self, simulation: FakeSimulation) -> np.ndarray:
         return np.tile(np.array([-1.0, 0.5, 1.0], np.float32), (simulation.n, 1, 1))
 
     def numbers(self, simulation: FakeSimulation) -> np.ndarray:
@@ -163,6 +163,15 @@ def test_a_resumed_stage_is_the_same_to_the_bit(tmp_path: Path, kept: int | None
         make(tmp_path / "new").load_state_dict({"header": '{"format": 9}'})
 
 
+def with_old_names(state: dict[str, Any]) -> dict[str, Any]:
+    """The state as versions up to 0.2 wrote it."""
+    policy = {k.replace("attention_crops", "glimpses"): v for k, v in state["policy"].items()}
+    arrays = {k.replace("crop_places", "glances"): v for k, v in state["arrays"].items()}
+    assert policy.keys() != state["policy"].keys()
+    assert arrays.keys() != state["arrays"].keys()
+    return state | {"policy": policy, "arrays": arrays}
+
+
 def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> None:
     crops = AttentionCropConfig(count=1)
     config = CONFIG.model_copy(update={"numbers_weight": 0.5})
@@ -173,10 +182,12 @@ def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> Non
     whole, rows = student("whole"), []
     for _ in range(12):
         rows.append(whole.step())
-    assert rows[-1].glances_error < 0.2 * rows[0].glances_error
+    assert rows[-1].crops_error < 0.2 * rows[0].crops_error
     assert rows[-1].reading_error < 0.2 * rows[0].reading_error
     extractor: Any = whole.policy.features_extractor
-    where = extractor.glimpses.where(torch.from_numpy(whole.simulation.observation()["vision"]))
+    where = extractor.attention_crops.where(
+        torch.from_numpy(whole.simulation.observation()["vision"])
+    )
     cell = where[:, 0, 0].argmax(1)
     assert (cell == 0).all()  # 16 x 24 pixels are two rows of three
     looked = where[torch.arange(whole.n), 0, 1:, cell].detach()
@@ -187,7 +198,7 @@ def test_a_student_learns_where_to_look_and_what_is_there(tmp_path: Path) -> Non
     for _ in range(6):
         parts.step()
     resumed = student("parts")
-    resumed.load_state_dict(parts.state_dict())
+    resumed.load_state_dict(with_old_names(parts.state_dict()))
     for _ in range(6):
         again = resumed.step()
     assert again == dataclasses.replace(
@@ -222,10 +233,10 @@ def test_only_students_learn_where_to_look(tmp_path: Path) -> None:
     )
     fixed = [key for key, p in policy.named_parameters() if not p.requires_grad]
     assert fixed
-    assert all("glimpses.locator" in key or "glimpses.grid" in key for key in fixed)
+    assert all("attention_crops.locator" in key or "attention_crops.grid" in key for key in fixed)
 
 
-def test_more_glimpses_than_things_are_refused(tmp_path: Path) -> None:
+def test_more_crops_than_things_are_refused(tmp_path: Path) -> None:
     crops = AttentionCropConfig(count=2)
     with pytest.raises(InputError) as error:
         make(tmp_path, guide=GazingGuide(), attention_crops=crops)

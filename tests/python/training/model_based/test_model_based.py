@@ -20,8 +20,8 @@ from true_users import motion_of
 from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.envs.config import NoiseConfig, UserConfig
 from sim2vr_harness.envs.privileged import OBSERVATION
+from sim2vr_harness.games.whacamole.game_model import FIELDS
 from sim2vr_harness.games.whacamole.settings import Relaxation
-from sim2vr_harness.games.whacamole.twin import FIELDS
 from sim2vr_harness.training.model_based.game_task import CycleReport, GameTrainer
 from sim2vr_harness.training.model_based.stage import describe
 from sim2vr_harness.training.teacher import env as teacher_env
@@ -102,7 +102,7 @@ def test_a_body_learns_what_users_did() -> None:
 # --- users in a game ---------------------------------------------------------------------------
 
 
-def test_the_twin_observes_what_the_true_game_says(rollouts: GameTrainer) -> None:
+def test_the_game_model_observes_what_the_true_game_says(rollouts: GameTrainer) -> None:
     """The same moment, in both: every number that a teacher observes."""
     sim = rollouts.task.simulation
     users, game = rollouts.task.imagine(16)
@@ -276,12 +276,12 @@ def test_the_cycle_that_played_best_is_kept(monkeypatch: pytest.MonkeyPatch) -> 
     made.task.simulation.close()
 
 
-def test_only_what_the_twin_knows_may_be_observed() -> None:
+def test_only_what_the_game_model_knows_may_be_observed() -> None:
     with pytest.raises(InputError, match=r"teacher.hidden_fields.*qacc.*imagined.cycles: 0"):
         new_rollouts('hidden_fields=["aid.*"]')
 
 
-def test_a_twin_that_cannot_be_used_says_so() -> None:
+def test_a_game_model_that_cannot_be_used_says_so() -> None:
     with pytest.raises(InputError, match=r"teacher.imagined: .*action_frequency_hz: got 50"):
         new_rollouts(env=ENV.model_copy(update={"action_frequency_hz": 50}))
 

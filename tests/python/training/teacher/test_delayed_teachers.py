@@ -127,9 +127,9 @@ def test_a_teacher_knows_the_past_and_what_it_has_done_since() -> None:
 
 
 @pytest.mark.parametrize(
-    ("vision", "recognition_steps"), [(130, 0), (110, 0), (200, 0), (130, 2), ("person", 0)]
+    ("vision", "recognition"), [(130, 0), (110, 0), (200, 0), (130, 2), ("person", 0)]
 )
-def test_who_labels_a_picture_knows_what_it_shows(vision: object, recognition_steps: int) -> None:
+def test_who_labels_a_picture_knows_what_it_shows(vision: object, recognition: int) -> None:
     """Pictures are drawn in frames of 0.01 s, users act every 0.05 s: time tells how old one is."""
     users = {"people": {"visual_delay_s": 0.18}} if vision == "person" else {}
     settings = EnvConfig.model_validate(
@@ -137,7 +137,7 @@ def test_who_labels_a_picture_knows_what_it_shows(vision: object, recognition_st
         | {"senses": [{"sense": "vision", "delay_ms": vision}, {"sense": "proprioception"}]}
     )
     with closing(Simulation(settings, 4)) as sim:
-        senses = PrivilegedSenses(sim, [], lag=Lag.of(settings, recognition_steps))
+        senses = PrivilegedSenses(sim, [], lag=Lag.of(settings, recognition))
         told = senses.observed_names.index("round.elapsed_s")
         sim.reset(seeds=[1, 2, 3, 4])
         for _ in range(20):
@@ -150,7 +150,7 @@ def test_who_labels_a_picture_knows_what_it_shows(vision: object, recognition_st
             assert len(np.unique(expected)) > 1
         else:
             expected = np.full(4, vision / 1000.0)
-        np.testing.assert_allclose(age_s, expected + 0.05 * recognition_steps, atol=1e-5)
+        np.testing.assert_allclose(age_s, expected + 0.05 * recognition, atol=1e-5)
         # A saved user goes on with what it knew.
         state = sim.save_state()
         sim.step(np.zeros((4, 32)))
@@ -161,7 +161,7 @@ def test_who_labels_a_picture_knows_what_it_shows(vision: object, recognition_st
 
 
 def test_teachers_recognise_so_many_steps_after_a_picture_shows_it() -> None:
-    with closing(teachers(3, "recognition_steps=2")) as sim:
+    with closing(teachers(3, "recognition_latency_steps=2")) as sim:
         assert sim.senses.layout.lag == Lag(6, 3, 2, 2)
 
 

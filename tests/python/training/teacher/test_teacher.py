@@ -80,7 +80,7 @@ def test_a_game_without_privileged_numbers_has_no_teacher() -> None:
         TeacherSimulation(env, config(), seed=1)
 
 
-def test_the_twin_is_right_handed() -> None:
+def test_the_game_model_is_right_handed() -> None:
     env = EnvConfig.model_validate({"user": {"person": {"handedness": "left"}}})
     with pytest.raises(InputError, match="with the left hand, expected one with controller_right"):
         TeacherSimulation(env, config(), seed=1)

@@ -1,7 +1,7 @@
-// Virtual time: nothing that a page's scripts read moves unless a step moves it.
+// Virtual time: nothing that the scripts of a page or worker read moves unless a step moves it.
 // Covers performance.now, Date, timers, requestAnimationFrame, requestIdleCallback, the time stamps
-// of events and the document's timeline, and seeds Math.random and crypto. Not covered: the clocks
-// of workers and of audio, CSS animation, video (docs/reference/webxr.md).
+// of events and the document's timeline, and seeds Math.random and crypto. Not covered: video
+// (docs/reference/webxr.md).
 {
   const EPOCH_MS = Date.UTC(2024, 0, 1);
   const RealDate = Date;
@@ -10,6 +10,8 @@
   channel.port1.onmessage = () => shift(waiting)();
 
   const report = window.reportError;
+  const realTimeout = window.setTimeout;
+  sim.inTruth = (callback, wait) => Reflect.apply(realTimeout, window, [callback, wait]);
 
   let now = 0; // ms since the document began
   let lastId = 0;
@@ -83,14 +85,16 @@
     return lastId;
   });
   define(window, 'cancelAnimationFrame', (id) => void frames.delete(id));
-  define(window, 'requestIdleCallback', (callback) =>
-    addTimer(() => callback({ didTimeout: false, timeRemaining: () => 10 }), 1, [], false));
-  define(window, 'cancelIdleCallback', (id) => void timers.delete(id));
+  if (window.requestIdleCallback) {
+    define(window, 'requestIdleCallback', (callback) =>
+      addTimer(() => callback({ didTimeout: false, timeRemaining: () => 10 }), 1, [], false));
+    define(window, 'cancelIdleCallback', (id) => void timers.delete(id));
+  }
 
   define(Performance.prototype, 'now', () => now);
   Object.defineProperty(Performance.prototype, 'timeOrigin', { get: () => EPOCH_MS });
   Object.defineProperty(Event.prototype, 'timeStamp', { get: () => now });
-  Object.defineProperty(AnimationTimeline.prototype, 'currentTime', { get: () => now });
+  if (window.AnimationTimeline) Object.defineProperty(AnimationTimeline.prototype, 'currentTime', { get: () => now });
   const VirtualDate = function (...args) {
     if (!new.target) return new RealDate(EPOCH_MS + now).toString();
     return Reflect.construct(RealDate, args.length ? args : [EPOCH_MS + now], new.target);

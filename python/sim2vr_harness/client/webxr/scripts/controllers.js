@@ -15,13 +15,22 @@
     triggerTouch: 8, stickTouch: 9, lowerTouch: 10, upperTouch: 11, restTouch: 12,
   };
 
+  const BUTTONS = ['trigger', 'squeeze', 'touchpad', 'thumbstick click', 'A or X', 'B or Y', 'thumb rest'];
+  sim.parts = new Set(); // buttons and axes that the page reads
+
   class GamepadButton {
-    constructor() { this._set(0, 0); }
-    _set(value, touch) {
-      this.value = value;
-      this.pressed = value >= PRESSED;
-      this.touched = this.pressed || value > 0 || touch > 0;
+    constructor(name) {
+      this._name = name;
+      this._set(0, 0);
     }
+    _set(value, touch) { this._state = { value, pressed: value >= PRESSED, touched: value > 0 || touch > 0 }; }
+    get _now() {
+      sim.parts.add(this._name);
+      return this._state;
+    }
+    get value() { return this._now.value; }
+    get pressed() { return this._now.pressed; }
+    get touched() { return this._now.touched; }
   }
 
   class GamepadHapticActuator {
@@ -49,10 +58,14 @@
       this.index = -1;
       this.connected = true;
       this.mapping = 'xr-standard';
-      this.axes = Array.from({ length: axes }, () => 0);
-      this.buttons = Array.from({ length: buttons }, () => new GamepadButton());
+      this._axes = Array.from({ length: axes }, () => 0);
+      this.buttons = Array.from({ length: buttons }, (_, k) => new GamepadButton(BUTTONS[k]));
       this.vibrationActuator = new GamepadHapticActuator(hand);
       this.hapticActuators = [this.vibrationActuator];
+    }
+    get axes() {
+      sim.parts.add('thumbstick');
+      return this._axes;
     }
     get timestamp() { return sim.now(); }
   }
@@ -71,8 +84,9 @@
 
     // Takes a row of inputs; returns the names of the events that it means.
     _take(row) {
-      const { buttons, axes } = this.gamepad;
-      const before = [buttons[0].pressed, buttons[1]?.pressed ?? false];
+      const { buttons, _axes: axes } = this.gamepad;
+      const pressed = (k) => buttons[k]?._state.pressed ?? false;
+      const before = [pressed(0), pressed(1)];
       const at = (name) => (row ? row[COLUMN[name]] : 0);
       buttons[0]._set(at('trigger'), at('triggerTouch'));
       if (buttons.length > 1) {
@@ -86,7 +100,7 @@
       }
       const events = [];
       forEach(['select', 'squeeze'], (name, k) => {
-        const is = buttons[k]?.pressed ?? false;
+        const is = pressed(k);
         if (is && !before[k]) push(events, `${name}start`);
         if (!is && before[k]) push(events, name, `${name}end`);
       });

@@ -1,4 +1,4 @@
-// Loads that a page began and that have not come yet: no frame runs before they have.
+// Loads that a page or worker began and that have not come yet: no frame runs before they have.
 // Otherwise what a frame shows would depend on how fast a file is read.
 {
   let pending = 0;
@@ -11,20 +11,61 @@
     waiting = [];
     forEach(woken, (wake) => wake());
   };
+  // Loads are delivered in the order in which they began, whichever comes first. One that waits
+  // for a later one (a stream that a page feeds) is passed by after a while.
+  const PASSED_AFTER_MS = 1000;
+  const queue = []; // {done, deliver}
+  let delivering = false;
+  const deliver = async () => {
+    if (delivering) return;
+    delivering = true;
+    while (queue[0]?.done) {
+      const { deliver: give } = shift(queue);
+      give();
+      await sim.turn();
+      await sim.turn();
+      end();
+    }
+    delivering = false;
+  };
+  const enqueue = () => {
+    begin();
+    const item = { done: false, deliver: null };
+    push(queue, item);
+    return item;
+  };
+  const finish = (item, give) => {
+    Object.assign(item, { done: true, deliver: give });
+    deliver();
+    if (includes(queue, item)) {
+      sim.inTruth(() => {
+        const at = queue.indexOf(item);
+        if (at > 0 && !queue[0].done) queue.unshift(...queue.splice(at, 1));
+        deliver();
+      }, PASSED_AFTER_MS);
+    }
+  };
   const track = (promise) => {
     if (!promise || typeof promise.then !== 'function') return promise;
+    const item = enqueue();
+    return new Promise((resolve, reject) => {
+      promise.then((value) => finish(item, () => resolve(value)), (error) => finish(item, () => reject(error)));
+    });
+  };
+  // Waits for something that has no result.
+  const awaited = (promise) => {
     begin();
     promise.then(end, end);
-    return promise;
   };
-  sim.track = track;
   // Resolves when nothing is under way any more; what came may begin further loads.
   sim.loaded = async () => {
-    while (pending > 0) {
-      await new Promise((resolve) => push(waiting, resolve));
-      await sim.turn();
-      await sim.turn();
-    }
+    do {
+      while (pending > 0) {
+        await new Promise((resolve) => push(waiting, resolve));
+        await sim.turn();
+        await sim.turn();
+      }
+    } while (await sim.workersDone?.());
   };
 
   const wrap = (object, ...names) => {
@@ -38,10 +79,9 @@
   wrap(Response.prototype, 'json', 'text', 'arrayBuffer', 'blob', 'bytes', 'formData');
   wrap(Blob.prototype, 'text', 'arrayBuffer', 'bytes');
   wrap(ReadableStreamDefaultReader.prototype, 'read');
-  wrap(HTMLImageElement.prototype, 'decode');
   wrap(WebAssembly, 'compile', 'instantiate', 'compileStreaming', 'instantiateStreaming');
   wrap(window.FontFace?.prototype, 'load');
-  wrap(Object.getPrototypeOf(document.fonts), 'load');
+  wrap(Object.getPrototypeOf((window.document ?? window).fonts), 'load');
   wrap(window.BaseAudioContext?.prototype, 'decodeAudioData');
   wrap(window.OfflineAudioContext?.prototype, 'startRendering');
   wrap(window.SubtleCrypto?.prototype, 'digest', 'encrypt', 'decrypt', 'importKey');
@@ -51,9 +91,10 @@
   wrap(window.Cache?.prototype, 'match', 'matchAll', 'add', 'addAll', 'put', 'delete', 'keys');
   wrap(window.StorageManager?.prototype, 'estimate', 'persist', 'persisted');
   wrap(window.Permissions?.prototype, 'query');
+  wrap(window.BaseAudioContext && AudioContext.prototype, 'resume', 'suspend', 'close');
   wrap(window.MediaDevices?.prototype, 'enumerateDevices', 'getUserMedia');
   wrap(window.GPU?.prototype, 'requestAdapter');
-  wrap(Navigator.prototype, 'getBattery');
+  wrap(window.Navigator?.prototype, 'getBattery');
 
   // An element or request that says by events that it is done.
   const busy = new WeakSet();
@@ -80,18 +121,52 @@
   };
   wrapTarget(IDBFactory.prototype, ['success', 'error', 'blocked'], 'open', 'deleteDatabase');
   wrapTarget(IDBDatabase.prototype, ['complete', 'abort'], 'transaction'); // and all that is in it
-  const toBlob = HTMLCanvasElement.prototype.toBlob;
-  HTMLCanvasElement.prototype.toBlob = function (callback, ...args) {
-    begin();
-    return toBlob.call(this, (blob) => {
-      sim.call(callback, blob);
-      end();
-    }, ...args);
+  // Requests: their events are held back until those of earlier loads have been sent.
+  const { addEventListener, dispatchEvent } = EventTarget.prototype;
+  const requests = new WeakMap(); // request -> {item, events}
+  const heard = ['readystatechange', 'progress', 'load', 'error', 'abort', 'timeout', 'loadend'];
+  const hold = (request, event) => {
+    const state = requests.get(request);
+    if (!event.isTrusted || !state) return;
+    event.stopImmediatePropagation();
+    if (event.type !== 'readystatechange') {
+      push(state.events, new ProgressEvent(event.type, event));
+    } else if (request.readyState === 4) push(state.events, new Event('readystatechange'));
+    if (event.type !== 'loadend') return;
+    requests.delete(request);
+    finish(state.item, () => forEach(state.events,
+      (copy) => sim.call(() => Reflect.apply(dispatchEvent, request, [copy]))));
   };
-  const send = XMLHttpRequest.prototype.send;
+  Object.defineProperty(window, 'XMLHttpRequest', {
+    value: new Proxy(XMLHttpRequest, {
+      construct: (...call) => {
+        const request = Reflect.construct(...call);
+        for (const type of heard) {
+          Reflect.apply(addEventListener, request, [type, (event) => hold(request, event)]);
+        }
+        return request;
+      },
+    }),
+    configurable: true,
+    writable: true,
+  });
+  const { open, send } = XMLHttpRequest.prototype;
+  const waits = new WeakSet(); // requests that answer at once
+  XMLHttpRequest.prototype.open = function (...args) {
+    if (args.length > 2 && !args[2]) waits.add(this);
+    else waits.delete(this);
+    return Reflect.apply(open, this, args);
+  };
   XMLHttpRequest.prototype.send = function (...args) {
-    until(this, ['loadend']);
-    return Reflect.apply(send, this, args);
+    if (!waits.has(this)) requests.set(this, { item: enqueue(), events: [] });
+    try {
+      return Reflect.apply(send, this, args);
+    } catch (error) {
+      const state = requests.get(this);
+      if (state) finish(state.item, () => {});
+      requests.delete(this);
+      throw error;
+    }
   };
   for (const name of ['readAsArrayBuffer', 'readAsText', 'readAsDataURL', 'readAsBinaryString']) {
     const real = FileReader.prototype[name];
@@ -100,38 +175,5 @@
       return Reflect.apply(real, this, args);
     };
   }
-  const source = Object.getOwnPropertyDescriptor(HTMLImageElement.prototype, 'src');
-  Object.defineProperty(HTMLImageElement.prototype, 'src', {
-    ...source,
-    set(value) {
-      if (String(value)) until(this, ['load', 'error']);
-      source.set.call(this, value);
-    },
-  });
-  const setAttribute = HTMLImageElement.prototype.setAttribute;
-  HTMLImageElement.prototype.setAttribute = function (name, value) {
-    if (String(name).toLowerCase() === 'src' && String(value)) until(this, ['load', 'error']);
-    return setAttribute.call(this, name, value);
-  };
-  const begun = new WeakSet(); // a script runs once, however often it is moved
-  const asks = (node) => {
-    const scripts = node instanceof HTMLScriptElement && node.src;
-    const styles = node instanceof HTMLLinkElement && node.href && node.rel === 'stylesheet';
-    if (!(scripts || styles) || node.isConnected || begun.has(node)) return false;
-    begun.add(node);
-    return true;
-  };
-  const watchAdding = (object, ...names) => {
-    for (const name of names) {
-      const real = object[name];
-      object[name] = function (...nodes) {
-        if (this.isConnected) {
-          for (const node of nodes) if (asks(node)) until(node, ['load', 'error']);
-        }
-        return Reflect.apply(real, this, nodes);
-      };
-    }
-  };
-  watchAdding(Node.prototype, 'appendChild', 'insertBefore');
-  watchAdding(Element.prototype, 'append', 'prepend', 'before', 'after');
+  Object.assign(sim, { track, until, enqueue, finish, awaited });
 }

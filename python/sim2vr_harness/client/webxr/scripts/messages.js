@@ -17,8 +17,11 @@
   const sendLater = (send, received) => sim.later(() => {
     const before = received?.count;
     send();
-    if (!received?.open) return;
-    sim.track((async () => {
+    if (!received?.open) {
+      sim.wakeWorkers(); // one of them may have the port
+      return;
+    }
+    sim.awaited((async () => {
       for (let k = 0; k < MOST_TURNS && received.count === before; k++) await sim.turn();
     })());
   }, MESSAGE_MS);

@@ -5,6 +5,7 @@
   tools.addEventListener('observe', ({ detail }) => {
     if (detail?.isScene) scenes.add(new WeakRef(detail));
   });
+  tools.addEventListener('register', ({ detail }) => { sim.revision = detail?.revision; });
   Object.defineProperty(window, '__THREE_DEVTOOLS__', { value: tools, configurable: true });
 
   const ofThree = (object) => {
@@ -43,6 +44,7 @@
     }
     return [...new Set(found)];
   };
+  sim.names = names;
   // Position of a named object, x y z in metres, in the app's frame (left-handed, z forward).
   sim.locate = (name) => {
     const found = named(name);

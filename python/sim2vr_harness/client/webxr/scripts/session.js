@@ -7,6 +7,7 @@
   } = sim.classes;
   const HANDS = ['left', 'right'];
   const FEATURES = ['viewer', 'local', 'local-floor', 'bounded-floor', 'unbounded'];
+  const INPUT_EVENTS = ['select', 'selectstart', 'selectend', 'squeeze', 'squeezestart', 'squeezeend'];
   const ROOM_M = 2; // half the side of the square in which the user may move
   const EYES = { 1: ['none'], 2: ['left', 'right'] };
 
@@ -79,7 +80,7 @@
     }
   }
 
-  const dispatch = EventTarget.prototype.dispatchEvent;
+  const { dispatchEvent: dispatch, addEventListener: listen } = EventTarget.prototype;
   // Events that also have an on... attribute.
   const fire = (target, event) => {
     const handler = target[`on${event.type}`];
@@ -157,6 +158,10 @@
       return new XRBoundedReferenceSpace(() => IDENTITY,
         corners.map(([x, z]) => new DOMPointReadOnly(x * ROOM_M, 0, z * ROOM_M, 1)));
     }
+    addEventListener(type, ...rest) {
+      if (includes(INPUT_EVENTS, type)) sim.events.add(type);
+      Reflect.apply(listen, this, [type, ...rest]);
+    }
     requestAnimationFrame(callback) {
       if (this._ended) return 0;
       this._callbacks.set(++this._last, callback);
@@ -220,6 +225,8 @@
     'squeezeend', 'visibilitychange', 'frameratechange',
   ]) XRSession.prototype[`on${type}`] = null;
 
+  sim.events = new Set(); // of inputs, to which the page listens
+  sim.wishes = new Set(); // features of sessions
   const previews = new Set(); // inline sessions
   sim.preview = () => previews.forEach((session) => {
     session._settle();
@@ -237,11 +244,13 @@
     async requestSession(mode, { requiredFeatures = [], optionalFeatures = [] } = {}) {
       sim.modes.add(String(mode));
       const lacking = filter(requiredFeatures, (name) => !includes(FEATURES, name));
+      forEach(lacking, (name) => sim.wishes.add(`${name} (required)`));
       if (!supports(mode) || lacking.length) {
         sim.refused = supports(mode) ? `the feature ${lacking[0]}` : `a session of ${mode}`;
         throw new DOMException(`sim2vr has no ${sim.refused}`, 'NotSupportedError');
       }
       const wished = [...requiredFeatures, ...optionalFeatures];
+      forEach(wished, (name) => sim.wishes.add(`${name}${includes(requiredFeatures, name) ? ' (required)' : ''}`));
       const granted = filter(FEATURES, (name) => includes(wished, name));
       if (mode === 'inline') {
         const preview = new XRSession(mode, [...new Set(['viewer', ...granted])]);

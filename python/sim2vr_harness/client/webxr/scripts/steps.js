@@ -28,6 +28,9 @@
   const tick = async (time) => {
     await sim.loaded();
     await sim.runTimers(time);
+    sim.wakeWorkers();
+    await sim.loaded();
+    sim.animate();
     sim.runFrames();
     sim.preview();
     sim.observe();
@@ -202,6 +205,9 @@
       const { 0: time, 1: head, 2: hands, 3: inputs, 4: drawn } = frames[k];
       await sim.loaded();
       await sim.runTimers(sim.base + time);
+      sim.wakeWorkers();
+      await sim.loaded();
+      sim.animate();
       sim.runFrames();
       sim.observe();
       sim.drawing = drawn;

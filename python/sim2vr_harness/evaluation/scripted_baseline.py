@@ -1,30 +1,25 @@
-"""A first look at an app without a trained user.
-
-Someone sits still, moves at random, or reaches for an object.
-"""
+"""Evaluate an app with a user that needs no training: idle, random, or scripted."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack, closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
-from sim2vr_harness.base.errors import InputError, unknown_name
+from sim2vr_harness.base.errors import InputError
 from sim2vr_harness.client import (
     GameFacts,
+    Measure,
     OptionValue,
     TaskedApp,
     TaskMoment,
-    WebXRApp,
     check_task,
     load_task,
 )
-from sim2vr_harness.client.frames import position_to_mujoco
+from sim2vr_harness.client.tasks.events import EVENT_VALUE
 from sim2vr_harness.envs.config import EnvConfig
 from sim2vr_harness.envs.games import game_facts
 from sim2vr_harness.evaluation.conditions import (
@@ -39,94 +34,41 @@ from sim2vr_harness.evaluation.metrics import RoundResult, summarise
 from sim2vr_harness.evaluation.results import EvaluationResults
 from sim2vr_harness.evaluation.rollouts import Job, Watcher, jobs_for, play
 from sim2vr_harness.evaluation.video import RoundFilmer
-from sim2vr_harness.policies.protocol import Act
-from sim2vr_harness.users.kinematics.reach_controller import ReachController
+from sim2vr_harness.policies.protocol import Policy
+from sim2vr_harness.policies.scripted import (
+    ScriptedPolicy,
+    StepOutcome,
+    is_script,
+    scripted_policy,
+    with_inputs,
+)
 
-__all__ = ["USERS", "BaselineRun", "act_of", "look"]
+__all__ = ["BaselineRun", "evaluate_baseline"]
 
-USERS = ("still", "random", "reach NAME")
-"""Who can play without having learned anything."""
-
-_REACH = "reach "
 _PARALLEL = 2
 """Rounds at once."""
-_NEAR_M = 0.05
-"""As near as a hand comes that can get there."""
-
-
-def act_of(user: str, simulation: Any, gaps_m: list[float] | None = None) -> Act:
-    """Return what someone who has learned nothing does.
-
-    Args:
-        user: of :data:`USERS`: ``still`` keeps all activations as they are; ``random`` changes them
-            at random, as a policy before its training; ``reach NAME`` moves the hand to where the
-            object of that name is.
-        simulation: of the users; of one, who reaches.
-        gaps_m: gets how far the hand of one who reaches is from the object, at every step.
-
-    Raises:
-        InputError: there is no such user, or the app cannot say where an object is.
-    """
-    if user.startswith(_REACH):
-        return _reaching(user.removeprefix(_REACH).strip(), simulation, gaps_m)
-    if user not in USERS[:2]:
-        raise unknown_name("--user", user, USERS)
-    actions = simulation.action_space.shape[0]
-
-    def act(observation: dict[str, Any], rng: np.random.Generator | None) -> Any:
-        if user == "still" or rng is None:
-            return np.zeros(actions, np.float32)
-        return np.clip(rng.standard_normal(actions), -1.0, 1.0).astype(np.float32)
-
-    return act
-
-
-def _reaching(name: str, simulation: Any, gaps_m: list[float] | None) -> Act:
-    worn = [
-        one for one in ("controller_right", "controller_left") if one in simulation.body.devices
-    ]
-    if not worn:
-        raise InputError("--user", f"'reach {name}' without a controller", "a body that wears one")
-    reacher = ReachController(simulation.body, worn[0])
-    if not isinstance(_page_of(simulation), WebXRApp):
-        raise InputError("--user", f"'reach {name}'", "--page with it: other apps name no objects")
-    actions = simulation.action_space.shape[0]
-
-    def act(observation: dict[str, Any], rng: np.random.Generator | None) -> Any:
-        users, action = simulation.users, np.zeros(actions, np.float32)
-        goal = position_to_mujoco(_page_of(simulation).locate(name))
-        body = reacher.action(users.qpos[0], users.qvel[0], users.act[0], goal)
-        action[: len(body)] = body
-        if gaps_m is not None:
-            gaps_m.append(reacher.gap_m)
-        return action
-
-    return act
-
-
-def _page_of(simulation: Any) -> Any:
-    """The app, which a replacement may have become, below its task if there is one."""
-    return getattr(simulation.apps[0], "app", simulation.apps[0])
 
 
 @dataclass(frozen=True)
 class BaselineRun:
-    """What a first look found.
+    """What the evaluation of a baseline found.
 
     Attributes:
         summaries: means by condition, as of an evaluation.
         facts: what the app publishes.
         files: results and films.
         problems: what is wrong with the app or its task, a sentence each.
+        steps: of a script, the outcomes of its steps: a list per round.
     """
 
     summaries: Mapping[str, dict[str, Any]]
     facts: GameFacts
     files: list[Path]
     problems: list[str]
+    steps: list[list[StepOutcome]]
 
 
-def look(
+def evaluate_baseline(
     env: EnvConfig,
     user: str,
     *,
@@ -144,7 +86,7 @@ def look(
 
     Args:
         env: users and app.
-        user: of :data:`USERS`.
+        user: of :data:`~sim2vr_harness.policies.scripted.USERS`.
         conditions: names of those to play; none: the app's default.
         named: options of the game that win over the conditions' own.
         episodes: rounds per condition.
@@ -162,7 +104,8 @@ def look(
         raise InputError("--episodes", str(episodes), "at least 1")
     if record and out is None:
         raise InputError("--record", "it without --out", "a folder for the film, --out FOLDER")
-    facts = game_facts(env.app)
+    env = with_inputs(env, user)
+    facts = _with_steps(game_facts(env.app), user)
     asked = asked_conditions(env.app, conditions, typed=True)
     chosen = chosen_conditions(facts, asked, [facts.default_condition], named)
     if on_plan is not None:
@@ -170,38 +113,61 @@ def look(
     jobs = [
         (config, jobs_for(group, episodes, seed)) for config, group in condition_groups(env, chosen)
     ]
-    baseline = _Baseline(user)
+    baseline = _Baseline(user, facts)
     files: list[Path] = []
     with ExitStack() as stack:
         watchers = []
         if record and out is not None:
             filmer = stack.enter_context(closing(RoundFilmer(out, facts)))
             watchers, files = [filmer], filmer.files
-        rounds = baseline.play(jobs, facts, watchers, on_progress)
+        rounds = baseline.play(jobs, watchers, on_progress)
     settings = _settings(env, user, episodes, seed)
-    summaries = {one.name: _summary(one.name, rounds, facts) | settings for one in chosen}
+    scripts = [[step.as_dict() for step in steps] for steps in baseline.steps]
+    summaries = {one.name: _summary(one.name, rounds, facts, scripts) | settings for one in chosen}
     if out is not None:
         files = [_saved(summaries, settings, out, overwrite=overwrite), *files]
-    return BaselineRun(summaries, facts, files, baseline.problems(env, facts, summaries))
+    problems = baseline.problems(env, summaries)
+    return BaselineRun(summaries, facts, files, problems, baseline.steps)
+
+
+STEP_MEASURES = (
+    Measure("steps_done", "Steps done", better="higher", digits=0),
+    Measure("steps_failed", "Steps not done", better="lower", digits=0),
+)
+"""Of a script; steps that were not begun count as not done."""
+
+
+def _with_steps(facts: GameFacts, user: str) -> GameFacts:
+    """Return facts with the measures of a script."""
+    if not is_script(user):
+        return facts
+    return replace(facts, measures=(*facts.measures, *STEP_MEASURES))
 
 
 class _Baseline:
     """An untrained user at play, and what its rounds say of the app and its task."""
 
-    def __init__(self, user: str) -> None:
-        self._user = user
+    def __init__(self, user: str, facts: GameFacts) -> None:
+        self._user, self._facts = user, facts
         self._judge: TaskedApp | None = None
-        self._gaps_m: list[float] = []
+        self._script: _ScriptWatcher | None = None
+
+    @property
+    def steps(self) -> list[list[StepOutcome]]:
+        """Outcomes of a script's steps, a list per round."""
+        return [] if self._script is None else self._script.steps
 
     def play(
         self,
         groups: Sequence[tuple[EnvConfig, Sequence[Job]]],
-        facts: GameFacts,
         watchers: Sequence[Watcher],
         on_progress: Callable[[float], None],
     ) -> list[RoundResult]:
         """Return the rounds of all groups, each with apps of its own."""
         rounds: list[RoundResult] = []
+        if is_script(self._user):
+            self._script = _ScriptWatcher(self._facts)
+            watchers = [self._script, *watchers]
         for number, (config, jobs) in enumerate(groups):
 
             def advance(share: float, done: int = number) -> None:
@@ -209,15 +175,15 @@ class _Baseline:
 
             rounds += play(
                 partial(self._make, config),
-                lambda users: act_of(self._user, users, self._gaps_m),
+                self._policy,
                 jobs,
-                facts,
+                self._facts,
                 deterministic=False,
-                batch=batch_for(config, 1 if self._user.startswith(_REACH) else _PARALLEL),
+                batch=batch_for(config, _PARALLEL if self._script is None else 1),
                 watchers=watchers,
                 on_progress=advance,
             )
-        return rounds
+        return rounds if self._script is None else self._script.with_steps(rounds)
 
     def _make(self, config: EnvConfig, n: int) -> Any:
         users = make_simulation(config, n)
@@ -226,17 +192,61 @@ class _Baseline:
             self._judge.record()
         return users
 
-    def problems(
-        self, env: EnvConfig, facts: GameFacts, summaries: Mapping[str, Mapping[str, Any]]
-    ) -> list[str]:
+    def _policy(self, simulation: Any) -> Policy:
+        policy = scripted_policy(self._user, simulation)
+        if self._script is not None and isinstance(policy, ScriptedPolicy):
+            self._script.policy = policy
+        return policy
+
+    def problems(self, env: EnvConfig, summaries: Mapping[str, Mapping[str, Any]]) -> list[str]:
         """Return what is wrong with the app or its task, a sentence each."""
         found = []
-        if self._judge is not None:
+        if self._judge is not None and env.app.task is not None:
             wrong = check_task(load_task(env.app.task), _first_round(self._judge))
             found = [f"the task: {one}" for one in wrong]
-        score, gaps_m = facts.score, self._gaps_m
-        if gaps_m and score and all(one.get(score) == 0 for one in summaries.values()):
-            found.append(_reached_for_nothing(self._user, min(gaps_m), score))
+        score = self._facts.score
+        arrived = any(one.arrived_s is not None for steps in self.steps for one in steps)
+        if arrived and score and all(one.get(score) == 0 for one in summaries.values()):
+            found.append(_arrived_for_nothing(self._user, score))
+        return found
+
+
+class _ScriptWatcher:
+    """Passes the values of the app to a script, and keeps what its steps did."""
+
+    def __init__(self, facts: GameFacts) -> None:
+        self._facts = facts
+        self._values: frozenset[str] = frozenset()
+        self.policy: ScriptedPolicy | None = None
+        self.steps: list[list[StepOutcome]] = []
+
+    def started(self, simulation: Any, jobs: Sequence[Job]) -> None:
+        """See :class:`Watcher`; the task's values are watched, of a game those of its measures."""
+        app = simulation.apps[0]
+        keys = {key for one in self._facts.scalars for key in (one.log_key, one.rate_with) if key}
+        if isinstance(app, TaskedApp):
+            keys |= {name for name in app.task.values if not name.startswith(EVENT_VALUE)}
+        self._values = frozenset(keys)
+
+    def stepped(self, reward: Any, infos: Sequence[Mapping[str, Any]]) -> None:
+        """See :class:`Watcher`."""
+        log = infos[0].get("log")
+        if self.policy is not None and log is not None:
+            values = {name: value for name, value in log.items() if name in self._values}
+            self.policy.episodes[-1].take(values)
+
+    def ended(self, index: int, result: RoundResult) -> None:
+        """See :class:`Watcher`."""
+        assert self.policy is not None
+        self.steps.append(self.policy.episodes[-1].ended())
+
+    def with_steps(self, rounds: Sequence[RoundResult]) -> list[RoundResult]:
+        """Return the rounds with the measures of the script."""
+        found = []
+        for result, steps in zip(rounds, self.steps, strict=True):
+            done = float(sum(step.done for step in steps))
+            counts = {"steps_done": done, "steps_failed": len(steps) - done}
+            found.append(replace(result, values={**result.values, **counts}))
         return found
 
 
@@ -263,26 +273,30 @@ def _saved(
     return results.add(summaries, overwrite=overwrite)
 
 
-def _summary(condition: str, rounds: list[RoundResult], facts: GameFacts) -> dict[str, Any]:
-    """Return the means of a condition's rounds, and the rounds."""
+def _summary(
+    condition: str,
+    rounds: list[RoundResult],
+    facts: GameFacts,
+    scripts: Sequence[list[dict[str, Any]]],
+) -> dict[str, Any]:
+    """Return the means of a condition's rounds, and the rounds, with what a script's steps did."""
     played = [result for result in rounds if result.condition == condition]
+    content = [result.as_dict() for result in rounds]
+    for one, steps in zip(content, scripts, strict=False):
+        one["script"] = steps
     return {
         **summarise(played, facts),
         "game": facts.name,
-        "rounds": [result.as_dict() for result in played],
+        "rounds": [one for one in content if one["condition"] == condition],
     }
 
 
-def _reached_for_nothing(user: str, gap_m: float, score: str) -> str:
-    if gap_m > _NEAR_M:
-        why = "the body cannot get there (sim2vr-harness reach)"
-    else:
-        why = (
-            "something else may count now, or another input; or the page looks at another "
-            "controller: where the task "
-            "names one device, that is the page's first input source"
-        )
-    return f"{user}: the hand came as near as {gap_m:.2f} m, and {score} stayed at 0; {why}"
+def _arrived_for_nothing(user: str, score: str) -> str:
+    return (
+        f"{user}: it arrived, and {score} stayed at 0; another object may count, a faster touch or "
+        "another input, or the page looks at another controller: where the task names one device, "
+        "that is the page's first input source"
+    )
 
 
 def _first_round(judge: TaskedApp) -> list[TaskMoment]:

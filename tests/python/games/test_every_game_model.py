@@ -1,6 +1,6 @@
-"""What every game's twin must keep: it is the game, for whoever moves in it at random.
+"""What every game's model must keep: it is the game, for whoever moves in it at random.
 
-Users of the true game move about; the twin gets the same movements from the same starts, and has
+Users of the true game move about; the model gets the same movements from the same starts, and has
 its own chance. So what happens in it, what a teacher observes and what it pays must agree on
 average over users, within what chance explains. Rules one by one are tested beside this.
 """
@@ -38,14 +38,14 @@ SLACK = 0.05
 
 @dataclass(frozen=True)
 class Both:
-    """The same movements in a game and in its twin.
+    """The same movements in a game and in its model.
 
     Attributes:
         names: of what a teacher observes of the game.
         true: (STEPS, N, F) that in the game, and
-        imagined: in the twin.
-        rewards: (2, STEPS, N) of the game and of the twin, in the game's unit.
-        counts: (2, 2) successes and failures of all, of the game and of the twin.
+        imagined: in the model.
+        rewards: (2, STEPS, N) of the game and of the model, in the game's unit.
+        counts: (2, 2) successes and failures of all, of the game and of the model.
     """
 
     names: tuple[str, ...]
@@ -72,7 +72,7 @@ def users_of(game: str) -> TeacherSimulation:
     )
 
 
-def twin_of(sim: TeacherSimulation) -> Any:
+def model_of(sim: TeacherSimulation) -> Any:
     conditions = [sim.describe(k) for k in range(len(sim.conditions))]
     frames = sim.config.frames_per_step
     settings = sim.game.settings()
@@ -90,9 +90,9 @@ def both(request: pytest.FixtureRequest) -> Both:
 
 
 def play(name: str) -> Both:
-    """Let users of the true game move about, and the twin's with them."""
+    """Let users of the true game move about, and the model's with them."""
     sim = users_of(name)
-    twin = twin_of(sim)
+    model = model_of(sim)
     sim.reset(seeds=list(range(N)))
     sim._limit[:] = STEPS + 1  # no round is cut
     everyone = torch.arange(N)
@@ -101,30 +101,30 @@ def play(name: str) -> Both:
     def fields() -> torch.Tensor:
         return torch.tensor(sim.senses.values()[:, columns], dtype=torch.float32)
 
-    twin.calibrate(worn_by(sim), fields())
-    twin.start(everyone, worn_by(sim), fields(), torch.full((N,), -1))
-    twin.begin(everyone)
-    twin.clear_counts()
+    model.calibrate(worn_by(sim), fields())
+    model.start(everyone, worn_by(sim), fields(), torch.full((N,), -1))
+    model.begin(everyone)
+    model.clear_counts()
     rng = np.random.default_rng(5)
     actions = sim.action_space.shape[0]
     wild = np.zeros((N, actions))
-    told = [sim.senses.names.index(name) for name in twin.names]
+    told = [sim.senses.names.index(name) for name in model.names]
     true, imagined, rewards = [], [], []
     for _ in range(STEPS):
         wild = 0.8 * wild + 0.6 * rng.standard_normal(wild.shape)
         result = sim.step(np.clip(0.25 * wild, -1.0, 1.0))
         place = worn_by(sim)
-        paid = twin.step(place[:, None].expand(-1, twin.frames, -1, -1, -1), 1.0)
+        paid = model.step(place[:, None].expand(-1, model.frames, -1, -1, -1), 1.0)
         with torch.no_grad():
-            imagined.append(twin.observe(place).numpy())
+            imagined.append(model.observe(place).numpy())
         true.append(sim.senses.values()[:, told])
         game_reward = result.reward / sim.teacher.reward_scale + result.effort_cost
         rewards.append([game_reward, paid.detach().numpy()])
     outcomes = sum(sim.game.outcomes(log) for log in sim.simulation.logs)
     sim.close()
-    counts = [outcomes.sum(1), twin.counts.sum((1, 2)).numpy()]
+    counts = [outcomes.sum(1), model.counts.sum((1, 2)).numpy()]
     return Both(
-        names=tuple(twin.names),
+        names=tuple(model.names),
         true=np.array(true, np.float64),
         imagined=np.array(imagined, np.float64),
         rewards=np.swapaxes(np.array(rewards, np.float64), 0, 1),
@@ -156,16 +156,16 @@ def test_as_much_happens(both: Both) -> None:
 
 
 def test_rewards_agree_on_average(both: Both) -> None:
-    """Of a training's end, where the twin's hits are hardly soft any more."""
+    """Of a training's end, where the model's hits are hardly soft any more."""
     true, imagined = both.rewards
     assert off(true, imagined) <= 1.0
 
 
-def test_a_twin_with_another_rule_shows(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_game_model_with_another_rule_shows(monkeypatch: pytest.MonkeyPatch) -> None:
     """Targets that go away after 0.9 s instead of 1.1 s."""
-    from sim2vr_harness.games.whacamole import twin
+    from sim2vr_harness.games.whacamole import game_model
 
-    monkeypatch.setattr(twin, "LAST_FRAME", 17)
+    monkeypatch.setattr(game_model, "LAST_FRAME", 17)
     played = play("whacamole")
     wrong = [off(played.true[..., k], played.imagined[..., k]) for k in range(len(played.names))]
     assert max(wrong) > 1.0

@@ -9,12 +9,12 @@ from shapings import shaped
 
 from sim2vr_harness.client.frames import position_to_app
 from sim2vr_harness.games import imagined_game, imagined_games, imagined_settings
-from sim2vr_harness.games.whacamole import settings as twin_settings
-from sim2vr_harness.games.whacamole import twin
+from sim2vr_harness.games.whacamole import settings as model_settings
+from sim2vr_harness.games.whacamole import shaping
+from sim2vr_harness.games.whacamole.game_model import FIELDS, ImaginedWhacAMole
 from sim2vr_harness.games.whacamole.hammer import points
 from sim2vr_harness.games.whacamole.rules import AREA_M, BEHIND, FRAME_S, STRIKE, UP, area_of
 from sim2vr_harness.games.whacamole.settings import GameModelSettings, Relaxation
-from sim2vr_harness.games.whacamole.twin import FIELDS, ImaginedWhacAMole
 
 SOFT = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0)
 RULES = {"round.constrained": 1.0, "round.max_targets": 3.0, "round.strike_threshold_mps": 0.8}
@@ -214,9 +214,9 @@ def test_a_true_hit_has_its_whole_worth_and_a_gradient() -> None:
 
 def test_staying_in_a_target_costs_by_how_deep_the_hammer_is() -> None:
     rewards = []
-    for stuck in (0.0, 1.0):
+    for dwell in (0.0, 1.0):
         game, place = game_at_a_target()
-        soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0, stuck=stuck)
+        soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=1.0, distance=1.0, dwell=dwell)
         rewards.append(torch.stack([game.play(place[:, None], soft) for _ in range(2)]))
     # Half sizes of 12.5 mm (target) and 50 mm (hammer), middles 47.8 mm apart: 14.7 mm deep, of 40.
     cost = 1.0 + (0.0125 + 0.050 - (0.0482 - 0.000401)) / 0.04
@@ -232,7 +232,7 @@ def test_a_stroke_starts_in_front_of_a_cell_and_is_in_it_when_it_is_due(
     less a / 2 * 0.05^2 in front of it 0.05 s before, 3 cm behind it 0.05 s later, and the whole way
     in front of it between strokes; 0.3 m are worth 1."""
     for run_up_m, off in ((0.1, [0.0, 0.0609, 0.03, 0.1]), (0.3, [0.0, 0.0703, 0.03, 0.2813])):
-        monkeypatch.setattr(twin, "RUN_UP_M", run_up_m)
+        monkeypatch.setattr(shaping, "RUN_UP_M", run_up_m)
         rewards = []
         for stroke in (0.0, 2.0):
             game, place = game_at_a_target()
@@ -282,7 +282,7 @@ def test_going_towards_targets_that_cannot_have_been_seen_costs() -> None:
             rewards.append(game.play(place[:, None], soft))
         expected = -2.0 * 1.5 * going * torch.tensor([0.0, 1.0, 1.0, 0.865])
         torch.testing.assert_close(rewards[1] - rewards[0], expected, atol=0.02, rtol=0.0)
-    settings = shaped(twin_settings, blind=2.0)
+    settings = shaped(model_settings, blind=2.0)
     shares = [settings.relaxation(done).blind for done in (0.0, 0.25, 0.5, 1.0)]
     assert shares == pytest.approx([0.0, 1.0, 2.0, 2.0])
 
@@ -306,7 +306,7 @@ def test_hits_may_be_worth_more_in_the_middle() -> None:
 
 
 def test_a_learner_aims_before_it_aims_at_the_middle() -> None:
-    settings = shaped(twin_settings, centre=0.6)
+    settings = shaped(model_settings, centre=0.6)
     shares = [settings.relaxation(done).centre for done in (0.0, 0.25, 0.5, 1.0)]
     assert shares == pytest.approx([0.0, 0.3, 0.6, 0.6])
 
@@ -321,7 +321,7 @@ def test_a_hit_may_be_worth_the_same_whenever_it_comes() -> None:
     for age in (6, 18):
         rewards = []
         for patience in (0.0, 0.816):
-            game, place = game_at_a_target(shaped(twin_settings, delay_gain_per_s=patience))
+            game, place = game_at_a_target(shaped(model_settings, delay_gain_per_s=patience))
             game._age[:, 4] = age - 1
             soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0)
             rewards.append(game.play(place[:, None], soft)[0])
@@ -333,7 +333,7 @@ def test_a_hit_may_be_worth_the_same_whenever_it_comes() -> None:
 def test_what_a_hit_is_worth_is_a_setting() -> None:
     rewards = []
     for worth in (10.0, 30.0):
-        game, place = game_at_a_target(shaped(twin_settings, hit_reward=worth))
+        game, place = game_at_a_target(shaped(model_settings, hit_reward=worth))
         soft = Relaxation(overlap_m=0.01, speed_mps=0.2, near=0.0, distance=0.0)
         rewards.append(float(game.play(place[:, None], soft)[0]))
     assert rewards == pytest.approx([10.0, 30.0], rel=1e-5)
@@ -350,7 +350,7 @@ def test_what_a_hit_takes_away_is_a_later_one(until_s: float, later: tuple[float
     1.0609 times as much. From frame 4 it is best to wait until .4 s (frame 8), and
     after that not at all; or from any frame to the end (frame 21), after which there is nothing.
     """
-    game, _ = resting_game(3, shaped(twin_settings, delay_gain_per_s=2.0, delay_until_s=until_s))
+    game, _ = resting_game(3, shaped(model_settings, delay_gain_per_s=2.0, delay_until_s=until_s))
     game._earned[1] = 14.0
     game.counts[:, 1, 4] = torch.tensor([18.0, 2.0])
     game.adapt()  # a half is believed
@@ -364,7 +364,7 @@ def test_who_counts_what_comes_later_less_has_less_to_wait_for() -> None:
 
     exp(2 * .2 s) = 1.492 times as much with nothing taken off, 1.165 with .94 a step.
     """
-    settings = shaped(twin_settings, delay_gain_per_s=2.0, delay_until_s=0.4)
+    settings = shaped(model_settings, delay_gain_per_s=2.0, delay_until_s=0.4)
     for gamma, worth in ((1.0, 1.492), (0.94, 1.165)):
         game = ImaginedWhacAMole(3, CONDITIONS, settings, step_s=0.05, seed=2, gamma=gamma)
         game._earned[1] = 1.0
@@ -394,7 +394,7 @@ def test_what_a_hit_takes_away_counts_against_its_gradient_alone() -> None:
     for share, gradient in zip((0.5, 1.0), gradients[1:], strict=True):
         torch.testing.assert_close(gradient[0], (1.0 - 0.6 * share) * gradients[0][0])
         torch.testing.assert_close(gradient[1:], gradients[0][1:])
-    settings = shaped(twin_settings, foregone=0.8)
+    settings = shaped(model_settings, foregone=0.8)
     shares = [settings.relaxation(done).foregone for done in (0.0, 0.25, 0.5, 1.0)]
     assert shares == pytest.approx([0.0, 0.4, 0.8, 0.8])
 
@@ -430,7 +430,7 @@ def test_hits_may_be_worth_more_where_the_face_goes_first() -> None:
             assert bool(game._hit[0, 4]) == (float(rewards[-1]) > 1.0)
         worth.append(float(rewards[1] / rewards[0]))
     assert worth == pytest.approx([1.0, 0.875, 0.75], abs=1e-4)
-    settings = shaped(twin_settings, face=0.6)
+    settings = shaped(model_settings, face=0.6)
     shares = [settings.relaxation(done).face for done in (0.0, 0.25, 0.5, 1.0)]
     assert shares == pytest.approx([0.0, 0.3, 0.6, 0.6])
 
@@ -444,7 +444,7 @@ def test_hits_may_be_worth_more_where_what_hits_is_fast() -> None:
     for speed, worth in ((1.5, 0.75), (3.0, 1.0), (6.0, 1.0), (-1.0, 0.5)):
         rewards = []
         for share in (0.0, 0.5):
-            game, place = game_at_a_target(GameModelSettings(impact_share=share))
+            game, place = game_at_a_target(GameModelSettings(impact_speed_weight=share))
             face = points(*game.hammer(place))[1]
             game._face = face - 0.05 * speed * game._strike[game.condition]
             rewards.append(game.play(place[:, None], soft)[0])

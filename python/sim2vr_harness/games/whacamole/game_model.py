@@ -20,7 +20,6 @@ from sim2vr_harness.games.whacamole.areas import areas_of
 from sim2vr_harness.games.whacamole.hammer import POSE_FIELDS, Hammer, depths, points
 from sim2vr_harness.games.whacamole.rules import (
     BAN_S,
-    CELL_M,
     CELLS,
     FADING_FRAMES,
     FRAME_S,
@@ -33,10 +32,18 @@ from sim2vr_harness.games.whacamole.rules import (
 from sim2vr_harness.games.whacamole.settings import (
     FAILING_CELLS,
     FAILING_VALUE,
-    RUN_UP_M,
     SINGLE_TARGETS,
     GameModelSettings,
     Relaxation,
+)
+from sim2vr_harness.games.whacamole.shaping import (
+    Targets,
+    central,
+    facing,
+    going_blind,
+    hardness,
+    in_plane,
+    on_stroke,
 )
 
 __all__ = ["FIELDS", "ImaginedWhacAMole"]
@@ -50,17 +57,6 @@ FIELDS = (*_ROUND, *POSE_FIELDS, *_ROOT_VELOCITY)
 """The privileged numbers that go with a user step, in this order."""
 
 _SPEED_MARGIN_MPS, _OVERLAP_MARGIN_M, _NEAR_M = 0.05, 0.002, 0.04
-_STROKES_S, _STROKE_MPS, _THROUGH_M, _STROKE_OFF_M = (0.6, 1.0), 1.5, 0.03, 0.3
-"""When strokes go through a target's middle, after it appeared; how fast, and how far."""
-
-_CENTRE_M = 0.02
-"""Beside the middle of a target: people's end points spread by 1.5 cm along each way."""
-_HARD_MPS = 3.0
-"""A hit that cannot be harder."""
-_CLEAR_M, _AWAY_M = START_M, 0.5 * CELL_M
-"""How far in front of the plane a hammer is clear of it; how far beside a target away from it."""
-_SEEN_FRAMES = 3
-"""What has been there for 0.15 s can have been seen: people's hands begin to go there after .19."""
 
 
 class ImaginedWhacAMole:
@@ -257,10 +253,10 @@ class ImaginedWhacAMole:
 
     def observe(self, place: Tensor) -> Tensor:
         """(B, F) in the order of :attr:`names`, differentiable by the places."""
-        condition = self.condition
+        targets = self._targets()
         marker, axes = self.hammer(place)
-        strike = (self._velocity * self._strike[condition]).sum(1, keepdim=True)
-        depth = self._depth(marker)[:, None]
+        strike = targets.strike_mps(self._velocity)[:, None]
+        depth = targets.depth(marker)[:, None]
         present = (self._age >= 0).float()
         alive = (self._age >= GROWING_FRAMES).float()
         life = present * (LIFE_S - FRAME_S * self._age)
@@ -269,10 +265,10 @@ class ImaginedWhacAMole:
         ).topk(MOST_TARGETS, 1)
         there, which = (oldest.values >= 0).float(), oldest.indices
         rows = torch.arange(self.n)[:, None]
-        places = self._cells[condition][rows, which] - marker[:, None]
+        places = targets.cells[rows, which] - marker[:, None]
         following = [there, alive.gather(1, which) * there, life.gather(1, which) * there]
         parts = [
-            self._rules[condition],
+            self._rules[self.condition],
             marker,
             self._velocity,
             -axes[:, 0],
@@ -293,11 +289,12 @@ class ImaginedWhacAMole:
     def play(self, places: Tensor, soft: Relaxation) -> Tensor:
         """Advance by one user step; see :meth:`step`."""
         self._next_frame()
+        targets = self._targets()
         b, frames = places.shape[:2]
         marker, axes = self.hammer(places.flatten(0, 1))
         root, box = points(marker, axes)
-        frame, cells = self._axes[self.condition], self._cells[self.condition]
-        depth = depths(_each(frame, frames), _each(cells, frames), axes, box)
+        frame, cells = _each(targets.axes, frames), _each(targets.cells, frames)
+        depth = depths(frame, cells, axes, box)
         root, depth = root.reshape(b, frames, 3), depth.reshape(b, frames, CELLS, -1)
         self._hit = torch.zeros_like(self._inside)
         # The likeliest frame of a step counts. Chances of all frames would add up for a hammer that
@@ -307,16 +304,14 @@ class ImaginedWhacAMole:
             raw = (root[:, k] - self._root) / self._frame_s
             self._velocity = self._velocity + self._follows * (raw - self._velocity)
             self._root = root[:, k]
-            touch = self._judge(depth[:, k], self._strike_mps(self._velocity), soft)
+            touch = self._judge(depth[:, k], targets.strike_mps(self._velocity), soft)
             chance = torch.maximum(chance, touch.chance)
         # A true hit has its whole worth, and the gradient of its chance. Where frames are short it
         # is seen at the target's rim, as likely as not: who trembles there would earn more.
         chance = chance + self._hit * (1.0 - chance).detach()
         last = marker.reshape(b, frames, 3)[:, -1]
         middle = box.reshape(b, frames, 3)[:, -1]
-        impact = self._impact((middle - self._face) / FRAME_S)[:, None]
-        facing = self._facing(axes.reshape(b, frames, 3, 3)[:, -1], soft.face)[:, None]
-        worths = self._central(middle, soft.centre) * impact * facing
+        worths = self._worths(targets, middle, axes.reshape(b, frames, 3, 3)[:, -1], soft)
         values = self.hit_values[self.condition] * self._worth_at(self._age)
         self._face = middle
         self._earned.index_add_(0, self.condition, (worths.detach() * self._hit).sum(1))
@@ -324,9 +319,22 @@ class ImaginedWhacAMole:
         if soft.foregone > 0.0:
             gained = gained - soft.foregone * self._given_up(chance)
         hits = self.settings.values.hit_reward * (values * gained * self._left).sum(1)
-        worth = hits + self._shaped(last, depth[:, -1], touch, soft)
+        worth = hits + self._shaped(targets, last, depth[:, -1], touch, soft)
         self._left = self._left * (1.0 - chance)
         return worth
+
+    def _targets(self) -> Targets:
+        """Return the users' target areas, with the ages of their targets."""
+        c = self.condition
+        return Targets(self._age, self._area[c], self._axes[c], self._strike[c], self._cells[c])
+
+    def _worths(self, targets: Targets, middle: Tensor, axes: Tensor, soft: Relaxation) -> Tensor:
+        """(B, cells) the worth of a hit by its place, its velocity and the hammer's direction."""
+        velocity = (middle - self._face) / FRAME_S
+        hard = hardness(targets, velocity, self.settings.impact_speed_weight)[:, None]
+        return (
+            central(targets, middle, soft.centre) * hard * facing(targets, axes, soft.face)[:, None]
+        )
 
     def _next_frame(self) -> None:
         """Targets of the next frame, after hits at the poses of this one."""
@@ -366,26 +374,28 @@ class ImaginedWhacAMole:
         self._inside = inside
         return _Touch(counts * overlap * speed, counts, within)
 
-    def _shaped(self, marker: Tensor, depth: Tensor, touch: _Touch, soft: Relaxation) -> Tensor:
+    def _shaped(
+        self, targets: Targets, marker: Tensor, depth: Tensor, touch: _Touch, soft: Relaxation
+    ) -> Tensor:
         """(B,) what helps to find hits, once a user step: by its last frame."""
         condition = self.condition
-        cells, alive = self._cells[condition], self._age >= GROWING_FRAMES
-        towards = self._strike_mps(self._velocity) - self._threshold[condition]
+        alive = self._age >= GROWING_FRAMES
+        towards = targets.strike_mps(self._velocity) - self._threshold[condition]
         towards = torch.sigmoid(towards / 0.5)
         towards = torch.where(self._constrained[condition] > 0.0, towards, 1.0)
         around = _product(torch.sigmoid(depth / _NEAR_M))
         near = (touch.counts * self._left.detach() * around * towards[:, None]).sum(1)
-        distance = (cells - marker[:, None]).norm(dim=2)
+        distance = (targets.cells - marker[:, None]).norm(dim=2)
         far = (alive * (torch.exp(-10.0 * distance) - 1.0) / 10.0).sum(1)
         worth = soft.near * near + soft.distance * far
         if soft.stroke > 0.0:
-            worth = worth + soft.stroke * self._on_stroke(marker)
-        if soft.stuck > 0.0:  # few trainings pay for it
-            worth = worth - soft.stuck * (touch.within * (1.0 + depth.amin(2) / _NEAR_M)).sum(1)
+            worth = worth + soft.stroke * on_stroke(targets, marker)
+        if soft.dwell > 0.0:  # few trainings pay for it
+            worth = worth - soft.dwell * (touch.within * (1.0 + depth.amin(2) / _NEAR_M)).sum(1)
         if soft.plane > 0.0:
-            worth = worth - soft.plane * self._in_plane(marker)
+            worth = worth - soft.plane * in_plane(targets, marker)
         if soft.blind > 0.0:
-            worth = worth - soft.blind * self._going_blind(marker)
+            worth = worth - soft.blind * going_blind(targets, marker, self._velocity)
         return worth
 
     def _worth_at(self, age: Tensor) -> Tensor:
@@ -396,78 +406,6 @@ class ImaginedWhacAMole:
         """(B, cells) nothing, with the gradient of what true hits take away; chances as given."""
         later = self._foregone[self.condition].gather(1, self._age.clamp(min=0))
         return later * self._hit * (chance - chance.detach())
-
-    def _central(self, box: Tensor, share: float) -> Tensor:
-        """(B, cells) the worth of a hit by where in the target it is, 1 in its middle.
-
-        Args:
-            box: (B, 3) the middle of what hits.
-            share: of the worth, that is for the middle.
-        """
-        if share == 0.0:
-            return torch.ones(len(box), CELLS)
-        off = self._aside(box) / _CENTRE_M
-        return 1.0 - share * (1.0 - torch.exp(-0.5 * off.square()))
-
-    def _impact(self, velocity: Tensor) -> Tensor:
-        """(B,) the worth of a hit by the velocity of what hits (B, 3), m/s."""
-        share = self.settings.impact_share
-        if share == 0.0:
-            return torch.ones(len(velocity))
-        hard = (self._strike_mps(velocity) / _HARD_MPS).clamp(0.0, 1.0)
-        return 1.0 - share * (1.0 - hard)
-
-    def _facing(self, axes: Tensor, share: float) -> Tensor:
-        """(B,) the worth of a hit by the hammer's axes (B, 3, 3); its face looks against its x."""
-        if share == 0.0:
-            return torch.ones(len(axes))
-        faces = -(axes[:, 0] * self._axes[self.condition, 2]).sum(1)
-        return 1.0 - 0.5 * share * (1.0 - faces)
-
-    def _aside(self, point: Tensor) -> Tensor:
-        """(B, cells) how far points (B, 3) are beside the cells' middles, in their plane, m."""
-        gap, axes = self._cells[self.condition] - point[:, None], self._axes[self.condition]
-        aside: Tensor = (gap @ axes[:, :2].transpose(1, 2)).square().sum(2).add(1e-8).sqrt()
-        return aside
-
-    def _in_plane(self, marker: Tensor) -> Tensor:
-        """(B,) 1 in the plane, 2 well behind it, 0 well before it or at a target."""
-        near = (1.0 + self._depth(marker) / _CLEAR_M).clamp(0.0, 2.0)
-        aside = torch.where(self._age >= 0, self._aside(marker), _AWAY_M)
-        return near * (aside.amin(1) / _AWAY_M).clamp(max=1.0)
-
-    def _going_blind(self, marker: Tensor) -> Tensor:
-        """(B,) m/s towards the targets where there is none that can have been seen."""
-        off = torch.where(self._age >= _SEEN_FRAMES, self._aside(marker) / _AWAY_M, 10.0)
-        before_one = torch.exp(-0.5 * off.amin(1).square())
-        return self._strike_mps(self._velocity).clamp(min=0.0) * (1.0 - before_one)
-
-    def _on_stroke(self, marker: Tensor) -> Tensor:
-        """(B,) 1 on the stroke that would hit the oldest target, less beside it, 0 without one.
-
-        Strokes begin at rest in front of the cell, speed up evenly, and go through it; the second
-        one is for those that have missed.
-        """
-        age, cell = self._age.max(1)
-        rows = torch.arange(self.n)
-        first_s, second_s = (at_s - FRAME_S * age for at_s in _STROKES_S)
-        until_s = torch.where(first_s > -1.5 * FRAME_S, first_s, second_s)[:, None]
-        takes_s = 2.0 * RUN_UP_M / _STROKE_MPS
-        before_m = RUN_UP_M * (1.0 - (1.0 - until_s.clamp(max=takes_s) / takes_s).square())
-        before_m = before_m.clamp(min=-_THROUGH_M)
-        behind = self._axes[self.condition, 2]
-        goal = self._cells[self.condition][rows, cell] - before_m * behind
-        off = (marker - goal).square().sum(1).add(1e-8).sqrt()
-        return (age >= 0) * (1.0 - off / _STROKE_OFF_M)
-
-    def _depth(self, marker: Tensor) -> Tensor:
-        """(B,) m behind the targets' plane; negative before it."""
-        way = marker - self._area[self.condition]
-        return (way * self._axes[self.condition, 2]).sum(1)
-
-    def _strike_mps(self, velocity: Tensor) -> Tensor:
-        """(B,) how fast velocities (B, 3) go towards the targets; hits are judged by the root's."""
-        return (velocity * self._strike[self.condition]).sum(1)
 
 
 @dataclass(frozen=True)

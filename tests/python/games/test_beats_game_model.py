@@ -11,12 +11,12 @@ import torch
 from shapings import shaped
 
 from sim2vr_harness.games import imagined_game, imagined_settings
-from sim2vr_harness.games.beats import settings as twin_settings
+from sim2vr_harness.games.beats import settings as model_settings
 from sim2vr_harness.games.beats.cuts import points
+from sim2vr_harness.games.beats.game_model import EVENTS, FIELDS, ImaginedBeats
 from sim2vr_harness.games.beats.levels import Levels, made_of
 from sim2vr_harness.games.beats.sabers import Blades, distances
 from sim2vr_harness.games.beats.settings import GameModelSettings, Relaxation
-from sim2vr_harness.games.beats.twin import EVENTS, FIELDS, ImaginedBeats
 
 STEP_S = 0.05
 SOFT = Relaxation(contact_m=0.05, speed_mps=0.3, angle_deg=15.0, near=5.0, error=20.0, hazard=20.0)
@@ -195,7 +195,7 @@ def test_hazards_have_a_cost_of_their_own_from_the_start() -> None:
     for hazard in ({"mines": [mine]}, {"walls": [wall]}):
         costs = []
         for cost in (0.0, 200.0):
-            settings = shaped(twin_settings, early_error_cost=1.0, hazard_cost=cost)
+            settings = shaped(model_settings, early_error_cost=1.0, hazard_cost=cost)
             game = rounds(1, level(**hazard), settings=settings)
             begun(game, placed(AWAY, AWAY), 1.95)
             held = placed(AWAY, (0.2, -0.3, 0.3))
@@ -212,7 +212,7 @@ def test_a_head_in_a_wall_pays_by_its_depth_in_every_step() -> None:
         paid = []
         for wall_cost in (0.0, 20.0):
             game = rounds(
-                1, level(walls=[wall]), settings=shaped(twin_settings, wall_cost=wall_cost)
+                1, level(walls=[wall]), settings=shaped(model_settings, wall_cost=wall_cost)
             )
             place = placed(AWAY, AWAY, head=(0.0, 1.2 - down, 0.1))
             begun(game, place, 2.1)
@@ -257,7 +257,7 @@ def test_busy_rounds_begin_before_a_box() -> None:
     game = rounds(
         50,
         level(box(4.0, 2.0, RIGHT, DOWN)),
-        settings=shaped(twin_settings, busy_starts=1.0),
+        settings=shaped(model_settings, busy_starts=1.0),
     )
     place = placed(AWAY, AWAY).expand(50, -1, -1, -1)
     game.start(torch.arange(50), place, torch.zeros(50, len(FIELDS)), torch.arange(50))
@@ -325,7 +325,7 @@ def test_who_looks_away_pays_by_the_square_of_the_angle(degrees: float, share: f
         game = rounds(
             1,
             level(box(2.0, 2.0, RIGHT, DOWN)),
-            settings=shaped(twin_settings, gaze_cost=cost),
+            settings=shaped(model_settings, gaze_cost=cost),
         )
         begun(game, place, 0.5)
         worth.append(float(game.play(place, SOFT)))

@@ -1,0 +1,166 @@
+// What can be operated on a panel. A pointer presses, holds and releases a widget; the widget says
+// when it has been operated, and whether it is then as the player was to set it.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <string>
+#include <vector>
+
+#include "panel/pointer.hpp"
+#include "sim2vr/core/random.hpp"
+#include "sim2vr/render/components.hpp"
+#include "sim2vr/scene/scene.hpp"
+
+namespace sim2vr::games::panel {
+
+/// Whether a widget that has been operated is at its goal; none: it is not decided yet.
+using Result = std::optional<bool>;
+
+class Widget {
+ public:
+  /// Centre from the panel's; z is 0.
+  explicit Widget(const Vec3& center_m) : center_m_(center_m) {}
+  virtual ~Widget() = default;
+  Widget(const Widget&) = delete;
+  Widget& operator=(const Widget&) = delete;
+
+  const Vec3& center_m() const { return center_m_; }
+  /// Whether a press at a place on the panel is this widget's.
+  virtual bool contains(const Vec3& place_m) const = 0;
+  /// Where it has to be pressed first, from the panel's centre.
+  virtual Vec3 handle_m() const { return center_m_; }
+  /// Diameter of what has to be pressed first.
+  virtual double width_m() const = 0;
+  /// "button", "slider", "dial", "list"
+  virtual std::string_view kind() const = 0;
+
+  /// Draws a goal that the widget is not at.
+  virtual void drawGoal(Random&) {}
+  /// A pointer is over it, and holds nothing.
+  virtual void hover(const PointerState&, float /*dt_s*/) {}
+  virtual Result press(const PointerState&) { return std::nullopt; }
+  virtual void hold(const PointerState&) {}
+  virtual Result release(const PointerState&) { return std::nullopt; }
+
+  /// Adds its shapes below the panel.
+  virtual void build(scene::GameObject& panel) = 0;
+  /// Shows its state.
+  virtual void show(bool lit) = 0;
+  virtual void fields(Archive&) {}
+
+ private:
+  Vec3 center_m_;
+};
+
+/// A round button.
+class Button : public Widget {
+ public:
+  Button(const Vec3& center_m, double diameter_m) : Widget(center_m), diameter_m_(diameter_m) {}
+  bool contains(const Vec3& place_m) const override;
+  double width_m() const override { return diameter_m_; }
+  std::string_view kind() const override { return "button"; }
+  Result press(const PointerState&) override { return true; }
+  void build(scene::GameObject& panel) override;
+  void show(bool lit) override;
+
+ private:
+  double diameter_m_;
+  render::MeshRenderer* disc_ = nullptr;
+};
+
+/// A knob on a rail, to be brought between two marks.
+class Slider : public Widget {
+ public:
+  Slider(const Vec3& center_m, double length_m);
+  bool contains(const Vec3& place_m) const override;
+  Vec3 handle_m() const override { return at(value_); }
+  double width_m() const override { return knob_m_; }
+  std::string_view kind() const override { return "slider"; }
+  void drawGoal(Random& random) override;
+  Result press(const PointerState& pointer) override;
+  void hold(const PointerState& pointer) override;
+  Result release(const PointerState&) override;
+  void build(scene::GameObject& panel) override;
+  void show(bool lit) override;
+  void fields(Archive& archive) override;
+
+ private:
+  Vec3 at(double value) const { return center_m() + Vec3((value - 0.5) * length_m_, 0.0, 0.0); }
+
+  double length_m_;
+  double knob_m_;
+  double value_ = 0.5;  // 0 left, 1 right
+  double goal_ = 0.5;
+  double grabbed_value_ = 0.5;
+  double grabbed_x_m_ = 0.0;
+  render::MeshRenderer* knob_ = nullptr;
+  render::MeshRenderer* mark_ = nullptr;
+};
+
+/// A knob with a pointer that the wrist turns.
+class Dial : public Widget {
+ public:
+  Dial(const Vec3& center_m, double diameter_m) : Widget(center_m), diameter_m_(diameter_m) {}
+  bool contains(const Vec3& place_m) const override;
+  double width_m() const override { return diameter_m_; }
+  std::string_view kind() const override { return "dial"; }
+  void drawGoal(Random& random) override;
+  Result press(const PointerState& pointer) override;
+  void hold(const PointerState& pointer) override;
+  Result release(const PointerState&) override;
+  void build(scene::GameObject& panel) override;
+  void show(bool lit) override;
+  void fields(Archive& archive) override;
+
+ private:
+  double diameter_m_;
+  double angle_rad_ = 0.0;  // clockwise from up
+  double goal_rad_ = 0.0;
+  double grabbed_angle_rad_ = 0.0;
+  double grabbed_roll_rad_ = 0.0;
+  scene::GameObject* hand_ = nullptr;
+  scene::GameObject* mark_ = nullptr;
+  render::MeshRenderer* disc_ = nullptr;
+};
+
+/// Rows that scroll below a window, by the thumbstick or by dragging; one is to be pressed.
+class List : public Widget {
+ public:
+  static constexpr int kRows = 12;
+  static constexpr int kShown = 5;
+
+  List(const Vec3& center_m, double width_m);
+  bool contains(const Vec3& place_m) const override;
+  Vec3 handle_m() const override;
+  double width_m() const override { return row_m_; }
+  std::string_view kind() const override { return "list"; }
+  void drawGoal(Random& random) override;
+  void hover(const PointerState& pointer, float dt_s) override;
+  Result press(const PointerState& pointer) override;
+  void hold(const PointerState& pointer) override;
+  Result release(const PointerState& pointer) override;
+  void build(scene::GameObject& panel) override;
+  void show(bool lit) override;
+  void fields(Archive& archive) override;
+
+ private:
+  /// Rows between the window's top and the middle of a row.
+  double below(int row) const { return row + 0.5 - top_; }
+  void scrollTo(double top);
+
+  double width_m_;
+  double row_m_;
+  double top_ = 0.0;  // rows that have gone out at the top
+  int goal_ = 0;
+  double grabbed_top_ = 0.0;
+  double grabbed_y_m_ = 0.0;
+  bool dragged_ = false;
+  std::vector<render::MeshRenderer*> rows_;
+  render::MeshRenderer* arrow_ = nullptr;
+};
+
+/// The widgets of a panel, by its settings.
+std::vector<std::unique_ptr<Widget>> makeWidgets(const Settings& settings);
+
+}  // namespace sim2vr::games::panel

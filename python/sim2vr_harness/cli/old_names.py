@@ -1,0 +1,21 @@
+"""Old names of commands, which work in this version and name the new command."""
+
+from __future__ import annotations
+
+from sim2vr_harness.cli import chart, curves, film, level, motor, snapshot
+from sim2vr_harness.cli.command import CommandGroup
+
+__all__ = ["add_old_names"]
+
+
+def add_old_names(app: CommandGroup) -> None:
+    """Add the hidden old commands to the command line."""
+    app.add_old("curves", curves.curves, "plot curves")
+    app.add_old("level", level.level, "plot level")
+    app.add_old("chart", chart.chart, "plot measures")
+    app.add_old("snapshot", snapshot.snapshot, "render snapshot")
+    app.add_old("film", film.film, "render film")
+    group = CommandGroup("Old names of `sim2vr-harness users motor`.")
+    group.add_old("practise", motor.train_layer, "users motor train")
+    group.add_old("measure", motor.measure, "users motor measure")
+    app.add_typer(group, name="motor", hidden=True)

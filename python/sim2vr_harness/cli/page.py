@@ -1,0 +1,143 @@
+"""``sim2vr-harness page``: what a WebXR page needs, and the npm packages behind its addresses."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from sim2vr_harness.cli.app_options import BrowserOption, MapOption, mapped_places
+from sim2vr_harness.cli.command import CommandGroup
+from sim2vr_harness.cli.options import JsonOption, finite, print_json, writable_folder
+
+if TYPE_CHECKING:
+    from sim2vr_harness.client.webxr.check import PageCheck
+
+__all__ = ["app", "check", "vendor"]
+
+MOST_ROUNDS = 8
+"""Loads of a page, each of which may bring scripts that ask for more."""
+
+_Page = Annotated[
+    str, typer.Argument(metavar="PAGE", help="A file, a folder, or a mapped address.")
+]
+
+
+def check(
+    page: _Page,
+    mapped: MapOption = None,
+    browser: BrowserOption = None,
+    seconds: Annotated[
+        float, typer.Option(help="How many seconds to play.", callback=finite)
+    ] = 2.0,
+    json: JsonOption = False,
+) -> int:
+    """List what a page asks for, is made of and lacks, and whether it plays.
+
+    The exit status is 0 if it plays.
+
+    Examples:
+        sim2vr-harness page check game.html
+        sim2vr-harness page check game.html --map engines/map.json
+    """
+    from sim2vr_harness.client.webxr.check import check_page
+
+    found = check_page(_local(page), mapped_places(mapped or []), browser, seconds=seconds)
+    if json:
+        print_json({**asdict(found), "missing": found.missing, "plays": found.failure is None})
+    else:
+        typer.echo("\n".join(_lines(found)))
+    return int(found.failure is not None)
+
+
+def vendor(
+    page: _Page,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the packages and their map.", callback=writable_folder)
+    ] = Path("engines"),
+    mapped: MapOption = None,
+    browser: BrowserOption = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask before npm fetches.")] = False,
+) -> int:
+    """Fetch the npm packages behind a page's addresses, and write a map file for --map.
+
+    npm fetches, from its cache where it can; no script of a package runs. Addresses of jsdelivr,
+    unpkg, cdnjs, skypack, esm.sh and of the engines' own hosts are known.
+
+    Examples:
+        sim2vr-harness page vendor game.html
+        sim2vr-harness page vendor game.html --out engines --yes
+    """
+    from sim2vr_harness.client.webxr.check import check_page
+    from sim2vr_harness.client.webxr.vendor import MAP_FILE, packages_behind, read_map
+    from sim2vr_harness.client.webxr.vendor import vendor as fetch
+
+    places, file = mapped_places(mapped or []), out / MAP_FILE
+    tried: set[str] = set()
+    for _ in range(MOST_ROUNDS):
+        known = {**places, **(read_map(file) if file.exists() else {})}
+        found = check_page(_local(page), known, browser, seconds=0.5)
+        packages, without = packages_behind(
+            address for address in found.missing if address not in tried
+        )
+        for one in without:
+            typer.echo(f"{one.address}: {one.why}", err=True)
+        tried.update(found.missing)
+        if not packages:
+            break
+        typer.echo("npm packages: " + ", ".join(sorted({each.spec for each in packages})))
+        if not yes and not typer.confirm(f"Fetch them into {out}?"):
+            return 1
+        for one in fetch(packages, out):
+            typer.echo(f"{one.address}: {one.why}", err=True)
+    if file.exists():
+        typer.echo(f"Written: {file}")
+    if found.failure is not None:
+        typer.echo(f"does not play: {found.failure}", err=True)
+        return 1
+    option = f" --map {file}" if file.exists() else ""
+    typer.echo(f"It plays: sim2vr-harness render snapshot --page {page}{option}")
+    return 0
+
+
+def _local(page: str) -> str:
+    return page if "://" in page else str(Path(page).expanduser().absolute())
+
+
+def _lines(found: PageCheck) -> list[str]:
+    """Return the report, a line for each thing."""
+    report, missing = found.report, found.missing
+    rows = [
+        ("engine", report.engines),
+        ("sessions", report.sessions),
+        ("features", report.features),
+        ("objects", report.objects),
+        ("inputs", report.inputs),
+        ("addresses", [each for each in found.asked if each not in missing]),
+        ("missing", [f"{address}  ({help})" for address, help in missing.items()]),
+        ("notes", [note for note in found.notes if note.startswith("script error")]),
+    ]
+    lines = []
+    for name, values in rows:
+        long = name in ("addresses", "missing", "notes")
+        shown = list(values) if long else [", ".join(values)]
+        lines += [
+            f"{name if k == 0 else '':<10} {value or 'none'}"
+            for k, value in enumerate(shown or ["none"])
+        ]
+    lines.append(f"{'plays':<10} {'yes' if found.failure is None else f'no: {found.failure}'}")
+    return lines
+
+
+app = CommandGroup(
+    """Check what a WebXR page needs; fetch the npm packages behind its addresses.
+
+    Examples:
+        sim2vr-harness page check game.html
+        sim2vr-harness page vendor game.html
+    """
+)
+app.add("check", check)
+app.add("vendor", vendor)

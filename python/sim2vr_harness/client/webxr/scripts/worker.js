@@ -1,0 +1,23 @@
+// In a worker: its clock moves when its page's does, and the page waits until it is idle.
+{
+  const KEY = '__sim2vr';
+  const { addEventListener } = EventTarget.prototype;
+  const { postMessage, close } = window;
+  const answer = (content) => Reflect.apply(postMessage, window, [{ [KEY]: content }]);
+  Reflect.apply(addEventListener, window, ['message', async (event) => {
+    const time = event.data?.[KEY];
+    if (time === undefined) return;
+    event.stopImmediatePropagation();
+    await sim.turn();
+    await sim.loaded();
+    await sim.runTimers(time);
+    sim.runFrames();
+    await sim.turn();
+    await sim.loaded();
+    answer('idle');
+  }]);
+  window.close = () => {
+    answer('closed');
+    close.call(window);
+  };
+}

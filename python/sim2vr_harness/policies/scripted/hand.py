@@ -1,0 +1,108 @@
+"""A hand of a scripted user: it follows places, with the controller, a tool, or the aim ray."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.client.frames import aim_direction
+from sim2vr_harness.users.kinematics.posture_controller import FoundPosture, PostureController
+
+__all__ = ["REACH_M", "By", "Hand"]
+
+FloatArray = NDArray[np.float64]
+By = Literal["touch", "ray"]
+
+REACH_M = 0.02
+"""A place to which a posture comes so near is within reach."""
+_MOVED_M = 0.003
+"""A place that moves by more gets a new posture."""
+
+
+class Hand:
+    """A hand, and what it does.
+
+    Args:
+        simulation: Of one user.
+        side: ``right`` or ``left``.
+
+    Raises:
+        ValueError: The body has no muscles, or wears no controller there.
+    """
+
+    def __init__(self, simulation: Any, side: str) -> None:
+        self._users, self._device = simulation.users, f"controller_{side}"
+        self._controller = PostureController(simulation.body, self._device)
+        self.begin()
+
+    def begin(self) -> None:
+        """Let go of everything, as an episode begins."""
+        self._controller.begin()
+        self.place: FloatArray | None = None
+        """(3,) what it follows, MuJoCo's world, m."""
+        self._by: By = "touch"
+        self._found: FoundPosture | None = None
+        self._tip_m: FloatArray = np.zeros(3)
+
+    @property
+    def position(self) -> FloatArray:
+        """(3,) of the controller, MuJoCo's world, m."""
+        position: FloatArray = self._users.device_poses(self._device)[0][0]
+        return position
+
+    def hold_tool(self, place: FloatArray | None) -> None:
+        """Touch with what is at that place, (3,), instead of the controller; None: the latter."""
+        self._tip_m = np.zeros(3)
+        if place is not None:
+            positions, quats = self._users.device_poses(self._device)
+            self._tip_m = _turned(quats[0] * [1.0, -1.0, -1.0, -1.0], place - positions[0])
+
+    def error(self, place: FloatArray, by: By) -> float:
+        """Return how far hand or tool are from a place, m; of the ray the angle, degrees."""
+        positions, quats = self._users.device_poses(self._device)
+        gap = place - positions[0]
+        if by == "touch":
+            return float(np.linalg.norm(gap - _turned(quats[0], self._tip_m)))
+        along = aim_direction(quats[0]) @ gap / max(float(np.linalg.norm(gap)), 1e-9)
+        return float(np.degrees(np.arccos(np.clip(along, -1.0, 1.0))))
+
+    def follow(self, place: FloatArray, by: By) -> None:
+        """Move towards a place, (3,) MuJoCo's world, from the next :meth:`action` on."""
+        far = np.inf
+        if self.place is not None and by == self._by:
+            far = float(np.linalg.norm(place - self.place))
+        if far > _MOVED_M:
+            self._found = self._search(place, by, nearby=far < REACH_M)
+            self.place, self._by = place, by
+
+    def beyond_m(self, place: FloatArray) -> float:
+        """Return by how much a place is out of the hand's reach, m; 0: within reach."""
+        gap_m = self._search(place, "touch").gap_m
+        return 0.0 if gap_m < REACH_M else gap_m
+
+    def _search(self, place: FloatArray, by: By, *, nearby: bool = False) -> FoundPosture:
+        start = self._controller.angles(self._users.qpos[0])
+        if nearby and self._found is not None:
+            start = self._found.angles
+        if by == "ray":
+            return self._controller.find(start, aim_at=place, nearby=nearby)
+        return self._controller.find(start, place=place, tip_m=self._tip_m, nearby=nearby)
+
+    def action(self) -> NDArray[np.float32] | None:
+        """Return the body's action, (B,); None: the hand follows nothing."""
+        if self._found is None:
+            return None
+        users = self._users
+        return self._controller.towards(
+            users.qpos[0], users.qvel[0], users.act[0], self._found.angles
+        )
+
+
+def _turned(quat: FloatArray, vector: FloatArray) -> FloatArray:
+    """(3,) a vector turned by a quaternion w x y z."""
+    w, v = quat[0], quat[1:]
+    crossed = 2.0 * np.cross(v, vector)
+    turned: FloatArray = vector + w * crossed + np.cross(v, crossed)
+    return turned

@@ -1,0 +1,114 @@
+"""Find the objects of an app by name: of pages, and of apps whose scene is known."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.base.errors import InputError, closest
+from sim2vr_harness.client import AppRefused, WebXRApp
+from sim2vr_harness.client.frames import position_to_mujoco
+from sim2vr_harness.client.scene import PLAYER_LAYER, SceneObject
+from sim2vr_harness.policies.scripted.steps import Place
+
+__all__ = ["Places"]
+
+FloatArray = NDArray[np.float64]
+
+_SHOWN = 20
+"""Names that an error lists at most."""
+
+
+class Places:
+    """Finds objects in the app of a user.
+
+    Of several objects that a name fits, the nearest to the hand counts, for as long as it exists.
+
+    Args:
+        simulation: Of one user.
+    """
+
+    def __init__(self, simulation: Any) -> None:
+        self._simulation = simulation
+        self._kept: dict[str, int] = {}
+
+    @property
+    def _app(self) -> Any:
+        """The app, which a replacement may have become, below its task if there is one."""
+        app = self._simulation.apps[0]
+        return getattr(app, "app", app)
+
+    def check(self, place: Place) -> None:
+        """Refuse a name where the app names no objects.
+
+        Raises:
+            InputError: The app names none.
+        """
+        if isinstance(place, tuple) or isinstance(self._app, WebXRApp):
+            return
+        if "scene" not in self._app.capabilities:
+            raise InputError(
+                "--user",
+                repr(place),
+                "X Y Z in metres in the app's frame: this app names no objects",
+            )
+
+    def forget(self) -> None:
+        """Choose anew among several objects of a name."""
+        self._kept = {}
+
+    def find(self, place: Place, hand: FloatArray) -> FloatArray | None:
+        """Return where something is, (3,) MuJoCo's frame, m; None: there is no such object now.
+
+        Args:
+            place: A name or a place.
+            hand: (3,) of the hand, MuJoCo's frame, m.
+        """
+        if isinstance(place, tuple):
+            return position_to_mujoco(place)
+        if isinstance(self._app, WebXRApp):
+            try:
+                return position_to_mujoco(self._app.locate(place))
+            except AppRefused:
+                return None
+        return self._in_scene(place, hand)
+
+    def _in_scene(self, name: str, hand: FloatArray) -> FloatArray | None:
+        scene = self._app.scene()
+        named = scene.named(name) or scene.named(f"*/{name}")
+        fitting = [one for one in named if one.layer != PLAYER_LAYER]
+        shown = [one for one in fitting if one.mesh is not None] or fitting
+        if not shown:
+            return None
+        kept = [one for one in shown if one.id == self._kept.get(name)]
+        chosen = kept[0] if kept else min(shown, key=lambda one: _distance(one, hand))
+        self._kept[name] = chosen.id
+        return position_to_mujoco(chosen.pose[:3])
+
+    def unknown(self, name: str) -> InputError:
+        """Word the error for a name that no object has ever had."""
+        if isinstance(self._app, WebXRApp):
+            known = _names_in(self._app, name)
+        else:
+            paths = [one.path.rpartition("/")[2] for one in self._app.scene().objects]
+            known = list(dict.fromkeys(paths))
+        best = closest(name, known)
+        hint = f" (did you mean {best!r}?)" if best else ""
+        listed = ", ".join(known[:_SHOWN]) or "none"
+        return InputError("--user", f"no object {name!r}", f"one of {listed}{hint}")
+
+
+def _distance(one: SceneObject, hand: FloatArray) -> float:
+    return float(np.linalg.norm(position_to_mujoco(one.pose[:3]) - hand))
+
+
+def _names_in(page: WebXRApp, name: str) -> list[str]:
+    """Return the names in the page's refusal."""
+    try:
+        page.locate(name)
+    except AppRefused as error:
+        _, _, listed = str(error).partition("objects with names: ")
+        return [] if listed in ("", "none") else listed.split(", ")
+    return [name]

@@ -1,0 +1,336 @@
+"""A user that follows a script: it touches, points, presses and grabs, by its muscles."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from sim2vr_harness.client import Task, TaskedApp
+from sim2vr_harness.client.devices import INPUT_NAMES, input_named
+from sim2vr_harness.policies.protocol import Observation
+from sim2vr_harness.policies.scripted.hand import By, Hand
+from sim2vr_harness.policies.scripted.outcomes import StepOutcome
+from sim2vr_harness.policies.scripted.places import Places
+from sim2vr_harness.policies.scripted.steps import Place, Step
+
+__all__ = ["Episode", "ScriptedPolicy", "hand_of", "inputs_of", "resting_action"]
+
+FloatArray = NDArray[np.float64]
+
+_NEAR_M, _NEAR_DEG = 0.02, 1.0
+"""So near counts as arrived, for :data:`_SETTLED` user steps in a row."""
+_SETTLED = 3
+_TOUCHED_M, _JUMP_M = 0.1, 0.05
+"""An object counts as touched that jumps by more than the second in a user step, or vanishes, while
+the hand is nearer than the first: it reacts to the hand."""
+_HOLD_S, _PRESS_S, _RELEASE_S, _GRASP_S = 0.3, 0.2, 0.2, 0.2
+
+
+def hand_of(step: Step, task: Task | None, devices: Sequence[str]) -> str:
+    """Return the hand of a step: its own, the only one of the task, or the right one if worn."""
+    if step.hand is not None:
+        return step.hand
+    wanted = () if task is None else tuple(task.devices)
+    if len(wanted) == 1:
+        return wanted[0].removeprefix("controller_")
+    return "right" if "controller_right" in devices else "left"
+
+
+def inputs_of(step: Step, task: Task | None, hand: str) -> tuple[str, ...]:
+    """Return the controller inputs that a step works, such as ``right.trigger``.
+
+    Those of the step; else trigger or squeeze, whichever the task names; else the trigger, and to
+    grab the squeeze too.
+    """
+    if step.kind not in ("press", "grab"):
+        return ()
+    names = step.inputs
+    if names is None:
+        known = () if task is None else task.inputs
+        named = [name for name in ("trigger", "squeeze") if f"{hand}.{name}" in known]
+        usual = ("trigger",) if step.kind == "press" else ("trigger", "squeeze")
+        names = tuple(named[:1]) or usual
+    return tuple(f"{hand}.{name}" for name in names)
+
+
+def resting_action(simulation: Any) -> NDArray[np.float32]:
+    """Return the action of a user that changes nothing, (A,): fingers press no input."""
+    action = np.zeros(simulation.action_space.shape[0], np.float32)
+    for k, name in enumerate(simulation.actions.names):
+        if name in INPUT_NAMES and input_named(name).low == 0.0:
+            action[k] = -1.0
+    return action
+
+
+class ScriptedPolicy:
+    """Follows steps in every episode, then stays with the last one.
+
+    Args:
+        simulation: Of one user; its ``env.user.inputs`` hold what the steps work.
+        steps: At least one.
+
+    Raises:
+        InputError: The app names no objects.
+        ValueError: The body has no muscles, or wears no such controller.
+    """
+
+    def __init__(self, simulation: Any, steps: Sequence[Step]) -> None:
+        self._simulation, self._steps = simulation, tuple(steps)
+        self._places = Places(simulation)
+        app = simulation.apps[0]
+        self._task: Task | None = app.task if isinstance(app, TaskedApp) else None
+        self._hands: dict[str, Hand] = {}
+        for step in steps:
+            for place in (step.place, step.to):
+                if place is not None:
+                    self._places.check(place)
+            side = hand_of(step, self._task, simulation.body.devices)
+            if side not in self._hands:
+                self._hands[side] = Hand(simulation, side)
+        self.episodes: list[Episode] = []
+        """Those that were begun, the last one last."""
+
+    def reset(self) -> Episode:
+        """Begin an episode."""
+        for hand in self._hands.values():
+            hand.begin()
+        episode = Episode(self._simulation, self._steps, self._task, self._places, self._hands)
+        self.episodes.append(episode)
+        return episode
+
+    def act(
+        self, observation: Observation, memory: Any, rng: np.random.Generator | None
+    ) -> NDArray[np.float32]:
+        """Return the action, (A,) in [-1, 1]; observation and random numbers are not used."""
+        action: NDArray[np.float32] = memory.act()
+        return action
+
+    def state_dict(self) -> Mapping[str, Any]:
+        """Return no weights."""
+        return {}
+
+
+class Episode:
+    """A script in one episode.
+
+    Args:
+        simulation: Of one user.
+        steps: What to do.
+        task: The app's.
+        places: Finds objects.
+        hands: Side -> hand.
+
+    Attributes:
+        outcomes: Of the steps that were begun.
+        finished: Whether all steps are over.
+    """
+
+    def __init__(
+        self,
+        simulation: Any,
+        steps: Sequence[Step],
+        task: Task | None,
+        places: Places,
+        hands: Mapping[str, Hand],
+    ) -> None:
+        self._simulation, self._steps, self._task = simulation, steps, task
+        self._places, self._hands = places, hands
+        self._hz = simulation.config.action_frequency_hz
+        self._known: set[str] = set()
+        self._values: dict[str, float] = {}
+        self._before: dict[str, float] = {}
+        self._pressed: tuple[str, ...] = ()
+        self._hand = next(iter(hands.values()))
+        self._run = self._all()
+        self.outcomes: list[StepOutcome] = []
+        self.finished = False
+
+    def take(self, values: Mapping[str, float]) -> None:
+        """Receive the values that steps may change, after a user step."""
+        self._values = dict(values)
+        self._before = self._before or self._values
+
+    def act(self) -> NDArray[np.float32]:
+        """Return the action of the next user step, (A,)."""
+        next(self._run)
+        action = resting_action(self._simulation)
+        body = self._hand.action()
+        if body is not None:
+            action[: len(body)] = body
+        for name in self._pressed:
+            action[self._simulation.actions.names.index(name)] = 1.0
+        return action
+
+    def ended(self) -> list[StepOutcome]:
+        """Return the outcomes of all steps, as the round is over."""
+        if not self.finished and self.outcomes:
+            self._compare(self.outcomes[-1])
+        missing = self._steps[len(self.outcomes) :]
+        return self.outcomes + [
+            StepOutcome(step.text, problem="the round ended before it was begun")
+            for step in missing
+        ]
+
+    # --- steps -----------------------------------------------------------------------------------
+
+    def _all(self) -> Generator[None]:
+        for step in self._steps:
+            side = hand_of(step, self._task, self._simulation.body.devices)
+            self._hand, self._before = self._hands[side], self._values
+            outcome = StepOutcome(step.text, by=step.by or "touch", hand=side)
+            outcome.problem = "the round ended before it was done"
+            self.outcomes.append(outcome)
+            outcome.problem = yield from self._do(step, outcome)
+            outcome.done = not outcome.problem
+            self._pressed = ()
+            self._compare(outcome)
+        self.finished = True
+        last, by = self._steps[-1], self.outcomes[-1].by
+        while True:
+            where = self._located(last.place if last.to is None else last.to)
+            if where is not None:
+                self._hand.follow(where, by)
+            yield
+
+    def _do(self, step: Step, outcome: StepOutcome) -> Generator[None, None, str]:
+        """Do a step; return why it is not done, empty if it is."""
+        problem = yield from self._appear(step, outcome)
+        problem = problem or (yield from self._arrive(step, outcome))
+        if problem:
+            return problem
+        if step.kind in ("touch", "point"):
+            yield from self._stay(_HOLD_S)
+            return ""
+        self._before = self._values
+        outcome.inputs = self._pressed = inputs_of(step, self._task, outcome.hand)
+        if step.kind == "grab":
+            return (yield from self._carry(step, outcome))
+        yield from self._stay(_PRESS_S)
+        self._pressed = ()
+        yield from self._stay(_RELEASE_S)
+        return ""
+
+    def _appear(self, step: Step, outcome: StepOutcome) -> Generator[None, None, str]:
+        """Wait for the object; choose between touch and ray."""
+        self._places.forget()
+        for _ in range(self._user_steps(step.seconds)):
+            where = self._located(step.place)
+            if where is not None:
+                self._hand.hold_tool(self._tool(step))
+                if step.by is None:
+                    outcome.by = "ray" if self._hand.beyond_m(where) else "touch"
+                return ""
+            yield
+        name = str(step.place)
+        if name not in self._known:
+            raise self._places.unknown(name)
+        return f"there was no object {name!r} within {step.seconds:g} s"
+
+    def _arrive(self, step: Step, outcome: StepOutcome) -> Generator[None, None, str]:
+        after, error = yield from self._reach(
+            lambda: self._located(step.place), outcome.by, step.seconds
+        )
+        outcome.arrived_s = after
+        if outcome.by == "ray":
+            outcome.angle_deg = error
+        else:
+            outcome.gap_m = error
+        if after is not None:
+            return ""
+        if error is None:
+            return f"the object vanished within {step.seconds:g} s"
+        if outcome.by == "ray":
+            return f"the ray came as near as {error:.1f} degrees in {step.seconds:g} s"
+        text = f"the hand came as near as {100 * error:.1f} cm in {step.seconds:g} s"
+        beyond = 0.0 if self._hand.place is None else self._hand.beyond_m(self._hand.place)
+        return f"{text}; the place is {100 * beyond:.0f} cm out of reach" if beyond else text
+
+    def _carry(self, step: Step, outcome: StepOutcome) -> Generator[None, None, str]:
+        """Hold the inputs, move to the second place, and let go."""
+        assert step.to is not None
+        first = self._located(step.place)
+        # Where it was when the hand closed: the second place may move with what is held.
+        to = self._located(step.to)
+        if to is None:
+            raise self._places.unknown(str(step.to))
+        yield from self._stay(_GRASP_S)
+        moved = [0.0]
+
+        def carried() -> FloatArray:
+            now = self._located(step.place)
+            if first is not None and now is not None:
+                moved.append(_distance(now, first))
+            return to
+
+        after, error = yield from self._reach(carried, "touch", step.seconds)
+        outcome.moved_s, outcome.moved_gap_m = after, error
+        self._pressed = ()
+        yield from self._stay(_RELEASE_S)
+        if isinstance(step.place, str):
+            outcome.object_moved_m = max(moved)
+        return "" if after is not None else f"did not get there in {step.seconds:g} s"
+
+    def _reach(
+        self, place: Callable[[], FloatArray | None], by: By, seconds: float
+    ) -> Generator[None, None, tuple[float | None, float | None]]:
+        """Move until there; return after how many seconds (None: not), and the last or least error.
+
+        The error is a distance, m, or the ray's angle, degrees.
+        """
+        near = _NEAR_M if by == "touch" else _NEAR_DEG
+        settled, least, error, before = 0, None, np.inf, None
+        for k in range(self._user_steps(seconds)):
+            where = place()
+            reacts = before is not None and (where is None or _distance(where, before) > _JUMP_M)
+            if reacts and by == "touch" and error < _TOUCHED_M:
+                return (k - 1) / self._hz, error
+            if where is not None:
+                error = self._hand.error(where, by)
+                least = error if least is None else min(least, error)
+                settled = settled + 1 if error <= near else 0
+                if settled == _SETTLED:
+                    return (k - _SETTLED + 1) / self._hz, error
+                self._hand.follow(where, by)
+            before = where
+            yield
+        return None, least
+
+    def _stay(self, seconds: float) -> Generator[None]:
+        """Stay where the hand is; a place that jumps is not followed."""
+        for _ in range(self._user_steps(seconds)):
+            yield
+
+    # --- places and values -----------------------------------------------------------------------
+
+    def _located(self, place: Place) -> FloatArray | None:
+        found = self._places.find(place, self._hand.position)
+        if found is not None and isinstance(place, str):
+            self._known.add(place)
+        return found
+
+    def _tool(self, step: Step) -> FloatArray | None:
+        if step.tool is None:
+            return None
+        found = self._located(step.tool)
+        if found is None:
+            raise self._places.unknown(step.tool)
+        return found
+
+    def _compare(self, outcome: StepOutcome) -> None:
+        """Note which values have changed."""
+        outcome.watched = tuple(self._values)
+        outcome.changed = {
+            name: (self._before[name], value)
+            for name, value in self._values.items()
+            if self._before.get(name, value) != value
+        }
+
+    def _user_steps(self, seconds: float) -> int:
+        return max(1, round(seconds * self._hz))
+
+
+def _distance(first: FloatArray, second: FloatArray) -> float:
+    return float(np.linalg.norm(first - second))

@@ -1,0 +1,214 @@
+"""Steps of scripted users: ``touch NAME``, ``press NAME by ray``, and scripts of them in YAML."""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+import pydantic
+from pydantic import Field, field_validator
+
+from sim2vr_harness.base.errors import InputError, shown, unknown_name
+from sim2vr_harness.base.files import read_yaml
+from sim2vr_harness.base.settings import Settings, first_problem
+from sim2vr_harness.client.devices import HANDS, INPUT_NAMES
+
+__all__ = ["FORMS", "Step", "is_script", "parse_step", "read_steps"]
+
+Place = str | tuple[float, float, float]
+"""Name of an object, or x y z in metres, app frame."""
+Hand = Literal["left", "right"]
+
+FORMS = (
+    "touch NAME",
+    "point NAME",
+    "press NAME [by touch | by ray]",
+    "grab NAME to NAME2",
+    "reach NAME",
+    "SCRIPT.yaml",
+)
+"""What a scripted user can be; NAME is an object, or X Y Z in metres."""
+
+_KINDS = tuple(dict.fromkeys(form.split()[0] for form in FORMS[:-1]))
+_FARTHEST_M = 1000.0
+_MOST_STEPS = 10_000
+_AXES = 3
+
+
+@dataclass(frozen=True)
+class Step:
+    """What a scripted user does next.
+
+    Attributes:
+        text: As written.
+        kind: ``touch``, ``point``, ``press`` or ``grab``.
+        place: Where.
+        to: Where ``grab`` moves to.
+        by: ``touch`` or ``ray``; None: by touch what is within reach, by ray what is not.
+        seconds: To arrive in, and with ``grab`` again to move in.
+        hand: Which hand; None: the one that the task needs, or the right one.
+        inputs: Names of the inputs that ``press`` and ``grab`` work, without the hand; None: the
+            task's trigger or squeeze.
+        tool: Name of an object that the controller holds and that goes to ``place`` instead.
+    """
+
+    text: str
+    kind: str
+    place: Place
+    to: Place | None = None
+    by: Literal["touch", "ray"] | None = None
+    seconds: float = 5.0
+    hand: Hand | None = None
+    inputs: tuple[str, ...] | None = None
+    tool: str | None = None
+
+
+def is_script(user: str) -> bool:
+    """Whether ``--user`` names a scripted user: a step in words, or a YAML file."""
+    words = user.split()
+    if user.endswith((".yaml", ".yml")):
+        return True
+    return bool(words) and (words[0] in _KINDS or (len(words) > 1 and bool(_near(words[0]))))
+
+
+def read_steps(user: str) -> tuple[Step, ...]:
+    """Return the steps of ``--user``.
+
+    Raises:
+        InputError: The words are of another form, or the file cannot be used.
+    """
+    if not user.endswith((".yaml", ".yml")):
+        return (parse_step(user, "--user"),)
+    file = Path(user).expanduser()
+    content = read_yaml(file, "a list of steps in YAML")
+    if not isinstance(content, list) or not content:
+        got = "no steps" if content in (None, []) else shown(content)
+        raise InputError(str(file), got, "a list of steps, such as - touch NAME")
+    steps = [step for k, one in enumerate(content, 1) for step in _of_entry(one, f"{file}: {k}")]
+    if len(steps) > _MOST_STEPS:
+        raise InputError(str(file), f"{len(steps):,} steps", f"at most {_MOST_STEPS:,}")
+    return tuple(steps)
+
+
+class _Entry(Settings):
+    """An entry of a script."""
+
+    do: str | tuple[str, ...]
+    """A step in words, or a list of them."""
+    repeats: int = Field(default=1, ge=1, le=1000)
+    """How often."""
+    seconds: float = Field(default=5.0, ge=0.1, le=600.0)
+    """Time to arrive in."""
+    hand: Hand | None = None
+    """Which hand."""
+    input: Annotated[str | None, Field(max_length=40)] = None
+    """What ``press`` and ``grab`` work: trigger, squeeze, a, ..."""
+    tool: Annotated[str | None, Field(max_length=200)] = None
+    """An object in the hand that touches instead of the controller."""
+
+    @field_validator("input")
+    @classmethod
+    def _known_input(cls, name: str | None) -> str | None:
+        known = dict.fromkeys(one.partition(".")[2] for one in INPUT_NAMES)
+        if name is not None and name not in known:
+            raise ValueError(f"got {name!r}, expected one of {', '.join(known)}")
+        return name
+
+
+def _of_entry(content: Any, field: str) -> list[Step]:
+    """Return the steps of an entry: words, or a mapping.
+
+    Raises:
+        InputError: It is something else.
+    """
+    if isinstance(content, str):
+        return [parse_step(content, field)]
+    if not isinstance(content, dict):
+        raise InputError(field, shown(content), f"a step: {_forms()}, or a mapping with do")
+    try:
+        entry = _Entry.model_validate(content)
+    except pydantic.ValidationError as error:
+        raise first_problem(error, _Entry, (field,)) from error
+    texts = (entry.do,) if isinstance(entry.do, str) else entry.do
+    if not texts:
+        raise InputError(f"{field}.do", "an empty list", "at least one step")
+    common: dict[str, Any] = {
+        "seconds": entry.seconds,
+        "hand": entry.hand,
+        "inputs": None if entry.input is None else (entry.input,),
+        "tool": entry.tool,
+    }
+    steps = [replace(parse_step(text, field), **common) for text in texts]
+    for step in steps:
+        _check_input(step, field)
+    return steps * entry.repeats
+
+
+def _check_input(step: Step, field: str) -> None:
+    """Refuse an input that no hand, or not the step's, has."""
+    for name in step.inputs or ():
+        hands = [hand for hand in HANDS if f"{hand}.{name}" in INPUT_NAMES]
+        if step.hand is not None and step.hand not in hands:
+            raise InputError(f"{field}.input", f"{name!r} of the {step.hand} hand", "another input")
+
+
+def parse_step(text: str, field: str) -> Step:
+    """Return the step that words describe.
+
+    Args:
+        text: Such as ``grab handle to 0.1 1.0 0.3``.
+        field: What the error names.
+
+    Raises:
+        InputError: The words have another form.
+    """
+    kind, _, rest = text.strip().partition(" ")
+    rest = rest.strip()
+    if kind not in _KINDS:
+        raise unknown_name(field, kind, _KINDS)
+    wanted = [form for form in FORMS if form.split()[0] == kind]
+    if not rest:
+        raise InputError(field, repr(text), wanted[0])
+    if kind == "grab":
+        name, _, to = rest.rpartition(" to ")
+        if not name.strip() or not to.strip():
+            raise InputError(field, repr(text), wanted[0])
+        return Step(text, kind, _place(name, field), to=_place(to, field), by="touch")
+    by: Literal["touch", "ray"] | None = "ray" if kind == "point" else "touch"
+    if kind == "press":
+        by = None
+        for way in ("touch", "ray"):
+            if rest.endswith(f" by {way}"):
+                by, rest = way, rest.removesuffix(f" by {way}")
+    return Step(text, "touch" if kind == "reach" else kind, _place(rest, field), by=by)
+
+
+def _place(text: str, field: str) -> Place:
+    """Return three numbers as a place, other words as a name."""
+    words = text.strip().split()
+    numbers = [_number(word) for word in words]
+    if len(words) != _AXES or None in numbers:
+        return text.strip()
+    if any(not math.isfinite(x) or abs(x) > _FARTHEST_M for x in numbers if x is not None):
+        raise InputError(field, shown(text), f"X Y Z within {_FARTHEST_M:,.0f} m")
+    x, y, z = (float(word) for word in words)
+    return (x, y, z)
+
+
+def _number(word: str) -> float | None:
+    try:
+        return float(word)
+    except ValueError:
+        return None
+
+
+def _near(word: str) -> Sequence[str]:
+    return difflib.get_close_matches(word, _KINDS, n=1, cutoff=0.6)
+
+
+def _forms() -> str:
+    return ", ".join(FORMS[:-2])

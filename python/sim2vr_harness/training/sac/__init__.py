@@ -1,0 +1,1 @@
+"""Soft actor-critic of Stable-Baselines3."""

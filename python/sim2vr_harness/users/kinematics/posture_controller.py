@@ -1,0 +1,232 @@
+"""Bring a hand to a place or its aim ray onto one, without learning.
+
+Inverse kinematics finds a posture. Muscles then move the joints there as critically damped springs
+would (computed torque), and the posture's remaining error is fed back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import least_squares, lsq_linear
+
+from sim2vr_harness.client.frames import AIM_DIRECTION
+from sim2vr_harness.users.bodies.body import Body
+from sim2vr_harness.users.kinematics.forward import Linkage, Point
+from sim2vr_harness.users.kinematics.reach_controller import ReachController
+
+__all__ = ["FoundPosture", "PostureController"]
+
+FloatArray = NDArray[np.float64]
+
+_PLACE_PER_M, _AIM_PER_RAD = 20.0, 30.0
+"""Weights of the two errors in the search for a posture; the weights below are small beside them,
+so that they decide only what place and aim leave free."""
+_COMFORT_PER_M, _LIMITS, _NEAR_PER_RAD = 0.5, 0.3, 0.05
+_COMFORT_M = np.array([0.25, 0.25, -0.3])
+"""From the headset: forward, to the hand's side, up; where a hand that points is held."""
+_STARTS = 3
+"""Random starts of the search, beside the present posture; the least effort wins."""
+
+_FREQUENCY_RAD_S = 9.0
+"""Of the springs."""
+_FURTHEST_RAD = 0.5
+"""Springs pull no harder than at this error."""
+_EASE = 0.1
+"""Weight of activations beside accelerations."""
+_FEEDBACK, _NEAR_RAD, _SLOW_RAD_S, _MOST_RAD = 0.1, 0.1, 0.05, 0.3
+"""Part of a joint's error that is added to its correction in every user step, of joints that are
+nearer than the second and slower than the third; corrections stay below the fourth."""
+
+
+@dataclass(frozen=True)
+class FoundPosture:
+    """A posture, and how well it does.
+
+    Attributes:
+        angles: (J,) of the body's independent joints.
+        gap_m: From the place; 0 without one.
+        error_deg: Between the aim ray and the direction of what it is aimed at; 0 without that.
+    """
+
+    angles: FloatArray
+    gap_m: float
+    error_deg: float
+
+
+class PostureController(ReachController):
+    """Finds postures for a device and moves the body's muscles towards them.
+
+    Args:
+        body: with muscles, wearing the device.
+        device: such as ``controller_right``.
+
+    Raises:
+        ValueError: the body has no muscles, or does not wear the device.
+    """
+
+    def __init__(self, body: Body, device: str = "controller_right") -> None:
+        super().__init__(body, device)
+        self._body = body
+        self._tried = mujoco.MjData(self._model)
+        chain = Linkage(body, Point(device)).joints
+        self._columns = np.array([body.independent_joints.index(joint) for joint in chain])
+        self._limits = np.asarray(body.joint_ranges)[self._columns]
+        self._side = -1.0 if device.endswith("right") else 1.0
+        joints = [self._model.joint(joint) for joint in body.independent_joints]
+        self._qpos_of = np.array([int(joint.qposadr[0]) for joint in joints])
+        self._qvel_of = np.array([int(joint.dofadr[0]) for joint in joints])
+        self.begin()
+
+    def begin(self) -> None:
+        """Forget the corrections, as an episode begins."""
+        self._correction = np.zeros(len(self._qvel_of))
+
+    def angles(self, qpos: FloatArray) -> FloatArray:
+        """(J,) angles of the independent joints in a posture (nq,)."""
+        return np.asarray(qpos, dtype=np.float64)[self._qpos_of].copy()
+
+    # --- the posture -----------------------------------------------------------------------------
+
+    def find(
+        self,
+        start: FloatArray,
+        *,
+        place: FloatArray | None = None,
+        aim_at: FloatArray | None = None,
+        tip_m: ArrayLike = (0.0, 0.0, 0.0),
+        nearby: bool = False,
+    ) -> FoundPosture:
+        """Return a posture that brings the device to a place, or its aim ray onto one.
+
+        Args:
+            start: (J,) present angles; joints that do not move the device stay there.
+            place: (3,) for the device, MuJoCo's world, m.
+            aim_at: (3,) for the ray to hit. The hand is held beside and below the headset.
+            tip_m: (3,) what goes to ``place`` instead of the device, in the device's axes.
+            nearby: whether to search from ``start`` only, after small changes of the place.
+        """
+        low, high = self._limits.T
+        starts = [start[self._columns]]
+        if not nearby:
+            parts = np.random.default_rng(0).uniform(0.25, 0.75, (_STARTS, len(low)))
+            starts += list(low + parts * (high - low))
+        found = []
+        for one in starts:
+            begin = np.clip(one, low + 1e-6, high - 1e-6)
+
+            def wrong(x: FloatArray, begin: FloatArray = begin) -> FloatArray:
+                errors = self._errors(self._whole(start, x), place, aim_at, tip_m)
+                middle, half = (low + high) / 2.0, (high - low) / 2.0
+                rest = [_LIMITS * ((x - middle) / half) ** 3, _NEAR_PER_RAD * (x - begin)]
+                return np.concatenate([*errors, *rest])
+
+            best = least_squares(wrong, begin, bounds=(low, high), max_nfev=40).x
+            found.append(self._judged(self._whole(start, best), place, aim_at, tip_m))
+        least = min(one.gap_m * _PLACE_PER_M + one.error_deg for one in found)
+        able = [one for one in found if one.gap_m * _PLACE_PER_M + one.error_deg < least + 0.1]
+        if len(able) == 1:
+            return able[0]
+        return min(able, key=self._effort)
+
+    def _effort(self, posture: FoundPosture) -> float:
+        held = self.holding(self._body.coupled_qpos(posture.angles))
+        return float(np.square(held).sum())
+
+    def _whole(self, start: FloatArray, x: FloatArray) -> FloatArray:
+        angles = np.array(start, dtype=np.float64)
+        angles[self._columns] = x
+        return angles
+
+    def _reached(
+        self, angles: FloatArray, tip_m: ArrayLike
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Where tip and device are, and the direction of the aim ray."""
+        data = self._tried
+        data.qpos[:] = self._body.coupled_qpos(angles)
+        mujoco.mj_kinematics(self._model, data)
+        turn = data.site_xmat[self._site].reshape(3, 3)
+        device = data.site_xpos[self._site].copy()
+        return device + turn @ np.asarray(tip_m, dtype=np.float64), device, turn @ AIM_DIRECTION
+
+    def _errors(
+        self,
+        angles: FloatArray,
+        place: FloatArray | None,
+        aim_at: FloatArray | None,
+        tip_m: ArrayLike,
+    ) -> list[FloatArray]:
+        tip, device, ray = self._reached(angles, tip_m)
+        errors = []
+        if place is not None:
+            errors.append(_PLACE_PER_M * (tip - place))
+        if aim_at is not None:
+            errors.append(_AIM_PER_RAD * (ray - _unit(aim_at - device)))
+            head = self._tried.site("headset").xpos
+            held = head + _COMFORT_M * [1.0, self._side, 1.0]
+            errors.append(_COMFORT_PER_M * (device - held))
+        return errors
+
+    def _judged(
+        self,
+        angles: FloatArray,
+        place: FloatArray | None,
+        aim_at: FloatArray | None,
+        tip_m: ArrayLike,
+    ) -> FoundPosture:
+        tip, device, ray = self._reached(angles, tip_m)
+        gap_m = 0.0 if place is None else float(np.linalg.norm(tip - place))
+        error_deg = 0.0
+        if aim_at is not None:
+            error_deg = float(np.degrees(np.arccos(np.clip(ray @ _unit(aim_at - device), -1, 1))))
+        return FoundPosture(angles, gap_m, error_deg)
+
+    # --- the movement ----------------------------------------------------------------------------
+
+    def towards(
+        self, qpos: FloatArray, qvel: FloatArray, act: FloatArray, angles: FloatArray
+    ) -> NDArray[np.float32]:
+        """Return the body's action, (A,) in [-1, 1]; call it once per user step.
+
+        Args:
+            qpos: (nq,) posture.
+            qvel: (nv,) velocities.
+            act: (M,) activations of the muscles.
+            angles: (J,) to move to.
+        """
+        error = angles - self.angles(qpos)
+        slow = np.abs(np.asarray(qvel)[self._qvel_of]) < _SLOW_RAD_S
+        part = np.where(slow & (np.abs(error) < _NEAR_RAD), _FEEDBACK * error, 0.0)
+        self._correction = np.clip(self._correction + part, -_MOST_RAD, _MOST_RAD)
+        wanted = self._driving(qpos, qvel, angles + self._correction)
+        action = np.zeros(self._actions, np.float32)
+        muscles = self._actuation.muscles
+        action[muscles] = np.clip(wanted - act, -1.0, 1.0)
+        return action
+
+    def _driving(self, qpos: FloatArray, qvel: FloatArray, angles: FloatArray) -> FloatArray:
+        """(M,) activations whose joint accelerations are the springs', as near as muscles can."""
+        free, pulls, slack = self._muscles(qpos, qvel)
+        model, data = self._model, self._data
+        mass = np.zeros((model.nv, model.nv))
+        mujoco.mj_fullM(model, data, mass)
+        error = np.zeros(model.nv)
+        mujoco.mj_differentiatePos(model, error, 1.0, qpos, self._body.coupled_qpos(angles))
+        error = np.clip(error, -_FURTHEST_RAD, _FURTHEST_RAD)
+        wanted = _FREQUENCY_RAD_S**2 * error - 2.0 * _FREQUENCY_RAD_S * qvel
+        inertia = free.T @ mass @ free
+        torques = inertia @ (free.T @ wanted) + free.T @ (self._holding_torques() - slack)
+        # In the metric of kinetic energy light joints, such as the wrist, count like heavy ones.
+        scale = np.linalg.inv(np.linalg.cholesky(inertia))
+        stacked = np.concatenate([scale @ pulls, _EASE * np.eye(pulls.shape[1])])
+        target = np.concatenate([scale @ torques, np.zeros(pulls.shape[1])])
+        found: FloatArray = lsq_linear(stacked, target, bounds=(0.0, 1.0)).x
+        return found
+
+
+def _unit(vector: FloatArray) -> FloatArray:
+    length = float(np.linalg.norm(vector))
+    return vector / length if length > 0.0 else vector

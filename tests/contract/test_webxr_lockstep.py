@@ -1,0 +1,102 @@
+"""The same round of a page four times beside a busy processor: equal logs of what ran when."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from sim2vr_harness.client import frame_time_ns
+from webxr_pages import NEEDS_BROWSER, PAGES, hands, open_page, page_with
+
+pytestmark = NEEDS_BROWSER
+
+ROUNDS, STEPS = 4, 40
+FIBER = PAGES / "fiber" / "built" / "index.html"
+
+BETWEEN_FRAMES = """import { Boxes, button } from './boxes.js';
+const boxes = new Boxes();
+const app = window.app = { log: [] };
+const note = (...what) => app.log.push([...what, performance.now()].join(' '));
+const box = document.body.appendChild(document.createElement('div'));
+box.style.cssText = 'width: 300px; height: 200px; transition: opacity 0.3s';
+new ResizeObserver(([{ contentRect }]) => note('resize', contentRect.width)).observe(box);
+new IntersectionObserver(([{ intersectionRatio }]) => note('seen', intersectionRatio)).observe(box);
+box.ontransitionend = () => note('faded');
+crypto.subtle.digest('SHA-256', new Uint8Array(4e6)).then(() => note('digest'));
+createImageBitmap(new ImageData(900, 900)).then(() => note('bitmap'));
+new OfflineAudioContext(1, 441000, 44100).startRendering().then(() => note('sound'));
+const picture = new Image();
+picture.onload = () => picture.decode().then(() => note('image'));
+picture.src = `data:image/svg+xml,<svg xmlns="http://www.w3.org/2000/svg" width="2000"
+  height="2000">
+  <rect width="2000" height="2000"/></svg>`;
+const channel = new MessageChannel();
+let left = 2000;
+channel.port1.onmessage = () => (--left ? channel.port2.postMessage(0) : note('chain'));
+channel.port2.postMessage(0);
+const chain = async () => { for (let k = 0; k < 1000; k++) await null; note('promises'); };
+chain();
+requestIdleCallback(() => note('idle'));
+document.fonts.ready.then(() => note('fonts'));
+const text = 'onmessage = ({ data }) => setTimeout(() => postMessage(data + 1), 40);';
+const worker = new Worker(URL.createObjectURL(new Blob([text])));
+worker.onmessage = ({ data }) => { note('worker', data); worker.postMessage(data); };
+worker.postMessage(0);
+let wide = 300;
+setInterval(() => { box.style.width = `${wide++}px`; }, 20);
+setInterval(() => { box.style.opacity = 1.5 - box.style.opacity; }, 700);
+box.style.opacity = 1;
+button('Enter VR', (event) => {
+  note('click', event.isTrusted);
+  boxes.enter((time) => note('frame', time));
+});"""
+
+
+@pytest.fixture(autouse=True)
+def _busy() -> Iterator[None]:
+    busy = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(3)]
+    try:
+        yield
+    finally:
+        for process in busy:
+            process.kill()
+            process.wait()
+
+
+def logs(page: Path) -> list[list[str]]:
+    """What ran when, in each of some rounds; every second one in a browser that has played."""
+    found = []
+    for _ in range(ROUNDS // 2):
+        with open_page(page, timeout_s=120.0, start_timeout_s=120.0) as app:
+            for _ in range(2):
+                app.reset(1, hands(0))
+                for step in range(1, STEPS):
+                    app.step(frame_time_ns(step, 20), hands(step))
+                found.append(app._page._evaluate("app.log"))
+    return found
+
+
+def test_what_the_browser_does_between_frames(tmp_path: Path) -> None:
+    first, *others = logs(page_with(tmp_path, BETWEEN_FRAMES))
+    for other in others:
+        assert other == first
+    kinds = {line.split()[0] for line in first}
+    assert kinds >= {
+        *("resize", "seen", "faded", "digest", "bitmap", "sound", "image", "chain", "promises"),
+        *("idle", "fonts", "worker", "click", "frame"),
+    }
+    assert sum(line.startswith("frame") for line in first) == STEPS
+
+
+@pytest.mark.skipif(
+    not FIBER.exists(), reason="no bundle; tests/data/webxr/fiber/build.sh makes it with npm"
+)
+def test_a_page_of_react_three_fiber() -> None:
+    first, *others = logs(FIBER)
+    for other in others:
+        assert other == first
+    assert any(line.startswith("effect right 9") for line in first)

@@ -1,0 +1,212 @@
+"""npm packages behind a page's addresses: which, fetched by npm, mapped, checked."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import os
+import sys
+import tarfile
+from pathlib import Path
+
+import pytest
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.cli import main as cli
+from sim2vr_harness.client import AppRefused
+from sim2vr_harness.client.webxr.packages import package_of
+from sim2vr_harness.client.webxr.vendor import packages_behind, read_map, vendor
+from webxr_pages import NEEDS_BROWSER, page_with
+
+CDN = "https://cdn.jsdelivr.net/npm/"
+ADDRESSES = {
+    f"{CDN}three@0.187.0/build/three.module.js": "three@0.187.0 build/three.module.js",
+    "https://unpkg.com/super-hands/dist/super-hands.min.js": (
+        "super-hands@latest dist/super-hands.min.js"
+    ),
+    "https://unpkg.com/a-b@^4.0.0/dist/c.js": "a-b@^4.0.0 dist/c.js",
+    f"{CDN}@webxr-input-profiles/assets@1.0/dist/profiles/list.json": (
+        "@webxr-input-profiles/assets@1.0 dist/profiles/list.json"
+    ),
+    f"{CDN}aframe": "aframe@latest ",
+    "https://cdnjs.cloudflare.com/ajax/libs/three.js/r128/three.min.js": (
+        "three@0.128 three.min.js"
+    ),
+    "https://aframe.io/releases/1.4.2/aframe.min.js": "aframe@1.4.2 dist/aframe-master.min.js",
+    "https://cdn.skypack.dev/three@0.132.2": "three@0.132.2  module",
+    "https://esm.sh/@a/b@1/sub/path.js?dev": "@a/b@1 sub/path.js module",
+    f"{CDN}lil-gui@0.19/+esm": "lil-gui@0.19  module",
+    "https://cdn.babylonjs.com/loaders/babylonjs.loaders.min.js": (
+        "babylonjs-loaders@latest babylonjs.loaders.min.js"
+    ),
+    "https://cdn.babylonjs.com/babylon.js": "babylonjs@latest babylon.js",
+    "https://code.playcanvas.com/playcanvas-1.70.0.min.js": (
+        "playcanvas@1.70.0 build/playcanvas.js"
+    ),
+    f"{CDN[:-4]}gh/someone/something@1/file.js": "",
+    "https://example.com/three.js": "",
+}
+
+
+@pytest.mark.parametrize("address", ADDRESSES)
+def test_the_package_of_an_address(address: str) -> None:
+    found = package_of(address)
+    words = f"{found.spec} {found.path}{' module' if found.module else ''}" if found else ""
+    assert words == ADDRESSES[address]
+
+
+PACKAGE = {
+    "package.json": '{"name": "toy", "version": "1.2.3", "main": "lib/toy", "module": "toy.mjs",'
+    ' "dependencies": {"other": "^2"}}',
+    "lib/toy.js": "window.toy = 1;",
+    "toy.mjs": "import { x } from './inner.mjs';\nimport 'other';\nexport default x;",
+    "inner.mjs": "export const x = 1;",
+}
+NPM = """#!{python}
+import base64, hashlib, json, shutil, sys
+words = sys.argv[1:]
+assert "--ignore-scripts" in words, words
+with open({log!r}, "a") as log:
+    log.write(" ".join(words[:2]) + "\\n")
+if words[0] == "pack" and words[1].startswith("toy@"):
+    shutil.copy({archive!r}, words[words.index("--pack-destination") + 1])
+    print(json.dumps([{{"name": "toy", "version": "1.2.3", "filename": "toy-1.2.3.tgz"}}]))
+elif words[0] == "view":
+    print(json.dumps({integrity!r}))
+else:
+    print(json.dumps({{"error": {{"code": "E404"}}}}))
+    sys.exit(1)
+"""
+
+
+@pytest.fixture
+def npm(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest) -> Path:
+    """Have a program stand in for npm, which has one package; returns the file of its calls."""
+    archive, log = tmp_path / "toy-1.2.3.tgz", tmp_path / "calls"
+    with tarfile.open(archive, "w:gz") as packed:
+        for name, text in {**PACKAGE, **getattr(request, "param", {})}.items():
+            entry = tarfile.TarInfo(f"package/{name}")
+            entry.size = len(text)
+            packed.addfile(entry, io.BytesIO(text.encode()))
+    integrity = base64.b64encode(hashlib.sha512(archive.read_bytes()).digest()).decode()
+    program = tmp_path / "bin" / "npm"
+    program.parent.mkdir()
+    program.write_text(
+        NPM.format(
+            python=sys.executable,
+            log=str(log),
+            archive=str(archive),
+            integrity=f"sha512-{integrity}",
+        )
+    )
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", f"{program.parent}{os.pathsep}{os.environ['PATH']}")
+    return log
+
+
+def test_packages_come_with_a_map(tmp_path: Path, npm: Path) -> None:
+    addresses = [
+        f"{CDN}toy@1/lib/toy.js",
+        f"{CDN}toy@1/lib/toy.min.js",  # which jsdelivr makes of lib/toy.js
+        "https://unpkg.com/toy",
+        f"{CDN}gone@1/a.js",
+        "https://fonts.example/nice.woff2",
+    ]
+    packages, unknown = packages_behind(addresses)
+    assert [each.address for each in unknown] == ["https://fonts.example/nice.woff2"]
+    folder = tmp_path / "engines"
+    without = vendor(packages, folder)
+    assert [each.why for each in without] == ["npm has no gone@1 (E404)"]
+    place = folder / "toy@1.2.3"
+    assert read_map(folder / "map.json") == {
+        f"{CDN}toy@1/": str(place),
+        f"{CDN}toy@1/lib/toy.min.js": str(place / "lib" / "toy.js"),
+        "https://unpkg.com/toy": str(place / "lib" / "toy.js"),
+    }
+    # A map moves with its folder, so that others can have it.
+    assert json.loads((folder / "map.json").read_text())[f"{CDN}toy@1/"] == "toy@1.2.3"
+
+
+def test_a_host_of_modules_answers_with_imports_by_address(tmp_path: Path, npm: Path) -> None:
+    packages, _ = packages_behind(["https://esm.sh/toy@1"])
+    assert vendor(packages, tmp_path) == []
+    mapped = read_map(tmp_path / "map.json")
+    own = "https://esm.sh/sim2vr/toy@1.2.3/"
+    stub = Path(mapped["https://esm.sh/toy@1"]).read_text()
+    assert stub.splitlines() == [
+        f'export * from "{own}toy.mjs";',
+        f'export {{ default }} from "{own}toy.mjs";',
+    ]
+    copied = Path(mapped[own])
+    assert f"from '{own}inner.mjs'" in (copied / "toy.mjs").read_text()
+    assert "import 'https://esm.sh/other@^2'" in (copied / "toy.mjs").read_text()
+    assert (copied / "inner.mjs").read_text() == PACKAGE["inner.mjs"]
+
+
+def test_an_archive_that_is_not_npms_is_refused(tmp_path: Path, npm: Path) -> None:
+    archive = tmp_path / "toy-1.2.3.tgz"
+    archive.write_bytes(archive.read_bytes() + b"\0")
+    packages, _ = packages_behind([f"{CDN}toy@1/lib/toy.js"])
+    with pytest.raises(AppRefused, match=r"toy@1\.2\.3: its archive has another checksum"):
+        vendor(packages, tmp_path / "engines")
+    assert not (tmp_path / "engines" / "toy@1.2.3").exists()
+
+
+@pytest.mark.parametrize("npm", [{"../../outside.js": "mine now"}], indirect=True)
+def test_an_archive_writes_nothing_outside_its_folder(tmp_path: Path, npm: Path) -> None:
+    packages, _ = packages_behind([f"{CDN}toy@1/lib/toy.js"])
+    with pytest.raises(AppRefused, match=r"toy@1\.2\.3: its archive cannot be unpacked"):
+        vendor(packages, tmp_path / "engines")
+    assert not [*tmp_path.rglob("outside.js")]
+    assert not (tmp_path / "engines" / "toy@1.2.3").exists()
+
+
+@pytest.mark.parametrize("content", ["[]", '{"three": "folder"}', '{"https://a.b/": 3}', "{"])
+def test_a_map_file_that_is_none(content: str, tmp_path: Path) -> None:
+    file = tmp_path / "map.json"
+    file.write_text(content)
+    with pytest.raises(InputError, match=r"map\.json"):
+        read_map(file)
+
+
+PAGE = f"""const load = (src) => new Promise((done) => document.head.append(
+  Object.assign(document.createElement('script'), {{ src, onload: done }})));
+await load('{CDN}toy@1/lib/toy.js');
+const {{ Boxes, button }} = await import('./boxes.js');
+const boxes = new Boxes();
+button('Enter VR', () => boxes.enter((time, frame) => {{
+  for (const {{ gamepad }} of frame.session.inputSources) gamepad.buttons[0].pressed;
+}}));"""
+
+
+def run(*arguments: str) -> int:
+    with pytest.raises(SystemExit) as ended:
+        cli.main([*arguments])
+    return int(ended.value.code or 0)
+
+
+@NEEDS_BROWSER
+def test_check_and_vendor(
+    tmp_path: Path, npm: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    page, out = str(page_with(tmp_path, PAGE)), tmp_path / "engines"
+    assert run("page", "check", page) == 1
+    said = capsys.readouterr().out
+    assert f"{CDN}toy@1/lib/toy.js  (npm package toy@1: sim2vr-harness page vendor)" in said
+    assert not npm.exists()
+    # Without a yes nothing is fetched.
+    monkeypatch.setattr("sys.stdin", io.StringIO("n\n"))
+    assert run("page", "vendor", page, "--out", str(out)) == 1
+    assert not npm.exists()
+    assert run("page", "vendor", page, "--out", str(out), "--yes") == 0
+    assert "It plays" in capsys.readouterr().out
+    assert npm.read_text().splitlines() == ["pack toy@1", "view toy@1.2.3"]
+    assert run("page", "check", page, "--map", str(out / "map.json"), "--json") == 0
+    found = json.loads(capsys.readouterr().out)
+    assert found["plays"]
+    assert found["missing"] == {}
+    assert found["report"]["sessions"] == ["immersive-vr"]
+    assert found["report"]["features"] == ["local-floor (required)"]
+    assert found["report"]["inputs"] == ["trigger"]

@@ -1,0 +1,209 @@
+"""Scripted users: words and files, inputs, and what they do on a page and in a game."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from sim2vr_harness.base.errors import InputError
+from sim2vr_harness.cli.main import main
+from sim2vr_harness.envs import AppConfig, EnvConfig
+from sim2vr_harness.envs.games import with_task
+from sim2vr_harness.evaluation.scripted_baseline import BaselineRun, evaluate_baseline
+from sim2vr_harness.policies.scripted import is_script, parse_step, read_steps, with_inputs
+from webxr_pages import CDN, ENGINES, NEEDS_BROWSER, NEEDS_ENGINES, PAGES, ROOT
+
+KEYPAD = str(PAGES / "keypad.html")
+TASK: dict[str, Any] = {
+    "seconds": 6.0,
+    "reward": {"expression": "app.right"},
+    "values": {"wrong": "app.wrong", "air": "app.air", "taken": "app.taken"},
+}
+
+
+def script(folder: Path, text: str) -> str:
+    file = folder / "script.yaml"
+    file.write_text(text)
+    return str(file)
+
+
+def test_steps_in_words() -> None:
+    touch = parse_step("touch red button", "--user")
+    assert (touch.kind, touch.place, touch.by) == ("touch", "red button", "touch")
+    assert parse_step("reach 0.1 -1 2e0", "--user").place == (0.1, -1.0, 2.0)
+    assert parse_step("point key1", "--user").by == "ray"
+    assert parse_step("press key1", "--user").by is None
+    pressed = parse_step("press stand by me by ray", "--user")
+    assert (pressed.place, pressed.by) == ("stand by me", "ray")
+    grabbed = parse_step("grab way to go to 0.1 1 0.3", "--user")
+    assert (grabbed.place, grabbed.to) == ("way to go", (0.1, 1.0, 0.3))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("grab", "--user: got 'grab', expected grab NAME to NAME2"),
+        ("grab handle", "--user: got 'grab handle', expected grab NAME to NAME2"),
+        ("touch", "got 'touch', expected touch NAME"),
+        ("tuch ball", "got 'tuch', expected one of touch, .*did you mean 'touch'"),
+        ("touch 1 2 nan", "got '1 2 nan', expected X Y Z within 1,000 m"),
+    ],
+)
+def test_words_of_another_form(text: str, words: str) -> None:
+    assert is_script(text)
+    with pytest.raises(InputError, match=words):
+        read_steps(text)
+
+
+def test_what_is_no_script() -> None:
+    assert not any(map(is_script, ("still", "random", "pretrained:beats_level", "runs/x", "a b")))
+
+
+def test_a_script_repeats_its_steps(tmp_path: Path) -> None:
+    text = "- touch a\n- {do: [press b, point c], repeats: 3, seconds: 2, hand: left}\n"
+    steps = read_steps(script(tmp_path, text))
+    assert [one.place for one in steps] == ["a", *["b", "c"] * 3]
+    assert [one.seconds for one in steps] == [5.0, *[2.0] * 6]
+    assert {one.hand for one in steps[1:]} == {"left"}
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("do: touch a\n", "expected a list of steps"),
+        ("- touch\n", r"script\.yaml: 1: got 'touch', expected touch NAME"),
+        ("- touch a\n- {do: touch b, repeat: 2}\n", r"2\.repeat: got an unknown key"),
+        ("- {do: touch b, repeats: 0}\n", r"1\.repeats: got 0"),
+        ("- {do: press b, input: trigga}\n", r"1\.input: got 'trigga', expected one of trigger"),
+        ("- {do: press b, input: x, hand: right}\n", r"1\.input: got 'x' of the right hand"),
+        ("- {do: []}\n", r"1\.do: got an empty list"),
+        ("- 7\n", "1: got 7, expected a step"),
+    ],
+)
+def test_files_of_another_form(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        read_steps(script(tmp_path, text))
+
+
+@pytest.mark.parametrize(
+    ("task", "user", "inputs"),
+    [
+        ({}, "touch a", ()),
+        ({}, "press a", ("right.trigger",)),
+        ({}, "grab a to b", ("right.trigger", "right.squeeze")),
+        ({"inputs": ["right.squeeze"]}, "press a", ("right.squeeze",)),
+        ({"inputs": ["right.trigger", "right.a"]}, "grab a to b", ("right.trigger", "right.a")),
+        ({"devices": ["controller_left"]}, "press a", ("left.trigger",)),
+    ],
+)
+def test_a_script_adds_the_inputs_that_it_works(
+    task: dict[str, Any], user: str, inputs: tuple[str, ...]
+) -> None:
+    app = AppConfig(transport="webxr", page=KEYPAD, task={"seconds": 1.0, **task})
+    found = with_inputs(with_task(EnvConfig(app=app)), user)
+    assert found.user.inputs == inputs
+
+
+def played(user: str, **task: Any) -> BaselineRun:
+    app = AppConfig(transport="webxr", page=KEYPAD, task={**TASK, **task})
+    return evaluate_baseline(with_task(EnvConfig(app=app)), user, episodes=1)
+
+
+@NEEDS_BROWSER
+def test_lit_keys_are_pressed_by_ray(tmp_path: Path) -> None:
+    """Of 16 cm at 1.5 m: half a key is 3 degrees."""
+    found = played(script(tmp_path, "- {do: press lit, repeats: 3}\n"))
+    (steps,) = found.steps
+    assert [step.by for step in steps] == ["ray"] * 3, "1.5 m are out of reach"
+    assert all(step.done and step.angle_deg is not None and step.angle_deg < 1.0 for step in steps)
+    assert [step.changed for step in steps] == [{"right": (k, k + 1.0)} for k in range(3)]
+    summary = found.summaries["standard"]
+    assert (summary["right"], summary["wrong"], summary["air"]) == (3.0, 0.0, 0.0)
+    assert (summary["steps_done"], summary["steps_failed"]) == (3.0, 0.0)
+
+
+@NEEDS_BROWSER
+def test_a_block_is_taken_along_and_the_rest_does_not_react(tmp_path: Path) -> None:
+    """From (0.25, 0.95, 0.4) to (0.1, 1.1, 0.35): 15, 15 and 5 cm make 21.8 cm."""
+    text = "- {do: press block, input: trigger}\n- {do: grab block to 0.1 1.1 0.35}\n"
+    found = played(script(tmp_path, text), inputs=["right.squeeze"])
+    ((pressed, grabbed),) = found.steps
+    assert (pressed.by, pressed.inputs, dict(pressed.changed)) == (
+        "touch", ("right.trigger",), {"air": (0.0, 1.0)},
+    )  # fmt: skip
+    assert grabbed.inputs == ("right.squeeze",)
+    assert dict(grabbed.changed) == {"taken": (0.0, 1.0)}
+    assert grabbed.object_moved_m == pytest.approx(0.218, abs=0.025)
+    assert grabbed.moved_gap_m is not None
+    assert grabbed.moved_gap_m < 0.02
+    assert "right.squeeze pressed" in grabbed.words
+
+
+@NEEDS_BROWSER
+def test_an_idle_user_presses_nothing() -> None:
+    """A trigger at the middle of its range would count as pressed."""
+    found = played("still", inputs=["right.trigger"], seconds=0.5)
+    (result,) = found.summaries["standard"]["rounds"]
+    assert {name: result["log"][name] for name in ("right", "wrong", "air")} == {
+        "right": 0.0, "wrong": 0.0, "air": 0.0,
+    }  # fmt: skip
+
+
+@NEEDS_BROWSER
+def test_what_cannot_be_done_is_said() -> None:
+    found = played("touch key1", seconds=3.0)
+    ((step,),) = found.steps
+    assert (step.done, step.problem) == (False, "the round ended before it was done")
+    with pytest.raises(InputError, match=r"no object 'kye1', expected .*did you mean 'key1'"):
+        played("touch kye1")
+
+
+@NEEDS_BROWSER
+def test_a_smoke_test_on_the_command_line(capsys: Any, tmp_path: Path) -> None:
+    task = tmp_path / "task.yaml"
+    task.write_text("seconds: 4\nreward: {expression: app.right}\n")
+    words = ["evaluate", "--page", KEYPAD, "--task", str(task), "--episodes", "1", "--json"]
+    for user, expected, status in (
+        ("press lit by ray", "right >= 1", 0),
+        ("press lit by touch", "steps_failed == 0", 1),
+    ):
+        with pytest.raises(SystemExit) as exit_:
+            main([*words, "--user", user, "--expect", expected])
+        out = capsys.readouterr().out
+        assert int(exit_.value.code or 0) == status
+        (step,) = json.loads(out)["standard"]["rounds"][0]["script"]
+        assert (step["step"], step["done"]) == (user, status == 0)
+
+
+def test_a_ball_that_jumps_counts_as_touched(tmp_path: Path) -> None:
+    """The sample's ball goes elsewhere at a touch and counts a point."""
+    user = script(tmp_path, "- {do: touch Ball, repeats: 3}\n- point Ball\n")
+    app = AppConfig(game="sample", renderer="null", options={"round_seconds": 6.0})
+    found = evaluate_baseline(EnvConfig(app=app), user, episodes=1)
+    (steps,) = found.steps
+    assert [step.done for step in steps] == [True] * 4
+    points = [step.changed["Points"] for step in steps[:3]]
+    assert points == [(0.0, 1.0), (1.0, 2.0), (2.0, 3.0)]
+    with pytest.raises(InputError, match=r"no object 'Bal', expected .*did you mean 'Ball'"):
+        evaluate_baseline(EnvConfig(app=app), "touch Bal", episodes=1)
+
+
+@NEEDS_BROWSER
+@NEEDS_ENGINES
+def test_the_drawer_of_the_example_is_opened() -> None:
+    """It counts once it is pulled out by 15 cm."""
+    page = ROOT / "docs" / "examples" / "webxr" / "drawer"
+    app = AppConfig(
+        transport="webxr", page=str(page), map={CDN: str(ENGINES)}, task=str(page / "task.yaml")
+    )
+    env = with_task(EnvConfig(app=app, max_episode_seconds=4.0))
+    found = evaluate_baseline(env, "grab handle to 0.12 1 0.2", episodes=1)
+    ((step,),) = found.steps
+    assert step.object_moved_m == pytest.approx(0.15, abs=0.001)
+    summary = found.summaries["standard"]
+    assert summary["opened"] == 1.0
+    assert step.arrived_s is not None
+    assert step.arrived_s < summary["opening_time"] < 4.0
